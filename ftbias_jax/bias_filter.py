@@ -1,0 +1,49 @@
+"""Kalman filter for the bias of the sensor and its drift, from the wrench that the known tool must cause."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from ftbias_jax import gaussian
+from ftbias_jax.gaussian import Innovation
+from ftbias_jax.noise import bias_drift_noise
+from ftbias_jax.types import Array, Gaussian
+
+
+class BiasNoise(NamedTuple):
+    """Noise and prior of the bias filter."""
+
+    density: Array
+    """(6,) sigma_Q, N/s^1.5 and Nm/s^1.5: white noise on the rate of the drift, one per axis."""
+    data_variance: Array
+    """(36,) diagonal of Sigma_D over the live entries of vec(D), column-major (wrench.LIVE_ENTRIES)."""
+    wrench_variance: Array
+    """(6,) diagonal of Sigma_W, N^2 and Nm^2."""
+    prior_mean: Array
+    """(12,) x_0: bias, then drift; a previously estimated bias or zeros."""
+    prior_std: Array
+    """(12,) square root of the diagonal of P_0."""
+
+
+def init(noise: BiasNoise) -> Gaussian:
+    """State before the first sample: mean (12,) and covariance (12, 12)."""
+    return Gaussian(noise.prior_mean, jnp.diag(noise.prior_std**2))
+
+
+def step(
+    noise: BiasNoise, state: Gaussian, dt: Array, wrench_tool: Array, wrench: Array, covariance: Array
+) -> tuple[Gaussian, Innovation]:
+    """Predict by dt, then correct by y = D theta - W (report, section 3).
+
+    Args:
+        noise: of the filter. state: mean (12,), covariance (12, 12). dt: () s since the previous sample.
+        wrench_tool: (6,) D theta. wrench: (6,) W as read, NaN = not measured. covariance: (6, 6) R of y.
+
+    Returns:
+        the corrected state and the innovation y - b.
+    """
+    predicted = gaussian.predict(state, *bias_drift_noise(dt, noise.density))
+    observation = jnp.eye(6, 12, dtype=state.mean.dtype)
+    return gaussian.update(predicted, wrench_tool - wrench, observation, covariance)

@@ -1,0 +1,42 @@
+"""The errors a user can cause, each naming the place, the value and the remedy.
+
+The command line prints ``str(error)`` as one line and exits with ``error.exit_code``; anything that is not an
+``FtbiasError`` is a bug and keeps its traceback.
+"""
+
+
+class FtbiasError(Exception):
+    """Base of every error a user can mend.
+
+    Args:
+        message: what is wrong, with the offending value.
+        file: the file it is in, or "" for data that came from memory.
+        field: the key, column or array it is in, such as ``tool.mass``.
+        remedy: what to do about it.
+    """
+
+    exit_code = 1
+
+    def __init__(self, message: str, *, file: object = "", field: str = "", remedy: str = "") -> None:
+        self.message, self.file, self.field, self.remedy = message, str(file), field, remedy
+        where = ": ".join(part for part in (self.file, field) if part)
+        text = f"{where}: {message}" if where else message
+        super().__init__(" ".join(f"{text} ({remedy})".split() if remedy else text.split()))
+
+
+class SetupError(FtbiasError):
+    """The setup (TOML) is wrong: a missing, misspelt or impossible value."""
+
+
+class LogError(FtbiasError):
+    """The log cannot be read or cannot be filtered."""
+
+
+class OutputError(FtbiasError):
+    """A result cannot be written."""
+
+
+class UsageError(FtbiasError):
+    """The command line asks for something that does not exist."""
+
+    exit_code = 2

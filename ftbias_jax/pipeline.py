@@ -1,0 +1,194 @@
+"""The whole method as one pure step: joint filter, sensor kinematics, bias filter.
+
+``step`` is the single definition; ``run`` is ``lax.scan`` of it, online use is calling it, and every faster route is
+tested equal to it. Arrays decide the precision: float32 in, float32 through; float64 needs JAX's x64 mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax import bias_filter, joint_filter
+from ftbias_jax.bias_filter import BiasNoise
+from ftbias_jax.gaussian import Innovation
+from ftbias_jax.joint_filter import JointNoise
+from ftbias_jax.screws import Arm, make_arm, sensor_motion
+from ftbias_jax.setup import Setup
+from ftbias_jax.types import Array, Gaussian, Log, Sample
+from ftbias_jax.wrench import data_matrix, joint_sensitivity, measurement_covariance, tool_parameters
+
+
+class Params(NamedTuple):
+    """Everything the filter believes; a pytree, differentiable in every leaf."""
+
+    arm: Arm
+    """The robot with the sensor frame mounted."""
+    gravity: Array
+    """(3,) m/s^2, base frame, pointing down."""
+    theta: Array
+    """(10,) inertial parameters of the tool (wrench.py)."""
+    joint: JointNoise
+    bias: BiasNoise
+
+
+class Options(NamedTuple):
+    """Choices that change the program, not its numbers: static under jit."""
+
+    joint_model: str = "integrated_jerk"
+    """Key of noise.JOINT_MODELS."""
+    joint_uncertainty: bool = True
+    """Add the joint filter's covariance, pushed through D theta, to R at every sample."""
+
+
+DEFAULT_OPTIONS = Options()
+
+
+class State(NamedTuple):
+    """State of the pipeline between two samples."""
+
+    joint: Gaussian
+    """mean (n, 3) of (q, dq, ddq), covariance (n, 3, 3)."""
+    bias: Gaussian
+    """mean (12,) of (bias, drift), covariance (12, 12)."""
+
+
+class Info(NamedTuple):
+    """What a step learned; smoothing, tuning and diagnosis read only this."""
+
+    joint: Innovation
+    """of (q, dq), with a leading joint axis."""
+    wrench: Innovation
+    """of y = D theta - W."""
+    wrench_tool: Array
+    """(6,) D theta, N and Nm, sensor frame."""
+    log_likelihood: Array
+    """() increment: all joints and the wrench."""
+
+
+Emit = Callable[[State, Info], Any]
+
+
+def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
+    """Parameters of the filter as the robot's owner states them.
+
+    Args:
+        setup: what ``load_setup`` read. dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
+    """
+    flange, sensor = setup.robot, setup.sensor
+    rotation = flange.flange_rotation @ sensor.rotation
+    position = flange.flange_translation + flange.flange_rotation @ sensor.translation
+    params = Params(
+        make_arm(_array(setup.robot.screws, dtype), _array(position, dtype), _array(rotation, dtype)),
+        setup.robot.gravity,
+        tool_parameters(*(_array(x, dtype) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))),
+        JointNoise(
+            setup.joints.process_noise_density,
+            setup.joints.position_noise_std,
+            setup.joints.velocity_noise_std,
+            setup.joints.initial_std,
+        ),
+        BiasNoise(
+            setup.bias.noise_density,
+            np.zeros(36),
+            sensor.noise_std**2,
+            np.concatenate([setup.bias.initial, setup.bias.initial_drift]),
+            np.concatenate([setup.bias.initial_std, setup.bias.initial_drift_std]),
+        ),
+    )
+    return jax.tree.map(partial(_array, dtype=dtype), params)
+
+
+def samples_from_log(log: Log, dtype: Any = None) -> Sample:
+    """A log as filter input: leaves with a leading time axis. dt is taken in float64 before any rounding to dtype."""
+    dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0])
+    return Sample(*(_array(x, dtype) for x in (dt, log.q, log.dq, log.wrench)))
+
+
+def pad(samples: Sample, length: int) -> Sample:
+    """Lengthen a log by samples that change nothing (dt = 0, all NaN), so that logs stack for vmap."""
+    missing = length - samples.dt.shape[0]
+    if missing < 0:
+        raise ValueError(f"cannot pad {samples.dt.shape[0]} samples to {length}")
+
+    def lengthen(x: Array, value: float) -> Array:
+        return jnp.concatenate([x, jnp.full((missing, *x.shape[1:]), value, x.dtype)])
+
+    return Sample(lengthen(samples.dt, 0.0), *(lengthen(x, jnp.nan) for x in samples[1:]))
+
+
+def init(params: Params, samples: Sample) -> State:
+    """State before the first sample of a log; every joint starts at its first measured position."""
+    first = jnp.argmax(jnp.isfinite(samples.q), 0)
+    q = jnp.take_along_axis(samples.q, first[None], 0)[0]
+    return State(joint_filter.init(params.joint, q), bias_filter.init(params.bias))
+
+
+def step(params: Params, state: State, sample: Sample, options: Options = DEFAULT_OPTIONS) -> tuple[State, Info]:
+    """One sample through the pipeline (report, sections 1 to 3).
+
+    Args:
+        params, options: beliefs and choices. state: after the previous sample.
+        sample: dt (), q and dq (n,), wrench (6,); NaN = not measured, a whole sample, one stream or one axis.
+
+    Returns:
+        the state after the sample, and what it said.
+    """
+    joint, joint_innovation = joint_filter.step(
+        params.joint, state.joint, sample.dt, sample.q, sample.dq, options.joint_model
+    )
+    motion = sensor_motion(params.arm, *joint.mean.T)
+    R_sensor_base = motion.R_base_sensor.T
+    specific_force = R_sensor_base @ (motion.linear_acceleration - params.gravity)
+    D = data_matrix(
+        specific_force, R_sensor_base @ motion.angular_velocity, R_sensor_base @ motion.angular_acceleration
+    )
+    wrench_tool = D @ params.theta
+    R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
+    if options.joint_uncertainty:
+        R = R + _joint_covariance_in_wrench(params, motion.R_base_sensor, motion.jacobian, joint.covariance)
+    bias, wrench_innovation = bias_filter.step(params.bias, state.bias, sample.dt, wrench_tool, sample.wrench, R)
+    log_likelihood = joint_innovation.log_likelihood.sum() + wrench_innovation.log_likelihood
+    return State(joint, bias), Info(joint_innovation, wrench_innovation, wrench_tool, log_likelihood)
+
+
+@partial(jax.jit, static_argnames=("options", "emit"))
+def run(
+    params: Params,
+    state: State,
+    samples: Sample,
+    options: Options = DEFAULT_OPTIONS,
+    emit: Emit = lambda state, info: (state, info),
+) -> tuple[State, Any]:
+    """Filter a whole log: ``lax.scan`` of ``step``.
+
+    Args:
+        params, state, options: as for ``step``. samples: leaves with a leading time axis (T, ...).
+        emit: what to keep of every sample, (state, info) -> pytree; all of both by default.
+
+    Returns:
+        the last state, to carry into the next part of the log, and what ``emit`` kept, with a leading time axis.
+    """
+
+    def body(state: State, sample: Sample) -> tuple[State, Any]:
+        state, info = step(params, state, sample, options)
+        return state, emit(state, info)
+
+    return jax.lax.scan(body, state, samples)
+
+
+def _joint_covariance_in_wrench(params: Params, R_base_sensor: Array, jacobian: Array, covariance: Array) -> Array:
+    """sum_j G_j P_j G_j^T (6, 6), G_j = (dW/dq_j, 0, dW/dddq_j) and P_j (3, 3) the covariance of joint j."""
+    position, acceleration = joint_sensitivity(params.theta, R_base_sensor, jacobian, params.gravity)
+    G = jnp.stack([position, acceleration], -1)
+    P = covariance[:, ::2, ::2]
+    return jnp.einsum("ind,nde,jne->ij", G, P, G)
+
+
+def _array(x: Any, dtype: Any) -> Array:
+    return jnp.asarray(x, dtype if dtype is not None else jnp.result_type(float))

@@ -1,0 +1,210 @@
+"""Kinematics of a serial arm from its screw axes: poses, Jacobians, Hessian, twist and acceleration.
+
+Conventions (report, section 2). Everything is expressed in the base frame; six-vectors are (linear; angular).
+A revolute joint with unit axis s through the point r has the screw (-s x r; s) at q = 0, a prismatic one (d; 0).
+R_base_sensor and p_base_sensor are the pose of the sensor frame.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from ftbias_jax.types import Array
+
+
+class Arm(NamedTuple):
+    """A serial arm with the per-joint constants of the exponential map worked out once (report, eq. of exp([S] q))."""
+
+    linear: Array
+    """(n, 3) linear part v of each screw."""
+    angular: Array
+    """(n, 3) angular part s of each screw; zero for a prismatic joint."""
+    skew: Array
+    """(n, 3, 3) [s]."""
+    skew_squared: Array
+    """(n, 3, 3) [s]^2."""
+    skew_linear: Array
+    """(n, 3) [s] v."""
+    skew_squared_linear: Array
+    """(n, 3) [s]^2 v."""
+    zero_position: Array
+    """(3,) m, sensor origin at q = 0."""
+    zero_rotation: Array
+    """(3, 3) sensor axes at q = 0."""
+
+
+class Motion(NamedTuple):
+    """Pose, twist and acceleration of the sensor frame with respect to the base, in base coordinates."""
+
+    R_base_sensor: Array
+    """(3, 3)."""
+    p_base_sensor: Array
+    """(3,) m."""
+    linear_velocity: Array
+    """(3,) m/s, of the sensor origin."""
+    angular_velocity: Array
+    """(3,) rad/s."""
+    linear_acceleration: Array
+    """(3,) m/s^2, of the sensor origin; coordinate acceleration, gravity is not in it."""
+    angular_acceleration: Array
+    """(3,) rad/s^2."""
+    jacobian: Array
+    """(6, n) sensor Jacobian."""
+
+
+def skew(v: Array) -> Array:
+    """Matrix [v] of the cross product, [v] w = v x w; (..., 3) -> (..., 3, 3)."""
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    zero = jnp.zeros_like(x)
+    rows = [jnp.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    return jnp.stack(rows, -2)
+
+
+def adjoint(rotation: Array, position: Array) -> Array:
+    """Ad(T) for screws ordered (linear; angular): [[R, [p] R], [0, R]]; (3, 3), (3,) -> (6, 6)."""
+    zero = jnp.zeros_like(rotation)
+    return jnp.block([[rotation, skew(position) @ rotation], [zero, rotation]])
+
+
+def make_arm(screws: Array, zero_position: Array, zero_rotation: Array) -> Arm:
+    """Work out the constants of an arm.
+
+    Args:
+        screws: (n, 6) screw axes at q = 0, base frame, (linear; angular); angular parts of unit length or zero.
+        zero_position: (3,) m, sensor origin at q = 0, base frame.
+        zero_rotation: (3, 3) sensor axes at q = 0, base frame.
+    """
+    screws = jnp.asarray(screws)
+    linear, angular = screws[:, :3], screws[:, 3:]
+    s = skew(angular)
+    s_squared = s @ s
+    return Arm(
+        linear,
+        angular,
+        s,
+        s_squared,
+        jnp.einsum("nij,nj->ni", s, linear),
+        jnp.einsum("nij,nj->ni", s_squared, linear),
+        jnp.asarray(zero_position),
+        jnp.asarray(zero_rotation),
+    )
+
+
+def exponentials(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """One-joint transforms exp([S_j] q_j): rotations (n, 3, 3) and positions (n, 3).
+
+    Rodrigues' formula as in the report; with s = 0 it reduces to the translation v q of a prismatic joint.
+    The columns do not depend on one another: these are not the cumulative transforms (errata 8).
+    """
+    sin, versine = jnp.sin(q)[:, None], 2 * jnp.sin(q / 2)[:, None] ** 2  # 1 - cos q without cancellation
+    remainder = q[:, None] - sin
+    rotation = jnp.eye(3, dtype=q.dtype) + sin[..., None] * arm.skew + versine[..., None] * arm.skew_squared
+    position = q[:, None] * arm.linear + versine * arm.skew_linear + remainder * arm.skew_squared_linear
+    return rotation, position
+
+
+def product_of_exponentials(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """Cumulative transforms T_j = exp([S_1] q_1) ... exp([S_j] q_j) for j = 0 ... n.
+
+    Returns:
+        rotations (n + 1, 3, 3) and positions (n + 1, 3); the first is the identity.
+    """
+    step_rotations, step_positions = exponentials(arm, q)
+    rotations, positions = [jnp.eye(3, dtype=q.dtype)], [jnp.zeros(3, dtype=q.dtype)]
+    for rotation, position in zip(step_rotations, step_positions, strict=True):
+        positions.append(positions[-1] + rotations[-1] @ position)
+        rotations.append(rotations[-1] @ rotation)
+    return jnp.stack(rotations), jnp.stack(positions)
+
+
+def space_jacobian(arm: Arm, q: Array) -> Array:
+    """Columns Ad(T_{j-1}) S_j: the twist of a point at the base origin is J dq; (n,) -> (6, n)."""
+    return _pose_and_space_jacobian(arm, q)[2]
+
+
+def sensor_pose(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """R_base_sensor (3, 3) and p_base_sensor (3,) m."""
+    rotation, position, _ = _pose_and_space_jacobian(arm, q)
+    return rotation, position
+
+
+def sensor_jacobian(arm: Arm, q: Array) -> Array:
+    """Maps dq to the linear velocity of the sensor origin and the angular velocity, base frame; (n,) -> (6, n)."""
+    _, position, jacobian = _pose_and_space_jacobian(arm, q)
+    return _move_to_sensor(jacobian, position)
+
+
+def sensor_hessian(arm: Arm, q: Array) -> Array:
+    """Derivative of the sensor Jacobian, H[j, :, k] = d J[:, k] / d q_j; (n,) -> (n, 6, n).
+
+    The linear rows are symmetric in (j, k). The angular rows are J_w,j x J_w,k for j < k and zero otherwise, for the
+    axis of a joint does not move with the joints after it (errata 1; the report fills them symmetrically).
+    """
+    jacobian = sensor_jacobian(arm, q)
+    linear, angular = jacobian[:3].T, jacobian[3:].T
+    index = jnp.arange(q.shape[0])
+    first, last = jnp.minimum(index[:, None], index), jnp.maximum(index[:, None], index)
+    linear_rows = jnp.cross(angular[first], linear[last])
+    before = (index[:, None] < index)[..., None]
+    angular_rows = jnp.where(before, jnp.cross(angular[:, None], angular[None, :]), 0)
+    return jnp.swapaxes(jnp.concatenate([linear_rows, angular_rows], -1), 1, 2)
+
+
+def sensor_twist(arm: Arm, q: Array, dq: Array) -> Array:
+    """Linear velocity of the sensor origin and angular velocity, base frame; (6,) m/s, rad/s."""
+    return sensor_jacobian(arm, q) @ dq
+
+
+def sensor_acceleration(arm: Arm, q: Array, dq: Array, ddq: Array) -> Array:
+    """Acceleration by the Hessian, (H dq) dq + J ddq (report); (6,) m/s^2, rad/s^2, base frame. See sensor_motion."""
+    velocity_product = jnp.einsum("jik,j,k->i", sensor_hessian(arm, q), dq, dq)
+    return velocity_product + sensor_jacobian(arm, q) @ ddq
+
+
+def sensor_motion(arm: Arm, q: Array, dq: Array, ddq: Array) -> Motion:
+    """Pose, twist and acceleration of the sensor in O(n), equal to the Jacobian and Hessian form.
+
+    With V_j the twist of link j and J_j the columns of the space Jacobian, d J_j / dt = ad(V_{j-1}) J_j, so the
+    spatial acceleration is sum_j J_j ddq_j + ad(V_{j-1}) J_j dq_j (Featherstone 2008, section 2.9).
+
+    Args:
+        arm: the arm. q, dq, ddq: (n,) joint positions, velocities, accelerations.
+    """
+    rotation, position, jacobian = _pose_and_space_jacobian(arm, q)
+    v, w = jacobian[:3].T, jacobian[3:].T
+    v_dq, w_dq = v * dq[:, None], w * dq[:, None]
+    v_before, w_before = jnp.cumsum(v_dq, 0) - v_dq, jnp.cumsum(w_dq, 0) - w_dq
+    v_rate = jnp.cross(w_before, v_dq) + jnp.cross(v_before, w_dq)
+    spatial_acceleration = (v * ddq[:, None] + v_rate).sum(0)
+    angular_acceleration = (w * ddq[:, None] + jnp.cross(w_before, w_dq)).sum(0)
+    angular_velocity = w_dq.sum(0)
+    linear_velocity = v_dq.sum(0) + jnp.cross(angular_velocity, position)
+    linear_acceleration = (
+        spatial_acceleration + jnp.cross(angular_acceleration, position) + jnp.cross(angular_velocity, linear_velocity)
+    )
+    return Motion(
+        rotation,
+        position,
+        linear_velocity,
+        angular_velocity,
+        linear_acceleration,
+        angular_acceleration,
+        _move_to_sensor(jacobian, position),
+    )
+
+
+def _pose_and_space_jacobian(arm: Arm, q: Array) -> tuple[Array, Array, Array]:
+    rotations, positions = product_of_exponentials(arm, q)
+    angular = jnp.einsum("nij,nj->ni", rotations[:-1], arm.angular)
+    linear = jnp.einsum("nij,nj->ni", rotations[:-1], arm.linear) + jnp.cross(positions[:-1], angular)
+    sensor_rotation = rotations[-1] @ arm.zero_rotation
+    sensor_position = rotations[-1] @ arm.zero_position + positions[-1]
+    return sensor_rotation, sensor_position, jnp.concatenate([linear, angular], -1).T
+
+
+def _move_to_sensor(jacobian: Array, position: Array) -> Array:
+    """Columns of the space Jacobian as seen at the sensor origin: v + w x p."""
+    linear = jacobian[:3] + jnp.cross(jacobian[3:].T, position).T
+    return jnp.concatenate([linear, jacobian[3:]])
