@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -57,6 +58,50 @@ def step(
         return gaussian.update(predicted, jnp.stack([q, dq]), observation, measurement_noise)
 
     return jax.vmap(one_joint)(state, noise.process_density, noise.position_std, noise.velocity_std, q, dq)
+
+
+def likeliest_density(noise: JointNoise, dt: Array, q: Array, dq: Array, model: str = "integrated_jerk") -> Array:
+    """Process noise density of every joint that makes its measurements likeliest: (n,), noise.process_density unused.
+
+    How fast a robot's acceleration changes differs by orders of magnitude between motions, and nobody knows the
+    number. A grid of factor two is searched and refined by a parabola through the best three points, for the
+    likelihood of one joint has a single broad maximum.
+
+    Args:
+        noise: measurement noise and prior. dt: (T,) s. q, dq: (T, n). model: key of noise.JOINT_MODELS.
+    """
+    exponent = jnp.arange(-8.0, 12.0, dtype=q.dtype)
+    score = _score_densities(noise, dt, q, dq, 2**exponent, model)
+    best = jnp.clip(jnp.argmax(score, 0), 1, exponent.shape[0] - 2)
+    low, middle, high = (jnp.take_along_axis(score, best[None] + i, 0)[0] for i in (-1, 0, 1))
+    curvature = low - 2 * middle + high
+    shift = jnp.where(curvature < 0, (low - high) / (2 * jnp.where(curvature < 0, curvature, -1)), 0)
+    return 2 ** (exponent[best] + jnp.clip(shift, -1, 1))
+
+
+@partial(jax.jit, static_argnames="model")
+def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densities: Array, model: str) -> Array:
+    """Log-likelihood (G, n) of each joint's measurements for each density of a grid (G,)."""
+
+    def score(density: Array) -> Array:
+        at_density = noise._replace(process_density=jnp.broadcast_to(density, q.shape[1:]))
+
+        def body(
+            carry: tuple[Gaussian, Array], sample: tuple[Array, Array, Array]
+        ) -> tuple[tuple[Gaussian, Array], None]:
+            state, innovation = step(at_density, carry[0], *sample, model)
+            return (state, carry[1] + innovation.log_likelihood), None
+
+        start = (init(at_density, first_measured(q)), jnp.zeros(q.shape[1], q.dtype))
+        return jax.lax.scan(body, start, (dt, q, dq))[0][1]
+
+    return jax.vmap(score)(densities)
+
+
+def first_measured(q: Array) -> Array:
+    """First finite position of every joint; (T, n) -> (n,), NaN if there is none."""
+    first = jnp.argmax(jnp.isfinite(q), 0)
+    return jnp.take_along_axis(q, first[None], 0)[0]
 
 
 def _forget(predicted: Gaussian, previous: Gaussian, prior_std: Array) -> Gaussian:

@@ -101,7 +101,8 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
             np.concatenate([setup.bias.initial_std, setup.bias.initial_drift_std]),
         ),
     )
-    return jax.tree.map(partial(_array, dtype=dtype), params)
+    converted: Params = jax.tree.map(partial(_array, dtype=dtype), params)
+    return converted
 
 
 def samples_from_log(log: Log, dtype: Any = None) -> Sample:
@@ -124,9 +125,8 @@ def pad(samples: Sample, length: int) -> Sample:
 
 def init(params: Params, samples: Sample) -> State:
     """State before the first sample of a log; every joint starts at its first measured position."""
-    first = jnp.argmax(jnp.isfinite(samples.q), 0)
-    q = jnp.take_along_axis(samples.q, first[None], 0)[0]
-    return State(joint_filter.init(params.joint, q), bias_filter.init(params.bias))
+    start = joint_filter.first_measured(samples.q)
+    return State(joint_filter.init(params.joint, start), bias_filter.init(params.bias))
 
 
 def step(params: Params, state: State, sample: Sample, options: Options = DEFAULT_OPTIONS) -> tuple[State, Info]:

@@ -27,6 +27,8 @@ class Log(NamedTuple):
     """(T, 6) N and Nm: force, then torque about the sensor origin, sensor frame."""
     temperature: Array
     """(T,) deg C."""
+    start: float = 0.0
+    """s, the log's own stamp of the first sample: t + start are the stamps as recorded."""
 
 
 class Sample(NamedTuple):

@@ -1,0 +1,83 @@
+"""Command line: parses arguments before anything heavy is imported, prints, and turns known errors into exit codes.
+
+Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with data loss.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Callable, Sequence
+
+from ftbias_jax import __version__
+from ftbias_jax.errors import FtbiasError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code. Known errors become one line on standard error."""
+    parsed = build_parser().parse_args(arguments)
+    try:
+        # A command's module is imported only now: JAX alone costs half a second.
+        run: Callable[[argparse.Namespace], int] = importlib.import_module(f"ftbias_jax.commands.{parsed.command}").run
+        return run(parsed)
+    except FtbiasError as error:
+        print(f"ftbias: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("ftbias: interrupted, nothing more was written", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        return 1
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    parser = argparse.ArgumentParser(
+        prog="ftbias",
+        description="Bias and drift of a wrist force-torque sensor from a recorded log.",
+        epilog="Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with data loss.",
+    )
+    parser.add_argument("--version", action="version", version=f"ftbias {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_filter(commands)
+    _add_demo(commands)
+    return parser
+
+
+def _add_filter(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "filter",
+        help="estimate bias and drift of one log and correct its wrench",
+        description="Estimate bias and drift at every wrench sample of LOG, and write them with the corrected wrench.",
+    )
+    parser.add_argument("log", metavar="LOG", help="recorded log: .npz or .csv with time, joint positions and wrench")
+    parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT.npz", help="where to write the result")
+    parser.add_argument("--plot", metavar="OUT.png", help="also draw bias and residual (needs the extra 'plot')")
+
+
+def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "demo",
+        help="simulate a Panda with a drifting sensor and filter it; needs no files",
+        description="Simulate a Panda log with a drifting bias, filter it, and compare with the truth.",
+    )
+    parser.add_argument("-o", "--output", default="ftbias_demo", metavar="DIR", help="folder to write (%(default)s)")
+    parser.add_argument("--duration", type=_positive, default=60.0, metavar="S", help="seconds (%(default)s)")
+    parser.add_argument("--rate", type=_positive, default=500.0, metavar="HZ", help="samples a second (%(default)s)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random numbers (%(default)s)")
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a positive number, not {text!r}")
+    return value
+
+
+if __name__ == "__main__":
+    sys.exit(main())

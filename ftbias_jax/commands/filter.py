@@ -1,0 +1,73 @@
+"""``ftbias filter``: one log in; bias, drift and corrected wrench out."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from ftbias_jax.errors import OutputError, UsageError
+from ftbias_jax.logs import read_log
+from ftbias_jax.setup import load_setup
+
+AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Filter the log; returns 3 if an axis of the wrench was never measured, else 0."""
+    check_outputs(arguments.output, ".npz", arguments.plot)
+    setup = load_setup(arguments.setup)
+    log = read_log(arguments.log, setup)
+
+    import jax
+
+    jax.config.update("jax_enable_x64", True)  # the command line computes in double precision
+    from ftbias_jax import batch, plot, results
+    from ftbias_jax.pipeline import Options, samples_from_log
+    from ftbias_jax.progress import Progress
+
+    options = Options(joint_model=setup.joints.model)
+    params = batch.params_for_log(setup, samples_from_log(log), options)
+    filtered = batch.filter_log(params, log, options, Progress(f"filtering {arguments.log}", len(log.t)))
+    results.save_npz(arguments.output, filtered._asdict())
+    if arguments.plot:
+        plot.save_figure(arguments.plot, plot.plot_filtered(filtered, Path(arguments.log).name))
+    density = np.asarray(params.joint.process_density)
+    print(format_summary(filtered, batch.summarise(filtered)))
+    print(f"joint process noise ({setup.joints.model}): {' '.join(f'{x:.3g}' for x in density)}")
+    print(f"wrote {arguments.output}" + (f" and {arguments.plot}" if arguments.plot else ""))
+    unmeasured = [name for name, axis in zip(AXES, np.isfinite(log.wrench).any(0), strict=True) if not axis]
+    if unmeasured:
+        print(f"ftbias: {arguments.log}: never measured: {' '.join(unmeasured)}; its bias is the prior", file=sys.stderr)
+    return 3 if unmeasured else 0
+
+
+def check_outputs(output: str, suffix: str, plot: str | None) -> None:
+    """Refuse outputs that cannot be written before minutes are spent on computing them."""
+    if not output.endswith(suffix):
+        raise UsageError(f"cannot write {output!r}", field="--output", remedy=f"end the name in {suffix}")
+    for path in filter(None, (output, plot)):
+        if not Path(path).absolute().parent.is_dir():
+            raise OutputError("the folder does not exist", file=path, remedy="create it, or name another")
+
+
+def format_summary(filtered, summary) -> str:  # type: ignore[no-untyped-def]
+    """A table an engineer can read, one column an axis."""
+    duration = filtered.t[-1] - filtered.t[0]
+    rows = {
+        "bias at the end": filtered.bias[-1],
+        "  ± 1 sigma": filtered.bias_std[-1],
+        "drift per minute": 60 * filtered.drift[-1],
+        "  ± 1 sigma ": 60 * filtered.drift_std[-1],
+        "raw reading, std": summary.raw_std,
+        "corrected - tool model, std": summary.residual_std,
+        "1 s ahead prediction, rms": summary.one_second_rms,
+    }
+    head = f"{len(filtered.t)} wrench samples, {duration:.1f} s\n{'':28s}" + "".join(
+        f"{name + (' [N]' if i < 3 else ' [Nm]'):>11s}" for i, name in enumerate(AXES)
+    )
+    lines = [f"{name:28s}" + "".join(f"{x:11.4f}" for x in values) for name, values in rows.items()]
+    nis = f"normalised innovation squared per axis: {summary.mean_nis:.2f} (1 = the stated model and noise are right)"
+    return "\n".join([head, *lines, nis])
