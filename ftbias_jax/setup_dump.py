@@ -99,7 +99,8 @@ def _sections(setup: Setup) -> Iterable[_Line]:
     yield _Line("[bias]", "initial", bias.initial, "N, Nm; unbiased = measured + bias")
     yield _Line("[bias]", "initial_drift", bias.initial_drift, "N/s, Nm/s")
     yield _Line("[joints]", "model", joints.model)
-    yield _Line("[joints]", "process_noise_density", joints.process_noise_density, density)
+    if joints.process_noise_density is not None:
+        yield _Line("[joints]", "process_noise_density", joints.process_noise_density, density)
     yield _Line("[joints]", "position_noise_std", joints.position_noise_std, "rad")
     yield _Line("[joints]", "velocity_noise_std", joints.velocity_noise_std, "rad/s")
     yield _Line("[joints]", "initial_std", joints.initial_std, "rad, rad/s, rad/s^2")

@@ -150,9 +150,11 @@ def _bias(top: Section) -> BiasSetup:
 def _joints(top: Section, n: int) -> JointSetup:
     keys = ("model", "process_noise_density", "position_noise_std", "velocity_noise_std", "initial_std")
     section = subsection(top, "joints", keys)
+    key = "process_noise_density"
+    density = vector(section, key, n, within=POSITIVE, expand=True) if key in section.values else None
     return JointSetup(
         model=text(section, "model", JOINT_MODELS[0], JOINT_MODELS),
-        process_noise_density=vector(section, "process_noise_density", n, 20.0, within=POSITIVE, expand=True),
+        process_noise_density=density,
         position_noise_std=vector(section, "position_noise_std", n, 2e-5, within=POSITIVE, expand=True),
         velocity_noise_std=vector(section, "velocity_noise_std", n, 1e-3, within=POSITIVE, expand=True),
         initial_std=vector(section, "initial_std", 3, (1.0, 1.0, 10.0), within=NOT_NEGATIVE),
