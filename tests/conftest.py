@@ -61,12 +61,12 @@ def panda() -> Arm:
     return make_arm(robot.screws, robot.flange_translation, robot.flange_rotation)
 
 
-@pytest.fixture(scope="session", params=["panda", "seven revolute joints", "six joints, two of them prismatic"])
+@pytest.fixture(scope="session", params=["panda", "seven revolute joints", "seven joints, two of them prismatic"])
 def arm(request: pytest.FixtureRequest, panda: Arm) -> Arm:
     return {
         "panda": panda,
         "seven revolute joints": random_arm(1, "RRRRRRR"),
-        "six joints, two of them prismatic": random_arm(2, "RPRRPR"),
+        "seven joints, two of them prismatic": random_arm(2, "RPRRRPR"),
     }[request.param]
 
 
