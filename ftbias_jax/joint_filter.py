@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from ftbias_jax import gaussian
 from ftbias_jax.gaussian import Innovation
-from ftbias_jax.noise import JOINT_MODELS
+from ftbias_jax.noise import JOINT_MODELS, matrix
 from ftbias_jax.types import Array, Gaussian
 
 
@@ -52,7 +52,8 @@ def step(
         state: Gaussian, density: Array, position_std: Array, velocity_std: Array, q: Array, dq: Array
     ) -> tuple[Gaussian, Innovation]:
         transition, process_noise = JOINT_MODELS[model](dt, density)
-        predicted = _forget(gaussian.predict(state, transition, process_noise), state, noise.prior_std)
+        predicted = gaussian.predict(state, matrix(transition), matrix(process_noise))
+        predicted = _forget(predicted, state, noise.prior_std)
         observation = jnp.eye(2, 3, dtype=state.mean.dtype)
         measurement_noise = jnp.diag(jnp.stack([position_std, velocity_std]) ** 2)
         return gaussian.update(predicted, jnp.stack([q, dq]), observation, measurement_noise)

@@ -18,8 +18,8 @@ from ftbias_jax import bias_filter, joint_filter
 from ftbias_jax.bias_filter import BiasNoise
 from ftbias_jax.gaussian import Innovation
 from ftbias_jax.joint_filter import JointNoise
-from ftbias_jax.screws import Arm, make_arm, sensor_motion
-from ftbias_jax.setup import Setup
+from ftbias_jax.screws import Arm, Motion, make_arm, sensor_motion
+from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Array, Gaussian, Log, Sample
 from ftbias_jax.wrench import data_matrix, joint_sensitivity, measurement_covariance, tool_parameters
 
@@ -42,8 +42,10 @@ class Options(NamedTuple):
 
     joint_model: str = "integrated_jerk"
     """Key of noise.JOINT_MODELS."""
-    joint_uncertainty: bool = True
-    """Add the joint filter's covariance, pushed through D theta, to R at every sample."""
+    joint_uncertainty: str = "diagonal"
+    """Whether the joint filter's covariance, pushed through D theta, is added to R at every sample: "none" (the report
+    to the letter: error bars are far too small while the arm accelerates), "full", or "diagonal", which keeps each
+    axis' variance and leaves out the correlation between axes, so that the axes stay independent filters."""
 
 
 DEFAULT_OPTIONS = Options()
@@ -78,9 +80,10 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     """Parameters of the filter as the robot's owner states them.
 
     Args:
-        setup: what ``load_setup`` read. dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
+        setup: what ``load_setup`` read; a joint process noise it leaves open becomes 1 here (batch.params_for_log
+            chooses it from the log). dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
     """
-    flange, sensor = setup.robot, setup.sensor
+    flange, sensor, n = setup.robot, setup.sensor, len(setup.robot.screws)
     rotation = flange.flange_rotation @ sensor.rotation
     position = flange.flange_translation + flange.flange_rotation @ sensor.translation
     params = Params(
@@ -88,14 +91,14 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
         setup.robot.gravity,
         tool_parameters(*(_array(x, dtype) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))),
         JointNoise(
-            setup.joints.process_noise_density,
+            np.ones(n) if setup.joints.process_noise_density is None else setup.joints.process_noise_density,
             setup.joints.position_noise_std,
             setup.joints.velocity_noise_std,
             setup.joints.initial_std,
         ),
         BiasNoise(
             setup.bias.noise_density,
-            np.zeros(36),
+            None,
             sensor.noise_std**2,
             np.concatenate([setup.bias.initial, setup.bias.initial_drift]),
             np.concatenate([setup.bias.initial_std, setup.bias.initial_drift_std]),
@@ -142,16 +145,11 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     joint, joint_innovation = joint_filter.step(
         params.joint, state.joint, sample.dt, sample.q, sample.dq, options.joint_model
     )
-    motion = sensor_motion(params.arm, *joint.mean.T)
-    R_sensor_base = motion.R_base_sensor.T
-    specific_force = R_sensor_base @ (motion.linear_acceleration - params.gravity)
-    D = data_matrix(
-        specific_force, R_sensor_base @ motion.angular_velocity, R_sensor_base @ motion.angular_acceleration
-    )
-    wrench_tool = D @ params.theta
+    motion, wrench_tool = predict_wrench(params, joint.mean)
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
-    if options.joint_uncertainty:
-        R = R + _joint_covariance_in_wrench(params, motion.R_base_sensor, motion.jacobian, joint.covariance)
+    if options.joint_uncertainty != "none":
+        G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
+        R = R + covariance_of_joints(G, joint.covariance, options.joint_uncertainty)
     bias, wrench_innovation = bias_filter.step(params.bias, state.bias, sample.dt, wrench_tool, sample.wrench, R)
     log_likelihood = joint_innovation.log_likelihood.sum() + wrench_innovation.log_likelihood
     return State(joint, bias), Info(joint_innovation, wrench_innovation, wrench_tool, log_likelihood)
@@ -182,11 +180,28 @@ def run(
     return jax.lax.scan(body, state, samples)
 
 
-def _joint_covariance_in_wrench(params: Params, R_base_sensor: Array, jacobian: Array, covariance: Array) -> Array:
-    """sum_j G_j P_j G_j^T (6, 6), G_j = (dW/dq_j, 0, dW/dddq_j) and P_j (3, 3) the covariance of joint j."""
-    position, acceleration = joint_sensitivity(params.theta, R_base_sensor, jacobian, params.gravity)
-    G = jnp.stack([position, acceleration], -1)
-    P = covariance[:, ::2, ::2]
+def predict_wrench(params: Params, joint_mean: Array) -> tuple[Motion, Array]:
+    """Motion of the sensor and the wrench D theta (6,) of the tool, sensor frame, from joint states (n, 3)."""
+    motion = sensor_motion(params.arm, *joint_mean.T)
+    R_sensor_base = motion.R_base_sensor.T
+    D = data_matrix(
+        R_sensor_base @ (motion.linear_acceleration - params.gravity),
+        R_sensor_base @ motion.angular_velocity,
+        R_sensor_base @ motion.angular_acceleration,
+    )
+    return motion, D @ params.theta
+
+
+def covariance_of_joints(sensitivity: tuple[Array, Array], covariance: Array, kind: str) -> Array:
+    """sum_j G_j P_j G_j^T (6, 6) with G_j = (dW/dq_j, 0, dW/dddq_j), or its diagonal.
+
+    Args:
+        sensitivity: dW/dq and dW/dddq (6, n), of wrench.joint_sensitivity. covariance: (n, 3, 3) of the joint filter.
+        kind: "full" or "diagonal".
+    """
+    G, P = jnp.stack(sensitivity, -1), covariance[:, ::2, ::2]
+    if kind == "diagonal":
+        return jnp.diag(jnp.einsum("ind,nde,ine->i", G, P, G))
     return jnp.einsum("ind,nde,jne->ij", G, P, G)
 
 

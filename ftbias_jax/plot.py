@@ -36,7 +36,7 @@ def plot_filtered(filtered: Filtered, title: str, true_bias: Array | None = None
     for column, (name, unit, rows) in enumerate((("force", "N", slice(0, 3)), ("torque", "Nm", slice(3, 6)))):
         top, bottom = axes[0, column], axes[1, column]
         top.set(title=f"Bias, {name}", ylabel=f"bias [{unit}]")
-        bottom.set(title=f"Corrected wrench − tool model, {name}", ylabel=f"residual [{unit}]", xlabel="time [s]")
+        bottom.set(title=f"Corrected wrench - tool model, {name}", ylabel=f"residual [{unit}]", xlabel="time [s]")
         bias, std = filtered.bias[thin, rows], 2 * filtered.bias_std[thin, rows]
         _lines(top, t, bias, std)
         if true_bias is not None:

@@ -72,13 +72,15 @@ def reduced_observation_matrix(theta: Array) -> Array:
     return observation_matrix(theta)[:, LIVE_ENTRIES]
 
 
-def measurement_covariance(theta: Array, data_variance: Array, wrench_variance: Array) -> Array:
+def measurement_covariance(theta: Array, data_variance: Array | None, wrench_variance: Array) -> Array:
     """R = B Sigma_D B^T + Sigma_W (6, 6), the noise of y = D theta - W; n_D is in it once (errata 6).
 
     Args:
-        theta: (10,). data_variance: (36,) diagonal of Sigma_D, live entries of vec(D).
+        theta: (10,). data_variance: (36,) diagonal of Sigma_D, live entries of vec(D), or None for zeros.
         wrench_variance: (6,) diagonal of Sigma_W, N^2 and Nm^2.
     """
+    if data_variance is None:
+        return jnp.diag(wrench_variance)
     B = reduced_observation_matrix(theta)
     return (B * data_variance) @ B.T + jnp.diag(wrench_variance)
 

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.setup import parse_setup
+from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from ftbias_jax.batch import Filtered
 
 SETUP = {
     "robot": {"model": "panda"},
@@ -39,8 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     import jax.numpy as jnp
 
     from ftbias_jax import batch, plot, results, simulate
-    from ftbias_jax.commands.filter import AXES, format_summary
-    from ftbias_jax.errors import OutputError as PlotError
+    from ftbias_jax.commands.filter import format_summary
     from ftbias_jax.pipeline import params_from_setup, samples_from_log
     from ftbias_jax.progress import Progress
     from ftbias_jax.setup import dump_setup
@@ -51,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     t = jnp.arange(round(arguments.duration * arguments.rate)) / arguments.rate
     trajectory = simulate.excitation_sines(motion_key, t, jnp.array(CENTER), jnp.array(EXCURSION))
     truth = simulate.simulate(log_key, params_from_setup(setup), trajectory)
-    log = Log(*(np.asarray(x) for x in (t, truth.q, truth.dq, truth.wrench, jnp.full_like(t, jnp.nan))))
+    log = Log(*(np.asarray(x) for x in (t, truth.q, truth.dq, truth.wrench, jnp.full_like(t, jnp.nan))), start=0.0)
     (folder / "setup.toml").write_text(dump_setup(setup))
     results.save_npz(folder / "log.npz", {"t": log.t, "q": log.q, "dq": log.dq, "wrench": log.wrench})
 
@@ -60,19 +64,19 @@ def run(arguments: argparse.Namespace) -> int:
     results.save_npz(folder / "result.npz", filtered._asdict())
     print(f"A simulated Panda with a {setup.tool.mass} kg tool, {arguments.duration:g} s at {arguments.rate:g} Hz")
     print(format_summary(filtered, batch.summarise(filtered)))
-    print(_against_truth(filtered, np.asarray(truth.bias), np.asarray(truth.wrench_tool), AXES))
+    print(_against_truth(filtered, np.asarray(truth.bias), np.asarray(truth.wrench_tool)))
     written = [folder / name for name in ("setup.toml", "log.npz", "result.npz")]
     try:
         figure = plot.plot_filtered(filtered, "Simulated Panda: estimated and true bias", np.asarray(truth.bias))
         plot.save_figure(str(folder / "bias.png"), figure)
         written.append(folder / "bias.png")
-    except PlotError as error:
+    except OutputError as error:
         print(f"no figure: {error}")
     print("wrote " + ", ".join(str(path) for path in written))
     return 0
 
 
-def _against_truth(filtered, bias, wrench_tool, axes) -> str:  # type: ignore[no-untyped-def]
+def _against_truth(filtered: Filtered, bias: Array, wrench_tool: Array) -> str:
     """Errors against the simulated truth: the filter, and a tare that trusts the first second for ever."""
     first = filtered.t - filtered.t[0] < 1.0
     tare = (wrench_tool - filtered.wrench_unbiased + filtered.bias)[first].mean(0)

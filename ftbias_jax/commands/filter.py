@@ -5,12 +5,16 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.logs import read_log
 from ftbias_jax.setup import load_setup
+
+if TYPE_CHECKING:
+    from ftbias_jax.batch import Filtered, Summary
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -40,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"wrote {arguments.output}" + (f" and {arguments.plot}" if arguments.plot else ""))
     unmeasured = [name for name, axis in zip(AXES, np.isfinite(log.wrench).any(0), strict=True) if not axis]
     if unmeasured:
-        print(f"ftbias: {arguments.log}: never measured: {' '.join(unmeasured)}; its bias is the prior", file=sys.stderr)
+        print(f"ftbias: {arguments.log}: never measured: {' '.join(unmeasured)} (bias = prior)", file=sys.stderr)
     return 3 if unmeasured else 0
 
 
@@ -53,7 +57,7 @@ def check_outputs(output: str, suffix: str, plot: str | None) -> None:
             raise OutputError("the folder does not exist", file=path, remedy="create it, or name another")
 
 
-def format_summary(filtered, summary) -> str:  # type: ignore[no-untyped-def]
+def format_summary(filtered: Filtered, summary: Summary) -> str:
     """A table an engineer can read, one column an axis."""
     duration = filtered.t[-1] - filtered.t[0]
     rows = {

@@ -1,0 +1,59 @@
+"""Files that are there whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable
+from contextlib import suppress
+from typing import BinaryIO
+
+from ftbias_jax.errors import OutputError
+
+
+def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], None]) -> None:
+    """Write a file through a temporary one beside it: written, flushed to disk, then renamed.
+
+    On any failure the temporary file is removed, and what stood at ``path`` before still stands there.
+
+    Args:
+        path: the file to make or replace; a link is followed.
+        write: called once with the open temporary file. What it raises, but for OSError, passes through.
+
+    Raises:
+        OutputError: the file cannot be written there.
+    """
+    name = os.fspath(path)
+    target = os.path.realpath(name)
+    if os.path.exists(target) and not os.path.isfile(target):
+        raise OutputError("is not a regular file", file=name, remedy="give the path of a file to write")
+    folder = os.path.dirname(target)
+    temporary = os.path.join(folder, f".ftbias-{secrets.token_hex(8)}.tmp")
+    try:
+        _write_new(temporary, write)
+        os.replace(temporary, target)
+        _sync_folder(folder)
+    except OSError as error:
+        remedy = "check that the folder exists, may be written to and has room"
+        raise OutputError(f"cannot be written: {error.strerror or error}", file=name, remedy=remedy) from error
+    finally:
+        with suppress(OSError):  # after the rename there is nothing left to remove
+            os.unlink(temporary)
+
+
+def _write_new(path: str, write: Callable[[BinaryIO], None]) -> None:
+    # Not the tempfile module: its files are private (mode 0600), a result has the mode of any new file.
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666), "wb") as file:
+        write(file)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: str) -> None:
+    """Make the rename itself last; where folders cannot be opened or synced the operating system decides."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

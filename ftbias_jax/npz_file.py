@@ -1,0 +1,107 @@
+"""Reading arrays from an NPZ file that nobody vouches for: sizes are checked before memory is taken, no pickles."""
+
+from __future__ import annotations
+
+import os
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Collection
+from math import prod
+from typing import IO
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.types import Array
+
+MAX_BYTES = 16 << 30
+"""Of all arrays of a file together, uncompressed."""
+MAX_RATIO = 1000
+"""Of uncompressed to compressed size; only arrays larger than SMALL are held to it."""
+SMALL = 256 << 20
+"""An all-NaN array compresses a thousandfold too; below this size that is no danger."""
+
+_WRITE_AGAIN = "write it again with numpy.savez"
+# What zipfile, zlib and numpy raise on damaged files; RuntimeError means encrypted, the last line a mangled header.
+_DAMAGE = (
+    *(OSError, EOFError, RuntimeError, zlib.error, MemoryError),
+    *(ValueError, TypeError, OverflowError, SyntaxError, tokenize.TokenError),
+)
+
+
+def load_arrays(
+    path: str | os.PathLike[str], wanted: Collection[str] | None = None, *, max_bytes: int = MAX_BYTES
+) -> dict[str, Array]:
+    """The arrays of an NPZ file by name.
+
+    Args:
+        path: the file. wanted: read only these, where they are there; None = all.
+        max_bytes: refuse files that declare more.
+
+    Raises:
+        LogError: the file cannot be read, is damaged, would fill the memory, or holds Python objects.
+    """
+    file = os.fspath(path)
+    try:
+        with zipfile.ZipFile(file) as archive:
+            members = archive.infolist()
+            _check_directory(members, os.path.getsize(file), max_bytes, file)
+            chosen = {_array_name(member): member for member in members}
+            return {
+                name: _read(archive, member, name, file)
+                for name, member in chosen.items()
+                if wanted is None or name in wanted
+            }
+    except zipfile.BadZipFile as error:
+        raise LogError(f"is not an NPZ file, or is cut short: {error}", file=file, remedy=_WRITE_AGAIN) from error
+    except _DAMAGE as error:
+        words = getattr(error, "strerror", None) or error
+        raise LogError(f"cannot be read: {words}", file=file, remedy="check the path and the file") from error
+
+
+def _array_name(member: zipfile.ZipInfo) -> str:
+    return member.filename.removesuffix(".npy")
+
+
+def _check_directory(members: list[zipfile.ZipInfo], file_bytes: int, max_bytes: int, file: str) -> None:
+    """Refuse hostile or damaged directories from what they declare, before anything is unpacked."""
+    for member in members:
+        name = member.filename
+        if "/" in name or "\\" in name or ".." in name:
+            raise LogError(f"unsafe array name {name!r}", file=file, remedy="name arrays without slashes and '..'")
+        if member.compress_size > file_bytes:
+            raise LogError("is larger than the file it is in", file=file, field=name, remedy=_WRITE_AGAIN)
+        if member.file_size > max(SMALL, MAX_RATIO * member.compress_size):
+            remedy = f"more than {MAX_RATIO} times looks like a decompression bomb; {_WRITE_AGAIN}"
+            raise LogError(f"unpacks to {member.file_size} bytes", file=file, field=name, remedy=remedy)
+    if len({member.filename for member in members}) < len(members):
+        raise LogError("has two arrays of one name", file=file, remedy=_WRITE_AGAIN)
+    total = sum(member.file_size for member in members)
+    if total > max_bytes:
+        remedy = f"the limit is {max_bytes} bytes; split the log"
+        raise LogError(f"declares {total} bytes of arrays", file=file, remedy=remedy)
+
+
+def _read(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, file: str) -> Array:
+    with archive.open(member) as stream:
+        _check_header(stream, member, name, file)
+    with archive.open(member) as stream:
+        return np.lib.format.read_array(stream, allow_pickle=False)
+
+
+def _check_header(stream: IO[bytes], member: zipfile.ZipInfo, name: str, file: str) -> None:
+    """The array's header must promise exactly the bytes that the member has."""
+    version = np.lib.format.read_magic(stream)
+    if version == (1, 0):
+        shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+    elif version == (2, 0):
+        shape, _, dtype = np.lib.format.read_array_header_2_0(stream)
+    else:  # 3.0 exists for structured arrays with non-Latin field names, which no log has
+        raise LogError(f"has NPY version {version}", file=file, field=name, remedy="save plain arrays of numbers")
+    if dtype.hasobject:
+        raise LogError("holds Python objects", file=file, field=name, remedy="save plain arrays of numbers")
+    promised = stream.tell() + prod(shape) * dtype.itemsize
+    if promised != member.file_size:
+        message = f"its header promises {promised} bytes, the file has {member.file_size}"
+        raise LogError(message, file=file, field=name, remedy=_WRITE_AGAIN)

@@ -1,0 +1,158 @@
+"""Strict reading of single TOML fields: each value has its type, shape and range, or a SetupError that names it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.errors import SetupError
+from ftbias_jax.types import Array
+
+
+class Section(NamedTuple):
+    """One TOML table and where it stands."""
+
+    values: Mapping[str, Any]
+    name: str
+    """Dotted, such as ``robot.flange``; "" for the whole file."""
+    file: str
+
+    def path(self, key: str) -> str:
+        """Full name of a key."""
+        return f"{self.name}.{key}" if self.name else key
+
+    def error(self, key: str, message: str, remedy: str) -> SetupError:
+        """The error to raise about a key."""
+        return SetupError(message, file=self.file, field=self.path(key), remedy=remedy)
+
+
+class Range(NamedTuple):
+    """What a number may be, in words for the message and as a bound."""
+
+    words: str
+    lowest: float = -np.inf
+    open: bool = False
+    """The bound itself is outside."""
+
+    def holds(self, values: Array) -> bool:
+        """Whether all values lie inside."""
+        return bool(np.all(values > self.lowest if self.open else values >= self.lowest))
+
+
+ANY = Range("finite")
+NOT_NEGATIVE = Range("0 or more", 0.0)
+POSITIVE = Range("greater than 0", 0.0, open=True)
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Remedy for a name that is not known: the nearest known one, or all of them."""
+    choices = sorted(known)
+    close = difflib.get_close_matches(name, choices, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(choices)}"
+
+
+def show(value: object, length: int = 60) -> str:
+    """A value for a message, shortened to one line."""
+    text = repr(value)
+    return text if len(text) <= length else f"{text[: length - 3]}..."
+
+
+def check_keys(section: Section, known: Collection[str]) -> Section:
+    """The section itself, if all its keys are known."""
+    for key in section.values:
+        if key not in known:
+            raise section.error(key, "unknown key", nearest(key, known))
+    return section
+
+
+def subsection(parent: Section, key: str, known: Collection[str], *, required: bool = False) -> Section:
+    """The table at a key with only known keys; an absent optional one is empty."""
+    if required and key not in parent.values:
+        raise parent.error(key, "missing section", f"add [{parent.path(key)}]")
+    return check_keys(table(parent, key), known)
+
+
+def table(parent: Section, key: str) -> Section:
+    """The table at a key, with any keys; empty if absent."""
+    values = parent.values.get(key, {})
+    if not isinstance(values, Mapping):
+        raise parent.error(key, f"expected a table, got {show(values)}", f"write it as [{parent.path(key)}]")
+    return Section(values, parent.path(key), parent.file)
+
+
+def require(section: Section, key: str, remedy: str) -> Any:
+    """The value at a key that must be there."""
+    if key not in section.values:
+        raise section.error(key, "missing key", remedy)
+    return section.values[key]
+
+
+def text(section: Section, key: str, default: str, choices: Collection[str] = ()) -> str:
+    """A string, one of the choices if there are any."""
+    value = section.values.get(key, default)
+    if not isinstance(value, str):
+        raise section.error(key, f"expected a string, got {show(value)}", 'write it as "..."')
+    if choices and value not in choices:
+        raise section.error(key, f"unknown value {show(value)}", nearest(value, choices))
+    return value
+
+
+def names(section: Section, key: str, size: int) -> tuple[str, ...]:
+    """A list of ``size`` different strings that must be there."""
+    value = require(section, key, f"give {size} names")
+    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+        raise section.error(key, f"expected a list of strings, got {show(value)}", f"give {size} names")
+    if len(value) != size:
+        raise section.error(key, f"has {len(value)} names", f"give {size}")
+    repeated = next((item for item in value if value.count(item) > 1), None)
+    if repeated is not None:
+        raise section.error(key, f"the name {show(repeated)} is there twice", f"give {size} different names")
+    return tuple(value)
+
+
+def vector(
+    section: Section, key: str, size: int, default: Array | None = None, *, within: Range = ANY, expand: bool = False
+) -> Array:
+    """Numbers as a read-only (size,) float64 array.
+
+    Args:
+        section, key: where the value is. size: of the result. default: the value if the key is absent; None = required.
+        within: the range of every number.
+        expand: one number stands for all; of six, two stand for three forces and three torques.
+    """
+    sizes = {size} | ({1} if expand or size == 1 else set()) | ({2} if expand and size == 6 else set())
+    remedy = f"give {_spell(sizes)}, each {within.words}"
+    value = require(section, key, remedy) if default is None else section.values.get(key, default)
+    flat = value if isinstance(value, list | tuple | np.ndarray) else [value]
+    if not all(isinstance(item, int | float) and not isinstance(item, bool) for item in flat):
+        raise section.error(key, f"expected numbers, got {show(value)}", remedy)
+    if len(flat) not in sizes:
+        raise section.error(key, f"has {len(flat)} numbers", remedy)
+    numbers = _floats(flat)
+    if not np.isfinite(numbers).all() or not within.holds(numbers):
+        raise section.error(key, f"got {show(value)}", remedy)
+    result = np.array(np.repeat(numbers, size // len(flat)))
+    result.setflags(write=False)
+    return result
+
+
+def scalar(section: Section, key: str, *, within: Range = ANY) -> float:
+    """One number that must be there."""
+    if isinstance(section.values.get(key), list):
+        raise section.error(key, f"expected one number, got {show(section.values[key])}", "write it without brackets")
+    return float(vector(section, key, 1, within=within)[0])
+
+
+def _floats(items: Iterable[float]) -> Array:
+    try:
+        return np.array([float(item) for item in items])
+    except OverflowError:  # TOML integers are unbounded
+        return np.array([np.inf])
+
+
+def _spell(sizes: set[int]) -> str:
+    words = {1: "one number", 2: "two (force, torque)"}
+    return " or ".join(words.get(size, f"{size} numbers") for size in sorted(sizes))

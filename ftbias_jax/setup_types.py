@@ -1,0 +1,118 @@
+"""The setup as frozen dataclasses of read-only float64 arrays: what the robot's owner believes.
+
+Equality is identity, because arrays do not compare to one truth value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ftbias_jax.types import Array
+
+REPORTS = ("wrench_on_tool", "wrench_on_sensor")
+JOINT_MODELS = ("integrated_jerk", "integrated_acceleration", "acceleration")
+SCREWS = "screws"
+"""``RobotSetup.model`` of a robot that is not built in."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotSetup:
+    """A serial arm and the gravity it stands in."""
+
+    screws: Array
+    """(n, 6) screw axes at q = 0, base frame, (linear; angular): (-s x r; s) if revolute, (d; 0) if prismatic."""
+    joint_names: tuple[str, ...]
+    """n names, in the order of the screws."""
+    flange_translation: Array
+    """(3,) m, flange origin at q = 0, base frame."""
+    flange_rotation: Array
+    """(3, 3) flange frame at q = 0 in the base frame: R v_flange = v_base."""
+    gravity: Array
+    """(3,) m/s^2, base frame, pointing down."""
+    model: str = SCREWS
+    """Name of a built-in robot, or "screws"."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorSetup:
+    """The force-torque sensor and how it is mounted."""
+
+    translation: Array
+    """(3,) m, sensor origin in the flange frame."""
+    rotation: Array
+    """(3, 3) sensor frame in the flange frame: R v_sensor = v_flange."""
+    noise_std: Array
+    """(6,) N and Nm, standard deviation of one sample."""
+    reports: str = "wrench_on_tool"
+    """One of REPORTS. The readers of logs flip the sign of "wrench_on_sensor"; nothing after them looks at it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ToolSetup:
+    """Everything distal of the sensor, as one rigid body."""
+
+    mass: float
+    """kg."""
+    center_of_mass: Array
+    """(3,) m, sensor frame."""
+    inertia: Array
+    """(6,) kg m^2: Ixx Ixy Ixz Iyy Iyz Izz about the centre of mass, sensor axes."""
+
+
+@dataclass(frozen=True, eq=False)
+class BiasSetup:
+    """Prior of the bias process; each (6,) array is force, then torque."""
+
+    noise_density: Array
+    """(6,) sigma_Q: N/s^1.5 and Nm/s^1.5."""
+    initial_std: Array
+    """(6,) N and Nm."""
+    initial_drift_std: Array
+    """(6,) N/s and Nm/s."""
+    initial: Array
+    """(6,) N and Nm; the report's sign: unbiased = measured + bias."""
+    initial_drift: Array
+    """(6,) N/s and Nm/s."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointSetup:
+    """Noise of the joint filter (m instead of rad for a prismatic joint)."""
+
+    model: str
+    """One of JOINT_MODELS."""
+    process_noise_density: Array | None
+    """(n,) rad/s^2.5 for integrated_jerk, rad/s^1.5 for integrated_acceleration, rad/s^2 for acceleration; None = the
+    likeliest one for each log."""
+    position_noise_std: Array
+    """(n,) rad."""
+    velocity_noise_std: Array
+    """(n,) rad/s."""
+    initial_std: Array
+    """(3,) rad, rad/s, rad/s^2."""
+
+
+@dataclass(frozen=True, eq=False)
+class LogSetup:
+    """How to find things in a log that does not use the native names."""
+
+    columns: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
+    """CSV columns of "time", "temperature" (one name) and "position", "velocity", "wrench" (n, n and 6 names)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """Everything a setup file says."""
+
+    robot: RobotSetup
+    sensor: SensorSetup
+    tool: ToolSetup
+    bias: BiasSetup
+    joints: JointSetup
+    log: LogSetup = field(default_factory=LogSetup)
+    effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """[effects.NAME] as written; the catalogue of effects checks names and keys."""
+    path: str = ""
+    """The file it was read from, for messages; "" = from memory."""

@@ -1,0 +1,96 @@
+"""The pipeline in three stages over a whole log: all joints in one scan, kinematics by vmap, six axes in one scan.
+
+Equal to ``pipeline.run`` to round-off and several times faster, forward and in reverse. It holds while the axes of the
+bias filter are independent: no Sigma_D, and a joint uncertainty that is not "full". The kinematics have no memory, so
+effects that need the whole log act between the stages.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from ftbias_jax.noise import JOINT_MODELS, drift_noise
+from ftbias_jax.pipeline import Options, Params, State, covariance_of_joints, predict_wrench
+from ftbias_jax.recursion import Inputs, Track, filter_scan
+from ftbias_jax.types import Array, Gaussian, Sample
+from ftbias_jax.wrench import joint_sensitivity
+
+
+class Staged(NamedTuple):
+    """The pipeline at every sample."""
+
+    joint: Track
+    """Of the joints: states (T, 3, n)."""
+    wrench: Track
+    """Of the axes of the bias: states (bias, drift) (T, 2, 6)."""
+    wrench_tool: Array
+    """(T, 6) D theta, N and Nm, sensor frame."""
+
+
+def applies(params: Params, options: Options) -> bool:
+    """Whether the axes are independent, so that this route equals ``pipeline.run``; structure decides, not values."""
+    return params.bias.data_variance is None and options.joint_uncertainty != "full"
+
+
+@partial(jax.jit, static_argnames="options")
+def run(params: Params, state: State, samples: Sample, options: Options) -> tuple[State, Staged]:
+    """Filter a whole log; arguments as for ``pipeline.run``.
+
+    Returns:
+        the last state and the track of every sample.
+    """
+    joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
+    wrench_tool, variance = predict_wrenches(params, joint, options)
+    wrench = filter_scan(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
+    return _last_state(joint, wrench), Staged(joint, wrench, wrench_tool)
+
+
+def joint_inputs(params: Params, state: State, samples: Sample) -> Inputs:
+    """The joint filters as a recursion: n filters of three states and two measurements."""
+    noise = params.joint
+    y = jnp.stack([samples.q, samples.dq], 1)
+    variance = jnp.stack([noise.position_std, noise.velocity_std]) ** 2
+    restart = jnp.broadcast_to((noise.prior_std**2)[:, None], (3, y.shape[2]))
+    mean, covariance = state.joint.mean.T, jnp.moveaxis(state.joint.covariance, 0, -1)
+    return Inputs(samples.dt, noise.process_density, y, jnp.broadcast_to(variance, y.shape), mean, covariance, restart)
+
+
+def bias_inputs(params: Params, state: State, samples: Sample, wrench_tool: Array, variance: Array) -> Inputs:
+    """The bias filter as a recursion: six filters of two states and one measurement, y = D theta - W.
+
+    Args:
+        params, state, samples: of the pipeline. wrench_tool: (T, 6) D theta. variance: (T, 6) diagonal of R.
+    """
+    y = (wrench_tool - samples.wrench)[:, None]
+    axis = jnp.arange(6)
+    blocks = state.bias.covariance.reshape(2, 6, 2, 6)[:, axis, :, axis]  # (6, 2, 2): axes do not mix
+    never = jnp.full((2, 6), jnp.inf, y.dtype)
+    mean, covariance = state.bias.mean.reshape(2, 6), jnp.moveaxis(blocks, 0, -1)
+    return Inputs(samples.dt, params.bias.density, y, variance[:, None], mean, covariance, never)
+
+
+def predict_wrenches(params: Params, joint: Track, options: Options) -> tuple[Array, Array]:
+    """Wrench of the tool D theta (T, 6) and the diagonal of R (T, 6) along a track of the joints."""
+
+    def one(mean: Array, covariance: Array) -> tuple[Array, Array]:
+        motion, wrench_tool = predict_wrench(params, mean)
+        if options.joint_uncertainty == "none":
+            return wrench_tool, jnp.zeros_like(wrench_tool)
+        G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
+        return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal"))
+
+    wrench_tool, variance = jax.vmap(one)(jnp.swapaxes(joint.mean, 1, 2), jnp.moveaxis(joint.covariance, -1, 1))
+    return wrench_tool, variance + params.bias.wrench_variance
+
+
+def _last_state(joint: Track, wrench: Track) -> State:
+    blocks = wrench.covariance[-1]
+    bias_covariance = jnp.block([[jnp.diag(entry) for entry in row] for row in blocks])
+    return State(
+        Gaussian(joint.mean[-1].T, jnp.moveaxis(joint.covariance[-1], -1, 0)),
+        Gaussian(wrench.mean[-1].reshape(-1), bias_covariance),
+    )
