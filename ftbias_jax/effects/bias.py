@@ -49,11 +49,7 @@ EFFECTS = (
     Effect(
         "temperature_drift",
         "bias",
-        (
-            Parameter(
-                "per_kelvin", "N/K, Nm/K", "bias gained per degree", (6,), -1e3, 1e3, 0.0, 0.05 * _NEWTON
-            ),
-        ),
+        (Parameter("per_kelvin", "N/K, Nm/K", "bias gained per degree", (6,), -1e3, 1e3, 0.0, 0.05 * _NEWTON),),
         "the bias follows the sensor's temperature",
         "record the temperature and keep this correction, or hold it constant",
         reading=temperature_drift,

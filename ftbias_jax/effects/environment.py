@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ftbias_jax.effects.recursions import rung
 from ftbias_jax.effects.tool import data_sheet
@@ -28,7 +29,7 @@ def cable(values: EffectValues, signals: Signals, wrench: Array) -> Array:
         R_base_sensor = rotations[-1] @ arm.zero_rotation
         tool = rotations[-1] @ arm.zero_position + positions[-1] + R_base_sensor @ attachment
         span = R_base_sensor.T @ (anchor - tool)
-        length = jnp.sqrt(jnp.maximum(span @ span, jnp.finfo(span.dtype).tiny))
+        length = jnp.sqrt(jnp.maximum(span @ span, np.finfo(span.dtype).tiny))
         tension = values["stiffness"] * jnp.maximum(length - values["rest_length"], 0)
         force = tension / length * span
         return jnp.concatenate([force, jnp.cross(attachment, force)])
@@ -68,6 +69,10 @@ def static_wrench(signals: Signals) -> Array:
     return jax.vmap(tool_wrench, (None, None, None, 0, 0, 0))(*signals.model, signals.q, rest, rest)
 
 
+def _check_contact(values: EffectValues) -> str:
+    return "" if (values["end"] > values["start"]).all() else "an event ends before it starts"
+
+
 def _center_of_mass(model: Model) -> Array:
     return data_sheet(model.theta)[1]
 
@@ -82,9 +87,7 @@ FLEXIBILITY = (
         "tool_flexibility",
         "environment",
         (
-            Parameter(
-                "frequency", "Hz", "undamped", (), 0.1, float("inf"), float("inf"), 10.0, search=True
-            ),
+            Parameter("frequency", "Hz", "undamped", (), 0.1, float("inf"), float("inf"), 10.0, search=True),
             Parameter("damping_ratio", "1", "share of critical damping", (), 0.0, 0.99, 0.05, 0.0, search=True),
         ),
         "the tool or its mounting swings at one frequency after accelerations",
@@ -172,6 +175,7 @@ EFFECTS = (
         "something touched the tool for a while",
         "leave these intervals out, or keep people and objects away while recording",
         reading=contact,
+        check=_check_contact,
         twins=(Twin("bias_jump", False, "a contact that does not end looks like a jump: record longer"),),
     ),
 )

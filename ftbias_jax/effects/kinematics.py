@@ -63,6 +63,10 @@ def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Arr
     return turn_wrench(rotation_matrix(values["rotation"]), wrench)
 
 
+def _check_gravity(values: EffectValues) -> str:
+    return "" if values["gravity"].any() else "gravity without a direction"
+
+
 def _gravity(model: Model) -> Array:
     return model.gravity
 
@@ -79,6 +83,7 @@ EFFECTS = (
         "the robot's base is not level as the setup says",
         "level the base, or correct robot.gravity in the setup",
         transform=gravity_tilt,
+        check=_check_gravity,
         twins=(
             Twin("encoder_offset", False, "move joint 1 through half a turn: an offset of joint 2 turns with it"),
             Twin("mount_rotation", False, "turn the wrist: gravity stays in the world, the mounting in the sensor"),

@@ -81,7 +81,11 @@ EFFECTS = (
     Effect(
         "hysteresis",
         "sensor",
-        (Parameter("width", "N, Nm", "width of the loop, channel by channel", (6,), 0.0, 1e4, 0.0, [0.1] * 3 + [5e-3] * 3),),
+        (
+            Parameter(
+                "width", "N, Nm", "width of the loop, channel by channel", (6,), 0.0, 1e4, 0.0, [0.1] * 3 + [5e-3] * 3
+            ),
+        ),
         "the reading depends on whether the load rises or falls",
         "check the mounting bolts; otherwise it is the sensor's hysteresis class",
         reading=hysteresis,
@@ -114,7 +118,11 @@ DELAY = (
     Effect(
         "time_delay",
         "sensor",
-        (Parameter("delay", "s", "age of the wrench at its stamp; negative = the joints are late", (), -1, 2, 0, 0.01),),
+        (
+            Parameter(
+                "delay", "s", "age of the wrench at its stamp; negative = the joints are late", (), -1, 2, 0, 0.01
+            ),
+        ),
         "wrench and joint states are not stamped at the same time",
         "use the hardware's stamps or shift the stamps of one stream",
         reading=time_delay,

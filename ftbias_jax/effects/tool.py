@@ -68,11 +68,7 @@ EFFECTS = (
     Effect(
         "tool_com",
         "tool",
-        (
-            Parameter(
-                "center_of_mass", "m", "centre of mass, sensor frame", (3,), -10.0, 10.0, _center_of_mass, 0.006
-            ),
-        ),
+        (Parameter("center_of_mass", "m", "centre of mass, sensor frame", (3,), -10.0, 10.0, _center_of_mass, 0.006),),
         "the tool's centre of mass is not where the setup says",
         REMEDY,
         transform=tool_com,

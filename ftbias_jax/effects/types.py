@@ -123,6 +123,8 @@ class Effect(NamedTuple):
     widen: Widen | None = None
     """For a recording effect that acts like noise: how much."""
     twins: tuple[Twin, ...] = ()
+    check: Callable[[EffectValues], str] | None = None
+    """What is wrong with values that are within their bounds, or ""."""
     needs: tuple[str, ...] = ()
     """Columns a log must have for the effect to be visible, beyond t, q and wrench."""
 
