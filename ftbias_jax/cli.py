@@ -41,6 +41,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"ftbias {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_filter(commands)
+    _add_simulate(commands)
     _add_demo(commands)
     return parser
 
@@ -55,6 +56,31 @@ def _add_filter(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
     parser.add_argument("-o", "--output", required=True, metavar="OUT.npz", help="where to write the result")
     parser.add_argument("--plot", metavar="OUT.png", help="also draw bias and residual (needs the extra 'plot')")
+
+
+def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "simulate",
+        help="make a log with known truth, with any effects",
+        description="Simulate a log of the setup's robot, sensor and tool, and write what is true to another file.",
+        epilog="Example: ftbias simulate --setup SETUP.toml --effect tool_mass:mass=0.8 --effect time_delay -o LOG.npz",
+    )
+    parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool, noise and effects")
+    parser.add_argument("-o", "--output", required=True, metavar="LOG.npz", help="where to write the log")
+    parser.add_argument("--truth", metavar="FILE", help=".npz or .json with the truth (default: LOG_truth.npz)")
+    parser.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME[:key=value,...]",
+        help="what the setup does not know; vectors as 1/2/3; typical values if none are given; may be repeated",
+    )
+    parser.add_argument("--duration", type=_positive, default=60.0, metavar="S", help="seconds (%(default)s)")
+    parser.add_argument("--rate", type=_positive, default=500.0, metavar="HZ", help="samples a second (%(default)s)")
+    parser.add_argument(
+        "--motion", default="sines", metavar="sines|moves|FILE", help="motion, or a log to replay (%(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random numbers (%(default)s)")
 
 
 def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
