@@ -36,6 +36,24 @@ def predict(state: Gaussian, transition: Array, process_noise: Array) -> Gaussia
     return Gaussian(transition @ state.mean, symmetrise(covariance))
 
 
+def rts_step(filtered: Gaussian, predicted: Gaussian, smoothed: Gaussian, transition: Array) -> Gaussian:
+    """One step back of the Rauch-Tung-Striebel smoother (1965), its covariance as a sum of squares.
+
+    Args:
+        filtered: state at i. predicted: state at i + 1 before its measurement. smoothed: state at i + 1 given all.
+        transition: (k, k) A from i to i + 1.
+
+    Returns:
+        the state at i given all measurements.
+    """
+    cholesky = jnp.linalg.cholesky(predicted.covariance)
+    gain = cho_solve((cholesky, True), transition @ filtered.covariance).T
+    keep = jnp.eye(filtered.mean.shape[0], dtype=filtered.mean.dtype) - gain @ transition
+    process_noise = predicted.covariance - transition @ filtered.covariance @ transition.T
+    covariance = keep @ filtered.covariance @ keep.T + gain @ (smoothed.covariance + process_noise) @ gain.T
+    return Gaussian(filtered.mean + gain @ (smoothed.mean - predicted.mean), symmetrise(covariance))
+
+
 def update(state: Gaussian, measurement: Array, observation: Array, noise: Array) -> tuple[Gaussian, Innovation]:
     """Correct a state by y = C x + n, n ~ N(0, R), in Joseph's form (Bucy and Joseph 1968).
 
@@ -54,7 +72,7 @@ def update(state: Gaussian, measurement: Array, observation: Array, noise: Array
     # A dropped entry becomes an independent unit-variance measurement whose innovation is zero.
     residual = jnp.where(measured, jnp.where(measured, measurement, 0) - predicted, 0)
     C = jnp.where(measured[:, None], observation, 0)
-    R = jnp.where(measured[:, None] & measured, noise, jnp.eye(measurement.shape[0], dtype=noise.dtype))
+    R = jnp.where(measured[:, None] & measured[None], noise, jnp.eye(measurement.shape[0], dtype=noise.dtype))
     S = symmetrise(C @ state.covariance @ C.T) + R
     cholesky = jnp.linalg.cholesky(S)
     gain = cho_solve((cholesky, True), C @ state.covariance).T

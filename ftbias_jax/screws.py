@@ -100,7 +100,7 @@ def exponentials(arm: Arm, q: Array) -> tuple[Array, Array]:
     """
     sin, versine = jnp.sin(q)[:, None], 2 * jnp.sin(q / 2)[:, None] ** 2  # 1 - cos q without cancellation
     remainder = q[:, None] - sin
-    rotation = jnp.eye(3, dtype=q.dtype) + sin[..., None] * arm.skew + versine[..., None] * arm.skew_squared
+    rotation = jnp.eye(3, dtype=q.dtype)[None] + sin[..., None] * arm.skew + versine[..., None] * arm.skew_squared
     position = q[:, None] * arm.linear + versine * arm.skew_linear + remainder * arm.skew_squared_linear
     return rotation, position
 
@@ -145,9 +145,9 @@ def sensor_hessian(arm: Arm, q: Array) -> Array:
     jacobian = sensor_jacobian(arm, q)
     linear, angular = jacobian[:3].T, jacobian[3:].T
     index = jnp.arange(q.shape[0])
-    first, last = jnp.minimum(index[:, None], index), jnp.maximum(index[:, None], index)
+    first, last = jnp.minimum(index[:, None], index[None]), jnp.maximum(index[:, None], index[None])
     linear_rows = jnp.cross(angular[first], linear[last])
-    before = (index[:, None] < index)[..., None]
+    before = (index[:, None] < index[None])[..., None]
     angular_rows = jnp.where(before, jnp.cross(angular[:, None], angular[None, :]), 0)
     return jnp.swapaxes(jnp.concatenate([linear_rows, angular_rows], -1), 1, 2)
 

@@ -82,7 +82,7 @@ def measurement_covariance(theta: Array, data_variance: Array | None, wrench_var
     if data_variance is None:
         return jnp.diag(wrench_variance)
     B = reduced_observation_matrix(theta)
-    return (B * data_variance) @ B.T + jnp.diag(wrench_variance)
+    return (B * data_variance[None]) @ B.T + jnp.diag(wrench_variance)
 
 
 def joint_sensitivity(theta: Array, R_base_sensor: Array, jacobian: Array, gravity: Array) -> tuple[Array, Array]:

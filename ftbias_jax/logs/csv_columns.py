@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from ftbias_jax.errors import LogError
@@ -61,7 +61,7 @@ def usual_names(joint_names: Sequence[str]) -> dict[str, list[Names]]:
     }
 
 
-def _choose(quantity: str, usual: Iterable[Names], header: Sequence[str], setup: Setup, file: str) -> Names:
+def _choose(quantity: str, usual: Sequence[Names], header: Sequence[str], setup: Setup, file: str) -> Names:
     declared = setup.log.columns.get(quantity, ())
     names = (declared,) if isinstance(declared, str) else declared
     for name in names:
@@ -73,7 +73,8 @@ def _choose(quantity: str, usual: Iterable[Names], header: Sequence[str], setup:
     present = next((candidate for candidate in usual if set(candidate) <= set(header)), ())
     if present and not _one_more(present, header):
         return present
-    if quantity in ("velocity", "temperature") and not present:
+    some = any(name in header for candidate in usual for name in candidate)
+    if quantity in ("velocity", "temperature") and not some:  # some, but not all, is a mistake to report
         return ()
     raise _not_found(quantity, usual, header, file)
 
@@ -84,7 +85,7 @@ def _one_more(names: Names, header: Sequence[str]) -> bool:
     return last != letter and letter in ("q", "dq") and f"{letter}{int(last[len(letter) :]) + 1}" in header
 
 
-def _not_found(quantity: str, usual: Iterable[Names], header: Sequence[str], file: str) -> LogError:
+def _not_found(quantity: str, usual: Sequence[Names], header: Sequence[str], file: str) -> LogError:
     wanted = " or ".join(" ".join(names) for names in usual)
     found = ", ".join(header[:40]) + (", ..." if len(header) > 40 else "")
     example = '"..."' if quantity == "time" else '["...", ...]'

@@ -1,0 +1,117 @@
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import hypothesis
+import jax
+import numpy as np
+import pytest
+
+from ftbias_jax.bias_filter import BiasNoise
+from ftbias_jax.joint_filter import JointNoise
+from ftbias_jax.pipeline import Params
+from ftbias_jax.robots import built_in_robot, prismatic_screw, revolute_screw
+from ftbias_jax.rotations import rotation_from_rpy
+from ftbias_jax.screws import Arm, make_arm
+from ftbias_jax.types import Array, Sample
+
+# The tests run in float64 and forbid silent broadcasting; the package itself touches no flag (test_layers.py).
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+hypothesis.settings.register_profile("repeatable", deadline=None, max_examples=25, derandomize=True)
+hypothesis.settings.load_profile("repeatable")
+
+
+class Moving(NamedTuple):
+    """An arm in motion: joint positions, velocities and accelerations (n,)."""
+
+    arm: Arm
+    q: Array
+    dq: Array
+    ddq: Array
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The recorded and simulated logs that a newcomer's checkout does not have."""
+    shared = os.environ.get("FTBIAS_SHARED") or Path(__file__).parents[1] / ".." / "shared"
+    data = Path(shared) / "data"
+    if not data.is_dir():
+        pytest.skip(f"no logs in {data}: set FTBIAS_SHARED to the folder that has data/")
+    return data
+
+
+def random_arm(seed: int, kinds: str) -> Arm:
+    """An arm of random geometry; kinds has a letter per joint, "R" (revolute) or "P" (prismatic)."""
+    rng = np.random.default_rng(seed)
+    axes = rng.normal(size=(len(kinds), 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    points = rng.uniform(-0.4, 0.4, axes.shape)
+    screws = [
+        revolute_screw(axis, point) if kind == "R" else prismatic_screw(axis)
+        for kind, axis, point in zip(kinds, axes, points, strict=True)
+    ]
+    return make_arm(np.stack(screws), rng.uniform(-0.5, 0.5, 3), rotation_from_rpy(rng.uniform(-1, 1, 3)))
+
+
+@pytest.fixture(scope="session")
+def panda() -> Arm:
+    robot = built_in_robot("panda")
+    return make_arm(robot.screws, robot.flange_translation, robot.flange_rotation)
+
+
+@pytest.fixture(scope="session", params=["panda", "seven revolute joints", "six joints, two of them prismatic"])
+def arm(request: pytest.FixtureRequest, panda: Arm) -> Arm:
+    return {
+        "panda": panda,
+        "seven revolute joints": random_arm(1, "RRRRRRR"),
+        "six joints, two of them prismatic": random_arm(2, "RPRRPR"),
+    }[request.param]
+
+
+@pytest.fixture(scope="session")
+def moving(arm: Arm) -> Moving:
+    """One of the arms in a random state; joints turn by less than two radians."""
+    return Moving(arm, *np.random.default_rng(3).uniform(-2, 2, (3, arm.linear.shape[0])))
+
+
+@pytest.fixture(scope="session")
+def params() -> Params:
+    """A small arm (quick to compile) with a tool; every leaf has a value of its own, so that a mix-up shows."""
+    rng = np.random.default_rng(4)
+
+    def spread(scale: Array, n: int) -> Array:
+        return np.asarray(scale) * rng.uniform(0.5, 2.0, n)
+
+    theta = np.array([0.9, 0.02, -0.03, 0.06, 0.011, 1e-3, -2e-3, 0.013, 5e-4, 0.009])
+    force_torque = np.repeat([1.0, 0.05], 3)
+    joint = JointNoise(spread(20, 3), spread(1e-4, 3), spread(2e-3, 3), np.array([0.3, 1.0, 10.0]))
+    bias = BiasNoise(
+        spread(2e-2 * force_torque, 6),
+        spread(1e-3, 36),
+        spread(0.1 * force_torque, 6) ** 2,
+        rng.normal(size=12),
+        spread(np.concatenate([force_torque, 0.1 * force_torque]), 12),
+    )
+    gravity = np.array([1.0, -2.0, -9.5])
+    return jax.tree.map(jax.numpy.asarray, Params(random_arm(5, "RPR"), gravity, theta, joint, bias))
+
+
+@pytest.fixture(scope="session")
+def samples() -> Sample:
+    """A log of 40 samples for the small arm: irregular stamps, and every kind of missing measurement."""
+    rng = np.random.default_rng(6)
+    count = 40
+    dt = np.r_[0.0, rng.uniform(0.002, 0.02, count - 1)]
+    t = np.cumsum(dt)[:, None]
+    q = 0.5 * np.sin(2 * t + [0, 1, 2]) + 1e-4 * rng.normal(size=(count, 3))
+    dq = np.cos(2 * t + [0, 1, 2]) + 2e-3 * rng.normal(size=(count, 3))
+    wrench = 3 * rng.normal(size=6) + np.repeat([0.3, 0.02], 3) * rng.normal(size=(count, 6))
+    dq[5:9] = np.nan  # a stream that stops
+    q[12, 1] = np.nan  # one joint
+    wrench[3::4] = np.nan  # a stream at a lower rate
+    wrench[20:30, 2] = np.nan  # one axis
+    for stream in (q, dq, wrench):
+        stream[33] = np.nan  # a whole sample
+    return Sample(*(jax.numpy.asarray(x) for x in (dt, q, dq, wrench)))
