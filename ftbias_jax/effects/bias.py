@@ -16,18 +16,18 @@ _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
 
 def warmup(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """b + amplitude (1 - exp(-t / tau)), t from the start of the log."""
-    return wrench - values["amplitude"] * -jnp.expm1(-signals.t / values["tau"])[:, None]
+    return wrench + jnp.expm1(-signals.t / values["tau"])[:, None] * values["amplitude"][None]
 
 
 def temperature_drift(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """b + per_kelvin (temperature - its first value)."""
     warmer = signals.temperature - signals.temperature[0]
-    return wrench - values["per_kelvin"] * warmer[:, None]
+    return wrench - warmer[:, None] * values["per_kelvin"][None]
 
 
 def bias_jump(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """b + amplitude from the stated time on."""
-    return wrench - jnp.where(signals.t >= values["time"], 1, 0)[:, None] * values["amplitude"]
+    return wrench - jnp.where(signals.t >= values["time"], 1, 0)[:, None] * values["amplitude"][None]
 
 
 EFFECTS = (

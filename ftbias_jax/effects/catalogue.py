@@ -144,17 +144,13 @@ def _check_parameter(parameter: Parameter, raw: Any, error: MakeError) -> Array:
 def _shape(parameter: Parameter, value: Array) -> Array | None:
     """The value in the parameter's shape, or None if it has another number of values."""
     shape = parameter.shape
-    if value.ndim not in (0, 1, len(shape)):
-        return None
-    if value.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, value.shape, strict=True)):
-        return value
-    if shape == (6,) and value.size in (1, 2):
+    if shape == (6,) and value.size in (1, 2) and value.ndim < 2:
         return np.repeat(value.ravel(), 6 // value.size)
-    size = int(np.prod(np.abs(shape)))
-    if value.ndim == len(shape) > 1 or value.size == 0:
-        return None
-    fits = value.size % size == 0 if -1 in shape else value.size == size
-    return value.reshape(shape) if fits else None
+    nested = value.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, value.shape, strict=True))
+    size = abs(int(np.prod(shape)))
+    counted = value.size % size == 0 if -1 in shape else value.size == size
+    flat = value.ndim < 2 and counted
+    return value.reshape(shape) if value.size and (nested or flat) else None
 
 
 def _check_events(effect: Effect, values: EffectValues, error: MakeError) -> None:

@@ -41,8 +41,8 @@ def contact(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """Something touches the tool for a while: half sines of force, fixed in the base frame, at points of the tool."""
     start, end = values["start"], values["end"]
     lasting = jnp.where(end > start, end - start, 1)
-    phase = (signals.t[:, None] - start) / lasting
-    touching = (phase > 0) & (phase < 1) & (end > start)
+    phase = (signals.t[:, None] - start[None]) / lasting[None]
+    touching = (phase > 0) & (phase < 1) & (end > start)[None]
     size = jnp.where(touching, jnp.sin(jnp.pi * jnp.clip(phase, 0, 1)), 0)
 
     def push(q: Array, size: Array) -> Array:

@@ -52,7 +52,7 @@ def offset_vector(joint: Array, offset: Array, n: int) -> Array:
 
 def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
     """True joint angles from the recorded ones, with an offset (n,) rad at every joint."""
-    return signals._replace(q=signals.q - offsets)
+    return signals._replace(q=signals.q - offsets[None])
 
 
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:

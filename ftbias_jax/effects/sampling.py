@@ -14,43 +14,43 @@ _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
 
 def noise_level(values: EffectValues, key: Array, record: Record) -> Record:
     """The noise is a multiple of the stated one."""
-    noise = values["scale"] * record.noise
+    noise = values["scale"][None] * record.noise
     return record._replace(wrench=record.wrench + (noise - record.noise), noise=noise)
 
 
 def widen_noise(values: EffectValues, variance: Array, rate: Array) -> Array:
     """Variance of the scaled noise."""
-    return values["scale"] ** 2 * variance
+    return values["scale"][None] ** 2 * variance
 
 
 def saturation(values: EffectValues, key: Array, record: Record) -> Record:
     """Readings, bias included, stop at a limit of either sign."""
-    return record._replace(wrench=jnp.clip(record.wrench, -values["limits"], values["limits"]))
+    return record._replace(wrench=jnp.clip(record.wrench, -values["limits"][None], values["limits"][None]))
 
 
 def screen_saturated(values: EffectValues, wrench: Array) -> Array:
     """A reading at its limit says only that the wrench is larger."""
     margin = 1 - 8 * np.finfo(wrench.dtype).eps  # limits may have been rounded to the log's precision
-    return jnp.where(jnp.abs(wrench) >= margin * values["limits"], jnp.nan, wrench)
+    return jnp.where(jnp.abs(wrench) >= margin * values["limits"][None], jnp.nan, wrench)
 
 
 def quantisation(values: EffectValues, key: Array, record: Record) -> Record:
     """Readings are multiples of a step; a step of 0 leaves a channel alone."""
-    step = values["step"]
+    step = values["step"][None]
     safe = jnp.where(step > 0, step, 1)
     return record._replace(wrench=jnp.where(step > 0, safe * jnp.round(record.wrench / safe), record.wrench))
 
 
 def widen_quantised(values: EffectValues, variance: Array, rate: Array) -> Array:
     """Rounding is uniform over a step: variance step^2 / 12."""
-    return variance + values["step"] ** 2 / 12
+    return variance + values["step"][None] ** 2 / 12
 
 
 def outliers(values: EffectValues, key: Array, record: Record) -> Record:
     """Some samples are off by a fixed size, with a random sign in every channel."""
     which, sign = jax.random.split(key)
     hit = jax.random.bernoulli(which, values["rate"], record.t.shape)
-    spike = values["size"] * jax.random.rademacher(sign, record.wrench.shape, record.wrench.dtype)
+    spike = values["size"][None] * jax.random.rademacher(sign, record.wrench.shape, record.wrench.dtype)
     return record._replace(wrench=record.wrench + jnp.where(hit[:, None], spike, 0))
 
 
@@ -59,7 +59,7 @@ def screen_outliers(values: EffectValues, wrench: Array) -> Array:
     before, after = wrench[:-2], wrench[2:]
     low, high = jnp.minimum(before, after), jnp.maximum(before, after)
     outside = jnp.maximum(low - wrench[1:-1], wrench[1:-1] - high)
-    size = values["size"]
+    size = values["size"][None]
     spike = ((outside > size / 2) & (size > 0)).any(1) & (values["rate"] > 0)
     spike = jnp.pad(spike, 1)  # the ends have one neighbour and are trusted
     return jnp.where(spike[:, None], jnp.nan, wrench)

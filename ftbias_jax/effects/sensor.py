@@ -17,7 +17,7 @@ _LEAK = _LEVER[:, None] / _LEVER[None, :]
 
 def gain(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """Every channel reads a multiple of its load."""
-    return values["gain"] * wrench
+    return values["gain"][None] * wrench
 
 
 def crosstalk(values: EffectValues, signals: Signals, wrench: Array) -> Array:
