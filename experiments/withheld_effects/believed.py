@@ -65,10 +65,10 @@ def random_gravity(rng: np.random.Generator) -> Floats:
 
 
 def random_belief(rng: np.random.Generator) -> Belief:
-    """A robot, a sensor mounted somehow, a tool, and noise of one sample between 0.03 and 0.15 N."""
+    """A robot, a sensor mounted somehow, a tool, and noise of one sample between 0.04 and 0.15 N."""
     yaw = rng.uniform(-np.pi, np.pi)
     rpy = np.array([*rng.normal(0, 0.1, 2), yaw]) if rng.uniform() < 0.7 else rng.uniform(-1.5, 1.5, 3)
-    force = np.exp(rng.uniform(np.log(0.03), np.log(0.15)))
+    force = np.exp(rng.uniform(np.log(0.04), np.log(0.15)))
     torque = force * np.exp(rng.uniform(np.log(0.03), np.log(0.06)))
     sigma = np.repeat([force, torque], 3) * (rng.uniform(0.7, 1.4, 6) if rng.uniform() < 0.5 else np.ones(6))
     density = rng.uniform(0.5, 2.0) * np.repeat([2e-4, 1e-5], 3)
@@ -81,8 +81,8 @@ def random_belief(rng: np.random.Generator) -> Belief:
         noise_std=sigma,
         reports="wrench_on_sensor" if rng.uniform() < 0.2 else "wrench_on_tool",
         bias_density=density,
-        position_noise_std=float(np.exp(rng.uniform(np.log(1e-5), np.log(6e-5)))),
-        velocity_noise_std=float(np.exp(rng.uniform(np.log(5e-4), np.log(2e-3)))),
+        position_noise_std=float(np.exp(rng.uniform(np.log(8e-6), np.log(3e-5)))),
+        velocity_noise_std=float(np.exp(rng.uniform(np.log(4e-4), np.log(1.5e-3)))),
     )
 
 

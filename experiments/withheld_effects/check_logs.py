@@ -2,17 +2,19 @@
 """Checks of the generator: MuJoCo against Newton and Euler in NumPy, and what a folder of logs holds.
 
 python check_logs.py            physics: believed wrenches, static weight, a cable, an external force
-python check_logs.py OUT        the same, then: none logs against the setup, gap of every effect
+python check_logs.py OUT        the same, then: logs against setup and label, gap of every effect
 """
 
 from __future__ import annotations
 
+import copy
 import json
 import sys
 import tomllib
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from arms import Floats, panda
@@ -22,7 +24,8 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 from world import Cable, believed_world, cable_length, time_grid, wrench
 
-CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
+TOLD = {"none", "tool_mass", "tool_com", "tool_inertia", "gravity_tilt", "encoder_offset", "mount_rotation"}
+TOLD |= {"gain", "crosstalk"}
 
 
 def sensor_poses(axes: Floats, points: Floats, zero: tuple[Floats, Floats], q: Floats) -> tuple[Floats, Floats]:
@@ -96,7 +99,7 @@ def check_static() -> None:
     assert np.isclose(pull, 50 * (length - 0.1)), "this MuJoCo's force sensor leaves tendons out: use a newer one"
 
 
-def expected_from_files(setup: dict, q: Floats, dt: float) -> Floats:
+def expected_from_files(setup: dict[str, Any], q: Floats, dt: float) -> Floats:
     """Wrench (T, 6), tool side, that a setup file predicts for evenly spaced joint positions q (T, n)."""
     robot, sensor, tool = setup["robot"], setup["sensor"], setup["tool"]
     if "model" in robot:
@@ -113,8 +116,35 @@ def expected_from_files(setup: dict, q: Floats, dt: float) -> Floats:
     return newton_euler(*sensor_poses(axes, points, zero, q), body, np.array(robot["gravity"]), dt)
 
 
-def residual_sigmas(folder: Path, name: str, label: dict) -> Floats:
-    """(6,) rms of reading + true bias - prediction, in noise sigmas, from the files alone."""
+def told(setup: dict[str, Any], effects: dict[str, Any], q: Floats) -> tuple[dict[str, Any], Floats, Floats]:
+    """Setup, joint positions (T, n) rad and a matrix (6, 6) on the wrench, once the static, linear labels are known."""
+    setup, q, matrix = copy.deepcopy(setup), q.copy(), np.eye(6)
+    for name, value in effects.items():
+        match name:
+            case "tool_mass":
+                setup["tool"]["mass"] = value["mass"]
+            case "tool_com":
+                setup["tool"]["center_of_mass"] = value["com"]
+            case "tool_inertia":
+                setup["tool"]["inertia"] = value["inertia"]
+            case "gravity_tilt":
+                setup["robot"]["gravity"] = value["gravity"]
+            case "encoder_offset":
+                q[:, value["joint"] - 1] -= value["offset"]
+            case "mount_rotation":
+                matrix = np.kron(np.eye(2), Rotation.from_euler("xyz", value["rpy"]).as_matrix().T)
+            case "gain":
+                matrix = np.diag(value["gain"])
+            case "crosstalk":
+                matrix = np.array(value["matrix"])
+    return setup, q, matrix
+
+
+def residual_sigmas(folder: Path, name: str, label: dict[str, Any], effects: dict[str, Any]) -> Floats:
+    """(6,) rms of the half-second means of reading + true bias - prediction, in noise sigmas; prediction: see ``told``.
+
+    White noise leaves 1 / sqrt(samples in half a second); the noise that differentiating encoders makes averages out.
+    """
     setup = tomllib.loads((folder / f"{name}.toml").read_text())
     with np.load(folder / f"{name}.npz") as log:
         t, q, read = log["t"], log["q"], log["wrench"]
@@ -123,23 +153,27 @@ def residual_sigmas(folder: Path, name: str, label: dict) -> Floats:
     dt = float(np.median(np.diff(t[joints])))
     window = max(7, round(0.3 / dt) // 2 * 2 + 1)
     smooth = savgol_filter(q[joints], window, 5, axis=0)
-    predicted = expected_from_files(setup, smooth, dt)
+    setup, smooth, matrix = told(setup, effects, smooth)
+    predicted = expected_from_files(setup, smooth, dt) @ matrix.T
     inside = seen & (t > 1) & (t < label["duration"] - 2)
     bias = np.array(label["bias_1hz"])
     both = [
         np.stack([np.interp(t[inside], x, y) for y in values.T], 1)
         for x, values in ((t[joints], predicted), (np.arange(len(bias)), bias))
     ]
-    return np.sqrt(((sign * read[inside] + both[1] - both[0]) ** 2).mean(0)) / label["sigma"]
+    rest = sign * read[inside] + both[1] - both[0]
+    blocks = np.array_split(rest, max(1, int(2 * np.ptp(t[inside]))))
+    return np.sqrt(np.mean([block.mean(0) ** 2 for block in blocks], 0)) / label["sigma"]
 
 
 def check_folder(folder: Path) -> None:
-    """none logs against their setups, then the gaps of every effect by level."""
+    """What is left of logs whose labels are static and linear once they are told, then every effect's gap by level."""
     labels = json.loads((folder / "truth.json").read_text())
-    for name, label in labels.items():
-        if "none" in label["effects"]:
-            ratio = residual_sigmas(folder, name, label)
-            print(name, label["kind"], label["robot"], label["timeline"], "rms / sigma", ratio.round(2))
+    for name, label in sorted(labels.items(), key=lambda item: list(item[1]["effects"])):
+        if set(label["effects"]) <= TOLD:
+            before, after = (residual_sigmas(folder, name, label, told) for told in ({}, label["effects"]))
+            what = "+".join(f"{effect} {label['form'].get(effect, '')}" for effect in label["effects"])
+            print(f"{name} {what:34s} {label['timeline']:20s} gap / sigma", before.round(2), "->", after.round(2))
     gaps = defaultdict(list)
     for label in labels.values():
         gaps["+".join(label["effects"])].append((label["level"], label["gap_sigmas"], "+".join(label["form"].values())))

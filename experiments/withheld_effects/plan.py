@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from catalogue import ENTRIES, LISTED, TWINS, UNLISTED
+
+T = TypeVar("T")
 
 GROUPS = {"none": 12, "pairs": 12, "unlisted": 12} | dict.fromkeys(LISTED, 4)
 """Logs of every group in a set of 128; other sizes keep the shares."""
@@ -43,34 +47,30 @@ def make_plan(asked: str, count: int, seed: int) -> list[Job]:
     """``count`` jobs, groups in proportion, forms and levels of every effect in turn, all in random order."""
     rng = np.random.default_rng([seed, 0])
     weights = groups(asked)
-    names = list(weights)
     # The k-th log of a group of weight w comes at (k + u) / w: any count is a fair sample of the groups.
     places = [((k + rng.uniform()) / weight, name) for name, weight in weights.items() for k in range(count)]
     picked = [name for _, name in sorted(places, key=lambda place: place[0])[:count]]
-    jobs, seen = [], Counter[str]()
-    starts = {name: rng.integers(12, size=2) for name in [*names, *ENTRIES]}
+    unlisted = _deck(list(UNLISTED), rng)
+    levels = defaultdict(lambda: _deck([0, 1, 2], rng))
+    forms = {name: _deck(list(options), rng) for name, (_, options) in ENTRIES.items()}
+    jobs = []
     for group in picked:
-        effects = _effects(group, rng, seen, starts)
-        first = effects[0] if effects else group
-        level = int((starts[first][0] + seen[first]) % 3)
-        forms = []
-        for name in effects:
-            options = ENTRIES[name][1]
-            forms.append(options[(starts[name][1] + seen[name]) % len(options)])
-        seen.update(effects or (group,))
-        jobs.append(Job(effects, tuple(forms), level))
+        names = _names(group, unlisted, rng)
+        jobs.append(Job(names, tuple(next(forms[name]) for name in names), next(levels[group])))
     return [jobs[i] for i in rng.permutation(count)]
 
 
-def _effects(
-    group: str, rng: np.random.Generator, seen: Counter[str], starts: dict[str, np.ndarray]
-) -> tuple[str, ...]:
+def _deck(cards: Sequence[T], rng: np.random.Generator) -> Iterator[T]:
+    """The cards in random order, shuffled again each time they run out."""
+    while True:
+        yield from (cards[i] for i in rng.permutation(len(cards)))
+
+
+def _names(group: str, unlisted: Iterator[str], rng: np.random.Generator) -> tuple[str, ...]:
     if group == "none":
         return ()
     if group == "unlisted":
-        names = list(UNLISTED)
-        turn = sum(seen[name] for name in names) + starts["unlisted"][0]
-        return (names[turn % len(names)],)
+        return (next(unlisted),)
     if group != "pairs":
         return (group,)
     while True:
