@@ -22,7 +22,7 @@ from arms import Floats
 from believed import setup_toml
 from catalogue import ENTRIES, NEEDS_MOTION, STATISTICAL, UNLISTED
 from effect import Draw, Effect, Scene
-from plan import Job, make_plan
+from plan import Job, groups, make_plan
 from recording import Reading, Timeline, gap_rms, in_sigmas, random_scene, record
 
 SMALLEST, LARGEST = 0.4, 20.0  # noise sigmas: gaps outside are drawn again with another scale
@@ -132,13 +132,24 @@ def numbers(text: str) -> tuple[float, ...]:
     return values
 
 
+def effect_names(text: str) -> str:
+    """The text, once every name in it is known."""
+    try:
+        groups(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
+
+
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, metavar="OUT", help="folder to write, made if need be")
     parser.add_argument("--count", type=int, default=128, help="logs (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="the same seed makes the same logs")
-    parser.add_argument("--effects", default="all", help="all, catalogue, none, pairs, unlisted or names, by commas")
+    parser.add_argument(
+        "--effects", type=effect_names, default="all", help="all, catalogue, none, pairs, unlisted or names, by commas"
+    )
     parser.add_argument("--duration", type=numbers, default=(20.0, 60.0), help="s: one value, or shortest,longest")
     parser.add_argument("--rate", type=numbers, default=(125.0, 200.0, 250.0, 400.0, 500.0), help="Hz, to choose from")
     parser.add_argument("--plain", action="store_true", help="one clock and all velocities in every log")

@@ -39,7 +39,7 @@ def groups(asked: str) -> dict[str, int]:
             chosen[name] = GROUPS.get(name, 4)
         else:
             known = ", ".join(["all", "catalogue", *GROUPS, *UNLISTED])
-            raise ValueError(f"--effects: no effect is called {name!r}; known: {known}")
+            raise ValueError(f"no effect is called {name!r}; known: {known}")
     return chosen
 
 
