@@ -67,7 +67,10 @@ def modified_dh(rows: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def panda() -> Arm:
-    """Franka Emika Panda, manufacturer's table; the flange is 107 mm beyond joint 7."""
+    """Franka Emika Panda, manufacturer's table, with the flange frame of the package's built-in "panda".
+
+    That frame lies 107 mm beyond the manufacturer's flange, which itself is 107 mm beyond the wrist.
+    """
     right = np.pi / 2
     rows = np.array(
         [
@@ -77,7 +80,7 @@ def panda() -> Arm:
             (0.0825, right, 0),
             (-0.0825, -right, 0.384),
             (0, right, 0),
-            (0.088, right, 0.107),
+            (0.088, right, 0.107 + 0.107),
         ]
     )
     axes, points, flange = modified_dh(rows)
