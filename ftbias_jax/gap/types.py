@@ -1,0 +1,105 @@
+"""What a diagnosis says, as plain bundles; report and command line read only this."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+VERDICTS = ("none", "explained", "partly_explained", "unknown")
+CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+class Candidate(NamedTuple):
+    """One effect that was fitted, alone or on top of those named before it."""
+
+    effect: str
+    stage: str
+    indistinguishable_from: tuple[str, ...]
+    """Effects that explain the log as well, within the error of the comparison."""
+    separate_by: tuple[str, ...]
+    """The measurement that would tell them apart, one for each of the above ("" if none is known)."""
+    parameters: dict[str, float | list[float]]
+    """In the units of the catalogue."""
+    stderr: dict[str, float | list[float]]
+    held_out_gain: float
+    """nats per second of log that the fit has not seen."""
+    held_out_gain_stderr: float
+    shrink: float
+    """Share of the mean square gap it removes, 0 to 1."""
+    explanation: str
+    remedy: str
+
+
+class Gap(NamedTuple):
+    """Size of the gap: the part of the innovations that the stated noise does not account for."""
+
+    before_rms: np.ndarray
+    """(6,) N, Nm, corrected wrench minus model, held out."""
+    after_rms: np.ndarray
+    noise_floor: np.ndarray
+    """(6,) N, Nm, what noise alone leaves."""
+    before_sigmas: float
+    after_sigmas: float
+    shrink: float
+    shrink_stderr: float
+
+
+class Regime(NamedTuple):
+    """Where in the state of the robot the gap is."""
+
+    name: str
+    share: float
+    """Of the gap's mean square that lies there."""
+    expected: float
+    """Share of the time spent there: what chance would give."""
+
+
+class Where(NamedTuple):
+    """Location of the gap."""
+
+    stages: tuple[str, ...]
+    """Stages of the named causes, then of the next best candidates."""
+    channels: dict[str, float]
+    """Share of each channel of the mean square gap, in noise units; sums to 1."""
+    intervals: tuple[tuple[float, float, float], ...]
+    """Start s, end s, and gap in noise sigmas, of the times where it is largest."""
+    regimes: tuple[Regime, ...]
+    bands: tuple[tuple[float, float, float], ...]
+    """Low Hz, high Hz, and share of the gap's mean square."""
+
+
+class Series(NamedTuple):
+    """What the plots show, on a common coarse time axis."""
+
+    t: np.ndarray
+    """(B,) s."""
+    before: np.ndarray
+    """(B, 6) N, Nm, corrected wrench minus model without the causes."""
+    after: np.ndarray
+    """(B, 6) the same with the causes in the model."""
+    noise: np.ndarray
+    """(B, 6) N, Nm, standard deviation of these means by noise alone."""
+    regressor: np.ndarray
+    """(B,) the quantity the first cause acts through, such as its own predicted change of the wrench."""
+    regressor_name: str
+
+
+class Diagnosis(NamedTuple):
+    """The whole answer for one log or several of one robot."""
+
+    verdict: str
+    """One of VERDICTS."""
+    sentence: str
+    """The verdict for a reader in a hurry."""
+    causes: tuple[Candidate, ...]
+    candidates: tuple[Candidate, ...]
+    """Everything that was tried, best first."""
+    gap: Gap
+    where: Where
+    not_tested: tuple[tuple[str, str], ...]
+    """(effect, why) of entries of the catalogue that this log cannot speak about."""
+    series: tuple[Series, ...]
+    """One a log."""
+    logs: tuple[str, ...]
+    """Names of the logs."""
