@@ -1,0 +1,154 @@
+"""What each effect of the catalogue could be on this log: starting points for the fits.
+
+Effects that are smooth start at zero. Times, time constants and places are searched on a grid first, because the
+likelihood has several maxima in them; series that are linear in their coefficients need no fit at all.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.gap import model
+from ftbias_jax.gap.problem import Problem
+
+DELAYS = (0.0, 0.05, 0.12, 0.25, 0.45)
+LAGS = (0.008, 0.02, 0.04, 0.08, 0.16, 0.32)
+FREQUENCIES = tuple(np.geomspace(2.0, 30.0, 14))
+LOOP_SHARES = (0.01, 0.03, 0.08, 0.2)
+TIME_CONSTANTS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+ANCHORS = 40
+"""Random places tried for the far end of a cable, within reach of the arm."""
+JUMP_STEP = 0.25
+PULSES = (0.1, 0.25, 0.6, 1.5)
+"""s, lengths of the contacts that are looked for."""
+MOST_EVENTS = 8
+SHAPE = 4
+"""Hat functions that make up a contact of any shape."""
+
+
+class Hypothesis(NamedTuple):
+    """One effect at one starting point. E = series that are linear in coefficients."""
+
+    effect: str
+    free: tuple[int, ...] = ()
+    """Coordinates of model.blocks that are fitted."""
+    start: tuple[float, ...] = ()
+    """Their values."""
+    link: float = 0.0
+    """Link of the cable's anchor."""
+    shapes: tuple[np.ndarray, ...] = ()
+    """(B,) series, each with a coefficient for every channel: changes of the reading."""
+    detail: tuple[float, ...] = ()
+    """What the series stand for: the joint, the time of a jump, a time constant, (start, end) of events."""
+    local: bool = False
+    """Whether it acts for a short time only."""
+
+
+def smooth_hypotheses(n: int) -> list[Hypothesis]:
+    """Effects that one linearisation finds; each joint's encoder is a hypothesis of its own."""
+    whole = ("tool_mass", "tool_com", "tool_inertia", "gravity_tilt", "mount_rotation", "gain")
+    found = [_at_zero(name, model.coordinates(n, name)) for name in whole]
+    for joint, place in enumerate(model.coordinates(n, "encoder_offset"), 1):
+        found.append(_at_zero("encoder_offset", [place])._replace(detail=(float(joint),)))
+    return found
+
+
+def _at_zero(effect: str, free: np.ndarray | list[int]) -> Hypothesis:
+    return Hypothesis(effect, tuple(int(i) for i in free), (0.0,) * len(free))
+
+
+def grid_hypotheses(problem: Problem, span: np.ndarray) -> list[Hypothesis]:
+    """Starting points of the effects that need a search.
+
+    Args:
+        problem: of the log. span: (6,) N, Nm, range of the predicted load.
+    """
+    n = problem.signals.q.shape[1]
+    places = model.slices(n)
+    unit = {(b.effect, b.parameter): np.asarray(b.unit) for b in model.blocks(n)}
+
+    def at(effect: str, *values: tuple[str, np.ndarray | float], link: float = 0.0) -> Hypothesis:
+        free, start = [], []
+        for parameter, value in values:
+            s = places[effect, parameter]
+            free += range(s.start, s.stop)
+            start += list(np.broadcast_to(np.asarray(value) / unit[effect, parameter], s.stop - s.start))
+        return Hypothesis(effect, tuple(free), tuple(float(x) for x in start), link)
+
+    found = [at("time_delay", ("delay", delay)) for delay in DELAYS]
+    found += [at("low_pass", ("lag", lag)) for lag in LAGS]
+    found += [
+        at("tool_flexibility", ("period", 1 / f), ("log_damping", damping)) for f in FREQUENCIES for damping in (-0.5, 1.2)
+    ]
+    found += [at("hysteresis", ("width", share * span)) for share in LOOP_SHARES]
+    return found + _cables(problem, at)
+
+
+def _cables(problem: Problem, at) -> list[Hypothesis]:  # type: ignore[no-untyped-def]
+    """A cable from random places within reach, fixed to the world or to one of two links of the forearm."""
+    arm = problem.signals.model.arm
+    reach = float(np.linalg.norm(np.asarray(arm.zero_position)))
+    rng = np.random.default_rng(0)
+    n = problem.signals.q.shape[1]
+    found = []
+    for i in range(ANCHORS):
+        link = (0, max(n - 3, 0), max(n - 4, 0))[i % 3]
+        # Places near the arm itself at q = 0 for a link, anywhere in reach for the world.
+        place = rng.uniform(-0.6, 0.6, 3) * max(reach, 0.5) + (np.array([0, 0, 0.3]) if link == 0 else 0)
+        if link:
+            place = np.asarray(arm.zero_position) * rng.uniform(0.3, 0.9) + rng.uniform(-0.25, 0.25, 3)
+        found.append(
+            at("cable", ("stiffness", 1.0), ("rest_length", 0.05), ("anchor", place), link=float(link))
+        )
+    return found
+
+
+def warmups(t: np.ndarray, duration: float) -> list[Hypothesis]:
+    """Exponential settling with each time constant that a log of this length can tell from a straight line."""
+    constants = [tau for tau in TIME_CONSTANTS if 0.02 * duration < tau < 2 * duration]
+    return [Hypothesis("warmup", shapes=(np.expm1(-t / tau),), detail=(tau,)) for tau in constants]
+
+
+def temperatures(temperature: np.ndarray) -> list[Hypothesis]:
+    """The recorded temperature as the bias, if it moved by more than sensor noise of a tenth of a degree."""
+    if np.ptp(temperature) < 0.3:
+        return []
+    return [Hypothesis("temperature_drift", shapes=(-(temperature - temperature[0]),))]
+
+
+def jumps(t: np.ndarray, times: np.ndarray) -> list[Hypothesis]:
+    """A step of the bias at each of the times."""
+    return [Hypothesis("bias_jump", shapes=(-(t >= when).astype(float),), detail=(float(when),)) for when in times]
+
+
+def pulse(t: np.ndarray, start: float, end: float) -> np.ndarray:
+    """(B,) a flat pulse."""
+    return ((t >= start) & (t < end)).astype(float)
+
+
+def contact(t: np.ndarray, events: list[tuple[float, float]]) -> Hypothesis:
+    """Contacts of any shape in the given intervals: hat functions, each with a wrench of its own."""
+    series = []
+    for start, end in events:
+        knots = np.linspace(start, end, SHAPE + 2)
+        width = knots[1] - knots[0]
+        hats = [np.clip(1 - np.abs(t - knot) / width, 0, None) for knot in knots[1:-1]]
+        inside = pulse(t, start, end)
+        series += [hat * inside for hat in hats]
+    return Hypothesis("contact", shapes=tuple(series), detail=tuple(np.ravel(events)), local=True)
+
+
+def spread(shapes: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Series (B,) as columns (6 E, B, 6), one for each channel."""
+    if not shapes:
+        return np.zeros((0, 0, 0))
+    eye = np.eye(6)
+    return np.concatenate([shape[None, :, None] * eye[:, None, :] for shape in shapes])
+
+
+def as_device(x: np.ndarray) -> jnp.ndarray:
+    """A float64 array of JAX."""
+    return jnp.asarray(x)

@@ -1,0 +1,153 @@
+"""All effects that change the mean reading as one differentiable model in unbounded coordinates.
+
+One compiled function serves every effect and every combination: the chain of the catalogue is evaluated with all its
+effects in place, most of them neutral, and derivatives are taken along the few directions that a fit asks for.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.effects import chain
+from ftbias_jax.effects.catalogue import CATALOGUE, neutral_values
+from ftbias_jax.effects.kinematics import subtract_offsets
+from ftbias_jax.effects.types import Signals
+from ftbias_jax.likelihood import WrenchProblem, whiten
+from ftbias_jax.types import Array
+
+SHORTEST_LAG = 1e-4
+"""s; a low-pass with this time constant does nothing."""
+
+
+class Block(NamedTuple):
+    """Coordinates of one effect within the whole vector; 0 is neutral and 1 a typical departure."""
+
+    effect: str
+    parameter: str
+    size: int
+    unit: float | np.ndarray
+    """Of the parameter, per coordinate."""
+
+
+def blocks(n: int) -> tuple[Block, ...]:
+    """Coordinates of all chained effects for an arm with n joints."""
+    lever = np.array([1.0] * 3 + [0.1] * 3)
+    return (
+        Block("tool_mass", "mass", 1, 0.05),
+        Block("tool_com", "center_of_mass", 3, 0.005),
+        Block("tool_inertia", "inertia", 6, 1e-3),
+        Block("gravity_tilt", "gravity", 3, 0.1),
+        Block("encoder_offset", "offset", n, 0.01),
+        Block("mount_rotation", "rotation", 3, 0.01),
+        Block("gain", "gain", 6, 0.02),
+        Block("crosstalk", "matrix", 30, (0.02 * lever[:, None] / lever)[~np.eye(6, dtype=bool)]),
+        Block("time_delay", "delay", 1, 0.01),
+        Block("low_pass", "lag", 1, 0.02),
+        Block("hysteresis", "width", 6, 0.2 * lever),
+        Block("tool_flexibility", "period", 1, 0.1),
+        Block("tool_flexibility", "log_damping", 1, 1.0),
+        Block("cable", "stiffness", 1, 10.0),
+        Block("cable", "rest_length", 1, 0.1),
+        Block("cable", "anchor", 3, 0.1),
+    )
+
+
+def slices(n: int) -> dict[tuple[str, str], slice]:
+    """Where each parameter's coordinates are."""
+    ends = np.cumsum([block.size for block in blocks(n)])
+    return {(b.effect, b.parameter): slice(e - b.size, e) for b, e in zip(blocks(n), ends, strict=True)}
+
+
+def coordinates(n: int, effect: str) -> np.ndarray:
+    """Indices of all coordinates of an effect."""
+    places = slices(n)
+    return np.concatenate([np.arange(s.start, s.stop) for (name, _), s in places.items() if name == effect])
+
+
+def size(n: int) -> int:
+    """Length of the whole vector."""
+    return sum(block.size for block in blocks(n))
+
+
+def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[str, Array]], Array]:
+    """Catalogue values of all chained effects, and encoder offsets (n,) rad.
+
+    Args:
+        signals: of the log. z: (P,) coordinates. link: () which link carries the anchor of a cable, 0 = world.
+    """
+    n, model = signals.q.shape[1], signals.model
+    places, units = slices(n), {(b.effect, b.parameter): jnp.asarray(b.unit) for b in blocks(n)}
+
+    def move(effect: str, parameter: str) -> Array:
+        value = z[places[effect, parameter]] * units[effect, parameter]
+        return value
+
+    neutral = {name: neutral_values(CATALOGUE[name], model) for name in {b.effect for b in blocks(n)}}
+    matrix = jnp.eye(6, dtype=z.dtype).at[np.nonzero(~np.eye(6, dtype=bool))].set(move("crosstalk", "matrix"))
+    lag = jnp.maximum(move("low_pass", "lag")[0], SHORTEST_LAG)
+    period = move("tool_flexibility", "period")[0]
+    values = {
+        "tool_mass": {"mass": neutral["tool_mass"]["mass"] + move("tool_mass", "mass")[0]},
+        "tool_com": {"center_of_mass": neutral["tool_com"]["center_of_mass"] + move("tool_com", "center_of_mass")},
+        "tool_inertia": {"inertia": neutral["tool_inertia"]["inertia"] + move("tool_inertia", "inertia")},
+        "gravity_tilt": {"gravity": model.gravity + move("gravity_tilt", "gravity")},
+        "mount_rotation": {"rotation": move("mount_rotation", "rotation")},
+        "gain": {"gain": 1 + move("gain", "gain")},
+        "crosstalk": {"matrix": matrix},
+        "time_delay": {"delay": move("time_delay", "delay")[0]},
+        "low_pass": {"cutoff": 1 / (2 * jnp.pi * lag)},
+        "hysteresis": {"width": jnp.maximum(move("hysteresis", "width"), 0)},
+        "tool_flexibility": {
+            "frequency": jnp.where(period > 1e-3, 1 / jnp.maximum(period, 1e-3), jnp.inf),
+            "damping_ratio": 0.05 * jnp.exp(jnp.clip(move("tool_flexibility", "log_damping")[0], -4, 2.5)),
+        },
+        "cable": neutral["cable"]
+        | {
+            "stiffness": move("cable", "stiffness")[0],
+            "rest_length": move("cable", "rest_length")[0],
+            "anchor": move("cable", "anchor"),
+            "link": link,
+        },
+    }
+    return values, move("encoder_offset", "offset")
+
+
+def predict(signals: Signals, z: Array, link: Array) -> Array:
+    """(B, 6) N, Nm: noise-free reading with the effects at coordinates z."""
+    values, offsets = to_values(signals, z, link)
+    return chain.predict(subtract_offsets(offsets, signals), values)
+
+
+@jax.jit
+def linearise(
+    signals: Signals, problem: WrenchProblem, z: Array, link: Array, directions: Array, extra: Array
+) -> tuple[Array, Array]:
+    """Whitened error of the model and its derivatives.
+
+    Args:
+        signals, problem: of the log. z: (P,). link: (). directions: (M, P) of the derivatives.
+        extra: (E, B, 6) N, Nm, further changes of the reading, linear in coefficients of their own.
+
+    Returns:
+        error (B, 6) of prediction - reading and columns (M + E, B, 6), innovations in standard deviations.
+    """
+    error = predict(signals, z, link) - problem.wrench
+    columns = jax.vmap(lambda d: jax.jvp(lambda z: predict(signals, z, link), (z,), (d,))[1])(directions)
+    white = whiten(problem, jnp.concatenate([error[None], columns, extra]))
+    return white[0], white[1:]
+
+
+@jax.jit
+def predict_many(signals: Signals, z: Array, link: Array) -> Array:
+    """(C, P), (C,) -> (C, B, 6): readings at several coordinates at once."""
+    return jax.vmap(lambda z, link: predict(signals, z, link))(z, link)
+
+
+@jax.jit
+def whiten_many(problem: WrenchProblem, columns: Array) -> Array:
+    """(C, B, 6) N, Nm -> the same as innovations in standard deviations."""
+    return whiten(problem, columns)

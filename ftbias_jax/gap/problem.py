@@ -1,0 +1,119 @@
+"""A log made ready for the diagnosis: smoothed joints, cleaned wrench, averaged to bins, and the noise of each bin."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax import batch, pipeline, smooth, staged
+from ftbias_jax.effects.chain import fill_temperature
+from ftbias_jax.effects.types import Model, Signals
+from ftbias_jax.likelihood import WrenchProblem
+from ftbias_jax.pipeline import Options, Params
+from ftbias_jax.setup_types import Setup
+from ftbias_jax.types import Array, Log
+
+SHORTEST_BIN = 0.01
+"""s; a 25 Hz ringing of the tool is still seen."""
+BINS = (1024, 2048, 4096, 8192)
+"""Lengths that binned logs are padded to, so that they share compiled programs."""
+MOST_BINS = 4096
+"""Bins of a log shorter than twenty minutes; longer logs get more, not coarser ones than CoarsestBin."""
+
+
+class Problem(NamedTuple):
+    """One log in bins. B = bins, padded; a padded bin has no measurement."""
+
+    signals: Signals
+    """Motion at the bins, and what the setup says about robot and tool."""
+    wrench: WrenchProblem
+    """The bias filter on the bins: mean readings (B, 6), NaN = none, and their noise variance."""
+    count: np.ndarray
+    """(B, 6) samples in each bin."""
+    used: int
+    """Bins before the padding."""
+    duration: float
+    """s."""
+    noise_std: np.ndarray
+    """(6,) N, Nm, of one sample."""
+    stated_std: np.ndarray
+    """(6,) the same as the setup states it."""
+
+
+def make_problem(setup: Setup, log: Log, clean_wrench: np.ndarray, noise_std: np.ndarray) -> tuple[Problem, Params]:
+    """Smooth the joints and average everything over short bins.
+
+    Args:
+        setup: beliefs. log: as read. clean_wrench: (T, 6) readings without spikes and saturated samples, NaN = none.
+        noise_std: (6,) measured white noise of one sample.
+    """
+    options = Options(joint_model=setup.joints.model)
+    samples = pipeline.samples_from_log(log)
+    length = samples.dt.shape[0]
+    samples = pipeline.pad(samples, batch.CHUNK * -(-length // batch.CHUNK) if length > 8192 else 8192)
+    params = batch.params_for_log(setup, samples, options)
+    if setup.joints.process_noise_density is None:  # a smoother has no lag to guard against
+        likeliest = params.joint.process_density / batch.LAG_GUARD
+        params = params._replace(joint=params.joint._replace(process_density=likeliest))
+    joints = smooth.smooth_joints(params, pipeline.init(params, samples), samples, options)
+    _, variance = staged.predict_wrenches(params, joints, options)
+    states = np.asarray(joints.mean)[:length]
+    joint_variance = np.asarray(variance)[:length] - np.asarray(params.bias.wrench_variance)
+    return _bin(params, log, states, joint_variance, clean_wrench, noise_std, setup), params
+
+
+def _bin(
+    params: Params,
+    log: Log,
+    states: np.ndarray,
+    joint_variance: np.ndarray,
+    wrench: np.ndarray,
+    noise_std: np.ndarray,
+    setup: Setup,
+) -> Problem:
+    rows = np.isfinite(wrench).any(1)
+    t, duration = log.t[rows], float(log.t[-1])
+    width = max(SHORTEST_BIN, duration / MOST_BINS)
+    # Bins without a sample are left out: a bin of a slow log is a sample.
+    _, index = np.unique((t / width).astype(int), return_inverse=True)
+    used = int(index[-1]) + 1
+    padded = next((size for size in BINS if size >= used), used)
+
+    def mean(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        flat = x.reshape(len(x), -1)
+        known = np.isfinite(flat)
+        count = np.stack([np.bincount(index, column, used) for column in known.T], -1)
+        total = np.stack([np.bincount(index, column, used) for column in np.where(known, flat, 0).T], -1)
+        with np.errstate(invalid="ignore"):
+            return (total / count).reshape(used, *x.shape[1:]), count.reshape(used, *x.shape[1:])
+
+    def pad(x: np.ndarray, value: float | None = None) -> np.ndarray:
+        filler = x[-1:] if value is None else np.full_like(x[-1:], value)
+        return np.concatenate([x, np.repeat(filler, padded - used, 0)])
+
+    reading, count = mean(wrench[rows])
+    joints, _ = mean(states[rows])
+    spread, _ = mean(joint_variance[rows])
+    stamps = pad(mean(t)[0])
+    temperature = pad(mean(fill_temperature(log.t, log.temperature)[rows])[0])
+    q, dq, ddq = np.moveaxis(pad(joints), 2, 0)
+    signals = Signals(
+        *(jnp.asarray(x) for x in (stamps, q, dq, ddq, temperature)), Model(params.arm, params.gravity, params.theta)
+    )
+    # The smoothed joints' error hangs together over longer than a bin, so averaging does not reduce it.
+    variance = np.where(count > 0, noise_std**2 / np.maximum(count, 1) + spread, 1.0)
+    bins = WrenchProblem(
+        jnp.asarray(np.diff(stamps, prepend=stamps[0])),
+        jnp.asarray(pad(reading, np.nan)),
+        jnp.asarray(pad(variance, 1.0)),
+        params.bias.density,
+        params.bias.prior_std,
+    )
+    return Problem(signals, bins, pad(count, 0), used, duration, noise_std, setup.sensor.noise_std)
+
+
+def rms(x: Array) -> float:
+    """Root mean square over finite entries."""
+    return float(np.sqrt(np.nanmean(np.square(x))))
