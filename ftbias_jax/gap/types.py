@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 VERDICTS = ("none", "explained", "partly_explained", "unknown")
 CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+Numbers: TypeAlias = "float | list[Numbers]"
+"""A number, or lists of them in the shape of the catalogue's parameter."""
 
 
 class Candidate(NamedTuple):
@@ -19,9 +22,9 @@ class Candidate(NamedTuple):
     """Effects that explain the log as well, within the error of the comparison."""
     separate_by: tuple[str, ...]
     """The measurement that would tell them apart, one for each of the above ("" if none is known)."""
-    parameters: dict[str, float | list[float]]
+    parameters: dict[str, Numbers]
     """In the units of the catalogue."""
-    stderr: dict[str, float | list[float]]
+    stderr: dict[str, Numbers]
     held_out_gain: float
     """nats per second of log that the fit has not seen."""
     held_out_gain_stderr: float
