@@ -1,0 +1,98 @@
+"""Isolated samples that are far off both neighbours, and how to tell them from noise with heavy tails."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+NORMAL_MEDIAN = 0.6745
+"""Median of the absolute value of a standard normal."""
+FAR = 6.0
+"""Sigmas: one sample in 5e8 by noise."""
+MIDDLE = 4.0
+"""Sigmas: one sample in 16,000 by noise. Spikes leave the range from here to FAR empty, heavy tails fill it."""
+NORMAL_BEYOND_MIDDLE = 6.3e-5
+LEAST_SPIKES = 4
+"""Rows: fewer may be touches."""
+REACH = 3
+BLOCK = 32
+LONGEST_RUN = 2
+"""Samples; two spikes may be neighbours by chance, longer events are contacts."""
+
+
+class Spikes(NamedTuple):
+    """Which samples are spikes."""
+
+    hit: np.ndarray
+    """(N, k) bool, channel by channel."""
+    off: np.ndarray
+    """(N, k) N, Nm, distance of each sample from its neighbourhood."""
+    scale: np.ndarray
+    """(k,) N, Nm, standard deviation of ``off`` away from spikes."""
+    middle: int
+    """Isolated samples between MIDDLE and FAR, beyond those of normal noise."""
+    far: int
+    """Isolated samples beyond FAR."""
+
+    @property
+    def heavy_tailed(self) -> bool:
+        """Large values fade into the rest."""
+        return self.middle > max(self.far, 10)
+
+
+def find_spikes(signal: np.ndarray, floor: np.ndarray) -> Spikes:
+    """Spikes of a regular signal.
+
+    Args:
+        signal: (N, k) N, Nm, without missing samples.
+        floor: (N, k) the least scatter to assume (lattice, few digits, jitter); inf where a sample tells nothing.
+    """
+    off = signal - neighbourhood(signal)
+    usual = np.ma.median(np.ma.array(np.abs(off), mask=np.isinf(floor)), 0).filled(0) / NORMAL_MEDIAN
+    scale = np.maximum(usual, floor)
+    size = np.abs(off) / np.maximum(_local_scale(off), scale)
+    isolated = (size > MIDDLE) & (_off_of_neighbours(signal, off) < 0.4 * np.abs(off))
+    far = isolated & (size > FAR)
+    by_noise = NORMAL_BEYOND_MIDDLE * off.size
+    middle = int((isolated & ~far).sum() - by_noise - 4 * np.sqrt(by_noise))
+    hit = far
+    if far.any(1).sum() >= LEAST_SPIKES:  # two spikes may be neighbours by chance: not isolated, but as short
+        beyond = size > FAR
+        hit = far | (beyond & _in_short_run(beyond.any(1))[:, None])
+    return Spikes(hit, off, usual, middle, int(far.sum()))
+
+
+def _off_of_neighbours(signal: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """(N, k) distance of the farther of the two neighbours from the neighbourhood of each sample; inf at the ends."""
+    step = np.diff(signal, axis=0)
+    far = np.full_like(off, np.inf)
+    far[1:-1] = np.maximum(np.abs(off[1:-1] - step[:-1]), np.abs(off[1:-1] + step[1:]))
+    return far
+
+
+def neighbourhood(signal: np.ndarray) -> np.ndarray:
+    """(N, k) median of the three samples before and the three after each; straight lines pass unchanged."""
+    padded = np.pad(signal, ((REACH, REACH), (0, 0)), mode="reflect", reflect_type="odd")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * REACH + 1, axis=0)
+    return np.median(np.delete(windows, REACH, axis=-1), -1)
+
+
+def _local_scale(off: np.ndarray) -> np.ndarray:
+    """(N, k) standard deviation in the noisiest of three blocks around each sample: hum and vibration are not spikes."""
+    n, k = off.shape
+    blocks = -(-n // BLOCK)
+    padded = np.pad(np.abs(off), ((0, blocks * BLOCK - n), (0, 0)), mode="reflect" if n > BLOCK else "edge")
+    scale = np.median(padded.reshape(blocks, BLOCK, k), 1) / NORMAL_MEDIAN
+    ends = np.pad(scale, ((1, 1), (0, 0)), mode="edge")
+    return np.repeat(np.maximum(np.maximum(ends[:-2], ends[1:-1]), ends[2:]), BLOCK, 0)[:n]
+
+
+def _in_short_run(row: np.ndarray) -> np.ndarray:
+    """(N,) which marked rows are in a run of at most LONGEST_RUN."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[0], row.astype(int), [0]])))
+    start, end = edge[::2], edge[1::2]
+    short = np.zeros(len(row), bool)
+    for a, b in zip(start, end, strict=True):
+        short[a:b] = b - a <= LONGEST_RUN
+    return short

@@ -1,0 +1,65 @@
+"""What the examination of single samples finds."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+Numbers = dict[str, float | list[float]]
+
+CHANNEL_NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+class Finding(NamedTuple):
+    """One effect that is read off the samples, whether it is there or not."""
+
+    effect: str
+    """Its name in the catalogue."""
+    detected: bool
+    parameters: Numbers
+    """In the units of the catalogue; neutral where a channel shows nothing."""
+    stderr: Numbers
+    nats: float
+    """Log-likelihood ratio against a sensor and driver in order; 0 = nothing seen."""
+    sentence: str
+    """The evidence, for the report."""
+
+
+class SampleFindings(NamedTuple):
+    """All of them, and what they leave for the rest of the diagnosis."""
+
+    noise_level: Finding
+    outliers: Finding
+    quantisation: Finding
+    saturation: Finding
+    dropped_samples: Finding
+    stamp_jitter: Finding
+    clean_wrench: np.ndarray
+    """(T, 6) N, Nm: NaN also where a sample is saturated, a spike or a repetition."""
+    noise_std: np.ndarray
+    """(6,) N, Nm, measured white noise of one sample; the stated one where nothing was measured."""
+    noise_std_stderr: np.ndarray
+    """(6,) N, Nm."""
+    coloured: np.ndarray
+    """(6,) bool: the fast part of the signal is not white (hum, vibration, ringing, a filter in the sensor)."""
+    heavy_tailed: bool
+    """The noise has more large values than a normal distribution, without a gap between them and the rest."""
+
+    @property
+    def detected(self) -> tuple[Finding, ...]:
+        """The effects that are there."""
+        return tuple(finding for finding in self[:6] if finding.detected)
+
+
+def surprise(count: float, expected: float) -> float:
+    """Poisson log-likelihood ratio in nats of a count that is larger than expected; 0 if it is not."""
+    expected = max(expected, 1e-9)
+    return count * np.log(count / expected) - count + expected if count > expected else 0.0
+
+
+def name_channels(which: np.ndarray) -> str:
+    """Names of the channels marked in (6,) bool, for a sentence."""
+    if which.all():
+        return "all channels"
+    return ", ".join(name for name, marked in zip(CHANNEL_NAMES, which, strict=True) if marked)
