@@ -44,6 +44,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_tune(commands)
     _add_identify(commands)
     _add_simulate(commands)
+    _add_diagnose(commands)
     _add_demo(commands)
     return parser
 
@@ -125,6 +126,24 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         "--motion", default="sines", metavar="sines|moves|FILE", help="motion, or a log to replay (%(default)s)"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random numbers (%(default)s)")
+
+
+def _add_diagnose(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "diagnose",
+        help="find where logs depart from the model, why, and how far the gap shrinks",
+        description="Find which effects that the setup does not know cause the gap between LOGs and model.",
+        epilog="Example: ftbias diagnose LOG.npz --setup SETUP.toml --html REPORT.html --apply -o FIXED.toml",
+    )
+    parser.add_argument("logs", nargs="+", metavar="LOG", help="logs of the same robot, sensor and tool")
+    parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
+    parser.add_argument("--json", metavar="OUT.json", help="also write the diagnosis for programs")
+    parser.add_argument("--html", metavar="OUT.html", help="also write a report with plots, one file")
+    parser.add_argument("--apply", action="store_true", help="also write a setup that has the causes as effects")
+    parser.add_argument("-o", "--output", metavar="FIXED.toml", help="where to write that setup")
+    parser.add_argument(
+        "--without", action="append", default=[], metavar="EFFECT", help="leave this effect out; may be repeated"
+    )
 
 
 def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -60,9 +60,9 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
 
 def _header(diagnosis: Diagnosis, title: str) -> str:
     gap = diagnosis.gap
-    numbers = [("gap", f"{gap.before_sigmas:.3g} noise sigmas")]
+    numbers = [("gap", f"{gap.before_sigmas:.2f} noise sigmas")]
     if diagnosis.causes:
-        numbers += [("with the causes", f"{gap.after_sigmas:.3g} noise sigmas"), ("shrinks by", shrink_words(gap))]
+        numbers += [("with the causes", f"{gap.after_sigmas:.2f} noise sigmas"), ("shrinks by", shrink_words(gap))]
     items = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in numbers)
     logs = f"<p class='small'>Logs: {escape(', '.join(diagnosis.logs))}</p>" if diagnosis.logs else ""
     return (

@@ -25,8 +25,10 @@ from ftbias_jax.report_svg import (
 )
 
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
-MAX_BUCKETS = 260
+MAX_BUCKETS = 230
 """Pieces of a time plot; each shows its smallest and its largest value, so that no peak is lost."""
+MAX_NOISE = 60
+"""Points of the band of noise, which is smooth."""
 MAX_DOTS = 900
 MEAN_BINS = 12
 ROW = 24
@@ -59,7 +61,7 @@ def plot_gap(gap: Gap, with_after: bool) -> str:
             if np.isfinite(value):
                 end, below = float(axes.across(np.array(value))), y + place * thickness
                 parts.append(box(axes.left, below, end - axes.left, thickness - 1, f"fill-{style}"))
-                parts.append(label(end + 4, below + thickness / 2 + 3.5, f"{value:.3g}"))
+                parts.append(label(end + 4, below + thickness / 2 + 3.5, f"{value:.2f}"))
     one = float(axes.across(np.array(1.0)))
     parts.append(line(one, axes.top, one, axes.top + height, "reference"))
     words = "; ".join(f"{name}: {was:.2g} before, {now:.2g} after" for name, was, now in rows)
@@ -75,7 +77,7 @@ def plot_time(series: Series, channel: int, name: str, with_after: bool) -> str:
     before, after, noise = (part[:, channel] for part in (series.before, series.after, series.noise))
     shown = [("before", before), ("after", after)] if with_after else [("before", before)]
     axes = Axes(_time_range(series.t), data_range(*(y for _, y in shown), 2 * noise, -2 * noise), top=24)
-    step = max(1, len(noise) // MAX_BUCKETS)
+    step = max(1, len(noise) // MAX_NOISE)
     parts = [
         frame(axes, "time [s]", channel_title(channel)),
         band(axes, series.t[::step], -2 * noise[::step], 2 * noise[::step], "noise"),

@@ -200,7 +200,7 @@ def find_bands(white: np.ndarray, seen: np.ndarray, t: np.ndarray) -> tuple[tupl
         white: (B, 6) residual in units of its noise, 0 = not measured. seen: (B, 6) whether it was measured.
         t: (B,) s; what is missing between the bins counts as not measured.
     """
-    if len(t) < 16:
+    if len(t) < 16 or not seen.any():
         return ()
     step = float(np.median(np.diff(t)))
     place = np.round((t - t[0]) / step).astype(int)

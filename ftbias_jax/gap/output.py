@@ -115,11 +115,11 @@ def value_words(value: float, stderr: float) -> str:
     """A number with its standard error, both to the second digit of the error."""
     if not np.isfinite(stderr) or stderr <= 0 or not np.isfinite(value):
         return f"{value:.4g}"
-    decimals = 1 - int(np.floor(np.log10(stderr)))
-    if 0 <= decimals <= 6:
-        return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
-    digits = max(int(np.ceil(np.log10(max(abs(value) / stderr, 1)))) + 2, 2)
-    return f"{value:.{digits}g} ± {stderr:.2g}"
+    power = int(np.floor(np.log10(stderr)))
+    if power >= -5 and max(abs(value), stderr) < 1e7:
+        return f"{value:.{max(1 - power, 0)}f} ± {stderr:.{max(1 - power, 0)}f}"
+    digits = max(int(np.floor(np.log10(max(abs(value), stderr)))) - power + 1, 1)
+    return f"{value:.{digits}e} ± {stderr:.1e}"
 
 
 def twin_words(candidate: Candidate) -> list[tuple[str, str]]:

@@ -1,0 +1,41 @@
+from pathlib import Path
+
+import jax
+import pytest
+
+from ftbias_jax.compilation import cache_folder, prepare_jax
+
+CACHE = "jax_compilation_cache_dir"
+
+
+@pytest.fixture
+def updates(monkeypatch):
+    """The settings that would be made; the process keeps its own."""
+    made = {}
+    monkeypatch.setattr(jax.config, "update", lambda name, value: made.update({name: value}))
+    return made
+
+
+def test_the_cache_is_the_user_s(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert cache_folder() == tmp_path / "xdg" / "ftbias"
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for not_a_place in ("", "relative"):  # to be ignored, says the XDG specification
+        monkeypatch.setenv("XDG_CACHE_HOME", not_a_place)
+        assert cache_folder() == Path(tmp_path) / ".cache" / "ftbias"
+
+
+def test_double_precision_and_a_cache_are_set(tmp_path, monkeypatch, updates):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    prepare_jax()
+    assert updates["jax_enable_x64"] is True
+    assert updates[CACHE] == str(tmp_path / "ftbias" / "jax")
+    assert Path(updates[CACHE]).is_dir()
+    assert updates["jax_persistent_cache_min_compile_time_secs"] == 0.3
+
+
+def test_where_no_folder_can_be_made_there_is_no_cache(tmp_path, monkeypatch, updates):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    prepare_jax()
+    assert updates == {"jax_enable_x64": True}
