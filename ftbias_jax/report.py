@@ -37,7 +37,7 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
     """
     sections = (
         _section("Causes", _causes(diagnosis.causes)),
-        _section("The gap before and after", _gap(diagnosis)),
+        _section("The gap before and after" if diagnosis.causes else "The gap", _gap(diagnosis)),
         _section("What is left, against time", _times(diagnosis)),
         _section("What is left, against the cause", _regressor(diagnosis)),
         _section("How well each effect explains it", _ranking(diagnosis)),
@@ -111,11 +111,10 @@ def _legend(with_after: bool, noise: bool) -> str:
 
 def _gap(diagnosis: Diagnosis) -> str:
     gap, after = diagnosis.gap, bool(diagnosis.causes)
-    rows = [
-        (channel_title(i), f"{gap.before_rms[i]:.3g}", f"{gap.after_rms[i]:.3g}", f"{gap.noise_floor[i]:.3g}")
-        for i in range(len(CHANNELS))
-    ]
-    table = _table(("held-out rms", "before", "after", "noise alone"), rows)
+    columns = {"before": gap.before_rms, "after": gap.after_rms, "noise alone": gap.noise_floor}
+    shown = {name: rms for name, rms in columns.items() if after or name != "after"}
+    rows = [(channel_title(i), *(f"{rms[i]:.3g}" for rms in shown.values())) for i in range(len(CHANNELS))]
+    table = _table(("held-out rms", *shown), rows)
     figure = f"<figure>{plot_gap(gap, after)}<figcaption>Dashed: what noise alone leaves (1).</figcaption></figure>"
     return f"{_legend(after, noise=False)}<div class='pair'>{figure}{table}</div>"
 
@@ -162,7 +161,8 @@ def _ranking(diagnosis: Diagnosis) -> str:
         (c.effect, c.stage, value_words(c.held_out_gain, c.held_out_gain_stderr), percent(c.shrink)) for c in ranked
     ]
     table = _table(("effect", "stage", "held-out gain [nats/s]", "of the gap"), rows)
-    caption = "● named as a cause; whiskers: one standard error. Judged on data the fit has not seen."
+    named = "● named as a cause; " if diagnosis.causes else ""
+    caption = f"{named}whiskers: one standard error. Judged on data the fit has not seen."
     figure = f"<figure class='wide'>{plot}<figcaption>{caption}</figcaption></figure>"
     return f"{figure}<details><summary>All {len(ranked)} as a table</summary>{table}</details>"
 

@@ -52,6 +52,7 @@ def plot_gap(gap: Gap, with_after: bool) -> str:
     height = len(rows) * (ROW + 6)
     axes = Axes((0.0, max(top, 1.5)), (0.0, 1.0), top=6, width=WIDTH - 46 - 44, height=height)
     parts = [x_axis(axes, "held-out rms in noise sigmas")]
+    one = float(axes.across(np.array(1.0)))
     for row, (name, was, now) in enumerate(rows):
         y = axes.top + row * (ROW + 6) + 4
         bars = [("before", was), ("after", now)] if with_after else [("before", was)]
@@ -61,8 +62,8 @@ def plot_gap(gap: Gap, with_after: bool) -> str:
             if np.isfinite(value):
                 end, below = float(axes.across(np.array(value))), y + place * thickness
                 parts.append(box(axes.left, below, end - axes.left, thickness - 1, f"fill-{style}"))
-                parts.append(label(end + 4, below + thickness / 2 + 3.5, f"{value:.2f}"))
-    one = float(axes.across(np.array(1.0)))
+                beside = one if one - 30 < end < one else end  # not on the dashed line
+                parts.append(label(beside + 4, below + thickness / 2 + 3.5, f"{value:.2f}"))
     parts.append(line(one, axes.top, one, axes.top + height, "reference"))
     words = "; ".join(f"{name}: {was:.2g} before, {now:.2g} after" for name, was, now in rows)
     return drawing("gap", axes.top + height + 36, "Gap before and after, by channel", words, parts)
