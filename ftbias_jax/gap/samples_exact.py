@@ -11,6 +11,7 @@ import numpy as np
 
 from ftbias_jax.gap.samples_types import surprise
 
+FLOAT32 = float(np.finfo(np.float32).eps)
 LEAST_SHARE_ON_LATTICE = 0.9
 """Of the samples; the rest may be spikes added after rounding, or clipped values."""
 LATTICE_TOLERANCE = 0.05
@@ -36,7 +37,8 @@ class FlatTop(NamedTuple):
 
     value: float
     """N or Nm, with its sign."""
-    count: int
+    ties: int
+    """Samples there."""
     nats: float
 
 
@@ -78,7 +80,7 @@ def find_lattice(x: np.ndarray) -> Lattice:
     on_lattice = int(counts[on].sum())
     if on_lattice < LEAST_SHARE_ON_LATTICE * len(x):
         return Lattice(0.0, 0.0, 0)
-    resolution = np.finfo(np.float32).eps * np.abs(levels).max()
+    resolution = FLOAT32 * float(np.abs(levels).max())
     stderr = (np.std(off[on]) + resolution) / (np.std(number[on]) * np.sqrt(on.sum()))
     return Lattice(float(fit[0]), float(stderr), on_lattice)
 
@@ -94,10 +96,10 @@ def find_flat_top(x: np.ndarray, side: float, noise_std: float, step: float) -> 
     """
     if step > 2 * noise_std:
         return None
-    x = side * x
-    top = float(x.max())
-    resolution = max(step, 2 * np.finfo(np.float32).eps * abs(top))
-    width = max(noise_std / 2, 2 * resolution)
+    x = np.asarray(side * x)
+    top = float(np.max(x))
+    resolution: float = max(step, 2 * FLOAT32 * abs(top))
+    width: float = max(float(noise_std) / 2, 2 * resolution)
     count = int((x >= top - resolution / 4).sum())
     inside = int((x >= top - width).sum()) - count
     nats = surprise(count, (inside + 1) * resolution / width)

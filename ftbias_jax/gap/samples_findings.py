@@ -1,4 +1,4 @@
-"""From measurements on samples to findings: parameters of the catalogue, their errors, and the floors of each effect."""
+"""From measurements on samples to findings: parameters of the catalogue, their errors, the floor of each effect."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ftbias_jax.gap.samples_exact import FlatTop, Gaps, Lattice, runs
+from ftbias_jax.gap.samples_exact import FlatTop, Gaps, runs
 from ftbias_jax.gap.samples_jitter import Jitter
 from ftbias_jax.gap.samples_noise import Noise
 from ftbias_jax.gap.samples_spikes import LEAST_SPIKES, Spikes
@@ -23,6 +23,8 @@ COARSE = 0.5
 """Sigmas: a finer lattice adds less than 2 % to the noise variance."""
 QUIETER, LOUDER = 0.87, 1.15
 """Noise per stated noise: data sheets and warm electronics are no better than this."""
+LOUDER_IF_COLOURED = 1.5
+"""Strong vibration leaks into all frequencies."""
 STATED_WITHIN = 0.02
 """Relative error of a stated noise that nobody would call wrong."""
 
@@ -44,18 +46,20 @@ def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
     return Finding("dropped_samples", detected, {"rate": rate, "repeated": share}, error, nats, sentence)
 
 
-def find_quantisation(lattices: Sequence[Lattice], noise_std: np.ndarray) -> Finding:
-    """Lattices (6) that are coarse against the stated noise (6,) N, Nm."""
-    step = np.array([lattice.step for lattice in lattices])
-    stderr = [lattice.stderr for lattice in lattices]
+def find_quantisation(step: np.ndarray, stderr: np.ndarray, on_lattice: int, noise_std: np.ndarray) -> Finding:
+    """Lattices that are coarse against the stated noise.
+
+    Args:
+        step: (6,) N, Nm, 0 = no lattice. stderr: (6,). on_lattice: samples, of the best channel. noise_std: (6,) N, Nm.
+    """
     coarse = step >= COARSE * noise_std
-    on = max((lattice.on_lattice for lattice, marked in zip(lattices, coarse, strict=True) if marked), default=0)
-    nats = surprise(on, 0.1 * on)  # a tenth would be as near to a lattice by chance
+    detected = bool(coarse.any())
+    nats = surprise(on_lattice, 0.1 * on_lattice) if detected else 0.0  # a tenth would be as near by chance
     sentence = "readings lie on no coarse lattice"
-    if coarse.any():
+    if detected:
         ratio = (step / noise_std)[coarse].max()
         sentence = f"readings of {name_channels(coarse)} are multiples of a step of up to {ratio:.2g} noise sigmas"
-    return Finding("quantisation", bool(coarse.any()), {"step": list(step)}, {"step": stderr}, nats, sentence)
+    return Finding("quantisation", detected, {"step": list(step)}, {"step": list(stderr)}, nats, sentence)
 
 
 def find_saturation(tops: Sequence[Sequence[FlatTop]]) -> Finding:
@@ -63,11 +67,11 @@ def find_saturation(tops: Sequence[Sequence[FlatTop]]) -> Finding:
     limits, words, nats = [float("inf")] * 6, [], 0.0
     for channel, found in enumerate(tops):
         if found:
-            top = max(found, key=lambda top: top.count)
+            top = max(found, key=lambda top: top.ties)
             limits[channel] = abs(top.value)
             nats = max(nats, top.nats)
             marked = name_channels(np.arange(6) == channel)
-            words += [f"{top.count} samples of {marked} at exactly {top.value:.6g}" for top in found]
+            words += [f"{top.ties} samples of {marked} at exactly {top.value:.6g}" for top in found]
     stderr = [1e-6 * limit if np.isfinite(limit) else 0.0 for limit in limits]  # float32
     sentence = "; ".join(words) or "no readings pile up at an extreme value"
     return Finding("saturation", bool(words), {"limits": limits}, {"limits": stderr}, nats, sentence)
@@ -75,7 +79,7 @@ def find_saturation(tops: Sequence[Sequence[FlatTop]]) -> Finding:
 
 def find_outliers(spikes: Spikes) -> Finding:
     """Isolated wild samples, unless they are the tail of the noise; spikes of all six channels."""
-    rows = spikes.hit.any(1)
+    rows = spikes.row
     count, samples = int(rows.sum()), len(rows)
     by_channel = spikes.hit.mean(0)
     rate = float(by_channel[by_channel >= by_channel.max() / 5].mean())  # of the channels that have spikes
@@ -108,10 +112,10 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray) -> Findin
 
     scale, low, high = ratio(noise.std), ratio(noise.low), ratio(noise.high)
     stderr = np.maximum(noise.stderr / noise.std * scale, 1e-6)
-    scale = np.where(noise.coloured, np.clip(1.0, low, high), scale)
     # A step of more than two sigmas hides the noise: it passes a level seldom.
     told = (step < 2 * noise_std) & np.isfinite(scale)
-    louder = told & (low > LOUDER) & (low - 1 - STATED_WITHIN > 4 * stderr)
+    floor = np.where(noise.coloured, LOUDER_IF_COLOURED, LOUDER)
+    louder = told & (low > floor) & (low - 1 - STATED_WITHIN > 4 * stderr)
     quieter = told & (high < QUIETER) & (1 - STATED_WITHIN - high > 8 * stderr)  # a band: twice the error
     wrong = louder | quieter
     scale, stderr = np.where(told, scale, 1.0), np.where(told, stderr, 0.0)

@@ -17,6 +17,9 @@ LOUD = 5.0
 ACROSS = 0.25
 """Share of the variance along dW/dt that may be found across it and still be called jitter."""
 FEW_WINDOWS = 5
+EVEN = 0.6
+"""An unmodelled corner of the force has less than half of its variance in the upper half."""
+LEAST_NATS = 10.0
 VISIBLE = 0.3
 """Sigmas that the jitter must add where the wrench changes fastest."""
 
@@ -32,13 +35,20 @@ class Jitter(NamedTuple):
     """Sigmas it adds in the fastest twentieth of the log."""
     across: float
     """Variance across the direction of change per variance along it."""
+    even: float
+    """Variance in the upper half of the waves per variance in the lower half: 1 for jitter, less for jerky motion."""
     noise_std: np.ndarray
     """(k,) N, Nm, white noise without the jitter."""
 
     @property
     def detected(self) -> bool:
         """It is certain, large enough to matter, and nothing but jitter."""
-        return self.nats > 10 and self.visible > VISIBLE and self.across < ACROSS
+        return self.nats > LEAST_NATS and self.visible > VISIBLE and self.across < ACROSS and self.even > EVEN
+
+
+def no_jitter(noise_std: np.ndarray) -> Jitter:
+    """Nothing seen, in noise (k,) N, Nm."""
+    return Jitter(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, noise_std)
 
 
 def measure_jitter(amplitude: np.ndarray, rate: np.ndarray, noise_std: np.ndarray) -> Jitter:
@@ -60,14 +70,17 @@ def measure_jitter(amplitude: np.ndarray, rate: np.ndarray, noise_std: np.ndarra
         quiet = across < LOUD
         along, across, speed = along[quiet], across[quiet], speed[quiet]
         if not quiet.any() or not speed.any():
-            return Jitter(0.0, 0.0, 0.0, 0.0, 0.0, noise_std)
+            return no_jitter(noise_std)
         variance_across, _, _ = _fit(across, speed, np.ones_like(speed), TOP * (amplitude.shape[2] - 1))
         ground = 1 + variance_across * speed**2
         variance, stderr, nats = _fit(along, speed, ground, TOP)
         std = float(np.sqrt(variance))
     visible = std * float(np.quantile(speed, 0.95))
     share = variance_across / variance if variance > 0 else 0.0
-    return Jitter(std, stderr / (2 * std) if std > 0 else 0.0, nats, visible, share, sigma)
+    halves = np.split(amplitude / sigma, 2, axis=1)
+    low, high = (_fit(_split(half, rate / sigma)[0][quiet], speed, ground, TOP // 2)[0] for half in halves)
+    even = high / low if low > 0 else 1.0
+    return Jitter(std, stderr / (2 * std) if std > 0 else 0.0, nats, visible, share, even, sigma)
 
 
 def _split(amplitude: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

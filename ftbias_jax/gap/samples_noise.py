@@ -29,21 +29,26 @@ class Waves(NamedTuple):
     """The fast part of a signal. M = windows, k = channels."""
 
     amplitude: np.ndarray
-    """(M, 8, k) N, Nm, of the waves from TOP on."""
+    """(M, 12, k) N, Nm, by rising frequency."""
     row: np.ndarray
     """(M, 16) rows of the signal in each window."""
+
+    @property
+    def top(self) -> np.ndarray:
+        """(M, 8, k) N, Nm: those that motion and the model's errors do not reach."""
+        return self.amplitude[:, TOP - CUBIC :]
 
 
 class Noise(NamedTuple):
     """White noise of each channel (k,)."""
 
     std: np.ndarray
-    """N, Nm."""
+    """N, Nm; of noise that is not white the value nearest to the stated one within its spectrum."""
     stderr: np.ndarray
     low: np.ndarray
-    """N, Nm: of the quietest part of the spectrum; hum and vibration raise ``std`` and leave this."""
+    """N, Nm: of the quietest part of the spectrum, which hum and vibration do not raise."""
     high: np.ndarray
-    """N, Nm: of the loudest band; a filter in the sensor lowers ``std`` and leaves this."""
+    """N, Nm: of the loudest band, which a filter in the sensor does not lower."""
     coloured: np.ndarray
     """bool."""
 
@@ -60,29 +65,28 @@ def fast_waves(t: np.ndarray, signal: np.ndarray) -> Waves:
     powers = x[:, :, None] ** np.arange(CUBIC)
     columns = np.concatenate([powers, np.broadcast_to(waves, (len(row), *waves.shape))], 2)
     basis = np.linalg.qr(columns)[0]
-    return Waves(np.einsum("mwj,mwk->mjk", basis[:, :, TOP:], signal[row]), row)
+    return Waves(np.einsum("mwj,mwk->mjk", basis[:, :, CUBIC:], signal[row]), row)
 
 
-def measure_noise(waves: Waves, signal: np.ndarray, heavy_tailed: bool) -> Noise:
+def measure_noise(waves: Waves, signal: np.ndarray, stated: np.ndarray, heavy_tailed: bool) -> Noise:
     """White noise from the fast waves, and how evenly it is spread over frequencies.
 
     Args:
-        signal: (N, k) N, Nm, the waves' own. heavy_tailed: its large values belong to the noise.
+        signal: (N, k) N, Nm, the waves' own. stated: (k,) N, Nm. heavy_tailed: its large values belong to the noise.
     """
-    k = signal.shape[1]
-    std = robust_std(waves.amplitude.reshape(-1, k))
-    if heavy_tailed:
-        std = np.sqrt((waves.amplitude**2).mean((0, 1)))
-    bands = np.stack([robust_std(waves.amplitude[:, j : j + 2].reshape(-1, k)) for j in range(0, TOP, 2)])
-    windows = len(waves.amplitude)
-    spread = 1.05 / np.sqrt(4 * windows)  # of the logarithm of one band's standard deviation
-    level, line = _spectrum(signal)
-    low, high = np.minimum(bands.min(0), std), np.maximum(bands.max(0), std)
-    if level is not None:
-        low = np.minimum(low, level)
-    uneven = high / np.maximum(bands.min(0), 1e-12) > COLOURED * np.exp(4 * spread)
-    hum = std > 1.1 * low * (1 + 4 * spread)
-    return Noise(std, 1.05 * std / np.sqrt(2 * TOP * windows), low, high, uneven | hum | line)
+    windows, k = len(waves.amplitude), signal.shape[1]
+    std = np.sqrt((waves.top**2).mean((0, 1))) if heavy_tailed else robust_std(waves.top.reshape(-1, k))
+    pairs = waves.amplitude.reshape(windows, -1, 2, k)
+    bands = np.stack([robust_std(pairs[:, j].reshape(-1, k)) for j in range(pairs.shape[1])])
+    top = bands[(TOP - CUBIC) // 2 :]
+    level, line = _spectrum(signal, std)
+    low, high = np.minimum(np.minimum(top.min(0), std), level), np.maximum(bands.max(0), std)
+    margin = np.exp(4 * 1.05 / np.sqrt(4 * windows))  # four standard errors of one band
+    loud = (std > 1.1 * low * margin) | line | (top.max(0) > COLOURED * margin * top.min(0))
+    coloured = loud | (high > COLOURED * margin * std)
+    nearest = np.clip(stated, np.where(loud, low, std), high)
+    stderr = 1.05 * std / np.sqrt(2 * TOP * windows)
+    return Noise(np.where(coloured, nearest, std), stderr, low, high, coloured)
 
 
 def robust_std(x: np.ndarray) -> np.ndarray:
@@ -94,15 +98,15 @@ def robust_std(x: np.ndarray) -> np.ndarray:
     return std
 
 
-def _spectrum(signal: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+def _spectrum(signal: np.ndarray, usual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Noise (k,) between the lines of the upper half of the spectrum, and whether there are lines (k,).
 
     Returns:
-        None and False for a signal too short to tell.
+        ``usual`` (k,) and False for a signal too short to tell.
     """
     count = len(signal) // LONG_WINDOW
     if count < 4:
-        return None, np.zeros(signal.shape[1], bool)
+        return usual, np.zeros(signal.shape[1], bool)
     taper = np.hanning(LONG_WINDOW)[:, None]
     blocks = signal[: count * LONG_WINDOW].reshape(count, LONG_WINDOW, -1)
     power = np.abs(np.fft.rfft((blocks - blocks.mean(1, keepdims=True)) * taper, axis=1)) ** 2 / (taper**2).sum()

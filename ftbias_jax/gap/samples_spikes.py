@@ -36,6 +36,16 @@ class Spikes(NamedTuple):
     """Isolated samples beyond FAR."""
 
     @property
+    def row(self) -> np.ndarray:
+        """(N,) rows with a spike in any channel."""
+        return np.asarray(self.hit.any(1))
+
+    @property
+    def wild(self) -> np.ndarray:
+        """(N,) the same, none if they belong to the noise."""
+        return np.zeros(len(self.hit), bool) if self.heavy_tailed else self.row
+
+    @property
     def heavy_tailed(self) -> bool:
         """Large values fade into the rest."""
         return self.middle > max(self.far, 10)
@@ -49,7 +59,8 @@ def find_spikes(signal: np.ndarray, floor: np.ndarray) -> Spikes:
         floor: (N, k) the least scatter to assume (lattice, few digits, jitter); inf where a sample tells nothing.
     """
     off = signal - neighbourhood(signal)
-    usual = np.ma.median(np.ma.array(np.abs(off), mask=np.isinf(floor)), 0).filled(0) / NORMAL_MEDIAN
+    seen = np.isfinite(floor)
+    usual = np.array([_normal_std(x[keep]) for x, keep in zip(off.T, seen.T, strict=True)])
     scale = np.maximum(usual, floor)
     size = np.abs(off) / np.maximum(_local_scale(off), scale)
     isolated = (size > MIDDLE) & (_off_of_neighbours(signal, off) < 0.4 * np.abs(off))
@@ -61,6 +72,11 @@ def find_spikes(signal: np.ndarray, floor: np.ndarray) -> Spikes:
         beyond = size > FAR
         hit = far | (beyond & _in_short_run(beyond.any(1))[:, None])
     return Spikes(hit, off, usual, middle, int(far.sum()))
+
+
+def _normal_std(x: np.ndarray) -> float:
+    """Standard deviation of the middle half of (N,) as if normal; 0 if there is none."""
+    return float(np.median(np.abs(x)) / NORMAL_MEDIAN) if len(x) else 0.0
 
 
 def _off_of_neighbours(signal: np.ndarray, off: np.ndarray) -> np.ndarray:
@@ -75,11 +91,12 @@ def neighbourhood(signal: np.ndarray) -> np.ndarray:
     """(N, k) median of the three samples before and the three after each; straight lines pass unchanged."""
     padded = np.pad(signal, ((REACH, REACH), (0, 0)), mode="reflect", reflect_type="odd")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * REACH + 1, axis=0)
-    return np.median(np.delete(windows, REACH, axis=-1), -1)
+    median: np.ndarray = np.median(np.delete(windows, REACH, axis=-1), -1)
+    return median
 
 
 def _local_scale(off: np.ndarray) -> np.ndarray:
-    """(N, k) standard deviation in the noisiest of three blocks around each sample: hum and vibration are not spikes."""
+    """(N, k) standard deviation in the noisiest of three blocks around each sample: vibration is no row of spikes."""
     n, k = off.shape
     blocks = -(-n // BLOCK)
     padded = np.pad(np.abs(off), ((0, blocks * BLOCK - n), (0, 0)), mode="reflect" if n > BLOCK else "edge")
