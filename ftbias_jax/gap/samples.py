@@ -81,9 +81,9 @@ def inspect_samples(
 
 def _nothing(log: Log, stated: np.ndarray, reason: str) -> SampleFindings:
     """For a log that cannot be examined."""
-    found = [Finding(name, False, {}, {}, 0.0, reason) for name in SampleFindings._fields[:6]]
-    white = np.zeros(6, bool)
-    return SampleFindings(*found, np.array(log.wrench, float), stated, np.zeros(6), white, False)
+    found = (Finding(name, False, {}, {}, 0.0, reason) for name in SampleFindings._fields[:6])
+    a, b, c, d, e, f = found
+    return SampleFindings(a, b, c, d, e, f, np.array(log.wrench, float), stated, np.zeros(6), np.zeros(6, bool), False)
 
 
 def _repeated(samples: Samples, step: np.ndarray) -> np.ndarray:

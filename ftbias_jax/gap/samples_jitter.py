@@ -14,6 +14,9 @@ from ftbias_jax.gap.samples_noise import TOP, robust_std
 
 LOUD = 5.0
 """Mean square across dW/dt, in noise variances, of a window with an event."""
+ROUNDS = 20
+CONSTANT_RATE = 0.05
+"""Relative error of the result, as the rate is taken as constant during the delay."""
 ACROSS = 0.25
 """Share of the variance along dW/dt that may be found across it and still be called jitter."""
 FEW_WINDOWS = 5
@@ -63,7 +66,8 @@ def measure_jitter(amplitude: np.ndarray, rate: np.ndarray, noise_std: np.ndarra
     slow = speed <= np.quantile(speed, 0.3)
     sigma = np.minimum(sigma, robust_std(amplitude[slow].reshape(-1, amplitude.shape[2])))
     std = 0.0
-    for _ in range(4):
+    for _ in range(ROUNDS):
+        before = std
         spread = np.sqrt(1 + std**2 * (rate / sigma) ** 2)
         sigma = robust_std((amplitude / spread[:, None]).reshape(-1, amplitude.shape[2]))
         along, across, speed = _split(amplitude / sigma, rate / sigma)
@@ -75,12 +79,15 @@ def measure_jitter(amplitude: np.ndarray, rate: np.ndarray, noise_std: np.ndarra
         ground = 1 + variance_across * speed**2
         variance, stderr, nats = _fit(along, speed, ground, TOP)
         std = float(np.sqrt(variance))
+        if abs(std - before) <= 1e-3 * std:
+            break
     visible = std * float(np.quantile(speed, 0.95))
     share = variance_across / variance if variance > 0 else 0.0
     halves = np.split(amplitude / sigma, 2, axis=1)
     low, high = (_fit(_split(half, rate / sigma)[0][quiet], speed, ground, TOP // 2)[0] for half in halves)
     even = high / low if low > 0 else 1.0
-    return Jitter(std, stderr / (2 * std) if std > 0 else 0.0, nats, visible, share, even, sigma)
+    error = float(np.hypot(stderr / (2 * std), CONSTANT_RATE * std)) if std > 0 else 0.0
+    return Jitter(std, error, nats, visible, share, even, sigma)
 
 
 def _split(amplitude: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
