@@ -64,19 +64,29 @@ def inspect_samples(
     clean = np.array(log.wrench, float)
     clean[samples.row[repeated]] = np.nan
     clean[kept.row] = np.where(spikes.wild[:, None] | six(saturated), np.nan, clean[kept.row])
+    level = findings.judge_noise(noise, stated, six(step))
+    outliers = findings.find_outliers(
+        spikes._replace(hit=six(spikes.hit), off=six(spikes.off), scale=six(spikes.scale))
+    )
+    late = findings.judge_jitter(jitter)
     return SampleFindings(
-        findings.judge_noise(noise, stated, six(step)),
-        findings.find_outliers(spikes._replace(hit=six(spikes.hit), off=six(spikes.off), scale=six(spikes.scale))),
+        level if not samples.too_slow else _untold(level),
+        outliers if not samples.too_slow else _untold(outliers),
         findings.find_quantisation(six(step), six(step_stderr), on_lattice, stated),
         findings.find_saturation(all_tops),
         dropped,
-        findings.judge_jitter(jitter),
+        late if samples.modelled else _untold(late),
         clean,
         std,
         stderr,
         noise.coloured,
         spikes.heavy_tailed,
     )
+
+
+def _untold(finding: Finding) -> Finding:
+    """Says that motion may look the same, if nothing was found."""
+    return finding if finding.detected else finding._replace(sentence="not told from motion without the model's error")
 
 
 def _nothing(log: Log, stated: np.ndarray, reason: str) -> SampleFindings:

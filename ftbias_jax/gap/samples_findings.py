@@ -59,7 +59,7 @@ def find_quantisation(step: np.ndarray, stderr: np.ndarray, on_lattice: int, noi
     if detected:
         ratio = (step / noise_std)[coarse].max()
         sentence = f"readings of {name_channels(coarse)} are multiples of a step of up to {ratio:.2g} noise sigmas"
-    return Finding("quantisation", detected, {"step": list(step)}, {"step": list(stderr)}, nats, sentence)
+    return Finding("quantisation", detected, {"step": step.tolist()}, {"step": stderr.tolist()}, nats, sentence)
 
 
 def find_saturation(tops: Sequence[Sequence[FlatTop]]) -> Finding:
@@ -95,8 +95,8 @@ def find_outliers(spikes: Spikes) -> Finding:
     sentence = f"{count} of {samples} samples are alone beyond six sigmas of both neighbours"
     if spikes.heavy_tailed:
         sentence += f", but {spikes.middle} more lie between them and the rest: the tail of the noise"
-    parameters: dict[str, float | list[float]] = {"rate": rate, "size": list(size)}
-    errors: dict[str, float | list[float]] = {"rate": _share_error(rate, samples), "size": list(stderr)}
+    parameters: dict[str, float | list[float]] = {"rate": rate, "size": size.tolist()}
+    errors: dict[str, float | list[float]] = {"rate": _share_error(rate, samples), "size": stderr.tolist()}
     return Finding("outliers", detected, parameters, errors, nats, sentence)
 
 
@@ -127,7 +127,9 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray) -> Findin
         sentence = f"white noise of {name_channels(wrong)} is not the stated: {words} times as large"
     if noise.coloured.any():
         sentence += f"; {name_channels(noise.coloured)} not white (hum, vibration, ringing or a filter)"
-    return Finding("noise_level", bool(wrong.any()), {"scale": list(scale)}, {"scale": list(stderr)}, nats, sentence)
+    return Finding(
+        "noise_level", bool(wrong.any()), {"scale": scale.tolist()}, {"scale": stderr.tolist()}, nats, sentence
+    )
 
 
 def judge_jitter(jitter: Jitter) -> Finding:
