@@ -30,18 +30,18 @@ def plot_filtered(filtered: Filtered, title: str, true_bias: Array | None = None
     """
     figure = _new_figure()
     axes = figure.subplots(2, 2, sharex=True)
-    thin = slice(None, None, max(1, len(filtered.t) // MAX_POINTS))
+    # The first samples, in which the bias is still unknown, would set the scale of everything.
+    known = (filtered.bias_std < 10 * np.median(filtered.bias_std, 0)).all(1).nonzero()[0]
+    thin = known[:: max(1, len(known) // MAX_POINTS)]
     t = filtered.t[thin] - filtered.t[0]
     residual = filtered.wrench_unbiased - filtered.wrench_tool
     for column, (name, unit, rows) in enumerate((("force", "N", slice(0, 3)), ("torque", "Nm", slice(3, 6)))):
         top, bottom = axes[0, column], axes[1, column]
         top.set(title=f"Bias, {name}", ylabel=f"bias [{unit}]")
         bottom.set(title=f"Corrected wrench - tool model, {name}", ylabel=f"residual [{unit}]", xlabel="time [s]")
-        bias, std = filtered.bias[thin, rows], 2 * filtered.bias_std[thin, rows]
-        _lines(top, t, bias, std)
         if true_bias is not None:
-            top.plot(t, true_bias[thin, rows], color="black", linewidth=0.8, label=["truth", None, None])
-        _limit(top, bias)
+            top.plot(t, true_bias[thin, rows], color="0.75", linewidth=5, label=["truth", None, None])
+        _lines(top, t, filtered.bias[thin, rows], 2 * filtered.bias_std[thin, rows])
         _lines(bottom, t, residual[thin, rows], None)
         bottom.axhline(0, color="black", linewidth=0.6)
         top.legend(loc="best", fontsize=8, ncols=2)
@@ -76,11 +76,3 @@ def _lines(axes: Axes, t: Array, values: Array, band: Array | None) -> None:
         if band is not None:
             axes.fill_between(t, values[:, i] - band[:, i], values[:, i] + band[:, i], color=COLORS[i], alpha=0.2, lw=0)
     axes.grid(color="0.9", linewidth=0.6)
-
-
-def _limit(axes: Axes, values: Array) -> None:
-    """Show the estimate, not the huge uncertainty of the first samples."""
-    settled = values[len(values) // 50 :]
-    low, high = np.nanmin(settled), np.nanmax(settled)
-    margin = 0.15 * (high - low) + 1e-3
-    axes.set_ylim(low - margin, high + margin)

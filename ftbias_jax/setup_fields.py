@@ -42,6 +42,7 @@ class Range(NamedTuple):
         return bool(np.all(values > self.lowest if self.open else values >= self.lowest))
 
 
+LARGEST = 1e30  # in size: far above every quantity of a setup, and squares of it are still finite
 ANY = Range("finite")
 NOT_NEGATIVE = Range("0 or more", 0.0)
 POSITIVE = Range("greater than 0", 0.0, open=True)
@@ -134,6 +135,8 @@ def vector(
     numbers = _floats(flat)
     if not np.isfinite(numbers).all() or not within.holds(numbers):
         raise section.error(key, f"got {show(value)}", remedy)
+    if np.abs(numbers).max() > LARGEST:
+        raise section.error(key, f"got {show(value)}", "check the number and its unit: nothing here is so large")
     result = np.array(np.repeat(numbers, size // len(flat)))
     result.setflags(write=False)
     return result

@@ -65,11 +65,11 @@ def bias_process(key: Array, t: Array, density: Array, initial: Array, initial_d
     dt = jnp.diff(t, prepend=t[:1])[:, None]
     kick, slip = jax.random.normal(key, (2, t.shape[0], 6), t.dtype)
     # Cholesky factor of [[dt, dt^2/2], [dt^2/2, dt^3/3]], the covariance of a step of (drift, bias).
-    drift_step = jnp.sqrt(dt) * density * kick
-    bias_step = dt * drift_step / 2 + jnp.sqrt(dt**3 / 12) * density * slip
-    drift = initial_drift + jnp.cumsum(drift_step, 0)
+    drift_step = jnp.sqrt(dt) * density[None] * kick
+    bias_step = dt * drift_step / 2 + jnp.sqrt(dt**3 / 12) * density[None] * slip
+    drift = initial_drift[None] + jnp.cumsum(drift_step, 0)
     before = jnp.concatenate([initial_drift[None], drift[:-1]])
-    bias = initial + jnp.cumsum(dt * before + bias_step, 0)
+    bias = initial[None] + jnp.cumsum(dt * before + bias_step, 0)
     return bias, drift
 
 
@@ -104,12 +104,12 @@ def simulate(
     clean = chain.predict(signals, effects)
     start = params.bias.prior_mean + params.bias.prior_std * jax.random.normal(start_key, (12,), t.dtype)
     bias, drift = bias_process(bias_key, t, params.bias.density, start[:6], start[6:])
-    noise = jnp.sqrt(params.bias.wrench_variance) * jax.random.normal(wrench_key, clean.shape, t.dtype)
+    noise = jnp.sqrt(params.bias.wrench_variance)[None] * jax.random.normal(wrench_key, clean.shape, t.dtype)
     # A key of its own, so that the draws above do not depend on the effects.
     samples = chain.record(jax.random.fold_in(key, 1), Record(t, clean - bias + noise, noise), model, effects)
 
     def noisy(key: Array, x: Array, std: Array) -> Array:
-        return x + std * jax.random.normal(key, x.shape, x.dtype)
+        return x + std[None] * jax.random.normal(key, x.shape, x.dtype)
 
     return Simulation(
         samples.t,

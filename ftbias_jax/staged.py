@@ -44,7 +44,7 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
         the last state and the track of every sample.
     """
     joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
-    wrench_tool, variance = predict_wrenches(params, joint, options)
+    wrench_tool, variance = predict_wrenches(params, joint_states(joint), options)
     wrench = filter_scan(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
     return _last_state(joint, wrench), Staged(joint, wrench, wrench_tool)
 
@@ -73,18 +73,22 @@ def bias_inputs(params: Params, state: State, samples: Sample, wrench_tool: Arra
     return Inputs(samples.dt, params.bias.density, y, variance[:, None], mean, covariance, never)
 
 
-def predict_wrenches(params: Params, joint: Track, options: Options) -> tuple[Array, Array]:
-    """Wrench of the tool D theta (T, 6) and the diagonal of R (T, 6) along a track of the joints."""
+def joint_states(track: Track) -> Gaussian:
+    """States of the joints with the axes in the pipeline's order: mean (T, n, 3), covariance (T, n, 3, 3)."""
+    return Gaussian(jnp.swapaxes(track.mean, 1, 2), jnp.moveaxis(track.covariance, -1, 1))
+
+
+def predict_wrenches(params: Params, joints: Gaussian, options: Options) -> tuple[Array, Array]:
+    """Wrench of the tool D theta (T, 6) and the diagonal of R (T, 6) along joint states with leading axis T."""
 
     def one(mean: Array, covariance: Array) -> tuple[Array, Array]:
         motion, wrench_tool = predict_wrench(params, mean)
         if options.joint_uncertainty == "none":
-            return wrench_tool, jnp.zeros_like(wrench_tool)
+            return wrench_tool, params.bias.wrench_variance
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
-        return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal"))
+        return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal")) + params.bias.wrench_variance
 
-    wrench_tool, variance = jax.vmap(one)(jnp.swapaxes(joint.mean, 1, 2), jnp.moveaxis(joint.covariance, -1, 1))
-    return wrench_tool, variance + params.bias.wrench_variance
+    return jax.vmap(one)(joints.mean, joints.covariance)
 
 
 def _last_state(joint: Track, wrench: Track) -> State:

@@ -158,6 +158,8 @@ MISTAKES = [
     ("tool.mass", 0, "tool.mass: got 0", "greater than 0"),
     ("tool.mass", float("nan"), "tool.mass: got nan", "greater than 0"),
     ("tool.mass", 10**400, "tool.mass: got 1000", "greater than 0"),
+    ("tool.mass", 1e300, "tool.mass: got 1e+300", "check the number and its unit"),
+    ("robot.gravity", [0, 0, 1e300], "robot.gravity: got [0, 0, 1e+300]", "check the number and its unit"),
     ("tool.center_of_mass", [0, 0], "tool.center_of_mass: has 2 numbers", "give 3 numbers"),
     ("tool.center_of_mass", 0.1, "tool.center_of_mass: has 1 numbers", "give 3 numbers"),
     ("tool.center_of_mass", [0, 0, float("inf")], "tool.center_of_mass: got [0, 0, inf]", "finite"),

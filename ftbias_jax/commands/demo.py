@@ -55,7 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     t = jnp.arange(round(arguments.duration * arguments.rate)) / arguments.rate
     trajectory = simulate.excitation_sines(motion_key, t, jnp.array(CENTER), jnp.array(EXCURSION))
     truth = simulate.simulate(log_key, params_from_setup(setup), trajectory)
-    log = Log(*(np.asarray(x) for x in (t, truth.q, truth.dq, truth.wrench, jnp.full_like(t, jnp.nan))), start=0.0)
+    t, q, dq, wrench = jax.tree.map(np.asarray, (t, truth.q, truth.dq, truth.wrench))
+    log = Log(t, q, dq, wrench, np.full(len(t), np.nan))
     (folder / "setup.toml").write_text(dump_setup(setup))
     results.save_npz(folder / "log.npz", {"t": log.t, "q": log.q, "dq": log.dq, "wrench": log.wrench})
 
