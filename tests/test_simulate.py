@@ -20,7 +20,14 @@ from ftbias_jax.wrench import tool_parameters, tool_wrench
 T = jnp.arange(500) / 100
 SETUP = """
 [robot]
-model = "panda"
+[[robot.joints]]
+axis = [0.0, 1.0, 0.0]
+point = [0.0, 0.0, 0.3]
+[[robot.joints]]
+axis = [1.0, 0.0, 0.0]
+point = [0.0, 0.0, 0.5]
+[robot.flange]
+translation = [0.0, 0.0, 0.7]
 [sensor]
 noise_std = [0.1, 0.004]
 [tool]
@@ -189,7 +196,7 @@ def test_the_command_writes_log_and_truth(setup_file, capsys):
     assert command(setup_file, "--effect", "tool_mass:mass=0.8", "--effect", warming) == 0
     log, truth = load_npz(setup_file.parent / "log.npz"), load_npz(setup_file.parent / "log_truth.npz")
     assert set(log) == {"t", "q", "dq", "wrench", "temperature"}
-    assert log["q"].shape == (200, 7)
+    assert log["q"].shape == (200, 2)
     assert truth["effects.tool_mass.mass"] == 0.8
     warmer = log["temperature"] - log["temperature"][0]
     assert warmer.max() > 5

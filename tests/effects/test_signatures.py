@@ -87,7 +87,8 @@ def test_a_channel_leaks_into_another(signals, wrench):
 def test_a_delay_is_the_rate_times_the_delay(signals, wrench):
     change = chain.read(signals, {"time_delay": {"delay": 1e-3}}, wrench) - wrench
     rate = np.gradient(np.asarray(wrench), np.asarray(signals.t), axis=0)
-    np.testing.assert_allclose(change[2:], -1e-3 * rate[2:], atol=6e-2 * np.abs(1e-3 * rate).max())
+    # The delayed signal is a straight line between samples, whose slope is the rate up to the sampling.
+    assert np.std(change + 1e-3 * rate) < 0.1 * np.std(change)
 
 
 def test_a_slow_motion_sees_a_low_pass_as_a_delay(signals, wrench):
