@@ -43,6 +43,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_filter(commands)
     _add_tune(commands)
     _add_identify(commands)
+    _add_simulate(commands)
     _add_demo(commands)
     return parser
 
@@ -101,6 +102,31 @@ def _add_identify(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     parser.add_argument("-o", "--output", required=True, metavar="OUT.toml", help="where to write the setup found")
     parser.add_argument("--mounting", action="store_true", help="also find how the sensor is turned on the flange")
     parser.add_argument("--gravity", action="store_true", help="also find the direction of gravity")
+
+
+def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "simulate",
+        help="make a log with known truth, with any effects",
+        description="Simulate a log of the setup's robot, sensor and tool, and write what is true to another file.",
+        epilog="Example: ftbias simulate --setup SETUP.toml --effect tool_mass:mass=0.8 --effect time_delay -o LOG.npz",
+    )
+    parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool, noise and effects")
+    parser.add_argument("-o", "--output", required=True, metavar="LOG.npz", help="where to write the log")
+    parser.add_argument("--truth", metavar="FILE", help=".npz or .json with the truth (default: LOG_truth.npz)")
+    parser.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME[:key=value,...]",
+        help="what the setup does not know; vectors as 1/2/3; typical values if none are given; may be repeated",
+    )
+    parser.add_argument("--duration", type=_positive, default=60.0, metavar="S", help="seconds (%(default)s)")
+    parser.add_argument("--rate", type=_positive, default=500.0, metavar="HZ", help="samples a second (%(default)s)")
+    parser.add_argument(
+        "--motion", default="sines", metavar="sines|moves|FILE", help="motion, or a log to replay (%(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random numbers (%(default)s)")
 
 
 def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.screws import skew
+from ftbias_jax.screws import Arm, sensor_motion, skew
 from ftbias_jax.types import Array
 
 _DEAD_ROWS = {0: (3, 4, 5), 1: (3,), 2: (4,), 3: (5,)} | dict.fromkeys(range(4, 10), (0, 1, 2))
@@ -120,3 +120,15 @@ def unbias(wrench: Array, bias_and_drift: Array, elapsed: Array) -> Array:
         wrench: (6,) N, Nm, as read. bias_and_drift: (12,) filter mean. elapsed: () s since that mean was computed.
     """
     return wrench + bias_and_drift[:6] + elapsed * bias_and_drift[6:]
+
+
+def tool_wrench(arm: Arm, gravity: Array, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
+    """Wrench W = D theta that the sensor exerts on the tool; (n,) joint states -> (6,) N, Nm, sensor frame."""
+    motion = sensor_motion(arm, q, dq, ddq)
+    R_sensor_base = motion.R_base_sensor.T
+    D = data_matrix(
+        R_sensor_base @ (motion.linear_acceleration - gravity),
+        R_sensor_base @ motion.angular_velocity,
+        R_sensor_base @ motion.angular_acceleration,
+    )
+    return D @ theta

@@ -19,7 +19,7 @@ LAYERS = (
     "gaussian screws newton inertia",
     "noise wrench recursion",
     "joint_filter bias_filter effects",
-    "pipeline staged simulate",
+    "pipeline staged trajectories simulate",
     "smooth likelihood consistency batch",
     "regression tune identify",
     "gap",

@@ -1,0 +1,207 @@
+"""Effects of the environment stage: forces on the tool besides gravity, and a tool that is not rigid.
+
+A force F that the environment exerts on the tool lowers the reading by F: the sensor has less to hold.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.effects.recursions import rung
+from ftbias_jax.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
+from ftbias_jax.inertia import about_center_of_mass
+from ftbias_jax.screws import product_of_exponentials, sensor_pose
+from ftbias_jax.types import Array
+
+
+def cable(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+    """An elastic cable between the tool and a point of a link or of the world; it pulls and never pushes."""
+    arm = signals.model.arm
+    attachment = values["attachment"]
+
+    def pull(q: Array) -> Array:
+        rotations, positions = product_of_exponentials(arm, q)
+        link = jnp.clip(jnp.round(values["link"]).astype(int), 0, q.shape[0])
+        anchor = rotations[link] @ values["anchor"] + positions[link]
+        R_base_sensor = rotations[-1] @ arm.zero_rotation
+        tool = rotations[-1] @ arm.zero_position + positions[-1] + R_base_sensor @ attachment
+        span = R_base_sensor.T @ (anchor - tool)
+        length = jnp.sqrt(jnp.maximum(span @ span, np.finfo(span.dtype).tiny))
+        tension = values["stiffness"] * jnp.maximum(length - values["rest_length"], 0)
+        force = tension / length * span
+        return jnp.concatenate([force, jnp.cross(attachment, force)])
+
+    return wrench - jax.vmap(pull)(signals.q)
+
+
+def contact(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+    """Something touches the tool for a while: half sines of force, fixed in the base frame, at points of the tool."""
+    start, end = values["start"], values["end"]
+    lasting = jnp.where(end > start, end - start, 1)
+    phase = (signals.t[:, None] - start[None]) / lasting[None]
+    touching = (phase > 0) & (phase < 1) & (end > start)[None]
+    size = jnp.where(touching, jnp.sin(jnp.pi * jnp.clip(phase, 0, 1)), 0)
+
+    def push(q: Array, size: Array) -> Array:
+        R_base_sensor, _ = sensor_pose(signals.model.arm, q)
+        force = size[:, None] * values["force"] @ R_base_sensor
+        torque = jnp.cross(values["point"], force)
+        return jnp.concatenate([force.sum(0), torque.sum(0)])
+
+    return wrench - jax.vmap(push)(signals.q, size)
+
+
+def tool_flexibility(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+    """The tool hangs on springs and swings about the sensor's x and y axes: it sags under its weight and rings.
+
+    Let phi (2,) be the small turn of the tool, I its inertia about the axes through the sensor's origin, tau the torque
+    of the rigid tool. The springs and dampers, which the sensor reads, must give
+    -I (w^2 phi + 2 zeta w phi') = tau + (phi x c) x F + I phi'', where the middle term is the weight F at the place the
+    centre of mass c sags to. So they read the second-order response (``rung``) of tau + (phi x c) x F. That term is
+    small, and three rounds of substitution settle it; in it, the damper's share of phi is left out.
+    """
+    theta, force = signals.model.theta, wrench[:, :3]
+    inertia = jnp.maximum(theta[jnp.array([4, 7])], np.finfo(theta.dtype).tiny)[None]
+    stiffness = inertia * (2 * jnp.pi * values["frequency"]) ** 2
+
+    def respond(spring: Array) -> tuple[Array, Array]:
+        sag = jnp.cross(_about_xy(-spring / stiffness), about_center_of_mass(theta)[1][None])
+        torque = wrench[:, 3:] + jnp.cross(sag, force)
+        return rung(signals.t, torque[:, :2], values["frequency"], values["damping_ratio"]), torque
+
+    spring = wrench[:, 3:5]
+    for _ in range(3):
+        spring, torque = respond(spring)
+    swing = _about_xy((spring - torque[:, :2]) / inertia)  # phi'', rad/s^2
+    reaction = jnp.cross(swing, theta[None, 1:4])
+    twist = torque[:, 2:] + swing[:, :2] @ theta[jnp.array([6, 8])][:, None]
+    return jnp.concatenate([force + reaction, spring, twist], 1)
+
+
+def _about_xy(turn: Array) -> Array:
+    """Turns about x and y (T, 2) as vectors (T, 3)."""
+    return jnp.pad(turn, ((0, 0), (0, 1)))
+
+
+def _check_contact(values: EffectValues) -> str:
+    return "" if (values["end"] > values["start"]).all() else "an event ends before it starts"
+
+
+def _center_of_mass(model: Model) -> Array:
+    return about_center_of_mass(model.theta)[1]
+
+
+def _forearm(model: Model) -> Array:
+    """The link that the wrist, the last three joints, is attached to."""
+    return jnp.asarray(max(model.arm.linear.shape[-2] - 3, 0), model.theta.dtype)
+
+
+FLEXIBILITY = (
+    Effect(
+        "tool_flexibility",
+        "environment",
+        (
+            Parameter(
+                "frequency",
+                "Hz",
+                "of the tool on its springs, undamped",
+                (),
+                1.0,
+                float("inf"),
+                float("inf"),
+                10.0,
+                search=True,
+            ),
+            Parameter("damping_ratio", "1", "share of critical damping", (), 0.0, 0.99, 0.05, 0.0, search=True),
+        ),
+        "the tool or its mounting swings at one frequency after accelerations",
+        "tighten or stiffen the tool, or move more smoothly",
+        reading=tool_flexibility,
+        twins=(
+            Twin("tool_inertia", False, "accelerate the wrist at several frequencies"),
+            Twin("time_delay", False, "accelerate sharply: a flexible tool rings"),
+        ),
+    ),
+)
+"""Acts on the tool's own wrench, before anything else touches the tool."""
+
+EFFECTS = (
+    Effect(
+        "cable",
+        "environment",
+        (
+            Parameter("stiffness", "N/m", "tension per stretch", (), 0.0, 1e6, 0.0, 10.0),
+            Parameter("rest_length", "m", "length without tension", (), 0.0, 10.0, 0.1, 0.1, search=True),
+            Parameter(
+                "anchor",
+                "m",
+                "far end of the cable in the base frame with all joints at 0; it moves with its link",
+                (3,),
+                -10.0,
+                10.0,
+                0.0,
+                0.3,
+                search=True,
+            ),
+            Parameter(
+                "link",
+                "1",
+                "link that carries the anchor: 0 = the world, j = the link after joint j; default: the forearm",
+                (),
+                0,
+                64,
+                _forearm,
+                0.0,
+                search=True,
+                optional=True,
+            ),
+            Parameter(
+                "attachment",
+                "m",
+                "near end of the cable, sensor frame; default: the tool's centre of mass",
+                (3,),
+                -10.0,
+                10.0,
+                _center_of_mass,
+                0.0,
+                search=True,
+                optional=True,
+            ),
+        ),
+        "a cable or hose pulls at the tool",
+        "give the cable slack, or route it so that it does not pull",
+        reading=cable,
+        twins=(
+            Twin("gravity_tilt", False, "move the arm through its workspace: a cable's pull depends on the place"),
+            Twin("tool_com", False, "move the arm with the wrist held still"),
+        ),
+    ),
+    Effect(
+        "contact",
+        "environment",
+        (
+            Parameter("start", "s", "first touch of each event", (-1,), 0.0, 1e7, 0.0, 2.0, search=True),
+            Parameter("end", "s", "last touch of each event", (-1,), 0.0, 1e7, 0.0, 3.0, search=True),
+            Parameter("force", "N", "peak force on the tool, base frame", (-1, 3), -1e5, 1e5, 0.0, 5.0),
+            Parameter(
+                "point",
+                "m",
+                "point of the tool that is touched, sensor frame; default: the centre of mass",
+                (-1, 3),
+                -10.0,
+                10.0,
+                _center_of_mass,
+                0.05,
+                search=True,
+                optional=True,
+            ),
+        ),
+        "something touched the tool for a while",
+        "leave these intervals out, or keep people and objects away while recording",
+        reading=contact,
+        check=_check_contact,
+        twins=(Twin("bias_jump", False, "a contact that does not end looks like a jump: record longer"),),
+    ),
+)
