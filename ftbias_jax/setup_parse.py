@@ -163,8 +163,13 @@ def _joints(top: Section, n: int) -> JointSetup:
 
 def _log(top: Section, n: int) -> LogSetup:
     sizes = {"time": 0, "position": n, "velocity": n, "wrench": 6, "temperature": 0}
-    section = subsection(subsection(top, "log", ("columns",)), "columns", tuple(sizes))
-    return LogSetup({k: names(section, k, sizes[k]) if sizes[k] else text(section, k, "") for k in section.values})
+    log = subsection(top, "log", ("columns", "topics"))
+    columns = subsection(log, "columns", tuple(sizes))
+    topics = subsection(log, "topics", ("joints", "wrench"))
+    return LogSetup(
+        {key: names(columns, key, sizes[key]) if sizes[key] else text(columns, key, "") for key in columns.values},
+        {key: text(topics, key, "") for key in topics.values},
+    )
 
 
 def _effects(top: Section) -> dict[str, dict[str, Any]]:

@@ -147,7 +147,7 @@ MISTAKES = [
     ("tol", {}, "tol: unknown key", "did you mean 'tool'?"),
     ("joints.zzz", 1.0, "joints.zzz", "known: initial_std, model"),
     ("log.columns.positions", ["a"], "log.columns.positions", "did you mean 'position'?"),
-    ("log.topics", {}, "log.topics", "known: columns"),
+    ("log.topic", {}, "log.topics", "known: columns"),
     ("tool", 3, "tool: expected a table, got 3", "[tool]"),
     ("effects", [1], "effects: expected a table, got [1]", "[effects]"),
     ("effects.warmup", 3, "effects.warmup: expected a table", "[effects.warmup]"),
