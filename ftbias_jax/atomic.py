@@ -11,7 +11,7 @@ from typing import BinaryIO
 from ftbias_jax.errors import OutputError
 
 
-def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], None]) -> None:
+def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], object]) -> None:
     """Write a file through a temporary one beside it: written, flushed to disk, then renamed.
 
     On any failure the temporary file is removed, and what stood at ``path`` before still stands there.
@@ -41,7 +41,7 @@ def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], None]
             os.unlink(temporary)
 
 
-def _write_new(path: str, write: Callable[[BinaryIO], None]) -> None:
+def _write_new(path: str, write: Callable[[BinaryIO], object]) -> None:
     # Not the tempfile module: its files are private (mode 0600), a result has the mode of any new file.
     with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666), "wb") as file:
         write(file)

@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax import joint_filter, pipeline, staged
+from ftbias_jax import joint_filter, pipeline, smooth, staged
 from ftbias_jax.pipeline import DEFAULT_OPTIONS, Info, Options, Params, State
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.staged import Staged
-from ftbias_jax.types import Array, Log, Sample
+from ftbias_jax.types import Array, Gaussian, Log, Sample
 
 CHUNK = 1 << 14
 """Samples filtered at once: one compiled program for every long log, and memory that does not grow with the log."""
@@ -46,6 +46,7 @@ class Filtered(NamedTuple):
     innovation: Array
     nis: Array
     log_likelihood: Array
+    innovation_std: Array
 
 
 class Summary(NamedTuple):
@@ -115,7 +116,35 @@ def filter_log(
         innovation=columns["innovation"],
         nis=columns["nis"],
         log_likelihood=np.float64(log_likelihood),
+        innovation_std=columns["innovation_std"],
     )
+
+
+def smooth_log(
+    params: Params, log: Log, options: Options = DEFAULT_OPTIONS, progress: Callable[[int], None] = lambda done: None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bias and drift given the whole log, past and future.
+
+    Args:
+        as for ``filter_log``; the whole log is held in memory, about 2 kB a sample.
+
+    Returns:
+        means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_log``.
+    """
+    samples = pipeline.samples_from_log(log, params.theta.dtype)
+    length = samples.dt.shape[0]
+    padded = pipeline.pad(samples, _bucket(length) * -(-length // _bucket(length)))
+    state = pipeline.init(params, padded)
+    if staged.applies(params, options):
+        _, mean, std = smooth.smooth_log(params, state, padded, options)
+    else:
+        _, states = pipeline.run(params, state, padded, options, _keep_bias)
+        smoothed = smooth.smooth_bias(params, states, padded.dt)
+        mean = smoothed.mean.reshape(-1, 2, 6)
+        std = jnp.sqrt(jnp.diagonal(smoothed.covariance, axis1=1, axis2=2)).reshape(-1, 2, 6)
+    progress(length)
+    rows = np.isfinite(log.wrench).any(1)
+    return np.asarray(mean)[:length][rows], np.asarray(std)[:length][rows]
 
 
 def summarise(filtered: Filtered) -> Summary:
@@ -159,6 +188,10 @@ def _over_time(reduce: Callable[..., Array], x: Array) -> Array:
     return result
 
 
+def _keep_bias(state: State, info: Info) -> Gaussian:
+    return state.bias
+
+
 def _keep(state: State, info: Info) -> dict[str, Array]:
     """What the output needs of one step."""
     std = partial(jnp.diagonal, axis1=-2, axis2=-1)
@@ -169,6 +202,7 @@ def _keep(state: State, info: Info) -> dict[str, Array]:
         "bias_std": jnp.sqrt(std(state.bias.covariance)).reshape(2, 6),
         "wrench_tool": info.wrench_tool,
         "innovation": info.wrench.value,
+        "innovation_std": jnp.sqrt(std(info.wrench.covariance)),
         "nis": info.wrench.nis,
         "log_likelihood": info.log_likelihood,
     }
@@ -184,6 +218,7 @@ def _keep_staged(track: Staged, wrench: Array) -> dict[str, Array]:
         "bias_std": jnp.sqrt(jnp.swapaxes(variances[1], 1, 2)),
         "wrench_tool": track.wrench_tool,
         "innovation": jnp.where(jnp.isfinite(wrench), track.wrench.innovation[:, 0], jnp.nan),
+        "innovation_std": jnp.sqrt(track.wrench.innovation_variance[:, 0]),
         "nis": track.wrench.nis.sum(1),
         "log_likelihood": track.joint.log_likelihood.sum(1) + track.wrench.log_likelihood.sum(1),
     }

@@ -41,6 +41,8 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"ftbias {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_filter(commands)
+    _add_tune(commands)
+    _add_identify(commands)
     _add_demo(commands)
     return parser
 
@@ -54,7 +56,51 @@ def _add_filter(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     parser.add_argument("log", metavar="LOG", help="recorded log: .npz or .csv with time, joint positions and wrench")
     parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
     parser.add_argument("-o", "--output", required=True, metavar="OUT.npz", help="where to write the result")
+    parser.add_argument("--smooth", action="store_true", help="also write the bias given past and future")
+    parser.add_argument("--check", action="store_true", help="also judge whether the filter's error bars are right")
     parser.add_argument("--plot", metavar="OUT.png", help="also draw bias and residual (needs the extra 'plot')")
+
+
+def _add_tune(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "tune",
+        help="fit the noise parameters to logs by maximum likelihood",
+        description="Fit the noise of joints, bias and sensor to LOGs of one robot, and write a setup with the result.",
+    )
+    parser.add_argument("logs", nargs="+", metavar="LOG", help="logs of the same robot and sensor")
+    parser.add_argument(
+        "--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise to start from"
+    )
+    parser.add_argument("-o", "--output", required=True, metavar="TUNED.toml", help="where to write the tuned setup")
+    parser.add_argument(
+        "--fit",
+        nargs="+",
+        default=["joints", "bias", "sensor"],
+        choices=["joints", "bias", "sensor"],
+        help="what to fit: joint noise, sigma_Q, sensor noise (all)",
+    )
+    parser.add_argument(
+        "--tie",
+        default="each",
+        choices=["each", "pair", "one"],
+        help="sigma_Q and sensor noise: one value for each axis, for forces and torques, or for all (%(default)s)",
+    )
+    parser.add_argument(
+        "--hold-out", type=_share, default=0.25, metavar="SHARE", help="end of every log kept to judge by (%(default)s)"
+    )
+
+
+def _add_identify(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "identify",
+        help="find the tool's mass, centre of mass and inertia from a log",
+        description="Fit the tool's inertial parameters, physically consistent, jointly with the bias.",
+    )
+    parser.add_argument("log", metavar="LOG", help="log of free motion that turns the wrist")
+    parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, and a tool to start from")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT.toml", help="where to write the setup found")
+    parser.add_argument("--mounting", action="store_true", help="also find how the sensor is turned on the flange")
+    parser.add_argument("--gravity", action="store_true", help="also find the direction of gravity")
 
 
 def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -67,6 +113,16 @@ def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     parser.add_argument("--duration", type=_positive, default=60.0, metavar="S", help="seconds (%(default)s)")
     parser.add_argument("--rate", type=_positive, default=500.0, metavar="HZ", help="samples a second (%(default)s)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random numbers (%(default)s)")
+
+
+def _share(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 0.9:
+        raise argparse.ArgumentTypeError(f"must be a share from 0 to 0.9, not {text!r}")
+    return value
 
 
 def _positive(text: str) -> float:

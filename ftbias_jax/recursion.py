@@ -98,7 +98,7 @@ def smooth_scan(model: ProcessModel, inputs: Inputs) -> Smoothed:
     """States given all measurements, past and future, from one forward and one reverse pass."""
     track, predicted, record = _forward(model, inputs)
     cotangent = jax.tree.map(jnp.zeros_like, track)._replace(log_likelihood=jnp.ones_like(track.log_likelihood))
-    _, (slope, curvature) = _backward(model, inputs, record, cotangent)
+    _, (slope, curvature) = _backward(model, inputs, record, cotangent, through_restarts=False)
     # dL/dP = (slope slope^T - information) / 2
     information = slope[:, :, None] * slope[:, None] - 2 * curvature
     gained = jnp.einsum("tabn,tbcn,tcdn->tadn", predicted.covariance, information, predicted.covariance)
@@ -173,9 +173,12 @@ filter_scan.defvjp(_filter_fwd, _filter_bwd)
 
 
 def _backward(
-    model: ProcessModel, inputs: Inputs, record: _Record, cotangent: Track
+    model: ProcessModel, inputs: Inputs, record: _Record, cotangent: Track, through_restarts: bool = True
 ) -> tuple[Inputs, tuple[Array, Array]]:
-    """Adjoint of ``_forward``: cotangents of the inputs, and of the predicted mean (T, k, B) and covariance."""
+    """Adjoint of ``_forward``: cotangents of the inputs, and of the predicted mean (T, k, B) and covariance.
+
+    A restart takes over the last position as a number: derivatives pass through it, but nothing is learned of the past.
+    """
     k, m = inputs.mean.shape[0], inputs.y.shape[1]
 
     def body(carry: Any, sample: tuple[Array, _Record, Track]) -> Any:
@@ -205,7 +208,8 @@ def _backward(
         (A, _), (_, slope) = jax.jvp(partial(model, dt), (inputs.density,), (jnp.ones_like(inputs.density),))
         density_sum = density_sum + sum(_dot(P[a], slope[a]) for a in range(k))
         back = [list(column) for column in zip(*A, strict=True)]
-        x = [jnp.where(lost, rest, moved) for rest, moved in zip(_at_rest(x), _times(back, x), strict=True)]
+        kept = _at_rest(x) if through_restarts else [jnp.zeros_like(entry) for entry in x]
+        x = [jnp.where(lost, rest, moved) for rest, moved in zip(kept, _times(back, x), strict=True)]
         return (x, _congruence(back, P), density_sum, restart_sum), (jnp.stack(y_bar), jnp.stack(r_bar), predicted)
 
     zero = jnp.zeros_like(inputs.mean[0])

@@ -62,6 +62,17 @@ def skew(v: Array) -> Array:
     return jnp.stack(rows, -2)
 
 
+def rotation_from_vector(vector: Array) -> Array:
+    """exp([v]) for a rotation vector (3,) rad -> (3, 3); derivatives are finite at zero."""
+    square = vector @ vector
+    small = square < 1e-8
+    safe = jnp.where(small, 1, square)  # the square root of zero has no derivative
+    angle = jnp.sqrt(safe)
+    sine = jnp.where(small, 1 - square / 6, jnp.sin(angle) / angle)
+    versine = jnp.where(small, 0.5 - square / 24, (1 - jnp.cos(angle)) / safe)
+    return jnp.eye(3, dtype=vector.dtype) + sine * skew(vector) + versine * skew(vector) @ skew(vector)
+
+
 def adjoint(rotation: Array, position: Array) -> Array:
     """Ad(T) for screws ordered (linear; angular): [[R, [p] R], [0, R]]; (3, 3), (3,) -> (6, 6)."""
     zero = jnp.zeros_like(rotation)

@@ -84,12 +84,11 @@ def predict_wrenches(params: Params, joints: Gaussian, options: Options) -> tupl
     def one(mean: Array, covariance: Array) -> tuple[Array, Array]:
         motion, wrench_tool = predict_wrench(params, mean)
         if options.joint_uncertainty == "none":
-            return wrench_tool, jnp.zeros_like(wrench_tool)
+            return wrench_tool, params.bias.wrench_variance
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
-        return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal"))
+        return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal")) + params.bias.wrench_variance
 
-    wrench_tool, variance = jax.vmap(one)(joints.mean, joints.covariance)
-    return wrench_tool, variance + params.bias.wrench_variance
+    return jax.vmap(one)(joints.mean, joints.covariance)
 
 
 def _last_state(joint: Track, wrench: Track) -> State:

@@ -66,7 +66,7 @@ def tune_joints(
         params with the fitted noise, and the fit.
     """
     pieces = stack([piece for log in logs for piece in _cut(log)])
-    states = jax.vmap(partial(pipeline.init, params))(pieces)
+    states = jax.jit(jax.vmap(partial(pipeline.init, params)))(pieces)
 
     def score(logs_of: Array) -> Array:
         noise = params.joint._replace(**dict(zip(ties, jnp.exp(logs_of), strict=True)))
@@ -98,7 +98,7 @@ def tune_wrench(
             of the diagonal of Sigma_W. The others: as for ``tune_joints``.
     """
     stacked = stack(logs)
-    inputs, joint_variance = jax.vmap(partial(_bias_problem, params, options=options))(stacked)
+    inputs, joint_variance = jax.jit(jax.vmap(partial(_bias_problem, params, options=options)))(stacked)
 
     def score(logs_of: Array) -> Array:
         noise = dict(zip(ties, jnp.exp(logs_of), strict=True))
@@ -123,17 +123,22 @@ def tune_wrench(
 def stack(logs: Sequence[Sample]) -> Sample:
     """Logs of unequal length as one bundle with a leading log axis, padded by samples that change nothing."""
     length = max(log.dt.shape[0] for log in logs)
-    padded = [pipeline.pad(log, length) for log in logs]
-    return Sample(*(jnp.stack(leaves) for leaves in zip(*padded, strict=True)))
+    bundle = []
+    for name, leaves in zip(Sample._fields, zip(*logs, strict=True), strict=True):
+        # numpy, for every new shape would cost JAX a compilation
+        filled = np.full((len(logs), length, *leaves[0].shape[1:]), 0.0 if name == "dt" else np.nan, leaves[0].dtype)
+        for row, leaf in zip(filled, leaves, strict=True):
+            row[: len(leaf)] = leaf
+        bundle.append(jnp.asarray(filled))
+    return Sample(*bundle)
 
 
 def _cut(log: Sample) -> list[Sample]:
     """Pieces of at most PIECE samples, each starting as a log of its own."""
-    pieces = []
-    for start in range(0, log.dt.shape[0], PIECE):
-        piece = jax.tree.map(lambda x, start=start: x[start : start + PIECE], log)
-        pieces.append(piece._replace(dt=piece.dt.at[0].set(0)))
-    return pieces
+    whole = Sample(*(np.asarray(x) for x in log))
+    starts = range(0, len(whole.dt), PIECE)
+    pieces = [Sample(*(x[start : start + PIECE] for x in whole)) for start in starts]
+    return [piece._replace(dt=np.concatenate([[0], piece.dt[1:]])) for piece in pieces]
 
 
 @partial(jax.jit, static_argnames="options")

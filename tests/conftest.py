@@ -32,6 +32,54 @@ class Moving(NamedTuple):
     ddq: Array
 
 
+class LinearGaussian(NamedTuple):
+    """x_i = A_i x_{i-1} + m_i, y_i = C x_i + n_i, and what a textbook says of it; NaN in y = not measured.
+
+    The first A and Q lead from the prior to the first sample. Noise R is (T, m, m).
+    """
+
+    A: Array
+    Q: Array
+    C: Array
+    R: Array
+    mean: Array
+    covariance: Array
+
+    def filtered(self, y: Array) -> tuple[Array, Array]:
+        """Means (T, k) and covariances (T, k, k) by the Kalman filter as textbooks print it, rows of NaN removed."""
+        x, P, kept = self.mean, self.covariance, []
+        for A, Q, R, y_i in zip(self.A, self.Q, self.R, y, strict=True):
+            x, P = A @ x, A @ P @ A.T + Q
+            seen = np.isfinite(y_i)
+            C = self.C[seen]
+            K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R[np.ix_(seen, seen)])
+            x, P = x + K @ (y_i[seen] - C @ x), (np.eye(len(x)) - K @ C) @ P
+            kept.append((x, P))
+        return tuple(np.stack(part) for part in zip(*kept, strict=True))
+
+    def log_density(self, y: Array) -> float:
+        """Log density of a whole log, from the one normal distribution of all its measurements together."""
+        steps = len(y)
+        means, blocks = [], [[None] * steps for _ in range(steps)]
+        mean, covariance = self.mean, self.covariance
+        for i in range(steps):
+            mean, covariance = self.A[i] @ mean, self.A[i] @ covariance @ self.A[i].T + self.Q[i]
+            means.append(self.C @ mean)
+            ahead = covariance
+            for j in range(i, steps):
+                ahead = ahead if j == i else ahead @ self.A[j].T
+                blocks[i][j] = self.C @ ahead @ self.C.T + (self.R[i] if i == j else 0)
+                blocks[j][i] = blocks[i][j].T
+        seen = np.isfinite(y.ravel())
+        residual, S = (y.ravel() - np.concatenate(means))[seen], np.block(blocks)[np.ix_(seen, seen)]
+        return -(residual @ np.linalg.solve(S, residual) + np.linalg.slogdet(2 * np.pi * S)[1]) / 2
+
+
+@pytest.fixture(scope="session")
+def linear_gaussian() -> type[LinearGaussian]:
+    return LinearGaussian
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The recorded and simulated logs that a newcomer's checkout does not have."""

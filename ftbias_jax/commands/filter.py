@@ -15,6 +15,7 @@ from ftbias_jax.setup import load_setup
 
 if TYPE_CHECKING:
     from ftbias_jax.batch import Filtered, Summary
+    from ftbias_jax.consistency import Consistency
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -28,20 +29,29 @@ def run(arguments: argparse.Namespace) -> int:
     import jax
 
     jax.config.update("jax_enable_x64", True)  # the command line computes in double precision
-    from ftbias_jax import batch, plot, results
+    from ftbias_jax import batch, consistency, plot, results
     from ftbias_jax.pipeline import Options, samples_from_log
     from ftbias_jax.progress import Progress
 
     options = Options(joint_model=setup.joints.model)
     params = batch.params_for_log(setup, samples_from_log(log), options)
     filtered = batch.filter_log(params, log, options, Progress(f"filtering {arguments.log}", len(log.t)))
-    results.save_npz(arguments.output, filtered._asdict())
+    arrays = filtered._asdict()
+    if arguments.smooth:
+        mean, std = batch.smooth_log(params, log, options)
+        arrays |= {"bias_smooth": mean[:, 0], "drift_smooth": mean[:, 1]}
+        arrays |= {"bias_smooth_std": std[:, 0], "drift_smooth_std": std[:, 1]}
+    results.save_npz(arguments.output, arrays)
     if arguments.plot:
         plot.save_figure(arguments.plot, plot.plot_filtered(filtered, Path(arguments.log).name))
     density = np.asarray(params.joint.process_density)
     print(format_summary(filtered, batch.summarise(filtered)))
     print(f"joint process noise ({setup.joints.model}): {' '.join(f'{x:.3g}' for x in density)}")
     print(f"wrote {arguments.output}" + (f" and {arguments.plot}" if arguments.plot else ""))
+    if arguments.check:
+        print(
+            format_check(consistency.check(filtered.innovation, (filtered.innovation / filtered.innovation_std) ** 2))
+        )
     unmeasured = [name for name, axis in zip(AXES, np.isfinite(log.wrench).any(0), strict=True) if not axis]
     if unmeasured:
         print(f"ftbias: {arguments.log}: never measured: {' '.join(unmeasured)} (bias = prior)", file=sys.stderr)
@@ -55,6 +65,20 @@ def check_outputs(output: str, suffix: str, plot: str | None) -> None:
     for path in filter(None, (output, plot)):
         if not Path(path).absolute().parent.is_dir():
             raise OutputError("the folder does not exist", file=path, remedy="create it, or name another")
+
+
+def format_check(result: Consistency) -> str:
+    """The consistency of the filter as a small table and a sentence."""
+    from ftbias_jax.consistency import verdict
+
+    rows = {
+        "NIS (1 = right)": result.axis_nis,
+        "correlation of neighbours": result.lag_one,
+        "  95 % bound": result.lag_one_bound,
+        "Ljung-Box / lags (1 = white)": result.ljung_box,
+    }
+    lines = [f"{name:28s}" + "".join(f"{x:11.3f}" for x in values) for name, values in rows.items()]
+    return "\n".join(["consistency of the innovations:", *lines, verdict(result)])
 
 
 def format_summary(filtered: Filtered, summary: Summary) -> str:

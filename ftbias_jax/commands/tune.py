@@ -1,0 +1,136 @@
+"""``ftbias tune``: noise parameters of maximum likelihood from one log or many."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ftbias_jax.atomic import write_atomic
+from ftbias_jax.commands.filter import check_outputs
+from ftbias_jax.logs import read_log
+from ftbias_jax.setup import dump_setup, load_setup
+from ftbias_jax.setup_types import Setup
+from ftbias_jax.types import Sample
+
+if TYPE_CHECKING:
+    from ftbias_jax.pipeline import Params
+    from ftbias_jax.tune import Fit
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tune and write a setup; 1 if a fit did not converge."""
+    check_outputs(arguments.output, ".toml", None)
+    setup = load_setup(arguments.setup)
+    logs = [read_log(path, setup) for path in arguments.logs]
+
+    import jax
+
+    jax.config.update("jax_enable_x64", True)  # the command line computes in double precision
+    from ftbias_jax import batch, tune
+    from ftbias_jax.likelihood import log_likelihood
+    from ftbias_jax.pipeline import Options, samples_from_log
+
+    options = Options(joint_model=setup.joints.model)
+    samples = [samples_from_log(log) for log in logs]
+    start = params = batch.params_for_log(setup, samples[0], options)
+    seen = [_part(log, 0, 1 - arguments.hold_out) for log in samples]
+    fits: dict[str, Fit] = {}
+    if "joints" in arguments.fit:
+        params, fits["joints"] = tune.tune_joints(
+            params, seen, dict.fromkeys(tune.JOINT_NAMES, "each"), options, report=_reporter("joints")
+        )
+    ties = {"density": "bias", "wrench_std": "sensor"}
+    wanted = {name: arguments.tie for name, part in ties.items() if part in arguments.fit}
+    if wanted:
+        params, fits["wrench"] = tune.tune_wrench(params, seen, wanted, options, report=_reporter("wrench"))
+    for fit in fits.values():
+        print(_table(fit))
+    if arguments.hold_out:
+        score = jax.jit(lambda p, x: log_likelihood(p, x, options, burn_in=1.0))
+        unseen = [_part(log, 1 - arguments.hold_out, 1) for log in samples]
+        seconds = sum(float(part.dt.sum()) for part in unseen)
+        for name in ("joint", "wrench"):
+            before, after = (sum(float(getattr(score(p, x), name)) for x in unseen) / seconds for p in (start, params))
+            print(f"held-out {name} score: {before:.1f} -> {after:.1f} nats/s ({after - before:+.1f})")
+    text = dump_setup(_with_noise(setup, params, fits), _comments(fits))
+    write_atomic(arguments.output, lambda file: file.write(text.encode()))
+    print(f"wrote {arguments.output}")
+    converged = all(fit.optimum.converged for fit in fits.values())
+    if not converged:
+        print("ftbias: a fit did not converge; its values are the best so far", file=sys.stderr)
+    return 0 if converged else 1
+
+
+def _part(samples: Sample, begin: float, end: float) -> Sample:
+    """A share of a log as a log of its own."""
+    rows = slice(round(begin * len(samples.dt)), round(end * len(samples.dt)))
+    part = Sample(*(np.asarray(x)[rows] for x in samples))
+    return part._replace(dt=np.concatenate([[0], part.dt[1:]]))
+
+
+def _reporter(label: str) -> Callable[[int, float], None]:
+    start = time.monotonic()
+    terminal = sys.stderr.isatty()
+
+    def report(iteration: int, value: float) -> None:
+        elapsed = time.monotonic() - start
+        if terminal or elapsed > 2:
+            end = "\r" if terminal else "\n"
+            print(
+                f"{label}: iteration {iteration}, {value:.2f} nats, {elapsed:.0f} s",
+                end=end,
+                file=sys.stderr,
+                flush=True,
+            )
+
+    return report
+
+
+def _table(fit: Fit) -> str:
+    lines = []
+    for name, values in fit.values.items():
+        errors = fit.relative_stderr[name] * values
+        lines.append(f"{name:16s} " + "  ".join(f"{x:.3g} ± {e:.1g}" for x, e in zip(values, errors, strict=True)))
+    gained = fit.optimum.value - fit.optimum.start_value
+    lines.append(f"{'':16s} {gained:+.1f} nats in {fit.optimum.iterations} iterations")
+    lines += [f"{'':16s} not determined by these logs: {words}" for words in fit.undetermined]
+    return "\n".join(lines)
+
+
+def _with_noise(setup: Setup, params: Params, fits: dict[str, Fit]) -> Setup:
+    if "joints" in fits:
+        joints = replace(
+            setup.joints,
+            process_noise_density=np.asarray(params.joint.process_density),
+            position_noise_std=np.asarray(params.joint.position_std),
+            velocity_noise_std=np.asarray(params.joint.velocity_std),
+        )
+        setup = replace(setup, joints=joints)
+    if "wrench" in fits:
+        setup = replace(
+            setup,
+            bias=replace(setup.bias, noise_density=np.asarray(params.bias.density)),
+            sensor=replace(setup.sensor, noise_std=np.sqrt(np.asarray(params.bias.wrench_variance))),
+        )
+    return setup
+
+
+def _comments(fits: dict[str, Fit]) -> dict[str, str]:
+    keys = {
+        "process_density": "joints.process_noise_density",
+        "position_std": "joints.position_noise_std",
+        "velocity_std": "joints.velocity_noise_std",
+        "density": "bias.noise_density",
+        "wrench_std": "sensor.noise_std",
+    }
+    return {
+        keys[name]: "tuned, relative standard errors " + " ".join(f"{x:.1g}" for x in errors)
+        for fit in fits.values()
+        for name, errors in fit.relative_stderr.items()
+    }

@@ -1,0 +1,104 @@
+"""Are the filter's own error bars right? NIS and NEES against their chi-square bounds, and whiteness of innovations."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.types import Array
+
+LAGS = 20
+"""Lags, in samples, that the whiteness of the innovations is judged on."""
+
+
+class Average(NamedTuple):
+    """An average of chi-square variables and where 95 % of such averages lie if the model is right."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the value is inside its bounds."""
+        return self.low <= self.value <= self.high
+
+
+class Consistency(NamedTuple):
+    """Of the wrench innovations of one log; leading axis of 6 axes."""
+
+    nis: Average
+    """Mean normalised innovation squared per measured axis; 1 if all is right."""
+    axis_nis: np.ndarray
+    """(6,) the same by axis; above 1: noise understated or an effect unmodelled, below 1: noise overstated."""
+    lag_one: np.ndarray
+    """(6,) correlation of neighbouring innovations; 0 for a right model."""
+    lag_one_bound: np.ndarray
+    """(6,) 95 % bound of its size under a right model."""
+    ljung_box: np.ndarray
+    """(6,) Ljung-Box statistic over LAGS lags, divided by LAGS: 1 for a right model."""
+
+
+def mean_chi_square(squares: Array, dof: int) -> Average:
+    """Average of independent normalised squares over samples (NIS) or runs (NEES), and its 95 % bounds.
+
+    Args:
+        squares: (N,) chi-square variables. dof: degrees of freedom of each.
+    """
+    squares = np.asarray(squares, float)
+    total = len(squares) * dof
+    return Average(float(squares.mean()), *(chi_square_quantile(p, total) / len(squares) for p in (0.025, 0.975)))
+
+
+def chi_square_quantile(probability: float, dof: float) -> float:
+    """Quantile by Wilson and Hilferty (1931); for dof above 30 within 0.1 %."""
+    from statistics import NormalDist
+
+    spread = 2 / (9 * dof)
+    return float(dof * (1 - spread + NormalDist().inv_cdf(probability) * spread**0.5) ** 3)
+
+
+def nees(error: Array, covariance: Array) -> np.ndarray:
+    """Normalised estimation error squared e^T P^-1 e; (N, k) and (N, k, k) -> (N,)."""
+    solved = np.linalg.solve(np.asarray(covariance), np.asarray(error)[..., None])[..., 0]
+    squares: np.ndarray = np.einsum("nk,nk->n", np.asarray(error), solved)
+    return squares
+
+
+def check(innovation: Array, nis_of_axes: Array) -> Consistency:
+    """Consistency of a filtered log.
+
+    Args:
+        innovation: (T, 6) N, Nm; NaN = not measured. nis_of_axes: (T, 6) innovation squared over its variance.
+    """
+    measured = np.isfinite(innovation)
+    squares = np.where(measured, nis_of_axes, np.nan)
+    white = np.sign(innovation) * np.sqrt(nis_of_axes)
+    correlations = np.full((LAGS, 6), np.nan)
+    for axis in range(6):
+        series = white[measured[:, axis], axis]
+        if len(series) > 2 * LAGS:
+            power = series @ series
+            correlations[:, axis] = [series[lag:] @ series[:-lag] / power for lag in range(1, LAGS + 1)]
+    count = measured.sum(0)
+    weights = 1 / np.maximum(count - np.arange(1, LAGS + 1)[:, None], 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        box = count * (count + 2) * (correlations**2 * weights).sum(0) / LAGS
+        axis_nis = np.nansum(squares, 0) / np.where(count, count, np.nan)
+        bound = 1.96 / np.sqrt(count)
+    return Consistency(mean_chi_square(squares[measured], 1), axis_nis, correlations[0], bound, box)
+
+
+def verdict(result: Consistency) -> str:
+    """One sentence about a check."""
+    nis = result.nis
+    inside = f"NIS per axis {nis.value:.3f}, 95 % of right models lie in {nis.low:.3f} to {nis.high:.3f}"
+    correlated = np.nanmax(np.abs(result.lag_one) / result.lag_one_bound)
+    if nis.value > nis.high:
+        return f"overconfident: {inside}; the noise is understated or something is not modelled (ftbias diagnose)"
+    if nis.value < nis.low:
+        return f"underconfident: {inside}; the noise is overstated (ftbias tune)"
+    if correlated > 3:
+        return f"right size but not white: {inside}; neighbouring innovations are correlated"
+    return f"consistent: {inside}"

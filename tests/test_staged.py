@@ -1,0 +1,98 @@
+"""The staged route is pipeline.run, forward and in reverse."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax import pipeline, staged
+from ftbias_jax.pipeline import Options
+
+
+@pytest.fixture(scope="module")
+def independent(params):
+    """The small arm without Sigma_D, so that the axes are independent."""
+    return params._replace(bias=params.bias._replace(data_variance=None))
+
+
+def whole_run(params, samples, options):
+    """What pipeline.run says of every sample, by name, 0 where nothing was measured; and the last state."""
+    last, (states, infos) = pipeline.run(params, pipeline.init(params, samples), samples, options)
+    return {
+        "last state": last,
+        "joints": states.joint,
+        "bias": states.bias.mean.reshape(-1, 2, 6),
+        "bias covariance": jnp.diagonal(states.bias.covariance.reshape(-1, 2, 6, 2, 6), axis1=2, axis2=4),
+        "innovation": jnp.nan_to_num(infos.wrench.value),
+        "innovation variance": jnp.diagonal(infos.wrench.covariance, axis1=1, axis2=2),
+        "joint innovation": jnp.nan_to_num(infos.joint.value),
+        "nis": infos.wrench.nis,
+        "joint nis": infos.joint.nis,
+        "log likelihood": infos.log_likelihood,
+        "wrench of the tool": infos.wrench_tool,
+    }
+
+
+def staged_run(params, samples, options):
+    last, (joint, wrench, wrench_tool) = staged.run(params, pipeline.init(params, samples), samples, options)
+    return {
+        "last state": last,
+        "joints": staged.joint_states(joint),
+        "bias": wrench.mean,
+        "bias covariance": wrench.covariance,
+        "innovation": wrench.innovation[:, 0],
+        "innovation variance": wrench.innovation_variance[:, 0],
+        "joint innovation": jnp.swapaxes(joint.innovation, 1, 2),
+        "nis": wrench.nis.sum(1),
+        "joint nis": joint.nis,
+        "log likelihood": joint.log_likelihood.sum(1) + wrench.log_likelihood.sum(1),
+        "wrench of the tool": wrench_tool,
+    }
+
+
+def assert_all_close(got, expected, rtol):
+    for (path, one), other in zip(jax.tree.leaves_with_path(expected), jax.tree.leaves(got), strict=True):
+        atol = rtol / 10 * np.abs(one).max()
+        np.testing.assert_allclose(other, one, rtol=rtol, atol=atol, err_msg=jax.tree_util.keystr(path))
+
+
+@pytest.mark.parametrize("options", [Options("acceleration", "none"), Options("integrated_acceleration", "diagonal")])
+def test_staged_run_equals_pipeline_run(independent, samples, options):
+    expected, got = (run(independent, samples, options) for run in (whole_run, staged_run))
+    assert_all_close(got, expected, 1e-9)
+
+
+@partial(jax.jit, static_argnums=0)
+def with_slopes(run, params, samples, weights):
+    """The outputs of a run, and the derivative of their weighted sum in every parameter."""
+
+    def score(params):
+        outputs = run(params, samples, Options())
+        return sum(map(jnp.vdot, jax.tree.leaves(weights), jax.tree.leaves(outputs))), outputs
+
+    slopes, outputs = jax.grad(score, has_aux=True)(params)
+    return outputs, slopes
+
+
+def test_and_in_the_derivative_of_every_output_in_every_parameter(independent, samples):
+    rng = np.random.default_rng(0)
+    shapes = jax.eval_shape(partial(whole_run, options=Options()), independent, samples)
+    weights = jax.tree.map(lambda x: rng.normal(size=x.shape), shapes)
+    # A covariance is symmetric, and so is its weight.
+    for gaussian in (weights["joints"], weights["last state"].joint, weights["last state"].bias):
+        gaussian.covariance[:] = gaussian.covariance + np.swapaxes(gaussian.covariance, -1, -2)
+    weights["bias covariance"] += np.swapaxes(weights["bias covariance"], 1, 2)
+    expected, got = (with_slopes(run, independent, samples, weights) for run in (whole_run, staged_run))
+    assert_all_close(got[0], expected[0], 1e-9)
+    assert_all_close(got[1], expected[1], 1e-6)  # the textbook filter's own rounding, for sharp encoders
+
+
+def test_it_applies_where_the_axes_are_independent(params, independent):
+    """Structure decides, so that jit, vmap and gradients always take the same route."""
+    assert staged.applies(independent, Options())
+    assert staged.applies(independent, Options(joint_uncertainty="none"))
+    assert not staged.applies(independent, Options(joint_uncertainty="full"))
+    assert not staged.applies(params, Options())
+    assert not staged.applies(params._replace(bias=params.bias._replace(data_variance=jnp.zeros(36))), Options())
