@@ -43,6 +43,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_filter(commands)
     _add_tune(commands)
     _add_identify(commands)
+    _add_info(commands)
     _add_demo(commands)
     return parser
 
@@ -101,6 +102,16 @@ def _add_identify(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     parser.add_argument("-o", "--output", required=True, metavar="OUT.toml", help="where to write the setup found")
     parser.add_argument("--mounting", action="store_true", help="also find how the sensor is turned on the flange")
     parser.add_argument("--gravity", action="store_true", help="also find the direction of gravity")
+
+
+def _add_info(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "info",
+        help="show what is in a log and what can be filtered from it",
+        description="Show streams, rates, gaps, stuck or saturated axes and joint names of LOG.",
+    )
+    parser.add_argument("log", metavar="LOG", help="any log: .npz .csv .parquet .h5 .bag .db3 .mcap or a bag's folder")
+    parser.add_argument("--setup", metavar="SETUP.toml", help="also tell whether LOG can be filtered with it")
 
 
 def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -19,8 +19,16 @@ def read_hdf5(path: str | os.PathLike[str], setup: Setup) -> Log:
     """Read the arrays of ``log_from_arrays``; other datasets are ignored.
 
     Raises:
-        LogError: h5py is not installed, the file cannot be read, a dataset lies outside of it or is too large, one is
-            missing, or the log cannot be filtered (see ``check_log``).
+        LogError: as for ``load_hdf5``, or the log cannot be filtered (see ``check_log``).
+    """
+    return log_from_arrays(load_hdf5(path), setup, os.fspath(path))
+
+
+def load_hdf5(path: str | os.PathLike[str]) -> dict[str, Array]:
+    """The datasets of a log by name.
+
+    Raises:
+        LogError: h5py is not installed, the file cannot be read, or a dataset lies outside of it or is too large.
     """
     file = os.fspath(path)
     h5py = need("h5py", "hdf5", file)
@@ -33,7 +41,7 @@ def read_hdf5(path: str | os.PathLike[str], setup: Setup) -> Log:
             if total > MAX_BYTES:
                 remedy = f"the limit is {MAX_BYTES} bytes; split the log"
                 raise LogError(f"declares {total} bytes of arrays", file=file, remedy=remedy)
-            arrays: dict[str, Array] = {name: np.asarray(dataset[()]) for name, dataset in datasets.items()}
+            return {name: np.asarray(dataset[()]) for name, dataset in datasets.items()}
     except LogError:
         raise
     except OSError as error:
@@ -41,7 +49,6 @@ def read_hdf5(path: str | os.PathLike[str], setup: Setup) -> Log:
         raise LogError(f"cannot be read: {words}", file=file, remedy="check the path and the file") from error
     except Exception as error:  # h5py turns what the C library reports into many types, RuntimeError among them
         raise LogError(f"is damaged: {error}", file=file, remedy="write it again") from error
-    return log_from_arrays(arrays, setup, file)
 
 
 def _dataset(h5py: Any, root: Any, name: str, file: str) -> Any:

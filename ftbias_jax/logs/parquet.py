@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -28,31 +30,46 @@ def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
             log cannot be filtered (see ``check_log``).
     """
     file = os.fspath(path)
+    arrow = need("pyarrow", "parquet", file)
+    with _opened(file) as table:
+        header = [str(name) for name in table.schema_arrow.names]
+        columns = choose_columns(header, setup, file)
+        used = [name for names in columns for name in names]
+        declared = table.metadata.num_rows * len(used) * 8
+        if declared > MAX_BYTES:
+            remedy = f"the limit is {MAX_BYTES} bytes; split the log"
+            raise LogError(f"declares {declared} bytes of numbers", file=file, remedy=remedy)
+        content = table.read(columns=used, use_threads=False)
+        t = _times(arrow, content.column(columns.time[0]), columns.time[0], file)
+        numbers = {name: _numbers(arrow, content.column(name), name, file) for name in used[1:]}
+    parts = [np.stack([numbers[name] for name in names], 1) if names else None for names in columns[1:]]
+    q, dq, wrench, temperature = parts
+    return check_log(t, q, wrench, dq, None if temperature is None else temperature[:, 0], setup=setup, file=file)
+
+
+def column_names(path: str | os.PathLike[str]) -> list[str]:
+    """The names of all columns.
+
+    Raises:
+        LogError: pyarrow is not installed, or the file cannot be read.
+    """
+    with _opened(os.fspath(path)) as table:
+        return [str(name) for name in table.schema_arrow.names]
+
+
+@contextmanager
+def _opened(file: str) -> Iterator[Any]:
+    """The file, and what pyarrow raises as errors of ours."""
     arrow, parquet = need("pyarrow", "parquet", file), need("pyarrow.parquet", "parquet", file)
     try:
         # A memory map, not a path: pyarrow would take a folder of files, or the address of a server.
         with arrow.memory_map(file) as source, parquet.ParquetFile(source) as table:
-            header = [str(name) for name in table.schema_arrow.names]
-            columns = choose_columns(header, setup, file)
-            used = [name for names in columns for name in names]
-            declared = table.metadata.num_rows * len(used) * 8
-            if declared > MAX_BYTES:
-                remedy = f"the limit is {MAX_BYTES} bytes; split the log"
-                raise LogError(f"declares {declared} bytes of numbers", file=file, remedy=remedy)
-            content = table.read(columns=used, use_threads=False)
-            t = _times(arrow, content.column(columns.time[0]), columns.time[0], file)
-            parts = [
-                np.stack([_numbers(arrow, content.column(name), name, file) for name in names], 1) if names else None
-                for names in columns[1:]
-            ]
-    except LogError:
-        raise
+            yield table
     except OSError as error:
-        raise LogError(f"cannot be read: {error.strerror or error}", file=file, remedy="check the path") from error
+        words = error.strerror or error
+        raise LogError(f"cannot be read: {words}", file=file, remedy="check the path and the file") from error
     except (arrow.ArrowException, ValueError, KeyError, MemoryError, OverflowError) as error:
         raise LogError(f"is damaged: {error}", file=file, remedy="write it again") from error
-    q, dq, wrench, temperature = parts
-    return check_log(t, q, wrench, dq, None if temperature is None else temperature[:, 0], setup=setup, file=file)
 
 
 def _times(arrow: Any, column: Any, name: str, file: str) -> Array:

@@ -31,8 +31,11 @@ def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     Raises:
         LogError: it cannot be read, has no or several topics to choose from, or cannot be filtered (``check_log``).
     """
-    file = os.fspath(path)
-    recording = read_recording(path, salvage=salvage)
+    return log_of(read_recording(path, salvage=salvage), setup, os.fspath(path))
+
+
+def log_of(recording: Recording, setup: Setup, file: str = "") -> Reading:
+    """The log in a recording that is read already; see ``read_ros``."""
     names = setup.robot.joint_names
     joints = _joint_positions(_choose("joints", _joint_streams(recording, names, file), setup, file), names)
     wrench = _wrenches(_choose("wrench", _wrench_streams(recording, file), setup, file), file)
@@ -40,7 +43,7 @@ def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
 
     clock = choose_clock((joints.stamps, wrench.stamps), (joints.logged, wrench.logged))
     if clock.complaint:
-        mended.append(Repair(f"{clock.complaint}: times of the recorder used; {skew(joints)}; {skew(wrench)}"))
+        mended.append(Repair(f"{clock.complaint}: times of the recorder used; {skew(joints)}, {skew(wrench)}"))
     stamps, jumps = continue_after_jumps(clock.stamps, file)
     if jumps:
         mended.append(Repair(f"the clock jumps back {jumps} times: what follows is put 1 s after what was before"))
@@ -58,7 +61,7 @@ def skew(stream: Stream) -> str:
     if not stamped.any():
         return f"{stream.topic} has no stamps"
     ahead = np.median((stream.logged - stream.stamps)[stamped]) * 1e-9
-    return f"for {stream.topic} they are {ahead:.6g} s after the stamps"
+    return f"{stream.topic} was recorded {abs(ahead):.3g} s {'after' if ahead >= 0 else 'before'} its stamps"
 
 
 def _in_order(t: Array, stream: Stream, mended: list[Repair]) -> tuple[Array, Array]:
