@@ -36,7 +36,7 @@ def choose_clock(stamps: Sequence[Array], logged: Sequence[Array]) -> Clock:
         return Clock(tuple(logged), "the headers have no stamps")
     if not _overlap(stamps) and _overlap(logged):
         return Clock(tuple(logged), "the headers' stamps are of different clocks")
-    if any(len(jumps(times)) for times in stamps) and not any(len(jumps(times)) for times in logged):
+    if any(len(jumps(times[times != 0])) for times in stamps) and not any(len(jumps(times)) for times in logged):
         return Clock(tuple(logged), "the headers' clock jumps back")
     return Clock(tuple(stamps), "")
 

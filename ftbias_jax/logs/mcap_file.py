@@ -11,9 +11,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from ftbias_jax.logs.raw import Buffer, OnDamage, RawMessage, plain_type
-from ftbias_jax.logs.unpack import UnpackError, unpack
+from ftbias_jax.logs.unpack import UnpackError, unpack, unpack_cut
 
 MAGIC = b"\x89MCAP0\r\n"
+LONGEST_NAME = 4  # of a compression: "", "lz4", "zstd"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 2, 3, 4, 5, 6, 15
 
 _RECORD = struct.Struct("<BQ")
@@ -27,6 +28,8 @@ class _Record(NamedTuple):
     start: int
     """Of its content."""
     end: int
+    whole: bool = True
+    """False for a chunk whose end is missing."""
 
 
 class _Known(NamedTuple):
@@ -52,10 +55,12 @@ def scan_mcap(data: Buffer, on_damage: OnDamage) -> Iterator[RawMessage]:
     for record in _records(data, len(MAGIC), on_damage):
         if record.kind == CHUNK:
             try:
-                chunk = _unpack_chunk(data[record.start : record.end])
+                chunk = _unpack_chunk(data[record.start : record.end], record.whole)
             except (UnpackError, *_DAMAGE) as error:
                 on_damage(f"the chunk at byte {record.start} {_clause(error)}")
                 continue
+            if not record.whole:
+                on_damage(f"the chunk at byte {record.start} is cut short")
             for inner in _records(chunk, 0, on_damage):
                 yield from _message(chunk, inner, known, on_damage)
         elif record.kind in (FOOTER, DATA_END):
@@ -66,10 +71,12 @@ def scan_mcap(data: Buffer, on_damage: OnDamage) -> Iterator[RawMessage]:
         on_damage("is cut short: it ends without a footer")
 
 
-def _unpack_chunk(content: bytes) -> bytes:
-    """The records of a chunk, if its checksum says that they are what was written."""
+def _unpack_chunk(content: bytes, whole: bool) -> bytes:
+    """The records of a chunk, if its checksum says that they are what was written; there is none for half a chunk."""
     _, _, size, checksum = _CHUNK.unpack_from(content)
     compression, position = _text(content, _CHUNK.size)
+    if not whole:
+        return unpack_cut(compression, content[position + 8 :], size)
     records = unpack(compression, content[position + 8 :], size)
     if checksum and checksum != zlib.crc32(records):
         raise UnpackError("does not match its checksum")
@@ -127,27 +134,30 @@ def _record(data: Buffer, position: int) -> _Record | None:
     if start > len(data):
         return None
     kind, length = _RECORD.unpack_from(data, position)
-    return _Record(kind, start, start + length) if kind and length <= len(data) - start else None
+    if kind and length <= len(data) - start:
+        return _Record(kind, start, start + length)
+    end = _chunk_end(data, start) if kind == CHUNK else None
+    return None if end is None else _Record(kind, start, min(end, len(data)), end <= len(data))
 
 
 def _next_chunk(data: Buffer, position: int) -> int:
     """Where the next record starts that has the lengths of a chunk, or the end of the data."""
     while (position := data.find(bytes([CHUNK]), position)) >= 0:
         record = _record(data, position)
-        if record is not None and _is_chunk(data, record):
+        if record is not None and record.end == _chunk_end(data, record.start):
             return position
         position += 1
     return len(data)
 
 
-def _is_chunk(data: Buffer, record: _Record) -> bool:
-    """Whether the chunk's own lengths agree with the record's."""
+def _chunk_end(data: Buffer, start: int) -> int | None:
+    """Where a chunk's content that starts here ends by its own account, which repeats the record's."""
     try:
-        length = struct.unpack_from("<I", data, record.start + _CHUNK.size)[0]
-        lengths = record.start + _CHUNK.size + 4 + length
-        return length <= 4 and bool(struct.unpack_from("<Q", data, lengths)[0] == record.end - lengths - 8)
+        (length,) = struct.unpack_from("<I", data, start + _CHUNK.size)
+        records = start + _CHUNK.size + 4 + length
+        return records + 8 + int(struct.unpack_from("<Q", data, records)[0]) if length <= LONGEST_NAME else None
     except struct.error:
-        return False
+        return None
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:

@@ -44,11 +44,12 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Reading:
     clock = choose_clock((joints.stamps, wrench.stamps), (joints.logged, wrench.logged))
     if clock.complaint:
         mended.append(Repair(f"{clock.complaint}: times of the recorder used; {skew(joints)}, {skew(wrench)}"))
-    stamps, jumps = continue_after_jumps(clock.stamps, file)
+    known = [t != 0 for t in clock.stamps]
+    stamps, jumps = continue_after_jumps([t[rows] for t, rows in zip(clock.stamps, known, strict=True)], file)
     if jumps:
-        mended.append(Repair(f"the clock jumps back {jumps} times: what follows is put 1 s after what was before"))
+        mended.append(Repair(f"the clock jumps back ({jumps} in all): what follows is put 1 s after what was before"))
     (joint_t, motion), (wrench_t, readings) = (
-        _in_order(t, stream, mended) for t, stream in zip(stamps, (joints, wrench), strict=True)
+        _in_order(t, stream, rows, mended) for t, stream, rows in zip(stamps, (joints, wrench), known, strict=True)
     )
     n = len(names)
     merged = merge_streams(joint_t, motion[:, :n], wrench_t, readings, motion[:, n:], file=file)
@@ -64,16 +65,17 @@ def skew(stream: Stream) -> str:
     return f"{stream.topic} was recorded {abs(ahead):.3g} s {'after' if ahead >= 0 else 'before'} its stamps"
 
 
-def _in_order(t: Array, stream: Stream, mended: list[Repair]) -> tuple[Array, Array]:
-    """Stamps and values in increasing order; what that took is added to ``mended``."""
-    known = t != 0
-    ordered = tidy(t[known], stream.values[known])
+def _in_order(t: Array, stream: Stream, known: Array, mended: list[Repair]) -> tuple[Array, Array]:
+    """Stamps and values of the known rows in increasing order; what that took is added to ``mended``."""
+    ordered = tidy(t, stream.values[known])
     repairs = (
         (ordered.late, "came late: put in order", False),
         (ordered.repeated, "left out: their stamps are repeated", True),
         (int((~known).sum()), "left out: they have no stamp", True),
     )
-    mended.extend(Repair(f"{count} samples of {stream.topic} {what}", lost) for count, what, lost in repairs if count)
+    mended.extend(
+        Repair(f"{count} of the samples of {stream.topic} {what}", lost) for count, what, lost in repairs if count
+    )
     return ordered.t, ordered.values
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from ftbias_jax.logs.raw import Buffer, OnDamage, RawMessage, plain_type
-from ftbias_jax.logs.unpack import UnpackError, unpack
+from ftbias_jax.logs.unpack import UnpackError, unpack, unpack_cut
 
 MAGIC = b"#ROSBAG V2.0\n"
 MAX_HEADER = 1 << 16  # bytes: the longest real ones hold a topic's name
@@ -32,6 +32,8 @@ class _Record(NamedTuple):
     start: int
     """Of its data."""
     end: int
+    whole: bool = True
+    """False for a compressed chunk whose end is missing; without compression, the search goes on inside."""
 
 
 def scan_bag(data: Buffer, on_damage: OnDamage) -> Iterator[RawMessage]:
@@ -48,11 +50,12 @@ def scan_bag(data: Buffer, on_damage: OnDamage) -> Iterator[RawMessage]:
     for record in _records(data, len(MAGIC), on_damage):
         if record.op == CHUNK:
             try:
-                size = _integer(record.header, b"size")
-                chunk = unpack(record.header[b"compression"].decode(), data[record.start : record.end], size)
+                chunk = _unpack_chunk(data, record)
             except (UnpackError, *_DAMAGE) as error:
                 on_damage(f"the chunk at byte {record.start} {_clause(error)}")
                 continue
+            if not record.whole:
+                on_damage(f"the chunk at byte {record.start} is cut short")
             for inner in _records(chunk, 0, on_damage):
                 yield from _message(chunk, inner, topics, on_damage)
         elif record.op == FILE_HEADER:
@@ -61,6 +64,11 @@ def scan_bag(data: Buffer, on_damage: OnDamage) -> Iterator[RawMessage]:
                 on_damage(f"is cut short: its index should be at byte {index}, it has {len(data)}")
         else:
             yield from _message(data, record, topics, on_damage)
+
+
+def _unpack_chunk(data: Buffer, record: _Record) -> bytes:
+    compression, size = record.header[b"compression"].decode(), _integer(record.header, b"size")
+    return (unpack if record.whole else unpack_cut)(compression, data[record.start : record.end], size)
 
 
 def _message(data: Buffer, record: _Record, topics: Topics, on_damage: OnDamage) -> Iterator[RawMessage]:
@@ -114,7 +122,12 @@ def _record(data: Buffer, position: int) -> _Record | None:
     except (KeyError, ValueError, struct.error):
         return None
     end = start + int(struct.unpack_from("<I", data, start - 4)[0])
-    return _Record(op, header, start, end) if op in _OPERATIONS and end <= len(data) else None
+    if op not in _OPERATIONS:
+        return None
+    if end <= len(data):
+        return _Record(op, header, start, end)
+    packed = op == CHUNK and header.get(b"compression", b"none") != b"none"
+    return _Record(op, header, start, len(data), whole=False) if packed else None
 
 
 def _next_record(data: Buffer, position: int) -> int:

@@ -30,6 +30,7 @@ def scan_sqlite(path: str | os.PathLike[str], on_damage: OnDamage) -> Iterator[R
     try:
         with closing(sqlite3.connect(f"{Path(path).absolute().as_uri()}?mode={mode}", uri=True)) as database:
             database.execute("PRAGMA trusted_schema = OFF")
+            database.execute("PRAGMA writable_schema = ON")  # opens a cut database; nothing is written
             database.text_factory = bytes  # names may be damaged: they are decoded here
             if database.execute(_WANTED).fetchone() != (2,):  # a view of that name could compute without end
                 on_damage("has no tables topics and messages")

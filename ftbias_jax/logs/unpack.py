@@ -38,6 +38,15 @@ def unpack(compression: str, packed: bytes, size: int) -> bytes:
     return unpacked
 
 
+def unpack_cut(compression: str, packed: bytes, size: int) -> bytes:
+    """What can be had of a chunk whose end is missing, at most the bytes it declares.
+
+    Raises:
+        UnpackError: nothing. LogError: the decompressor is not installed.
+    """
+    return packed[:size] if compression in ("", "none") else _bounded(compression, packed, min(size, MAX_UNPACKED))
+
+
 def unpack_message(data: bytes, limit: int = MAX_RATIO) -> bytes:
     """The message itself, which rosbag2 may have compressed alone without saying so; CDR never starts like zstd.
 
