@@ -135,7 +135,7 @@ def smooth_log(
     length = samples.dt.shape[0]
     padded = pipeline.pad(samples, _bucket(length) * -(-length // _bucket(length)))
     state = pipeline.init(params, padded)
-    if staged.applies(params, options):
+    if staged.applies(options):
         _, mean, std = smooth.smooth_log(params, state, padded, options)
     else:
         _, states = pipeline.run(params, state, padded, options, _keep_bias)
@@ -168,7 +168,7 @@ def summarise(filtered: Filtered) -> Summary:
 @partial(jax.jit, static_argnames="options")
 def _run(params: Params, state: State, samples: Sample, options: Options) -> tuple[State, dict[str, Array]]:
     """Filter by the fastest route that is exact for these parameters."""
-    if staged.applies(params, options):
+    if staged.applies(options):
         state, track = staged.run(params, state, samples, options)
         return state, _keep_staged(track, samples.wrench)
     state, kept = pipeline.run(params, state, samples, options, _keep)

@@ -18,8 +18,7 @@ class BiasNoise(NamedTuple):
     density: Array
     """(6,) sigma_Q, N/s^1.5 and Nm/s^1.5: white noise on the rate of the drift, one per axis."""
     data_variance: Array | None
-    """(36,) diagonal of Sigma_D over the live entries of vec(D), column-major (wrench.LIVE_ENTRIES); None = no Sigma_D,
-    which leaves the axes independent of one another and the fast route open."""
+    """(36,) diagonal of Sigma_D over the live entries of vec(D), column-major (wrench.LIVE_ENTRIES); None = zeros."""
     wrench_variance: Array
     """(6,) diagonal of Sigma_W, N^2 and Nm^2."""
     prior_mean: Array

@@ -106,12 +106,12 @@ def first_measured(q: Array) -> Array:
 
 
 def _forget(predicted: Gaussian, previous: Gaussian, prior_std: Array) -> Gaussian:
-    """Start again from P_0 when a gap in the data has left less knowledge of the position than P_0 has.
+    """Start again from P_0 when a gap has left less knowledge of position and velocity than P_0 has.
 
     Integrated noise grows as dt^5: after seconds without data it would exceed any physical motion, and the next update
     would have to cancel twenty digits. The restart assumes the last known position, at rest.
     """
-    lost = predicted.covariance[0, 0] > prior_std[0] ** 2
+    lost = (jnp.diagonal(predicted.covariance)[:2] > prior_std[:2] ** 2).all()
     at_rest = previous.mean * jnp.array([1, 0, 0], dtype=previous.mean.dtype)
     return Gaussian(
         jnp.where(lost, at_rest, predicted.mean),

@@ -43,7 +43,7 @@ def log_likelihood(
     """
     weight = counted(samples.dt, burn_in)
     state = pipeline.init(params, samples)
-    if staged.applies(params, options):
+    if staged.applies(options):
         _, track = staged.run(params, state, samples, options)
         joint, wrench = track.joint.log_likelihood.sum(1), track.wrench.log_likelihood.sum(1)
     else:

@@ -42,7 +42,7 @@ class Inputs(NamedTuple):
     covariance: Array
     """(k, k, B)."""
     restart_variance: Array
-    """(k, B) a filter that knows its first entry less well than this starts again from it, at rest; inf = never."""
+    """(k, B) a filter that knows its first two entries less well starts again from this, at rest; inf = never."""
 
 
 class Track(NamedTuple):
@@ -115,7 +115,7 @@ def _forward(model: ProcessModel, inputs: Inputs) -> tuple[Track, Smoothed, _Rec
         A, Q = model(dt, inputs.density)
         at_rest = _at_rest(x)
         x, P = _times(A, x), _add(_congruence(A, P), Q)
-        lost = P[0][0] > inputs.restart_variance[0]
+        lost = (P[0][0] > inputs.restart_variance[0]) & (P[1][1] > inputs.restart_variance[1])
         x = [jnp.where(lost, rest, moved) for rest, moved in zip(at_rest, x, strict=True)]
         P = [
             [jnp.where(lost, inputs.restart_variance[a] if a == b else 0, P[a][b]) for b in range(k)] for a in range(k)

@@ -92,14 +92,14 @@ def bias_process(key: Array, t: Array, density: Array, initial: Array, initial_d
     Returns:
         bias (T, 6) and drift (T, 6).
     """
-    dt = jnp.diff(t, prepend=t[:1])[:, None]
+    dt, density = jnp.diff(t, prepend=t[:1])[:, None], density[None]
     kick, slip = jax.random.normal(key, (2, t.shape[0], 6), t.dtype)
     # Cholesky factor of [[dt, dt^2/2], [dt^2/2, dt^3/3]], the covariance of a step of (drift, bias).
     drift_step = jnp.sqrt(dt) * density * kick
     bias_step = dt * drift_step / 2 + jnp.sqrt(dt**3 / 12) * density * slip
-    drift = initial_drift + jnp.cumsum(drift_step, 0)
+    drift = initial_drift[None] + jnp.cumsum(drift_step, 0)
     before = jnp.concatenate([initial_drift[None], drift[:-1]])
-    bias = initial + jnp.cumsum(dt * before + bias_step, 0)
+    bias = initial[None] + jnp.cumsum(dt * before + bias_step, 0)
     return bias, drift
 
 

@@ -1,8 +1,9 @@
 """The pipeline in three stages over a whole log: all joints in one scan, kinematics by vmap, six axes in one scan.
 
 Equal to ``pipeline.run`` to round-off and several times faster, forward and in reverse. It holds while the axes of the
-bias filter are independent: no Sigma_D, and a joint uncertainty that is not "full". The kinematics have no memory, so
-effects that need the whole log act between the stages.
+bias filter are independent, that is unless the joint uncertainty is "full": B Sigma_D B^T is diagonal when Sigma_D is,
+for the columns of B are multiples of unit vectors. The kinematics have no memory, so effects that need the whole log
+act between the stages.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ftbias_jax.noise import JOINT_MODELS, drift_noise
 from ftbias_jax.pipeline import Options, Params, State, covariance_of_joints, predict_wrench
 from ftbias_jax.recursion import Inputs, Track, filter_scan
 from ftbias_jax.types import Array, Gaussian, Sample
-from ftbias_jax.wrench import joint_sensitivity
+from ftbias_jax.wrench import joint_sensitivity, measurement_covariance
 
 
 class Staged(NamedTuple):
@@ -31,9 +32,9 @@ class Staged(NamedTuple):
     """(T, 6) D theta, N and Nm, sensor frame."""
 
 
-def applies(params: Params, options: Options) -> bool:
+def applies(options: Options) -> bool:
     """Whether the axes are independent, so that this route equals ``pipeline.run``; structure decides, not values."""
-    return params.bias.data_variance is None and options.joint_uncertainty != "full"
+    return options.joint_uncertainty != "full"
 
 
 @partial(jax.jit, static_argnames="options")
@@ -80,13 +81,15 @@ def joint_states(track: Track) -> Gaussian:
 
 def predict_wrenches(params: Params, joints: Gaussian, options: Options) -> tuple[Array, Array]:
     """Wrench of the tool D theta (T, 6) and the diagonal of R (T, 6) along joint states with leading axis T."""
+    R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
+    stated = jnp.diagonal(R)
 
     def one(mean: Array, covariance: Array) -> tuple[Array, Array]:
         motion, wrench_tool = predict_wrench(params, mean)
         if options.joint_uncertainty == "none":
-            return wrench_tool, params.bias.wrench_variance
+            return wrench_tool, stated
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
-        return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal")) + params.bias.wrench_variance
+        return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal")) + stated
 
     return jax.vmap(one)(joints.mean, joints.covariance)
 

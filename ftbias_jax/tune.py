@@ -106,7 +106,7 @@ def tune_wrench(
         variance = noise["wrench_std"] ** 2 if "wrench_std" in noise else params.bias.wrench_variance
 
         def one(inputs: Inputs, joint_variance: Array) -> Array:
-            inputs = inputs._replace(density=density, variance=(joint_variance + variance)[:, None])
+            inputs = inputs._replace(density=density, variance=(joint_variance + variance[None])[:, None])
             return counted(inputs.dt, burn_in) @ filter_scan(drift_noise, inputs).log_likelihood
 
         return jax.vmap(one)(inputs, joint_variance).sum(0)
@@ -148,7 +148,7 @@ def _bias_problem(params: Params, samples: Sample, options: Options) -> tuple[In
     joint = filter_scan(JOINT_MODELS[options.joint_model], staged.joint_inputs(params, state, samples))
     wrench_tool, variance = staged.predict_wrenches(params, staged.joint_states(joint), options)
     inputs = staged.bias_inputs(params, state, samples, wrench_tool, variance)
-    return inputs, variance - params.bias.wrench_variance
+    return inputs, variance - params.bias.wrench_variance[None]
 
 
 def _fit(score: newton.LaneScore, start: dict[str, Array], ties: dict[str, str], report: Report) -> Fit:

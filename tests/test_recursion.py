@@ -57,7 +57,7 @@ def textbook(model, inputs):
         def body(state, sample):
             dt, y, variance = sample
             predicted = gaussian.predict(state, *map(matrix, MODELS[model](dt, density)))
-            lost = predicted.covariance[0, 0] > restart[0]
+            lost = (jnp.diagonal(predicted.covariance)[:2] > restart[:2]).all()
             at_rest = Gaussian(state.mean * jnp.eye(k)[0], from_rest)
             predicted = jax.tree.map(partial(jnp.where, lost), at_rest, predicted)
             state, innovation = gaussian.update(predicted, y, jnp.eye(m, k), jnp.diag(variance))

@@ -54,6 +54,9 @@ def rates(arm, q, dq, ddq):
     return jax.jvp(lambda *state: kinematics(arm, *state), state, (dq, ddq, jnp.zeros_like(ddq)))[1]
 
 
+rotation_and_slope = jax.jit(lambda v: (screws.rotation_from_vector(v), jax.jacfwd(screws.rotation_from_vector)(v)))
+
+
 def pose_at(moving, q):
     return kinematics(moving.arm, q, moving.dq, moving.ddq).pose
 
@@ -99,6 +102,16 @@ def test_exponentials_equal_the_matrix_exponential(arm, seed):
         twist = np.block([[np.asarray(arm.skew[j]), np.asarray(arm.linear[j])[:, None]], [np.zeros((1, 4))]])
         expected = series_exponential(twist * angle)
         np.testing.assert_allclose(homogeneous(rotations[j], positions[j]), expected, atol=1e-11)
+
+
+@given(seed=seeds, scale=st.sampled_from([0.0, 1e-9, 1e-5, 1e-4, 1e-3, 1.0]))
+def test_rotation_from_vector_is_the_matrix_exponential(seed, scale):
+    vector = scale * np.random.default_rng(seed).normal(size=3)
+    rotation, slope = rotation_and_slope(vector)
+    expected = series_exponential(homogeneous(screws.skew(vector), np.zeros(3)) - np.diag([0, 0, 0, 1]))[:3, :3]
+    np.testing.assert_allclose(rotation, expected, atol=1e-13)
+    # R(v + v dt) = R(v) R(v dt): along v itself the derivative is R [v].
+    np.testing.assert_allclose(slope @ vector, expected @ screws.skew(vector), rtol=1e-9, atol=1e-11)
 
 
 def test_erratum_08_one_joint_transforms_are_not_the_cumulative_ones(moving):

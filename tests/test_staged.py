@@ -11,12 +11,6 @@ from ftbias_jax import pipeline, staged
 from ftbias_jax.pipeline import Options
 
 
-@pytest.fixture(scope="module")
-def independent(params):
-    """The small arm without Sigma_D, so that the axes are independent."""
-    return params._replace(bias=params.bias._replace(data_variance=None))
-
-
 def whole_run(params, samples, options):
     """What pipeline.run says of every sample, by name, 0 where nothing was measured; and the last state."""
     last, (states, infos) = pipeline.run(params, pipeline.init(params, samples), samples, options)
@@ -59,8 +53,8 @@ def assert_all_close(got, expected, rtol):
 
 
 @pytest.mark.parametrize("options", [Options("acceleration", "none"), Options("integrated_acceleration", "diagonal")])
-def test_staged_run_equals_pipeline_run(independent, samples, options):
-    expected, got = (run(independent, samples, options) for run in (whole_run, staged_run))
+def test_staged_run_equals_pipeline_run(params, samples, options):
+    expected, got = (run(params, samples, options) for run in (whole_run, staged_run))
     assert_all_close(got, expected, 1e-9)
 
 
@@ -76,23 +70,21 @@ def with_slopes(run, params, samples, weights):
     return outputs, slopes
 
 
-def test_and_in_the_derivative_of_every_output_in_every_parameter(independent, samples):
+def test_and_in_the_derivative_of_every_output_in_every_parameter(params, samples):
     rng = np.random.default_rng(0)
-    shapes = jax.eval_shape(partial(whole_run, options=Options()), independent, samples)
+    shapes = jax.eval_shape(partial(whole_run, options=Options()), params, samples)
     weights = jax.tree.map(lambda x: rng.normal(size=x.shape), shapes)
     # A covariance is symmetric, and so is its weight.
     for gaussian in (weights["joints"], weights["last state"].joint, weights["last state"].bias):
         gaussian.covariance[:] = gaussian.covariance + np.swapaxes(gaussian.covariance, -1, -2)
     weights["bias covariance"] += np.swapaxes(weights["bias covariance"], 1, 2)
-    expected, got = (with_slopes(run, independent, samples, weights) for run in (whole_run, staged_run))
+    expected, got = (with_slopes(run, params, samples, weights) for run in (whole_run, staged_run))
     assert_all_close(got[0], expected[0], 1e-9)
     assert_all_close(got[1], expected[1], 1e-6)  # the textbook filter's own rounding, for sharp encoders
 
 
-def test_it_applies_where_the_axes_are_independent(params, independent):
+def test_it_applies_where_the_axes_are_independent():
     """Structure decides, so that jit, vmap and gradients always take the same route."""
-    assert staged.applies(independent, Options())
-    assert staged.applies(independent, Options(joint_uncertainty="none"))
-    assert not staged.applies(independent, Options(joint_uncertainty="full"))
-    assert not staged.applies(params, Options())
-    assert not staged.applies(params._replace(bias=params.bias._replace(data_variance=jnp.zeros(36))), Options())
+    assert staged.applies(Options())
+    assert staged.applies(Options(joint_uncertainty="none"))
+    assert not staged.applies(Options(joint_uncertainty="full"))

@@ -11,6 +11,7 @@ import numpy as np
 
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.logs import read_log
+from ftbias_jax.plot import figure_format
 from ftbias_jax.setup import load_setup
 
 if TYPE_CHECKING:
@@ -41,9 +42,10 @@ def run(arguments: argparse.Namespace) -> int:
         mean, std = batch.smooth_log(params, log, options)
         arrays |= {"bias_smooth": mean[:, 0], "drift_smooth": mean[:, 1]}
         arrays |= {"bias_smooth_std": std[:, 0], "drift_smooth_std": std[:, 1]}
+    figure = plot.plot_filtered(filtered, Path(arguments.log).name) if arguments.plot else None
     results.save_npz(arguments.output, arrays)
-    if arguments.plot:
-        plot.save_figure(arguments.plot, plot.plot_filtered(filtered, Path(arguments.log).name))
+    if figure is not None:
+        plot.save_figure(arguments.plot, figure)
     density = np.asarray(params.joint.process_density)
     print(format_summary(filtered, batch.summarise(filtered)))
     print(f"joint process noise ({setup.joints.model}): {' '.join(f'{x:.3g}' for x in density)}")
@@ -65,6 +67,8 @@ def check_outputs(output: str, suffix: str, plot: str | None) -> None:
     for path in filter(None, (output, plot)):
         if not Path(path).absolute().parent.is_dir():
             raise OutputError("the folder does not exist", file=path, remedy="create it, or name another")
+    if plot:
+        figure_format(plot)
 
 
 def format_check(result: Consistency) -> str:

@@ -1,0 +1,77 @@
+"""Smoothing against the Rauch-Tung-Striebel formulas as textbooks print them, in NumPy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax import pipeline, smooth, staged
+from ftbias_jax.noise import bias_drift_noise
+from ftbias_jax.types import Gaussian
+
+
+@pytest.fixture(scope="module")
+def bias_model(linear_gaussian, params, samples):
+    """The bias process of the log, without a measurement noise yet."""
+    A, Q = map(np.asarray, jax.vmap(bias_drift_noise, in_axes=(0, None))(samples.dt, params.bias.density))
+    return linear_gaussian(
+        A, Q, np.eye(6, 12), None, np.asarray(params.bias.prior_mean), np.diag(params.bias.prior_std**2)
+    )
+
+
+def rauch_tung_striebel(model, means, covariances):
+    """Smoothed means and covariances from filtered ones."""
+    means, covariances = means.copy(), covariances.copy()
+    for i in reversed(range(len(means) - 1)):
+        A, P = model.A[i + 1], covariances[i]
+        predicted = A @ P @ A.T + model.Q[i + 1]
+        G = P @ A.T @ np.linalg.inv(predicted)
+        means[i] += G @ (means[i + 1] - A @ means[i])
+        covariances[i] = P + G @ (covariances[i + 1] - predicted) @ G.T
+    return means, covariances
+
+
+def test_bias_with_noise_that_mixes_the_axes(params, samples, bias_model):
+    root = 0.1 * np.random.default_rng(0).normal(size=(len(samples.dt), 6, 6))
+    model = bias_model._replace(R=root @ np.swapaxes(root, 1, 2) + 0.01 * np.eye(6))
+    filtered = model.filtered(-np.asarray(samples.wrench))
+    expected = rauch_tung_striebel(model, *filtered)
+    smoothed = smooth.smooth_bias(params, Gaussian(*map(jnp.asarray, filtered)), samples.dt)
+    np.testing.assert_allclose(smoothed.mean, expected[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(smoothed.covariance, expected[1], rtol=1e-9, atol=1e-9)
+
+
+def test_independent_axes_are_the_same_axis_by_axis(params, samples, bias_model):
+    variance = np.random.default_rng(1).uniform(0.01, 0.1, (len(samples.dt), 6)) ** 2
+    model = bias_model._replace(R=variance[:, :, None] * np.eye(6))
+    mean, covariance = rauch_tung_striebel(model, *model.filtered(-np.asarray(samples.wrench)))
+    start = pipeline.init(params, samples)
+    inputs = staged.bias_inputs(params, start, samples, jnp.zeros_like(variance), jnp.asarray(variance))
+    got_mean, got_std = smooth.smooth_axes(inputs)
+    np.testing.assert_allclose(got_mean.reshape(-1, 12), mean, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(got_std.reshape(-1, 12) ** 2, np.diagonal(covariance, axis1=1, axis2=2), rtol=1e-5)
+
+
+def test_the_whole_log_knows_more_than_its_past(params, samples):
+    """Of the joints and of the bias, at every sample; the last of the joints has no future."""
+    start = pipeline.init(params, samples)
+    _, filtered = staged.run(params, start, samples, pipeline.DEFAULT_OPTIONS)
+    joints, bias, bias_std = smooth.smooth_log(params, start, samples)
+    past = staged.joint_states(filtered.joint)
+    variance, past_variance = (np.diagonal(x.covariance, axis1=2, axis2=3) for x in (joints, past))
+    assert (variance > 0).all()
+    assert (variance <= past_variance * (1 + 1e-6)).all()
+    np.testing.assert_allclose(joints.mean[-1], past.mean[-1], rtol=1e-9, atol=1e-12)
+    past_std = np.sqrt(np.moveaxis(np.diagonal(filtered.wrench.covariance, axis1=1, axis2=2), -1, 1))
+    assert (bias_std <= past_std.reshape(bias_std.shape) * (1 + 1e-6)).all()
+    assert np.isfinite(bias).all()
+
+
+def test_smoothed_accelerations_have_no_lag(params, samples):
+    """The log's joints follow sines of 2 rad/s."""
+    t = np.cumsum(np.asarray(samples.dt))[:, None]
+    truth = -2 * np.sin(2 * t + [0, 1, 2])
+    start = pipeline.init(params, samples)
+    joints = smooth.smooth_joints(params, start, samples)
+    error = joints.mean[:, :, 2] - truth
+    assert (np.abs(error) < 4 * np.sqrt(joints.covariance[:, :, 2, 2])).all()

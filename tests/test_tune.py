@@ -1,0 +1,163 @@
+"""Noise parameters found again in simulated logs of the filter's own model."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax import simulate, tune
+from ftbias_jax.likelihood import joint_log_likelihood, log_likelihood
+from ftbias_jax.types import Sample
+
+DT = 0.01
+STATES = np.array([[1, DT, DT**2 / 2], [0, 1, DT], [0, 0, 1]])
+JERK = np.linalg.cholesky(
+    [[DT**5 / 20, DT**4 / 8, DT**3 / 6], [DT**4 / 8, DT**3 / 3, DT**2 / 2], [DT**3 / 6, DT**2 / 2, DT]]
+)
+ALL_JOINT_NOISE = dict.fromkeys(tune.JOINT_NAMES, "each")
+ALL_WRENCH_NOISE = dict.fromkeys(tune.WRENCH_NAMES, "each")
+
+
+@pytest.fixture(scope="module")
+def truth(params):
+    """The small arm moving gently, and a bias that moves within a second."""
+    joint = params.joint._replace(process_density=jnp.array([0.3, 0.5, 0.2]))
+    bias = params.bias._replace(
+        density=jnp.array([0.03, 0.04, 0.05, 2e-3, 3e-3, 4e-3]),
+        data_variance=None,
+        wrench_variance=jnp.array([0.2, 0.3, 0.4, 0.01, 0.02, 0.03]) ** 2,
+    )
+    return params._replace(joint=joint, bias=bias)
+
+
+def motions(seeds, count, density):
+    """Joint motion (seeds, T, n, 3) by white noise on the jerk, with a weak pull that keeps it bounded."""
+    rng = np.random.default_rng(seeds)
+    noise = rng.normal(size=(count, len(seeds), len(density), 3)) @ JERK.T * np.asarray(density)[:, None]
+    states = [np.zeros(noise.shape[1:])]
+    for shock in noise[1:]:
+        states.append(states[-1] @ STATES.T + shock)
+        states[-1][..., 2] -= DT * states[-1] @ [0.02, 0.15, 0.6]
+    return np.stack(states, 1)
+
+
+@jax.jit
+def simulated(truth, keys, motion):
+    """Logs with a leading axis of seeds."""
+    t = DT * jnp.arange(motion.shape[1])
+
+    def one(key, motion):
+        log = simulate.simulate(key, truth, simulate.Trajectory(t, *jnp.moveaxis(motion, -1, 0)))
+        return Sample(jnp.diff(t, prepend=t[:1]), log.q, log.dq, log.wrench)
+
+    return jax.vmap(one)(keys, motion)
+
+
+def logs_of(truth, seeds, count):
+    motion = motions(seeds, count, truth.joint.process_density)
+    logs = simulated(truth, jax.vmap(jax.random.key)(jnp.array(seeds)), motion)
+    return [jax.tree.map(lambda x, i=i: np.asarray(x[i]), logs) for i in range(len(seeds))]
+
+
+def as_one_robot(truth, logs):
+    """Joints are independent, so those of many logs are tuned as the joints of one robot."""
+    dt, q, dq, wrench = zip(*logs, strict=True)
+    many = {name: jnp.tile(getattr(truth.joint, name), len(logs)) for name in tune.JOINT_NAMES}
+    log = Sample(dt[0], np.concatenate(q, 1), np.concatenate(dq, 1), wrench[0])
+    return truth._replace(joint=truth.joint._replace(**many)), log
+
+
+def wrong(params, factor):
+    """All noise parameters wrong by a factor."""
+    joint = {name: factor * getattr(params.joint, name) for name in tune.JOINT_NAMES}
+    bias = {"density": factor * params.bias.density, "wrench_variance": factor**2 * params.bias.wrench_variance}
+    return params._replace(joint=params.joint._replace(**joint), bias=params.bias._replace(**bias))
+
+
+def joint_truth(params):
+    return {name: np.asarray(getattr(params.joint, name)) for name in tune.JOINT_NAMES}
+
+
+def wrench_truth(params):
+    return {"density": np.asarray(params.bias.density), "wrench_std": np.sqrt(params.bias.wrench_variance)}
+
+
+def misses(fit, truth):
+    """Logarithm of the found over the true values, and the same in standard errors, flat."""
+    error = {name: np.log(fit.values[name] / true) for name, true in truth.items()}
+    in_sigmas = {name: error[name] / fit.relative_stderr[name] for name in truth}
+    return np.concatenate(list(error.values())), np.concatenate(list(in_sigmas.values()))
+
+
+def same(first, second):
+    """Values equal to a hundredth of their standard errors."""
+    return all(
+        (np.abs(np.log(first.values[name] / second.values[name])) < 0.01 * first.relative_stderr[name]).all()
+        for name in first.values
+    )
+
+
+def test_joint_noise_from_starts_wrong_by_thirty_either_way(truth):
+    robot, log = as_one_robot(truth, logs_of(truth, [0, 1], 2000))
+    (high, fit), (_, other) = (
+        tune.tune_joints(wrong(robot, factor), [log], ALL_JOINT_NOISE) for factor in (30.0, 1 / 30)
+    )
+    assert fit.optimum.converged
+    assert fit.undetermined == []
+    assert same(fit, other)
+    assert np.abs(misses(fit, joint_truth(robot))[1]).max() < 4
+    np.testing.assert_allclose(joint_log_likelihood(high, log, burn_in=0.2), fit.optimum.value, rtol=1e-9)
+    assert fit.optimum.value > joint_log_likelihood(robot, log, burn_in=0.2)
+
+
+def test_bias_and_sensor_noise_from_starts_wrong_by_thirty_either_way(truth):
+    logs = logs_of(truth, [0, 1], 2000)
+    start = {factor: wrong(truth, factor)._replace(joint=truth.joint) for factor in (30.0, 1 / 30)}
+    (high, fit), (_, other) = (tune.tune_wrench(start[factor], logs, ALL_WRENCH_NOISE) for factor in start)
+    assert fit.optimum.converged
+    assert fit.undetermined == []
+    assert same(fit, other)
+    assert np.abs(misses(fit, wrench_truth(truth))[1]).max() < 4
+    tuned, true = (sum(log_likelihood(p, log, burn_in=1.0).wrench for log in logs) for p in (high, truth))
+    np.testing.assert_allclose(tuned, fit.optimum.value, rtol=1e-9)
+    assert tuned > true
+
+
+def test_velocity_noise_without_velocities_is_named_and_left_alone(truth):
+    (log,) = logs_of(truth, [2], 500)
+    log = log._replace(dq=np.where([True, False, True], log.dq, np.nan))
+    tuned, fit = tune.tune_joints(truth, [log], {"velocity_std": "each"})
+    assert fit.undetermined == ["velocity_std[1]^+1.00"]
+    np.testing.assert_array_equal(np.isinf(fit.relative_stderr["velocity_std"]), [False, True, False])
+    np.testing.assert_allclose(tuned.joint.velocity_std[1], truth.joint.velocity_std[1])
+    assert tuned.joint.position_std is truth.joint.position_std
+
+
+@pytest.mark.parametrize(
+    ("tie", "lanes"), [("one", [0, 0, 0, 0, 0, 0]), ("pair", [0, 0, 0, 1, 1, 1]), ("each", [0, 1, 2, 3, 4, 5])]
+)
+def test_ties(tie, lanes):
+    np.testing.assert_array_equal(tune.TIES[tie](6), lanes)
+
+
+def check_recovery(error, in_sigmas):
+    """For each parameter a row of logs."""
+    assert np.abs(np.median(error, 1)).max() < 0.1
+    assert (np.abs(in_sigmas) < 3).mean() >= 0.95
+
+
+@pytest.mark.slow
+def test_twenty_logs_give_the_truth_back(truth):
+    """Medians within a tenth, and the truth within three standard errors."""
+    logs = logs_of(truth, range(20), 6000)
+    robot, log = as_one_robot(truth, logs)
+    _, fit = tune.tune_joints(robot, [log], ALL_JOINT_NOISE)
+    check_recovery(*(np.moveaxis(x.reshape(3, 20, 3), 1, 2).reshape(9, 20) for x in misses(fit, joint_truth(robot))))
+    assert fit.optimum.value > fit.optimum.start_value
+    errors, in_sigmas = [], []
+    for log in logs:
+        _, fit = tune.tune_wrench(truth, [log], ALL_WRENCH_NOISE)
+        assert fit.optimum.value > fit.optimum.start_value
+        for kept, part in zip((errors, in_sigmas), misses(fit, wrench_truth(truth)), strict=True):
+            kept.append(part)
+    check_recovery(np.stack(errors, 1), np.stack(in_sigmas, 1))
