@@ -18,6 +18,9 @@ from ftbias_jax.setup_fields import nearest
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Array
 
+CREDIBLE_DELAY = 10**10
+"""ns: how much more or less than usual a message of a damaged recording may be late."""
+
 
 def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Reading:
     """Read a ROS 1 bag, or a ROS 2 bag: its folder, or a ``.db3`` or ``.mcap`` file.
@@ -37,9 +40,11 @@ def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
 def log_of(recording: Recording, setup: Setup, file: str = "") -> Reading:
     """The log in a recording that is read already; see ``read_ros``."""
     names = setup.robot.joint_names
+    mended = [Repair(damage, lost=True) for damage in recording.damage]
+    if mended:
+        recording = _credible(recording, mended)
     joints = _joint_positions(_choose("joints", _joint_streams(recording, names, file), setup, file), names)
     wrench = _wrenches(_choose("wrench", _wrench_streams(recording, file), setup, file), file)
-    mended = [Repair(damage, lost=True) for damage in recording.damage]
 
     clock = choose_clock((joints.stamps, wrench.stamps), (joints.logged, wrench.logged))
     if clock.complaint:
@@ -54,6 +59,28 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Reading:
     n = len(names)
     merged = merge_streams(joint_t, motion[:, :n], wrench_t, readings, motion[:, n:], file=file)
     return Reading(check_log(merged.t, merged.q, merged.wrench, merged.dq, setup=setup, file=file), tuple(mended))
+
+
+def _credible(recording: Recording, mended: list[Repair]) -> Recording:
+    """What is left of a damaged recording without stamps and frames that a flipped bit may have made."""
+    wrenches = [stream for stream in recording.streams if stream.message_type == WRENCH_STAMPED]
+    kept = []
+    for stream in recording.streams:
+        most = max((len(other.stamps) for other in wrenches if other.topic == stream.topic), default=0)
+        late = stream.logged - stream.stamps
+        believed = np.abs(late - np.median(late)) < CREDIBLE_DELAY
+        if stream.message_type == WRENCH_STAMPED and len(stream.stamps) < most / 2:
+            believed = np.zeros_like(believed)
+        if believed.any():
+            columns = {name: getattr(stream, name)[believed] for name in ("stamps", "logged", "order", "values")}
+            kept.append(stream._replace(**columns))
+        if not believed.all():
+            what = (
+                f"{(~believed).sum()} of the samples of {stream.topic} left out: their stamp or frame is not credible"
+            )
+            mended.append(Repair(what, lost=True))
+    mended.append(Repair(f"{sum(topic.messages for topic in recording.topics)} messages were recovered"))
+    return recording._replace(streams=tuple(kept))
 
 
 def skew(stream: Stream) -> str:

@@ -24,6 +24,8 @@ from ftbias_jax.types import Array
 SUFFIXES = (".bag", ".db3", ".mcap")
 PACKED = ".zstd"  # a file that rosbag2 compressed as a whole
 
+MAX_TOLD = 20  # places of damage
+
 _COPY = 1 << 20
 _Key = tuple[str, str, tuple[str, ...]]  # topic, type, names
 
@@ -75,12 +77,15 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False) -> Re
     """
     file = os.fspath(path)
     damage: list[str] = []
+    places = 0
 
     def on_damage(what: str) -> None:
+        nonlocal places
         if not salvage:
-            remedy = "--salvage reads what is whole"
-            raise LogError(what, file=file, remedy=remedy)
-        damage.append(what)
+            raise LogError(what, file=file, remedy="--salvage reads what is whole")
+        places += 1
+        if places <= MAX_TOLD:
+            damage.append(what)
 
     streams: dict[_Key, _Growing] = {}
     counts: dict[tuple[str, str], int] = {}
@@ -97,6 +102,8 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False) -> Re
         raise LogError(f"cannot be read: {error.strerror or error}", file=file, remedy="check the path") from error
     except LogError as error:  # of a part, or of a missing package: named after the whole
         raise LogError(error.message, file=file, field=error.field, remedy=error.remedy) from error
+    if places > MAX_TOLD:
+        damage.append(f"{places - MAX_TOLD} more places are damaged")
     topics = tuple(Topic(*topic, count) for topic, count in counts.items())
     return Recording(tuple(_finish(*key, growing) for key, growing in streams.items()), topics, tuple(damage))
 
