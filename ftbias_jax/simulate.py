@@ -64,8 +64,8 @@ def excitation_sines(
     omega = omega * (1 + 0.07 * jnp.arange(center.shape[0], dtype=t.dtype))[None]
     angle = omega[None] * t[:, None, None] + phase[None]
     q = center[None] + (weight[None] * jnp.sin(angle)).sum(1)
-    dq = (weight * omega * jnp.cos(angle)).sum(1)
-    ddq = -(weight * omega**2 * jnp.sin(angle)).sum(1)
+    dq = ((weight * omega)[None] * jnp.cos(angle)).sum(1)
+    ddq = -((weight * omega**2)[None] * jnp.sin(angle)).sum(1)
     return Trajectory(t, q, dq, ddq)
 
 
