@@ -44,6 +44,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_tune(commands)
     _add_identify(commands)
     _add_simulate(commands)
+    _add_info(commands)
     _add_demo(commands)
     return parser
 
@@ -127,6 +128,16 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         "--motion", default="sines", metavar="sines|moves|FILE", help="motion, or a log to replay (%(default)s)"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random numbers (%(default)s)")
+
+
+def _add_info(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "info",
+        help="show what is in a log and what can be filtered from it",
+        description="Show streams, rates, gaps, stuck or saturated axes and joint names of LOG.",
+    )
+    parser.add_argument("log", metavar="LOG", help="any log: .npz .csv .parquet .h5 .bag .db3 .mcap or a bag's folder")
+    parser.add_argument("--setup", metavar="SETUP.toml", help="also tell whether LOG can be filtered with it")
 
 
 def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
