@@ -98,15 +98,14 @@ def draw(result):
     ):
         for color, marker, (name, scored) in zip(("#0072B2", "#D55E00"), "os", result["motions"].items(), strict=True):
             ax.plot(FACTORS, [s[key] for s in scored["by_factor"]], color=color, marker=marker, label=name)
-            ax.axhline(scored["known_joints"][key], color=color, linestyle=":", label=f"{name}, joints known")
+        # The same for both motions: with known joints the motion does not matter.
+        ax.axhline(scored["known_joints"][key], color="black", linestyle=":", label="joints known")
         ax.set_xscale("log", base=2)
         ax.set(title=title, xlabel="process noise / likeliest")
         ax.grid(color="0.9")
-        if key == "inside_2_sigma":
-            ax.axhline(0.954, color="black", linewidth=0.8)
-        else:
+        if key != "inside_2_sigma":
             ax.set_ylim(bottom=0)
-    ax.legend(fontsize=8)
+    ax.legend(loc="lower right")
     return figure
 
 
