@@ -98,15 +98,15 @@ def draw(result, t, over_time):
     left.axhspan(low, high, color="0.85", label="95 % of right models")
     for name, values in over_time.items():
         left.plot(t, values, linewidth=1, label=name)
-    left.set(title="squared error of bias and drift over their covariance", xlabel="time [s]", yscale="log")
-    left.set_ylim(top=70)
-    left.legend(fontsize=7, ncols=3, loc="upper left")
+    left.set(title="NEES of bias and drift", xlabel="time [s]", yscale="log")
+    left.set_ylim(top=120)
+    left.legend(fontsize=7, ncols=2, loc="upper left")
     names = list(result["models"])
     right.axvspan(*result["models"]["true"]["nis"]["bounds"], color="0.85")
     for row, scored in enumerate(result["models"].values()):
         right.plot(scored["nis"]["mean"], row, "o" if scored["nis"]["inside"] else "x", color="#0072B2")
     right.set_yticks(range(len(names)), names)
-    right.set(title="normalised innovation squared of six axes (o inside, x outside)")
+    right.set(title="NIS of six axes: o inside its bounds, x outside")
     right.grid(color="0.9")
     return figure
 
