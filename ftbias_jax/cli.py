@@ -55,9 +55,14 @@ def _add_filter(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         help="estimate bias and drift of one log and correct its wrench",
         description="Estimate bias and drift at every wrench sample of LOG, and write them with the corrected wrench.",
     )
-    parser.add_argument("log", metavar="LOG", help="recorded log: .npz or .csv with time, joint positions and wrench")
+    parser.add_argument(
+        "log", metavar="LOG", help="log: .npz .csv .parquet .h5 .bag .db3 .mcap or a ROS 2 bag's folder"
+    )
     parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
-    parser.add_argument("-o", "--output", required=True, metavar="OUT.npz", help="where to write the result")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="OUT", help="where to write the result: .npz .csv .parquet or .mcap"
+    )
+    parser.add_argument("--salvage", action="store_true", help="read what is whole of a damaged recording")
     parser.add_argument("--smooth", action="store_true", help="also write the bias given past and future")
     parser.add_argument("--check", action="store_true", help="also judge whether the filter's error bars are right")
     parser.add_argument("--plot", metavar="OUT.png", help="also draw bias and residual (needs the extra 'plot')")

@@ -37,7 +37,7 @@ SETUP = {
 def log(samples):
     """The log of 40 samples, as if it had been read from a file."""
     t = np.cumsum(samples.dt)
-    return Log(t, *map(np.asarray, samples[1:]), np.full(len(t), np.nan), START)
+    return Log(t, *map(np.asarray, samples[1:4]), np.full(len(t), np.nan), START)
 
 
 def rows_of(tree, rows):

@@ -216,7 +216,7 @@ def test_bad_input_ends_in_one_line_and_writes_nothing(copy, tmp_path, capsys, s
         ({"log": "absent.npz"}, 1, ["absent.npz", "check the path"]),
         ({"log": "log.bag7"}, 1, ["unknown format '.bag7'"]),
         ({"--setup": "absent.toml"}, 1, ["absent.toml", "give the path of a setup.toml"]),
-        ({"-o": "out.csv"}, 2, ["--output: cannot write", "end the name in .npz"]),
+        ({"-o": "out.txt"}, 2, ["--output: cannot write", "end the name in .npz"]),
         ({"-o": "absent/out.npz"}, 1, ["absent/out.npz", "the folder does not exist"]),
         ({"--plot": "absent/out.png"}, 1, ["absent/out.png", "the folder does not exist"]),
         ({"--plot": "out.bmp"}, 1, ["out.bmp", "cannot draw a '.bmp' file"]),

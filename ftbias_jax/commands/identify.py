@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify the tool and write a setup that has it."""
-    check_outputs(arguments.output, ".toml", None)
+    check_outputs(arguments.output, ".toml")
     setup = load_setup(arguments.setup)
     log = read_log(arguments.log, setup)
 

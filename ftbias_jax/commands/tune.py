@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune and write a setup; 1 if a fit did not converge."""
-    check_outputs(arguments.output, ".toml", None)
+    check_outputs(arguments.output, ".toml")
     setup = load_setup(arguments.setup)
     logs = [read_log(path, setup) for path in arguments.logs]
 
