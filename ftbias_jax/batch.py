@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax import joint_filter, pipeline, smooth, staged
+from ftbias_jax.effects import chain
+from ftbias_jax.effects.types import Model
 from ftbias_jax.pipeline import DEFAULT_OPTIONS, Info, Options, Params, State
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.staged import Staged
@@ -29,7 +31,8 @@ simulated logs 4 to 16 gave the smallest bias errors and error bars that hold (e
 class Filtered(NamedTuple):
     """Result of filtering a log, at the stamps where any wrench axis was measured. Signs as in the report.
 
-    numpy arrays with leading axis T; the fields are those of the output file, with the same names.
+    numpy arrays with leading axis T; the fields are those of the output file, with the same names. Effects that the
+    setup knows of are in wrench_tool, those of the bias (warming up, temperature) in bias.
     """
 
     t: Array
@@ -84,9 +87,11 @@ def filter_log(
     Args:
         params, options: of the pipeline. log: one merged timeline, (T, ...). progress: told the samples done so far.
     """
+    log = without_useless(log, params)
     samples = pipeline.samples_from_log(log, params.theta.dtype)
     length = samples.dt.shape[0]
-    chunk = _bucket(length)
+    # Effects with a memory need the whole log at once.
+    chunk = _bucket(length) if params.effects is None else _whole(length)
     rows = np.isfinite(log.wrench).any(1)
     state, log_likelihood = pipeline.init(params, samples), 0.0
     parts = []
@@ -98,6 +103,10 @@ def filter_log(
         parts.append({name: np.asarray(x)[:count][rows[start : start + count]] for name, x in kept.items()})
         progress(start + count)
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    if params.effects is not None:
+        known = _known_bias(params, samples)[rows]
+        columns["bias"] = columns["bias"] + np.stack([known, np.zeros_like(known)], 1)
+        columns["wrench_tool"] = columns["wrench_tool"] + known
     bias, drift = np.moveaxis(columns["bias"], 1, 0)
     bias_std, drift_std = np.moveaxis(columns["bias_std"], 1, 0)
     q, dq, ddq = np.moveaxis(columns["joint"], 2, 0)
@@ -131,9 +140,10 @@ def smooth_log(
     Returns:
         means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_log``.
     """
+    log = without_useless(log, params)
     samples = pipeline.samples_from_log(log, params.theta.dtype)
     length = samples.dt.shape[0]
-    padded = pipeline.pad(samples, _bucket(length) * -(-length // _bucket(length)))
+    padded = pipeline.pad(samples, _whole(length))
     state = pipeline.init(params, padded)
     if staged.applies(options):
         _, mean, std = smooth.smooth_log(params, state, padded, options)
@@ -173,6 +183,26 @@ def _run(params: Params, state: State, samples: Sample, options: Options) -> tup
         return state, _keep_staged(track, samples.wrench)
     state, kept = pipeline.run(params, state, samples, options, _keep)
     return state, kept
+
+
+def without_useless(log: Log, params: Params) -> Log:
+    """The log without samples that the known effects make useless: saturated ones, spikes, repetitions."""
+    if params.effects is None:
+        return log
+    model = Model(params.arm, params.gravity, params.theta)
+    return log._replace(wrench=np.asarray(chain.correct_record(jnp.asarray(log.wrench), model, params.effects)))
+
+
+def _known_bias(params: Params, samples: Sample) -> np.ndarray:
+    """(T, 6) the part of the bias that known effects make, such as warming up."""
+    assert params.effects is not None
+    joints = jnp.zeros((*samples.q.shape, 3), samples.q.dtype)  # effects of the bias do not look at the motion
+    return np.asarray(chain.bias(staged.signals_of(params, joints, samples), params.effects))
+
+
+def _whole(length: int) -> int:
+    """Length to pad a log to that is filtered at once."""
+    return _bucket(length) * -(-length // _bucket(length))
 
 
 def _bucket(length: int) -> int:

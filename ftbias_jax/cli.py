@@ -45,6 +45,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_identify(commands)
     _add_simulate(commands)
     _add_diagnose(commands)
+    _add_info(commands)
     _add_demo(commands)
     return parser
 
@@ -55,9 +56,14 @@ def _add_filter(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         help="estimate bias and drift of one log and correct its wrench",
         description="Estimate bias and drift at every wrench sample of LOG, and write them with the corrected wrench.",
     )
-    parser.add_argument("log", metavar="LOG", help="recorded log: .npz or .csv with time, joint positions and wrench")
+    parser.add_argument(
+        "log", metavar="LOG", help="log: .npz .csv .parquet .h5 .bag .db3 .mcap or a ROS 2 bag's folder"
+    )
     parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
-    parser.add_argument("-o", "--output", required=True, metavar="OUT.npz", help="where to write the result")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="OUT", help="where to write the result: .npz .csv .parquet or .mcap"
+    )
+    parser.add_argument("--salvage", action="store_true", help="read what is whole of a damaged recording")
     parser.add_argument("--smooth", action="store_true", help="also write the bias given past and future")
     parser.add_argument("--check", action="store_true", help="also judge whether the filter's error bars are right")
     parser.add_argument("--plot", metavar="OUT.png", help="also draw bias and residual (needs the extra 'plot')")
@@ -103,6 +109,8 @@ def _add_identify(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     parser.add_argument("-o", "--output", required=True, metavar="OUT.toml", help="where to write the setup found")
     parser.add_argument("--mounting", action="store_true", help="also find how the sensor is turned on the flange")
     parser.add_argument("--gravity", action="store_true", help="also find the direction of gravity")
+
+
 def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser = commands.add_parser(
         "simulate",
@@ -144,6 +152,16 @@ def _add_diagnose(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     parser.add_argument(
         "--without", action="append", default=[], metavar="EFFECT", help="leave this effect out; may be repeated"
     )
+
+
+def _add_info(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "info",
+        help="show what is in a log and what can be filtered from it",
+        description="Show streams, rates, gaps, stuck or saturated axes and joint names of LOG.",
+    )
+    parser.add_argument("log", metavar="LOG", help="any log: .npz .csv .parquet .h5 .bag .db3 .mcap or a bag's folder")
+    parser.add_argument("--setup", metavar="SETUP.toml", help="also tell whether LOG can be filtered with it")
 
 
 def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

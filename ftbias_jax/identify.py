@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax import likelihood, pipeline, regression
+from ftbias_jax import likelihood, pipeline, regression, staged
 from ftbias_jax.inertia import about_center_of_mass, log_cholesky_from_parameters, parameters_from_log_cholesky
-from ftbias_jax.pipeline import DEFAULT_OPTIONS, Options, Params, predict_wrench
+from ftbias_jax.pipeline import DEFAULT_OPTIONS, Options, Params
 from ftbias_jax.regression import Linear, Prior
 from ftbias_jax.screws import rotation_from_vector
 from ftbias_jax.smooth import smooth_joints
@@ -65,9 +65,7 @@ def identify(
     """
     joints = smooth_joints(params, pipeline.init(params, samples), samples, options)
     problem, _ = likelihood.wrench_problem(params, samples, joints, options)
-    model = regression.linearise(
-        problem, lambda z: jax.vmap(lambda mean: predict_wrench(_moved(params, z), mean)[1])(joints.mean)
-    )
+    model = regression.linearise(problem, lambda z: staged.predict_readings(_moved(params, z), joints.mean, samples))
     log_cholesky = np.asarray(log_cholesky_from_parameters(_with_volume(params.theta)))
     std = np.concatenate([PRIOR_STD, [0.3 if mounting else 1e-9] * 3, [0.1 if gravity else 1e-9] * 3])
     prior = Prior(np.concatenate([log_cholesky, np.zeros(6)]), std)

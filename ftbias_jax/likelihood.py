@@ -129,6 +129,6 @@ def wrench_problem(
     Returns:
         the problem of the wrench, and the wrench of the tool D theta (T, 6) of these parameters.
     """
-    wrench_tool, variance = staged.predict_wrenches(params, joints, options)
+    wrench_tool, variance = staged.predict_wrenches(params, joints, samples, options)
     bias = params.bias
     return WrenchProblem(samples.dt, samples.wrench, variance, bias.density, bias.prior_std), wrench_tool

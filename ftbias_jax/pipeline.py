@@ -16,6 +16,9 @@ import numpy as np
 
 from ftbias_jax import bias_filter, joint_filter
 from ftbias_jax.bias_filter import BiasNoise
+from ftbias_jax.effects.catalogue import values_from_setup
+from ftbias_jax.effects.chain import fill_temperature
+from ftbias_jax.effects.types import Values
 from ftbias_jax.gaussian import Innovation
 from ftbias_jax.joint_filter import JointNoise
 from ftbias_jax.screws import Arm, Motion, make_arm, sensor_motion
@@ -35,6 +38,8 @@ class Params(NamedTuple):
     """(10,) inertial parameters of the tool (wrench.py)."""
     joint: JointNoise
     bias: BiasNoise
+    effects: Values | None = None
+    """Known effects of the catalogue. They may need the whole log, so ``staged.run`` has them and ``step`` refuses."""
 
 
 class Options(NamedTuple):
@@ -104,6 +109,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
             np.concatenate([setup.bias.initial_std, setup.bias.initial_drift_std]),
         ),
     )
+    params = params._replace(effects=values_from_setup(setup.effects, setup.path) or None)
     converted: Params = jax.tree.map(partial(_array, dtype=dtype), params)
     return converted
 
@@ -111,7 +117,9 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
 def samples_from_log(log: Log, dtype: Any = None) -> Sample:
     """A log as filter input: leaves with a leading time axis. dt is taken in float64 before any rounding to dtype."""
     dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0])
-    return Sample(*(_array(x, dtype) for x in (dt, log.q, log.dq, log.wrench)))
+    temperature = fill_temperature(log.t, log.temperature) if np.isfinite(log.temperature).any() else None
+    columns = (dt, log.q, log.dq, log.wrench, temperature)
+    return Sample(*(None if x is None else _array(x, dtype) for x in columns))
 
 
 def pad(samples: Sample, length: int) -> Sample:
@@ -123,7 +131,9 @@ def pad(samples: Sample, length: int) -> Sample:
     def lengthen(x: Array, value: float) -> Array:
         return jnp.concatenate([x, jnp.full((missing, *x.shape[1:]), value, x.dtype)])
 
-    return Sample(lengthen(samples.dt, 0.0), *(lengthen(x, jnp.nan) for x in samples[1:]))
+    q, dq, wrench = (lengthen(x, jnp.nan) for x in samples[1:4])
+    temperature = None if samples.temperature is None else jnp.pad(samples.temperature, (0, missing), mode="edge")
+    return Sample(lengthen(samples.dt, 0.0), q, dq, wrench, temperature)
 
 
 def init(params: Params, samples: Sample) -> State:
@@ -142,6 +152,8 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     Returns:
         the state after the sample, and what it said.
     """
+    if params.effects is not None:
+        raise ValueError("effects act on whole logs, not on single samples: use staged.run")
     joint, joint_innovation = joint_filter.step(
         params.joint, state.joint, sample.dt, sample.q, sample.dq, options.joint_model
     )

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 COLORS = ("#0072B2", "#D55E00", "#009E73")
 """Okabe and Ito's blue, vermilion and green: told apart by colour-blind readers."""
 MARKS = ("-", "--", ":")
+FORMATS = ("png", "svg", "pdf")
 MAX_POINTS = 4000
 """A figure has about a thousand pixels across; more points cost time and change nothing."""
 
@@ -50,13 +51,19 @@ def plot_filtered(filtered: Filtered, title: str, true_bias: Array | None = None
 
 
 def save_figure(path: str, figure: Figure) -> None:
-    """Write a figure atomically; the format follows the suffix of path (.png, .svg, .pdf)."""
+    """Write a figure atomically, in the format that its suffix names."""
     from ftbias_jax.atomic import write_atomic
 
-    suffix = str(path).rsplit(".", 1)[-1].lower()
-    if suffix not in ("png", "svg", "pdf"):
-        raise OutputError(f"cannot draw a '.{suffix}' file", file=path, remedy="end the name in .png, .svg or .pdf")
+    suffix = figure_format(path)
     write_atomic(path, lambda file: figure.savefig(file, format=suffix, dpi=150))
+
+
+def figure_format(path: str) -> str:
+    """The format that the suffix of a path names: png, svg or pdf."""
+    suffix = path.rsplit(".", 1)[-1].lower()
+    if suffix not in FORMATS:
+        raise OutputError(f"cannot draw a '.{suffix}' file", file=path, remedy="end the name in .png, .svg or .pdf")
+    return suffix
 
 
 def _new_figure() -> Figure:

@@ -63,14 +63,21 @@ def skew(v: Array) -> Array:
 
 
 def rotation_from_vector(vector: Array) -> Array:
-    """exp([v]) for a rotation vector (3,) rad -> (3, 3); derivatives are finite at zero."""
-    square = vector @ vector
-    small = square < 1e-8
-    safe = jnp.where(small, 1, square)  # the square root of zero has no derivative
-    angle = jnp.sqrt(safe)
-    sine = jnp.where(small, 1 - square / 6, jnp.sin(angle) / angle)
-    versine = jnp.where(small, 0.5 - square / 24, (1 - jnp.cos(angle)) / safe)
-    return jnp.eye(3, dtype=vector.dtype) + sine * skew(vector) + versine * skew(vector) @ skew(vector)
+    """exp([r]) (3, 3) of a rotation vector (3,) rad; exact value and derivative at zero too.
+
+    sin(a)/a and (1 - cos a)/a^2 are functions of a^2, written so that neither they nor their derivatives divide by
+    zero: below 1e-2 rad^2 their series, accurate to 1e-13 there.
+    """
+    a2 = vector @ vector
+    small = a2 < 1e-2
+    safe2 = jnp.where(small, 1, a2)
+    safe = jnp.sqrt(safe2)
+    sine = jnp.where(small, 1 - a2 / 6 * (1 - a2 / 20 * (1 - a2 / 42 * (1 - a2 / 72))), jnp.sin(safe) / safe)
+    versine = jnp.where(
+        small, (1 - a2 / 12 * (1 - a2 / 30 * (1 - a2 / 56 * (1 - a2 / 90)))) / 2, (1 - jnp.cos(safe)) / safe2
+    )
+    r = skew(vector)
+    return jnp.eye(3, dtype=vector.dtype) + sine * r + versine * (r @ r)
 
 
 def adjoint(rotation: Array, position: Array) -> Array:

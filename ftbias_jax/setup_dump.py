@@ -106,6 +106,8 @@ def _sections(setup: Setup) -> Iterable[_Line]:
     yield _Line("[joints]", "initial_std", joints.initial_std, "rad, rad/s, rad/s^2")
     for key, value in setup.log.columns.items():
         yield _Line("[log.columns]", key, value)
+    for key, value in setup.log.topics.items():
+        yield _Line("[log.topics]", key, value)
 
 
 def _effects(setup: Setup) -> Iterable[_Line]:

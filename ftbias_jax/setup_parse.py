@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -35,6 +36,8 @@ from ftbias_jax.setup_types import (
     ToolSetup,
 )
 from ftbias_jax.types import Array
+from ftbias_jax.urdf import Pose, Urdf, load_urdf
+from ftbias_jax.urdf_robot import urdf_robot, urdf_tool
 
 AXIS_TOLERANCE = 1e-4  # an axis rounded to four digits still means a unit axis; more is a mistake
 INERTIA_TOLERANCE = 1e-6  # relative to the largest principal moment: inertias printed with seven digits pass
@@ -53,19 +56,22 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
     top = check_keys(Section(mapping, "", file), ("robot", "sensor", "tool", "bias", "joints", "log", "effects"))
     robot = _robot(top)
     n = len(robot.joint_names)
-    return Setup(robot, _sensor(top), _tool(top), _bias(top), _joints(top, n), _log(top, n), _effects(top), file)
+    sensor = _sensor(top)
+    return Setup(robot, sensor, _tool(top, sensor), _bias(top), _joints(top, n), _log(top, n), _effects(top), file)
 
 
 def _robot(top: Section) -> RobotSetup:
-    section = table(top, "robot")
-    if "urdf" in section.values:
-        raise section.error("urdf", "not supported by this version", "give robot.model or [[robot.joints]]")
-    known = ("model", "urdf", "joints", "joint_names", "flange", "gravity")
+    known = ("model", "urdf", "base_link", "tip_link", "joints", "joint_names", "flange", "gravity")
     section = subsection(top, "robot", known, required=True)
     gravity = vector(section, "gravity", 3, STANDARD_GRAVITY)
     if np.linalg.norm(gravity) > MAX_GRAVITY:
         remedy = f"give m/s^2 in the base frame, at most {MAX_GRAVITY:g} long, such as [0, 0, -9.81]"
         raise section.error("gravity", f"has length {np.linalg.norm(gravity):.4g} m/s^2", remedy)
+    if "urdf" in section.values:
+        return _urdf_robot(section, gravity)
+    for key in ("base_link", "tip_link"):
+        if key in section.values:
+            raise section.error(key, "belongs to robot.urdf", "remove it, or give robot.urdf")
     if "model" not in section.values:
         return _screw_robot(section, gravity)
     model = text(section, "model", "", BUILT_IN)
@@ -76,6 +82,19 @@ def _robot(top: Section) -> RobotSetup:
     if "joint_names" not in section.values:
         return robot
     return built_in_robot(model, gravity, names(section, "joint_names", len(robot.joint_names)))
+
+
+def _urdf_robot(section: Section, gravity: Array) -> RobotSetup:
+    for key in ("model", "joints", "joint_names", "flange"):
+        if key in section.values:
+            raise section.error(key, "excluded by robot.urdf", "remove one of the two")
+    require(section, "tip_link", "name the link that is the flange")
+    return urdf_robot(_load_urdf(section), text(section, "base_link", ""), text(section, "tip_link", ""), gravity)
+
+
+def _load_urdf(robot: Section) -> Urdf:
+    """The file that robot.urdf names, from the setup's folder if the path is relative."""
+    return load_urdf(os.path.join(os.path.dirname(robot.file), text(robot, "urdf", "")))
 
 
 def _screw_robot(section: Section, gravity: Array) -> RobotSetup:
@@ -122,17 +141,36 @@ def _sensor(top: Section) -> SensorSetup:
     )
 
 
-def _tool(top: Section) -> ToolSetup:
-    section = subsection(top, "tool", ("mass", "center_of_mass", "inertia"), required=True)
+def _tool(top: Section, sensor: SensorSetup) -> ToolSetup:
+    section = subsection(top, "tool", ("mass", "center_of_mass", "inertia", "from_urdf_link"), required=True)
+    if "from_urdf_link" in section.values:
+        return _urdf_tool(section, table(top, "robot"), sensor)
     inertia = vector(section, "inertia", 6, (0.0,) * 6)
+    _check_inertia(inertia, section, "inertia")
+    return ToolSetup(scalar(section, "mass", within=POSITIVE), vector(section, "center_of_mass", 3), inertia)
+
+
+def _check_inertia(inertia: Array, section: Section, key: str) -> None:
     xx, xy, xz, yy, yz, zz = inertia
     moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     # The largest moment may not exceed the sum of the others; that also makes all three non-negative.
     if moments[2] - moments[1] - moments[0] > INERTIA_TOLERANCE * np.abs(moments).max():
         shown = ", ".join(f"{moment:.4g}" for moment in moments)
         remedy = "no body has them: none may exceed the sum of the others; all zeros = point mass"
-        raise section.error("inertia", f"{show(inertia.tolist())} has the principal moments {shown} kg m^2", remedy)
-    return ToolSetup(scalar(section, "mass", within=POSITIVE), vector(section, "center_of_mass", 3), inertia)
+        message = f"{show(inertia.tolist())} has the principal moments {shown} kg m^2"
+        raise section.error(key, message, remedy)
+
+
+def _urdf_tool(section: Section, robot: Section, sensor: SensorSetup) -> ToolSetup:
+    for key in ("mass", "center_of_mass", "inertia"):
+        if key in section.values:
+            raise section.error(key, "excluded by tool.from_urdf_link", "remove one of the two")
+    if "urdf" not in robot.values:
+        raise section.error("from_urdf_link", "there is no robot.urdf", "give tool.mass and center_of_mass instead")
+    pose = Pose(sensor.translation, sensor.rotation)
+    tool = urdf_tool(_load_urdf(robot), text(robot, "tip_link", ""), text(section, "from_urdf_link", ""), pose)
+    _check_inertia(tool.inertia, section, "from_urdf_link")
+    return tool
 
 
 def _bias(top: Section) -> BiasSetup:
@@ -163,8 +201,13 @@ def _joints(top: Section, n: int) -> JointSetup:
 
 def _log(top: Section, n: int) -> LogSetup:
     sizes = {"time": 0, "position": n, "velocity": n, "wrench": 6, "temperature": 0}
-    section = subsection(subsection(top, "log", ("columns",)), "columns", tuple(sizes))
-    return LogSetup({k: names(section, k, sizes[k]) if sizes[k] else text(section, k, "") for k in section.values})
+    log = subsection(top, "log", ("columns", "topics"))
+    columns = subsection(log, "columns", tuple(sizes))
+    topics = subsection(log, "topics", ("joints", "wrench"))
+    return LogSetup(
+        {key: names(columns, key, sizes[key]) if sizes[key] else text(columns, key, "") for key in columns.values},
+        {key: text(topics, key, "") for key in topics.values},
+    )
 
 
 def _effects(top: Section) -> dict[str, dict[str, Any]]:

@@ -100,6 +100,8 @@ class LogSetup:
 
     columns: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
     """CSV columns of "time", "temperature" (one name) and "position", "velocity", "wrench" (n, n and 6 names)."""
+    topics: Mapping[str, str] = field(default_factory=dict)
+    """Topics of a ROS recording: "joints" and "wrench", where there is more than one to choose from."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,6 +60,6 @@ def smooth_log(
         joint states as of ``smooth_joints``, and mean and standard deviation (T, 2, 6) of bias and drift.
     """
     joints = smooth_joints(params, state, samples, options)
-    wrench_tool, variance = predict_wrenches(params, joints, options)
+    wrench_tool, variance = predict_wrenches(params, joints, samples, options)
     mean, std = smooth_axes(bias_inputs(params, state, samples, wrench_tool, variance))
     return joints, mean, std

@@ -14,6 +14,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ftbias_jax.effects import chain
+from ftbias_jax.effects.types import Model, Signals
 from ftbias_jax.noise import JOINT_MODELS, drift_noise
 from ftbias_jax.pipeline import Options, Params, State, covariance_of_joints, predict_wrench
 from ftbias_jax.recursion import Inputs, Track, filter_scan
@@ -29,7 +31,7 @@ class Staged(NamedTuple):
     wrench: Track
     """Of the axes of the bias: states (bias, drift) (T, 2, 6)."""
     wrench_tool: Array
-    """(T, 6) D theta, N and Nm, sensor frame."""
+    """(T, 6) D theta, N and Nm, sensor frame; with the known effects, if there are any."""
 
 
 def applies(options: Options) -> bool:
@@ -45,7 +47,7 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
         the last state and the track of every sample.
     """
     joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
-    wrench_tool, variance = predict_wrenches(params, joint_states(joint), options)
+    wrench_tool, variance = predict_wrenches(params, joint_states(joint), samples, options)
     wrench = filter_scan(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
     return _last_state(joint, wrench), Staged(joint, wrench, wrench_tool)
 
@@ -79,8 +81,13 @@ def joint_states(track: Track) -> Gaussian:
     return Gaussian(jnp.swapaxes(track.mean, 1, 2), jnp.moveaxis(track.covariance, -1, 1))
 
 
-def predict_wrenches(params: Params, joints: Gaussian, options: Options) -> tuple[Array, Array]:
-    """Wrench of the tool D theta (T, 6) and the diagonal of R (T, 6) along joint states with leading axis T."""
+def predict_wrenches(params: Params, joints: Gaussian, samples: Sample, options: Options) -> tuple[Array, Array]:
+    """What the sensor should read without bias and noise (T, 6), and the diagonal of R (T, 6).
+
+    Args:
+        params, options: of the pipeline; without effects the reading is D theta. joints: states with leading axis T.
+        samples: of the log, for time and temperature.
+    """
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
     stated = jnp.diagonal(R)
 
@@ -91,7 +98,28 @@ def predict_wrenches(params: Params, joints: Gaussian, options: Options) -> tupl
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
         return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal")) + stated
 
-    return jax.vmap(one)(joints.mean, joints.covariance)
+    wrench_tool, variance = jax.vmap(one)(joints.mean, joints.covariance)
+    if params.effects is None:
+        return wrench_tool, variance
+    signals = signals_of(params, joints.mean, samples)
+    reading = chain.predict(signals, params.effects)
+    dt = samples.dt[1:, None]
+    rate = jnp.diff(reading, axis=0) / jnp.where(dt > 0, dt, jnp.inf)
+    rate = jnp.concatenate([rate[:1], rate])
+    return reading, variance - stated[None] + chain.noise_variance(stated, rate, signals.model, params.effects)
+
+
+def predict_readings(params: Params, joints: Array, samples: Sample) -> Array:
+    """The reading alone, (T, 6), for joint states (T, n, 3)."""
+    return chain.predict(signals_of(params, joints, samples), params.effects or {})
+
+
+def signals_of(params: Params, joints: Array, samples: Sample) -> Signals:
+    """What the effects of the catalogue see of a log; joints (T, n, 3)."""
+    t = jnp.cumsum(samples.dt)
+    temperature = jnp.zeros_like(t) if samples.temperature is None else samples.temperature
+    q, dq, ddq = jnp.moveaxis(joints, 2, 0)
+    return Signals(t, q, dq, ddq, temperature, Model(params.arm, params.gravity, params.theta))
 
 
 def _last_state(joint: Track, wrench: Track) -> State:

@@ -35,16 +35,31 @@ def excitation_sines(
         harmonics: sines per joint. base_frequency: Hz, lowest frequency; the others are its multiples.
     """
     weight_key, phase_key = jax.random.split(key)
-    shape = (harmonics, center.shape[0])
-    weight = jax.random.dirichlet(weight_key, jnp.ones(harmonics, t.dtype), (center.shape[0],)).T * amplitude[None]
-    phase = jax.random.uniform(phase_key, shape, t.dtype, 0, 2 * jnp.pi)
-    # Spread over the harmonics unevenly so that no two joints repeat together.
-    omega = 2 * jnp.pi * base_frequency * (1 + jnp.arange(harmonics, dtype=t.dtype))[:, None]
-    omega = omega * (1 + 0.07 * jnp.arange(center.shape[0], dtype=t.dtype))[None]
-    angle = omega[None] * t[:, None, None] + phase[None]
-    q = center[None] + (weight[None] * jnp.sin(angle)).sum(1)
-    dq = ((weight * omega)[None] * jnp.cos(angle)).sum(1)
-    ddq = -((weight * omega**2)[None] * jnp.sin(angle)).sum(1)
+    n = center.shape[0]
+    share = jax.random.exponential(weight_key, (harmonics, n), t.dtype)
+    weight = amplitude[None] * share / share.sum(0, keepdims=True)
+    phase = jax.random.uniform(phase_key, (harmonics, n), t.dtype, 0, 2 * jnp.pi)
+    # Base frequencies spread over the joints so that no two joints repeat together.
+    omega = 2 * jnp.pi * base_frequency * (1 + 0.07 * jnp.arange(n, dtype=t.dtype))
+    angle = omega[None] * t[:, None]
+    base_sin, base_cos = jnp.sin(angle), jnp.cos(angle)
+
+    def add_harmonic(carry: tuple[Array, ...], harmonic: tuple[Array, ...]) -> tuple[tuple[Array, ...], None]:
+        q, dq, ddq, sin, cos = carry
+        speed, in_phase, quadrature = (x[None] for x in harmonic)
+        excursion = in_phase * sin + quadrature * cos
+        velocity = speed * (in_phase * cos - quadrature * sin)
+        # The next harmonic by the addition theorem, ten times cheaper than its sine and cosine.
+        following = (sin * base_cos + cos * base_sin, cos * base_cos - sin * base_sin)
+        return (q + excursion, dq + velocity, ddq - speed**2 * excursion, *following), None
+
+    # A loop, for XLA would compute an unrolled sum anew inside every kernel that uses the motion.
+    rest = jnp.zeros_like(angle)
+    start = (rest + center[None], rest, rest, base_sin, base_cos)
+    speeds = (1 + jnp.arange(harmonics, dtype=t.dtype))[:, None] * omega[None]
+    (q, dq, ddq, _, _), _ = jax.lax.scan(
+        add_harmonic, start, (speeds, weight * jnp.cos(phase), weight * jnp.sin(phase))
+    )
     return Trajectory(t, q, dq, ddq)
 
 

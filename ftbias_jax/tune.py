@@ -125,6 +125,8 @@ def stack(logs: Sequence[Sample]) -> Sample:
     length = max(log.dt.shape[0] for log in logs)
     bundle = []
     for name, leaves in zip(Sample._fields, zip(*logs, strict=True), strict=True):
+        if leaves[0] is None:
+            continue
         # numpy, for every new shape would cost JAX a compilation
         filled = np.full((len(logs), length, *leaves[0].shape[1:]), 0.0 if name == "dt" else np.nan, leaves[0].dtype)
         for row, leaf in zip(filled, leaves, strict=True):
@@ -135,9 +137,9 @@ def stack(logs: Sequence[Sample]) -> Sample:
 
 def _cut(log: Sample) -> list[Sample]:
     """Pieces of at most PIECE samples, each starting as a log of its own."""
-    whole = Sample(*(np.asarray(x) for x in log))
+    whole = Sample(*(np.asarray(x) for x in log[:4]))  # joints do not feel the temperature
     starts = range(0, len(whole.dt), PIECE)
-    pieces = [Sample(*(x[start : start + PIECE] for x in whole)) for start in starts]
+    pieces = [Sample(*(x[start : start + PIECE] for x in whole[:4])) for start in starts]
     return [piece._replace(dt=np.concatenate([[0], piece.dt[1:]])) for piece in pieces]
 
 
@@ -146,7 +148,7 @@ def _bias_problem(params: Params, samples: Sample, options: Options) -> tuple[In
     """The bias filter's inputs for given joints, and the joints' share (T, 6) of the variance."""
     state = pipeline.init(params, samples)
     joint = filter_scan(JOINT_MODELS[options.joint_model], staged.joint_inputs(params, state, samples))
-    wrench_tool, variance = staged.predict_wrenches(params, staged.joint_states(joint), options)
+    wrench_tool, variance = staged.predict_wrenches(params, staged.joint_states(joint), samples, options)
     inputs = staged.bias_inputs(params, state, samples, wrench_tool, variance)
     return inputs, variance - params.bias.wrench_variance[None]
 

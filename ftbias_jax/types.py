@@ -42,6 +42,8 @@ class Sample(NamedTuple):
     """(n,) rad/s."""
     wrench: Array
     """(6,) N, Nm, sensor frame, wrench on the tool."""
+    temperature: Array | None = None
+    """() deg C, for effects that follow it; without gaps. None = not recorded."""
 
 
 class Gaussian(NamedTuple):

@@ -15,15 +15,16 @@ PACKAGE = Path(ftbias_jax.__file__).parent
 # Lowest first. A module imports only what stands before it: in a lower layer, or to its left in its own.
 # A folder counts as one module.
 LAYERS = (
-    "errors types setup_types rotations robots setup_fields setup_parse setup_dump setup atomic npz_file progress",
-    "gaussian screws newton inertia",
+    "errors types setup_types rotations robots setup_fields urdf urdf_robot setup_parse setup_dump setup",
+    "atomic npz_file progress",
+    "gaussian screws newton ascent inertia",
     "noise wrench recursion",
     "joint_filter bias_filter effects",
-    "pipeline staged simulate",
+    "pipeline staged trajectories simulate",
     "smooth likelihood consistency batch",
     "regression tune identify",
     "gap",
-    "results plot report logs",
+    "results plot report_svg report_plots report logs writers compilation",
     "commands cli",
 )
 RANK = {name: rank for rank, name in enumerate(" ".join(LAYERS).split())}

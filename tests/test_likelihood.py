@@ -18,12 +18,6 @@ from ftbias_jax.wrench import joint_sensitivity, measurement_covariance
 BURN_IN = 0.1  # s, about ten samples
 
 
-@pytest.fixture(scope="module")
-def independent(params):
-    """The small arm without Sigma_D: the staged route."""
-    return params._replace(bias=params.bias._replace(data_variance=None))
-
-
 def joint_model(linear_gaussian, params, samples, joint):
     """The filter of one joint as matrices, and its measurements (T, 2)."""
     noise = params.joint
@@ -66,22 +60,21 @@ def density_after(model, y, first):
 
 @pytest.mark.parametrize("burn_in", [0.0, BURN_IN])
 @pytest.mark.parametrize("kind", ["diagonal", "full"])
-def test_it_is_the_density_of_the_whole_log(linear_gaussian, params, independent, samples, kind, burn_in):
-    """By the staged route, and by pipeline.run with Sigma_D and everything mixed."""
-    believed = independent if kind == "diagonal" else params
+def test_it_is_the_density_of_the_whole_log(linear_gaussian, params, samples, kind, burn_in):
+    """By the staged route, and by pipeline.run where the joints' uncertainty mixes the axes."""
     first = int((np.cumsum(samples.dt) < burn_in).sum())
-    got = log_likelihood(believed, samples, Options(joint_uncertainty=kind), burn_in)
-    joints = sum(density_after(*joint_model(linear_gaussian, believed, samples, j), first) for j in range(3))
+    got = log_likelihood(params, samples, Options(joint_uncertainty=kind), burn_in)
+    joints = sum(density_after(*joint_model(linear_gaussian, params, samples, j), first) for j in range(3))
     np.testing.assert_allclose(got.joint, joints, rtol=1e-7)
     np.testing.assert_allclose(
-        got.wrench, density_after(*wrench_model(linear_gaussian, believed, samples, kind), first), rtol=1e-9
+        got.wrench, density_after(*wrench_model(linear_gaussian, params, samples, kind), first), rtol=1e-9
     )
     np.testing.assert_allclose(got.total, got.joint + got.wrench)
 
 
-def test_the_joints_part_alone(independent, samples):
-    together = log_likelihood(independent, samples, burn_in=BURN_IN).joint
-    np.testing.assert_allclose(likelihood.joint_log_likelihood(independent, samples, burn_in=BURN_IN), together)
+def test_the_joints_part_alone(params, samples):
+    together = log_likelihood(params, samples, burn_in=BURN_IN).joint
+    np.testing.assert_allclose(likelihood.joint_log_likelihood(params, samples, burn_in=BURN_IN), together)
 
 
 def values_of(params):
@@ -111,13 +104,11 @@ def with_values(params, values):
     return params._replace(joint=noise, bias=bias, arm=arm, theta=values["theta"])
 
 
-@pytest.mark.parametrize("route", ["staged", "pipeline.run"])
-def test_gradient_is_the_limit_of_differences(params, independent, samples, route):
-    believed = independent if route == "staged" else params
-    flat, unravel = ravel_pytree(values_of(believed))
+def test_gradient_is_the_limit_of_differences(params, samples):
+    flat, unravel = ravel_pytree(values_of(params))
 
     def score(flat):
-        return log_likelihood(with_values(believed, unravel(flat)), samples, burn_in=BURN_IN).total
+        return log_likelihood(with_values(params, unravel(flat)), samples, burn_in=BURN_IN).total
 
     moves = 1e-4 * np.diag(flat)
     points = np.asarray(flat) + np.concatenate([0 * moves[:1], moves, -moves])
@@ -130,11 +121,11 @@ def test_gradient_is_the_limit_of_differences(params, independent, samples, rout
         np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-6 * scale, err_msg=jax.tree_util.keystr(path))
 
 
-def test_padded_logs_side_by_side_count_nothing_more(independent, samples):
+def test_padded_logs_side_by_side_count_nothing_more(params, samples):
     short = jax.tree.map(lambda x: x[:25], samples)
-    both = jax.jit(jax.vmap(lambda log: log_likelihood(independent, log)))(tune.stack([samples, short]))
+    both = jax.jit(jax.vmap(lambda log: log_likelihood(params, log)))(tune.stack([samples, short]))
     for i, log in enumerate((samples, short)):
-        alone = log_likelihood(independent, log)
+        alone = log_likelihood(params, log)
         np.testing.assert_allclose(both.joint[i], alone.joint, rtol=1e-12)
         np.testing.assert_allclose(both.wrench[i], alone.wrench, rtol=1e-12)
 
@@ -171,8 +162,8 @@ def test_regression_on_whitened_columns_is_generalised_least_squares():
     np.testing.assert_allclose(square, power - slope @ expected, rtol=1e-9)
 
 
-def test_the_problem_of_the_wrench_is_the_bias_filter_of_the_pipeline(independent, samples):
-    from_zero = independent._replace(bias=independent.bias._replace(prior_mean=jnp.zeros(12)))
+def test_the_problem_of_the_wrench_is_the_bias_filter_of_the_pipeline(params, samples):
+    from_zero = params._replace(bias=params.bias._replace(prior_mean=jnp.zeros(12)))
     start = pipeline.init(from_zero, samples)
     _, track = staged.run(from_zero, start, samples, pipeline.DEFAULT_OPTIONS)
     problem, wrench_tool = likelihood.wrench_problem(from_zero, samples, staged.joint_states(track.joint))

@@ -127,7 +127,7 @@ def test_erratum_13_the_log_likelihood_is_that_of_all_joints_and_the_wrench(para
 def test_an_empty_sample_is_a_prediction_only(params, samples):
     """With A of the interval, and no innovation."""
     last, _ = run(params, samples)
-    nothing = Sample(jnp.asarray(0.01), *(jnp.full_like(x[0], jnp.nan) for x in samples[1:]))
+    nothing = Sample(jnp.asarray(0.01), *(jnp.full_like(x[0], jnp.nan) for x in samples[1:4]))
     after, info = step(params, last, nothing)
     assert_close(after.bias.mean[:6], last.bias.mean[:6] + 0.01 * last.bias.mean[6:])
     expected = last.joint.mean[:, 0] + 0.01 * last.joint.mean[:, 1] + 0.01**2 / 2 * last.joint.mean[:, 2]
@@ -288,7 +288,7 @@ def test_erratum_11_gradients_are_differences_of_the_likelihood(params, samples,
 
 
 def test_gradients_are_finite_when_nothing_is_measured(params, samples):
-    nothing = Sample(samples.dt, *(jnp.full_like(x, jnp.nan) for x in samples[1:]))
+    nothing = Sample(samples.dt, *(jnp.full_like(x, jnp.nan) for x in samples[1:4]))
     for log in (nothing, samples):
         assert all(jnp.isfinite(x).all() for x in jax.tree.leaves(slope(params, log)))
 

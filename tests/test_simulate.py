@@ -10,7 +10,7 @@ import pytest
 from ftbias_jax.cli import main
 from ftbias_jax.effects.catalogue import CATALOGUE, typical_values
 from ftbias_jax.effects.types import Model
-from ftbias_jax.pipeline import Params, params_from_setup
+from ftbias_jax.pipeline import params_from_setup
 from ftbias_jax.results import load_npz
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.simulate import simulate, temperature_course
@@ -20,7 +20,14 @@ from ftbias_jax.wrench import tool_parameters, tool_wrench
 T = jnp.arange(500) / 100
 SETUP = """
 [robot]
-model = "panda"
+[[robot.joints]]
+axis = [0.0, 1.0, 0.0]
+point = [0.0, 0.0, 0.3]
+[[robot.joints]]
+axis = [1.0, 0.0, 0.0]
+point = [0.0, 0.0, 0.5]
+[robot.flange]
+translation = [0.0, 0.0, 0.7]
 [sensor]
 noise_std = [0.1, 0.004]
 [tool]
@@ -80,11 +87,8 @@ def test_simulation_maps_over_seeds_and_parameters(params, trajectory):
 
     many = jax.vmap(one)(keys, masses)
     for i in range(3):
-        jax.tree.map(
-            partial(np.testing.assert_allclose, atol=1e-12),
-            jax.tree.map(lambda x, i=i: x[i], many),
-            one(keys[i], masses[i]),
-        )
+        for of_many, of_one in zip(many, one(keys[i], masses[i]), strict=True):
+            np.testing.assert_allclose(of_many[i], of_one, atol=1e-12)
 
 
 def test_simulation_keeps_single_precision(params, trajectory):
@@ -153,26 +157,21 @@ def test_the_wrench_is_that_of_mujocos_sensors(which, panda, params):
 
 
 @pytest.mark.slow
-def test_a_thousand_logs_take_less_than_twenty_seconds():
-    params: Params = params_from_setup(parse_setup({"robot": {"model": "panda"}, "sensor": {"noise_std": 0.1}} | TOOL))
+def test_a_thousand_logs_take_less_than_twenty_seconds_of_two_cores():
+    mapping = {"robot": {"model": "panda"}, "sensor": {"noise_std": 0.1}}
+    tool = {"mass": 0.9, "center_of_mass": [0.0, 0.0, 0.06]}
+    params = params_from_setup(parse_setup(mapping | {"tool": tool}))
     t = jnp.arange(5000) / 500
-    key = jax.random.key(1)
 
-    def batch(keys):
-        def one(key):
-            motion_key, log_key = jax.random.split(key)
-            return simulate(log_key, params, excitation_sines(motion_key, t, jnp.zeros(7), jnp.ones(7)))
+    def one(key):
+        motion_key, log_key = jax.random.split(key)
+        return simulate(log_key, params, excitation_sines(motion_key, t, jnp.zeros(7), jnp.ones(7)))
 
-        return jax.vmap(one)(keys)
-
-    start = time.perf_counter()
-    run = jax.jit(batch)
-    for keys in jax.random.split(key, (50, 20)):
+    run = jax.jit(lambda keys: jax.lax.map(one, keys))
+    start = time.process_time()
+    for keys in jax.random.split(jax.random.key(1), (20, 50)):
         jax.block_until_ready(run(keys))
-    assert time.perf_counter() - start < 20
-
-
-TOOL = {"tool": {"mass": 0.9, "center_of_mass": [0.0, 0.0, 0.06]}}
+    assert time.process_time() - start < 2 * 20  # of CPU, so that other work on the machine does not count
 
 
 # The command.
@@ -193,22 +192,18 @@ def command(setup_file, *arguments):
 
 
 def test_the_command_writes_log_and_truth(setup_file, capsys):
-    arguments = [
-        "--effect",
-        "tool_mass:mass=0.8",
-        "--effect",
-        "temperature_drift:per_kelvin=0.1/0.2/0.3/0.01/0.02/0.03",
-    ]
-    assert command(setup_file, *arguments) == 0
+    warming = "temperature_drift:per_kelvin=0.1/0.2/0.3/0.01/0.02/0.03"
+    assert command(setup_file, "--effect", "tool_mass:mass=0.8", "--effect", warming) == 0
     log, truth = load_npz(setup_file.parent / "log.npz"), load_npz(setup_file.parent / "log_truth.npz")
     assert set(log) == {"t", "q", "dq", "wrench", "temperature"}
-    assert log["q"].shape == (200, 7)
+    assert log["q"].shape == (200, 2)
     assert truth["effects.tool_mass.mass"] == 0.8
-    residual = log["wrench"] - truth["wrench_clean"] + truth["bias"]
-    drift_in_clean = (
-        truth["effects.temperature_drift.per_kelvin"] * (log["temperature"] - log["temperature"][0])[:, None]
-    )
-    np.testing.assert_allclose((residual - drift_in_clean).std(0), [0.1] * 3 + [0.004] * 3, rtol=0.3)
+    warmer = log["temperature"] - log["temperature"][0]
+    assert warmer.max() > 5
+    # The temperature's part is in both, the clean reading and the true bias.
+    process = truth["bias"] - np.outer(warmer, truth["effects.temperature_drift.per_kelvin"])
+    noise = log["wrench"] - truth["wrench_clean"] + process
+    np.testing.assert_allclose(noise.std(0), [0.1] * 3 + [0.004] * 3, rtol=0.2)
     assert "effects: tool_mass, temperature_drift" in capsys.readouterr().out
 
 

@@ -54,10 +54,9 @@ def test_independent_axes_are_the_same_axis_by_axis(params, samples, bias_model)
 
 def test_the_whole_log_knows_more_than_its_past(params, samples):
     """Of the joints and of the bias, at every sample; the last of the joints has no future."""
-    independent = params._replace(bias=params.bias._replace(data_variance=None))
-    start = pipeline.init(independent, samples)
-    _, filtered = staged.run(independent, start, samples, pipeline.DEFAULT_OPTIONS)
-    joints, bias, bias_std = smooth.smooth_log(independent, start, samples)
+    start = pipeline.init(params, samples)
+    _, filtered = staged.run(params, start, samples, pipeline.DEFAULT_OPTIONS)
+    joints, bias, bias_std = smooth.smooth_log(params, start, samples)
     past = staged.joint_states(filtered.joint)
     variance, past_variance = (np.diagonal(x.covariance, axis1=2, axis2=3) for x in (joints, past))
     assert (variance > 0).all()

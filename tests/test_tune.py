@@ -61,9 +61,10 @@ def logs_of(truth, seeds, count):
 
 def as_one_robot(truth, logs):
     """Joints are independent, so those of many logs are tuned as the joints of one robot."""
-    dt, q, dq, wrench = zip(*logs, strict=True)
+    dt, q, dq, wrench = zip(*(log[:4] for log in logs), strict=True)
     many = {name: jnp.tile(getattr(truth.joint, name), len(logs)) for name in tune.JOINT_NAMES}
-    log = Sample(dt[0], np.concatenate(q, 1), np.concatenate(dq, 1), wrench[0])
+    q, dq = (np.concatenate([getattr(log, name) for log in logs], 1) for name in ("q", "dq"))
+    log = Sample(logs[0].dt, q, dq, logs[0].wrench)
     return truth._replace(joint=truth.joint._replace(**many)), log
 
 
@@ -98,14 +99,17 @@ def same(first, second):
 
 
 def test_joint_noise_from_starts_wrong_by_thirty_either_way(truth):
+    """The last joint has no velocities, so their noise is named as not determined."""
     robot, log = as_one_robot(truth, logs_of(truth, [0, 1], 2000))
+    log.dq[:, 5] = np.nan
     (high, fit), (_, other) = (
         tune.tune_joints(wrong(robot, factor), [log], ALL_JOINT_NOISE) for factor in (30.0, 1 / 30)
     )
     assert fit.optimum.converged
-    assert fit.undetermined == []
     assert same(fit, other)
     assert np.abs(misses(fit, joint_truth(robot))[1]).max() < 4
+    np.testing.assert_array_equal(np.isinf(fit.relative_stderr["velocity_std"]), [False] * 5 + [True])
+    assert fit.undetermined == ["velocity_std[5]^+1.00"]
     np.testing.assert_allclose(joint_log_likelihood(high, log, burn_in=0.2), fit.optimum.value, rtol=1e-9)
     assert fit.optimum.value > joint_log_likelihood(robot, log, burn_in=0.2)
 
@@ -123,14 +127,14 @@ def test_bias_and_sensor_noise_from_starts_wrong_by_thirty_either_way(truth):
     assert tuned > true
 
 
-def test_velocity_noise_without_velocities_is_named_and_left_alone(truth):
-    (log,) = logs_of(truth, [2], 500)
-    log = log._replace(dq=np.where([True, False, True], log.dq, np.nan))
-    tuned, fit = tune.tune_joints(truth, [log], {"velocity_std": "each"})
-    assert fit.undetermined == ["velocity_std[1]^+1.00"]
-    np.testing.assert_array_equal(np.isinf(fit.relative_stderr["velocity_std"]), [False, True, False])
-    np.testing.assert_allclose(tuned.joint.velocity_std[1], truth.joint.velocity_std[1])
-    assert tuned.joint.position_std is truth.joint.position_std
+def test_what_is_not_fitted_stays(truth):
+    (log,) = logs_of(truth, [2], 200)
+    tuned, fit = tune.tune_wrench(truth, [log], {"wrench_std": "pair"})
+    assert list(fit.values) == ["wrench_std"]
+    assert tuned.bias.density is truth.bias.density
+    assert tuned.joint is truth.joint
+    np.testing.assert_allclose(np.sqrt(tuned.bias.wrench_variance), fit.values["wrench_std"])
+    assert len(set(fit.values["wrench_std"])) == 2
 
 
 @pytest.mark.parametrize(

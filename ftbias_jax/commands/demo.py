@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ftbias_jax.errors import OutputError
+from ftbias_jax.atomic import write_atomic
+from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.types import Array
 
@@ -32,7 +33,9 @@ EXCURSION = (0.8, 0.5, 0.8, 0.5, 1.2, 1.0, 1.5)
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the demonstration's log, result and figure into a folder."""
-    folder = Path(arguments.output)
+    folder, count = Path(arguments.output), round(arguments.duration * arguments.rate)
+    if count < 2:
+        raise UsageError(f"{count} samples are no log", field="--duration", remedy="ask for more seconds")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -52,12 +55,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     setup = parse_setup(SETUP, "the demonstration's setup")
     motion_key, log_key = jax.random.split(jax.random.key(arguments.seed))
-    t = jnp.arange(round(arguments.duration * arguments.rate)) / arguments.rate
+    t = jnp.arange(count) / arguments.rate
     trajectory = simulate.excitation_sines(motion_key, t, jnp.array(CENTER), jnp.array(EXCURSION))
     truth = simulate.simulate(log_key, params_from_setup(setup), trajectory)
     t, q, dq, wrench = jax.tree.map(np.asarray, (t, truth.q, truth.dq, truth.wrench))
     log = Log(t, q, dq, wrench, np.full(len(t), np.nan))
-    (folder / "setup.toml").write_text(dump_setup(setup))
+    write_atomic(folder / "setup.toml", lambda file: file.write(dump_setup(setup).encode()))
     results.save_npz(folder / "log.npz", {"t": log.t, "q": log.q, "dq": log.dq, "wrench": log.wrench})
 
     params = batch.params_for_log(setup, samples_from_log(log))

@@ -63,10 +63,10 @@ def check_arguments(arguments: argparse.Namespace) -> None:
         if path is not None and not path.endswith(suffix):
             raise UsageError(f"cannot write {path!r}", field=option, remedy=f"end the name in {suffix}")
     if arguments.output:
-        check_outputs(arguments.output, ".toml", None)
+        check_outputs(arguments.output, ".toml")
     for path, suffix in named.values():
         if path is not None:
-            check_outputs(path, suffix, None)
+            check_outputs(path, suffix)
 
 
 def check_effects(names: Sequence[str]) -> None:

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ftbias_jax.errors import OutputError, UsageError
-from ftbias_jax.logs import read_log
+from ftbias_jax.logs import read_log_with_repairs
+from ftbias_jax.plot import figure_format
 from ftbias_jax.setup import load_setup
+from ftbias_jax.writers import save_results, writer
 
 if TYPE_CHECKING:
     from ftbias_jax.batch import Filtered, Summary
@@ -21,15 +23,16 @@ AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Filter the log; returns 3 if an axis of the wrench was never measured, else 0."""
-    check_outputs(arguments.output, ".npz", arguments.plot)
+    """Filter the log; returns 3 if samples were lost or an axis of the wrench was never measured, else 0."""
+    writer(arguments.output)
+    check_folders(arguments.output, arguments.plot)
     setup = load_setup(arguments.setup)
-    log = read_log(arguments.log, setup)
+    log, repairs = read_log_with_repairs(arguments.log, setup, salvage=arguments.salvage)
 
     import jax
 
     jax.config.update("jax_enable_x64", True)  # the command line computes in double precision
-    from ftbias_jax import batch, consistency, plot, results
+    from ftbias_jax import batch, consistency, plot
     from ftbias_jax.pipeline import Options, samples_from_log
     from ftbias_jax.progress import Progress
 
@@ -41,9 +44,10 @@ def run(arguments: argparse.Namespace) -> int:
         mean, std = batch.smooth_log(params, log, options)
         arrays |= {"bias_smooth": mean[:, 0], "drift_smooth": mean[:, 1]}
         arrays |= {"bias_smooth_std": std[:, 0], "drift_smooth_std": std[:, 1]}
-    results.save_npz(arguments.output, arrays)
-    if arguments.plot:
-        plot.save_figure(arguments.plot, plot.plot_filtered(filtered, Path(arguments.log).name))
+    figure = plot.plot_filtered(filtered, Path(arguments.log).name) if arguments.plot else None
+    save_results(arguments.output, arrays, log.start)
+    if figure is not None:
+        plot.save_figure(arguments.plot, figure)
     density = np.asarray(params.joint.process_density)
     print(format_summary(filtered, batch.summarise(filtered)))
     print(f"joint process noise ({setup.joints.model}): {' '.join(f'{x:.3g}' for x in density)}")
@@ -52,19 +56,28 @@ def run(arguments: argparse.Namespace) -> int:
         print(
             format_check(consistency.check(filtered.innovation, (filtered.innovation / filtered.innovation_std) ** 2))
         )
+    for repair in repairs:
+        print(f"ftbias: {arguments.log}: {repair.what}", file=sys.stderr)
     unmeasured = [name for name, axis in zip(AXES, np.isfinite(log.wrench).any(0), strict=True) if not axis]
     if unmeasured:
         print(f"ftbias: {arguments.log}: never measured: {' '.join(unmeasured)} (bias = prior)", file=sys.stderr)
-    return 3 if unmeasured else 0
+    return 3 if unmeasured or any(repair.lost for repair in repairs) else 0
 
 
-def check_outputs(output: str, suffix: str, plot: str | None) -> None:
-    """Refuse outputs that cannot be written before minutes are spent on computing them."""
+def check_outputs(output: str, suffix: str) -> None:
+    """Refuse an output that cannot be written before minutes are spent on computing it."""
     if not output.endswith(suffix):
         raise UsageError(f"cannot write {output!r}", field="--output", remedy=f"end the name in {suffix}")
+    check_folders(output, None)
+
+
+def check_folders(output: str, plot: str | None) -> None:
+    """Refuse folders that do not exist, and figures that cannot be drawn."""
     for path in filter(None, (output, plot)):
         if not Path(path).absolute().parent.is_dir():
             raise OutputError("the folder does not exist", file=path, remedy="create it, or name another")
+    if plot:
+        figure_format(plot)
 
 
 def format_check(result: Consistency) -> str:

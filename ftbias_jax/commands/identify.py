@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify the tool and write a setup that has it."""
-    check_outputs(arguments.output, ".toml", None)
+    check_outputs(arguments.output, ".toml")
     setup = load_setup(arguments.setup)
     log = read_log(arguments.log, setup)
 
@@ -33,8 +33,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.pipeline import Options, samples_from_log
 
     options = Options(joint_model=setup.joints.model)
-    samples = samples_from_log(log)
-    params = batch.params_for_log(setup, samples, options)
+    params = batch.params_for_log(setup, samples_from_log(log), options)
+    samples = samples_from_log(batch.without_useless(log, params))
     found = identify(params, samples, options, arguments.mounting, arguments.gravity)
 
     print(f"{'':8s}{'value':>14s}{'± 1 sigma':>14s}")

@@ -30,9 +30,9 @@ EXCURSION = (0.8, 0.1)  # rad, m: of the joints of any other arm, around zero
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate one log; returns 0."""
-    check_outputs(arguments.output, ".npz", None)
+    check_outputs(arguments.output, ".npz")
     truth_path = arguments.truth or f"{arguments.output.removesuffix('.npz')}_truth.npz"
-    check_outputs(truth_path, ".json" if truth_path.endswith(".json") else ".npz", None)
+    check_outputs(truth_path, ".json" if truth_path.endswith(".json") else ".npz")
     if Path(truth_path).resolve() == Path(arguments.output).resolve():
         raise UsageError("log and truth have the same name", field="--truth", remedy="give them different ones")
     setup = load_setup(arguments.setup)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune and write a setup; 1 if a fit did not converge."""
-    check_outputs(arguments.output, ".toml", None)
+    check_outputs(arguments.output, ".toml")
     setup = load_setup(arguments.setup)
     logs = [read_log(path, setup) for path in arguments.logs]
 
@@ -37,8 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.pipeline import Options, samples_from_log
 
     options = Options(joint_model=setup.joints.model)
-    samples = [samples_from_log(log) for log in logs]
-    start = params = batch.params_for_log(setup, samples[0], options)
+    start = params = batch.params_for_log(setup, samples_from_log(logs[0]), options)
+    samples = [samples_from_log(batch.without_useless(log, params)) for log in logs]
     seen = [_part(log, 0, 1 - arguments.hold_out) for log in samples]
     fits: dict[str, Fit] = {}
     if "joints" in arguments.fit:
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _part(samples: Sample, begin: float, end: float) -> Sample:
     """A share of a log as a log of its own."""
     rows = slice(round(begin * len(samples.dt)), round(end * len(samples.dt)))
-    part = Sample(*(np.asarray(x)[rows] for x in samples))
+    part = Sample(*(None if x is None else np.asarray(x)[rows] for x in samples))
     return part._replace(dt=np.concatenate([[0], part.dt[1:]]))
 
 

@@ -10,11 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.effects.recursions import rung
-from ftbias_jax.effects.tool import data_sheet
 from ftbias_jax.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
+from ftbias_jax.inertia import about_center_of_mass
 from ftbias_jax.screws import product_of_exponentials, sensor_pose
 from ftbias_jax.types import Array
-from ftbias_jax.wrench import tool_wrench
 
 
 def cable(values: EffectValues, signals: Signals, wrench: Array) -> Array:
@@ -55,18 +54,35 @@ def contact(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 
 
 def tool_flexibility(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """The tool hangs on a spring: its inertial wrench arrives through a second-order response and rings.
+    """The tool hangs on springs and swings about the sensor's x and y axes: it sags under its weight and rings.
 
-    Gravity changes slowly against any such frequency and passes as it is.
+    Let phi (2,) be the small turn of the tool, I its inertia about the axes through the sensor's origin, tau the torque
+    of the rigid tool. The springs and dampers, which the sensor reads, must give
+    -I (w^2 phi + 2 zeta w phi') = tau + (phi x c) x F + I phi'', where the middle term is the weight F at the place the
+    centre of mass c sags to. So they read the second-order response (``rung``) of tau + (phi x c) x F. That term is
+    small, and three rounds of substitution settle it; in it, the damper's share of phi is left out.
     """
-    inertial = wrench - static_wrench(signals)
-    return wrench - inertial + rung(signals.t, inertial, values["frequency"], values["damping_ratio"])
+    theta, force = signals.model.theta, wrench[:, :3]
+    inertia = jnp.maximum(theta[jnp.array([4, 7])], np.finfo(theta.dtype).tiny)[None]
+    stiffness = inertia * (2 * jnp.pi * values["frequency"]) ** 2
+
+    def respond(spring: Array) -> tuple[Array, Array]:
+        sag = jnp.cross(_about_xy(-spring / stiffness), about_center_of_mass(theta)[1][None])
+        torque = wrench[:, 3:] + jnp.cross(sag, force)
+        return rung(signals.t, torque[:, :2], values["frequency"], values["damping_ratio"]), torque
+
+    spring = wrench[:, 3:5]
+    for _ in range(3):
+        spring, torque = respond(spring)
+    swing = _about_xy((spring - torque[:, :2]) / inertia)  # phi'', rad/s^2
+    reaction = jnp.cross(swing, theta[None, 1:4])
+    twist = torque[:, 2:] + swing[:, :2] @ theta[jnp.array([6, 8])][:, None]
+    return jnp.concatenate([force + reaction, spring, twist], 1)
 
 
-def static_wrench(signals: Signals) -> Array:
-    """(T, 6) N, Nm: what the tool would weigh in every pose at rest."""
-    rest = jnp.zeros_like(signals.q)
-    return jax.vmap(tool_wrench, (None, None, None, 0, 0, 0))(*signals.model, signals.q, rest, rest)
+def _about_xy(turn: Array) -> Array:
+    """Turns about x and y (T, 2) as vectors (T, 3)."""
+    return jnp.pad(turn, ((0, 0), (0, 1)))
 
 
 def _check_contact(values: EffectValues) -> str:
@@ -74,7 +90,7 @@ def _check_contact(values: EffectValues) -> str:
 
 
 def _center_of_mass(model: Model) -> Array:
-    return data_sheet(model.theta)[1]
+    return about_center_of_mass(model.theta)[1]
 
 
 def _forearm(model: Model) -> Array:
@@ -87,7 +103,17 @@ FLEXIBILITY = (
         "tool_flexibility",
         "environment",
         (
-            Parameter("frequency", "Hz", "undamped", (), 0.1, float("inf"), float("inf"), 10.0, search=True),
+            Parameter(
+                "frequency",
+                "Hz",
+                "of the tool on its springs, undamped",
+                (),
+                1.0,
+                float("inf"),
+                float("inf"),
+                10.0,
+                search=True,
+            ),
             Parameter("damping_ratio", "1", "share of critical damping", (), 0.0, 0.99, 0.05, 0.0, search=True),
         ),
         "the tool or its mounting swings at one frequency after accelerations",

@@ -5,26 +5,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ftbias_jax.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
-from ftbias_jax.screws import skew
+from ftbias_jax.screws import rotation_from_vector
 from ftbias_jax.types import Array
-
-
-def rotation_matrix(vector: Array) -> Array:
-    """exp([r]) (3, 3) of a rotation vector (3,) rad; exact value and derivative at zero too.
-
-    sin(a)/a and (1 - cos a)/a^2 are functions of a^2, written so that neither they nor their derivatives divide by
-    zero: below 1e-2 rad^2 their series, accurate to 1e-13 there.
-    """
-    a2 = vector @ vector
-    small = a2 < 1e-2
-    safe2 = jnp.where(small, 1, a2)
-    safe = jnp.sqrt(safe2)
-    sine = jnp.where(small, 1 - a2 / 6 * (1 - a2 / 20 * (1 - a2 / 42 * (1 - a2 / 72))), jnp.sin(safe) / safe)
-    versine = jnp.where(
-        small, (1 - a2 / 12 * (1 - a2 / 30 * (1 - a2 / 56 * (1 - a2 / 90)))) / 2, (1 - jnp.cos(safe)) / safe2
-    )
-    r = skew(vector)
-    return jnp.eye(3, dtype=vector.dtype) + sine * r + versine * (r @ r)
 
 
 def turn_wrench(rotation: Array, wrench: Array) -> Array:
@@ -60,7 +42,7 @@ def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Arr
 
     The tool stays where it was: its parameters belong to the believed axes and turn with the correction.
     """
-    return turn_wrench(rotation_matrix(values["rotation"]), wrench)
+    return turn_wrench(rotation_from_vector(values["rotation"]), wrench)
 
 
 def _check_gravity(values: EffectValues) -> str:

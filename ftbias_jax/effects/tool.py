@@ -2,37 +2,29 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-
 from ftbias_jax.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
+from ftbias_jax.inertia import about_center_of_mass
 from ftbias_jax.types import Array
 from ftbias_jax.wrench import tool_parameters
 
 REMEDY = "weigh or re-measure the tool: ftbias identify"
 
 
-def data_sheet(theta: Array) -> tuple[Array, Array, Array]:
-    """Mass () kg, centre of mass (3,) m and inertia (6,) kg m^2 about it, from theta (10,)."""
-    mass, center_of_mass = theta[0], theta[1:4] / theta[0]
-    about_origin = tool_parameters(mass, center_of_mass, jnp.zeros_like(theta[4:]))[4:]
-    return mass, center_of_mass, theta[4:] - about_origin
-
-
 def tool_mass(values: EffectValues, signals: Signals) -> Signals:
     """Another mass at the same centre, with the same inertia about it."""
-    _, center_of_mass, inertia = data_sheet(signals.model.theta)
+    _, center_of_mass, inertia = about_center_of_mass(signals.model.theta)
     return _with_theta(signals, tool_parameters(values["mass"], center_of_mass, inertia))
 
 
 def tool_com(values: EffectValues, signals: Signals) -> Signals:
     """Another centre of mass, with the same mass and inertia about it."""
-    mass, _, inertia = data_sheet(signals.model.theta)
+    mass, _, inertia = about_center_of_mass(signals.model.theta)
     return _with_theta(signals, tool_parameters(mass, values["center_of_mass"], inertia))
 
 
 def tool_inertia(values: EffectValues, signals: Signals) -> Signals:
     """Another inertia about the same centre of mass."""
-    mass, center_of_mass, _ = data_sheet(signals.model.theta)
+    mass, center_of_mass, _ = about_center_of_mass(signals.model.theta)
     return _with_theta(signals, tool_parameters(mass, center_of_mass, values["inertia"]))
 
 
@@ -41,15 +33,15 @@ def _with_theta(signals: Signals, theta: Array) -> Signals:
 
 
 def _mass(model: Model) -> Array:
-    return data_sheet(model.theta)[0]
+    return about_center_of_mass(model.theta)[0]
 
 
 def _center_of_mass(model: Model) -> Array:
-    return data_sheet(model.theta)[1]
+    return about_center_of_mass(model.theta)[1]
 
 
 def _inertia(model: Model) -> Array:
-    return data_sheet(model.theta)[2]
+    return about_center_of_mass(model.theta)[2]
 
 
 EFFECTS = (

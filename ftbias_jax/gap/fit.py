@@ -48,7 +48,9 @@ def base(problem: Problem) -> Fit:
     return fit(problem, ())
 
 
-def fit(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit | None = None, iterations: int = MOST_ITERATIONS) -> Fit:
+def fit(
+    problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit | None = None, iterations: int = MOST_ITERATIONS
+) -> Fit:
     """Levenberg-Marquardt over the coordinates, with the linear coefficients solved for exactly at every step.
 
     Args:
@@ -83,7 +85,12 @@ def fit(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit | None 
 
 
 def _linearise(
-    problem: Problem, hypotheses: tuple[Hypothesis, ...], z: np.ndarray, link: float, free: tuple[int, ...], extra: np.ndarray
+    problem: Problem,
+    hypotheses: tuple[Hypothesis, ...],
+    z: np.ndarray,
+    link: float,
+    free: tuple[int, ...],
+    extra: np.ndarray,
 ) -> Fit:
     wanted = next(size for size in DIRECTIONS if size >= len(free))
     directions = np.zeros((wanted, len(z)))
@@ -92,7 +99,13 @@ def _linearise(
     padded = np.zeros((room, len(problem.count), 6))
     padded[: len(extra)] = extra
     error, columns = model.linearise(
-        problem.signals, problem.wrench, jnp.asarray(z), jnp.asarray(link), jnp.asarray(directions), jnp.asarray(padded)
+        problem.signals,
+        problem.wrench,
+        problem.known,
+        jnp.asarray(z),
+        jnp.asarray(link),
+        jnp.asarray(directions),
+        jnp.asarray(padded),
     )
     error, columns = np.asarray(error), np.asarray(columns)
     moving, linear = columns[: len(free)], columns[wanted : wanted + len(extra)]

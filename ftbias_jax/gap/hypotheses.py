@@ -81,7 +81,9 @@ def grid_hypotheses(problem: Problem, span: np.ndarray) -> list[Hypothesis]:
     found = [at("time_delay", ("delay", delay)) for delay in DELAYS]
     found += [at("low_pass", ("lag", lag)) for lag in LAGS]
     found += [
-        at("tool_flexibility", ("period", 1 / f), ("log_damping", damping)) for f in FREQUENCIES for damping in (-0.5, 1.2)
+        at("tool_flexibility", ("period", 1 / f), ("log_damping", damping))
+        for f in FREQUENCIES
+        for damping in (-0.5, 1.2)
     ]
     found += [at("hysteresis", ("width", share * span)) for share in LOOP_SHARES]
     return found + _cables(problem, at)
@@ -100,9 +102,7 @@ def _cables(problem: Problem, at) -> list[Hypothesis]:  # type: ignore[no-untype
         place = rng.uniform(-0.6, 0.6, 3) * max(reach, 0.5) + (np.array([0, 0, 0.3]) if link == 0 else 0)
         if link:
             place = np.asarray(arm.zero_position) * rng.uniform(0.3, 0.9) + rng.uniform(-0.25, 0.25, 3)
-        found.append(
-            at("cable", ("stiffness", 1.0), ("rest_length", 0.05), ("anchor", place), link=float(link))
-        )
+        found.append(at("cable", ("stiffness", 1.0), ("rest_length", 0.05), ("anchor", place), link=float(link)))
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from ftbias_jax.effects import chain
 from ftbias_jax.effects.catalogue import CATALOGUE, neutral_values
 from ftbias_jax.effects.kinematics import subtract_offsets
-from ftbias_jax.effects.types import Signals
+from ftbias_jax.effects.types import Signals, Values
 from ftbias_jax.likelihood import WrenchProblem, whiten
 from ftbias_jax.types import Array
 
@@ -116,35 +116,36 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
     return values, move("encoder_offset", "offset")
 
 
-def predict(signals: Signals, z: Array, link: Array) -> Array:
-    """(B, 6) N, Nm: noise-free reading with the effects at coordinates z."""
+def predict(signals: Signals, z: Array, link: Array, known: Values) -> Array:
+    """(B, 6) N, Nm: noise-free reading with the effects at coordinates z, and those that the setup knows of."""
     values, offsets = to_values(signals, z, link)
-    return chain.predict(subtract_offsets(offsets, signals), values)
+    return chain.predict(subtract_offsets(offsets, signals), values | known)
 
 
 @jax.jit
 def linearise(
-    signals: Signals, problem: WrenchProblem, z: Array, link: Array, directions: Array, extra: Array
+    signals: Signals, problem: WrenchProblem, known: Values, z: Array, link: Array, directions: Array, extra: Array
 ) -> tuple[Array, Array]:
     """Whitened error of the model and its derivatives.
 
     Args:
-        signals, problem: of the log. z: (P,). link: (). directions: (M, P) of the derivatives.
+        signals, problem: of the log. known: effects of the setup. z: (P,). link: ().
+        directions: (M, P) of the derivatives.
         extra: (E, B, 6) N, Nm, further changes of the reading, linear in coefficients of their own.
 
     Returns:
         error (B, 6) of prediction - reading and columns (M + E, B, 6), innovations in standard deviations.
     """
-    error = predict(signals, z, link) - problem.wrench
-    columns = jax.vmap(lambda d: jax.jvp(lambda z: predict(signals, z, link), (z,), (d,))[1])(directions)
+    error = predict(signals, z, link, known) - problem.wrench
+    columns = jax.vmap(lambda d: jax.jvp(lambda z: predict(signals, z, link, known), (z,), (d,))[1])(directions)
     white = whiten(problem, jnp.concatenate([error[None], columns, extra]))
     return white[0], white[1:]
 
 
 @jax.jit
-def predict_many(signals: Signals, z: Array, link: Array) -> Array:
+def predict_many(signals: Signals, known: Values, z: Array, link: Array) -> Array:
     """(C, P), (C,) -> (C, B, 6): readings at several coordinates at once."""
-    return jax.vmap(lambda z, link: predict(signals, z, link))(z, link)
+    return jax.vmap(lambda z, link: predict(signals, z, link, known))(z, link)
 
 
 @jax.jit

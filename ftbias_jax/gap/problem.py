@@ -9,18 +9,20 @@ import numpy as np
 
 from ftbias_jax import batch, pipeline, smooth, staged
 from ftbias_jax.effects.chain import fill_temperature
-from ftbias_jax.effects.types import Model, Signals
+from ftbias_jax.effects.types import Model, Signals, Values
+from ftbias_jax.gap.samples import inspect_samples
+from ftbias_jax.gap.samples_types import SampleFindings
 from ftbias_jax.likelihood import WrenchProblem
 from ftbias_jax.pipeline import Options, Params
 from ftbias_jax.setup_types import Setup
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Log
 
 SHORTEST_BIN = 0.01
 """s; a 25 Hz ringing of the tool is still seen."""
 BINS = (1024, 2048, 4096, 8192)
 """Lengths that binned logs are padded to, so that they share compiled programs."""
 MOST_BINS = 4096
-"""Bins of a log shorter than twenty minutes; longer logs get more, not coarser ones than CoarsestBin."""
+"""Longer logs get longer bins."""
 
 
 class Problem(NamedTuple):
@@ -40,14 +42,18 @@ class Problem(NamedTuple):
     """(6,) N, Nm, of one sample."""
     stated_std: np.ndarray
     """(6,) the same as the setup states it."""
+    known: Values
+    """Effects that the setup knows of."""
 
 
-def make_problem(setup: Setup, log: Log, clean_wrench: np.ndarray, noise_std: np.ndarray) -> tuple[Problem, Params]:
-    """Smooth the joints and average everything over short bins.
+def make_problem(setup: Setup, log: Log) -> tuple[Problem, SampleFindings]:
+    """Smooth the joints, examine the samples, and average what is left over short bins.
 
     Args:
-        setup: beliefs. log: as read. clean_wrench: (T, 6) readings without spikes and saturated samples, NaN = none.
-        noise_std: (6,) measured white noise of one sample.
+        setup: beliefs. log: as read.
+
+    Returns:
+        the problem of the effects that change the mean reading, and what was read off single samples.
     """
     options = Options(joint_model=setup.joints.model)
     samples = pipeline.samples_from_log(log)
@@ -58,10 +64,12 @@ def make_problem(setup: Setup, log: Log, clean_wrench: np.ndarray, noise_std: np
         likeliest = params.joint.process_density / batch.LAG_GUARD
         params = params._replace(joint=params.joint._replace(process_density=likeliest))
     joints = smooth.smooth_joints(params, pipeline.init(params, samples), samples, options)
-    _, variance = staged.predict_wrenches(params, joints, options)
+    reading, variance = (np.asarray(x)[:length] for x in staged.predict_wrenches(params, joints, samples, options))
+    rate = np.gradient(reading, log.t, axis=0)
+    found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate)
     states = np.asarray(joints.mean)[:length]
-    joint_variance = np.asarray(variance)[:length] - np.asarray(params.bias.wrench_variance)
-    return _bin(params, log, states, joint_variance, clean_wrench, noise_std, setup), params
+    joint_variance = variance - np.asarray(params.bias.wrench_variance)
+    return _bin(params, log, states, joint_variance, found.clean_wrench, found.noise_std, setup), found
 
 
 def _bin(
@@ -111,9 +119,6 @@ def _bin(
         params.bias.density,
         params.bias.prior_std,
     )
-    return Problem(signals, bins, pad(count, 0), used, duration, noise_std, setup.sensor.noise_std)
-
-
-def rms(x: Array) -> float:
-    """Root mean square over finite entries."""
-    return float(np.sqrt(np.nanmean(np.square(x))))
+    return Problem(
+        signals, bins, pad(count, 0), used, duration, noise_std, setup.sensor.noise_std, params.effects or {}
+    )

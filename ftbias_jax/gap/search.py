@@ -81,7 +81,9 @@ def _earned(problem: Problem, accepted: Fit, best: Scored, first_excess: float) 
     after, _ = excess_variance(problem, best.fit)
     removed = before - after
     needed = max(LEAST_SIGMAS**2, 0.02 * first_excess if accepted.hypotheses else 0.0)
-    steady = _z_of_gain(problem, best.fit, accepted) > 2 or best.hypothesis.local or best.hypothesis.effect == "bias_jump"
+    steady = (
+        _z_of_gain(problem, best.fit, accepted) > 2 or best.hypothesis.local or best.hypothesis.effect == "bias_jump"
+    )
     return best.gain > LEAST_GAIN and removed > needed and steady
 
 
@@ -92,7 +94,7 @@ def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:
 
 def candidates(problem: Problem, accepted: Fit, without: Collection[str] = ()) -> list[Scored]:
     """Every effect that is not accepted yet, fitted on top of the accepted ones; best first."""
-    taken = {h.effect for h in accepted.hypotheses} | set(without)
+    taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known)
     preliminary = [(gain, h) for gain, h in _preliminary(problem, accepted, taken) if gain > 0]
     best: dict[tuple[str, float], tuple[float, Hypothesis]] = {}
     for gain, h in preliminary:
@@ -127,7 +129,9 @@ def _smooth(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[tup
     directions[np.arange(len(places)), places] = 1
     nothing = jnp.zeros((0, len(problem.count), 6))
     at, link = jnp.asarray(accepted.z), jnp.asarray(accepted.link)
-    _, columns = model.linearise(problem.signals, problem.wrench, at, link, jnp.asarray(directions), nothing)
+    _, columns = model.linearise(
+        problem.signals, problem.wrench, problem.known, at, link, jnp.asarray(directions), nothing
+    )
     column = dict(zip(places, np.asarray(columns), strict=False))
     found = [(added_gain(accepted, np.stack([column[i] for i in h.free])), h) for h in wanted]
     if "crosstalk" not in taken:
@@ -152,7 +156,9 @@ def _leaks(accepted: Fit, leaks: dict[int, np.ndarray]) -> tuple[float, Hypothes
 def _grid(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[tuple[float, Hypothesis]]:
     """Gain of each starting point, as it is or scaled to fit."""
     signals = problem.signals
-    now = np.asarray(model.predict_many(signals, jnp.asarray(accepted.z)[None], jnp.asarray([accepted.link])))[0]
+    now = np.asarray(
+        model.predict_many(signals, problem.known, jnp.asarray(accepted.z)[None], jnp.asarray([accepted.link]))
+    )[0]
     span = np.ptp(now[: problem.used], axis=0)
     wanted = [h for h in hyp.grid_hypotheses(problem, span) if h.effect not in taken]
     if not wanted:
@@ -164,7 +170,9 @@ def _grid(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[tuple
     changes = []
     for part in range(0, len(wanted), 16):
         rows = np.resize(z[part : part + 16], (16, z.shape[1]))
-        predicted = model.predict_many(signals, jnp.asarray(rows), jnp.asarray(np.resize(link[part : part + 16], 16)))
+        predicted = model.predict_many(
+            signals, problem.known, jnp.asarray(rows), jnp.asarray(np.resize(link[part : part + 16], 16))
+        )
         changes.append(np.asarray(model.whiten_many(problem.wrench, predicted - now)))
     found = []
     for h, change in zip(wanted, np.concatenate(changes), strict=False):

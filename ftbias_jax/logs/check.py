@@ -8,6 +8,9 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Array, Log
 
+LOWEST_RATE, HIGHEST_RATE = 1.5, 5e4
+"""Hz: a log of 1000 Hz has 1 Hz if its ms are taken for s, one of 50 Hz has 50 kHz if its us are taken for ns."""
+
 
 def check_log(
     t: Array,
@@ -48,6 +51,7 @@ def check_log(
     if np.isnan(wrench).all():
         remedy = "record the sensor's wrench"
         raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
+    _check_rate(t[~np.isnan(wrench).all(1)], file)
     sign = -1.0 if setup.sensor.reports == "wrench_on_sensor" else 1.0
     return Log(t, q, dq, sign * wrench, temperature, start)
 
@@ -89,6 +93,14 @@ def check_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
         message = f"time does not increase: {field}[{i}] = {t[i]} after {field}[{i - 1}] = {t[i - 1]}"
         raise LogError(message, file=file, field=field, remedy="sort the samples and remove repeated stamps")
     return t
+
+
+def _check_rate(t: Array, file: str) -> None:
+    """Refuse rates that no wrench is recorded at: the unit of the (W,) stamps is wrong then."""
+    rate = 1 / np.median(np.diff(t)) if len(t) > 1 else LOWEST_RATE
+    if not LOWEST_RATE <= rate <= HIGHEST_RATE:
+        message = f"the wrench has a rate of {rate:.4g} Hz, which is implausible"
+        raise LogError(message, file=file, field="t", remedy="give floating-point time in s, integer time in ns")
 
 
 def _floats(values: Array, shape: tuple[int, ...], field: str, file: str) -> Array:

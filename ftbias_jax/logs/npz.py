@@ -3,43 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 
-from ftbias_jax.errors import LogError
-from ftbias_jax.logs.check import check_log
-from ftbias_jax.logs.merge import merge_streams
+from ftbias_jax.logs.arrays import ARRAYS, log_from_arrays
 from ftbias_jax.npz_file import load_arrays
 from ftbias_jax.setup_types import Setup
-from ftbias_jax.types import Array, Log
-
-ARRAYS = ("t", "t_joints", "t_wrench", "q", "dq", "wrench", "temperature")
+from ftbias_jax.types import Log
 
 
 def read_npz(path: str | os.PathLike[str], setup: Setup) -> Log:
-    """Read t (T,), q (T, n), wrench (T, 6), and if there dq (T, n) and temperature (T,); other arrays are ignored.
-
-    Instead of t, t_joints (J,) may stamp q and dq, and t_wrench (W,) the wrench and the temperature.
+    """Read the arrays of ``log_from_arrays``; others are ignored.
 
     Raises:
         LogError: the file cannot be read, an array is missing, or the log cannot be filtered (see ``check_log``).
     """
     file = os.fspath(path)
-    arrays = load_arrays(file, ARRAYS)
-    q = _get(arrays, "q", "no motion data: there is no array q (T, n) rad", file)
-    wrench = _get(arrays, "wrench", "no wrench data: there is no array wrench (T, 6) N, Nm", file)
-    dq, temperature = arrays.get("dq"), arrays.get("temperature")
-    if "t" in arrays:
-        if {"t_joints", "t_wrench"} & arrays.keys():
-            message = "stands beside t_joints or t_wrench"
-            raise LogError(message, file=file, field="t", remedy="keep t, or the stamps of the two streams")
-        return check_log(arrays["t"], q, wrench, dq, temperature, setup=setup, file=file)
-    t_joints = _get(arrays, "t_joints", "there is no time: neither t (T,) s, nor t_joints with t_wrench", file)
-    t_wrench = _get(arrays, "t_wrench", "there is t_joints, but no t_wrench", file)
-    merged = merge_streams(t_joints, q, t_wrench, wrench, dq, temperature, file=file)
-    return check_log(merged.t, merged.q, merged.wrench, merged.dq, merged.temperature, setup=setup, file=file)
-
-
-def _get(arrays: Mapping[str, Array], name: str, message: str, file: str) -> Array:
-    if name not in arrays:
-        raise LogError(message, file=file, field=name, remedy=f"name the arrays of an NPZ log {', '.join(ARRAYS)}")
-    return arrays[name]
+    return log_from_arrays(load_arrays(file, ARRAYS), setup, file)

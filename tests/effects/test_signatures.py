@@ -87,7 +87,8 @@ def test_a_channel_leaks_into_another(signals, wrench):
 def test_a_delay_is_the_rate_times_the_delay(signals, wrench):
     change = chain.read(signals, {"time_delay": {"delay": 1e-3}}, wrench) - wrench
     rate = np.gradient(np.asarray(wrench), np.asarray(signals.t), axis=0)
-    np.testing.assert_allclose(change[2:], -1e-3 * rate[2:], atol=6e-2 * np.abs(1e-3 * rate).max())
+    # The delayed signal is a straight line between samples, whose slope is the rate up to the sampling.
+    assert np.std(change + 1e-3 * rate) < 0.1 * np.std(change)
 
 
 def test_a_slow_motion_sees_a_low_pass_as_a_delay(signals, wrench):
@@ -148,10 +149,27 @@ def test_a_flexible_tool_rings_at_its_frequency_after_a_stop(signals):
     ddq = np.where((t > 0.5) & (t < 0.6), 5.0, 0.0)[:, None] * np.ones(3)
     at = signals._replace(t=t, q=q, dq=np.zeros_like(q), ddq=ddq)
     ringing = predict(at, {"tool_flexibility": {"frequency": 6.0, "damping_ratio": 0.02}}) - predict(at, {})
-    np.testing.assert_allclose(ringing[t < 0.5], 0, atol=1e-12)
+    np.testing.assert_allclose(ringing[t < 0.5] - ringing[:1], 0, atol=1e-12)  # it hangs still before
     tail = np.asarray(ringing[t > 0.7, 0])
     spectrum = np.abs(np.fft.rfft(tail * np.hanning(len(tail))))
     assert np.fft.rfftfreq(len(tail), 0.005)[spectrum.argmax()] == pytest.approx(6.0, abs=0.3)
+
+
+def test_a_flexible_tool_sags_under_its_weight(at_rest):
+    """Held still, the tool hangs where springs about x and y balance the weight of the turned tool."""
+    frequency, pose = 4.0, 100
+    at = at_rest._replace(q=jnp.tile(at_rest.q[pose], (len(at_rest.t), 1)))
+    rigid = np.asarray(predict(at, {}))[0]
+    flexible = predict(at, {"tool_flexibility": {"frequency": frequency, "damping_ratio": 0.05}})[0]
+    theta = np.asarray(at.model.theta)
+    center, stiffness = theta[1:4] / theta[0], theta[[4, 7]] * (2 * np.pi * frequency) ** 2
+    turn = np.zeros(3)
+    for _ in range(50):
+        torque = np.cross(center + np.cross(turn, center), rigid[:3])
+        turn[:2] = -torque[:2] / stiffness
+    np.testing.assert_allclose(flexible[:3], rigid[:3], atol=1e-12)
+    np.testing.assert_allclose(flexible[3:], torque, atol=1e-2 * np.abs(torque - rigid[3:]).max())
+    assert np.abs(torque - rigid[3:]).max() > 0.01
 
 
 def recorded(signals, wrench, **values):

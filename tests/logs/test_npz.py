@@ -96,7 +96,7 @@ def test_missing_or_contradicting_arrays_are_named(tmp_path, setup, remove, add,
 
 
 def test_unknown_formats_and_absent_files_are_named(tmp_path, setup):
-    fails(lambda: read_log(tmp_path / "log.mat", setup), tmp_path / "log.mat", "'.mat'", ".npz or .csv")
+    fails(lambda: read_log(tmp_path / "log.mat", setup), tmp_path / "log.mat", "'.mat'", ".npz, .csv")
     fails(lambda: read_log(tmp_path / "log.npz", setup), tmp_path / "log.npz", "No such file", "check the path")
 
 

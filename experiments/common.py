@@ -1,0 +1,68 @@
+"""What the experiments share: the demonstration's arm, two kinds of motion, and how results are kept."""
+
+import json
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax import simulate
+from ftbias_jax.commands import demo
+from ftbias_jax.pipeline import params_from_setup
+from ftbias_jax.setup import parse_setup
+from ftbias_jax.simulate import Trajectory
+from ftbias_jax.types import Sample
+
+jax.config.update("jax_enable_x64", True)
+
+SETUP = parse_setup(demo.SETUP)
+PARAMS = params_from_setup(SETUP)
+TOP_SPEED = 1.5  # rad/s
+
+
+def sines(seed, t):
+    """Every joint swings all the time; the fastest of its sines has 0.2 Hz."""
+    return simulate.excitation_sines(jax.random.key(seed), t, jnp.array(demo.CENTER), jnp.array(demo.EXCURSION))
+
+
+def moves(seed, t):
+    """Minimum-jerk moves from pose to pose with short stops, as robots are programmed."""
+    rng, stamps = np.random.default_rng(seed), np.asarray(t)
+    here, start = np.array(demo.CENTER), 0.0
+    q, dq, ddq = (np.zeros((len(stamps), len(here))) for _ in range(3))
+    while start <= stamps[-1]:
+        there = demo.CENTER + rng.uniform(-1, 1, len(here)) * demo.EXCURSION
+        duration = 1.875 * np.abs(there - here).max() / TOP_SPEED
+        rows = stamps >= start
+        s = np.clip((stamps[rows] - start) / duration, 0, 1)[:, None]
+        q[rows] = here + (there - here) * s**3 * (10 - 15 * s + 6 * s**2)
+        dq[rows] = (there - here) * 30 * (s * (1 - s)) ** 2 / duration
+        ddq[rows] = (there - here) * 60 * s * (1 - s) * (1 - 2 * s) / duration**2
+        here, start = there, start + duration + rng.uniform(0.1, 0.6)
+    return Trajectory(t, *map(jnp.asarray, (q, dq, ddq)))
+
+
+MOTIONS = {"sines": sines, "moves": moves}
+
+
+@partial(jax.jit, static_argnames="count")
+def simulate_logs(seed, count, params, trajectories):
+    """Logs with a leading axis: the truth, and what the filter sees."""
+    keys = jax.random.split(jax.random.key(seed), count)
+    truth = jax.vmap(partial(simulate.simulate, params=params))(keys, trajectory=trajectories)
+    dt = jnp.diff(truth.t, axis=1, prepend=truth.t[:, :1])
+    return truth, Sample(dt, truth.q, truth.dq, truth.wrench)
+
+
+def keep(script, result, figure):
+    """result.json and result.png beside the script."""
+    folder = Path(script).parent
+    (folder / "result.json").write_text(json.dumps(result, indent=1) + "\n")
+    figure.savefig(folder / "result.png", dpi=110)
+
+
+def rounded(values, digits=4):
+    """Numbers for a small file: significant digits, nested lists."""
+    return jax.tree.map(lambda x: float(f"{float(x):.{digits}g}"), np.asarray(values).tolist())

@@ -1,0 +1,115 @@
+"""Are the error bars of the bias right? 200 simulated logs by the true model, and by wrong ones."""
+
+import sys
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+sys.path.append(str(Path(__file__).parents[1]))
+from common import PARAMS, SETUP, keep, rounded, simulate_logs, sines
+
+from ftbias_jax import batch, pipeline, staged
+from ftbias_jax.consistency import mean_chi_square
+from ftbias_jax.noise import drift_noise
+from ftbias_jax.pipeline import DEFAULT_OPTIONS
+from ftbias_jax.recursion import filter_scan
+
+LOGS, DURATION, RATE, SEED = 200, 60.0, 50.0, 0
+AT_ONCE = 50
+MODELS = {
+    "true": (1.0, 1.0),
+    "sigma_Q x 2": (2.0, 1.0),
+    "sigma_Q / 2": (0.5, 1.0),
+    "Sigma_W x 1.5": (1.0, 1.5),
+    "Sigma_W / 1.5": (1.0, 1 / 1.5),
+}
+"""Factors of sigma_Q and of Sigma_W that the filter believes in."""
+
+
+def squares(track, bias, drift):
+    """NEES of the twelve states and NIS of the six axes at every sample (T,)."""
+    error = track.mean - jnp.stack([bias, drift], 1)
+    (bb, bd), (_, dd) = jnp.moveaxis(track.covariance, 0, 2)
+    eb, ed = error[:, 0], error[:, 1]
+    nees = (dd * eb**2 - 2 * bd * eb * ed + bb * ed**2) / (bb * dd - bd**2)
+    return nees.sum(1), track.nis.sum(1)
+
+
+@jax.jit
+def known_joints(factors, samples, truth):
+    """The bias filter alone: the wrench of the tool is known exactly."""
+    bias = PARAMS.bias._replace(
+        density=factors[0] * PARAMS.bias.density, wrench_variance=factors[1] * PARAMS.bias.wrench_variance
+    )
+    params = PARAMS._replace(bias=bias)
+
+    def one(log, truth):
+        variance = jnp.broadcast_to(bias.wrench_variance, truth.bias.shape)
+        inputs = staged.bias_inputs(params, pipeline.init(params, log), log, truth.wrench_tool, variance)
+        return squares(filter_scan(drift_noise, inputs), truth.bias, truth.drift)
+
+    return jax.lax.map(lambda log: one(*log), (samples, truth), batch_size=AT_ONCE)
+
+
+@jax.jit
+def whole_pipeline(params, samples, truth):
+    def one(log, truth):
+        track = staged.run(params, pipeline.init(params, log), log, DEFAULT_OPTIONS)[1]
+        return squares(track.wrench, truth.bias, truth.drift)
+
+    return jax.lax.map(lambda log: one(*log), (samples, truth), batch_size=AT_ONCE)
+
+
+def judge(nees, nis):
+    """NEES at the end, where the logs are independent draws; NIS of all samples; both against 95 % bounds."""
+    scored = {}
+    for name, values, dof in (("nees", nees[:, -1], 12), ("nis", nis.ravel(), 6)):
+        average = mean_chi_square(values, dof)
+        bounds = rounded([average.low, average.high], 6)
+        scored[name] = {"mean": rounded(average.value, 6), "bounds": bounds, "inside": average.consistent}
+    return scored
+
+
+def main():
+    t = jnp.arange(round(DURATION * RATE)) / RATE
+    trajectory = sines(SEED, t)
+    trajectories = jax.tree.map(lambda x: jnp.broadcast_to(x, (LOGS, *x.shape)), trajectory)
+    truth, samples = simulate_logs(SEED, LOGS, PARAMS, trajectories)
+    result = {"logs": LOGS, "seconds": DURATION, "rate_Hz": RATE, "models": {}}
+    over_time = {}
+    runs = {name: partial(known_joints, jnp.array(factors), samples, truth) for name, factors in MODELS.items()}
+    first = jax.tree.map(lambda x: x[0], samples)
+    runs["true, joints filtered"] = partial(whole_pipeline, batch.params_for_log(SETUP, first), samples, truth)
+    for name, run in runs.items():
+        nees, nis = map(np.asarray, run())
+        result["models"][name] = judge(nees, nis)
+        over_time[name] = nees.mean(0)
+    keep(__file__, result, draw(result, np.asarray(t), over_time))
+
+
+def draw(result, t, over_time):
+    figure = Figure(figsize=(10, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    low, high = result["models"]["true"]["nees"]["bounds"]
+    left.axhspan(low, high, color="0.85", label="95 % of right models")
+    for name, values in over_time.items():
+        left.plot(t, values, linewidth=1, label=name)
+    left.set(title="NEES of bias and drift", xlabel="time [s]", yscale="log")
+    left.set_ylim(top=120)
+    left.legend(fontsize=7, ncols=2, loc="upper left")
+    names = list(result["models"])
+    right.axvspan(*result["models"]["true"]["nis"]["bounds"], color="0.85")
+    for row, scored in enumerate(result["models"].values()):
+        right.plot(scored["nis"]["mean"], row, "o" if scored["nis"]["inside"] else "x", color="#0072B2")
+    right.set_yticks(range(len(names)), names)
+    right.set(title="NIS of six axes: o inside its bounds, x outside")
+    right.grid(color="0.9")
+    return figure
+
+
+if __name__ == "__main__":
+    main()

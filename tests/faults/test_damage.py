@@ -1,0 +1,296 @@
+"""Files that are cut, flipped or hostile: refused with a typed error, or read as far as they are whole and counted."""
+
+import bz2
+import io
+import resource
+import sqlite3
+import struct
+import sys
+import time
+from contextlib import suppress
+
+import numpy as np
+import pytest
+import recordings
+from recordings import FORMATS, START, Joints, Wrench
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.logs import read_log, read_log_with_repairs, ros_record, unpack
+
+CONTAINERS = ["ros1", "ros1 bz2", "ros1 lz4", "sqlite", "mcap", "mcap zstd chunks"]
+
+
+@pytest.fixture
+def long_log():
+    """Messages that fill several chunks or pages."""
+    return recordings.messages(recordings.arrays(3000))
+
+
+def salvage(path, setup):
+    """Strictly refused, then salvaged: the log, and what was lost."""
+    with pytest.raises(LogError, match="--salvage reads what is whole") as caught:
+        read_log(path, setup)
+    assert "\n" not in str(caught.value)
+    log, repairs = read_log_with_repairs(path, setup, salvage=True)
+    assert any(repair.lost for repair in repairs)
+    return log, repairs
+
+
+def assert_part(log, published):
+    """Every value that was read is one that was written, under its stamp."""
+    wrenches = {m.stamp: m.wrench for m in published if isinstance(m, Wrench)}
+    stamps = START + np.rint((log.t + log.start - START * 1e-9) * 1e9).astype(int)
+    written = np.array(list(wrenches))
+    for stamp, wrench in zip(stamps, log.wrench, strict=True):
+        if not np.isnan(wrench).any():
+            nearest = written[np.abs(written - stamp).argmin()]  # Log.start is a float
+            np.testing.assert_array_equal(wrench, wrenches[nearest])
+
+
+@pytest.mark.parametrize("kind", [kind for kind in CONTAINERS if "bz2" not in kind])  # a block of bz2 is all or nothing
+def test_a_cut_recording_is_salvaged_up_to_the_cut(tmp_path, setup, long_log, kind):
+    path = recordings.write(tmp_path, kind, long_log)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    log, _ = salvage(path, setup)
+    count = (~np.isnan(log.wrench).any(1)).sum()
+    assert count > 0.3 * 3000
+    assert_part(log, long_log)
+
+
+@pytest.mark.parametrize("kind", CONTAINERS)
+def test_any_cut_ends_in_an_error_of_ours(tmp_path, setup, kind):
+    path = recordings.write(tmp_path, kind, recordings.messages())
+    content = path.read_bytes()
+    for length in np.linspace(0, len(content) - 1, 25).astype(int):
+        path.write_bytes(content[:length])
+        for how in (False, True):
+            with suppress(LogError):
+                read_log_with_repairs(path, setup, salvage=how)
+
+
+def test_a_flipped_length_loses_only_its_record(tmp_path, setup, long_log):
+    path = recordings.write(tmp_path, "ros1", long_log)
+    content = bytearray(path.read_bytes())
+    at = content.index(b"op=\x02", len(content) // 3) - 8
+    content[at + 3] ^= 0x80  # a header of two gigabytes
+    path.write_bytes(content)
+    log, repairs = salvage(path, setup)
+    assert (~np.isnan(log.wrench).any(1)).sum() + (~np.isnan(log.q).any(1)).sum() >= len(long_log) - 2
+    assert any("bytes skipped" in repair.what for repair in repairs)
+
+
+def test_flipped_stamps_and_frames_of_a_salvaged_bag_are_not_believed(tmp_path, setup, long_log):
+    path = recordings.write(tmp_path, "ros1", long_log)
+    content = bytearray(path.read_bytes())
+    frames = [i for i in range(len(content)) if content.startswith(b"ft_sensor", i)]
+    content[frames[300]] ^= 1
+    content[frames[500] - 9] ^= 0x40  # the stamp's seconds
+    content[frames[700] - 4] ^= 0x80  # the length of the frame
+    path.write_bytes(content)
+    log, repairs = salvage(path, setup)
+    assert sum("not credible" in repair.what for repair in repairs) == 2
+    assert (~np.isnan(log.wrench).any(1)).sum() == 2997
+    assert_part(log, long_log)
+
+
+def test_a_flipped_bit_in_an_mcap_chunk_loses_the_chunk_instead_of_a_digit(tmp_path, setup, long_log):
+    """Chunks by the makers' writer, which adds checksums."""
+    path = tmp_path / "log.mcap"
+    content = bytearray(mcap_of(long_log))
+    content[len(content) // 2] ^= 0x40
+    path.write_bytes(content)
+    log, repairs = salvage(path, setup)
+    assert "does not match its checksum" in repairs[0].what
+    assert_part(log, long_log)
+
+
+def mcap_of(published):
+    """An MCAP file with many small chunks, written by the package mcap-ros2-support."""
+    writer = pytest.importorskip("mcap_ros2.writer")
+    header = "std_msgs/Header header\n"
+    schemas = {
+        Joints: ("sensor_msgs/msg/JointState", header + "string[] name\nfloat64[] position\nfloat64[] velocity\n"),
+        Wrench: ("geometry_msgs/msg/WrenchStamped", header + "float64[6] wrench\n"),
+    }
+    rest = "=" * 80 + "\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    rest += "=" * 80 + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    stream = io.BytesIO()
+    with writer.Writer(stream, chunk_size=20_000, compression=writer.CompressionType.NONE) as file:
+        known = {kind: file.register_msgdef(name, text + rest) for kind, (name, text) in schemas.items()}
+        for m in published:
+            sec, nanosec = divmod(m.stamp, 10**9)
+            content = {"header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": ""}}
+            if isinstance(m, Joints):
+                content |= {"name": list(m.names), "position": list(m.position), "velocity": list(m.velocity)}
+            else:
+                content["wrench"] = list(m.wrench)
+            file.write_message(m.topic, known[type(m)], content, m.stamp)
+    return stream.getvalue()
+
+
+def test_mcap_by_its_makers_is_the_same_log(tmp_path, setup):
+    (tmp_path / "log.mcap").write_bytes(mcap_of(recordings.messages()))
+    log = read_log(tmp_path / "log.mcap", setup)
+    np.testing.assert_array_equal(log.wrench, recordings.arrays()["wrench"])
+    np.testing.assert_array_equal(log.q[::2], recordings.arrays()["q"])
+
+
+def bag(*records):
+    """A ROS 1 bag of (header fields, data)."""
+    content = b"#ROSBAG V2.0\n"
+    for fields, data in records:
+        header = b"".join(struct.pack("<I", len(f)) + f for f in fields)
+        content += struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
+    return content
+
+
+def test_lengths_of_gigabytes_take_no_memory(tmp_path, setup):
+    path = tmp_path / "log.bag"
+    for content in (
+        b"#ROSBAG V2.0\n" + b"\xff" * 4,
+        bag(([b"op=\x05", b"compression=none", b"size=\xff\xff\xff\xff"], b"")),
+        bag(([b"op=\x05", b"compression=bz2", b"size=\xff\xff\xff\xff"], bz2.compress(b""))),
+        bag(([b"op=\x02"], b""))[:-4] + b"\xff" * 4,
+        b"\x89MCAP0\r\n\x05" + b"\xff" * 8,
+        b"\x89MCAP0\r\n\x06" + struct.pack("<QQQQIIQ", 40, 0, 0, 2**60, 0, 0, 0),
+        b"\x89MCAP0\r\n\x04" + struct.pack("<QHHI", 8, 1, 0, 2**32 - 1),
+    ):
+        path.write_bytes(content)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        with pytest.raises(LogError):
+            read_log(path, setup)
+        with pytest.raises(LogError):
+            read_log(path, setup, salvage=True)
+        assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1 << 16  # KiB
+
+
+def test_bombs_are_refused_by_what_they_declare(tmp_path, setup, monkeypatch):
+    monkeypatch.setattr(unpack, "SMALL", 1 << 16)
+    packed = bz2.compress(bytes(50 << 20))
+    path = tmp_path / "log.bag"
+    path.write_bytes(bag(([b"op=\x05", b"compression=bz2", b"size=" + struct.pack("<I", 50 << 20)], packed)))
+    with pytest.raises(LogError, match="looks like a decompression bomb"):
+        read_log(path, setup)
+
+
+@pytest.mark.parametrize("compression", ["bz2", "lz4", "zstd"])
+def test_bombs_that_declare_less_are_stopped_at_what_they_declare(compression):
+    packers = {"bz2": "bz2", "lz4": "lz4.frame", "zstd": "zstandard"}
+    packed = pytest.importorskip(packers[compression]).compress(bytes(50 << 20))
+    with pytest.raises(unpack.UnpackError, match="unpacks to more than 1000 bytes, but declares 1000"):
+        unpack.unpack(compression, packed, 1000)
+    with pytest.raises(unpack.UnpackError, match="cannot be unpacked"):
+        unpack.unpack(compression, b"no such stream", 1000)
+
+
+def test_damage_in_many_places_is_told_in_few_lines(tmp_path, setup, long_log):
+    path = recordings.write(tmp_path, "sqlite", long_log)
+    with sqlite3.connect(path) as database:
+        database.execute("UPDATE messages SET topic_id = 99 WHERE id % 3 = 0")
+    database.close()
+    _, repairs = salvage(path, setup)
+    assert [repair.what for repair in repairs[20:]] == ["1480 more places are damaged", "3000 messages were recovered"]
+
+
+def test_messages_that_are_bombs_are_refused(tmp_path, setup, monkeypatch):
+    zstandard = pytest.importorskip("zstandard")
+    path = recordings.write(tmp_path, "sqlite", recordings.messages())
+    with sqlite3.connect(path) as database:
+        database.execute("UPDATE messages SET data = ? WHERE id = 5", [zstandard.compress(bytes(50 << 20))])
+    database.close()
+    monkeypatch.setattr(unpack.unpack_message, "__defaults__", (10,))
+    _, repairs = salvage(path, setup)
+    assert [repair.what for repair in repairs[1:]] == ["89 messages were recovered"]
+    assert "looks like a decompression bomb" in repairs[0].what
+
+
+def test_files_that_are_bombs_are_refused(tmp_path, setup, monkeypatch):
+    zstandard = pytest.importorskip("zstandard")
+    monkeypatch.setattr(ros_record, "SMALL", 1 << 16)
+    monkeypatch.setattr(ros_record, "MAX_RATIO", 2)
+    (tmp_path / "log.db3.zstd").write_bytes(zstandard.compress(bytes(50 << 20)))
+    with pytest.raises(LogError, match=r"log\.db3\.zstd unpacks to more than 65536 bytes"):
+        read_log(tmp_path / "log.db3.zstd", setup)
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        "ALTER TABLE messages RENAME TO m; CREATE VIEW messages AS WITH RECURSIVE r(id) AS (SELECT 1 UNION ALL SELECT "
+        "id + 1 FROM r) SELECT id, 1 AS topic_id, 1 AS timestamp, x'00' AS data FROM r",
+        "DROP TABLE topics",
+        "ALTER TABLE messages DROP COLUMN data",
+        "UPDATE topics SET name = x'ff'",
+        "UPDATE messages SET data = 'text'",
+        "UPDATE messages SET timestamp = 'late'",
+        "UPDATE messages SET topic_id = 99",
+    ],
+)
+def test_databases_that_are_no_bag_are_refused(tmp_path, setup, script):
+    path = recordings.write(tmp_path, "sqlite", recordings.messages())
+    with sqlite3.connect(path) as database:
+        database.executescript("DROP INDEX IF EXISTS timestamp_idx;" + script)
+    database.close()
+    for how in (False, True):
+        with pytest.raises(LogError):
+            read_log(path, setup, salvage=how)
+
+
+def mutate(content, rng):
+    """A few flipped bits, a cut, an inserted or a repeated piece."""
+    content = bytearray(content)
+    kind, at = rng.integers(4), int(rng.integers(len(content)))
+    if kind == 0:
+        for i in rng.integers(len(content), size=rng.integers(1, 9)):
+            content[i] ^= 1 << rng.integers(8)
+    elif kind == 1:
+        del content[at:]
+    elif kind == 2:
+        content[at:at] = rng.bytes(int(rng.integers(1, 40)))
+    else:
+        content[at : at + 8] = rng.choice([b"\xff" * 8, bytes(8), b"\x00\x00\x00\x80\x00\x00\x00\x00"])
+    return bytes(content)
+
+
+def originals(tmp_path):
+    """One small file of every format."""
+    log = recordings.arrays(40)
+    table = {"t": np.arange(20) * 0.02, **{f"q{i}": log["q"][:, i] for i in range(2)}}
+    table |= {name: log["wrench"][::2, i] for i, name in enumerate(["fx", "fy", "fz", "tx", "ty", "tz"])}
+    np.savez_compressed(tmp_path / "log.npz", **log)
+    rows = np.column_stack(list(table.values()))
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(table), comments="")
+    pytest.importorskip("pyarrow.parquet").write_table(
+        pytest.importorskip("pyarrow").table(table), tmp_path / "log.parquet"
+    )
+    with pytest.importorskip("h5py").File(tmp_path / "log.h5", "w") as root:
+        for name, values in log.items():
+            root.create_dataset(name, data=values, compression="gzip")
+    yield from (tmp_path / f"log{suffix}" for suffix in (".npz", ".csv", ".parquet", ".h5"))
+    for kind in FORMATS:
+        if kind == "folder":
+            continue
+        (tmp_path / kind).mkdir()
+        path = recordings.write(tmp_path / kind, kind, recordings.messages(log))
+        yield next(path.glob("*.zstd")) if path.is_dir() else path
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_mutated_files_of_every_format_end_in_errors_of_ours(tmp_path, setup):
+    """300 each: a log or a LogError, nothing else, and neither memory nor time without bound."""
+    rng = np.random.default_rng(0)
+    read = 0
+    for path in list(originals(tmp_path)):
+        content = path.read_bytes()
+        for i in range(300):
+            path.write_bytes(mutate(content, rng))
+            started = time.perf_counter()
+            for how in (False, True):
+                with suppress(LogError):
+                    read_log_with_repairs(path, setup, salvage=how)
+                    read += 1
+            assert time.perf_counter() - started < 10, (path, i)
+    assert read > 300  # the mutations are not so coarse that nothing is read
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 4 << 20 or sys.platform == "darwin"

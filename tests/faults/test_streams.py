@@ -1,0 +1,252 @@
+"""What goes wrong in recorded streams, one test a row of the table of faults: a typed error, or a counted repair.
+
+Every recording has 60 wrenches at 100 Hz and 30 joint states at 50 Hz; faults are put into its messages.
+"""
+
+import numpy as np
+import pytest
+import recordings
+from recordings import SECOND, START, Joints, Wrench
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.logs import read_log, read_log_with_repairs
+from ftbias_jax.logs.health import mask_saturated, stuck_seconds
+
+N = 60
+
+
+def read(tmp_path, setup, published, kind="ros1"):
+    log, repairs = read_log_with_repairs(recordings.write(tmp_path, kind, published), setup)
+    assert not np.isinf(np.column_stack([log.q, log.dq, log.wrench])).any()
+    assert (np.diff(log.t) > 0).all()
+    return log, [repair.what for repair in repairs], any(repair.lost for repair in repairs)
+
+
+def changed(change, kind=(Joints, Wrench)):
+    """The messages, with a function of (index, message) applied to those of a kind; None = dropped."""
+    count, result = 0, []
+    for message in recordings.messages():
+        if isinstance(message, kind):
+            message, count = change(count, message), count + 1
+        if message is not None:
+            result.append(message)
+    return result
+
+
+def measured(log):
+    return int((~np.isnan(log.wrench).any(1)).sum()), int((~np.isnan(log.q).any(1)).sum())
+
+
+def with_axis(value):
+    return lambda i, m: m._replace(wrench=(*m.wrench[:2], value, *m.wrench[3:])) if i == 7 else m
+
+
+def test_nan_in_one_axis_is_a_missing_axis(tmp_path, setup):
+    log, repairs, _ = read(tmp_path, setup, changed(with_axis(np.nan), Wrench))
+    assert np.isnan(log.wrench[7]).tolist() == [False, False, True, False, False, False]
+    assert not repairs
+
+
+def test_infinity_in_one_axis_is_refused(tmp_path, setup):
+    with pytest.raises(LogError, match=r"wrench: wrench\[7, 2\] is infinite \(mark missing"):
+        read(tmp_path, setup, changed(with_axis(np.inf), Wrench))
+
+
+def test_a_block_of_nan_is_missing(tmp_path, setup):
+    blank = changed(lambda i, m: m._replace(wrench=(np.nan,) * 6) if 20 <= i < 40 else m, Wrench)
+    log, _, _ = read(tmp_path, setup, blank)
+    assert measured(log) == (N - 20, N // 2)
+
+
+def test_empty_velocities_are_not_measured(tmp_path, setup):
+    log, _, _ = read(tmp_path, setup, changed(lambda i, m: m._replace(velocity=()), Joints))
+    assert np.isnan(log.dq).all()
+    assert measured(log) == (N, N // 2)
+
+
+def test_a_nan_position_is_not_measured(tmp_path, setup):
+    log, _, _ = read(tmp_path, setup, changed(lambda i, m: m._replace(position=(np.nan, 1.0)) if i == 3 else m, Joints))
+    assert np.isnan(log.q[6]).tolist() == [True, False]
+
+
+def test_random_drops_leave_the_rest(tmp_path, setup):
+    keep = np.random.default_rng(0).random(N) > 0.3
+    log, repairs, _ = read(tmp_path, setup, changed(lambda i, m: m if keep[i] else None, Wrench))
+    assert measured(log) == (keep.sum(), N // 2)
+    assert not repairs
+
+
+def test_repeated_stamps_are_left_out_and_counted(tmp_path, setup):
+    twice = [m for message in recordings.messages() for m in [message] * (2 if isinstance(message, Wrench) else 1)]
+    log, repairs, lost = read(tmp_path, setup, twice)
+    np.testing.assert_array_equal(log.wrench, recordings.arrays()["wrench"])
+    assert repairs == ["60 of the samples of /wrench left out: their stamps are repeated"]
+    assert lost
+
+
+def test_late_messages_are_put_in_order_and_counted(tmp_path, setup):
+    published = recordings.messages()
+    for i in range(0, 80, 8):  # 0.03 s late at most
+        published[i : i + 4] = published[i : i + 4][::-1]
+    log, repairs, lost = read(tmp_path, setup, published, "sqlite")
+    np.testing.assert_array_equal(log.wrench, recordings.arrays()["wrench"])
+    assert [what.split(" ", 1)[1] for what in repairs] == [
+        f"of the samples of {topic} came late: put in order" for topic in ("/joint_states", "/wrench")
+    ]
+    assert not lost
+
+
+def back(message, logged):
+    """From the middle on, the clock is set back by 0.25 s."""
+    if message.stamp < START + 30 * SECOND // 100:
+        return message
+    stamp = message.stamp - SECOND // 4
+    return message._replace(stamp=stamp, logged=message.stamp if logged else stamp)
+
+
+def test_a_clock_set_back_in_the_headers_gives_way_to_the_recorders(tmp_path, setup):
+    log, repairs, _ = read(tmp_path, setup, changed(lambda i, m: back(m, True)))
+    assert measured(log) == (N, N // 2)
+    assert repairs[0].startswith(
+        "the headers' clock jumps back: times of the recorder used; /joint_states was recorded"
+    )
+
+
+def test_a_clock_set_back_everywhere_splits_the_log_in_segments(tmp_path, setup):
+    log, repairs, _ = read(tmp_path, setup, changed(lambda i, m: back(m, False)), "sqlite")
+    assert repairs == ["the clock jumps back (1 in all): what follows is put 1 s after what was before"]
+    assert measured(log) == (N, N // 2)
+    np.testing.assert_allclose(np.diff(log.t).max(), 1.0)
+
+
+def test_a_clock_set_back_is_refused_in_files_that_are_written_on_purpose(tmp_path, setup):
+    log = recordings.arrays()
+    log["t_wrench"] = np.r_[log["t_wrench"][:30], log["t_wrench"][30:] - SECOND // 4]
+    np.savez(tmp_path / "log.npz", **log)
+    with pytest.raises(LogError, match="t_wrench: time does not increase"):
+        read_log(tmp_path / "log.npz", setup)
+
+
+def test_a_gap_of_an_hour_stays(tmp_path, setup):
+    late = changed(lambda i, m: m._replace(stamp=m.stamp + 3600 * SECOND) if m.stamp > START + SECOND // 3 else m)
+    log, repairs, _ = read(tmp_path, setup, late)
+    assert np.diff(log.t).max() == pytest.approx(3600.01)
+    assert not repairs
+
+
+def test_zero_stamps_give_way_to_the_recorders_times(tmp_path, setup):
+    zero = changed(lambda i, m: m._replace(stamp=0, logged=m.stamp + 5))
+    log, repairs, lost = read(tmp_path, setup, zero)
+    assert log.start == pytest.approx(START * 1e-9)
+    assert repairs[0].endswith("times of the recorder used; /joint_states has no stamps, /wrench has no stamps")
+    assert not lost
+
+
+def test_zero_stamps_of_one_stream_move_both_to_the_recorders_times(tmp_path, setup):
+    zero = changed(lambda i, m: m._replace(stamp=0, logged=m.stamp + SECOND), Wrench)
+    late = [m._replace(logged=m.stamp + SECOND) if isinstance(m, Joints) else m for m in zero]
+    log, repairs, _ = read(tmp_path, setup, late)
+    np.testing.assert_array_equal(log.wrench, recordings.arrays()["wrench"])
+    assert "/joint_states was recorded 1 s after its stamps, /wrench has no stamps" in repairs[0]
+
+
+def test_a_few_zero_stamps_are_left_out_and_counted(tmp_path, setup):
+    published = changed(lambda i, m: m._replace(stamp=0, logged=m.stamp) if i == 5 else m, Wrench)
+    _, repairs, lost = read(tmp_path, setup, published)
+    assert repairs == ["1 of the samples of /wrench left out: they have no stamp"]
+    assert lost
+
+
+def test_epoch_stamps_keep_their_nanoseconds(tmp_path, setup):
+    uneven = changed(lambda i, m: m._replace(stamp=m.stamp + i))
+    log, _, _ = read(tmp_path, setup, uneven)
+    expected = np.unique([m.stamp - uneven[0].stamp for m in uneven])
+    np.testing.assert_array_equal(log.t, expected * 1e-9)
+
+
+@pytest.mark.parametrize("rate", [500.0, 1000.0])
+@pytest.mark.parametrize("unit", [1e3, 1e6, 1e9])
+def test_a_wrong_unit_of_time_is_named_by_its_implausible_rate(tmp_path, setup, rate, unit):
+    t = np.arange(N) / rate * unit
+    np.savez(tmp_path / "log.npz", t=t, q=np.zeros((N, 2)), wrench=np.ones((N, 6)))
+    with pytest.raises(LogError, match=r"t: the wrench has a rate of [\d.e+-]+ Hz, which is implausible \(give"):
+        read_log(tmp_path / "log.npz", setup)
+
+
+@pytest.mark.parametrize("unit", [1, 1e3, 1e6])
+def test_integer_stamps_that_are_no_nanoseconds_are_named_too(tmp_path, setup, unit):
+    t = np.arange(N) * max(1, round(unit / 500))
+    np.savez(tmp_path / "log.npz", t=t, q=np.zeros((N, 2)), wrench=np.ones((N, 6)))
+    with pytest.raises(LogError, match=r"t: the wrench has a rate of [\d.e+-]+ Hz, which is implausible \(give"):
+        read_log(tmp_path / "log.npz", setup)
+
+
+def test_a_saturated_axis_is_masked_and_counted(tmp_path, setup):
+    fz = np.clip(5 * np.sin(np.arange(N) / 9), -9, 4)
+    log, _, _ = read(
+        tmp_path, setup, changed(lambda i, m: m._replace(wrench=(*m.wrench[:2], fz[i], *m.wrench[3:])), Wrench)
+    )
+    masked, counts = mask_saturated(log)
+    assert counts.tolist() == [0, 0, (fz == 4).sum(), 0, 0, 0]
+    assert np.nanmax(masked.wrench[:, 2]) < 4
+
+
+def test_a_stuck_axis_is_found(tmp_path, setup):
+    t = np.arange(500) * 0.01
+    wrench = np.random.default_rng(0).normal(size=(500, 6))
+    wrench[100:400, 4] = 0.5
+    np.savez(tmp_path / "log.npz", t=t, q=np.zeros((500, 2)), wrench=wrench)
+    log = read_log(tmp_path / "log.npz", setup)
+    assert [stuck_seconds(log.t, axis) > 2.9 for axis in log.wrench.T] == [False, False, False, False, True, False]
+
+
+def test_shuffled_joints_are_matched_by_name(tmp_path, setup):
+    def shuffle(i, m):
+        return m._replace(names=m.names[::-1], position=m.position[::-1], velocity=m.velocity[::-1]) if i % 3 else m
+
+    log, _, _ = read(tmp_path, setup, changed(shuffle, Joints), "mcap")
+    np.testing.assert_array_equal(log.q[::2], recordings.arrays()["q"])
+
+
+def test_a_missing_joint_is_named(tmp_path, setup):
+    base = changed(lambda i, m: m._replace(names=("base",), position=(0.0,), velocity=(0.0,)), Joints)
+    with pytest.raises(LogError, match="joint 'elbow' is never measured"):
+        read(tmp_path, setup, base)
+
+
+def test_extra_joints_are_left_out(tmp_path, setup):
+    def extra(i, m):
+        return m._replace(names=("x", *m.names), position=(9.0, *m.position), velocity=(9.0, *m.velocity))
+
+    log, _, _ = read(tmp_path, setup, changed(extra, Joints))
+    np.testing.assert_array_equal(log.q[::2], recordings.arrays()["q"])
+
+
+def test_joints_of_another_robot_are_listed(tmp_path, setup):
+    with pytest.raises(LogError, match=r"none of the setup's joints base, elbow is recorded .*/joint_states has a, b"):
+        read(tmp_path, setup, changed(lambda i, m: m._replace(names=("a", "b")), Joints))
+
+
+@pytest.mark.parametrize("velocity", [(1.0,), (1.0, 2.0, 3.0)])
+def test_messages_of_unequal_lengths_are_refused_or_counted(tmp_path, setup, velocity):
+    published = changed(lambda i, m: m._replace(velocity=velocity) if i == 4 else m, Joints)
+    with pytest.raises(LogError, match=r"message 5 of /joint_states has 2 names, but \d numbers \(--salvage"):
+        read(tmp_path, setup, published)
+    reading = read_log_with_repairs(tmp_path / "log.bag", setup, salvage=True)
+    assert measured(reading.log) == (N, N // 2 - 1)
+    assert [repair.lost for repair in reading.repairs] == [True, False]
+
+
+def test_streams_that_do_not_overlap_are_refused(tmp_path, setup):
+    hour = 3600 * SECOND
+    with pytest.raises(LogError, match="the streams do not overlap in time"):
+        read(tmp_path, setup, changed(lambda i, m: m._replace(stamp=m.stamp + hour, logged=m.stamp + hour), Wrench))
+
+
+def test_streams_of_different_clocks_give_way_to_the_recorders_times(tmp_path, setup):
+    log, repairs, _ = read(
+        tmp_path, setup, changed(lambda i, m: m._replace(stamp=m.stamp % SECOND + 1, logged=m.stamp), Wrench)
+    )
+    assert measured(log) == (N, N // 2)
+    assert "different clocks" in repairs[0]
+    assert "/wrench was recorded 1.7e+09 s after its stamps" in repairs[0]

@@ -1,0 +1,121 @@
+"""Recordings of ROS for the tests, written by the package rosbags, which shares no code with the readers."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+rosbags = pytest.importorskip("rosbags")
+
+from rosbags import rosbag1, rosbag2  # noqa: E402
+from rosbags.typesys import Stores, get_typestore  # noqa: E402
+
+FORMATS = {
+    "ros1": "log.bag",
+    "ros1 bz2": "log.bag",
+    "ros1 lz4": "log.bag",
+    "sqlite": "log/log.db3",
+    "sqlite zstd messages": "log/log.db3",
+    "sqlite zstd file": "log",
+    "mcap": "log/log.mcap",
+    "mcap zstd chunks": "log/log.mcap",
+    "folder": "log",
+}
+SECOND = 10**9
+START = 1_700_000_000 * SECOND + 123_456_789
+
+
+class Joints(NamedTuple):
+    """A sensor_msgs/JointState."""
+
+    stamp: int
+    names: tuple
+    position: tuple
+    velocity: tuple = ()
+    topic: str = "/joint_states"
+    logged: int | None = None
+    publisher: str = "arm"
+
+
+class Wrench(NamedTuple):
+    """A geometry_msgs/WrenchStamped."""
+
+    stamp: int
+    wrench: tuple
+    topic: str = "/wrench"
+    logged: int | None = None
+    frame: str = "ft_sensor"
+    publisher: str = "sensor"
+
+
+def arrays(samples=60, seed=0):
+    """A log of the arm base, elbow: joints at 50 Hz, a wrench at 100 Hz, ns."""
+    rng = np.random.default_rng(seed)
+    t = START + np.arange(samples) * SECOND // 100
+    return {
+        "t_joints": t[::2],
+        "q": rng.normal(size=(len(t[::2]), 2)),
+        "dq": rng.normal(size=(len(t[::2]), 2)),
+        "t_wrench": t,
+        "wrench": rng.normal(size=(samples, 6)),
+    }
+
+
+def messages(log=None, names=("base", "elbow")):
+    """The messages of ``arrays()``, in the order of their stamps."""
+    log = log or arrays()
+    joints = [
+        Joints(int(t), names, tuple(q), tuple(v)) for t, q, v in zip(log["t_joints"], log["q"], log["dq"], strict=True)
+    ]
+    wrenches = [Wrench(int(t), tuple(w)) for t, w in zip(log["t_wrench"], log["wrench"], strict=True)]
+    return sorted([*joints, *wrenches], key=lambda message: message.stamp)
+
+
+def write(folder: Path, kind: str, published) -> Path:
+    """Write messages in one of FORMATS; returns what to give to a reader."""
+    if kind.startswith("ros1"):
+        writer = rosbag1.Writer(folder / "log.bag")
+        if " " in kind:
+            writer.set_compression(rosbag1.Writer.CompressionFormat[kind.split()[1].upper()])
+        _write(writer, get_typestore(Stores.ROS1_NOETIC), "serialize_ros1", published)
+        return folder / FORMATS[kind]
+    plugin = rosbag2.StoragePlugin.MCAP if "mcap" in kind else rosbag2.StoragePlugin.SQLITE3
+    writer = rosbag2.Writer(folder / "log", version=9, storage_plugin=plugin)
+    if "zstd" in kind:
+        mode = {"messages": "MESSAGE", "file": "FILE", "chunks": "STORAGE"}[kind.split()[-1]]
+        writer.set_compression(rosbag2.CompressionMode[mode], rosbag2.CompressionFormat.ZSTD)
+    _write(writer, get_typestore(Stores.ROS2_JAZZY), "serialize_cdr", published)
+    return folder / FORMATS[kind]
+
+
+def _write(writer, store, serialize, published):
+    connections = {}
+    with writer:
+        for i, message in enumerate(published):
+            joints = isinstance(message, Joints)
+            kind = "sensor_msgs/msg/JointState" if joints else "geometry_msgs/msg/WrenchStamped"
+            key = (message.topic, message.publisher)
+            if key not in connections:
+                options = {"callerid": message.publisher} if serialize == "serialize_ros1" else {}
+                if serialize == "serialize_cdr" and any(topic == message.topic for topic, _ in connections):
+                    connections[key] = next(c for (topic, _), c in connections.items() if topic == message.topic)
+                else:
+                    connections[key] = writer.add_connection(message.topic, kind, typestore=store, **options)
+            logged = message.logged if message.logged is not None else message.stamp + 1000
+            writer.write(connections[key], logged, getattr(store, serialize)(_content(store, message, i), kind))
+
+
+def _content(store, message, i):
+    types = store.types
+    stamp = types["builtin_interfaces/msg/Time"](*divmod(message.stamp, SECOND))
+    header_type = types["std_msgs/msg/Header"]
+    ros1 = "seq" in header_type.__dataclass_fields__
+    frame = message.frame if isinstance(message, Wrench) else ""
+    header = header_type(*([i] if ros1 else []), stamp, frame)
+    if isinstance(message, Joints):
+        position, velocity = (np.array(numbers, float) for numbers in (message.position, message.velocity))
+        return types["sensor_msgs/msg/JointState"](header, list(message.names), position, velocity, np.zeros(0))
+    vector = types["geometry_msgs/msg/Vector3"]
+    force, torque = vector(*map(float, message.wrench[:3])), vector(*map(float, message.wrench[3:]))
+    return types["geometry_msgs/msg/WrenchStamped"](header, types["geometry_msgs/msg/Wrench"](force, torque))

@@ -1,0 +1,118 @@
+"""A setup that knows of an effect: filter, likelihood and smoother then include it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax import batch, pipeline, simulate, staged, trajectories
+from ftbias_jax.commands.demo import CENTER, EXCURSION, SETUP
+from ftbias_jax.effects.catalogue import CATALOGUE, typical_values
+from ftbias_jax.effects.types import Model
+from ftbias_jax.pipeline import Options
+from ftbias_jax.setup import parse_setup
+from ftbias_jax.types import Log
+
+SMOOTH = [name for name, effect in CATALOGUE.items() if effect.smooth]
+LENGTH, RATE = 4000, 200.0
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return parse_setup(SETUP | {"joints": SETUP["joints"] | {"process_noise_density": 10.0}}, "known.toml")
+
+
+@pytest.fixture(scope="module")
+def params(setup):
+    return pipeline.params_from_setup(setup)
+
+
+@pytest.fixture(scope="module")
+def record(params):
+    """(effects or None) -> the log of one motion with these effects; the noise is the same in all."""
+    t = jnp.arange(LENGTH) / RATE
+    trajectory = trajectories.excitation_sines(jax.random.key(1), t, jnp.array(CENTER), jnp.array(EXCURSION))
+    temperature = 25 + 4 * jnp.sin(t / 3)
+
+    def make(effects):
+        made = simulate.simulate(jax.random.key(2), params, trajectory, effects, temperature)
+        return Log(*(np.asarray(x) for x in (made.t, made.q, made.dq, made.wrench, made.temperature)))
+
+    return make
+
+
+def strong(name, params):
+    """Five times the typical departure, so that the filter that does not know it fails clearly."""
+    model = Model(params.arm, params.gravity, params.theta)
+    effect = CATALOGUE[name]
+    typical = typical_values(effect, model)
+    neutral = {
+        p.name: jnp.asarray(p.neutral(model) if callable(p.neutral) else p.neutral, float) for p in effect.parameters
+    }
+    return {name: {key: neutral[key] + 5 * (typical[key] - neutral[key]) for key in typical}}
+
+
+def innovation_rms(params, log):
+    """Root mean square of the second half's innovations, (6,) N, Nm."""
+    innovation = batch.filter_log(params, log).innovation
+    return np.sqrt(np.mean(innovation[len(innovation) // 2 :] ** 2, 0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SMOOTH)
+def test_a_known_smooth_effect_leaves_the_noise_floor(name, params, record):
+    effects = strong(name, params)
+    floor = innovation_rms(params, record(None))
+    log = record(effects)
+    unknown = innovation_rms(params, log) / floor
+    known = innovation_rms(params._replace(effects=effects), log) / floor
+    if name != "tool_inertia":  # slow motion hardly shows it
+        assert unknown.max() > 1.1
+    np.testing.assert_allclose(known, 1, atol=0.05)
+
+
+def test_a_known_warm_up_is_part_of_the_bias(params, record):
+    """The bias a filter reports is the whole of it, and the corrected wrench is the tool's."""
+    amplitude = np.array([4.0, -2, 1, 0.2, 0.1, -0.1])
+    effects = {"warmup": {"amplitude": jnp.array(amplitude), "tau": jnp.array(5.0)}}
+    plain = batch.filter_log(params, record(None))
+    warm = batch.filter_log(params._replace(effects=effects), record(effects))
+    settled = 1 - np.exp(-warm.t / 5.0)
+    np.testing.assert_allclose(warm.bias - plain.bias, settled[:, None] * amplitude, atol=1e-9)
+    np.testing.assert_allclose(warm.wrench_tool, plain.wrench_tool, atol=1e-9)
+    np.testing.assert_allclose(warm.wrench_unbiased, plain.wrench_unbiased, atol=1e-9)
+
+
+def test_no_effects_and_neutral_effects_are_the_same(params, record):
+    log = record(None)
+    neutral = {"gain": {"gain": jnp.ones(6)}, "time_delay": {"delay": jnp.array(0.0)}}
+    plain, with_neutral = batch.filter_log(params, log), batch.filter_log(params._replace(effects=neutral), log)
+    for name, value in plain._asdict().items():
+        np.testing.assert_allclose(getattr(with_neutral, name), value, rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+def test_a_saturated_sample_is_not_used(params, record):
+    log = record(None)
+    limits = np.array([1e3, 1e3, np.nanquantile(np.abs(log.wrench[:, 2]), 0.97), 1e3, 1e3, 1e3])
+    clipped = log._replace(wrench=np.clip(log.wrench, -limits, limits))
+    effects = {"saturation": {"limits": jnp.array(limits)}}
+    used = batch.without_useless(clipped, params._replace(effects=effects)).wrench
+    stuck = np.abs(log.wrench[:, 2]) >= limits[2]
+    assert np.isnan(used[stuck, 2]).all()
+    assert np.isfinite(used[~stuck]).all()
+
+
+def test_a_setup_carries_effects_into_the_parameters():
+    setup = parse_setup(SETUP | {"effects": {"gain": {"gain": 1.05}}}, "known.toml")
+    np.testing.assert_allclose(pipeline.params_from_setup(setup).effects["gain"]["gain"], np.full(6, 1.05))
+    assert pipeline.params_from_setup(parse_setup(SETUP, "plain.toml")).effects is None
+
+
+def test_single_steps_refuse_effects(params, record):
+    """An effect with a memory cannot be had from one sample."""
+    samples = pipeline.samples_from_log(record(None))
+    knowing = params._replace(effects={"gain": {"gain": jnp.ones(6)}})
+    first = jax.tree.map(lambda x: x[0], samples)
+    with pytest.raises(ValueError, match="whole logs"):
+        pipeline.step(knowing, pipeline.init(params, samples), first)
+    assert staged.applies(Options())
