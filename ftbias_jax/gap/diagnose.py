@@ -17,8 +17,9 @@ from ftbias_jax.gap.model import predict_many
 from ftbias_jax.gap.problem import Problem, make_problem
 from ftbias_jax.gap.samples_types import Finding
 from ftbias_jax.gap.search import Scored, search
+from ftbias_jax.gap.sentence import sentence_of
 from ftbias_jax.gap.types import Candidate, Diagnosis, Gap, Series
-from ftbias_jax.gap.values import parameters
+from ftbias_jax.gap.values import Parameters, parameters
 from ftbias_jax.screws import sensor_pose
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Log
@@ -61,7 +62,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
     where = locate(*_residual(problem, before), _motion(problem, setup), stages)
     return Diagnosis(
         verdict=verdict,
-        sentence=_sentence(verdict, gap, causes),
+        sentence=sentence_of(verdict, gap, causes),
         causes=causes,
         candidates=_ranking(problem, base, rounds, found),
         gap=gap,
@@ -143,7 +144,7 @@ def _twins(problem: Problem, scored: list[Scored]) -> tuple[str, ...]:
 
 
 def _candidate(
-    effect: str, values: dict, stderr: dict, held: HeldOut, shrink: float, twins: tuple[str, ...] = ()
+    effect: str, values: Parameters, stderr: Parameters, held: HeldOut, shrink: float, twins: tuple[str, ...] = ()
 ) -> Candidate:
     entry = CATALOGUE[effect]
     words = {twin.effect: twin.separate_by for twin in entry.twins}
@@ -166,7 +167,7 @@ def _of_finding(finding: Finding, duration: float) -> Candidate:
     gain = finding.nats / max(duration, 1e-9)
     nothing = np.zeros((0, 6))
     held = HeldOut(nothing, gain, np.sqrt(2 * max(finding.nats, 0)) / max(duration, 1e-9))
-    candidate = _candidate(finding.effect, dict(finding.parameters), dict(finding.stderr), held, 0.0)
+    candidate = _candidate(finding.effect, {**finding.parameters}, {**finding.stderr}, held, 0.0)
     return candidate._replace(explanation=f"{candidate.explanation}: {finding.sentence}")
 
 
@@ -184,19 +185,6 @@ def _ranking(
     return tuple(sorted(ranked, key=lambda candidate: -candidate.held_out_gain))
 
 
-def _sentence(verdict: str, gap: Gap, causes: tuple[Candidate, ...]) -> str:
-    size = float(np.sqrt(gap.before_sigmas**2 - 1))
-    left = float(np.sqrt(gap.after_sigmas**2 - 1))
-    named = " and ".join(" or ".join((cause.effect, *cause.indistinguishable_from)) for cause in causes)
-    if verdict == "none":
-        return "The log agrees with the setup: nothing beyond the stated model is needed."
-    if verdict == "unknown":
-        return f"There is a gap of {size:.2f} noise sigmas that no effect of the catalogue explains."
-    if verdict == "explained":
-        return f"{named} explains the gap: {size:.2f} noise sigmas before, {left:.2f} after."
-    return f"{named} explains {gap.shrink:.0%} of the gap; {left:.2f} of {size:.2f} noise sigmas remain unexplained."
-
-
 def _not_tested(problem: Problem, log: Log, without: Collection[str]) -> tuple[tuple[str, str], ...]:
     reasons = [(name, "left out on request") for name in without]
     reasons += [(name, "the setup has it already") for name in problem.known]
@@ -209,7 +197,7 @@ def _residual(problem: Problem, held: HeldOut) -> tuple[np.ndarray, np.ndarray, 
     """Innovations (B, 6) N, Nm, their noise (B, 6), and t (B,)."""
     used = problem.used
     noise = np.sqrt(np.asarray(problem.wrench.variance)[:used])
-    seen = problem.count[:used] > 0
+    seen = problem.samples[:used] > 0
     return np.where(seen, held.error * noise, np.nan), noise, np.asarray(problem.signals.t)[:used]
 
 

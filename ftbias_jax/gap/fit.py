@@ -64,7 +64,8 @@ def fit(
             z[list(h.free)] = h.start
     link = next((h.link for h in hypotheses if h.effect == "cable"), 0.0)
     free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
-    extra = np.concatenate([spread(h.shapes) for h in hypotheses if h.shapes] or [np.zeros((0, len(problem.count), 6))])
+    nothing = np.zeros((0, len(problem.samples), 6))
+    extra = np.concatenate([nothing, *(spread(h.shapes) for h in hypotheses if h.shapes)])
     current = _linearise(problem, hypotheses, z, link, free, extra)
     damping = 1e-3
     for _ in range(iterations if free else 0):
@@ -96,7 +97,7 @@ def _linearise(
     directions = np.zeros((wanted, len(z)))
     directions[np.arange(len(free)), list(free)] = 1
     room = next(size for size in EXTRAS if size >= len(extra))
-    padded = np.zeros((room, len(problem.count), 6))
+    padded = np.zeros((room, len(problem.samples), 6))
     padded[: len(extra)] = extra
     error, columns = model.linearise(
         problem.signals,

@@ -55,7 +55,7 @@ def hold_out(problem: Problem, fit: Fit, reference: np.ndarray) -> HeldOut:
 def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
     """(6,) mean squared innovation beyond its expectation, in units of one sample's noise variance."""
     used = problem.used
-    measured = problem.count[:used] > 0
+    measured = problem.samples[:used] > 0
     relative = np.asarray(problem.wrench.variance)[:used] / problem.noise_std**2
     beyond = np.where(measured, (error[:used] ** 2 - 1) * relative, 0)
     excess: np.ndarray = beyond.sum(0) / np.maximum(measured.sum(0), 1)
@@ -66,6 +66,6 @@ def excess_stderr(problem: Problem, error: np.ndarray) -> float:
     """Standard error of the mean excess over the channels, from blocks."""
     used, t = problem.used, np.asarray(problem.signals.t)[: problem.used]
     relative = np.asarray(problem.wrench.variance)[:used] / problem.noise_std**2
-    beyond = np.where(problem.count[:used] > 0, (error[:used] ** 2 - 1) * relative, 0).mean(1)
+    beyond = np.where(problem.samples[:used] > 0, (error[:used] ** 2 - 1) * relative, 0).mean(1)
     sums = np.bincount((t / BLOCK_SECONDS).astype(int), beyond)
     return float(np.sqrt(len(sums)) * sums.std() / used)

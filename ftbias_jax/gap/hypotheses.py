@@ -6,6 +6,7 @@ likelihood has several maxima in them; series that are linear in their coefficie
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -71,11 +72,12 @@ def grid_hypotheses(problem: Problem, span: np.ndarray) -> list[Hypothesis]:
     unit = {(b.effect, b.parameter): np.asarray(b.unit) for b in model.blocks(n)}
 
     def at(effect: str, *values: tuple[str, np.ndarray | float], link: float = 0.0) -> Hypothesis:
-        free, start = [], []
+        free: list[int] = []
+        start: list[float] = []
         for parameter, value in values:
             s = places[effect, parameter]
             free += range(s.start, s.stop)
-            start += list(np.broadcast_to(np.asarray(value) / unit[effect, parameter], s.stop - s.start))
+            start += np.broadcast_to(np.asarray(value) / unit[effect, parameter], s.stop - s.start).tolist()
         return Hypothesis(effect, tuple(free), tuple(float(x) for x in start), link)
 
     found = [at("time_delay", ("delay", delay)) for delay in DELAYS]
@@ -89,7 +91,7 @@ def grid_hypotheses(problem: Problem, span: np.ndarray) -> list[Hypothesis]:
     return found + _cables(problem, at)
 
 
-def _cables(problem: Problem, at) -> list[Hypothesis]:  # type: ignore[no-untyped-def]
+def _cables(problem: Problem, at: Callable[..., Hypothesis]) -> list[Hypothesis]:
     """A cable from random places within reach, fixed to the world or to one of two links of the forearm."""
     arm = problem.signals.model.arm
     reach = float(np.linalg.norm(np.asarray(arm.zero_position)))

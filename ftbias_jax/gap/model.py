@@ -22,6 +22,9 @@ from ftbias_jax.types import Array
 SHORTEST_LAG = 1e-4
 """s; a low-pass with this time constant does nothing."""
 
+SHORTEST_PERIOD = 1e-3
+"""s; a tool that rings so fast is rigid, and unlike at infinite frequency derivatives are finite."""
+
 
 class Block(NamedTuple):
     """Coordinates of one effect within the whole vector; 0 is neutral and 1 a typical departure."""
@@ -102,7 +105,7 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
         "low_pass": {"cutoff": 1 / (2 * jnp.pi * lag)},
         "hysteresis": {"width": jnp.maximum(move("hysteresis", "width"), 0)},
         "tool_flexibility": {
-            "frequency": jnp.where(period > 1e-3, 1 / jnp.maximum(period, 1e-3), jnp.inf),
+            "frequency": 1 / jnp.maximum(period, SHORTEST_PERIOD),
             "damping_ratio": 0.05 * jnp.exp(jnp.clip(move("tool_flexibility", "log_damping")[0], -4, 2.5)),
         },
         "cable": neutral["cable"]

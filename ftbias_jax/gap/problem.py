@@ -32,8 +32,8 @@ class Problem(NamedTuple):
     """Motion at the bins, and what the setup says about robot and tool."""
     wrench: WrenchProblem
     """The bias filter on the bins: mean readings (B, 6), NaN = none, and their noise variance."""
-    count: np.ndarray
-    """(B, 6) samples in each bin."""
+    samples: np.ndarray
+    """(B, 6) how many in each bin."""
     used: int
     """Bins before the padding."""
     duration: float
@@ -107,9 +107,9 @@ def _bin(
     stamps = pad(mean(t)[0])
     temperature = pad(mean(fill_temperature(log.t, log.temperature)[rows])[0])
     q, dq, ddq = np.moveaxis(pad(joints), 2, 0)
-    signals = Signals(
-        *(jnp.asarray(x) for x in (stamps, q, dq, ddq, temperature)), Model(params.arm, params.gravity, params.theta)
-    )
+    stated = Model(params.arm, params.gravity, params.theta)
+    place = jnp.asarray
+    signals = Signals(place(stamps), place(q), place(dq), place(ddq), place(temperature), stated)
     # The smoothed joints' error hangs together over longer than a bin, so averaging does not reduce it.
     variance = np.where(count > 0, noise_std**2 / np.maximum(count, 1) + spread, 1.0)
     bins = WrenchProblem(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ import numpy as np
 
 from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap import model
+from ftbias_jax.gap.contacts import contacts
 from ftbias_jax.gap.fit import BLOCK_SECONDS, Fit, added_gain, block_scores, fit
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
@@ -51,7 +52,7 @@ def excess_variance(problem: Problem, current: Fit) -> tuple[float, float]:
 def _excess(problem: Problem, error: np.ndarray) -> np.ndarray:
     """(B, 6): squared innovation minus its expectation, in units of one sample's noise variance."""
     used = problem.used
-    measured = problem.count[:used] > 0
+    measured = problem.samples[:used] > 0
     relative = np.asarray(problem.wrench.variance)[:used] / problem.noise_std**2
     return np.where(measured, (error[:used] ** 2 - 1) * relative, 0)
 
@@ -117,7 +118,7 @@ def candidates(problem: Problem, accepted: Fit, without: Collection[str] = ()) -
 def _preliminary(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[tuple[float, Hypothesis]]:
     """Penalised gains of all hypotheses to first order, or at their starting points."""
     found = _smooth(problem, accepted, taken)
-    found += [pair for make in (_grid, _slow, _jump, _contacts) for pair in make(problem, accepted, taken)]
+    found += [pair for make in (_grid, _slow, _jump, contacts) for pair in make(problem, accepted, taken)]
     return [(gain - NATS_PER_DEGREE * (len(h.free) + 6 * len(h.shapes)), h) for gain, h in found]
 
 
@@ -127,7 +128,7 @@ def _smooth(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[tup
     places = sorted({i for h in wanted for i in h.free} | set(model.coordinates(n, "crosstalk").tolist()))
     directions = np.zeros((96, model.size(n)))
     directions[np.arange(len(places)), places] = 1
-    nothing = jnp.zeros((0, len(problem.count), 6))
+    nothing = jnp.zeros((0, len(problem.samples), 6))
     at, link = jnp.asarray(accepted.z), jnp.asarray(accepted.link)
     _, columns = model.linearise(
         problem.signals, problem.wrench, problem.known, at, link, jnp.asarray(directions), nothing
@@ -220,55 +221,3 @@ def _jump(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[tuple
     fine = best[1].detail[0] + np.linspace(-hyp.JUMP_STEP, hyp.JUMP_STEP, 51)
     gain, h = max(_by_channel(problem, accepted, hyp.jumps(t, fine)), key=lambda pair: pair[0])
     return [(gain, h)]
-
-
-def _contacts(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[tuple[float, Hypothesis]]:
-    """Matched filter for pulses, event by event."""
-    if "contact" in taken:
-        return []
-    t = np.asarray(problem.signals.t)
-    windows = [
-        (start, start + length)
-        for length in hyp.PULSES
-        for start in np.arange(0.3, problem.duration - length, max(length / 2, problem.duration / 400))
-    ]
-    pulses = [Hypothesis("contact", shapes=(hyp.pulse(t, *window),), detail=window, local=True) for window in windows]
-    whites = []
-    for part in range(0, len(pulses), 64):
-        series = np.stack([h.shapes[0] for h in pulses[part : part + 64]])
-        series = np.concatenate([series, np.zeros((64 - len(series), len(t)))])
-        columns = jnp.asarray(np.repeat(series[:, :, None], 6, 2))
-        whites.append(np.asarray(model.whiten_many(problem.wrench, columns), np.float32)[: len(pulses) - part])
-    white = np.concatenate(whites)
-    power = np.maximum((white**2).sum(1), 1e-6)
-    error, events = accepted.error.astype(np.float32).copy(), []
-    for _ in range(hyp.MOST_EVENTS):
-        along = np.einsum("pbc,bc->pc", white, error)
-        gains = (along**2 / power / 2).sum(1)
-        best = int(gains.argmax())
-        if gains[best] < 60:
-            break
-        error = error - (along[best] / power[best]) * white[best]
-        events.append(windows[best])
-    merged = _merge(events)
-    if not merged or sum(end - start for start, end in merged) > 0.35 * problem.duration:
-        return []
-    h = hyp.contact(t, merged)
-    columns = np.asarray(model.whiten_many(problem.wrench, jnp.asarray(hyp.spread(h.shapes))))
-    return [(added_gain(accepted, columns), h)]
-
-
-def _merge(events: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Overlapping events as one, a little longer than the pulses that found them."""
-    merged: list[tuple[float, float]] = []
-    for start, end in sorted(events):
-        margin = 0.25 * (end - start)
-        start, end = start - margin, end + margin
-        if merged and start < merged[-1][1]:
-            merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
-        else:
-            merged.append((start, end))
-    return merged
-
-
-Progress = Callable[[str], None]

@@ -1,0 +1,88 @@
+"""The whole diagnosis on simulated logs: the cause by name, nothing where nothing is, and honesty without the cause."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax import pipeline, simulate, trajectories
+from ftbias_jax.commands.demo import CENTER, EXCURSION, SETUP
+from ftbias_jax.gap.contacts import merge
+from ftbias_jax.gap.diagnose import diagnose
+from ftbias_jax.gap.hypotheses import contact, spread
+from ftbias_jax.gap.model import blocks, coordinates, size
+from ftbias_jax.setup import parse_setup
+from ftbias_jax.types import Log
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return parse_setup(SETUP, "believed.toml")
+
+
+@pytest.fixture(scope="module")
+def record(setup):
+    """(effects or None) -> a log of 20 s."""
+    params = pipeline.params_from_setup(setup)
+    t = jnp.arange(4000) / 200.0
+    trajectory = trajectories.excitation_sines(jax.random.key(3), t, jnp.array(CENTER), jnp.array(EXCURSION))
+
+    def make(effects):
+        made = simulate.simulate(jax.random.key(4), params, trajectory, effects)
+        return Log(*(np.asarray(x) for x in (made.t, made.q, made.dq, made.wrench)), np.full(len(t), np.nan))
+
+    return make
+
+
+@pytest.mark.slow
+def test_a_log_of_the_model_has_no_cause(setup, record):
+    diagnosis = diagnose(setup, [record(None)], ["plain"])
+    assert diagnosis.verdict == "none"
+    assert diagnosis.causes == ()
+    assert diagnosis.gap.before_sigmas < 1.01
+
+
+@pytest.mark.slow
+def test_a_wrong_mass_is_named_measured_and_removed(setup, record):
+    diagnosis = diagnose(setup, [record({"tool_mass": {"mass": jnp.array(0.96)}})], ["heavy"])
+    assert diagnosis.verdict == "explained"
+    (cause,) = diagnosis.causes
+    assert cause.effect == "tool_mass"
+    assert set(cause.indistinguishable_from) <= {"gain"}
+    assert abs(cause.parameters["mass"] - 0.96) < 3 * cause.stderr["mass"]
+    assert cause.held_out_gain > 5 * cause.held_out_gain_stderr > 0
+    assert diagnosis.gap.shrink > 0.95
+    assert diagnosis.candidates[0].effect in ("tool_mass", "gain")
+
+
+@pytest.mark.slow
+def test_without_its_name_in_the_catalogue_the_gap_is_not_explained_away(setup, record):
+    log = record({"tool_mass": {"mass": jnp.array(0.96)}})
+    withheld = ("tool_mass", "gain", "crosstalk")
+    diagnosis = diagnose(setup, [log], ["heavy"], without=withheld)
+    assert diagnosis.verdict in ("unknown", "partly_explained")
+    assert not {cause.effect for cause in diagnosis.causes} & set(withheld)
+    assert {name for name, _ in diagnosis.not_tested} >= set(withheld)
+
+
+def test_coordinates_are_a_partition():
+    """Every coordinate belongs to exactly one effect."""
+    effects = {block.effect for block in blocks(7)}
+    places = np.concatenate([coordinates(7, effect) for effect in effects])
+    np.testing.assert_array_equal(np.sort(places), np.arange(size(7)))
+
+
+def test_overlapping_events_are_one():
+    assert merge([(5.0, 6.0), (1.0, 1.4), (5.5, 6.5)]) == [(0.9, 1.5), (4.75, 6.75)]
+    assert merge([]) == []
+
+
+def test_a_contact_of_any_shape_ends():
+    """Its series vanish outside the events, and every channel has its own."""
+    t = np.arange(0, 10, 0.01)
+    shapes = contact(t, [(2.0, 3.0), (6.0, 6.5)]).shapes
+    inside = ((t >= 2) & (t < 3)) | ((t >= 6) & (t < 6.5))
+    assert all((shape[~inside] == 0).all() and shape.max() > 0.9 for shape in shapes)
+    columns = spread(shapes)
+    assert columns.shape == (6 * len(shapes), len(t), 6)
+    np.testing.assert_array_equal(columns[7], shapes[1][:, None] * np.eye(6)[1])
