@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from typing import cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -167,7 +168,9 @@ def _of_finding(finding: Finding, duration: float) -> Candidate:
     gain = finding.nats / max(duration, 1e-9)
     nothing = np.zeros((0, 6))
     held = HeldOut(nothing, gain, np.sqrt(2 * max(finding.nats, 0)) / max(duration, 1e-9))
-    candidate = _candidate(finding.effect, {**finding.parameters}, {**finding.stderr}, held, 0.0)
+    candidate = _candidate(
+        finding.effect, cast(Parameters, finding.parameters), cast(Parameters, finding.stderr), held, 0.0
+    )
     return candidate._replace(explanation=f"{candidate.explanation}: {finding.sentence}")
 
 
