@@ -5,7 +5,6 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from ftbias_jax import pipeline, staged
 from ftbias_jax.pipeline import Options
@@ -52,9 +51,9 @@ def assert_all_close(got, expected, rtol):
         np.testing.assert_allclose(other, one, rtol=rtol, atol=atol, err_msg=jax.tree_util.keystr(path))
 
 
-@pytest.mark.parametrize("options", [Options("acceleration", "none"), Options("integrated_acceleration", "diagonal")])
-def test_staged_run_equals_pipeline_run(params, samples, options):
-    expected, got = (run(params, samples, options) for run in (whole_run, staged_run))
+def test_staged_run_equals_pipeline_run(params, samples):
+    """With other options than the default, which comes below."""
+    expected, got = (run(params, samples, Options("acceleration", "none")) for run in (whole_run, staged_run))
     assert_all_close(got, expected, 1e-9)
 
 

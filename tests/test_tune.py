@@ -61,7 +61,6 @@ def logs_of(truth, seeds, count):
 
 def as_one_robot(truth, logs):
     """Joints are independent, so those of many logs are tuned as the joints of one robot."""
-    dt, q, dq, wrench = zip(*(log[:4] for log in logs), strict=True)
     many = {name: jnp.tile(getattr(truth.joint, name), len(logs)) for name in tune.JOINT_NAMES}
     q, dq = (np.concatenate([getattr(log, name) for log in logs], 1) for name in ("q", "dq"))
     log = Sample(logs[0].dt, q, dq, logs[0].wrench)
