@@ -18,6 +18,7 @@ from ftbias_jax.types import Array, Sample
 # The tests run in float64 and forbid silent broadcasting; the package itself touches no flag (test_layers.py).
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_enable_compilation_cache", False)  # commands switch on the user's cache; tests leave it alone
 
 hypothesis.settings.register_profile("repeatable", deadline=None, max_examples=25, derandomize=True)
 hypothesis.settings.load_profile("repeatable")

@@ -43,7 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     import jax
 
-    jax.config.update("jax_enable_x64", True)  # the command line computes in double precision
+    from ftbias_jax.compilation import prepare_jax
+
+    prepare_jax()
     import jax.numpy as jnp
 
     from ftbias_jax import batch, plot, results, simulate

@@ -29,9 +29,9 @@ def run(arguments: argparse.Namespace) -> int:
     setup = load_setup(arguments.setup)
     log, repairs = read_log_with_repairs(arguments.log, setup, salvage=arguments.salvage)
 
-    import jax
+    from ftbias_jax.compilation import prepare_jax
 
-    jax.config.update("jax_enable_x64", True)  # the command line computes in double precision
+    prepare_jax()
     from ftbias_jax import batch, consistency, plot
     from ftbias_jax.pipeline import Options, samples_from_log
     from ftbias_jax.progress import Progress

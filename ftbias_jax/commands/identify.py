@@ -25,9 +25,9 @@ def run(arguments: argparse.Namespace) -> int:
     setup = load_setup(arguments.setup)
     log = read_log(arguments.log, setup)
 
-    import jax
+    from ftbias_jax.compilation import prepare_jax
 
-    jax.config.update("jax_enable_x64", True)  # the command line computes in double precision
+    prepare_jax()
     from ftbias_jax import batch
     from ftbias_jax.identify import NAMES, UNITS, identify
     from ftbias_jax.pipeline import Options, samples_from_log

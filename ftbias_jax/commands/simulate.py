@@ -39,7 +39,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     import jax
 
-    jax.config.update("jax_enable_x64", True)  # the command line computes in double precision
+    from ftbias_jax.compilation import prepare_jax
+
+    prepare_jax()
     from ftbias_jax import results
     from ftbias_jax.effects.types import Model
     from ftbias_jax.pipeline import params_from_setup

@@ -31,7 +31,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     import jax
 
-    jax.config.update("jax_enable_x64", True)  # the command line computes in double precision
+    from ftbias_jax.compilation import prepare_jax
+
+    prepare_jax()
     from ftbias_jax import batch, tune
     from ftbias_jax.likelihood import log_likelihood
     from ftbias_jax.pipeline import Options, samples_from_log
