@@ -25,7 +25,7 @@ CHUNK = 1 << 14
 LAG_GUARD = 8.0
 """The joints' process noise is taken this much above the likeliest. The likelihood trades noise of the acceleration
 against its lag at par, but the bias filter averages noise out and keeps the lag, which moves with the motion. On
-simulated logs 4 to 16 gave the smallest bias errors and error bars that hold (experiments/joint_noise)."""
+simulated logs the bias errors are smallest and the error bars hold around 8 (experiments/joint_noise)."""
 
 
 class Filtered(NamedTuple):

@@ -1,8 +1,9 @@
 from pathlib import Path
+from types import SimpleNamespace
 
-import jax
 import pytest
 
+from ftbias_jax import compilation
 from ftbias_jax.compilation import cache_folder, prepare_jax
 
 CACHE = "jax_compilation_cache_dir"
@@ -12,7 +13,9 @@ CACHE = "jax_compilation_cache_dir"
 def updates(monkeypatch):
     """The settings that would be made; the process keeps its own."""
     made = {}
-    monkeypatch.setattr(jax.config, "update", lambda name, value: made.update({name: value}))
+    # A command that ran in this process before may have chosen a cache already.
+    config = SimpleNamespace(update=lambda name, value: made.update({name: value}), jax_compilation_cache_dir=None)
+    monkeypatch.setattr(compilation, "jax", SimpleNamespace(config=config))
     return made
 
 

@@ -25,6 +25,8 @@ AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 def run(arguments: argparse.Namespace) -> int:
     """Filter the log; returns 3 if samples were lost or an axis of the wrench was never measured, else 0."""
     writer(arguments.output)
+    if Path(arguments.output).resolve() in (Path(arguments.log).resolve(), Path(arguments.setup).resolve()):
+        raise UsageError(f"{arguments.output!r} is an input", field="--output", remedy="give the result its own name")
     check_folders(arguments.output, arguments.plot)
     setup = load_setup(arguments.setup)
     log, repairs = read_log_with_repairs(arguments.log, setup, salvage=arguments.salvage)
