@@ -99,7 +99,7 @@ def _linearise(
     room = next(size for size in EXTRAS if size >= len(extra))
     padded = np.zeros((room, len(problem.samples), 6))
     padded[: len(extra)] = extra
-    error, columns = model.linearise(
+    error, columns, valid = model.linearise(
         problem.signals,
         problem.wrench,
         problem.known,
@@ -113,7 +113,8 @@ def _linearise(
     coefficients = _solve(linear.reshape(len(linear), error.size), error.ravel())
     error = error + np.tensordot(coefficients, linear, 1)
     columns = np.concatenate([moving, linear])
-    return Fit(hypotheses, z, link, coefficients, error, columns, free, -float((error**2).sum()) / 2)
+    log_likelihood = -float((error**2).sum()) / 2 if valid else -np.inf
+    return Fit(hypotheses, z, link, coefficients, error, columns, free, log_likelihood)
 
 
 def _solve(columns: np.ndarray, error: np.ndarray) -> np.ndarray:

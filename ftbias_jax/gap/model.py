@@ -128,7 +128,7 @@ def predict(signals: Signals, z: Array, link: Array, known: Values) -> Array:
 @jax.jit
 def linearise(
     signals: Signals, problem: WrenchProblem, known: Values, z: Array, link: Array, directions: Array, extra: Array
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     """Whitened error of the model and its derivatives.
 
     Args:
@@ -137,12 +137,14 @@ def linearise(
         extra: (E, B, 6) N, Nm, further changes of the reading, linear in coefficients of their own.
 
     Returns:
-        error (B, 6) of prediction - reading and columns (M + E, B, 6), innovations in standard deviations.
+        error (B, 6) of prediction - reading and columns (M + E, B, 6), innovations in standard deviations; and whether
+        the prediction is a number everywhere, for one that is not would count as missing and look perfect.
     """
-    error = predict(signals, z, link, known) - problem.wrench
+    reading = predict(signals, z, link, known)
+    error = reading - problem.wrench
     columns = jax.vmap(lambda d: jax.jvp(lambda z: predict(signals, z, link, known), (z,), (d,))[1])(directions)
     white = whiten(problem, jnp.concatenate([error[None], columns, extra]))
-    return white[0], white[1:]
+    return white[0], white[1:], jnp.isfinite(reading).all()
 
 
 @jax.jit

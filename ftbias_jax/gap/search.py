@@ -130,7 +130,7 @@ def _smooth(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[tup
     directions[np.arange(len(places)), places] = 1
     nothing = jnp.zeros((0, len(problem.samples), 6))
     at, link = jnp.asarray(accepted.z), jnp.asarray(accepted.link)
-    _, columns = model.linearise(
+    _, columns, _ = model.linearise(
         problem.signals, problem.wrench, problem.known, at, link, jnp.asarray(directions), nothing
     )
     column = dict(zip(places, np.asarray(columns), strict=False))

@@ -9,8 +9,10 @@ from ftbias_jax import pipeline, simulate, trajectories
 from ftbias_jax.commands.demo import CENTER, EXCURSION, SETUP
 from ftbias_jax.gap.contacts import merge
 from ftbias_jax.gap.diagnose import diagnose
-from ftbias_jax.gap.hypotheses import contact, spread
+from ftbias_jax.gap.fit import fit
+from ftbias_jax.gap.hypotheses import Hypothesis, contact, spread
 from ftbias_jax.gap.model import blocks, coordinates, size
+from ftbias_jax.gap.problem import make_problem
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.types import Log
 
@@ -86,3 +88,13 @@ def test_a_contact_of_any_shape_ends():
     columns = spread(shapes)
     assert columns.shape == (6 * len(shapes), len(t), 6)
     np.testing.assert_array_equal(columns[7], shapes[1][:, None] * np.eye(6)[1])
+
+
+@pytest.mark.slow
+def test_a_prediction_that_is_no_number_is_not_a_perfect_one(setup, record):
+    """NaN counts as missing in a filter; in a fit it must count as impossible."""
+    problem, _ = make_problem(setup, record(None))
+    place = coordinates(7, "tool_mass")[0]
+    broken = Hypothesis("tool_mass", (int(place),), (float("nan"),))
+    assert fit(problem, (broken,), iterations=0).log_likelihood == -np.inf
+    assert np.isfinite(fit(problem, ()).log_likelihood)
