@@ -19,7 +19,9 @@ LENGTH, RATE = 4000, 200.0
 
 @pytest.fixture(scope="module")
 def setup():
-    return parse_setup(SETUP | {"joints": SETUP["joints"] | {"process_noise_density": 10.0}}, "known.toml")
+    """Encoders so good that what is left is the sensor's noise, whatever the effect does to the joints' share."""
+    joints = {"position_noise_std": 1e-6, "velocity_noise_std": 1e-5, "process_noise_density": 0.3}
+    return parse_setup(SETUP | {"joints": joints}, "known.toml")
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +64,7 @@ def innovation_rms(params, log):
 @pytest.mark.parametrize("name", SMOOTH)
 def test_a_known_smooth_effect_leaves_the_noise_floor(name, params, record):
     effects = strong(name, params)
-    floor = innovation_rms(params, record(None))
+    floor = innovation_rms(params, record(None))  # of the same noise
     log = record(effects)
     unknown = innovation_rms(params, log) / floor
     known = innovation_rms(params._replace(effects=effects), log) / floor

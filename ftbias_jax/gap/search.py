@@ -174,7 +174,7 @@ def _grid(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[tuple
         predicted = model.predict_many(
             signals, problem.known, jnp.asarray(rows), jnp.asarray(np.resize(link[part : part + 16], 16))
         )
-        changes.append(np.asarray(model.whiten_many(problem.wrench, predicted - now)))
+        changes.append(np.asarray(model.whiten_many(problem.wrench, predicted - now[None])))
     found = []
     for h, change in zip(wanted, np.concatenate(changes), strict=False):
         if h.effect == "cable":
