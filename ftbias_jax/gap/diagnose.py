@@ -230,7 +230,7 @@ def _series(problem: Problem, setup: Setup, base: Fit, accepted: Fit, before: He
     ]
     change = readings[1] - readings[0]
     scaled = change / problem.noise_std
-    channel = int((scaled**2).mean(0).argmax())
+    channel = int(scaled.var(0).argmax())  # a constant change is no regressor
     block = np.unique((t / SERIES_SECONDS).astype(int), return_inverse=True)[1]
     count = np.bincount(block)
 
