@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import cast
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -69,7 +70,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
         gap=gap,
         where=where,
         not_tested=_not_tested(problem, logs[0], without),
-        series=(_series(problem, setup, base, accepted, before, after),),
+        series=(_series(problem, base, accepted, before, after),),
         logs=tuple(names),
     )
 
@@ -207,8 +208,8 @@ def _residual(problem: Problem, held: HeldOut) -> tuple[np.ndarray, np.ndarray, 
 def _motion(problem: Problem, setup: Setup) -> Motion:
     signals, used = problem.signals, problem.used
     gravity = np.asarray(signals.model.gravity) / np.linalg.norm(setup.robot.gravity)
-    down = np.stack([np.asarray(sensor_pose(signals.model.arm, q)[0]).T @ gravity for q in signals.q[:used:20]])
-    down = np.repeat(down, 20, 0)[:used]
+    R_base_sensor = jax.vmap(lambda q: sensor_pose(signals.model.arm, q)[0])(signals.q[:used:20])
+    down = np.repeat(gravity @ np.asarray(R_base_sensor), 20, 0)[:used]
     load = np.linalg.norm(np.nan_to_num(np.asarray(problem.wrench.wrench)[:used, :3]), axis=1)
     temperature = np.asarray(signals.temperature)[:used]
     return Motion(
@@ -220,7 +221,7 @@ def _motion(problem: Problem, setup: Setup) -> Motion:
     )
 
 
-def _series(problem: Problem, setup: Setup, base: Fit, accepted: Fit, before: HeldOut, after: HeldOut) -> Series:
+def _series(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: HeldOut) -> Series:
     """Coarse means of the innovations, and what the causes change in the reading."""
     first, noise, t = _residual(problem, before)
     last, _, _ = _residual(problem, after)

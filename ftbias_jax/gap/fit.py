@@ -10,6 +10,7 @@ import numpy as np
 from ftbias_jax.gap import model
 from ftbias_jax.gap.hypotheses import Hypothesis, spread
 from ftbias_jax.gap.problem import Problem
+from ftbias_jax.regression import widened_inverse
 
 DIRECTIONS = (4, 8, 16, 32, 96)
 EXTRAS = (0, 8, 32, 96, 256)
@@ -167,11 +168,4 @@ def covariance(problem: Problem, fit: Fit) -> np.ndarray:
     normal = flat @ flat.T
     normal += 1e-9 * np.eye(len(normal)) * max(np.trace(normal) / max(len(normal), 1), 1e-12)
     normal[np.arange(len(fit.free)), np.arange(len(fit.free))] += PRIOR_STD**-2
-    inverse = np.linalg.inv(normal)
-    block = (np.asarray(problem.signals.t) / BLOCK_SECONDS).astype(int)
-    scores = np.einsum("kbc,bc->bk", fit.columns, fit.error)
-    sums = np.stack([np.bincount(block, score) for score in scores.T], -1)
-    sandwich = inverse @ (sums.T @ sums) @ inverse
-    widen = np.sqrt(np.maximum(1, np.diag(sandwich) / np.diag(inverse)))
-    widened: np.ndarray = inverse * widen[:, None] * widen
-    return widened
+    return widened_inverse(fit.columns, fit.error, np.asarray(problem.signals.t) / BLOCK_SECONDS, normal)

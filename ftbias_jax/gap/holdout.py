@@ -52,20 +52,26 @@ def hold_out(problem: Problem, fit: Fit, reference: np.ndarray) -> HeldOut:
     return HeldOut(error, float(gains.sum() / duration), float(np.sqrt(len(gains)) * gains.std() / duration))
 
 
-def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """(6,) mean squared innovation beyond its expectation, in units of one sample's noise variance."""
+def excess(problem: Problem, error: np.ndarray) -> np.ndarray:
+    """(B, 6) squared innovation beyond its expectation, in units of one sample's noise variance; 0 if not measured.
+
+    Args:
+        problem: of the log. error: innovations in standard deviations, of the used bins or of all.
+    """
     used = problem.used
-    measured = problem.samples[:used] > 0
     relative = np.asarray(problem.wrench.variance)[:used] / problem.noise_std**2
-    beyond = np.where(measured, (error[:used] ** 2 - 1) * relative, 0)
-    excess: np.ndarray = beyond.sum(0) / np.maximum(measured.sum(0), 1)
-    return excess
+    return np.where(problem.samples[:used] > 0, (error[:used] ** 2 - 1) * relative, 0)
+
+
+def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
+    """(6,) mean of the excess over the measured bins."""
+    measured = (problem.samples[: problem.used] > 0).sum(0)
+    mean: np.ndarray = excess(problem, error).sum(0) / np.maximum(measured, 1)
+    return mean
 
 
 def excess_stderr(problem: Problem, error: np.ndarray) -> float:
     """Standard error of the mean excess over the channels, from blocks."""
-    used, t = problem.used, np.asarray(problem.signals.t)[: problem.used]
-    relative = np.asarray(problem.wrench.variance)[:used] / problem.noise_std**2
-    beyond = np.where(problem.samples[:used] > 0, (error[:used] ** 2 - 1) * relative, 0).mean(1)
-    sums = np.bincount((t / BLOCK_SECONDS).astype(int), beyond)
-    return float(np.sqrt(len(sums)) * sums.std() / used)
+    block = (np.asarray(problem.signals.t)[: problem.used] / BLOCK_SECONDS).astype(int)
+    sums = np.bincount(block, excess(problem, error).mean(1))
+    return float(np.sqrt(len(sums)) * sums.std() / problem.used)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.gap import model
@@ -149,8 +148,3 @@ def spread(shapes: tuple[np.ndarray, ...]) -> np.ndarray:
         return np.zeros((0, 0, 0))
     eye = np.eye(6)
     return np.concatenate([shape[None, :, None] * eye[:, None, :] for shape in shapes])
-
-
-def as_device(x: np.ndarray) -> jnp.ndarray:
-    """A float64 array of JAX."""
-    return jnp.asarray(x)

@@ -11,7 +11,8 @@ import numpy as np
 from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap import model
 from ftbias_jax.gap.contacts import contacts
-from ftbias_jax.gap.fit import BLOCK_SECONDS, Fit, added_gain, block_scores, fit
+from ftbias_jax.gap.fit import Fit, added_gain, block_scores, fit
+from ftbias_jax.gap.holdout import excess
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -41,22 +42,6 @@ class Scored(NamedTuple):
         return self.fit.hypotheses[-1]
 
 
-def excess_variance(problem: Problem, current: Fit) -> tuple[float, float]:
-    """Mean square of the innovations beyond their noise, in units of one sample's noise variance, and its error."""
-    scaled = _excess(problem, current.error)
-    block = (np.asarray(problem.signals.t)[: problem.used] / BLOCK_SECONDS).astype(int)
-    sums = np.bincount(block, scaled.mean(1))
-    return float(scaled.mean()), float(np.sqrt(len(sums)) * sums.std() / len(scaled))
-
-
-def _excess(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """(B, 6): squared innovation minus its expectation, in units of one sample's noise variance."""
-    used = problem.used
-    measured = problem.samples[:used] > 0
-    relative = np.asarray(problem.wrench.variance)[:used] / problem.noise_std**2
-    return np.where(measured, (error[:used] ** 2 - 1) * relative, 0)
-
-
 def search(problem: Problem, start: Fit, without: Collection[str] = ()) -> tuple[Fit, list[list[Scored]]]:
     """Add the best effect while it explains enough.
 
@@ -67,7 +52,7 @@ def search(problem: Problem, start: Fit, without: Collection[str] = ()) -> tuple
         the fit of all accepted effects, and for every round all candidates, best first.
     """
     accepted, rounds = start, []
-    first_excess = excess_variance(problem, start)[0]
+    first_excess = float(excess(problem, start.error).mean())
     for _ in range(MOST_CAUSES):
         scored = candidates(problem, accepted, without)
         rounds.append(scored)
@@ -78,9 +63,7 @@ def search(problem: Problem, start: Fit, without: Collection[str] = ()) -> tuple
 
 
 def _earned(problem: Problem, accepted: Fit, best: Scored, first_excess: float) -> bool:
-    before, _ = excess_variance(problem, accepted)
-    after, _ = excess_variance(problem, best.fit)
-    removed = before - after
+    removed = float(excess(problem, accepted.error).mean() - excess(problem, best.fit.error).mean())
     needed = max(LEAST_SIGMAS**2, 0.02 * first_excess if accepted.hypotheses else 0.0)
     steady = (
         _z_of_gain(problem, best.fit, accepted) > 2 or best.hypothesis.local or best.hypothesis.effect == "bias_jump"
