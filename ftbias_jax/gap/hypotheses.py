@@ -48,8 +48,8 @@ class Hypothesis(NamedTuple):
     shapes: tuple[np.ndarray, ...] = ()
     """(U,) series, each with a coefficient for every channel: changes of the reading."""
     detail: tuple[float, ...] = ()
-    """What the series stand for: the joint; a time constant, or the time of a jump, and the log, -1 = all; for a contact
-    (log, start, end) of every event."""
+    """What the series stand for: the joint; a time constant, or the time of a jump, and the log, -1 = all; (log, start,
+    end) of every contact."""
     local: bool = False
     """Whether it acts for a short time only."""
 
