@@ -5,8 +5,6 @@ Motion and model -> transforms -> wrench of the tool -> readings -> bias and noi
 
 from __future__ import annotations
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +12,7 @@ import numpy as np
 from ftbias_jax.effects.catalogue import CATALOGUE, Catalogue, complete
 from ftbias_jax.effects.types import Model, Record, Signals, Values
 from ftbias_jax.types import Array
-from ftbias_jax.wrench import tool_wrench
+from ftbias_jax.wrench_batch import Body, wrenches
 
 
 def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Array:
@@ -29,7 +27,7 @@ def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) 
         (T, 6) N, Nm, sensor frame, wrench on the tool; biases of effects are subtracted, as the report's are.
     """
     signals = transform(signals, values, catalogue)
-    wrench = jax.vmap(partial(tool_wrench, *signals.model))(signals.q, signals.dq, signals.ddq)
+    wrench, _ = wrenches(Body(*signals.model), jnp.stack([signals.q, signals.dq, signals.ddq], 1), None)
     return read(signals, values, wrench, catalogue)
 
 

@@ -12,28 +12,32 @@ import numpy as np
 from ftbias_jax.effects.recursions import rung
 from ftbias_jax.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.inertia import about_center_of_mass
-from ftbias_jax.screws import product_of_exponentials, sensor_pose
+from ftbias_jax.screws import sensor_pose
 from ftbias_jax.types import Array
+from ftbias_jax.wrench_batch import links
 
 
 def cable(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """An elastic cable between the tool and a point of a link or of the world; it pulls and never pushes."""
-    arm = signals.model.arm
-    attachment = values["attachment"]
+    span = cable_span(values, signals)
+    length = jnp.sqrt(jnp.maximum((span**2).sum(1), np.finfo(span.dtype).tiny))
+    tension = values["stiffness"] * jnp.maximum(length - values["rest_length"], 0)
+    force = (tension / length)[:, None] * span
+    return wrench - jnp.concatenate([force, jnp.cross(values["attachment"][None], force)], 1)
 
-    def pull(q: Array) -> Array:
-        rotations, positions = product_of_exponentials(arm, q)
-        link = jnp.clip(jnp.round(values["link"]).astype(int), 0, q.shape[0])
-        anchor = rotations[link] @ values["anchor"] + positions[link]
-        R_base_sensor = rotations[-1] @ arm.zero_rotation
-        tool = rotations[-1] @ arm.zero_position + positions[-1] + R_base_sensor @ attachment
-        span = R_base_sensor.T @ (anchor - tool)
-        length = jnp.sqrt(jnp.maximum(span @ span, np.finfo(span.dtype).tiny))
-        tension = values["stiffness"] * jnp.maximum(length - values["rest_length"], 0)
-        force = tension / length * span
-        return jnp.concatenate([force, jnp.cross(attachment, force)])
 
-    return wrench - jax.vmap(pull)(signals.q)
+def cable_span(values: EffectValues, signals: Signals) -> Array:
+    """(T, 3) m, sensor frame: from a cable's near end to its far end."""
+    arm, q = signals.model.arm, signals.q.T
+    link = jnp.clip(jnp.round(values["link"]), 0, len(q))
+    # With the joints after it at zero, the arm's end moves with the link.
+    R_link, p_link = links(arm, jnp.where(jnp.arange(len(q))[:, None] < link, q, 0))
+    R_tip, p_tip = links(arm, q)
+    anchor = jnp.einsum("ijt,j->it", R_link, values["anchor"]) + p_link
+    R_base_sensor = jnp.einsum("ijt,jk->ikt", R_tip, arm.zero_rotation)
+    tool = jnp.einsum("ijt,j->it", R_tip, arm.zero_position) + p_tip
+    tool = tool + jnp.einsum("ijt,j->it", R_base_sensor, values["attachment"])
+    return jnp.einsum("jit,jt->ti", R_base_sensor, anchor - tool)
 
 
 def contact(values: EffectValues, signals: Signals, wrench: Array) -> Array:

@@ -9,9 +9,10 @@ import numpy as np
 
 from ftbias_jax.gap import events, model
 from ftbias_jax.gap import hypotheses as hyp
+from ftbias_jax.gap.cables import cables
 from ftbias_jax.gap.evaluate import readings, slopes, whitened
 from ftbias_jax.gap.events import Found, Library
-from ftbias_jax.gap.fit import Fit, Gains, fit, gains
+from ftbias_jax.gap.fit import Fit, Gains, fit, gain_of_each, gains
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -21,6 +22,11 @@ LEAST_GAIN = 12.0
 """nats beyond the penalty; white noise reaches it in one log of thousands."""
 WORTH_FITTING = 0.15
 """Share of the best preliminary gain from which on a candidate is fitted in full."""
+MOST_FITTED = 12
+ROUGHLY = 0.03
+"""Share of its whole gain; the last step of a first fit gains less."""
+POLISHED = 0.7
+"""Share of the best gain from which on a fit is brought to its end."""
 MOST_LEAKS = 5
 """Entries of the crosstalk matrix that may be named."""
 
@@ -47,17 +53,26 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
     """Every effect that is not accepted yet, fitted on top of the accepted ones; best first."""
     taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known)
     found = _smooth(problem, accepted, taken) + _grid(problem, accepted, taken)
+    if "cable" not in taken:
+        found += cables(problem, accepted)
     for make in (events.slow, events.jump, events.contacts):
         found += make(problem, library, accepted, taken)
     best: dict[tuple[str, float], Found] = {}
-    for gain, h in found:
+    for i, (gain, h) in enumerate(found):
         penalised = gain - NATS_PER_DEGREE * (len(h.free) + 6 * len(h.shapes))
-        key = (h.effect, h.detail[0] if h.effect == "encoder_offset" else 0.0)
+        key = (h.effect, h.detail[0] if h.effect == "encoder_offset" else i if h.effect == "cable" else 0.0)
         if penalised > LEAST_GAIN and (key not in best or penalised > best[key][0]):
             best[key] = (penalised, h)
-    top = max((gain for gain, _ in best.values()), default=0.0)
-    fits = [fit(problem, (*accepted.hypotheses, h), accepted) for g, h in best.values() if g >= WORTH_FITTING * top]
-    return sorted((Scored(one, score(one, accepted)) for one in fits), key=lambda scored: -scored.gain)
+    promising = sorted(best.values(), key=lambda found: -found[0])
+    promising = [found for found in promising[:MOST_FITTED] if found[0] > WORTH_FITTING * promising[0][0]]
+    fits = [fit(problem, (*accepted.hypotheses, h), accepted, ROUGHLY) for _, h in promising]
+    scored = sorted((Scored(one, score(one, accepted)) for one in fits), key=lambda scored: -scored.gain)
+    close = [s for s in scored if s.gain > POLISHED * scored[0].gain]
+    polished = [fit(problem, s.fit.hypotheses, s.fit) if s.fit.free else s.fit for s in close]
+    scored = [Scored(one, score(one, accepted)) for one in polished] + scored[len(close) :]
+    scored = sorted(scored, key=lambda scored: -scored.gain)
+    cable = next((s for s in scored if s.hypothesis.effect == "cable"), None)
+    return [s for s in scored if s.hypothesis.effect != "cable" or s is cable]
 
 
 def _smooth(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[Found]:
@@ -99,15 +114,11 @@ def _grid(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[Found
     z = np.repeat(accepted.z[None], len(wanted), 0)
     for row, h in zip(z, wanted, strict=True):
         row[list(h.free)] = h.start
-    link = np.array([h.link if h.effect == "cable" else accepted.link for h in wanted])
-    changes = whitened(problem, readings(problem, z, link) - now)
-    whole = gains(accepted, changes)
-    scaled = whole.each()
+    changes = whitened(problem, readings(problem, z, np.full(len(z), accepted.link)) - now)
+    scaled, _ = gain_of_each(accepted, changes)
     found = []
     for i, (h, change) in enumerate(zip(wanted, changes, strict=True)):
-        if h.effect == "cable":
-            found.append((float(scaled[i]), h))
-        elif h.effect == "hysteresis":
+        if h.effect == "hysteresis":
             channels = change[None] * np.eye(6)[:, None]
             found.append((gains(accepted, channels).of(list(range(6))), h))
         else:

@@ -12,7 +12,7 @@ from ftbias_jax.gap.problem import Part, Problem
 from ftbias_jax.likelihood import whiten
 from ftbias_jax.types import Array
 
-LANES = 8
+LANES = 4
 """Readings or derivatives that one call works out."""
 WHITE_LANES = 32
 """Series that one call whitens."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from ftbias_jax.regression import widened_inverse
 MOST_ITERATIONS = 12
 ENOUGH = 0.3
 """nats; a step that gains less is the last."""
-DAMPINGS = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e4)
+DAMPINGS = (0.0, 0.03, 1.0, 100.0)
 """All tried at once at every step."""
 LONGEST_STEP = 20.0
 """Typical departures."""
@@ -60,12 +61,12 @@ def base(problem: Problem) -> Fit:
     return Fit((), z, 0.0, np.zeros(0), error, nothing, (), _log_likelihood(error))
 
 
-def fit(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit, iterations: int = MOST_ITERATIONS) -> Fit:
+def fit(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit, enough: float = 0.0) -> Fit:
     """Levenberg-Marquardt over the coordinates, with the linear coefficients solved for exactly at every step.
 
     Args:
         problem: of the logs. hypotheses: what to fit together; those that ``start`` has too continue from there.
-        start: another fit, such as ``base``.
+        start: another fit, such as ``base``. enough: share of the whole gain; the last step gains less.
     """
     z = start.z.copy()
     z[list(start.free)] = 0
@@ -75,27 +76,30 @@ def fit(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit, iterat
     link = next((h.link for h in hypotheses if h.effect == "cable"), 0.0)
     free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
     series = _series(problem, hypotheses, start)
+    project = projection(series)
     if np.array_equal(z, start.z) and link == start.link:  # the model is as it was: no need to evaluate it
         error = start.error - np.tensordot(start.coefficients, start.series, 1)
     else:
         error = _errors(problem, z[None], link)[0]
-    coefficients, error = _project(series, error)
+    coefficients, error = project(error)
     cost = _cost(error, z, free)
-    for _ in range(iterations if free and np.isfinite(cost) else 0):
+    first, moving = cost, None
+    for _ in range(MOST_ITERATIONS if free and np.isfinite(cost) else 0):
         moving = whitened(problem, slopes(problem, z, link, free))
-        columns = np.concatenate([moving, series])
+        columns = moving if not len(series) else np.stack([project(column)[1] for column in moving])
         trials = np.repeat(z[None], len(DAMPINGS), 0)
         trials[:, list(free)] += _steps(columns, error, z[list(free)])
-        projected = [_project(series, e) for e in _errors(problem, trials, link)]
+        projected = [project(e) for e in _errors(problem, trials, link)]
         costs = [_cost(e, trial, free) for (_, e), trial in zip(projected, trials, strict=True)]
         best = int(np.argmin(costs))
         gained = cost - costs[best]
         if gained > 0:
             z, cost, (coefficients, error) = trials[best], costs[best], projected[best]
-        if gained < ENOUGH:
+        if gained < max(ENOUGH, enough * (first - cost)):
             break
-    moving = whitened(problem, slopes(problem, z, link, free)) if free else series[:0]
-    columns = np.concatenate([moving, series])
+    if moving is None:
+        moving = whitened(problem, slopes(problem, z, link, free)) if free else series[:0]
+    columns = np.concatenate([moving, series])  # from before the last, short step
     return Fit(hypotheses, z, link, coefficients, error, columns, free, _log_likelihood(error))
 
 
@@ -118,15 +122,24 @@ def _series(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) ->
     return np.concatenate([start.columns[:0], *series])
 
 
-def _project(series: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients that bring error + sum c series nearest to zero, and what remains."""
+def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """error (U, 6) -> coefficients (6 E,) that bring error + sum c series nearest to zero, and what remains.
+
+    Args:
+        series: (6 E, U, 6) whitened.
+    """
     if not len(series):
-        return np.zeros(0), error
+        return lambda error: (np.zeros(0), error)
     flat = series.reshape(len(series), -1)
     normal = flat @ flat.T
     ridge = 1e-9 * np.diag(normal).max() + 1e-12  # for series that vanish
-    coefficients = -np.linalg.solve(normal + ridge * np.eye(len(normal)), flat @ error.ravel())
-    return coefficients, error + np.tensordot(coefficients, series, 1)
+    inverse = np.linalg.inv(normal + ridge * np.eye(len(normal)))
+
+    def project(error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        coefficients = -inverse @ (flat @ error.ravel())
+        return coefficients, error + (coefficients @ flat).reshape(error.shape)
+
+    return project
 
 
 def _log_likelihood(error: np.ndarray) -> float:
@@ -138,15 +151,11 @@ def _cost(error: np.ndarray, z: np.ndarray, free: tuple[int, ...]) -> float:
 
 
 def _steps(columns: np.ndarray, error: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(len(DAMPINGS), F) steps of the coordinates ``at``; the coefficients follow along."""
-    moving = len(at)
+    """(len(DAMPINGS), F) steps of the coordinates ``at``, for derivatives (F, U, 6) without what the series can do."""
     flat = columns.reshape(len(columns), -1)
-    normal = flat @ flat.T
-    pull = flat @ error.ravel()
-    normal[np.arange(moving), np.arange(moving)] += PRIOR_STD**-2
-    pull[:moving] += at / PRIOR_STD**2
-    ridge = 1e-9 * np.eye(len(normal))
-    steps = [-np.linalg.solve(normal + d * np.diag(np.diag(normal)) + ridge, pull)[:moving] for d in DAMPINGS]
+    normal = flat @ flat.T + np.eye(len(at)) / PRIOR_STD**2
+    pull = flat @ error.ravel() + at / PRIOR_STD**2
+    steps = [-np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull) for damping in DAMPINGS]
     return np.clip(steps, -LONGEST_STEP, LONGEST_STEP)
 
 
@@ -164,11 +173,6 @@ class Gains(NamedTuple):
         ridge = 1e-8 * max(np.trace(normal) / len(normal), 1e-12)
         return float(pull @ np.linalg.solve(normal + ridge * np.eye(len(normal)), pull)) / 2
 
-    def each(self) -> np.ndarray:
-        """(M,) nats of every column by itself."""
-        gain: np.ndarray = self.pull**2 / np.maximum(np.diag(self.normal), 1e-12) / 2
-        return gain
-
 
 def gains(accepted: Fit, columns: np.ndarray) -> Gains:
     """Prepare the gains of whitened columns (M, U, 6) on top of a fit."""
@@ -182,6 +186,21 @@ def gains(accepted: Fit, columns: np.ndarray) -> Gains:
         normal -= shared @ np.linalg.solve(square, shared.T)
         pull -= shared @ np.linalg.solve(square, own @ error)
     return Gains(normal, pull)
+
+
+def gain_of_each(accepted: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) nats that every whitened column (M, U, 6) would gain by itself, and (M,) its coefficient."""
+    own = accepted.columns.reshape(len(accepted.columns), accepted.error.size)
+    flat, error = columns.reshape(len(columns), -1), accepted.error.ravel()
+    power, pull = np.einsum("mn,mn->m", flat, flat), flat @ error
+    if len(own):
+        square = own @ own.T
+        square += 1e-9 * np.eye(len(own)) * max(np.trace(square) / len(own), 1e-12)
+        shared = flat @ own.T
+        taken = np.linalg.solve(square, shared.T)
+        power, pull = power - (shared.T * taken).sum(0), pull - taken.T @ (own @ error)
+    power = np.maximum(power, 1e-12)
+    return pull**2 / power / 2, -pull / power
 
 
 def block_scores(problem: Problem, fit: Fit) -> np.ndarray:

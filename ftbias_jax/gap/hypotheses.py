@@ -6,7 +6,6 @@ likelihood has several maxima in them; series that are linear in their coefficie
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -19,8 +18,6 @@ LAGS = (0.008, 0.02, 0.04, 0.08, 0.16, 0.32)
 FREQUENCIES = tuple(np.geomspace(2.0, 30.0, 14))
 LOOP_SHARES = (0.01, 0.03, 0.08, 0.2)
 TIME_CONSTANTS = tuple(np.geomspace(0.5, 512.0, 21))
-ANCHORS = 40
-"""Random places tried for the far end of a cable, within reach of the arm."""
 JUMP_STEP = 0.25
 PULSES = (0.1, 0.25, 0.6, 1.5)
 """s, lengths of the contacts that are looked for."""
@@ -73,45 +70,27 @@ def grid_hypotheses(problem: Problem, span: np.ndarray) -> list[Hypothesis]:
     Args:
         problem: of the log. span: (6,) N, Nm, range of the predicted load.
     """
-    n = problem.joints
-    places = model.slices(n)
-    unit = {(b.effect, b.parameter): np.asarray(b.unit) for b in model.blocks(n)}
-
-    def at(effect: str, *values: tuple[str, np.ndarray | float], link: float = 0.0) -> Hypothesis:
-        free: list[int] = []
-        start: list[float] = []
-        for parameter, value in values:
-            s = places[effect, parameter]
-            free += range(s.start, s.stop)
-            start += np.broadcast_to(np.asarray(value) / unit[effect, parameter], s.stop - s.start).tolist()
-        return Hypothesis(effect, tuple(free), tuple(float(x) for x in start), link)
-
-    found = [at("time_delay", ("delay", delay)) for delay in DELAYS]
-    found += [at("low_pass", ("lag", lag)) for lag in LAGS]
+    found = [at_values(problem, "time_delay", ("delay", delay)) for delay in DELAYS]
+    found += [at_values(problem, "low_pass", ("lag", lag)) for lag in LAGS]
     found += [
-        at("tool_flexibility", ("period", 1 / f), ("log_damping", damping))
+        at_values(problem, "tool_flexibility", ("period", 1 / f), ("log_damping", damping))
         for f in FREQUENCIES
         for damping in (-0.5, 1.2)
     ]
-    found += [at("hysteresis", ("width", share * span)) for share in LOOP_SHARES]
-    return found + _cables(problem, at)
+    return found + [at_values(problem, "hysteresis", ("width", share * span)) for share in LOOP_SHARES]
 
 
-def _cables(problem: Problem, at: Callable[..., Hypothesis]) -> list[Hypothesis]:
-    """A cable from random places within reach, fixed to the world or to one of two links of the forearm."""
-    arm = problem.parts[0].signals.model.arm
-    reach = float(np.linalg.norm(np.asarray(arm.zero_position)))
-    rng = np.random.default_rng(0)
-    n = problem.joints
-    found = []
-    for i in range(ANCHORS):
-        link = (0, max(n - 3, 0), max(n - 4, 0))[i % 3]
-        # Places near the arm itself at q = 0 for a link, anywhere in reach for the world.
-        place = rng.uniform(-0.6, 0.6, 3) * max(reach, 0.5) + (np.array([0, 0, 0.3]) if link == 0 else 0)
-        if link:
-            place = np.asarray(arm.zero_position) * rng.uniform(0.3, 0.9) + rng.uniform(-0.25, 0.25, 3)
-        found.append(at("cable", ("stiffness", 1.0), ("rest_length", 0.05), ("anchor", place), link=float(link)))
-    return found
+def at_values(problem: Problem, effect: str, *values: tuple[str, np.ndarray | float], link: float = 0.0) -> Hypothesis:
+    """An effect that starts at these values of its parameters, as differences from neutral."""
+    places = model.slices(problem.joints)
+    unit = {(b.effect, b.parameter): np.asarray(b.unit) for b in model.blocks(problem.joints)}
+    free: list[int] = []
+    start: list[float] = []
+    for parameter, value in values:
+        s = places[effect, parameter]
+        free += range(s.start, s.stop)
+        start += np.broadcast_to(np.asarray(value) / unit[effect, parameter], s.stop - s.start).tolist()
+    return Hypothesis(effect, tuple(free), tuple(float(x) for x in start), link)
 
 
 def warmups(problem: Problem) -> list[Hypothesis]:

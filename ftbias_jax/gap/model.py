@@ -55,6 +55,7 @@ def blocks(n: int) -> tuple[Block, ...]:
         Block("cable", "stiffness", 1, 10.0),
         Block("cable", "rest_length", 1, 0.1),
         Block("cable", "anchor", 3, 0.1),
+        Block("cable", "attachment", 3, 0.03),
     )
 
 
@@ -113,6 +114,7 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
             "stiffness": move("cable", "stiffness")[0],
             "rest_length": move("cable", "rest_length")[0],
             "anchor": move("cable", "anchor"),
+            "attachment": neutral["cable"]["attachment"] + move("cable", "attachment"),
             "link": link,
         },
     }

@@ -119,8 +119,24 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     rate = np.gradient(reading, log.t, axis=0)
     found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate)
     joint_variance = variance - np.asarray(params.bias.wrench_variance)
-    part, count = _bin(params, log, joints, joint_variance, found)
+    noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
+    found = found._replace(noise_std=noise_std)
+    part, count = _bin(params, log, joints, joint_variance + coherent, found)
     return part, count, params.effects or {}, found
+
+
+def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Noise of one sample (6,) N, Nm with that of rounding, and the variance (6,) that averaging does not reduce.
+
+    Noise smaller than the lattice's step hardly shows in the readings: there the stated one is believed. The error
+    of rounding then follows the signal; the share of its variance that the noise leaves coherent is that of its first
+    harmonic, exp(-4 pi^2 (noise / step)^2).
+    """
+    step = np.broadcast_to(np.asarray(found.quantisation.parameters.get("step", 0.0), float), (6,))
+    coarse = step > stated_std
+    noise_std = np.where(coarse, np.hypot(stated_std, step / np.sqrt(12)), found.noise_std)
+    dither = np.exp(-((2 * np.pi * stated_std / np.where(coarse, step, 1.0)) ** 2))
+    return noise_std, np.where(coarse, step**2 / 12 * dither, 0.0)
 
 
 @partial(jax.jit, static_argnames="options")

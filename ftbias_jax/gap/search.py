@@ -15,7 +15,7 @@ from ftbias_jax.gap.problem import Problem
 LEAST_SIGMAS = 0.08
 """Of one sample's noise: smaller effects are real, perhaps, but mean nothing to the owner."""
 MOST_CAUSES = 3
-BEAM = 4
+BEAM = 3
 """First causes from which pairs are tried."""
 BEAM_SHARE = 0.3
 """Of the best first cause's gain, from which on another one is tried as the first of a pair."""
@@ -33,7 +33,8 @@ def search(problem: Problem, start: Fit, without: Collection[str] = ()) -> tuple
     """
     library = make_library(problem)
     accepted, rounds = grow(problem, library, start, [], without)
-    if len(accepted.hypotheses) > 1:
+    settled = len(accepted.hypotheses) <= 2 and gap_of(problem, accepted) < LEAST_SIGMAS**2
+    if len(accepted.hypotheses) > 1 and not settled:
         for other in _other_firsts(rounds[0], accepted):
             trial, trial_rounds = grow(problem, library, start, [[other, *rounds[0]]], without)
             if score(trial, accepted) > LEAST_GAIN:
