@@ -72,8 +72,8 @@ def _spans(problem: Problem, link: int) -> np.ndarray:
     parts = []
     for part in problem.parts:
         attachment = neutral_values(CATALOGUE["cable"], part.signals.model)["attachment"]
-        spans = [_span(part.signals, jnp.asarray(corner), attachment, jnp.asarray(float(link))) for corner in corners]
-        parts.append(np.stack([np.asarray(span)[: part.used] for span in spans]))
+        ends = [_span(part.signals, jnp.asarray(corner), attachment, jnp.asarray(float(link))) for corner in corners]
+        parts.append(np.stack([np.asarray(span)[: part.used] for span in ends]))
     spans = np.concatenate(parts, axis=1)
     spans[1:] -= spans[0]
     return spans
