@@ -27,8 +27,12 @@ def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) 
         (T, 6) N, Nm, sensor frame, wrench on the tool; biases of effects are subtracted, as the report's are.
     """
     signals = transform(signals, values, catalogue)
-    wrench, _ = wrenches(Body(*signals.model), jnp.stack([signals.q, signals.dq, signals.ddq], 1), None)
-    return read(signals, values, wrench, catalogue)
+    return read(signals, values, tool_wrenches(signals), catalogue)
+
+
+def tool_wrenches(signals: Signals) -> Array:
+    """(T, 6) N, Nm: wrench of the tool, D theta, for the motion and model of ``signals``."""
+    return wrenches(Body(*signals.model), jnp.stack([signals.q, signals.dq, signals.ddq], 1), None)[0]
 
 
 def transform(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Signals:

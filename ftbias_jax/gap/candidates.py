@@ -12,7 +12,7 @@ from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap.cables import cables
 from ftbias_jax.gap.evaluate import readings, slopes, whitened
 from ftbias_jax.gap.events import Found, Library
-from ftbias_jax.gap.fit import Fit, Gains, fit, gain_of_each, gains
+from ftbias_jax.gap.fit import Fit, Gains, first_order, fit, gain_of_each, gains
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -20,11 +20,13 @@ NATS_PER_DEGREE = 4.0
 """Half the logarithm of the number of independent bins: what a free number gains by chance and search."""
 LEAST_GAIN = 12.0
 """nats beyond the penalty; white noise reaches it in one log of thousands."""
-WORTH_FITTING = 0.15
-"""Share of the best preliminary gain from which on a candidate is fitted in full."""
-MOST_FITTED = 12
+WORTH_FITTING = 0.5
+"""Share of the best preliminary gain from which on a smooth effect is fitted in full: its own is nearly exact."""
+WORTH_SEARCHING = 0.15
+"""The same of other effects, whose gain may grow much while they are fitted."""
 ROUGHLY = 0.03
 """Share of its whole gain; the last step of a first fit gains less."""
+ROUGH_STEPS = 4
 POLISHED = 0.7
 """Share of the best gain from which on a fit is brought to its end."""
 MOST_LEAKS = 5
@@ -52,7 +54,8 @@ def score(better: Fit, worse: Fit) -> float:
 def candidates(problem: Problem, library: Library, accepted: Fit, without: Collection[str] = ()) -> list[Scored]:
     """Every effect that is not accepted yet, fitted on top of the accepted ones; best first."""
     taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known)
-    found = _smooth(problem, accepted, taken) + _grid(problem, accepted, taken)
+    found, columns = _smooth(problem, accepted, taken)
+    found += _grid(problem, accepted, taken)
     if "cable" not in taken:
         found += cables(problem, accepted)
     for make in (events.slow, events.jump, events.contacts):
@@ -63,33 +66,48 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
         key = (h.effect, h.detail[0] if h.effect == "encoder_offset" else i if h.effect == "cable" else 0.0)
         if penalised > LEAST_GAIN and (key not in best or penalised > best[key][0]):
             best[key] = (penalised, h)
-    promising = sorted(best.values(), key=lambda found: -found[0])
-    promising = [found for found in promising[:MOST_FITTED] if found[0] > WORTH_FITTING * promising[0][0]]
-    fits = [fit(problem, (*accepted.hypotheses, h), accepted, ROUGHLY) for _, h in promising]
-    scored = sorted((Scored(one, score(one, accepted)) for one in fits), key=lambda scored: -scored.gain)
-    close = [s for s in scored if s.gain > POLISHED * scored[0].gain]
-    polished = [fit(problem, s.fit.hypotheses, s.fit) if s.fit.free else s.fit for s in close]
-    scored = [Scored(one, score(one, accepted)) for one in polished] + scored[len(close) :]
-    scored = sorted(scored, key=lambda scored: -scored.gain)
-    cable = next((s for s in scored if s.hypothesis.effect == "cable"), None)
-    return [s for s in scored if s.hypothesis.effect != "cable" or s is cable]
+    top = max((gain for gain, _ in best.values()), default=0.0)
+    fits = [
+        first_order(accepted, h, np.stack([columns[i] for i in h.free]))
+        if h.effect in hyp.SMOOTH and gain < WORTH_FITTING * top
+        else fit(problem, (*accepted.hypotheses, h), accepted, ROUGHLY, ROUGH_STEPS)
+        for gain, h in best.values()
+        if h.effect in hyp.SMOOTH or gain > WORTH_SEARCHING * top
+    ]
+    return _best_of_each(_polish(problem, accepted, [Scored(one, score(one, accepted)) for one in fits]))
 
 
-def _smooth(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[Found]:
+def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Scored]:
+    """The best ones fitted to the end; best first."""
+    top = max((s.gain for s in scored), default=0.0)
+    ends = (fit(problem, s.fit.hypotheses, s.fit) if s.fit.free and s.gain > POLISHED * top else s.fit for s in scored)
+    return sorted((Scored(one, score(one, accepted)) for one in ends), key=lambda scored: -scored.gain)
+
+
+def _best_of_each(scored: list[Scored]) -> list[Scored]:
+    """One start of every effect, and one of every joint."""
+    best: dict[tuple[str, tuple[int, ...]], Scored] = {}
+    for s in scored:
+        best.setdefault((s.hypothesis.effect, s.hypothesis.free), s)
+    return list(best.values())
+
+
+def _smooth(problem: Problem, accepted: Fit, taken: Collection[str]) -> tuple[list[Found], dict[int, np.ndarray]]:
+    """Gains, and the whitened derivative (U, 6) by every coordinate."""
     n = problem.joints
     wanted = [h for h in hyp.smooth_hypotheses(n) if h.effect not in taken]
     leaks = [] if "crosstalk" in taken else model.coordinates(n, "crosstalk").tolist()
     places = sorted({i for h in wanted for i in h.free} | set(leaks))
     if not places:
-        return []
+        return [], {}
     columns = whitened(problem, slopes(problem, accepted.z, accepted.link, places))
     prepared, row = gains(accepted, columns), {place: i for i, place in enumerate(places)}
     found = [(prepared.of([row[i] for i in h.free]), h) for h in wanted]
     if leaks:
         gained, chosen = _leaks(prepared, [row[i] for i in leaks])
         free = tuple(places[i] for i in chosen)
-        found.append((gained, Hypothesis("crosstalk", free, (0.0,) * len(free))))
-    return found
+        found += [(gained, Hypothesis("crosstalk", free, (0.0,) * len(free)))] if free else []
+    return found, dict(zip(places, columns, strict=True))
 
 
 def _leaks(prepared: Gains, rows: list[int]) -> tuple[float, list[int]]:

@@ -14,8 +14,8 @@ from ftbias_jax.types import Array
 
 LANES = 4
 """Readings or derivatives that one call works out."""
-WHITE_LANES = 32
-"""Series that one call whitens."""
+WHITE_LANES = (8, 32)
+"""Series that one call whitens, if there are few and if there are many."""
 
 
 def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
@@ -34,10 +34,11 @@ def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) 
     """(F, U, 6) N, Nm: derivatives of the reading at z (P,) by the coordinates at these places."""
     directions = np.zeros((len(places), len(z)))
     directions[np.arange(len(places)), list(places)] = 1
+    program = model.slopes_of_reading if set(places) <= model.of_reading(problem.joints) else model.slopes
 
     def of_log(part: Part) -> np.ndarray:
         def some(directions: Array) -> Array:
-            return model.slopes(part.signals, problem.known, jnp.asarray(z), jnp.asarray(link), directions)
+            return program(part.signals, problem.known, jnp.asarray(z), jnp.asarray(link), directions)
 
         return in_pieces(some, LANES, directions)[:, : part.used]
 
@@ -47,11 +48,12 @@ def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) 
 def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
     """(C, U, 6) N, Nm -> the same as innovations of each log's bias filter, in standard deviations."""
     ends = np.cumsum([part.used for part in problem.parts])
+    lanes = next((lanes for lanes in WHITE_LANES if lanes >= len(columns)), WHITE_LANES[-1])
 
     def of_log(part: Part, end: int) -> np.ndarray:
         room = part.signals.t.shape[0] - part.used
         own = np.pad(columns[:, end - part.used : end], ((0, 0), (0, room), (0, 0)))
-        return in_pieces(lambda some: whiten(part.wrench, some), WHITE_LANES, own)[:, : part.used]
+        return in_pieces(lambda some: whiten(part.wrench, some), lanes, own)[:, : part.used]
 
     return np.concatenate([of_log(part, int(end)) for part, end in zip(problem.parts, ends, strict=True)], axis=1)
 

@@ -61,12 +61,15 @@ def base(problem: Problem) -> Fit:
     return Fit((), z, 0.0, np.zeros(0), error, nothing, (), _log_likelihood(error))
 
 
-def fit(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit, enough: float = 0.0) -> Fit:
+def fit(
+    problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit, enough: float = 0.0, most: int = MOST_ITERATIONS
+) -> Fit:
     """Levenberg-Marquardt over the coordinates, with the linear coefficients solved for exactly at every step.
 
     Args:
         problem: of the logs. hypotheses: what to fit together; those that ``start`` has too continue from there.
         start: another fit, such as ``base``. enough: share of the whole gain; the last step gains less.
+        most: steps at most.
     """
     z = start.z.copy()
     z[list(start.free)] = 0
@@ -84,7 +87,7 @@ def fit(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit, enough
     coefficients, error = project(error)
     cost = _cost(error, z, free)
     first, moving = cost, None
-    for _ in range(MOST_ITERATIONS if free and np.isfinite(cost) else 0):
+    for _ in range(most if free and np.isfinite(cost) else 0):
         moving = whitened(problem, slopes(problem, z, link, free))
         columns = moving if not len(series) else np.stack([project(column)[1] for column in moving])
         trials = np.repeat(z[None], len(DAMPINGS), 0)
@@ -101,6 +104,21 @@ def fit(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit, enough
         moving = whitened(problem, slopes(problem, z, link, free)) if free else series[:0]
     columns = np.concatenate([moving, series])  # from before the last, short step
     return Fit(hypotheses, z, link, coefficients, error, columns, free, _log_likelihood(error))
+
+
+def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
+    """What a fit of one more hypothesis will find, from its derivatives (F, U, 6) at the accepted fit alone."""
+    free, own = (*accepted.free, *h.free), len(accepted.free)
+    whole = np.concatenate([accepted.columns[:own], columns, accepted.columns[own:]])
+    flat = whole.reshape(len(whole), -1)
+    normal = flat @ flat.T
+    normal[np.arange(len(free)), np.arange(len(free))] += PRIOR_STD**-2
+    step = -np.linalg.solve(normal + 1e-12 * np.eye(len(normal)), flat @ accepted.error.ravel())
+    z, error = accepted.z.copy(), accepted.error + np.tensordot(step, whole, 1)
+    z[list(free)] += step[: len(free)]
+    coefficients = accepted.coefficients + step[len(free) :]
+    hypotheses = (*accepted.hypotheses, h)
+    return Fit(hypotheses, z, accepted.link, coefficients, error, whole, free, _log_likelihood(error))
 
 
 def _errors(problem: Problem, z: np.ndarray, link: float) -> np.ndarray:

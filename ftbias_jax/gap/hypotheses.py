@@ -51,10 +51,22 @@ class Hypothesis(NamedTuple):
     """Whether it acts for a short time only."""
 
 
+SMOOTH = (
+    "tool_mass",
+    "tool_com",
+    "tool_inertia",
+    "gravity_tilt",
+    "mount_rotation",
+    "gain",
+    "encoder_offset",
+    "crosstalk",
+)
+"""Effects that the derivative at zero strength tells all about."""
+
+
 def smooth_hypotheses(n: int) -> list[Hypothesis]:
     """Effects that one linearisation finds; each joint's encoder is a hypothesis of its own."""
-    whole = ("tool_mass", "tool_com", "tool_inertia", "gravity_tilt", "mount_rotation", "gain")
-    found = [_at_zero(name, model.coordinates(n, name)) for name in whole]
+    found = [_at_zero(name, model.coordinates(n, name)) for name in SMOOTH[:6]]
     for joint, place in enumerate(model.coordinates(n, "encoder_offset"), 1):
         found.append(_at_zero("encoder_offset", [place])._replace(detail=(float(joint),)))
     return found

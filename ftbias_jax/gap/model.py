@@ -71,6 +71,12 @@ def coordinates(n: int, effect: str) -> np.ndarray:
     return np.concatenate([np.arange(s.start, s.stop) for (name, _), s in places.items() if name == effect])
 
 
+def of_reading(n: int) -> set[int]:
+    """Coordinates that change neither model nor motion."""
+    found = {b.effect for b in blocks(n) if CATALOGUE[b.effect].reading}
+    return {int(i) for effect in found for i in coordinates(n, effect)}
+
+
 def size(n: int) -> int:
     """Length of the whole vector."""
     return sum(block.size for block in blocks(n))
@@ -131,6 +137,19 @@ def predict(signals: Signals, z: Array, link: Array, known: Values) -> Array:
 def slopes(signals: Signals, known: Values, z: Array, link: Array, directions: Array) -> Array:
     """(D, P) directions -> (D, B, 6) N, Nm: derivatives of the reading at coordinates z (P,)."""
     return jax.vmap(lambda d: jax.jvp(lambda z: predict(signals, z, link, known), (z,), (d,))[1])(directions)
+
+
+@jax.jit
+def slopes_of_reading(signals: Signals, known: Values, z: Array, link: Array, directions: Array) -> Array:
+    """The same for directions that change neither model nor motion: these are worked out once for all directions."""
+    values, offsets = to_values(signals, z, link)
+    moved = chain.transform(subtract_offsets(offsets, signals), values | known)
+    wrench = chain.tool_wrenches(moved)
+
+    def reading(z: Array) -> Array:
+        return chain.read(moved, to_values(signals, z, link)[0] | known, wrench)
+
+    return jax.vmap(lambda d: jax.jvp(reading, (z,), (d,))[1])(directions)
 
 
 @jax.jit
