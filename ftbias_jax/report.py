@@ -7,7 +7,15 @@ from importlib import resources
 
 import numpy as np
 
-from ftbias_jax.gap.output import parameter_words, percent, shrink_words, twin_words, value_words, verdict_words
+from ftbias_jax.gap.output import (
+    log_lines,
+    parameter_words,
+    percent,
+    shrink_words,
+    twin_words,
+    value_words,
+    verdict_words,
+)
 from ftbias_jax.gap.types import CHANNELS, Candidate, Diagnosis, Series, Where
 from ftbias_jax.report_plots import channel_title, plot_gap, plot_ranking, plot_regressor, plot_shares, plot_time
 from ftbias_jax.report_svg import escape
@@ -38,6 +46,7 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
     sections = (
         _section("Causes", _causes(diagnosis.causes)),
         _section("The gap before and after" if diagnosis.causes else "The gap", _gap(diagnosis)),
+        _section("Log by log", "".join(f"<p>{escape(line)}</p>" for line in log_lines(diagnosis))),
         _section("What is left, against time", _times(diagnosis)),
         _section("What is left, against the cause", _regressor(diagnosis)),
         _section("How well each effect explains it", _ranking(diagnosis)),

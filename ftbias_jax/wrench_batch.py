@@ -96,7 +96,9 @@ def _links(arm: Arm, q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]
     sin, versine = jnp.sin(q), 2 * jnp.sin(q / 2) ** 2
     identity = jnp.eye(3, dtype=q.dtype)[:, :, None]
 
-    def joint(pose: tuple[Array, Array], constants: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    def joint(
+        pose: tuple[Array, Array], constants: tuple[Array, ...]
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         R, p = pose
         v, s, skew, skew_squared, skew_v, skew_squared_v, q, sin, versine = constants
         rotation = identity + sin * skew[:, :, None] + versine * skew_squared[:, :, None]

@@ -10,6 +10,7 @@ import numpy as np
 from ftbias_jax.effects.catalogue import CATALOGUE
 from ftbias_jax.gap import fit as fits
 from ftbias_jax.gap.candidates import Scored
+from ftbias_jax.gap.compare import compare
 from ftbias_jax.gap.fit import Fit
 from ftbias_jax.gap.holdout import HeldOut, excess_by_channel, excess_stderr, hold_out
 from ftbias_jax.gap.problem import Problem, make_problem
@@ -61,6 +62,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
         not_tested=_not_tested(problem, logs, without),
         series=show(problem, base, accepted, before, after),
         logs=tuple(names),
+        by_log=compare(problem, names, accepted if causes else base, before, after),
     )
 
 

@@ -28,6 +28,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "candidates": [candidate._asdict() for candidate in diagnosis.candidates],
         "not_tested": dict(diagnosis.not_tested),
         "logs": diagnosis.logs,
+        "by_log": [log._asdict() for log in diagnosis.by_log],
     }
     plain: dict[str, Any] = _plain(content)
     return plain
@@ -66,6 +67,7 @@ def to_table(diagnosis: Diagnosis) -> str:
         [one_line(f"{verdict_words(diagnosis.verdict)}: {diagnosis.sentence}")],
         *(_cause_lines(cause) for cause in diagnosis.causes),
         _gap_lines(diagnosis.gap),
+        log_lines(diagnosis),
         _where_lines(diagnosis.where) if diagnosis.verdict != "none" else [],
         [f"not tested: {one_line(effect)} ({one_line(why)})" for effect, why in diagnosis.not_tested],
     ]
@@ -143,6 +145,24 @@ def _gap_lines(gap: Gap) -> list[str]:
     head = f"{'held-out rms':22s}" + "".join(f"{name:>9s}" for name in (*CHANNELS, "all"))
     lines = [f"{name:22s}" + "".join(f"{number:9.3g}" for number in numbers) for name, numbers in rows]
     return [head, *lines, f"the gap shrinks by {shrink_words(gap)} (1 noise sigma = noise alone)"]
+
+
+def log_lines(diagnosis: Diagnosis) -> list[str]:
+    """One line for each of several logs: its gap, and the causes by this log alone."""
+    lines = []
+    for log in diagnosis.by_log:
+        gap = f"{log.before_sigmas:.3g} -> {log.after_sigmas:.3g} noise sigmas"
+        alone = [
+            f"{name} = {words}"
+            for cause in diagnosis.causes
+            if cause.effect in log.parameters
+            for name, words in parameter_words(
+                cause._replace(parameters=log.parameters[cause.effect], stderr=log.stderr[cause.effect])
+            )
+        ]
+        own = f"; alone it says {', '.join(alone)}, {log.own_gain:.2g} nats/s better" if alone else ""
+        lines.append(one_line(f"{log.name}: {gap}{own}"))
+    return lines
 
 
 def shrink_words(gap: Gap) -> str:

@@ -36,7 +36,9 @@ def search(problem: Problem, start: Fit, without: Collection[str] = ()) -> tuple
     settled = len(accepted.hypotheses) <= 2 and gap_of(problem, accepted) < LEAST_SIGMAS**2
     if len(accepted.hypotheses) > 1 and not settled:
         for other in _other_firsts(rounds[0], accepted):
-            trial, trial_rounds = grow(problem, library, start, [[other, *rounds[0]]], without)
+            trial, trial_rounds = grow(
+                problem, library, start, [[other, *(s for s in rounds[0] if s is not other)]], without
+            )
             if score(trial, accepted) > LEAST_GAIN:
                 accepted, rounds = trial, trial_rounds
     return accepted, rounds

@@ -88,6 +88,21 @@ class Series(NamedTuple):
     regressor_name: str
 
 
+class LogGap(NamedTuple):
+    """One log of several of the same robot."""
+
+    name: str
+    before_sigmas: float
+    """Held-out rms of its innovations in noise sigmas, without the causes."""
+    after_sigmas: float
+    """The same with the causes, whose parameters all logs share."""
+    own_gain: float
+    """nats per second that parameters of its own would gain in it: large if the logs disagree."""
+    parameters: dict[str, dict[str, Numbers]]
+    """effect -> the cause's parameters by this log alone."""
+    stderr: dict[str, dict[str, Numbers]]
+
+
 class Diagnosis(NamedTuple):
     """The whole answer for one log or several of one robot."""
 
@@ -106,3 +121,5 @@ class Diagnosis(NamedTuple):
     """One a log."""
     logs: tuple[str, ...]
     """Names of the logs."""
+    by_log: tuple[LogGap, ...] = ()
+    """Each of several logs by itself; empty for a single one."""
