@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ftbias_jax.gap.types import Candidate, Gap
+
+MEAN_GAP = 0.01
+"""Noise sigmas by which the error must exceed noise alone for a sentence about it."""
 
 
 def sentence_of(verdict: str, gap: Gap, causes: tuple[Candidate, ...]) -> str:
-    """One sentence; the gap is what the innovations have beyond the noise."""
-    size = float(np.sqrt(gap.before_sigmas**2 - 1))
-    left = float(np.sqrt(gap.after_sigmas**2 - 1))
+    """One sentence; errors are held-out rms over all channels."""
+    before, after = f"{gap.before_sigmas:.2f}", f"{gap.after_sigmas:.2f} noise sigmas (1 = noise alone)"
     named = " and ".join(" or ".join((cause.effect, *cause.indistinguishable_from)) for cause in causes)
     if verdict == "none":
         return "The log agrees with the setup: nothing beyond the stated model is needed."
     if verdict == "unknown":
-        return f"There is a gap of {size:.2f} noise sigmas that no effect of the catalogue explains."
+        return f"The error is {before} noise sigmas (1 = noise alone), and no effect of the catalogue explains it."
+    if gap.before_sigmas - 1 < MEAN_GAP:
+        return f"{named}: seen in single samples; the mean reading agrees with the setup."
     if verdict == "explained":
-        return f"{named} explains the gap: {size:.2f} noise sigmas before, {left:.2f} after."
-    return f"{named} explains {gap.shrink:.0%} of the gap; {left:.2f} of {size:.2f} noise sigmas remain unexplained."
+        return f"{named} explains the gap: the error falls from {before} to {after}."
+    return f"{named} explains {gap.shrink:.0%} of the gap: the error falls from {before} to {after}."
