@@ -27,7 +27,7 @@ WORTH_SEARCHING = 0.15
 ROUGHLY = 0.03
 """Share of its whole gain; the last step of a first fit gains less."""
 ROUGH_STEPS = 4
-POLISHED = 0.7
+POLISHED = 0.85
 """Share of the best gain from which on a fit is brought to its end."""
 MOST_LEAKS = 5
 """Entries of the crosstalk matrix that may be named."""
@@ -52,7 +52,10 @@ def score(better: Fit, worse: Fit) -> float:
 
 
 def candidates(problem: Problem, library: Library, accepted: Fit, without: Collection[str] = ()) -> list[Scored]:
-    """Every effect that is not accepted yet, fitted on top of the accepted ones; best first."""
+    """Every effect that is not accepted yet, fitted on top of the accepted ones; best first.
+
+    While nothing is accepted, weak smooth effects are there too, to first order: they make the ranking whole.
+    """
     taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known)
     found, columns = _smooth(problem, accepted, taken)
     found += _grid(problem, accepted, taken)
@@ -69,12 +72,17 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
     top = max((gain for gain, _ in best.values()), default=0.0)
     fits = [
         first_order(accepted, h, np.stack([columns[i] for i in h.free]))
-        if h.effect in hyp.SMOOTH and gain < WORTH_FITTING * top
+        if gain <= _worth(h) * top
         else fit(problem, (*accepted.hypotheses, h), accepted, ROUGHLY, ROUGH_STEPS)
         for gain, h in best.values()
-        if h.effect in hyp.SMOOTH or gain > WORTH_SEARCHING * top
+        if gain > _worth(h) * top or (h.effect in hyp.SMOOTH and not accepted.hypotheses)
     ]
     return _best_of_each(_polish(problem, accepted, [Scored(one, score(one, accepted)) for one in fits]))
+
+
+def _worth(h: Hypothesis) -> float:
+    """Share of the best preliminary gain from which on a hypothesis is fitted in full."""
+    return WORTH_FITTING if h.effect in hyp.SMOOTH else WORTH_SEARCHING
 
 
 def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Scored]:

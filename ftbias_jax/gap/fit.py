@@ -84,20 +84,20 @@ def fit(
         error = start.error - np.tensordot(start.coefficients, start.series, 1)
     else:
         error = _errors(problem, z[None], link)[0]
-    coefficients, error = project(error)
+    (coefficients,), (error,) = project(error[None])
     cost = _cost(error, z, free)
     first, moving = cost, None
     for _ in range(most if free and np.isfinite(cost) else 0):
         moving = whitened(problem, slopes(problem, z, link, free))
-        columns = moving if not len(series) else np.stack([project(column)[1] for column in moving])
+        columns = project(moving)[1]
         trials = np.repeat(z[None], len(DAMPINGS), 0)
         trials[:, list(free)] += _steps(columns, error, z[list(free)])
-        projected = [project(e) for e in _errors(problem, trials, link)]
-        costs = [_cost(e, trial, free) for (_, e), trial in zip(projected, trials, strict=True)]
+        solved, errors = project(_errors(problem, trials, link))
+        costs = [_cost(e, trial, free) for e, trial in zip(errors, trials, strict=True)]
         best = int(np.argmin(costs))
         gained = cost - costs[best]
         if gained > 0:
-            z, cost, (coefficients, error) = trials[best], costs[best], projected[best]
+            z, cost, coefficients, error = trials[best], costs[best], solved[best], errors[best]
         if gained < max(ENOUGH, enough * (first - cost)):
             break
     if moving is None:
@@ -141,21 +141,21 @@ def _series(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) ->
 
 
 def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """error (U, 6) -> coefficients (6 E,) that bring error + sum c series nearest to zero, and what remains.
+    """errors (C, U, 6) -> coefficients (C, 6 E) that bring error + sum c series nearest to zero, and what remains.
 
     Args:
         series: (6 E, U, 6) whitened.
     """
     if not len(series):
-        return lambda error: (np.zeros(0), error)
+        return lambda errors: (np.zeros((len(errors), 0)), errors)
     flat = series.reshape(len(series), -1)
     normal = flat @ flat.T
     ridge = 1e-9 * np.diag(normal).max() + 1e-12  # for series that vanish
     inverse = np.linalg.inv(normal + ridge * np.eye(len(normal)))
 
-    def project(error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        coefficients = -inverse @ (flat @ error.ravel())
-        return coefficients, error + (coefficients @ flat).reshape(error.shape)
+    def project(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        coefficients = -(errors.reshape(len(errors), -1) @ flat.T) @ inverse
+        return coefficients, errors + (coefficients @ flat).reshape(errors.shape)
 
     return project
 

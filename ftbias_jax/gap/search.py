@@ -14,8 +14,10 @@ from ftbias_jax.gap.problem import Problem
 
 LEAST_SIGMAS = 0.08
 """Of one sample's noise: smaller effects are real, perhaps, but mean nothing to the owner."""
+LEAST_SHARE = 0.02
+"""Of the gap, that a further cause must remove."""
 MOST_CAUSES = 3
-BEAM = 3
+BEAM = 2
 """First causes from which pairs are tried."""
 BEAM_SHARE = 0.3
 """Of the best first cause's gain, from which on another one is tried as the first of a pair."""
@@ -36,25 +38,31 @@ def search(problem: Problem, start: Fit, without: Collection[str] = ()) -> tuple
     settled = len(accepted.hypotheses) <= 2 and gap_of(problem, accepted) < LEAST_SIGMAS**2
     if len(accepted.hypotheses) > 1 and not settled:
         for other in _other_firsts(rounds[0], accepted):
-            trial, trial_rounds = grow(
-                problem, library, start, [[other, *(s for s in rounds[0] if s is not other)]], without
-            )
+            first = [other, *(s for s in rounds[0] if s is not other)]
+            trial, trial_rounds = grow(problem, library, start, [first], without, most=2)
             if score(trial, accepted) > LEAST_GAIN:
                 accepted, rounds = trial, trial_rounds
     return accepted, rounds
 
 
 def grow(
-    problem: Problem, library: Library, start: Fit, rounds: list[list[Scored]], without: Collection[str]
+    problem: Problem,
+    library: Library,
+    start: Fit,
+    rounds: list[list[Scored]],
+    without: Collection[str],
+    most: int = MOST_CAUSES,
 ) -> tuple[Fit, list[list[Scored]]]:
     """Greedy addition.
 
     Args:
         start: the believed model. rounds: candidates of earlier rounds, the first of each being accepted.
+        most: causes.
     """
     first_gap = gap_of(problem, start)
     accepted, rounds = (rounds[-1][0].fit if rounds else start), list(rounds)
-    while len(accepted.hypotheses) < MOST_CAUSES and gap_of(problem, accepted) > LEAST_SIGMAS**2:
+    enough = max(LEAST_SIGMAS**2, LEAST_SHARE * first_gap)
+    while len(accepted.hypotheses) < most and (not rounds or gap_of(problem, accepted) > enough):
         scored = candidates(problem, library, accepted, without)
         rounds.append(scored)
         if not scored or not _earned(problem, accepted, scored[0], first_gap):
@@ -75,7 +83,7 @@ def gap_of(problem: Problem, found: Fit) -> float:
 
 def _earned(problem: Problem, accepted: Fit, best: Scored, first_gap: float) -> bool:
     removed = float((excess_by_channel(problem, accepted.error) - excess_by_channel(problem, best.fit.error)).mean())
-    needed = max(LEAST_SIGMAS**2, 0.02 * first_gap if accepted.hypotheses else 0.0)
+    needed = max(LEAST_SIGMAS**2, LEAST_SHARE * first_gap if accepted.hypotheses else 0.0)
     sudden = best.hypothesis.local or best.hypothesis.effect == "bias_jump"
     return best.gain > LEAST_GAIN and removed > needed and (sudden or _z_of_gain(problem, best.fit, accepted) > 2)
 

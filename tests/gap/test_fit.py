@@ -50,13 +50,13 @@ def test_gain_of_each_is_the_gain_of_one(own):
 
 def test_series_are_projected_out():
     rng = np.random.default_rng(0)
-    series, error = rng.normal(size=(5, BINS, 6)), rng.normal(size=(BINS, 6))
-    coefficients, left = projection(series)(error)
-    np.testing.assert_allclose(left, residual(series, error), atol=1e-7)
-    np.testing.assert_allclose(left, error + np.tensordot(coefficients, series, 1))
-    nothing, untouched = projection(series[:0])(error)
-    assert nothing.shape == (0,)
-    assert untouched is error
+    series, errors = rng.normal(size=(5, BINS, 6)), rng.normal(size=(3, BINS, 6))
+    coefficients, left = projection(series)(errors)
+    np.testing.assert_allclose(left, [residual(series, error) for error in errors], atol=1e-7)
+    np.testing.assert_allclose(left, errors + np.tensordot(coefficients, series, 1))
+    nothing, untouched = projection(series[:0])(errors)
+    assert nothing.shape == (3, 0)
+    assert untouched is errors
 
 
 def test_to_first_order_a_linear_effect_is_fitted_exactly():
