@@ -2,13 +2,16 @@
 
 The likelihood is a sum over lanes (a joint or an axis each), so its Hessian is one small block a lane, which as many
 gradients as a lane has parameters determine; tying is a linear map of the logarithms. All gradients of an iteration run
-side by side in one vmapped call, which costs little more than one of them.
+side by side in one vmapped call, which costs little more than one of them. The data come in equal parts that are worked
+through one after the other, so that memory is bounded by a part; the first parts alone lead most of the way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,17 +19,30 @@ import numpy as np
 
 from ftbias_jax.types import Array
 
-LaneScore = Callable[[Array], Array]
-"""(K, N) logarithms of K parameters of N lanes -> (N,) nats."""
+LaneScore = Callable[[Array, Any], Array]
+"""(K, N) logarithms of K parameters of N lanes, and a part of the data -> (N,) nats. Scores that are equal and hash
+alike share one compiled program."""
+
+Report = Callable[[int, float], None]
+"""Told (iteration, nats)."""
 
 MAX_ITERATIONS = 60
 LONGEST_STEP = 1.5
 """Of a logarithm in one iteration: a factor of 4.5."""
-STEP_LENGTHS = np.array([1.0, 0.3, 0.05])
-SMALL_GAIN = 1e-5
-"""nats; converged when a further step is expected to gain less: far inside every standard error."""
+SHORTEN = 0.3
+"""A step that does not gain is shortened by this, at most SHORTENINGS times."""
+SHORTENINGS = 4
+SMALL_GAIN = 1e-3
+"""nats; converged when a further step promises less: 0.05 standard errors. That step is taken unseen."""
+SMALL_GAIN_OF_PARTS = 0.1
+"""nats; the optimum of a part of the data is some standard errors from that of all, so it need not be exact."""
+GROWTH = 16
 UNDETERMINED = 1.0
 """A combination of logarithms with a larger standard error is not determined by the data."""
+AT_ONCE = 2
+"""Parts that are worked on at the same time: a recursion over time keeps one core busy."""
+DIFFERENCE = 1e-4
+"""Of a logarithm, to take the Hessian by differences of gradients."""
 
 
 class Optimum(NamedTuple):
@@ -39,45 +55,55 @@ class Optimum(NamedTuple):
     information: np.ndarray
     """(P, P) observed Fisher information of the logarithms."""
     value: float
-    """Log-likelihood, nats."""
-    start_value: float
+    """Log-likelihood, nats; at most SMALL_GAIN below that of the place."""
     iterations: int
+    """Over all data; those over parts of it are not counted."""
     converged: bool
+
+
+class _Point(NamedTuple):
+    """The likelihood at a place."""
+
+    z: np.ndarray
+    value: float
+    slope: np.ndarray
+    """(P,)."""
+    information: np.ndarray
+    """(P, P) minus the Hessian."""
+
+
+def quiet(iteration: int, value: float) -> None:
+    """Reports to nobody."""
 
 
 def maximise(
     score: LaneScore,
+    parts: Sequence[Any],
     start: np.ndarray,
     index: np.ndarray,
-    report: Callable[[int, float], None] = lambda iteration, value: None,
+    report: Report = quiet,
 ) -> Optimum:
-    """Damped Newton iterations with a parallel line search; needs double precision.
+    """Damped Newton iterations; needs double precision.
 
     Args:
-        score: per-lane log-likelihood, differentiable. start: (P,) logarithms to start from.
+        score: per-lane log-likelihood of a part, differentiable in the logarithms. parts: of the data, pytrees of
+            arrays of the same shapes; the likelihood is the sum over them. start: (P,) logarithms to start from.
         index: (K, N) which free value each entry of the score's argument is. report: told (iteration, nats).
     """
-    values = jax.jit(jax.vmap(lambda x: score(x).sum()))
-    slopes = jax.jit(jax.vmap(jax.grad(lambda x: score(x).sum())))
-    z = np.asarray(start, float)
-    value = start_value = float(values(jnp.stack([jnp.asarray(z[index])] * len(STEP_LENGTHS)))[0])
-    converged = False
-    for iteration in range(1, MAX_ITERATIONS + 1):
-        slope, information = _derivatives(slopes, z, index)
-        step, gain = _ascent(slope, information)
-        if gain < SMALL_GAIN:
-            converged = True
-            break
-        candidates = z + STEP_LENGTHS[:, None] * step
-        trial = np.asarray(values(jnp.asarray(candidates[:, index])))
-        trial = np.where(np.isfinite(trial), trial, -np.inf)
-        best = int(trial.argmax())
-        report(iteration, max(value, float(trial[best])))
-        if trial[best] <= value:  # rounding hides what is left to gain
-            converged = gain < 1e-2
-            break
-        z, value = candidates[best], float(trial[best])
-    return Optimum(z, standard_errors(information), information, value, start_value, iteration, converged)
+    z, converged = np.asarray(start, float), False
+    for count in _growing(len(parts)):
+        whole = count == len(parts)
+        evaluate = partial(_evaluate, score, parts[:count], index=index)
+        here, iterations, converged = _climb(
+            evaluate, evaluate(z), SMALL_GAIN if whole else SMALL_GAIN_OF_PARTS, report
+        )
+        z = here.z + _ascent(here.slope, here.information)[0] if converged else here.z
+    return Optimum(z, standard_errors(here.information), here.information, here.value, iterations, converged)
+
+
+def _growing(count: int) -> list[int]:
+    """How many parts lead the way: 1, 16, 256 ... and all of them."""
+    return [GROWTH**i for i in range(count) if GROWTH**i < count] + [count]
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
@@ -99,18 +125,55 @@ def undetermined(information: np.ndarray, names: list[str]) -> list[str]:
     return phrases
 
 
-def _derivatives(slopes: Callable[[Array], Array], z: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gradient (P,) and minus Hessian (P, P) by differences of gradients, all lanes at once."""
-    K, P, h = len(index), len(z), 1e-4
+def _climb(
+    evaluate: Callable[[np.ndarray], _Point], here: _Point, small: float, report: Report = quiet
+) -> tuple[_Point, int, bool]:
+    """Newton's iterations until a step promises less than ``small``: the best point, how many, and whether it did."""
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        step, gain = _ascent(here.slope, here.information)
+        if gain < small:
+            return here, iteration, True
+        for shortening in range(SHORTENINGS + 1):
+            there = evaluate(here.z + SHORTEN**shortening * step)
+            if _finite(there.value) > _finite(here.value):
+                break
+        else:  # rounding hides what is left to gain
+            return here, iteration, gain < 1e-2
+        here = there
+        report(iteration, here.value)
+    return here, MAX_ITERATIONS, False
+
+
+def _finite(value: float) -> float:
+    """Nonsense is worse than anything."""
+    return value if np.isfinite(value) else -np.inf
+
+
+def _evaluate(score: LaneScore, parts: Sequence[Any], z: np.ndarray, index: np.ndarray) -> _Point:
+    """Value, gradient and minus Hessian, the latter by differences of gradients, all lanes at once."""
+    K, P = len(index), len(z)
     x = z[index]
-    slope = np.asarray(slopes(jnp.asarray(np.concatenate([x[None], x + h * np.eye(K)[:, :, None]]))))
-    blocks = (slope[1:] - slope[0]) / h  # (K, K, N)
+    points = jnp.asarray(np.concatenate([x[None], x + DIFFERENCE * np.eye(K)[:, :, None]]))
+    value, slope = 0.0, np.zeros(points.shape)
+    under_way: deque[tuple[Array, Array]] = deque()
+    for number, part in enumerate(parts):
+        under_way.append(_values_and_slopes(score, points, part))
+        while len(under_way) > (AT_ONCE if number < len(parts) - 1 else 0):
+            values, slopes = under_way.popleft()
+            value, slope = value + float(values[0]), slope + np.asarray(slopes)
+    blocks = (slope[1:] - slope[0]) / DIFFERENCE  # (K, K, N)
     gradient, hessian = np.zeros(P), np.zeros((P, P))
     np.add.at(gradient, index, slope[0])
     for a in range(K):
         for b in range(K):
             np.add.at(hessian, (index[a], index[b]), blocks[a, b])
-    return gradient, -(hessian + hessian.T) / 2
+    return _Point(z, value, gradient, -(hessian + hessian.T) / 2)
+
+
+@partial(jax.jit, static_argnames="score")
+def _values_and_slopes(score: LaneScore, points: Array, part: Any) -> tuple[Array, Array]:
+    """Of (M, K, N) points: nats (M,) and their derivatives (M, K, N)."""
+    return jax.vmap(jax.value_and_grad(lambda x: score(x, part).sum()))(points)
 
 
 def _ascent(slope: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, float]:
