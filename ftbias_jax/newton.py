@@ -59,6 +59,9 @@ class Optimum(NamedTuple):
     iterations: int
     """Over all data; those over parts of it are not counted."""
     converged: bool
+    starts: int
+    agreeing: int
+    """How many of the starts led to the same likelihood."""
 
 
 class _Point(NamedTuple):
@@ -72,33 +75,49 @@ class _Point(NamedTuple):
     """(P, P) minus the Hessian."""
 
 
+class _Climb(NamedTuple):
+    """Where iterations ended."""
+
+    at: _Point
+    beyond: np.ndarray
+    """The place and a last small step, taken unseen."""
+    iterations: int
+    converged: bool
+
+
 def quiet(iteration: int, value: float) -> None:
     """Reports to nobody."""
 
 
 def maximise(
-    score: LaneScore,
-    parts: Sequence[Any],
-    start: np.ndarray,
-    index: np.ndarray,
-    report: Report = quiet,
+    score: LaneScore, parts: Sequence[Any], starts: np.ndarray, index: np.ndarray, report: Report = quiet
 ) -> Optimum:
     """Damped Newton iterations; needs double precision.
 
     Args:
         score: per-lane log-likelihood of a part, differentiable in the logarithms. parts: of the data, pytrees of
-            arrays of the same shapes; the likelihood is the sum over them. start: (P,) logarithms to start from.
+            arrays of the same shapes; the likelihood is the sum over them. starts: (S, P) logarithms to start from;
+            the best of where they lead, by the first part of the data, is pursued.
         index: (K, N) which free value each entry of the score's argument is. report: told (iteration, nats).
     """
-    z, converged = np.asarray(start, float), False
-    for count in _growing(len(parts)):
-        whole = count == len(parts)
-        evaluate = partial(_evaluate, score, parts[:count], index=index)
-        here, iterations, converged = _climb(
-            evaluate, evaluate(z), SMALL_GAIN if whole else SMALL_GAIN_OF_PARTS, report
-        )
-        z = here.z + _ascent(here.slope, here.information)[0] if converged else here.z
-    return Optimum(z, standard_errors(here.information), here.information, here.value, iterations, converged)
+    counts = _growing(len(parts))
+    smalls = [SMALL_GAIN_OF_PARTS] * (len(counts) - 1) + [SMALL_GAIN]
+    climbs = [_climb(partial(_evaluate, score, parts[: counts[0]], index), z, smalls[0], report) for z in starts]
+    best = max(climbs, key=lambda climb: _finite(climb.at.value))
+    agreeing = sum(climb.at.value > best.at.value - 2 * smalls[0] for climb in climbs)
+    for count, small in zip(counts[1:], smalls[1:], strict=True):
+        best = _climb(partial(_evaluate, score, parts[:count], index), best.beyond, small, report)
+    information = best.at.information
+    return Optimum(
+        best.beyond,
+        standard_errors(information),
+        information,
+        best.at.value,
+        best.iterations,
+        best.converged,
+        len(climbs),
+        agreeing,
+    )
 
 
 def _growing(count: int) -> list[int]:
@@ -125,23 +144,22 @@ def undetermined(information: np.ndarray, names: list[str]) -> list[str]:
     return phrases
 
 
-def _climb(
-    evaluate: Callable[[np.ndarray], _Point], here: _Point, small: float, report: Report = quiet
-) -> tuple[_Point, int, bool]:
-    """Newton's iterations until a step promises less than ``small``: the best point, how many, and whether it did."""
+def _climb(evaluate: Callable[[np.ndarray], _Point], start: np.ndarray, small: float, report: Report) -> _Climb:
+    """Newton's iterations until a step promises less than ``small``."""
+    here = evaluate(start)
     for iteration in range(1, MAX_ITERATIONS + 1):
         step, gain = _ascent(here.slope, here.information)
         if gain < small:
-            return here, iteration, True
+            return _Climb(here, here.z + step, iteration, True)
         for shortening in range(SHORTENINGS + 1):
             there = evaluate(here.z + SHORTEN**shortening * step)
             if _finite(there.value) > _finite(here.value):
                 break
         else:  # rounding hides what is left to gain
-            return here, iteration, gain < 1e-2
+            return _Climb(here, here.z, iteration, gain < 1e-2)
         here = there
         report(iteration, here.value)
-    return here, MAX_ITERATIONS, False
+    return _Climb(here, here.z, MAX_ITERATIONS, False)
 
 
 def _finite(value: float) -> float:
@@ -149,7 +167,7 @@ def _finite(value: float) -> float:
     return value if np.isfinite(value) else -np.inf
 
 
-def _evaluate(score: LaneScore, parts: Sequence[Any], z: np.ndarray, index: np.ndarray) -> _Point:
+def _evaluate(score: LaneScore, parts: Sequence[Any], index: np.ndarray, z: np.ndarray) -> _Point:
     """Value, gradient and minus Hessian, the latter by differences of gradients, all lanes at once."""
     K, P = len(index), len(z)
     x = z[index]

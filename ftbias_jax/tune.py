@@ -9,6 +9,7 @@ up to 58 % too large (experiments/tuning). The parameters are logarithms, so the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -30,6 +31,7 @@ PIECE = 4096
 PIECES_AT_ONCE = 4
 SAMPLES_AT_ONCE = 1 << 18
 """Of whole logs side by side. Both bound the memory, whatever the number of logs."""
+RESTART_SPREAD = np.log(10.0)
 
 JOINT_NAMES = ("process_density", "position_std", "velocity_std")
 WRENCH_NAMES = ("density", "wrench_std")
@@ -52,7 +54,8 @@ class Fit(NamedTuple):
     optimum: newton.Optimum
 
 
-class JointScore(NamedTuple):
+@dataclass(frozen=True)
+class JointScore:
     """Log-likelihood of joint measurements, by joint; a newton.LaneScore whose parts are (params, pieces of logs)."""
 
     names: tuple[str, ...]
@@ -85,7 +88,8 @@ class WrenchLogs(NamedTuple):
     """(L, T, 6) the joints' share of the variance."""
 
 
-class WrenchScore(NamedTuple):
+@dataclass(frozen=True)
+class WrenchScore:
     """Log-likelihood of the wrench given joints, by axis; a newton.LaneScore whose parts are (params, WrenchLogs)."""
 
     names: tuple[str, ...]
@@ -113,6 +117,7 @@ def tune_joints(
     ties: dict[str, str],
     options: Options = DEFAULT_OPTIONS,
     burn_in: float = 0.2,
+    restarts: int = 0,
     report: Report = newton.quiet,
 ) -> tuple[Params, Fit]:
     """Fit the noise of the joint filter.
@@ -120,7 +125,8 @@ def tune_joints(
     Args:
         params: what is not fitted, and where to start. logs: samples of one robot.
         ties: key of TIES for each of JOINT_NAMES that is to be fitted. options: of the pipeline.
-        burn_in: s that do not count at the start of every piece. report: told (iteration, nats).
+        burn_in: s that do not count at the start of every piece. restarts: further starts, each value off by a random
+            factor (10 or 1/10 is usual); Fit.optimum tells how many agree. report: told (iteration, nats).
 
     Returns:
         params with the fitted noise, and the fit.
@@ -129,7 +135,7 @@ def tune_joints(
     longest = max(len(piece.dt) for piece in pieces)
     parts = [(params, stack(part, longest)) for part in _equal_parts(pieces, PIECES_AT_ONCE)]
     start = {name: getattr(params.joint, name) for name in ties}
-    fit = _fit(JointScore(tuple(ties), options.joint_model, burn_in), parts, start, ties, report)
+    fit = _fit(JointScore(tuple(ties), options.joint_model, burn_in), parts, start, ties, restarts, report)
     return params._replace(joint=params.joint._replace(**_arrays(fit, params))), fit
 
 
@@ -139,6 +145,7 @@ def tune_wrench(
     ties: dict[str, str],
     options: Options = DEFAULT_OPTIONS,
     burn_in: float = 1.0,
+    restarts: int = 0,
     report: Report = newton.quiet,
 ) -> tuple[Params, Fit]:
     """Fit the noise of bias and sensor, with the joints' noise as it stands, which should be the likeliest.
@@ -152,7 +159,7 @@ def tune_wrench(
     for part in _equal_parts(list(logs), max(1, SAMPLES_AT_ONCE // longest)):
         samples = stack(part, longest)
         parts.append((params, WrenchLogs(samples, *_smoothed_wrenches(params, samples, options))))
-    return fit_wrench(params, parts, ties, burn_in, report)
+    return fit_wrench(params, parts, ties, burn_in, restarts, report)
 
 
 def fit_wrench(
@@ -160,12 +167,13 @@ def fit_wrench(
     parts: Sequence[tuple[Params, WrenchLogs]],
     ties: dict[str, str],
     burn_in: float = 1.0,
+    restarts: int = 0,
     report: Report = newton.quiet,
 ) -> tuple[Params, Fit]:
     """``tune_wrench`` for joints that are already smoothed, or known; parts have arrays of the same shapes."""
     everything = {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
     start = {name: everything[name] for name in ties}
-    fit = _fit(WrenchScore(tuple(ties), burn_in), parts, start, ties, report)
+    fit = _fit(WrenchScore(tuple(ties), burn_in), parts, start, ties, restarts, report)
     return with_wrench_noise(params, _arrays(fit, params)), fit
 
 
@@ -229,7 +237,12 @@ def _smoothed_wrenches(params: Params, logs: Sample, options: Options) -> tuple[
 
 
 def _fit(
-    score: newton.LaneScore, parts: list[Any], start: dict[str, Array], ties: dict[str, str], report: Report
+    score: newton.LaneScore,
+    parts: Sequence[Any],
+    start: dict[str, Array],
+    ties: dict[str, str],
+    restarts: int,
+    report: Report,
 ) -> Fit:
     """Free values are the geometric means of what they tie together."""
     index: list[np.ndarray] = []
@@ -240,7 +253,9 @@ def _fit(
         index.append(group + len(names))
         logs += [np.log(np.asarray(value))[group == g].mean() for g in range(group.max() + 1)]
         names += [f"{name}[{g}]" for g in range(group.max() + 1)]
-    optimum = newton.maximise(score, parts, np.array(logs), np.array(index), report)
+    spread = np.random.default_rng(0).normal(scale=RESTART_SPREAD, size=(restarts, len(logs)))
+    starts = np.array(logs) + np.concatenate([np.zeros((1, len(logs))), spread])
+    optimum = newton.maximise(score, parts, starts, np.array(index), report)
     values = {name: np.exp(optimum.logs[row]) for name, row in zip(start, index, strict=True)}
     stderr = {name: optimum.stderr[row] for name, row in zip(start, index, strict=True)}
     return Fit(values, stderr, newton.undetermined(optimum.information, names), optimum)

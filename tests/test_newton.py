@@ -24,7 +24,7 @@ def banana(x, part=None):
 
 
 def test_a_quadratic_is_solved():
-    best = newton.maximise(quadratic, WHOLE, np.full(8, 0.5), EACH)
+    best = newton.maximise(quadratic, WHOLE, np.full(8, 0.5)[None], EACH)
     assert best.converged
     np.testing.assert_allclose(best.logs, [0, 1, 2, 3, 0, -1, -2, -3], atol=1e-4)
     np.testing.assert_allclose(best.value, 0, atol=1e-8)
@@ -35,7 +35,7 @@ def test_a_quadratic_is_solved():
 def test_tied_lanes_share_their_best_compromise():
     """All lanes share the first value, pairs of lanes the second."""
     index = np.array([[0, 0, 0, 0], [1, 1, 2, 2]])
-    best = newton.maximise(quadratic, WHOLE, np.zeros(3), index)
+    best = newton.maximise(quadratic, WHOLE, np.zeros(3)[None], index)
     # Least squares over the lanes, each weighted by BENT.
     spread = np.zeros((LANES, 2, 3))
     for lane in range(LANES):
@@ -50,7 +50,9 @@ def test_tied_lanes_share_their_best_compromise():
 @pytest.mark.parametrize("start", [-8.0, 0.0, 5.0])
 def test_any_start_reaches_the_optimum_and_never_goes_down(start):
     seen = []
-    best = newton.maximise(banana, WHOLE, np.full(2, start), EACH[:, :1] // 4, lambda _, value: seen.append(value))
+    best = newton.maximise(
+        banana, WHOLE, np.full(2, start)[None], EACH[:, :1] // 4, lambda _, value: seen.append(value)
+    )
     assert best.converged
     np.testing.assert_allclose(best.logs, 1, atol=0.01)
     assert (np.diff([banana(np.full(2, start)), *seen]) >= 0).all()
@@ -64,7 +66,7 @@ def test_parts_of_the_data_lead_to_the_optimum_of_all():
     def score(x, pull):
         return -2 * jnp.cosh(x - pull)[0]
 
-    best = newton.maximise(score, pulls, np.array([-5.0]), np.array([[0]]))
+    best = newton.maximise(score, pulls, np.array([-5.0])[None], np.array([[0]]))
     centre = np.log(np.sum(np.exp(pulls)) / np.sum(np.exp(-np.array(pulls)))) / 2
     assert best.converged
     assert best.iterations <= 3
@@ -73,19 +75,31 @@ def test_parts_of_the_data_lead_to_the_optimum_of_all():
     np.testing.assert_allclose(best.information, [[2 * np.cosh(centre - np.array(pulls)).sum()]], rtol=1e-3)
 
 
+def test_the_best_of_several_starts_and_how_many_agree():
+    """Two hills; the higher one is at 4."""
+
+    def score(x, part):
+        return jnp.logaddexp(-2 * x[0] ** 2, 3 - 2 * (x[0] - 4) ** 2)
+
+    best = newton.maximise(score, WHOLE, np.array([[-0.5], [3.9], [4.2]]), np.array([[0]]))
+    np.testing.assert_allclose(best.logs, 4, atol=1e-3)
+    np.testing.assert_allclose(best.value, 3, atol=newton.SMALL_GAIN)
+    assert (best.agreeing, best.starts) == (2, 3)
+
+
 def test_a_step_into_nonsense_is_shortened():
     """The likelihood is NaN beyond 2, where a Newton step from the start would end."""
 
     def score(x, part):
         return jnp.where(x[0] < 2, -jnp.cosh(x[0] - 1.8), jnp.nan)
 
-    best = newton.maximise(score, WHOLE, np.array([0.6]), np.array([[0]]))
+    best = newton.maximise(score, WHOLE, np.array([0.6])[None], np.array([[0]]))
     np.testing.assert_allclose(best.logs, 1.8, atol=0.01)
 
 
 def test_too_few_iterations_are_told(monkeypatch):
     monkeypatch.setattr(newton, "MAX_ITERATIONS", 2)
-    assert not newton.maximise(banana, WHOLE, np.full(2, -8.0), EACH[:, :1] // 4).converged
+    assert not newton.maximise(banana, WHOLE, np.full(2, -8.0)[None], EACH[:, :1] // 4).converged
 
 
 def test_a_combination_that_changes_nothing_is_named():
@@ -94,7 +108,7 @@ def test_a_combination_that_changes_nothing_is_named():
     def score(x, part):
         return -50 * ((x[0] + x[1] - 3) ** 2 + (x[2] - 1) ** 2)
 
-    best = newton.maximise(score, WHOLE, np.zeros(3), np.arange(3)[:, None])
+    best = newton.maximise(score, WHOLE, np.zeros(3)[None], np.arange(3)[:, None])
     assert best.converged
     np.testing.assert_allclose(best.logs, [1.5, 1.5, 1], atol=1e-4)
     np.testing.assert_array_equal(np.isinf(best.stderr), [True, True, False])

@@ -1,4 +1,4 @@
-"""Noise tuning on logs of 60,000 samples: is the truth found, from starts wrong by 30 times, and how long does it take?"""
+"""Noise tuning on logs of 60,000 samples: is the truth found, also from starts wrong by 30 times, and how fast?"""
 
 import sys
 import time

@@ -46,13 +46,18 @@ def run(arguments: argparse.Namespace) -> int:
     fits: dict[str, Fit] = {}
     # The wrench needs the likeliest process noise of the joints, even if nobody asked for it.
     names = tune.JOINT_NAMES if "joints" in arguments.fit else tune.JOINT_NAMES[:1]
-    params, joints = tune.tune_joints(params, seen, dict.fromkeys(names, "each"), options, report=_reporter("joints"))
+    restarts = arguments.restarts
+    params, joints = tune.tune_joints(
+        params, seen, dict.fromkeys(names, "each"), options, restarts=restarts, report=_reporter("joints")
+    )
     if "joints" in arguments.fit:
         fits["joints"] = joints
     ties = {"density": "bias", "wrench_std": "sensor"}
     wanted = {name: arguments.tie for name, part in ties.items() if part in arguments.fit}
     if wanted:
-        params, fits["wrench"] = tune.tune_wrench(params, seen, wanted, options, report=_reporter("wrench"))
+        params, fits["wrench"] = tune.tune_wrench(
+            params, seen, wanted, options, restarts=restarts, report=_reporter("wrench")
+        )
     for fit in fits.values():
         print(_table(fit))
     if arguments.hold_out:
@@ -101,7 +106,8 @@ def _table(fit: Fit) -> str:
     for name, values in fit.values.items():
         errors = fit.relative_stderr[name] * values
         lines.append(f"{name:16s} " + "  ".join(f"{x:.3g} ± {e:.1g}" for x, e in zip(values, errors, strict=True)))
-    lines.append(f"{'':16s} log-likelihood {fit.optimum.value:.1f} nats")
+    found = fit.optimum
+    lines.append(f"{'':16s} log-likelihood {found.value:.1f} nats; {found.agreeing} of {found.starts} starts agree")
     lines += [f"{'':16s} not determined by these logs: {words}" for words in fit.undetermined]
     return "\n".join(lines)
 
