@@ -8,8 +8,9 @@ through one after the other, so that memory is bounded by a part; the first part
 
 from __future__ import annotations
 
-from collections import deque
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -39,7 +40,7 @@ SMALL_GAIN_OF_PARTS = 0.1
 GROWTH = 16
 UNDETERMINED = 1.0
 """A combination of logarithms with a larger standard error is not determined by the data."""
-AT_ONCE = 2
+THREADS = min(4, os.cpu_count() or 1)
 """Parts that are worked on at the same time: a recursion over time keeps one core busy."""
 DIFFERENCE = 1e-4
 """Of a logarithm, to take the Hessian by differences of gradients."""
@@ -125,6 +126,19 @@ def _growing(count: int) -> list[int]:
     return [GROWTH**i for i in range(count) if GROWTH**i < count] + [count]
 
 
+def for_each(function: Callable[[Any], Any], parts: Sequence[Any]) -> list[Any]:
+    """A compiled function of every part of the data, some at a time; its results as numpy arrays."""
+
+    def one(part: Any) -> Any:
+        return jax.tree.map(np.asarray, function(part))
+
+    if len(parts) == 1:
+        return [one(parts[0])]
+    first = one(parts[0])  # compiles, once
+    with ThreadPoolExecutor(THREADS) as pool:
+        return [first, *pool.map(one, parts[1:])]
+
+
 def standard_errors(information: np.ndarray) -> np.ndarray:
     """(P,) from the inverse of an information matrix; inf for what it does not determine."""
     strength, directions = np.linalg.eigh(information)
@@ -173,12 +187,8 @@ def _evaluate(score: LaneScore, parts: Sequence[Any], index: np.ndarray, z: np.n
     x = z[index]
     points = jnp.asarray(np.concatenate([x[None], x + DIFFERENCE * np.eye(K)[:, :, None]]))
     value, slope = 0.0, np.zeros(points.shape)
-    under_way: deque[tuple[Array, Array]] = deque()
-    for number, part in enumerate(parts):
-        under_way.append(_values_and_slopes(score, points, part))
-        while len(under_way) > (AT_ONCE if number < len(parts) - 1 else 0):
-            values, slopes = under_way.popleft()
-            value, slope = value + float(values[0]), slope + np.asarray(slopes)
+    for values, slopes in for_each(partial(_values_and_slopes, score, points), parts):
+        value, slope = value + float(values[0]), slope + slopes
     blocks = (slope[1:] - slope[0]) / DIFFERENCE  # (K, K, N)
     gradient, hessian = np.zeros(P), np.zeros((P, P))
     np.add.at(gradient, index, slope[0])

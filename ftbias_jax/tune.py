@@ -155,10 +155,9 @@ def tune_wrench(
             of the diagonal of Sigma_W. The others: as for ``tune_joints``.
     """
     longest = max(len(log.dt) for log in logs)
-    parts = []
-    for part in _equal_parts(list(logs), max(1, SAMPLES_AT_ONCE // longest)):
-        samples = stack(part, longest)
-        parts.append((params, WrenchLogs(samples, *_smoothed_wrenches(params, samples, options))))
+    samples = [stack(part, longest) for part in _equal_parts(list(logs), max(1, SAMPLES_AT_ONCE // longest))]
+    wrenches = newton.for_each(partial(_smoothed_wrenches, params, options=options), samples)
+    parts = [(params, WrenchLogs(part, *wrench)) for part, wrench in zip(samples, wrenches, strict=True)]
     return fit_wrench(params, parts, ties, burn_in, restarts, report)
 
 
