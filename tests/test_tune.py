@@ -142,6 +142,101 @@ def test_ties(tie, lanes):
     np.testing.assert_array_equal(tune.TIES[tie](6), lanes)
 
 
+@pytest.fixture(scope="module")
+def still(truth):
+    """A robot at rest whose tool weighs nothing, irregular stamps: the wrench is minus the bias, with noise."""
+    rng = np.random.default_rng(0)
+    dt = np.r_[0.0, rng.uniform(0.005, 0.015, 1999)]
+    density = jnp.repeat(jnp.array([0.05, 3e-3]), 3)
+    variance = jnp.repeat(jnp.array([0.2, 0.02]), 3) ** 2
+    params = truth._replace(bias=truth.bias._replace(density=density, wrench_variance=variance))
+    start = np.asarray(params.bias.prior_mean + params.bias.prior_std * rng.normal(size=12))
+    bias, _ = simulate.bias_process(jax.random.key(0), jnp.cumsum(dt), density, start[:6], start[6:])
+    wrench = np.sqrt(variance) * rng.normal(size=(2000, 6)) - bias
+    wrench = wrench.at[300:500, 1].set(np.nan)
+    nothing = np.zeros((2000, 6))
+    whole = tune.WrenchLogs(tune.stack([Sample(dt, nothing[:, :3], nothing[:, :3], wrench)]), *2 * [nothing[None]])
+    return params, whole
+
+
+@pytest.mark.parametrize(("tie", "free"), [("one", 1), ("pair", 2), ("each", 6)])
+def test_tied_values_are_best_together(still, tie, free):
+    """No common factor makes the measurements likelier, and more data for a value make its error smaller."""
+    params, whole = still
+    tuned, fit = tune.fit_wrench(wrong(params, 3.0), [still], {"density": tie, "wrench_std": "each"})
+    assert fit.optimum.converged
+    density = fit.values["density"]
+    assert len(set(density)) == free
+    if tie != "one":  # forces and torques differ in truth
+        assert (np.abs(np.log(density / params.bias.density)) < 4 * fit.relative_stderr["density"]).all()
+        alone = tune.fit_wrench(params, [still], ALL_WRENCH_NOISE)[1].relative_stderr["density"]
+        np.testing.assert_allclose(fit.relative_stderr["density"], alone * np.sqrt(free / 6), rtol=0.35)
+
+    score = tune.WrenchScore(tune.WRENCH_NAMES, 1.0)
+    best = np.log([density, fit.values["wrench_std"]])
+    for group in set(tune.TIES[tie](6)):
+        off = 0.02 * np.stack([tune.TIES[tie](6) == group, np.zeros(6)])
+        low, here, high = (float(score(jnp.asarray(best + k * off), still).sum()) for k in (-1, 0, 1))
+        assert max(low, high) < here
+
+
+def expectation_maximisation(params, whole):
+    """One step of EM (Shumway and Stoffer 1982) for sigma_Q and Sigma_W of each axis, textbook matrices."""
+    dt, y = np.asarray(whole.samples.dt[0]), -np.asarray(whole.samples.wrench[0])
+    densities, variances = [], []
+    for axis in range(6):
+        q, r = float(params.bias.density[axis]), float(params.bias.wrench_variance[axis])
+        A = np.stack([np.array([[1, h], [0, 1]]) for h in dt])
+        unit = np.stack([np.array([[h**3 / 3, h**2 / 2], [h**2 / 2, h]]) for h in dt])
+        x = np.asarray(params.bias.prior_mean).reshape(2, 6)[:, axis]
+        P = np.diag(np.asarray(params.bias.prior_std).reshape(2, 6)[:, axis] ** 2)
+        filtered = []
+        for i in range(len(dt)):
+            x, P = A[i] @ x, A[i] @ P @ A[i].T + q**2 * unit[i]
+            if np.isfinite(y[i, axis]):
+                K = P[:, 0] / (P[0, 0] + r)
+                x, P = x + K * (y[i, axis] - x[0]), P - np.outer(K, P[0])
+            filtered.append((x, P))
+        shocks, noise = [], []
+        for i in reversed(range(len(dt))):
+            if np.isfinite(y[i, axis]):
+                noise.append((y[i, axis] - x[0]) ** 2 + P[0, 0])
+            if i == 0:
+                break
+            before, spread = filtered[i - 1]
+            G = spread @ A[i].T @ np.linalg.inv(A[i] @ spread @ A[i].T + q**2 * unit[i])
+            past = before + G @ (x - A[i] @ before)
+            P_past = spread + G @ (P - A[i] @ spread @ A[i].T - q**2 * unit[i]) @ G.T
+            shock, crossed = x - A[i] @ past, P @ G.T @ A[i].T
+            second = np.outer(shock, shock) + P + A[i] @ P_past @ A[i].T - crossed - crossed.T
+            shocks.append(np.trace(np.linalg.solve(unit[i], second)) / 2)
+            x, P = past, P_past
+        densities.append(np.sqrt(np.mean(shocks)))
+        variances.append(np.mean(noise))
+    return {"density": jnp.array(densities), "wrench_std": jnp.sqrt(jnp.array(variances))}
+
+
+def test_expectation_maximisation_stays_at_the_optimum(still):
+    """A second way to the maximum: where Newton's iterations end, EM does not move; from elsewhere it climbs there."""
+    params, whole = still
+    tuned, _ = tune.fit_wrench(params, [still], ALL_WRENCH_NOISE, burn_in=0.0)
+    score = tune.WrenchScore(tune.WRENCH_NAMES, 0.0)
+
+    def moved_by_em(params):
+        after = expectation_maximisation(params, whole)
+        before = {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
+        rows = (jnp.log(jnp.stack([noise[name] for name in tune.WRENCH_NAMES])) for noise in (before, after))
+        old, new = (np.asarray(row) for row in rows)
+        return new - old, np.asarray(score(jnp.asarray(new), still) - score(jnp.asarray(old), still))
+
+    step, _ = moved_by_em(tuned)
+    np.testing.assert_allclose(step, 0, atol=2e-6)
+    apart = tuned._replace(bias=tuned.bias._replace(density=1.2 * tuned.bias.density))
+    step, gain = moved_by_em(apart)
+    assert (step[0] < -1e-4).all()
+    assert (gain > 0).all()
+
+
 def check_recovery(error, in_sigmas):
     """For each parameter a row of logs."""
     assert np.abs(np.median(error, 1)).max() < 0.1
