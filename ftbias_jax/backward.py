@@ -44,9 +44,7 @@ def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
     last = (list(track.mean[-1]), [list(track.covariance[-1, a]) for a in range(k)])
     before = (inputs.dt[1:], track.mean[:-1], track.covariance[:-1])
     mean, covariance = jax.lax.scan(body, last, before, reverse=True)[1]
-    return Smoothed(
-        jnp.concatenate([mean, track.mean[-1:]]), jnp.concatenate([covariance, track.covariance[-1:]])
-    )
+    return Smoothed(jnp.concatenate([mean, track.mean[-1:]]), jnp.concatenate([covariance, track.covariance[-1:]]))
 
 
 def _step(A: Rows, Q: Rows, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:

@@ -92,7 +92,8 @@ class WrenchProblem(NamedTuple):
     dt: Array
     """(T,) s."""
     wrench: Array
-    """(T, 6) N, Nm as read; NaN = not measured."""
+    """(T, 6) N, Nm as read, plus the bias expected a priori, so that what is left of it starts at zero; NaN = not
+    measured."""
     variance: Array
     """(T, 6) N^2, Nm^2: diagonal of R."""
     density: Array
@@ -148,4 +149,6 @@ def wrench_problem(
     """
     wrench_tool, variance = staged.predict_wrenches(params, joints, samples, options)
     bias = params.bias
-    return WrenchProblem(samples.dt, samples.wrench, variance, bias.density, bias.prior_std), wrench_tool
+    level, drift = bias.prior_mean.reshape(2, 1, 6)
+    expected = level + jnp.cumsum(samples.dt)[:, None] * drift
+    return WrenchProblem(samples.dt, samples.wrench + expected, variance, bias.density, bias.prior_std), wrench_tool

@@ -79,6 +79,7 @@ def test_a_sensor_that_is_turned_and_gravity_that_is_tilted(truth):
     there = truth._replace(arm=turned, gravity=gravity)
     found = identify.identify(with_light_tool(truth), log_of(there), mounting=True, gravity=True)
     check_tool(found, there)
+    assert found.unexcited == []
     assert (np.abs(found.rotation - TURN) < 4 * found.rotation_stderr).all()
     assert (found.rotation_stderr < 0.01).all()
     assert (np.abs(found.gravity - np.asarray(gravity)) < 4 * found.gravity_stderr + 1e-9).all()
@@ -91,9 +92,10 @@ def test_a_robot_that_stands_still_says_nothing_about_inertia(truth):
         theta=tool_parameters(jnp.array(0.5), jnp.zeros(3), jnp.zeros(6)),
         bias=truth.bias._replace(prior_std=1e3 * truth.bias.prior_std),
     )
-    found = identify.identify(start, log_of(truth, speed=0.0), mounting=True)
-    # What is left is the centre of mass: the encoders' noise pretends a little motion.
+    found = identify.identify(start, log_of(truth, speed=0.0), mounting=True, gravity=True)
+    # The centre of mass is left out: the encoders' noise pretends a little motion.
     assert set(found.unexcited) >= {"mass", *identify.NAMES[4:]}
+    assert any(name.startswith("mounting about") for name in found.unexcited)
+    assert any(name.startswith("gravity along") for name in found.unexcited)
     assert found.condition > 1e3
     assert (np.linalg.eigvalsh(pseudo_inertia(jnp.asarray(found.theta))) > 0).all()
-    assert found.stderr[0] > 0.1

@@ -80,7 +80,7 @@ def test_smoothed_accelerations_have_no_lag(params, samples):
 
 
 def drifting(dtype):
-    """A Panda log of 600 samples at 500 Hz whose first samples measured nothing, wide priors, slow bias; float32 or 64."""
+    """A Panda log of 600 samples at 500 Hz whose first samples measured nothing: wide priors, slow bias."""
     t = np.arange(600) / 500
     rng = np.random.default_rng(0)
     q = 0.5 * np.sin(t[:, None] + np.arange(7)) + 2e-5 * rng.normal(size=(600, 7))
