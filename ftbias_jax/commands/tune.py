@@ -138,8 +138,10 @@ def _comments(fits: dict[str, Fit]) -> dict[str, str]:
         "density": "bias.noise_density",
         "wrench_std": "sensor.noise_std",
     }
-    return {
+    comments = {
         keys[name]: "tuned, relative standard errors " + " ".join(f"{x:.1g}" for x in errors)
         for fit in fits.values()
         for name, errors in fit.relative_stderr.items()
     }
+    density = keys["process_density"]
+    return {key: words + ("; ftbias filter multiplies it" if key == density else "") for key, words in comments.items()}
