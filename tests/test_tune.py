@@ -142,6 +142,23 @@ def test_ties(tie, lanes):
     np.testing.assert_array_equal(tune.TIES[tie](6), lanes)
 
 
+def test_many_logs_are_worked_through_in_parts(truth, monkeypatch):
+    """Three logs of unequal length, two at a time, one place left empty, give what all at once give."""
+    logs = [
+        jax.tree.map(lambda x, n=n: x[:n], log)
+        for log, n in zip(logs_of(truth, [0, 1, 2], 800), (800, 500, 700), strict=True)
+    ]
+    whole = tune.tune_joints(truth, logs, ALL_JOINT_NOISE)[1], tune.tune_wrench(truth, logs, ALL_WRENCH_NOISE)[1]
+    monkeypatch.setattr(tune, "PIECES_AT_ONCE", 2)
+    monkeypatch.setattr(tune, "SAMPLES_AT_ONCE", 1600)
+    assert [len(part) for part in tune._equal_parts(logs, 2)] == [2, 2]
+    parts = tune.tune_joints(truth, logs, ALL_JOINT_NOISE)[1], tune.tune_wrench(truth, logs, ALL_WRENCH_NOISE)[1]
+    for one, other in zip(whole, parts, strict=True):
+        assert other.optimum.converged
+        assert same(one, other)
+        np.testing.assert_allclose(one.optimum.value, other.optimum.value, atol=2 * newton.SMALL_GAIN)
+
+
 @pytest.fixture(scope="module")
 def still(truth):
     """A robot at rest whose tool weighs nothing, irregular stamps: the wrench is minus the bias, with noise."""
