@@ -94,6 +94,13 @@ def _add_tune(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         help="sigma_Q and sensor noise: one value for each axis, for forces and torques, or for all (%(default)s)",
     )
     parser.add_argument(
+        "--restarts",
+        type=_count,
+        default=1,
+        metavar="N",
+        help="further starts, all values off by random factors, to see whether they agree (%(default)s)",
+    )
+    parser.add_argument(
         "--hold-out", type=_share, default=0.25, metavar="SHARE", help="end of every log kept to judge by (%(default)s)"
     )
 
@@ -179,6 +186,13 @@ def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
 def _seed(text: str) -> int:
     if not text.isdecimal() or int(text) >= 2**32:
         raise argparse.ArgumentTypeError(f"must be a whole number from 0 to {2**32 - 1}, not {text!r}")
+    return int(text)
+
+
+def _count(text: str) -> int:
+    """A whole number of something, 0 or more."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0")
     return int(text)
 
 

@@ -24,6 +24,8 @@ NAMES = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "
 UNITS = ("kg", "m", "m", "m", *["kg m^2"] * 6)
 PRIOR_STD = np.array([3.0, 1.5, 1.5, 1.5, 0.1, 0.1, 0.1, 0.3, 0.3, 0.3])
 """Of the log-Cholesky coordinates: factors for mass and size, m for skew and centre of mass. Wide for any tool."""
+MOUNTING_STD, GRAVITY_STD, FIXED = 0.3, 0.1, 1e-9
+"""rad, prior of the turns of the sensor on the flange and of gravity; FIXED for what is not asked for."""
 
 
 class Identified(NamedTuple):
@@ -44,7 +46,8 @@ class Identified(NamedTuple):
     condition: float
     """Condition number of the excitation of theta, in units of the mass and of RADIUS; above 1e3 the motion is poor."""
     unexcited: list[str]
-    """Parameters whose standard error, by this log alone, is larger than a tool of size RADIUS could have."""
+    """What the log alone leaves open: parameters of the tool whose standard error is larger than a tool of size RADIUS
+    could have; turns of the sensor and components of gravity, if asked for, that stay half as uncertain as at first."""
     gain: float
     """nats over the start."""
     converged: bool
@@ -67,7 +70,8 @@ def identify(
     problem, _ = likelihood.wrench_problem(params, samples, joints, options)
     model = regression.linearise(problem, lambda z: staged.predict_readings(_moved(params, z), joints.mean, samples))
     log_cholesky = np.asarray(log_cholesky_from_parameters(_with_volume(params.theta)))
-    std = np.concatenate([PRIOR_STD, [0.3 if mounting else 1e-9] * 3, [0.1 if gravity else 1e-9] * 3])
+    turns = np.repeat([MOUNTING_STD if mounting else FIXED, GRAVITY_STD if gravity else FIXED], 3)
+    std = np.concatenate([PRIOR_STD, turns])
     prior = Prior(np.concatenate([log_cholesky, np.zeros(6)]), std)
     x = prior.mean
     linear = model(np.asarray(_physical(jnp.asarray(x))))
@@ -88,14 +92,23 @@ def identify(
     )
     down = np.asarray(jax.jacfwd(lambda z: _moved(params, z).gravity)(jnp.asarray(linear.at)))[:, 13:]
     condition, unexcited = _excitation(linear, regression.excess(linear, problem))
+    rotation_stderr = np.sqrt(np.diag(covariance)[10:13])
+    gravity_stderr = np.sqrt(np.diag(down @ covariance[13:, 13:] @ down.T))
+    if mounting:
+        unexcited += [
+            f"mounting about {x}" for x, e in zip("xyz", rotation_stderr, strict=True) if e > MOUNTING_STD / 2
+        ]
+    if gravity:
+        wide = GRAVITY_STD / 2 * np.linalg.norm(params.gravity)
+        unexcited += [f"gravity along {x}" for x, e in zip("xyz", gravity_stderr, strict=True) if e > wide]
     return Identified(
         theta=linear.at[:10],
         values=np.asarray(_data_sheet(jnp.asarray(linear.at[:10]))),
         stderr=np.sqrt(np.diag(to_sheet @ covariance @ to_sheet.T)),
         rotation=x[10:13],
-        rotation_stderr=np.sqrt(np.diag(covariance)[10:13]),
+        rotation_stderr=rotation_stderr,
         gravity=np.asarray(_moved(params, jnp.asarray(linear.at)).gravity),
-        gravity_stderr=np.sqrt(np.diag(down @ covariance[13:, 13:] @ down.T)),
+        gravity_stderr=gravity_stderr,
         condition=condition,
         unexcited=unexcited,
         gain=float(first - cost),
@@ -116,7 +129,8 @@ def _best_physical(linear: Linear, x: np.ndarray, prior: Prior) -> np.ndarray:
         z, slope = (np.asarray(value) for value in _physical_and_slope(jnp.asarray(x)))
         gradient = slope.T @ (pull + linear.information @ (z - linear.at)) + weight * (x - prior.mean)
         normal = slope.T @ linear.information @ slope + np.diag(weight)
-        trial = x - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+        trial = x - step / max(1.0, np.abs(step / prior.std).max())  # logarithms: a long step would overflow
         new = cost(trial)
         if new < current:
             gained, x, current, damping = current - new, trial, new, damping / 10

@@ -15,6 +15,7 @@ from ftbias_jax import pipeline, staged
 from ftbias_jax.noise import JOINT_MODELS, drift_noise
 from ftbias_jax.pipeline import DEFAULT_OPTIONS, Info, Options, Params, State
 from ftbias_jax.recursion import Inputs, filter_scan
+from ftbias_jax.smooth import smooth_joints
 from ftbias_jax.types import Array, Gaussian, Sample
 
 
@@ -60,6 +61,22 @@ def joint_log_likelihood(
     return (counted(samples.dt, burn_in) * track.log_likelihood.sum(1)).sum()
 
 
+@partial(jax.jit, static_argnames="options")
+def wrench_given_joints(
+    params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
+) -> Array:
+    """Log-likelihood, () nats, of the wrench given all joint measurements, past and future: of smoothed joints.
+
+    Together with ``joint_log_likelihood`` it is the density of the whole log, p(joints) p(wrench | joints), where
+    ``log_likelihood`` takes the wrench given the joints' past, as a filter must. Arguments as there.
+    """
+    start = pipeline.init(params, samples)
+    joints = smooth_joints(params, start, samples, options)
+    wrench_tool, variance = staged.predict_wrenches(params, joints, samples, options)
+    track = filter_scan(drift_noise, staged.bias_inputs(params, start, samples, wrench_tool, variance))
+    return (counted(samples.dt, burn_in) * track.log_likelihood.sum(1)).sum()
+
+
 def counted(dt: Array, burn_in: float | Array) -> Array:
     """(T,) 1 for samples after the burn-in, 0 before."""
     return (jnp.cumsum(dt) >= burn_in).astype(dt.dtype)
@@ -75,7 +92,8 @@ class WrenchProblem(NamedTuple):
     dt: Array
     """(T,) s."""
     wrench: Array
-    """(T, 6) N, Nm as read; NaN = not measured."""
+    """(T, 6) N, Nm as read, plus the bias expected a priori, so that what is left of it starts at zero; NaN = not
+    measured."""
     variance: Array
     """(T, 6) N^2, Nm^2: diagonal of R."""
     density: Array
@@ -131,4 +149,6 @@ def wrench_problem(
     """
     wrench_tool, variance = staged.predict_wrenches(params, joints, samples, options)
     bias = params.bias
-    return WrenchProblem(samples.dt, samples.wrench, variance, bias.density, bias.prior_std), wrench_tool
+    level, drift = bias.prior_mean.reshape(2, 1, 6)
+    expected = level + jnp.cumsum(samples.dt)[:, None] * drift
+    return WrenchProblem(samples.dt, samples.wrench + expected, variance, bias.density, bias.prior_std), wrench_tool

@@ -163,10 +163,10 @@ def test_regression_on_whitened_columns_is_generalised_least_squares():
 
 
 def test_the_problem_of_the_wrench_is_the_bias_filter_of_the_pipeline(params, samples):
-    from_zero = params._replace(bias=params.bias._replace(prior_mean=jnp.zeros(12)))
-    start = pipeline.init(from_zero, samples)
-    _, track = staged.run(from_zero, start, samples, pipeline.DEFAULT_OPTIONS)
-    problem, wrench_tool = likelihood.wrench_problem(from_zero, samples, staged.joint_states(track.joint))
+    """With a bias and a drift that are expected from the start."""
+    start = pipeline.init(params, samples)
+    _, track = staged.run(params, start, samples, pipeline.DEFAULT_OPTIONS)
+    problem, wrench_tool = likelihood.wrench_problem(params, samples, staged.joint_states(track.joint))
     np.testing.assert_allclose(wrench_tool, track.wrench_tool, rtol=1e-12)
-    whitened = likelihood.whiten(problem, (wrench_tool - samples.wrench)[None])[0]
+    whitened = likelihood.whiten(problem, (wrench_tool - problem.wrench)[None])[0]
     np.testing.assert_allclose(whitened**2, track.wrench.nis, rtol=1e-10, atol=1e-12)

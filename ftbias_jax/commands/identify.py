@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.pipeline import Options, samples_from_log
 
     options = Options(joint_model=setup.joints.model)
-    params = batch.params_for_log(setup, samples_from_log(log), options)
+    params = batch.likeliest_params(setup, samples_from_log(log), options)
     samples = samples_from_log(batch.without_useless(log, params))
     found = identify(params, samples, options, arguments.mounting, arguments.gravity)
 
@@ -49,7 +49,14 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"this motion does not excite: {', '.join(found.unexcited)} (turn the wrist more, or accelerate more)")
     if not found.converged:
         print("ftbias: the search did not converge; the values are the best so far", file=sys.stderr)
-    text = dump_setup(_with_tool(setup, found), _comments(found))
+    comments = _comments(found)
+    if arguments.mounting:
+        comments["sensor.rotation_rpy"] = (
+            f"turned by the identified {_with_errors(found.rotation, found.rotation_stderr)}"
+        )
+    if arguments.gravity:
+        comments["robot.gravity"] = f"identified ± {_plain(found.gravity_stderr)}"
+    text = dump_setup(_with_tool(setup, found), comments)
     write_atomic(arguments.output, lambda file: file.write(text.encode()))
     print(f"wrote {arguments.output}")
     return 0 if found.converged else 1

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,30 +36,36 @@ def run(arguments: argparse.Namespace) -> int:
 
     prepare_jax()
     from ftbias_jax import batch, tune
-    from ftbias_jax.likelihood import log_likelihood
+    from ftbias_jax.likelihood import joint_log_likelihood, wrench_given_joints
     from ftbias_jax.pipeline import Options, samples_from_log
 
     options = Options(joint_model=setup.joints.model)
-    start = params = batch.params_for_log(setup, samples_from_log(logs[0]), options)
+    start = params = batch.likeliest_params(setup, samples_from_log(logs[0]), options)
     samples = [samples_from_log(batch.without_useless(log, params)) for log in logs]
     seen = [_part(log, 0, 1 - arguments.hold_out) for log in samples]
     fits: dict[str, Fit] = {}
+    # The wrench needs the likeliest process noise of the joints, even if nobody asked for it.
+    names = tune.JOINT_NAMES if "joints" in arguments.fit else tune.JOINT_NAMES[:1]
+    restarts = arguments.restarts
+    params, joints = tune.tune_joints(
+        params, seen, dict.fromkeys(names, "each"), options, restarts=restarts, report=_reporter("joints")
+    )
     if "joints" in arguments.fit:
-        params, fits["joints"] = tune.tune_joints(
-            params, seen, dict.fromkeys(tune.JOINT_NAMES, "each"), options, report=_reporter("joints")
-        )
+        fits["joints"] = joints
     ties = {"density": "bias", "wrench_std": "sensor"}
     wanted = {name: arguments.tie for name, part in ties.items() if part in arguments.fit}
     if wanted:
-        params, fits["wrench"] = tune.tune_wrench(params, seen, wanted, options, report=_reporter("wrench"))
+        params, fits["wrench"] = tune.tune_wrench(
+            params, seen, wanted, options, restarts=restarts, report=_reporter("wrench")
+        )
     for fit in fits.values():
         print(_table(fit))
     if arguments.hold_out:
-        score = jax.jit(lambda p, x: log_likelihood(p, x, options, burn_in=1.0))
         unseen = [_part(log, 1 - arguments.hold_out, 1) for log in samples]
         seconds = sum(float(part.dt.sum()) for part in unseen)
-        for name in ("joint", "wrench"):
-            before, after = (sum(float(getattr(score(p, x), name)) for x in unseen) / seconds for p in (start, params))
+        for name, likelihood in (("joint", joint_log_likelihood), ("wrench", wrench_given_joints)):
+            score = jax.jit(partial(likelihood, options=options, burn_in=1.0))
+            before, after = (sum(float(score(p, x)) for x in unseen) / seconds for p in (start, params))
             print(f"held-out {name} score: {before:.1f} -> {after:.1f} nats/s ({after - before:+.1f})")
     text = dump_setup(_with_noise(setup, params, fits), _comments(fits))
     write_atomic(arguments.output, lambda file: file.write(text.encode()))
@@ -99,8 +106,8 @@ def _table(fit: Fit) -> str:
     for name, values in fit.values.items():
         errors = fit.relative_stderr[name] * values
         lines.append(f"{name:16s} " + "  ".join(f"{x:.3g} ± {e:.1g}" for x, e in zip(values, errors, strict=True)))
-    gained = fit.optimum.value - fit.optimum.start_value
-    lines.append(f"{'':16s} {gained:+.1f} nats in {fit.optimum.iterations} iterations")
+    found = fit.optimum
+    lines.append(f"{'':16s} log-likelihood {found.value:.1f} nats; {found.agreeing} of {found.starts} starts agree")
     lines += [f"{'':16s} not determined by these logs: {words}" for words in fit.undetermined]
     return "\n".join(lines)
 
@@ -131,8 +138,10 @@ def _comments(fits: dict[str, Fit]) -> dict[str, str]:
         "density": "bias.noise_density",
         "wrench_std": "sensor.noise_std",
     }
-    return {
+    comments = {
         keys[name]: "tuned, relative standard errors " + " ".join(f"{x:.1g}" for x in errors)
         for fit in fits.values()
         for name, errors in fit.relative_stderr.items()
     }
+    density = keys["process_density"]
+    return {key: words + ("; ftbias filter multiplies it" if key == density else "") for key, words in comments.items()}
