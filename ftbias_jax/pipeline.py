@@ -114,9 +114,18 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     return converted
 
 
-def samples_from_log(log: Log, dtype: Any = None) -> Sample:
-    """A log as filter input: leaves with a leading time axis. dt is taken in float64 before any rounding to dtype."""
-    dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0])
+def options_from_setup(setup: Setup) -> Options:
+    """The choices that a setup makes."""
+    return Options(joint_model=setup.joints.model)
+
+
+def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:
+    """A log as filter input: leaves with a leading time axis. dt is taken in float64 before any rounding to dtype.
+
+    Args:
+        log: a whole log, or a part of one. dtype: of the arrays. before: s, stamp of the sample before the part.
+    """
+    dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0] if before is None else before)
     temperature = fill_temperature(log.t, log.temperature) if np.isfinite(log.temperature).any() else None
     columns = (dt, log.q, log.dq, log.wrench, temperature)
     return Sample(*(None if x is None else _array(x, dtype) for x in columns))

@@ -14,6 +14,7 @@ from ftbias_jax.logs import read_log
 from ftbias_jax.noise import integrated_jerk_noise
 from ftbias_jax.pipeline import Options
 from ftbias_jax.setup import load_setup, parse_setup
+from ftbias_jax.summary import summarise
 from ftbias_jax.types import Log
 
 START = 100.0
@@ -139,33 +140,6 @@ def test_permuting_the_names_and_columns_of_the_joints_changes_nothing(tmp_path_
         np.testing.assert_array_equal(getattr(read, name), getattr(log, name))
 
 
-def test_summary_is_the_formulas_in_a_loop():
-    rng = np.random.default_rng(0)
-    count = 60
-    fields = {name: rng.normal(size=(count, 6)) for name in Filtered._fields}
-    fields["t"] = START + np.cumsum(rng.uniform(0.01, 0.3, count))
-    fields["nis"] = rng.uniform(0, 12, count)
-    fields["wrench_unbiased"][10:20, 1] = np.nan
-    fields["wrench_unbiased"][:, 4] = np.nan
-    got = batch.summarise(Filtered(**fields))
-
-    t, bias, drift, tool, corrected = (fields[x] for x in ("t", "bias", "drift", "wrench_tool", "wrench_unbiased"))
-    for axis in range(6):
-        raw, residual, ahead = [], [], []
-        for i in range(count):
-            if np.isnan(corrected[i, axis]):
-                continue
-            raw.append(corrected[i, axis] - bias[i, axis])
-            residual.append(corrected[i, axis] - tool[i, axis])
-            old = [j for j in range(count) if t[j] <= t[i] - 1]
-            if old:
-                now = bias[old[-1], axis] + (t[i] - t[old[-1]]) * drift[old[-1], axis]
-                ahead.append((raw[-1] - (tool[i, axis] - now)) ** 2)
-        expected = (np.std(raw), np.std(residual), np.sqrt(np.mean(ahead))) if raw else (np.nan,) * 3
-        np.testing.assert_allclose([x[axis] for x in got[:3]], expected, rtol=1e-12)
-    np.testing.assert_allclose(got.mean_nis, fields["nis"].sum() / np.isfinite(corrected).sum())
-
-
 def test_a_stated_density_is_kept(samples):
     setup = parse_setup({**SETUP, "joints": {**SETUP["joints"], "process_noise_density": [1, 2, 3]}})
     np.testing.assert_array_equal(batch.params_for_log(setup, samples).joint.process_density, [1, 2, 3])
@@ -217,7 +191,7 @@ def test_logs_of_foreign_physics_without_a_gap(shared_data):
 def test_a_recorded_arm(shared_data):
     """ABB FRIDA: what is left of the wrench, and how well it is predicted one second ahead."""
     _, result = filtered(shared_data / "real" / "abb_frida.npz")
-    summary = batch.summarise(result)
+    summary = summarise(result)
     assert (summary.residual_std[:3] <= 0.09).all()
     assert (summary.residual_std[3:] <= 3.2e-3).all()
     assert (summary.raw_std[:3] / summary.one_second_rms[:3] >= 8).all()

@@ -21,10 +21,11 @@ LAYERS = (
     "noise wrench recursion",
     "joint_filter bias_filter effects",
     "pipeline staged trajectories simulate",
-    "smooth likelihood consistency batch",
+    "smooth likelihood consistency batch summary",
     "regression tune identify",
     "gap",
     "results plot report_svg report_plots report logs writers compilation",
+    "filter_file archive workers",
     "commands cli",
 )
 RANK = {name: rank for rank, name in enumerate(" ".join(LAYERS).split())}

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ftbias_jax.atomic import write_atomic
-from ftbias_jax.commands.filter import AXES, check_outputs
+from ftbias_jax.commands.filter import check_outputs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.logs import read_log
 from ftbias_jax.setup import Setup, dump_setup, load_setup
+from ftbias_jax.types import AXES
 
 if TYPE_CHECKING:
     from ftbias_jax.gap.types import Candidate, Diagnosis

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Array
 
 GAP = 10.0
 """Intervals this many times the median one, and no shorter than SHORTEST_GAP."""
@@ -53,27 +54,74 @@ def stuck_seconds(t: Array, values: Array) -> float:
     return float(seconds[stuck].max(initial=0.0))
 
 
-def saturation(values: Array) -> Saturation:
-    """Where an axis (T,) is clipped: values it holds at the end of its range, far longer than any within.
+class Extremes(NamedTuple):
+    """What decides whether an axis is clipped, of the samples seen so far; see ``extend``."""
+
+    low: float = np.inf
+    """The smallest value."""
+    high: float = -np.inf
+    low_run: int = 0
+    """Samples in a row on it, at most."""
+    high_run: int = 0
+    inner_run: int = 1
+    """Samples in a row on any other value, at most."""
+    low_count: int = 0
+    """Samples on the smallest value."""
+    high_count: int = 0
+    value: float = np.nan
+    """The last one."""
+    run: int = 0
+    """Samples in a row on it."""
+
+
+def extend(seen: Extremes, values: Array) -> Extremes:
+    """Take in the next samples (T,) of an axis, NaN = not measured; the same however a log is cut into parts."""
+    values = values[~np.isnan(values)]
+    if not len(values):
+        return seen
+    starts, lengths = _runs(values)
+    level, count, longest = values[starts], lengths, lengths.copy()
+    if seen.run:
+        if level[0] == seen.value:
+            longest[0] += seen.run
+        # The ends of the past compete with the new runs.
+        level = np.r_[level, seen.low, seen.high]
+        longest = np.r_[longest, seen.low_run, seen.high_run]
+        count = np.r_[count, seen.low_count, seen.high_count if seen.low < seen.high else 0]
+    low, high = level == level.min(), level == level.max()
+    return Extremes(
+        low=float(level.min()),
+        high=float(level.max()),
+        low_run=int(longest[low].max()),
+        high_run=int(longest[high].max()),
+        inner_run=int(longest[~low & ~high].max(initial=seen.inner_run)),
+        low_count=int(count[low].sum()),
+        high_count=int(count[high].sum()),
+        value=float(values[-1]),
+        run=int(longest[len(lengths) - 1]),
+    )
+
+
+def limits(seen: Extremes) -> Saturation:
+    """Where an axis is clipped: values it holds at the end of its range, far longer than any within.
 
     Resting and coarsely quantised axes hold every value for long, and are not taken for clipped.
     """
-    values = values[~np.isnan(values)]
-    if not len(values) or values.min() == values.max():
+    if not seen.low < seen.high:
         return Saturation(np.nan, np.nan)
-    starts, lengths = _runs(values)
-    held = values[starts]
-    ends = (values.min(), values.max())
-    inner = lengths[(held != ends[0]) & (held != ends[1])].max(initial=1)
-    limits = [end if lengths[held == end].max() >= max(SATURATED_RUN, 3 * inner) else np.nan for end in ends]
-    return Saturation(*map(float, limits))
+    least = max(SATURATED_RUN, 3 * seen.inner_run)
+    return Saturation(seen.low if seen.low_run >= least else np.nan, seen.high if seen.high_run >= least else np.nan)
 
 
-def mask_saturated(log: Log) -> tuple[Log, Array]:
-    """The log with NaN where an axis of the wrench is clipped, and the (6,) numbers of those samples."""
-    limits = np.array([saturation(axis) for axis in log.wrench.T])
-    clipped = (log.wrench == limits[:, 0]) | (log.wrench == limits[:, 1])
-    return log._replace(wrench=np.where(clipped, np.nan, log.wrench)), clipped.sum(0)
+def saturation(values: Array) -> Saturation:
+    """Where an axis (T,) is clipped; see ``limits``."""
+    return limits(extend(Extremes(), values))
+
+
+def mask(wrench: Array, clipped: Sequence[Saturation]) -> Array:
+    """(T, 6) with NaN where an axis is at one of its limits."""
+    ends = np.array(clipped)
+    return np.where((wrench == ends[:, 0]) | (wrench == ends[:, 1]), np.nan, wrench)
 
 
 def _runs(values: Array) -> tuple[Array, Array]:

@@ -24,9 +24,7 @@ from ftbias_jax.logs.ros_record import Stream, Topic, read_recording
 from ftbias_jax.npz_file import load_arrays
 from ftbias_jax.setup_parse import parse_setup
 from ftbias_jax.setup_types import Setup
-from ftbias_jax.types import Array, Log
-
-AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+from ftbias_jax.types import AXES, Array, Log
 
 
 class StreamInfo(NamedTuple):

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from ftbias_jax.logs.health import gaps, mask_saturated, sample_rate, saturation, stuck_seconds
-from ftbias_jax.types import Log
+from ftbias_jax.logs.health import Extremes, extend, gaps, mask, sample_rate, saturation, stuck_seconds
 
 T = np.arange(1000) * 0.01
 NOISE = np.random.default_rng(0).normal(size=1000)
@@ -47,11 +48,27 @@ def test_resting_and_coarse_axes_are_not_taken_for_clipped(values):
     assert np.isnan(saturation(values)).all()
 
 
-def test_clipped_samples_are_masked_and_counted():
+@given(
+    values=st.lists(st.sampled_from([-2.0, -1.0, 0.0, 0.5, 2.0, np.nan]), max_size=60),
+    runs=st.lists(st.integers(1, 12), min_size=60, max_size=60),
+    cuts=st.lists(st.integers(0, 300), max_size=5),
+)
+def test_cutting_an_axis_into_parts_changes_nothing(values, runs, cuts):
+    values = np.repeat(values, runs[: len(values)])
+    seen = Extremes()
+    for part in np.split(values, sorted(cuts)):
+        seen = extend(seen, part)
+    whole = extend(Extremes(), values)
+    np.testing.assert_array_equal(seen, whole)
+    if len(measured := values[~np.isnan(values)]):
+        assert (seen.low, seen.high) == (measured.min(), measured.max())
+        assert (seen.low_count, seen.high_count) == tuple((measured == end).sum() for end in seen[:2])
+
+
+def test_clipped_samples_are_masked():
     wrench = np.tile(NOISE[:, None], (1, 6))
     wrench[:, 2] = np.clip(3 * np.sin(T) + 0.01 * NOISE, -2.5, 9)
-    nothing = np.full((1000, 1), np.nan)
-    masked, counts = mask_saturated(Log(T, nothing, nothing, wrench, nothing[:, 0]))
-    assert counts.tolist() == [0, 0, (wrench[:, 2] == -2.5).sum(), 0, 0, 0]
-    assert np.isnan(masked.wrench[:, 2]).sum() == counts[2] > 50
-    np.testing.assert_array_equal(masked.wrench[:, [0, 1, 3, 4, 5]], wrench[:, [0, 1, 3, 4, 5]])
+    masked = mask(wrench, [saturation(axis) for axis in wrench.T])
+    clipped = wrench == np.where(np.arange(6) == 2, -2.5, np.nan)
+    assert clipped.sum() > 50
+    np.testing.assert_array_equal(masked, np.where(clipped, np.nan, wrench))
