@@ -62,7 +62,8 @@ def run_tasks(work: Work, tasks: Iterable[Task], jobs: int) -> Iterator[Entry]:
             with _pool(jobs) as pool:
                 while waiting or flying:
                     while waiting and len(flying) < jobs:
-                        flying[pool.submit(work, waiting[0])] = waiting.popleft()
+                        task = waiting.popleft()
+                        flying[pool.submit(work, task)] = task
                     for future in wait(flying, return_when=FIRST_COMPLETED).done:
                         yield future.result()
                         del flying[future]

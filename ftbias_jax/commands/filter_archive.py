@@ -47,28 +47,26 @@ def run(arguments: argparse.Namespace) -> int:
     choices = Choices(arguments.smooth)
     wanted = {**choices._asdict(), "salvage": arguments.salvage}
     known = done_before(folder)
-    entries = {}
+    entries: dict[str, Entry] = {}
     for task in tasks:
         made_from = provenance(task, setup, wanted)
         before = [entry for entry in known.get(task.output, []) if entry.made_from == made_from]
-        entries[task] = before[0]._replace(log=task.log) if before else Entry(*task)
-    skipped = sum(entry.status != WAITING for entry in entries.values())
+        entries[task.output] = before[0]._replace(log=task.log) if before else Entry(*task, made_from=made_from)
+    waiting = [task for task in tasks if entries[task.output].status == WAITING]
     manifest = os.path.join(folder, manifest_name(index, count))
     save_manifest(manifest, entries.values())
 
-    waiting = [task for task, entry in entries.items() if entry.status == WAITING]
-    sizes = {task: provenance(task, setup, wanted)["log_bytes"] for task in waiting}
-    progress, done, saved = Progress(f"filtering {len(waiting)} logs", sum(sizes.values())), 0, time.monotonic()
+    sizes = {task.output: entries[task.output].made_from["log_bytes"] for task in waiting}
+    progress, done, saved = Progress(f"filtering {len(waiting)} logs", sum(sizes.values())), 0, float("-inf")
     work = partial(filter_task, setup=setup, folder=folder, choices=choices, salvage=arguments.salvage)
     for entry in run_tasks(work, waiting, arguments.jobs):
-        task = next(task for task in waiting if task.output == entry.output)
-        entries[task], done = entry, done + sizes[task]
+        entries[entry.output], done = entry, done + sizes[entry.output]
         progress(done)
         if time.monotonic() > saved + SAVE_SECONDS:
             save_manifest(manifest, entries.values())
             saved = time.monotonic()
     save_manifest(manifest, entries.values())
-    print(format_table(list(entries.values()), skipped))
+    print(format_table(list(entries.values()), len(tasks) - len(waiting)))
     print(f"wrote {manifest}")
     statuses = {entry.status for entry in entries.values()}
     return 1 if statuses == {FAILED} else 3 if statuses & {FAILED, LOSS} else 0
