@@ -169,6 +169,10 @@ def smooth_log(
     length = samples.dt.shape[0]
     padded = pipeline.pad(samples, _whole(length))
     state = pipeline.init(params, padded)
+    if options.gate is not None:  # smoothed is what passed the gate
+        _, used = pipeline.run(params, state, padded, options, _used)
+        padded = padded._replace(wrench=jnp.where(used, padded.wrench, jnp.nan))
+        options = options._replace(gate=None)
     if staged.applies(options):
         _, mean, std = smooth.smooth_log(params, state, padded, options)
     else:
@@ -214,6 +218,10 @@ def _whole(length: int) -> int:
 def _bucket(length: int) -> int:
     """Length to pad to: a power of two up to CHUNK, so that logs of similar length share one compiled program."""
     return min(CHUNK, 1 << (length - 1).bit_length())
+
+
+def _used(state: State, info: Info) -> Array:
+    return jnp.isfinite(info.wrench.value)
 
 
 def _keep_bias(state: State, info: Info) -> Gaussian:

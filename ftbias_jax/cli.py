@@ -72,6 +72,12 @@ def _add_filter(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     parser.add_argument("--smooth", action="store_true", help="also write the bias given past and future")
     parser.add_argument("--check", action="store_true", help="also judge whether the filter's error bars are right")
     parser.add_argument("--plot", metavar="OUT.png", help="also draw bias and residual (needs the extra 'plot')")
+    parser.add_argument(
+        "--gate",
+        type=_gate,
+        metavar="SIGMAS",
+        help="do not use wrenches farther than this off their prediction: contacts and spikes (5 is usual)",
+    )
     folders = parser.add_argument_group("for a folder OUT")
     folders.add_argument("--jobs", type=_count, default=1, metavar="N", help="logs at a time (%(default)s)")
     folders.add_argument(
@@ -210,6 +216,13 @@ def _shard(text: str) -> tuple[int, int]:
     if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
         raise argparse.ArgumentTypeError(f"must be I/N with I from 1 to N, not {text!r}")
     return int(index), int(count)
+
+
+def _gate(text: str) -> float:
+    value = _positive(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"must be 1 or more standard deviations, not {text!r}")
+    return value
 
 
 def _share(text: str) -> float:

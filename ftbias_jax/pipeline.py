@@ -51,6 +51,9 @@ class Options(NamedTuple):
     """Whether the joint filter's covariance, pushed through D theta, is added to R at every sample: "none" (the report
     to the letter: error bars are far too small while the arm accelerates), "full", or "diagonal", which keeps each
     axis' variance and leaves out the correlation between axes, so that the axes stay independent filters."""
+    gate: float | None = None
+    """A wrench with any axis this many standard deviations off its prediction is not used (bias_filter); None = all
+    are."""
 
 
 DEFAULT_OPTIONS = Options()
@@ -116,7 +119,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
 
 def options_from_setup(setup: Setup) -> Options:
     """The choices that a setup makes."""
-    return Options(joint_model=setup.joints.model)
+    return Options(joint_model=setup.joints.model, gate=setup.bias.gate)
 
 
 def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:
@@ -171,7 +174,9 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     if options.joint_uncertainty != "none":
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
         R = R + covariance_of_joints(G, joint.covariance, options.joint_uncertainty)
-    bias, wrench_innovation = bias_filter.step(params.bias, state.bias, sample.dt, wrench_tool, sample.wrench, R)
+    bias, wrench_innovation = bias_filter.step(
+        params.bias, state.bias, sample.dt, wrench_tool, sample.wrench, R, options.gate
+    )
     log_likelihood = joint_innovation.log_likelihood.sum() + wrench_innovation.log_likelihood
     return State(joint, bias), Info(joint_innovation, wrench_innovation, wrench_tool, log_likelihood)
 

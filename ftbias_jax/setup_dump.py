@@ -98,6 +98,8 @@ def _sections(setup: Setup) -> Iterable[_Line]:
     yield _Line("[bias]", "initial_drift_std", bias.initial_drift_std, "N/s, Nm/s")
     yield _Line("[bias]", "initial", bias.initial, "N, Nm; unbiased = measured + bias")
     yield _Line("[bias]", "initial_drift", bias.initial_drift, "N/s, Nm/s")
+    if bias.gate is not None:
+        yield _Line("[bias]", "gate", bias.gate, "standard deviations")
     yield _Line("[joints]", "model", joints.model)
     if joints.process_noise_density is not None:
         yield _Line("[joints]", "process_noise_density", joints.process_noise_density, density)

@@ -13,6 +13,7 @@ from ftbias_jax.rotations import rotation_from_rpy
 from ftbias_jax.setup_fields import (
     NOT_NEGATIVE,
     POSITIVE,
+    Range,
     Section,
     check_keys,
     names,
@@ -41,6 +42,7 @@ from ftbias_jax.urdf_robot import urdf_robot, urdf_tool
 
 AXIS_TOLERANCE = 1e-4  # an axis rounded to four digits still means a unit axis; more is a mistake
 INERTIA_TOLERANCE = 1e-6  # relative to the largest principal moment: inertias printed with seven digits pass
+AT_LEAST_ONE = Range("1 or more", 1.0)  # standard deviations: a narrower gate would keep good samples out
 MAX_GRAVITY = 30.0  # m/s^2: above every planet a robot stands on, below cm/s^2 or mistyped units
 
 
@@ -174,14 +176,18 @@ def _urdf_tool(section: Section, robot: Section, sensor: SensorSetup) -> ToolSet
 
 
 def _bias(top: Section) -> BiasSetup:
-    keys = ("noise_density", "initial_std", "initial_drift_std", "initial", "initial_drift")
+    keys = ("noise_density", "initial_std", "initial_drift_std", "initial", "initial_drift", "gate")
     section = subsection(top, "bias", keys)
+    gate = scalar(section, "gate", within=AT_LEAST_ONE) if "gate" in section.values else None
+    if gate is not None and "effects" in top.values:
+        raise section.error("gate", "does not go with [effects]", "remove one of the two")
     return BiasSetup(
         noise_density=vector(section, "noise_density", 6, (2e-4, 1e-5), within=POSITIVE, expand=True),
         initial_std=vector(section, "initial_std", 6, (5.0, 0.5), within=POSITIVE, expand=True),
         initial_drift_std=vector(section, "initial_drift_std", 6, (0.01, 5e-4), within=NOT_NEGATIVE, expand=True),
         initial=vector(section, "initial", 6, (0.0, 0.0), expand=True),
         initial_drift=vector(section, "initial_drift", 6, (0.0, 0.0), expand=True),
+        gate=gate,
     )
 
 

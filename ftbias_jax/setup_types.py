@@ -75,6 +75,8 @@ class BiasSetup:
     """(6,) N and Nm; the report's sign: unbiased = measured + bias."""
     initial_drift: Array
     """(6,) N/s and Nm/s."""
+    gate: float | None = None
+    """Wrenches with an axis this many standard deviations off their prediction are not used; None = all are."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,8 @@ from ftbias_jax.types import Array
 
 AHEAD = 1.0
 """s: how far ahead the reading is predicted."""
+FAR = 8.0
+"""Standard deviations: noise does not do that."""
 
 
 class Moments(NamedTuple):
@@ -34,6 +36,10 @@ class Tally(NamedTuple):
     used: int
     """Measured axes of all samples that the filter took in."""
     samples: int
+    gated: int
+    """Samples of which the filter took in nothing."""
+    far: int
+    """Samples with an axis FAR off its prediction that it did take in."""
     first: float
     """s, the first stamp."""
     recent: tuple[Array, Array, Array] | None
@@ -46,6 +52,10 @@ class Summary(NamedTuple):
     """How well the tool model and the bias explain a log; (6,) N, Nm unless stated. NaN for axes never measured."""
 
     samples: int
+    gated: int
+    """Of them, not used."""
+    far: int
+    """Of them, used with an axis FAR standard deviations off its prediction or farther."""
     seconds: float
     bias: Array
     """At the end, with drift N/s, Nm/s and standard deviations."""
@@ -65,7 +75,7 @@ class Summary(NamedTuple):
 def start() -> Tally:
     """Before the first part."""
     nothing = Moments(np.zeros(6), np.zeros(6), np.zeros(6))
-    return Tally(nothing, nothing, nothing, 0.0, 0, 0, np.nan, None, None)
+    return Tally(nothing, nothing, nothing, 0.0, 0, 0, 0, 0, np.nan, None, None)
 
 
 def add(tally: Tally, part: Filtered) -> Tally:
@@ -90,6 +100,8 @@ def add(tally: Tally, part: Filtered) -> Tally:
         tally.nis + float(part.nis.sum()),
         tally.used + int(np.isfinite(part.innovation).sum()),
         tally.samples + len(part.t),
+        tally.gated + int(np.isnan(part.innovation).all(1).sum()),
+        tally.far + int((np.abs(part.innovation) > FAR * part.innovation_std).any(1).sum()),
         float(part.t[0]) if tally.recent is None else tally.first,
         (t[keep:], bias[keep:], drift[keep:]),
         part,
@@ -106,6 +118,8 @@ def finish(tally: Tally) -> Summary:
     bias, bias_std, drift, drift_std = (x[-1] for x in (last.bias, last.bias_std, last.drift, last.drift_std))
     return Summary(
         samples=tally.samples,
+        gated=tally.gated,
+        far=tally.far,
         seconds=float(last.t[-1]) - tally.first,
         bias=bias,
         bias_std=bias_std,

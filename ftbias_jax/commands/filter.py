@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ftbias_jax.commands import filter_archive
+from ftbias_jax.commands.filter_archive import with_gate
 from ftbias_jax.errors import OutputError, UsageError, printable
 from ftbias_jax.logs.parts import open_log
 from ftbias_jax.plot import figure_format
@@ -39,6 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
         if Path(output).resolve() in [Path(file).resolve() for file in inputs]:
             raise UsageError(f"{output!r} is an input", field="-o", remedy="give the result its own name")
     setup = load_setup(arguments.setup)
+    setup = with_gate(setup, arguments.gate)
     log = open_log(path, setup, salvage=arguments.salvage)
 
     from ftbias_jax.compilation import prepare_jax
@@ -115,4 +117,13 @@ def format_summary(summary: Summary) -> str:
     )
     lines = [f"{name:28s}" + "".join(f"{x:11.4f}" for x in values) for name, values in rows.items()]
     nis = f"normalised innovation squared per axis: {summary.mean_nis:.2f} (1 = the stated model and noise are right)"
-    return "\n".join([head, *lines, nis])
+    return "\n".join([head, *lines, nis, *_gate_lines(summary)])
+
+
+def _gate_lines(summary: Summary) -> list[str]:
+    """What the gate did, or could do. Where it would take much, the model is wrong, which no gate mends."""
+    if summary.gated:
+        return [f"{summary.gated} samples ({summary.gated / summary.samples:.2%}) did not pass the gate: contact?"]
+    if 0 < summary.far < 0.1 * summary.samples:
+        return [f"{summary.far} samples are far off their prediction: contact? --gate 5 keeps them out of the bias"]
+    return []

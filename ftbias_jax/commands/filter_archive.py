@@ -7,6 +7,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 from ftbias_jax.archive import (
@@ -25,6 +26,7 @@ from ftbias_jax.archive import (
 from ftbias_jax.errors import UsageError
 from ftbias_jax.progress import Progress
 from ftbias_jax.setup import load_setup
+from ftbias_jax.setup_types import Setup
 
 SAVE_SECONDS = 1.0
 """The manifest is written at most so often; logs filtered since are filtered again if the process is killed."""
@@ -35,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     for option in ("plot", "check"):
         if getattr(arguments, option):
             raise UsageError("needs a single log and a file for its result", field=f"--{option}", remedy="leave it out")
-    setup = load_setup(arguments.setup)
+    setup = with_gate(load_setup(arguments.setup), arguments.gate)
     index, count = arguments.shard
     folder = arguments.output
     tasks = shard(find_logs(arguments.logs, folder, f".{arguments.format}"), index, count)
@@ -70,6 +72,15 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"wrote {manifest}")
     statuses = {entry.status for entry in entries.values()}
     return 1 if statuses == {FAILED} else 3 if statuses & {FAILED, LOSS} else 0
+
+
+def with_gate(setup: Setup, gate: float | None) -> Setup:
+    """The setup with the gate of the command line, if there is one."""
+    if gate is None:
+        return setup
+    if setup.effects:
+        raise UsageError("does not go with the setup's [effects]", field="--gate", remedy="leave out one of the two")
+    return replace(setup, bias=replace(setup.bias, gate=gate))
 
 
 def format_table(entries: Sequence[Entry], skipped: int) -> str:
