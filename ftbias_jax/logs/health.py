@@ -15,6 +15,8 @@ SHORTEST_GAP = 0.1
 STUCK_SECONDS = 2.0
 """A sensor has noise: no axis of it stays on one value for so long, and for STUCK_SAMPLES."""
 STUCK_SAMPLES = 100
+COARSE = 0.2
+"""Share of samples that repeat the one before, from which on an axis is quantised, or recorded too often."""
 SATURATED_RUN = 5
 """Samples in a row on the largest or smallest value, when no other value is held for a third as long."""
 
@@ -40,18 +42,75 @@ def gaps(t: Array) -> list[tuple[float, float]]:
     return [(float(t[i]), float(intervals[i])) for i in long]
 
 
+class Still(NamedTuple):
+    """A stretch in which an axis keeps a value to the last bit."""
+
+    value: float = np.nan
+    first: float = 0.0
+    """s, stamps of its first and last sample."""
+    last: float = 0.0
+    samples: int = 0
+
+    @property
+    def long(self) -> bool:
+        """Whether no sensor with noise stands still for so long."""
+        return self.last - self.first >= STUCK_SECONDS and self.samples >= STUCK_SAMPLES
+
+
+class Held(NamedTuple):
+    """How an axis stood still, in the samples seen so far; see ``hold``."""
+
+    now: Still = Still()
+    """The stretch that may go on."""
+    long: tuple[Still, ...] = ()
+    """Those before it that were long."""
+    stretches: int = 0
+    """All of them."""
+    samples: int = 0
+
+
+def hold(seen: Held, t: Array, values: Array) -> Held:
+    """Take in the next samples of an axis; the same however a log is cut into parts.
+
+    Args:
+        seen: of the samples before. t: (T,) s. values: (T,), NaN = not measured.
+    """
+    measured = ~np.isnan(values)
+    t, values = t[measured], values[measured]
+    if not len(values):
+        return seen
+    starts, lengths = _runs(values)
+    first, last = t[starts], t[starts + lengths - 1]
+    goes_on = bool(values[0] == seen.now.value)
+    if goes_on:
+        first[0] = seen.now.first
+        lengths[0] += seen.now.samples
+    columns = (values[starts].tolist(), first.tolist(), last.tolist(), lengths.tolist())
+    candidates = np.flatnonzero(last - first >= STUCK_SECONDS).tolist()
+    ended = [] if goes_on else [seen.now]
+    ended += [Still(*(column[i] for column in columns)) for i in candidates if i < len(starts) - 1]
+    return Held(
+        Still(*(column[-1] for column in columns)),
+        seen.long + tuple(still for still in ended if still.long),
+        seen.stretches + len(starts) - goes_on,
+        seen.samples + len(values),
+    )
+
+
+def stuck(seen: Held) -> tuple[Still, ...]:
+    """The long stretches of an axis that otherwise has noise; () if it often repeats a value, as coarse ones do."""
+    long = (*seen.long, seen.now) if seen.now.long else seen.long
+    rest = seen.samples - sum(still.samples for still in long)
+    return long if seen.stretches - len(long) >= (1 - COARSE) * rest else ()
+
+
 def stuck_seconds(t: Array, values: Array) -> float:
-    """The longest time in s for which one axis keeps a value to the last bit; 0 if a sensor may do that.
+    """The longest time in s for which one axis is stuck; 0 if it is not.
 
     Args:
         t: (T,) s. values: (T,), NaN = not measured.
     """
-    measured = ~np.isnan(values)
-    t, values = t[measured], values[measured]
-    starts, lengths = _runs(values)
-    seconds = t[starts + lengths - 1] - t[starts]
-    stuck = (seconds >= STUCK_SECONDS) & (lengths >= STUCK_SAMPLES)
-    return float(seconds[stuck].max(initial=0.0))
+    return max((still.last - still.first for still in stuck(hold(Held(), t, values))), default=0.0)
 
 
 class Extremes(NamedTuple):
@@ -118,10 +177,14 @@ def saturation(values: Array) -> Saturation:
     return limits(extend(Extremes(), values))
 
 
-def mask(wrench: Array, clipped: Sequence[Saturation]) -> Array:
-    """(T, 6) with NaN where an axis is at one of its limits."""
+def mask(t: Array, wrench: Array, clipped: Sequence[Saturation], stuck: Sequence[Sequence[Still]]) -> Array:
+    """The wrench (T, 6) at t (T,) s with NaN where an axis is at one of its limits, or stuck."""
     ends = np.array(clipped)
-    return np.where((wrench == ends[:, 0]) | (wrench == ends[:, 1]), np.nan, wrench)
+    useless = (wrench == ends[:, 0]) | (wrench == ends[:, 1])
+    for axis, stretches in enumerate(stuck):
+        for still in stretches:
+            useless[(t >= still.first) & (t <= still.last), axis] = True
+    return np.where(useless, np.nan, wrench)
 
 
 def _runs(values: Array) -> tuple[Array, Array]:

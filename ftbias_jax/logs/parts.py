@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.logs import read_log_with_repairs
 from ftbias_jax.logs.arrays import ARRAYS
 from ftbias_jax.logs.check import check_content, check_samples, relative_seconds
-from ftbias_jax.logs.health import Extremes, Saturation, extend, limits, mask
+from ftbias_jax.logs.health import Extremes, Held, Saturation, Still, extend, hold, limits, mask, stuck
 from ftbias_jax.logs.repairs import Repair, Repairs
 from ftbias_jax.npz_file import stored_arrays
 from ftbias_jax.setup_types import Setup
@@ -39,10 +39,12 @@ class Facts(NamedTuple):
     """Of every axis."""
     clipped_count: Array
     """(6,) samples on those limits."""
+    stuck: tuple[tuple[Still, ...], ...]
+    """Of every axis, when it stood still for too long."""
 
 
 class OpenLog(NamedTuple):
-    """A log that can be filtered; clipped samples are not measured."""
+    """A log that can be filtered; samples of clipped and stuck axes are not measured."""
 
     length: int
     start: float
@@ -57,7 +59,7 @@ class OpenLog(NamedTuple):
 
 
 def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> OpenLog:
-    """Open a log of any format; samples at the end of the sensor's range are left out, and counted.
+    """Open a log of any format; samples at the end of the sensor's range or of a stuck axis are left out, and counted.
 
     Args:
         path, setup, salvage: as for ``read_log``.
@@ -74,21 +76,22 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
         (length, start, split), repairs = opened, ()
     facts = survey(split)
     check_content(~np.isnan(facts.first_q), facts.wrench_t, setup, file=file)
-    counts = [f"{count} of {axis}" for axis, count in zip(AXES, facts.clipped_count, strict=True) if count]
-    if counts:
-        what = f"samples at the end of the sensor's range left out: {', '.join(counts)}"
-        repairs = (*repairs, Repair(what, lost=True))
+    stuck_count = [sum(still.samples for still in stretches) for stretches in facts.stuck]
+    reasons = {"at the end of the sensor's range": facts.clipped_count, "of an axis that stands still": stuck_count}
+    useless = [(why, _counted(counts)) for why, counts in reasons.items() if any(counts)]
+    repairs = (*repairs, *(Repair(f"samples {why} left out: {counts}", lost=True) for why, counts in useless))
 
     def masked(size: int) -> Iterator[Log]:
         for part in split(size):
-            yield part._replace(wrench=mask(part.wrench, facts.clipped)) if counts else part
+            good = mask(part.t, part.wrench, facts.clipped, facts.stuck) if useless else part.wrench
+            yield part._replace(wrench=good)
 
     return OpenLog(length, start, masked, facts, repairs)
 
 
 def survey(split: Split) -> Facts:
     """Read a log once for what must be known of all of it."""
-    axes, measured, stamps = [Extremes()] * 6, np.zeros(6, bool), []
+    axes, helds, measured, stamps = [Extremes()] * 6, [Held()] * 6, np.zeros(6, bool), []
     first_q: Array = np.nan
     for part in split(LONG // 16):
         seen = ~np.isnan(part.q)
@@ -98,12 +101,21 @@ def survey(split: Split) -> Facts:
         measured |= given.any(0)
         stamps.append(part.t[given.any(1)])
         axes = [extend(axis, values) for axis, values in zip(axes, part.wrench.T, strict=True)]
+        helds = [hold(held, part.t, values) for held, values in zip(helds, part.wrench.T, strict=True)]
     clipped = tuple(map(limits, axes))
     ends = [
         (low == axis.low) * axis.low_count + (high == axis.high) * axis.high_count
         for (low, high), axis in zip(clipped, axes, strict=True)
     ]
-    return Facts(first_q, np.concatenate(stamps), measured, clipped, np.array(ends))
+    stills = tuple(
+        tuple(still for still in stuck(held) if still.value not in axis)
+        for held, axis in zip(helds, clipped, strict=True)
+    )
+    return Facts(first_q, np.concatenate(stamps), measured, clipped, np.array(ends), stills)
+
+
+def _counted(counts: Sequence[int]) -> str:
+    return ", ".join(f"{count} of {axis}" for axis, count in zip(AXES, counts, strict=True) if count)
 
 
 def _slices(log: Log) -> Split:
