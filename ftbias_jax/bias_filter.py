@@ -12,7 +12,7 @@ from ftbias_jax.noise import bias_drift_noise
 from ftbias_jax.types import Array, Gaussian
 
 FORGET = 10.0
-"""s: time in which the standard deviations of bias and drift grow e-fold while the gate lets nothing through."""
+"""s: time in which the standard deviation of the bias grows e-fold while the gate lets nothing through."""
 
 
 class BiasNoise(NamedTuple):
@@ -74,5 +74,7 @@ def _gated(
     variance = jnp.diagonal(predicted.covariance)[:6] + jnp.diagonal(covariance)
     off = jnp.abs(measurement - predicted.mean[:6]) > gate * jnp.sqrt(variance)  # never where nothing was measured
     closed = off.any()
-    grown = jnp.where(closed, jnp.exp(2 * dt / FORGET), 1)
-    return predicted._replace(covariance=grown * predicted.covariance), jnp.where(closed, jnp.nan, measurement)
+    # Only the bias is forgotten: a jump is no drift.
+    grown = jnp.where(closed, jnp.expm1(2 * dt / FORGET), 0) * jnp.diagonal(predicted.covariance)[:6]
+    covariance = predicted.covariance + jnp.diag(jnp.concatenate([grown, jnp.zeros_like(grown)]))
+    return predicted._replace(covariance=covariance), jnp.where(closed, jnp.nan, measurement)

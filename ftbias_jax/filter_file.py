@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from ftbias_jax import batch, summary
+from ftbias_jax import batch, excitation, summary
 from ftbias_jax.batch import Filtered
 from ftbias_jax.logs.parts import OpenLog
 from ftbias_jax.logs.repairs import Repair, Repairs
@@ -67,12 +67,12 @@ def filter_file(
     options = options_from_setup(setup)
     params = batch.params_for_log(setup, samples_from_log(next(log.parts(batch.CHUNK))), options)
     size = batch.CHUNK if params.effects is None else log.length  # effects with a memory need the whole log
-    tally = summary.start()
+    tally, turning = summary.start(), excitation.start()
 
     def results() -> Iterator[Filtered]:
-        nonlocal tally
+        nonlocal tally, turning
         for i, part in enumerate(batch.filter_parts(params, log.facts.first_q, log.parts(size), options), 1):
-            tally = summary.add(tally, part)
+            tally, turning = summary.add(tally, part), excitation.add(turning, params, part)
             progress(min(i * size / log.length, 1.0))
             yield part
 
@@ -92,4 +92,7 @@ def filter_file(
     repairs = log.repairs
     if never:
         repairs = (*repairs, Repair(f"never measured: {' '.join(never)} (bias = prior)", lost=True))
+    if hidden := excitation.unobservable(turning):
+        what = f"the sensor turns too little: errors of the tool's {' and '.join(hidden)} would look like bias"
+        repairs = (*repairs, Repair(what))
     return Outcome(summary.finish(tally), params, repairs, filtered)

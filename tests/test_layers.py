@@ -21,7 +21,7 @@ LAYERS = (
     "noise wrench recursion",
     "joint_filter bias_filter effects",
     "pipeline staged trajectories simulate",
-    "smooth likelihood consistency batch summary",
+    "smooth likelihood consistency batch summary excitation",
     "regression tune identify",
     "gap",
     "results plot report_svg report_plots report logs writers compilation",
