@@ -69,7 +69,7 @@ def _gated(
 
     What was touched cannot be told from a bias that jumped. So what is known of the bias is forgotten while nothing
     passes, exponentially: single spikes cost nothing, a contact of seconds little, and after a jump of 1 to 50 N the
-    gate opens in 40 to 80 s, because the prediction has become uncertain enough.
+    gate opens in 20 to 70 s, because the prediction has become uncertain enough.
     """
     variance = jnp.diagonal(predicted.covariance)[:6] + jnp.diagonal(covariance)
     off = jnp.abs(measurement - predicted.mean[:6]) > gate * jnp.sqrt(variance)  # never where nothing was measured
