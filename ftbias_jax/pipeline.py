@@ -19,9 +19,10 @@ from ftbias_jax.bias_filter import BiasNoise
 from ftbias_jax.effects.catalogue import values_from_setup
 from ftbias_jax.effects.chain import fill_temperature
 from ftbias_jax.effects.types import Values
+from ftbias_jax.free_body import FreeBody, motion_of
 from ftbias_jax.gaussian import Innovation
 from ftbias_jax.joint_filter import JointNoise
-from ftbias_jax.screws import Arm, Motion, make_arm, sensor_motion
+from ftbias_jax.screws import Arm, Motion, make_arm
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Array, Gaussian, Log, Sample
 from ftbias_jax.wrench import data_matrix, joint_sensitivity, measurement_covariance, tool_parameters
@@ -30,8 +31,8 @@ from ftbias_jax.wrench import data_matrix, joint_sensitivity, measurement_covari
 class Params(NamedTuple):
     """Everything the filter believes; a pytree, differentiable in every leaf."""
 
-    arm: Arm
-    """The robot with the sensor frame mounted."""
+    arm: Any
+    """What carries the sensor: a screws.Arm, or where the sensor's pose is recorded a free_body.FreeBody."""
     gravity: Array
     """(3,) m/s^2, base frame, pointing down."""
     theta: Array
@@ -91,11 +92,9 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
         setup: what ``load_setup`` read; a joint process noise it leaves open becomes 1 here (batch.params_for_log
             chooses it from the log). dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
     """
-    flange, sensor, n = setup.robot, setup.sensor, len(setup.robot.screws)
-    rotation = flange.flange_rotation @ sensor.rotation
-    position = flange.flange_translation + flange.flange_rotation @ sensor.translation
+    sensor, n = setup.sensor, len(setup.robot.screws)
     params = Params(
-        make_arm(_array(setup.robot.screws, dtype), _array(position, dtype), _array(rotation, dtype)),
+        _carrier(setup, dtype),
         setup.robot.gravity,
         tool_parameters(*(_array(x, dtype) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))),
         JointNoise(
@@ -107,7 +106,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
         BiasNoise(
             setup.bias.noise_density,
             None,
-            sensor.noise_std**2,
+            sensor.noise_std**2 + _unknown_acceleration(setup),
             np.concatenate([setup.bias.initial, setup.bias.initial_drift]),
             np.concatenate([setup.bias.initial_std, setup.bias.initial_drift_std]),
         ),
@@ -115,6 +114,27 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     params = params._replace(effects=values_from_setup(setup.effects, setup.path) or None)
     converted: Params = jax.tree.map(partial(_array, dtype=dtype), params)
     return converted
+
+
+def _carrier(setup: Setup, dtype: Any) -> Arm | FreeBody:
+    """What carries the sensor."""
+    robot, sensor = setup.robot, setup.sensor
+    if setup.pose is not None:
+        # An accelerometer's path is that of the sensor itself.
+        translation = np.zeros(3) if setup.pose.linear == "specific_force" else sensor.translation
+        return FreeBody(translation, sensor.rotation)
+    rotation = robot.flange_rotation @ sensor.rotation
+    position = robot.flange_translation + robot.flange_rotation @ sensor.translation
+    return make_arm(_array(robot.screws, dtype), _array(position, dtype), _array(rotation, dtype))
+
+
+def _unknown_acceleration(setup: Setup) -> Array:
+    """(6,) N^2, Nm^2: variance of the tool's wrench by accelerations that nobody recorded, the same in all axes."""
+    if setup.pose is None or setup.pose.linear != "none":
+        return np.zeros(6)
+    center = setup.tool.center_of_mass
+    arm = center @ center - center**2  # squares of the distances of the centre of mass from the axes
+    return (setup.tool.mass * setup.pose.acceleration_std) ** 2 * np.concatenate([np.ones(3), arm])
 
 
 def options_from_setup(setup: Setup) -> Options:
@@ -208,7 +228,7 @@ def run(
 
 def predict_wrench(params: Params, joint_mean: Array) -> tuple[Motion, Array]:
     """Motion of the sensor and the wrench D theta (6,) of the tool, sensor frame, from joint states (n, 3)."""
-    motion = sensor_motion(params.arm, *joint_mean.T)
+    motion = motion_of(params.arm, *joint_mean.T)
     R_sensor_base = motion.R_base_sensor.T
     D = data_matrix(
         R_sensor_base @ (motion.linear_acceleration - params.gravity),

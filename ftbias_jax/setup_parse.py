@@ -25,12 +25,14 @@ from ftbias_jax.setup_fields import (
     text,
     vector,
 )
+from ftbias_jax.setup_pose import parse_pose, pose_columns, pose_robot
 from ftbias_jax.setup_types import (
     JOINT_MODELS,
     REPORTS,
     BiasSetup,
     JointSetup,
     LogSetup,
+    PoseSetup,
     RobotSetup,
     SensorSetup,
     Setup,
@@ -55,11 +57,15 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
     Raises:
         SetupError: a key is missing, unknown, of the wrong type or shape, or physically impossible.
     """
-    top = check_keys(Section(mapping, "", file), ("robot", "sensor", "tool", "bias", "joints", "log", "effects"))
-    robot = _robot(top)
+    top = check_keys(
+        Section(mapping, "", file), ("robot", "sensor", "sensor_pose", "tool", "bias", "joints", "log", "effects")
+    )
+    pose = parse_pose(top)
+    robot = _robot(top) if pose is None else pose_robot(top, pose)
     n = len(robot.joint_names)
     sensor = _sensor(top)
-    return Setup(robot, sensor, _tool(top, sensor), _bias(top), _joints(top, n), _log(top, n), _effects(top), file)
+    joints, log = _joints(top, n, pose), _log(top, n, pose)
+    return Setup(robot, sensor, _tool(top, sensor), _bias(top), joints, log, _effects(top), pose, file)
 
 
 def _robot(top: Section) -> RobotSetup:
@@ -191,25 +197,27 @@ def _bias(top: Section) -> BiasSetup:
     )
 
 
-def _joints(top: Section, n: int) -> JointSetup:
+def _joints(top: Section, n: int, pose: PoseSetup | None) -> JointSetup:
     keys = ("model", "process_noise_density", "position_noise_std", "velocity_noise_std", "initial_std")
     section = subsection(top, "joints", keys)
+    position_std, velocity_std = (pose.position_noise_std, pose.velocity_noise_std) if pose else (2e-5, 1e-3)
     key = "process_noise_density"
     density = vector(section, key, n, within=POSITIVE, expand=True) if key in section.values else None
     return JointSetup(
         model=text(section, "model", JOINT_MODELS[0], JOINT_MODELS),
         process_noise_density=density,
-        position_noise_std=vector(section, "position_noise_std", n, 2e-5, within=POSITIVE, expand=True),
-        velocity_noise_std=vector(section, "velocity_noise_std", n, 1e-3, within=POSITIVE, expand=True),
+        position_noise_std=vector(section, "position_noise_std", n, position_std, within=POSITIVE, expand=True),
+        velocity_noise_std=vector(section, "velocity_noise_std", n, velocity_std, within=POSITIVE, expand=True),
         initial_std=vector(section, "initial_std", 3, (1.0, 1.0, 10.0), within=NOT_NEGATIVE),
     )
 
 
-def _log(top: Section, n: int) -> LogSetup:
-    sizes = {"time": 0, "position": n, "velocity": n, "wrench": 6, "temperature": 0}
+def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
+    position, velocity = pose_columns(pose) if pose else (n, n)
+    sizes = {"time": 0, "position": position, "velocity": velocity, "wrench": 6, "temperature": 0}
     log = subsection(top, "log", ("columns", "topics"))
     columns = subsection(log, "columns", tuple(sizes))
-    topics = subsection(log, "topics", ("joints", "wrench"))
+    topics = subsection(log, "topics", ("joints", "pose", "wrench"))
     return LogSetup(
         {key: names(columns, key, sizes[key]) if sizes[key] else text(columns, key, "") for key in columns.values},
         {key: text(topics, key, "") for key in topics.values},

@@ -15,9 +15,9 @@ PACKAGE = Path(ftbias_jax.__file__).parent
 # Lowest first. A module imports only what stands before it: in a lower layer, or to its left in its own.
 # A folder counts as one module.
 LAYERS = (
-    "errors types setup_types rotations robots setup_fields urdf urdf_robot setup_parse setup_dump setup",
+    "errors types setup_types rotations robots setup_fields urdf urdf_robot setup_pose setup_parse setup_dump setup",
     "atomic npz_file progress",
-    "gaussian screws newton ascent inertia",
+    "gaussian screws free_body newton ascent inertia",
     "noise wrench recursion",
     "joint_filter bias_filter effects",
     "pipeline staged trajectories simulate",

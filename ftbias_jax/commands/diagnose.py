@@ -28,6 +28,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Diagnose the logs; returns 3 if an axis of a wrench was never measured, else 0."""
     check_arguments(arguments)
     setup = load_setup(arguments.setup)
+    if setup.pose is not None:
+        raise UsageError("needs the joints of an arm", file=arguments.setup, field="sensor_pose", remedy="use filter")
     logs = [read_log(path, setup) for path in arguments.logs]
 
     from ftbias_jax.compilation import prepare_jax

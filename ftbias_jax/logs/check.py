@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.logs.pose import pose_entries
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Array, Log
 
@@ -27,7 +28,8 @@ def check_log(
     Args:
         t: (T,) stamps: floating point in s, or integers in ns; any origin.
         q: (T, n) rad. wrench: (T, 6) N, Nm, as the sensor reports it.
-        dq: (T, n) rad/s, or None. temperature: (T,) deg C, or None. NaN = not measured.
+        dq: (T, n) rad/s, or None. If the setup has a sensor_pose: both as for ``pose_entries``.
+        temperature: (T,) deg C, or None. NaN = not measured.
         setup: the joints, and the sign in which the sensor reports. file: the name in messages.
 
     Returns:
@@ -37,6 +39,8 @@ def check_log(
         LogError: shapes disagree, time does not increase, a value is infinite, or there is no motion or no wrench.
     """
     t, start = relative_seconds(t, file=file)
+    if setup.pose is not None:
+        q, dq = pose_entries(q, dq, t, setup, file)
     nothing = np.full(np.shape(q), np.nan) if dq is None else dq
     unknown = np.full(len(t), np.nan) if temperature is None else temperature
     log = check_samples(Log(t, q, nothing, wrench, unknown, start), setup, file=file)

@@ -68,7 +68,7 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
         LogError: it cannot be read, or cannot be filtered (``check_log``).
     """
     file = os.fspath(path)
-    opened = _open_npz(file, setup) if Path(file).suffix.lower() == ".npz" else None
+    opened = _open_npz(file, setup) if Path(file).suffix.lower() == ".npz" and not setup.pose else None
     if opened is None:
         log, repairs = read_log_with_repairs(path, setup, salvage=salvage)
         length, start, split = len(log.t), log.start, _slices(log)
