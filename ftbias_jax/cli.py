@@ -73,6 +73,9 @@ def _add_filter(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     parser.add_argument("--check", action="store_true", help="also judge whether the filter's error bars are right")
     parser.add_argument("--plot", metavar="OUT.png", help="also draw bias and residual (needs the extra 'plot')")
     parser.add_argument(
+        "--offsets", metavar="OUT.yaml", help="also write the bias at the end as offsets that ros2_control adds"
+    )
+    parser.add_argument(
         "--gate",
         type=_gate,
         metavar="SIGMAS",

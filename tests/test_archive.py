@@ -163,7 +163,7 @@ def test_processes_give_the_results_of_one(logs):
     assert manifest() == entries  # in the same order
 
 
-@pytest.mark.parametrize("option", [["--plot", "a.png"], ["--check"]])
+@pytest.mark.parametrize("option", [["--plot", "a.png"], ["--check"], ["--offsets", "a.yaml"]])
 def test_options_of_a_single_log_are_refused(logs, capsys, option):
     assert filter_archive("logs", *option) == 2
     assert "needs a single log" in capsys.readouterr().err

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ftbias_jax.atomic import write_atomic
 from ftbias_jax.commands import filter_archive
 from ftbias_jax.commands.filter_archive import with_gate
 from ftbias_jax.errors import OutputError, UsageError, printable
@@ -19,6 +20,7 @@ from ftbias_jax.progress import Progress
 from ftbias_jax.setup import load_setup
 from ftbias_jax.types import AXES
 from ftbias_jax.writers import writer
+from ftbias_jax.writers.offsets import dump_offsets
 
 if TYPE_CHECKING:
     from ftbias_jax.consistency import Consistency
@@ -36,7 +38,9 @@ def run(arguments: argparse.Namespace) -> int:
     (path,) = arguments.logs
     inputs = (path, arguments.setup)
     check_folders(arguments.output, arguments.plot)
-    for output in filter(None, (arguments.output, arguments.plot)):
+    if arguments.offsets:
+        check_folders(arguments.offsets, None)
+    for output in filter(None, (arguments.output, arguments.plot, arguments.offsets)):
         if Path(output).resolve() in [Path(file).resolve() for file in inputs]:
             raise UsageError(f"{output!r} is an input", field="-o", remedy="give the result its own name")
     setup = load_setup(arguments.setup)
@@ -57,7 +61,11 @@ def run(arguments: argparse.Namespace) -> int:
     print(format_summary(outcome.summary))
     density = np.asarray(outcome.params.joint.process_density)
     print(f"joint process noise ({setup.joints.model}): {' '.join(f'{x:.3g}' for x in density)}")
-    print("wrote " + " and ".join(filter(None, (arguments.output, arguments.plot))))
+    if arguments.offsets:
+        text = dump_offsets(outcome.summary.bias, setup.sensor.reports)
+        write_atomic(arguments.offsets, lambda file: file.write(text.encode()))
+        print(f"{arguments.offsets}: the bias at the end, as offsets that the broadcaster adds to each reading")
+    print("wrote " + " and ".join(filter(None, (arguments.output, arguments.plot, arguments.offsets))))
     if arguments.check:
         innovation = outcome.filtered.innovation
         print(format_check(consistency.check(innovation, (innovation / outcome.filtered.innovation_std) ** 2)))

@@ -34,7 +34,7 @@ SAVE_SECONDS = 1.0
 
 def run(arguments: argparse.Namespace) -> int:
     """Filter what is not done; 3 if logs failed or lost samples, 1 if all failed, else 0."""
-    for option in ("plot", "check"):
+    for option in ("plot", "check", "offsets"):
         if getattr(arguments, option):
             raise UsageError("needs a single log and a file for its result", field=f"--{option}", remedy="leave it out")
     setup = with_gate(load_setup(arguments.setup), arguments.gate)
