@@ -88,6 +88,18 @@ def test_a_ur10e_that_picks(folder, shared_data, capsys):
     assert np.abs(result["q"]).max() < 2 * np.pi
 
 
+def test_frames_of_tf_give_the_bias_that_the_joints_give(folder, shared_data):
+    """The chain from base to tool0, with a static frame beside it, at 50 Hz instead of the joints' 500."""
+    bag = str(shared_data / "real" / "ur10e_pick.bag")
+    pose = '[sensor_pose]\nframe = "tool0"\nbase = "base"\n' + SETUP[SETUP.index("[sensor]") :]
+    (folder / "pose.toml").write_text(pose)
+    results = []
+    for setup in ("setup.toml", "pose.toml"):
+        assert main(["filter", bag, "--setup", setup, "-o", "out.npz"]) == 0
+        results.append(load_npz("out.npz")["bias"][-1])
+    np.testing.assert_allclose(*results, atol=2e-3)
+
+
 def test_the_gripper_s_joints_do_not_disturb_the_arm_s(folder, shared_data):
     setup = load_setup("setup.toml")
     recording = read_recording(shared_data / "real" / "ur10e_pick.bag")

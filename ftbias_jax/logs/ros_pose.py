@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import reduce
 
 import numpy as np
@@ -35,32 +35,53 @@ def pose_streams(recording: Recording, pose: PoseSetup, file: str) -> list[Strea
 def _follow_frames(recording: Recording, pose: PoseSetup, file: str) -> Stream:
     """The pose of a frame in its base, wherever all moving transforms between them share a stamp."""
     links = {stream.names[1]: stream for stream in recording.streams if stream.message_type == TF}
-    chain: list[Stream] = []
-    frame = pose.frame
-    while frame != pose.base:
-        if frame not in links:
-            if not pose.base and chain:
-                break  # the root
-            known = sorted({name for stream in links.values() for name in stream.names})
-            message = f"frame {frame!r} of TF hangs on nothing" if chain else f"there is no frame {frame!r} in TF"
-            raise LogError(message, file=file, field="sensor_pose.frame", remedy=nearest(frame, known))
-        if links[frame] in chain:
-            raise LogError("the frames of TF go in a circle", file=file, field="sensor_pose.frame", remedy="mend TF")
-        chain.insert(0, links[frame])
-        frame = links[frame].names[0]
-    moving = [link for link in chain if len(np.unique(link.stamps)) > 1]
+    to_frame = _from_root(links, pose.frame, file)
+    to_base = _from_root(links, pose.base, file) if pose.base else []
+    if pose.base and _root(to_frame, pose.frame) != _root(to_base, pose.base):
+        message = f"the frames {pose.base!r} and {pose.frame!r} of TF are not connected"
+        raise LogError(message, file=file, field="sensor_pose.base", remedy="name frames of one tree")
+    shared = sum(one is other for one, other in zip(to_frame, to_base, strict=False))
+    down, back = to_frame[shared:], to_base[shared:]
+    moving = [link for link in (*back, *down) if len(np.unique(link.stamps)) > 1]
     if not moving:
-        names = f"{pose.frame!r} and its base"
-        raise LogError(f"nothing moves between {names}", file=file, field="sensor_pose.frame", remedy="name another")
+        message = f"nothing moves between {pose.frame!r} and its base"
+        raise LogError(message, file=file, field="sensor_pose.frame", remedy="name another")
     stamps = reduce(np.intersect1d, [link.stamps for link in moving])
     if not len(stamps):
         frames = ", ".join(repr(link.names[1]) for link in moving)
         message = f"the moving frames {frames} share no stamp"
         raise LogError(message, file=file, field="sensor_pose.frame", remedy="record the pose as PoseStamped")
-    values = reduce(_compose, [_at(link, stamps) for link in chain])
-    last = moving[-1]
-    rows = _rows_at(last, stamps)
-    return last._replace(stamps=stamps, logged=last.logged[rows], order=last.order[rows], values=values)
+    nowhere = np.tile([0.0, 0, 0, 0, 0, 0, 1], (len(stamps), 1))
+    in_root, base_in_root = (reduce(_compose, [_at(link, stamps) for link in chain], nowhere) for chain in (down, back))
+    rows = _rows_at(moving[-1], stamps)
+    logged, order = moving[-1].logged[rows], moving[-1].order[rows]
+    values = _compose(_inverse(base_in_root), in_root)
+    return moving[-1]._replace(stamps=stamps, logged=logged, order=order, values=values)
+
+
+def _from_root(links: Mapping[str, Stream], frame: str, file: str) -> list[Stream]:
+    """The transforms from the root of a tree of frames to one of them."""
+    names = {name for link in links.values() for name in link.names}
+    if frame not in names:
+        message = f"there is no frame {frame!r} in TF"
+        raise LogError(message, file=file, field="sensor_pose", remedy=nearest(frame, names))
+    chain: list[Stream] = []
+    while frame in links:
+        if links[frame] in chain:
+            raise LogError("the frames of TF go in a circle", file=file, field="sensor_pose", remedy="mend TF")
+        chain.insert(0, links[frame])
+        frame = links[frame].names[0]
+    return chain
+
+
+def _root(chain: Sequence[Stream], frame: str) -> str:
+    return chain[0].names[0] if chain else frame
+
+
+def _inverse(values: Array) -> Array:
+    """Poses (T, 7) of the base in the frame."""
+    back = np.concatenate([-values[:, 3:6], values[:, 6:]], 1)
+    return np.concatenate([-rotate(back[:, [3, 0, 1, 2]], values[:, :3]), back], 1)
 
 
 def _at(link: Stream, stamps: Array) -> Array:

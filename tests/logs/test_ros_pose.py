@@ -61,7 +61,7 @@ def test_signs_of_recorded_quaternions_do_not_matter(tmp_path, poses):
     np.testing.assert_allclose(measured(log)[1], poses[:, [6, 3, 4, 5, 0, 1, 2]], atol=1e-12)
 
 
-@pytest.mark.parametrize("base", ["", "world", "base"])
+@pytest.mark.parametrize("base", ["", "world", "base", "camera"])
 def test_a_chain_of_frames_with_static_ones_between(tmp_path, poses, base):
     rng = np.random.default_rng(1)
     quaternion = rng.normal(size=4)
@@ -81,10 +81,14 @@ def test_a_chain_of_frames_with_static_ones_between(tmp_path, poses, base):
         return x[..., :3], x[..., [6, 3, 4, 5]]
 
     (p1, q1), (p2, q2), (p3, q3) = pose_of(poses), pose_of(np.tile(mount, (COUNT, 1))), pose_of(inner)
-    position = p1 + rotate(q1, p2 + rotate(q2, p3)) + (np.array([1, 2, 3]) if base != "base" else 0)
+    position = p1 + rotate(q1, p2 + rotate(q2, p3)) + (np.array([1, 2, 3]) if base in ("", "world") else 0)
     orientation = product(q1, product(q2, q3))
+    if base == "camera":  # which moves, beside the arm, and was seen for a moment
+        shift, turned = pose_of(inner)
+        back = turned * [1, -1, -1, -1]
+        position, orientation = rotate(back, position - shift)[:3], product(back, orientation)[:3]
     t, q = measured(log)
-    assert len(t) == COUNT
+    assert len(t) == len(position) == (3 if base == "camera" else COUNT)
     np.testing.assert_allclose(q[:, 4:], position, atol=1e-9)
     same = np.abs((q[:, :4] * orientation).sum(1))
     np.testing.assert_allclose(same, 1, atol=1e-12)
@@ -94,13 +98,16 @@ def test_a_chain_of_frames_with_static_ones_between(tmp_path, poses, base):
     ("section", "words"),
     [
         ({"frame": "tol"}, "there is no frame 'tol' in TF .did you mean 'tool'"),
-        ({"frame": "tool", "base": "map"}, "frame 'base' of TF hangs on nothing"),
+        ({"frame": "tool", "base": "map"}, "there is no frame 'map' in TF"),
+        ({"frame": "tool", "base": "island"}, "the frames 'island' and 'tool' of TF are not connected"),
+        ({"frame": "shore", "base": "island"}, "nothing moves between 'shore' and its base"),
         ({}, "no topic has the type geometry_msgs/PoseStamped"),
         ({"frame": "tool", "linear": "specific_force"}, "there is no specific force"),
     ],
 )
 def test_frames_that_are_not_there_are_named(tmp_path, poses, section, words):
-    path = recordings.write(tmp_path, "mcap", published(poses, ("base", "tool"), "/tf"))
+    island = Pose(recordings.START, ("island", "shore"), (0.0, 0, 0, 0, 0, 0, 1), "/tf_static")
+    path = recordings.write(tmp_path, "mcap", [*published(poses, ("base", "tool"), "/tf"), island])
     with pytest.raises(LogError, match=words):
         read_log(path, setup_of(**section))
 
