@@ -7,7 +7,7 @@ likelihood has several maxima in them; series that are linear in their coefficie
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,15 +18,21 @@ DELAYS = (0.0, 0.05, 0.12, 0.25, 0.45)
 LAGS = (0.008, 0.02, 0.04, 0.08, 0.16, 0.32)
 FREQUENCIES = tuple(np.geomspace(2.0, 30.0, 14))
 LOOP_SHARES = (0.01, 0.03, 0.08, 0.2)
-TIME_CONSTANTS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+TIME_CONSTANTS = tuple(np.geomspace(0.5, 512.0, 21))
 ANCHORS = 40
 """Random places tried for the far end of a cable, within reach of the arm."""
 JUMP_STEP = 0.25
 PULSES = (0.1, 0.25, 0.6, 1.5)
 """s, lengths of the contacts that are looked for."""
 MOST_EVENTS = 8
+LEAST_WARMING = 0.3
+"""K."""
 SHAPE = 4
 """Hat functions that make up a contact of any shape."""
+
+
+Event: TypeAlias = tuple[int, float, float]
+"""Number of the log, start s, end s."""
 
 
 class Hypothesis(NamedTuple):
@@ -40,9 +46,10 @@ class Hypothesis(NamedTuple):
     link: float = 0.0
     """Link of the cable's anchor."""
     shapes: tuple[np.ndarray, ...] = ()
-    """(B,) series, each with a coefficient for every channel: changes of the reading."""
+    """(U,) series, each with a coefficient for every channel: changes of the reading."""
     detail: tuple[float, ...] = ()
-    """What the series stand for: the joint, the time of a jump, a time constant, (start, end) of events."""
+    """What the series stand for: the joint; a time constant, or the time of a jump, and the log, -1 = all; for a contact
+    (log, start, end) of every event."""
     local: bool = False
     """Whether it acts for a short time only."""
 
@@ -66,7 +73,7 @@ def grid_hypotheses(problem: Problem, span: np.ndarray) -> list[Hypothesis]:
     Args:
         problem: of the log. span: (6,) N, Nm, range of the predicted load.
     """
-    n = problem.signals.q.shape[1]
+    n = problem.joints
     places = model.slices(n)
     unit = {(b.effect, b.parameter): np.asarray(b.unit) for b in model.blocks(n)}
 
@@ -92,10 +99,10 @@ def grid_hypotheses(problem: Problem, span: np.ndarray) -> list[Hypothesis]:
 
 def _cables(problem: Problem, at: Callable[..., Hypothesis]) -> list[Hypothesis]:
     """A cable from random places within reach, fixed to the world or to one of two links of the forearm."""
-    arm = problem.signals.model.arm
+    arm = problem.parts[0].signals.model.arm
     reach = float(np.linalg.norm(np.asarray(arm.zero_position)))
     rng = np.random.default_rng(0)
-    n = problem.signals.q.shape[1]
+    n = problem.joints
     found = []
     for i in range(ANCHORS):
         link = (0, max(n - 3, 0), max(n - 4, 0))[i % 3]
@@ -107,43 +114,68 @@ def _cables(problem: Problem, at: Callable[..., Hypothesis]) -> list[Hypothesis]
     return found
 
 
-def warmups(t: np.ndarray, duration: float) -> list[Hypothesis]:
-    """Exponential settling with each time constant that a log of this length can tell from a straight line."""
-    constants = [tau for tau in TIME_CONSTANTS if 0.02 * duration < tau < 2 * duration]
-    return [Hypothesis("warmup", shapes=(np.expm1(-t / tau),), detail=(tau,)) for tau in constants]
+def warmups(problem: Problem) -> list[Hypothesis]:
+    """Exponential settling with each time constant that a log can tell from a straight line; in all logs or in one."""
+    found = []
+    for tau in TIME_CONSTANTS:
+        logs = [k for k, duration in enumerate(problem.durations) if 0.02 * duration < tau < 2 * duration]
+        found += [warmup(problem, tau)] if len(logs) > 1 else []
+        found += [warmup(problem, tau, k) for k in logs]
+    return found
 
 
-def temperatures(temperature: np.ndarray) -> list[Hypothesis]:
+def warmup(problem: Problem, tau: float, log: int | None = None) -> Hypothesis:
+    """Exponential settling with one time constant, in one log or in all."""
+    series = np.expm1(-problem.t / tau)
+    inside = problem.log == log if log is not None else np.ones_like(problem.t)
+    return Hypothesis("warmup", shapes=(series * inside,), detail=(tau, -1.0 if log is None else float(log)))
+
+
+def warmup_slope(problem: Problem, h: Hypothesis) -> np.ndarray:
+    """(U,) derivative of a warm-up's series by its time constant."""
+    tau, log = h.detail
+    inside = problem.log == log if log >= 0 else np.ones_like(problem.t)
+    slope: np.ndarray = inside * problem.t / tau**2 * np.exp(-problem.t / tau)
+    return slope
+
+
+def temperatures(problem: Problem) -> list[Hypothesis]:
     """The recorded temperature as the bias, if it moved by more than sensor noise of a tenth of a degree."""
-    if np.ptp(temperature) < 0.3:
+    starts = problem.temperature[np.searchsorted(problem.log, np.arange(len(problem.parts)))]
+    change = problem.temperature - starts[problem.log]
+    if np.ptp(change) < LEAST_WARMING:
         return []
-    return [Hypothesis("temperature_drift", shapes=(-(temperature - temperature[0]),))]
+    return [Hypothesis("temperature_drift", shapes=(-change,))]
 
 
-def jumps(t: np.ndarray, times: np.ndarray) -> list[Hypothesis]:
-    """A step of the bias at each of the times."""
-    return [Hypothesis("bias_jump", shapes=(-(t >= when).astype(float),), detail=(float(when),)) for when in times]
+def jumps(problem: Problem, log: int, times: np.ndarray) -> list[Hypothesis]:
+    """A step of the bias at each of the times of one log."""
+    inside = problem.log == log
+    return [
+        Hypothesis("bias_jump", shapes=(-(inside & (problem.t >= when)).astype(float),), detail=(float(when), log))
+        for when in times
+    ]
 
 
-def pulse(t: np.ndarray, start: float, end: float) -> np.ndarray:
-    """(B,) a flat pulse."""
-    return ((t >= start) & (t < end)).astype(float)
+def pulse(problem: Problem, log: int, start: float, end: float) -> np.ndarray:
+    """(U,) a flat pulse in one log."""
+    inside: np.ndarray = (problem.log == log) & (problem.t >= start) & (problem.t < end)
+    return inside.astype(float)
 
 
-def contact(t: np.ndarray, events: list[tuple[float, float]]) -> Hypothesis:
+def contact(problem: Problem, events: list[Event]) -> Hypothesis:
     """Contacts of any shape in the given intervals: hat functions, each with a wrench of its own."""
     series = []
-    for start, end in events:
+    for log, start, end in events:
         knots = np.linspace(start, end, SHAPE + 2)
         width = knots[1] - knots[0]
-        hats = [np.clip(1 - np.abs(t - knot) / width, 0, None) for knot in knots[1:-1]]
-        inside = pulse(t, start, end)
-        series += [hat * inside for hat in hats]
-    return Hypothesis("contact", shapes=tuple(series), detail=tuple(np.ravel(events)), local=True)
+        inside = pulse(problem, log, start, end)
+        series += [inside * np.clip(1 - np.abs(problem.t - knot) / width, 0, None) for knot in knots[1:-1]]
+    return Hypothesis("contact", shapes=tuple(series), detail=tuple(x for event in events for x in event), local=True)
 
 
 def spread(shapes: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Series (B,) as columns (6 E, B, 6), one for each channel."""
+    """Series (U,) as columns (6 E, U, 6), one for each channel."""
     if not shapes:
         return np.zeros((0, 0, 0))
     eye = np.eye(6)

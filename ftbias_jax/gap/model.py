@@ -16,7 +16,6 @@ from ftbias_jax.effects import chain
 from ftbias_jax.effects.catalogue import CATALOGUE, neutral_values
 from ftbias_jax.effects.kinematics import subtract_offsets
 from ftbias_jax.effects.types import Signals, Values
-from ftbias_jax.likelihood import WrenchProblem, whiten
 from ftbias_jax.types import Array
 
 SHORTEST_LAG = 1e-4
@@ -76,6 +75,7 @@ def size(n: int) -> int:
     return sum(block.size for block in blocks(n))
 
 
+@jax.jit
 def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[str, Array]], Array]:
     """Catalogue values of all chained effects, and encoder offsets (n,) rad.
 
@@ -126,34 +126,12 @@ def predict(signals: Signals, z: Array, link: Array, known: Values) -> Array:
 
 
 @jax.jit
-def linearise(
-    signals: Signals, problem: WrenchProblem, known: Values, z: Array, link: Array, directions: Array, extra: Array
-) -> tuple[Array, Array, Array]:
-    """Whitened error of the model and its derivatives.
-
-    Args:
-        signals, problem: of the log. known: effects of the setup. z: (P,). link: ().
-        directions: (M, P) of the derivatives.
-        extra: (E, B, 6) N, Nm, further changes of the reading, linear in coefficients of their own.
-
-    Returns:
-        error (B, 6) of prediction - reading and columns (M + E, B, 6), innovations in standard deviations; and whether
-        the prediction is a number everywhere, for one that is not would count as missing and look perfect.
-    """
-    reading = predict(signals, z, link, known)
-    error = reading - problem.wrench
-    columns = jax.vmap(lambda d: jax.jvp(lambda z: predict(signals, z, link, known), (z,), (d,))[1])(directions)
-    white = whiten(problem, jnp.concatenate([error[None], columns, extra]))
-    return white[0], white[1:], jnp.isfinite(reading).all()
+def slopes(signals: Signals, known: Values, z: Array, link: Array, directions: Array) -> Array:
+    """(D, P) directions -> (D, B, 6) N, Nm: derivatives of the reading at coordinates z (P,)."""
+    return jax.vmap(lambda d: jax.jvp(lambda z: predict(signals, z, link, known), (z,), (d,))[1])(directions)
 
 
 @jax.jit
 def predict_many(signals: Signals, known: Values, z: Array, link: Array) -> Array:
-    """(C, P), (C,) -> (C, B, 6): readings at several coordinates at once."""
+    """(C, P), (C,) -> (C, B, 6) N, Nm: readings at several coordinates at once."""
     return jax.vmap(lambda z, link: predict(signals, z, link, known))(z, link)
-
-
-@jax.jit
-def whiten_many(problem: WrenchProblem, columns: Array) -> Array:
-    """(C, B, 6) N, Nm -> the same as innovations in standard deviations."""
-    return whiten(problem, columns)

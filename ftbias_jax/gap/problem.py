@@ -1,9 +1,12 @@
-"""A log made ready for the diagnosis: smoothed joints, cleaned wrench, averaged to bins, and the noise of each bin."""
+"""Logs made ready for the diagnosis: smoothed joints, cleaned wrench, averaged to bins, and the noise of each bin."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -15,7 +18,7 @@ from ftbias_jax.gap.samples_types import SampleFindings
 from ftbias_jax.likelihood import WrenchProblem
 from ftbias_jax.pipeline import Options, Params
 from ftbias_jax.setup_types import Setup
-from ftbias_jax.types import Log
+from ftbias_jax.types import Array, Log, Sample
 
 SHORTEST_BIN = 0.01
 """s; a 25 Hz ringing of the tool is still seen."""
@@ -25,36 +28,85 @@ MOST_BINS = 4096
 """Longer logs get longer bins."""
 
 
-class Problem(NamedTuple):
-    """One log in bins. B = bins, padded; a padded bin has no measurement."""
+class Part(NamedTuple):
+    """One log in bins, padded to B of them; a padded bin has no measurement."""
 
     signals: Signals
     """Motion at the bins, and what the setup says about robot and tool."""
     wrench: WrenchProblem
     """The bias filter on the bins: mean readings (B, 6), NaN = none, and their noise variance."""
-    samples: np.ndarray
-    """(B, 6) how many in each bin."""
     used: int
     """Bins before the padding."""
-    duration: float
-    """s."""
+
+
+class Problem(NamedTuple):
+    """One log, or several of one robot end to end. U = bins of all logs, without padding."""
+
+    parts: tuple[Part, ...]
+    t: np.ndarray
+    """(U,) s since the start of the bin's own log."""
+    log: np.ndarray
+    """(U,) number of the bin's log."""
+    samples: np.ndarray
+    """(U, 6) how many in each bin."""
+    variance: np.ndarray
+    """(U, 6) N^2, Nm^2: noise of the bins' means, with that of the joints."""
+    temperature: np.ndarray
+    """(U,) deg C."""
+    durations: tuple[float, ...]
+    """s, of each log."""
     noise_std: np.ndarray
-    """(6,) N, Nm, of one sample."""
-    stated_std: np.ndarray
-    """(6,) the same as the setup states it."""
+    """(6,) N, Nm, of one sample, as measured."""
     known: Values
     """Effects that the setup knows of."""
 
+    @property
+    def duration(self) -> float:
+        """s, of all logs together."""
+        return sum(self.durations)
 
-def make_problem(setup: Setup, log: Log) -> tuple[Problem, SampleFindings]:
+    @property
+    def joints(self) -> int:
+        """Number of the robot's joints."""
+        return int(self.parts[0].signals.q.shape[1])
+
+    def block(self, seconds: float) -> np.ndarray:
+        """(U,) numbers 0, 1, ... of pieces of so many seconds; none reaches over two logs."""
+        return np.unique(np.stack([self.log, self.t // seconds]), axis=1, return_inverse=True)[1].reshape(-1)
+
+
+def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[SampleFindings, ...]]:
     """Smooth the joints, examine the samples, and average what is left over short bins.
 
     Args:
-        setup: beliefs. log: as read.
+        setup: beliefs. logs: as read, of one robot.
 
     Returns:
-        the problem of the effects that change the mean reading, and what was read off single samples.
+        the problem of the effects that change the mean reading, and what was read off each log's single samples.
     """
+    prepared = [_prepare(setup, log) for log in logs]
+    parts = tuple(part for part, *_ in prepared)
+    found = tuple(found for *_, found in prepared)
+    used = [part.used for part in parts]
+
+    def join(arrays: Sequence[np.ndarray]) -> np.ndarray:
+        return np.concatenate([np.asarray(array)[:length] for array, length in zip(arrays, used, strict=True)])
+
+    return Problem(
+        parts=parts,
+        t=join([part.signals.t for part in parts]),
+        log=np.repeat(np.arange(len(parts)), used),
+        samples=join([count for _, count, _, _ in prepared]),
+        variance=join([part.wrench.variance for part in parts]),
+        temperature=join([part.signals.temperature for part in parts]),
+        durations=tuple(float(log.t[-1]) for log in logs),
+        noise_std=np.sqrt(np.mean([one.noise_std**2 for one in found], axis=0)),
+        known=prepared[0][2],
+    ), found
+
+
+def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFindings]:
+    """One log: bins, samples in each (B, 6), effects the setup knows of, and what the samples show."""
     options = Options(joint_model=setup.joints.model)
     samples = pipeline.samples_from_log(log)
     length = samples.dt.shape[0]
@@ -63,24 +115,25 @@ def make_problem(setup: Setup, log: Log) -> tuple[Problem, SampleFindings]:
     if setup.joints.process_noise_density is None:  # a smoother has no lag to guard against
         likeliest = params.joint.process_density / batch.LAG_GUARD
         params = params._replace(joint=params.joint._replace(process_density=likeliest))
-    joints = smooth.smooth_joints(params, pipeline.init(params, samples), samples, options)
-    reading, variance = (np.asarray(x)[:length] for x in staged.predict_wrenches(params, joints, samples, options))
+    joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(params, samples, options))
     rate = np.gradient(reading, log.t, axis=0)
     found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate)
-    states = np.asarray(joints.mean)[:length]
     joint_variance = variance - np.asarray(params.bias.wrench_variance)
-    return _bin(params, log, states, joint_variance, found.clean_wrench, found.noise_std, setup), found
+    part, count = _bin(params, log, joints, joint_variance, found)
+    return part, count, params.effects or {}, found
+
+
+@partial(jax.jit, static_argnames="options")
+def _smooth(params: Params, samples: Sample, options: Options) -> tuple[Array, Array, Array]:
+    """Joint states (T, n, 3) given the whole log, the wrench (T, 6) they make the tool cause, and its variance."""
+    joints = smooth.smooth_joints(params, pipeline.init(params, samples), samples, options)
+    return joints.mean, *staged.predict_wrenches(params, joints, samples, options)
 
 
 def _bin(
-    params: Params,
-    log: Log,
-    states: np.ndarray,
-    joint_variance: np.ndarray,
-    wrench: np.ndarray,
-    noise_std: np.ndarray,
-    setup: Setup,
-) -> Problem:
+    params: Params, log: Log, states: np.ndarray, joint_variance: np.ndarray, found: SampleFindings
+) -> tuple[Part, np.ndarray]:
+    wrench = found.clean_wrench
     rows = np.isfinite(wrench).any(1)
     t, duration = log.t[rows], float(log.t[-1])
     width = max(SHORTEST_BIN, duration / MOST_BINS)
@@ -111,14 +164,12 @@ def _bin(
     place = jnp.asarray
     signals = Signals(place(stamps), place(q), place(dq), place(ddq), place(temperature), stated)
     # The smoothed joints' error hangs together over longer than a bin, so averaging does not reduce it.
-    variance = np.where(count > 0, noise_std**2 / np.maximum(count, 1) + spread, 1.0)
+    variance = np.where(count > 0, found.noise_std**2 / np.maximum(count, 1) + spread, 1.0)
     bins = WrenchProblem(
-        jnp.asarray(np.diff(stamps, prepend=stamps[0])),
-        jnp.asarray(pad(reading, np.nan)),
-        jnp.asarray(pad(variance, 1.0)),
+        place(np.diff(stamps, prepend=stamps[0])),
+        place(pad(reading, np.nan)),
+        place(pad(variance, 1.0)),
         params.bias.density,
         params.bias.prior_std,
     )
-    return Problem(
-        signals, bins, pad(count, 0), used, duration, noise_std, setup.sensor.noise_std, params.effects or {}
-    )
+    return Part(signals, bins, used), count

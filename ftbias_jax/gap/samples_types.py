@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -63,3 +64,12 @@ def name_channels(which: np.ndarray) -> str:
     if which.all():
         return "all channels"
     return ", ".join(name for name, marked in zip(CHANNEL_NAMES, which, strict=True) if marked)
+
+
+def together(logs: Sequence[SampleFindings]) -> tuple[Finding, ...]:
+    """Effects that are there in any of several logs of one robot, each from the log that shows it best."""
+    best: dict[str, Finding] = {}
+    for finding in (finding for log in logs for finding in log.detected):
+        if finding.effect not in best or finding.nats > best[finding.effect].nats:
+            best[finding.effect] = finding
+    return tuple(best.values())

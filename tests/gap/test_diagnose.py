@@ -7,9 +7,9 @@ import pytest
 
 from ftbias_jax import pipeline, simulate, trajectories
 from ftbias_jax.commands.demo import CENTER, EXCURSION, SETUP
-from ftbias_jax.gap.contacts import merge
 from ftbias_jax.gap.diagnose import diagnose
-from ftbias_jax.gap.fit import fit
+from ftbias_jax.gap.events import merge
+from ftbias_jax.gap.fit import base, fit
 from ftbias_jax.gap.hypotheses import Hypothesis, contact, spread
 from ftbias_jax.gap.model import blocks, coordinates, size
 from ftbias_jax.gap.problem import make_problem
@@ -75,14 +75,18 @@ def test_coordinates_are_a_partition():
 
 
 def test_overlapping_events_are_one():
-    assert merge([(5.0, 6.0), (1.0, 1.4), (5.5, 6.5)]) == [(0.9, 1.5), (4.75, 6.75)]
+    """Within a log."""
+    events = [(0, 5.0, 6.0), (0, 1.0, 1.4), (0, 5.5, 6.5), (1, 6.0, 7.0)]
+    assert merge(events) == [(0, 0.9, 1.5), (0, 4.75, 6.75), (1, 5.75, 7.25)]
     assert merge([]) == []
 
 
-def test_a_contact_of_any_shape_ends():
+@pytest.mark.slow
+def test_a_contact_of_any_shape_ends(setup, record):
     """Its series vanish outside the events, and every channel has its own."""
-    t = np.arange(0, 10, 0.01)
-    shapes = contact(t, [(2.0, 3.0), (6.0, 6.5)]).shapes
+    problem, _ = make_problem(setup, [record(None)])
+    t = problem.t
+    shapes = contact(problem, [(0, 2.0, 3.0), (0, 6.0, 6.5)]).shapes
     inside = ((t >= 2) & (t < 3)) | ((t >= 6) & (t < 6.5))
     assert all((shape[~inside] == 0).all() and shape.max() > 0.9 for shape in shapes)
     columns = spread(shapes)
@@ -93,8 +97,9 @@ def test_a_contact_of_any_shape_ends():
 @pytest.mark.slow
 def test_a_prediction_that_is_no_number_is_not_a_perfect_one(setup, record):
     """NaN counts as missing in a filter; in a fit it must count as impossible."""
-    problem, _ = make_problem(setup, record(None))
+    problem, _ = make_problem(setup, [record(None)])
     place = coordinates(7, "tool_mass")[0]
     broken = Hypothesis("tool_mass", (int(place),), (float("nan"),))
-    assert fit(problem, (broken,), iterations=0).log_likelihood == -np.inf
-    assert np.isfinite(fit(problem, ()).log_likelihood)
+    believed = base(problem)
+    assert fit(problem, (broken,), believed).log_likelihood == -np.inf
+    assert np.isfinite(believed.log_likelihood)

@@ -1,0 +1,116 @@
+"""Every effect fitted on top of those accepted so far."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.gap import events, model
+from ftbias_jax.gap import hypotheses as hyp
+from ftbias_jax.gap.evaluate import readings, slopes, whitened
+from ftbias_jax.gap.events import Found, Library
+from ftbias_jax.gap.fit import Fit, Gains, fit, gains
+from ftbias_jax.gap.hypotheses import Hypothesis
+from ftbias_jax.gap.problem import Problem
+
+NATS_PER_DEGREE = 4.0
+"""Half the logarithm of the number of independent bins: what a free number gains by chance and search."""
+LEAST_GAIN = 12.0
+"""nats beyond the penalty; white noise reaches it in one log of thousands."""
+WORTH_FITTING = 0.15
+"""Share of the best preliminary gain from which on a candidate is fitted in full."""
+MOST_LEAKS = 5
+"""Entries of the crosstalk matrix that may be named."""
+
+
+class Scored(NamedTuple):
+    """A hypothesis fitted together with the accepted ones."""
+
+    fit: Fit
+    gain: float
+    """nats over the accepted ones alone, after the penalty."""
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """The one that was added."""
+        return self.fit.hypotheses[-1]
+
+
+def score(better: Fit, worse: Fit) -> float:
+    """nats that one fit gains over another, after the penalty."""
+    return better.log_likelihood - worse.log_likelihood - NATS_PER_DEGREE * (better.degrees - worse.degrees)
+
+
+def candidates(problem: Problem, library: Library, accepted: Fit, without: Collection[str] = ()) -> list[Scored]:
+    """Every effect that is not accepted yet, fitted on top of the accepted ones; best first."""
+    taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known)
+    found = _smooth(problem, accepted, taken) + _grid(problem, accepted, taken)
+    for make in (events.slow, events.jump, events.contacts):
+        found += make(problem, library, accepted, taken)
+    best: dict[tuple[str, float], Found] = {}
+    for gain, h in found:
+        penalised = gain - NATS_PER_DEGREE * (len(h.free) + 6 * len(h.shapes))
+        key = (h.effect, h.detail[0] if h.effect == "encoder_offset" else 0.0)
+        if penalised > LEAST_GAIN and (key not in best or penalised > best[key][0]):
+            best[key] = (penalised, h)
+    top = max((gain for gain, _ in best.values()), default=0.0)
+    fits = [fit(problem, (*accepted.hypotheses, h), accepted) for g, h in best.values() if g >= WORTH_FITTING * top]
+    return sorted((Scored(one, score(one, accepted)) for one in fits), key=lambda scored: -scored.gain)
+
+
+def _smooth(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[Found]:
+    n = problem.joints
+    wanted = [h for h in hyp.smooth_hypotheses(n) if h.effect not in taken]
+    leaks = [] if "crosstalk" in taken else model.coordinates(n, "crosstalk").tolist()
+    places = sorted({i for h in wanted for i in h.free} | set(leaks))
+    if not places:
+        return []
+    columns = whitened(problem, slopes(problem, accepted.z, accepted.link, places))
+    prepared, row = gains(accepted, columns), {place: i for i, place in enumerate(places)}
+    found = [(prepared.of([row[i] for i in h.free]), h) for h in wanted]
+    if leaks:
+        gained, chosen = _leaks(prepared, [row[i] for i in leaks])
+        free = tuple(places[i] for i in chosen)
+        found.append((gained, Hypothesis("crosstalk", free, (0.0,) * len(free))))
+    return found
+
+
+def _leaks(prepared: Gains, rows: list[int]) -> tuple[float, list[int]]:
+    """Matching pursuit: the few entries of the matrix that gain most together."""
+    chosen: list[int] = []
+    gained = 0.0
+    for _ in range(MOST_LEAKS):
+        trials = {i: prepared.of([*chosen, i]) for i in rows if i not in chosen}
+        best = max(trials, key=lambda i: trials[i])
+        if trials[best] - gained < max(2 * NATS_PER_DEGREE, 0.03 * trials[best]):
+            break
+        chosen, gained = [*chosen, best], trials[best]
+    return gained, chosen
+
+
+def _grid(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[Found]:
+    """Gain of each starting point, as it is or scaled to fit."""
+    now = readings(problem, accepted.z[None], np.array([accepted.link]))[0]
+    wanted = [h for h in hyp.grid_hypotheses(problem, np.ptp(now, axis=0)) if h.effect not in taken]
+    if not wanted:
+        return []
+    z = np.repeat(accepted.z[None], len(wanted), 0)
+    for row, h in zip(z, wanted, strict=True):
+        row[list(h.free)] = h.start
+    link = np.array([h.link if h.effect == "cable" else accepted.link for h in wanted])
+    changes = whitened(problem, readings(problem, z, link) - now)
+    whole = gains(accepted, changes)
+    scaled = whole.each()
+    found = []
+    for i, (h, change) in enumerate(zip(wanted, changes, strict=True)):
+        if h.effect == "cable":
+            found.append((float(scaled[i]), h))
+        elif h.effect == "hysteresis":
+            channels = change[None] * np.eye(6)[:, None]
+            found.append((gains(accepted, channels).of(list(range(6))), h))
+        else:
+            as_it_is = float(-(accepted.error * change).sum() - (change**2).sum() / 2)
+            found.append((max(as_it_is, float(scaled[i]) / 2), h))
+    return found

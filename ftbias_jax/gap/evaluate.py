@@ -1,0 +1,71 @@
+"""The model and the whitening on all bins of all logs, in pieces of fixed size so that few programs are compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.gap import model
+from ftbias_jax.gap.problem import Part, Problem
+from ftbias_jax.likelihood import whiten
+from ftbias_jax.types import Array
+
+LANES = 8
+"""Readings or derivatives that one call works out."""
+WHITE_LANES = 32
+"""Series that one call whitens."""
+
+
+def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
+    """(C, P) coordinates, (C,) links -> (C, U, 6) N, Nm: noise-free readings."""
+
+    def of_log(part: Part) -> np.ndarray:
+        def some(z: Array, link: Array) -> Array:
+            return model.predict_many(part.signals, problem.known, z, link)
+
+        return in_pieces(some, LANES, z, link)[:, : part.used]
+
+    return np.concatenate([of_log(part) for part in problem.parts], axis=1)
+
+
+def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) -> np.ndarray:
+    """(F, U, 6) N, Nm: derivatives of the reading at z (P,) by the coordinates at these places."""
+    directions = np.zeros((len(places), len(z)))
+    directions[np.arange(len(places)), list(places)] = 1
+
+    def of_log(part: Part) -> np.ndarray:
+        def some(directions: Array) -> Array:
+            return model.slopes(part.signals, problem.known, jnp.asarray(z), jnp.asarray(link), directions)
+
+        return in_pieces(some, LANES, directions)[:, : part.used]
+
+    return np.concatenate([of_log(part) for part in problem.parts], axis=1)
+
+
+def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
+    """(C, U, 6) N, Nm -> the same as innovations of each log's bias filter, in standard deviations."""
+    ends = np.cumsum([part.used for part in problem.parts])
+
+    def of_log(part: Part, end: int) -> np.ndarray:
+        room = part.signals.t.shape[0] - part.used
+        own = np.pad(columns[:, end - part.used : end], ((0, 0), (0, room), (0, 0)))
+        return in_pieces(lambda some: whiten(part.wrench, some), WHITE_LANES, own)[:, : part.used]
+
+    return np.concatenate([of_log(part, int(end)) for part, end in zip(problem.parts, ends, strict=True)], axis=1)
+
+
+def measured(problem: Problem) -> np.ndarray:
+    """(U, 6) N, Nm: mean readings of the bins."""
+    return np.concatenate([np.asarray(part.wrench.wrench)[: part.used] for part in problem.parts])
+
+
+def in_pieces(function: Callable[..., Array], lanes: int, *arrays: np.ndarray) -> np.ndarray:
+    """A function of (lanes, ...) arrays on (C, ...) arrays, C > 0; the last piece is filled up with repetitions."""
+    count = len(arrays[0])
+    found = []
+    for first in range(0, count, lanes):
+        piece = (np.resize(array[first : first + lanes], (lanes, *array.shape[1:])) for array in arrays)
+        found.append(np.asarray(function(*(jnp.asarray(array) for array in piece)))[: count - first])
+    return np.concatenate(found)
