@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,11 +11,13 @@ import time
 from contextlib import suppress
 
 import pytest
-from small_archive import assert_same_outputs, filter_archive, manifest, outputs, write_log
+import recordings
+from small_archive import SETUP, assert_same_outputs, filter_archive, manifest, outputs, write_log
 
 import ftbias_jax
 from ftbias_jax import atomic, workers
 from ftbias_jax.cli import main
+from ftbias_jax.results import load_npz
 
 
 def filter_in_another_process():
@@ -100,7 +103,7 @@ def test_a_full_disk_leaves_the_old_result_and_one_line(logs, disk, capsys, room
     disk.room = room
     assert main(["filter", "logs/b.npz", "--setup", "setup.toml", "-o", "out.npz"]) == 1
     message = "ftbias: out.npz: cannot be written: No space left on device (check that the folder exists, may be"
-    assert capsys.readouterr().err.startswith(message)
+    assert capsys.readouterr().err.splitlines()[-1].startswith(message)  # progress may stand above
     assert (logs.parent / "out.npz").read_bytes() == b"an older result"
     assert sorted(os.listdir()) == ["logs", "out.npz", "setup.toml"]
 
@@ -127,3 +130,18 @@ def test_a_disk_without_room_for_the_manifest(logs, disk, capsys):
     assert printed.err.startswith("ftbias: out/manifest.json: cannot be written: No space left on device")
     assert printed.err.count("\n") == 1
     assert os.listdir("out") == []
+
+
+def test_a_cut_bag_is_refused_or_salvaged_with_its_loss_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    path = recordings.write(tmp_path, "ros1", recordings.messages(recordings.arrays(3000)))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    setup = SETUP.replace("axis = [0, 0, 1]", 'axis = [0, 0, 1]\nname = "base"')
+    (tmp_path / "setup.toml").write_text(setup.replace("axis = [0, 1, 0]", 'axis = [0, 1, 0]\nname = "elbow"'))
+    command = ["filter", path.name, "--setup", "setup.toml", "-o", "out.npz"]
+    assert main(command) == 1
+    assert "(--salvage reads what is whole)" in capsys.readouterr().err
+    assert not os.path.exists("out.npz")
+    assert main([*command, "--salvage"]) == 3
+    assert re.search(r"ftbias: log.bag: \d{4} messages were recovered", capsys.readouterr().err)
+    assert 1000 < len(load_npz("out.npz")["t"]) < 2000
