@@ -15,7 +15,7 @@ from ftbias_jax.commands import filter_archive
 from ftbias_jax.commands.filter_archive import with_gate
 from ftbias_jax.errors import OutputError, UsageError, printable
 from ftbias_jax.logs.parts import open_log
-from ftbias_jax.plot import figure_format
+from ftbias_jax.plot import figure_format, new_figure
 from ftbias_jax.progress import Progress
 from ftbias_jax.setup import load_setup
 from ftbias_jax.types import AXES
@@ -43,8 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     for output in filter(None, (arguments.output, arguments.plot, arguments.offsets)):
         if Path(output).resolve() in [Path(file).resolve() for file in inputs]:
             raise UsageError(f"{output!r} is an input", field="-o", remedy="give the result its own name")
-    setup = load_setup(arguments.setup)
-    setup = with_gate(setup, arguments.gate)
+    if arguments.plot:
+        new_figure()  # a missing package is told before minutes are spent
+    setup = with_gate(load_setup(arguments.setup), arguments.gate)
     log = open_log(path, setup, salvage=arguments.salvage)
 
     from ftbias_jax.compilation import prepare_jax
