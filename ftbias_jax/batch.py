@@ -1,8 +1,8 @@
-"""Filter a recorded log of any length with bounded memory, and sum up what came out."""
+"""Filter a recorded log of any length with bounded memory."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -52,19 +52,6 @@ class Filtered(NamedTuple):
     innovation_std: Array
 
 
-class Summary(NamedTuple):
-    """How well the tool model and the bias explain a log; (6,) N, Nm unless stated."""
-
-    raw_std: Array
-    """Standard deviation of the wrench as read."""
-    residual_std: Array
-    """Standard deviation of corrected wrench minus tool model; a fast bias process makes it small by itself."""
-    one_second_rms: Array
-    """Error of predicting the reading from the state one second earlier, which a bias process cannot make small."""
-    mean_nis: float
-    """Mean normalised innovation squared per measured axis; 1 for a right model."""
-
-
 def params_for_log(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
     """Parameters to filter a log with: those of ``likeliest_params``, with the joints' process noise guarded."""
     return guard_against_lag(likeliest_params(setup, samples, options))
@@ -97,27 +84,64 @@ def filter_log(
     Args:
         params, options: of the pipeline. log: one merged timeline, (T, ...). progress: told the samples done so far.
     """
-    log = without_useless(log, params)
-    samples = pipeline.samples_from_log(log, params.theta.dtype)
-    length = samples.dt.shape[0]
     # Effects with a memory need the whole log at once.
-    chunk = _bucket(length) if params.effects is None else _whole(length)
+    size = CHUNK if params.effects is None else len(log.t)
+    parts = (log._replace(**_rows(log, i, size)) for i in range(0, len(log.t), size))
+    first_q = np.asarray(joint_filter.first_measured(jnp.asarray(log.q)))
+    results = []
+    for i, result in enumerate(filter_parts(params, first_q, parts, options), 1):
+        results.append(result)
+        progress(min(i * size, len(log.t)))
+    return join(results)
+
+
+def filter_parts(
+    params: Params, first_q: Array, parts: Iterable[Log], options: Options = DEFAULT_OPTIONS
+) -> Iterator[Filtered]:
+    """Filter a log that comes in parts; ``join`` makes them one result.
+
+    Args:
+        params, options: of the pipeline; known effects need the whole log as one part. first_q: (n,) rad, the first
+            measured position of every joint. parts: in the order of time, CHUNK samples each but the last.
+
+    Yields:
+        the result of every part; its log_likelihood is that of the part.
+    """
+    dtype = params.theta.dtype
+    state, before, length = None, None, 0
+    for log in parts:
+        log = without_useless(log, params)
+        samples = pipeline.samples_from_log(log, dtype, before)
+        if params.effects is None:
+            samples = samples._replace(temperature=None)
+        if state is None:
+            state = pipeline.init(params, samples._replace(q=jnp.asarray(first_q, dtype)[None]))
+        length = max(length, _whole(len(log.t)))  # a short last part runs the program of the others
+        state, kept = _run(params, state, pipeline.pad(samples, length), options)
+        yield _filtered(params, log, samples, {name: np.asarray(x)[: len(log.t)] for name, x in kept.items()})
+        before = log.t[-1]
+
+
+def _rows(log: Log, first: int, count: int) -> dict[str, Array]:
+    return {name: getattr(log, name)[first : first + count] for name in ("t", "q", "dq", "wrench", "temperature")}
+
+
+def join(parts: Sequence[Filtered]) -> Filtered:
+    """The results of consecutive parts as one."""
+    whole = Filtered(*(x[0] if x[0].ndim == 0 else np.concatenate(x) for x in zip(*parts, strict=True)))
+    return whole._replace(log_likelihood=np.sum([part.log_likelihood for part in parts]))
+
+
+def _filtered(params: Params, log: Log, samples: Sample, kept: dict[str, Array]) -> Filtered:
+    """The result of one part, at the stamps of its wrench."""
     rows = np.isfinite(log.wrench).any(1)
-    state, log_likelihood = pipeline.init(params, samples), 0.0
-    parts = []
-    for start in range(0, length, chunk):
-        part = jax.tree.map(lambda x, start=start: x[start : start + chunk], samples)
-        count = part.dt.shape[0]
-        state, kept = _run(params, state, pipeline.pad(part, chunk), options)
-        log_likelihood += float(kept.pop("log_likelihood").sum())
-        parts.append({name: np.asarray(x)[:count][rows[start : start + count]] for name, x in kept.items()})
-        progress(start + count)
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    log_likelihood = np.float64(kept.pop("log_likelihood").sum(dtype=np.float64))
+    columns = {name: x[rows] for name, x in kept.items()}
+    bias, drift = np.moveaxis(columns["bias"], 1, 0)
+    wrench_tool = columns["wrench_tool"]
     if params.effects is not None:
         known = _known_bias(params, samples)[rows]
-        columns["bias"] = columns["bias"] + np.stack([known, np.zeros_like(known)], 1)
-        columns["wrench_tool"] = columns["wrench_tool"] + known
-    bias, drift = np.moveaxis(columns["bias"], 1, 0)
+        bias, wrench_tool = bias + known, wrench_tool + known
     bias_std, drift_std = np.moveaxis(columns["bias_std"], 1, 0)
     q, dq, ddq = np.moveaxis(columns["joint"], 2, 0)
     return Filtered(
@@ -131,10 +155,10 @@ def filter_log(
         dq=dq,
         ddq=ddq,
         ddq_std=columns["ddq_std"],
-        wrench_tool=columns["wrench_tool"],
+        wrench_tool=wrench_tool,
         innovation=columns["innovation"],
         nis=columns["nis"],
-        log_likelihood=np.float64(log_likelihood),
+        log_likelihood=log_likelihood,
         innovation_std=columns["innovation_std"],
     )
 
@@ -155,6 +179,10 @@ def smooth_log(
     length = samples.dt.shape[0]
     padded = pipeline.pad(samples, _whole(length))
     state = pipeline.init(params, padded)
+    if options.gate is not None:  # smoothed is what passed the gate
+        _, used = pipeline.run(params, state, padded, options, _used)
+        padded = padded._replace(wrench=jnp.where(used, padded.wrench, jnp.nan))
+        options = options._replace(gate=None)
     if staged.applies(options):
         _, mean, std = smooth.smooth_log(params, state, padded, options)
     else:
@@ -165,24 +193,6 @@ def smooth_log(
     progress(length)
     rows = np.isfinite(log.wrench).any(1)
     return np.asarray(mean)[:length][rows], np.asarray(std)[:length][rows]
-
-
-def summarise(filtered: Filtered) -> Summary:
-    """Residuals of a filtered log; one-second-ahead errors use the newest state at least one second old."""
-    raw = filtered.wrench_unbiased - filtered.bias
-    residual = filtered.wrench_unbiased - filtered.wrench_tool
-    past = np.searchsorted(filtered.t, filtered.t - 1.0, side="right") - 1
-    ahead = past >= 0
-    past = past[ahead]
-    elapsed = (filtered.t[ahead] - filtered.t[past])[:, None]
-    predicted = filtered.wrench_tool[ahead] - filtered.bias[past] - elapsed * filtered.drift[past]
-    axes = np.isfinite(raw).sum()
-    return Summary(
-        _over_time(np.nanstd, raw),
-        _over_time(np.nanstd, residual),
-        np.sqrt(_over_time(np.nanmean, (raw[ahead] - predicted) ** 2)),
-        float(filtered.nis.sum() / axes),
-    )
 
 
 @partial(jax.jit, static_argnames="options")
@@ -220,12 +230,8 @@ def _bucket(length: int) -> int:
     return min(CHUNK, 1 << (length - 1).bit_length())
 
 
-def _over_time(reduce: Callable[..., Array], x: Array) -> Array:
-    """(T, 6) -> (6,), NaN for an axis that was never measured, without numpy's warning about it."""
-    measured = np.isfinite(x).any(0)
-    result = np.full(x.shape[1], np.nan)
-    result[measured] = reduce(x[:, measured], axis=0)
-    return result
+def _used(state: State, info: Info) -> Array:
+    return jnp.isfinite(info.wrench.value)
 
 
 def _keep_bias(state: State, info: Info) -> Gaussian:

@@ -11,6 +11,9 @@ from ftbias_jax.gaussian import Innovation
 from ftbias_jax.noise import bias_drift_noise
 from ftbias_jax.types import Array, Gaussian
 
+FORGET = 10.0
+"""s: time in which the standard deviation of the bias grows e-fold while the gate lets nothing through."""
+
 
 class BiasNoise(NamedTuple):
     """Noise and prior of the bias filter."""
@@ -33,17 +36,45 @@ def init(noise: BiasNoise) -> Gaussian:
 
 
 def step(
-    noise: BiasNoise, state: Gaussian, dt: Array, wrench_tool: Array, wrench: Array, covariance: Array
+    noise: BiasNoise,
+    state: Gaussian,
+    dt: Array,
+    wrench_tool: Array,
+    wrench: Array,
+    covariance: Array,
+    gate: float | None = None,
 ) -> tuple[Gaussian, Innovation]:
     """Predict by dt, then correct by y = D theta - W (report, section 3).
 
     Args:
         noise: of the filter. state: mean (12,), covariance (12, 12). dt: () s since the previous sample.
         wrench_tool: (6,) D theta. wrench: (6,) W as read, NaN = not measured. covariance: (6, 6) R of y.
+        gate: a sample with any axis this many standard deviations off its prediction is not used, see ``_gated``.
 
     Returns:
         the corrected state and the innovation y - b.
     """
     predicted = gaussian.predict(state, *bias_drift_noise(dt, noise.density))
     observation = jnp.eye(6, 12, dtype=state.mean.dtype)
-    return gaussian.update(predicted, wrench_tool - wrench, observation, covariance)
+    measurement = wrench_tool - wrench
+    if gate is not None:
+        predicted, measurement = _gated(predicted, measurement, covariance, dt, gate)
+    return gaussian.update(predicted, measurement, observation, covariance)
+
+
+def _gated(
+    predicted: Gaussian, measurement: Array, covariance: Array, dt: Array, gate: float
+) -> tuple[Gaussian, Array]:
+    """The prediction and the measurement, which is NaN in all axes if one is off: a contact moves all of them.
+
+    What was touched cannot be told from a bias that jumped. So what is known of the bias is forgotten while nothing
+    passes, exponentially: single spikes cost nothing, a contact of seconds little, and after a jump of 1 to 50 N the
+    gate opens in 20 to 70 s, because the prediction has become uncertain enough.
+    """
+    variance = jnp.diagonal(predicted.covariance)[:6] + jnp.diagonal(covariance)
+    off = jnp.abs(measurement - predicted.mean[:6]) > gate * jnp.sqrt(variance)  # never where nothing was measured
+    closed = off.any()
+    # Only the bias is forgotten: a jump is no drift.
+    grown = jnp.where(closed, jnp.expm1(2 * dt / FORGET), 0) * jnp.diagonal(predicted.covariance)[:6]
+    covariance = predicted.covariance + jnp.diag(jnp.concatenate([grown, jnp.zeros_like(grown)]))
+    return predicted._replace(covariance=covariance), jnp.where(closed, jnp.nan, measurement)

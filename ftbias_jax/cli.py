@@ -53,20 +53,46 @@ def build_parser() -> argparse.ArgumentParser:
 def _add_filter(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser = commands.add_parser(
         "filter",
-        help="estimate bias and drift of one log and correct its wrench",
-        description="Estimate bias and drift at every wrench sample of LOG, and write them with the corrected wrench.",
+        help="estimate bias and drift of logs and correct their wrench",
+        description="Estimate bias and drift at every wrench sample of LOG, and write them with the corrected wrench. "
+        "Where OUT is a folder, all logs are filtered into it, and those that it has already are skipped.",
     )
     parser.add_argument(
-        "log", metavar="LOG", help="log: .npz .csv .parquet .h5 .bag .db3 .mcap or a ROS 2 bag's folder"
+        "logs",
+        nargs="+",
+        metavar="LOG",
+        help="log: .npz .csv .parquet .h5 .bag .db3 .mcap or a ROS 2 bag's folder; for a folder OUT also many logs, "
+        "folders to search, or patterns in quotes",
     )
     parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
     parser.add_argument(
-        "-o", "--output", required=True, metavar="OUT", help="where to write the result: .npz .csv .parquet or .mcap"
+        "-o", "--output", required=True, metavar="OUT", help="the result: .npz .csv .parquet or .mcap, or a folder"
     )
     parser.add_argument("--salvage", action="store_true", help="read what is whole of a damaged recording")
     parser.add_argument("--smooth", action="store_true", help="also write the bias given past and future")
     parser.add_argument("--check", action="store_true", help="also judge whether the filter's error bars are right")
     parser.add_argument("--plot", metavar="OUT.png", help="also draw bias and residual (needs the extra 'plot')")
+    parser.add_argument(
+        "--offsets", metavar="OUT.yaml", help="also write the bias at the end as offsets that ros2_control adds"
+    )
+    parser.add_argument(
+        "--gate",
+        type=_gate,
+        metavar="SIGMAS",
+        help="do not use wrenches farther than this off their prediction: contacts and spikes (5 is usual)",
+    )
+    folders = parser.add_argument_group("for a folder OUT")
+    folders.add_argument("--jobs", type=_count, default=1, metavar="N", help="logs at a time (%(default)s)")
+    folders.add_argument(
+        "--shard",
+        type=_shard,
+        default=(1, 1),
+        metavar="I/N",
+        help="filter only the I-th of N shares, 1/N to N/N",
+    )
+    folders.add_argument(
+        "--format", default="npz", choices=["npz", "csv", "parquet", "mcap"], help="of the results (%(default)s)"
+    )
 
 
 def _add_tune(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -95,7 +121,7 @@ def _add_tune(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     )
     parser.add_argument(
         "--restarts",
-        type=_count,
+        type=_restarts,
         default=1,
         metavar="N",
         help="further starts, all values off by random factors, to see whether they agree (%(default)s)",
@@ -189,11 +215,30 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _count(text: str) -> int:
-    """A whole number of something, 0 or more."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0")
+def _restarts(text: str) -> int:
+    if not text.isdecimal() or int(text) > 1024:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to 1024, not {text!r}")
     return int(text)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 1024, not {text!r}")
+    return int(text)
+
+
+def _shard(text: str) -> tuple[int, int]:
+    index, _, count = text.partition("/")
+    if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
+        raise argparse.ArgumentTypeError(f"must be I/N with I from 1 to N, not {text!r}")
+    return int(index), int(count)
+
+
+def _gate(text: str) -> float:
+    value = _positive(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"must be 1 or more standard deviations, not {text!r}")
+    return value
 
 
 def _share(text: str) -> float:

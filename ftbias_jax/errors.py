@@ -5,6 +5,11 @@ The command line prints ``str(error)`` as one line and exits with ``error.exit_c
 """
 
 
+def printable(text: str) -> str:
+    """Text on one line that cannot disturb a terminal: names in it may come from a log."""
+    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+
+
 class FtbiasError(Exception):
     """Base of every error a user can mend.
 
@@ -21,7 +26,7 @@ class FtbiasError(Exception):
         self.message, self.file, self.field, self.remedy = message, str(file), field, remedy
         where = ": ".join(part for part in (self.file, field) if part)
         text = f"{where}: {message}" if where else message
-        super().__init__(" ".join(f"{text} ({remedy})".split() if remedy else text.split()))
+        super().__init__(printable(f"{text} ({remedy})" if remedy else text))
 
 
 class SetupError(FtbiasError):

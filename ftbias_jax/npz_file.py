@@ -6,9 +6,11 @@ import os
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator, Set
+from contextlib import contextmanager
+from functools import partial
 from math import prod
-from typing import IO
+from typing import IO, NamedTuple
 
 import numpy as np
 
@@ -43,21 +45,71 @@ def load_arrays(
         LogError: the file cannot be read, is damaged, would fill the memory, or holds Python objects.
     """
     file = os.fspath(path)
+    with _opened(file, max_bytes) as archive:
+        return {
+            name: _read(archive, member, name, file)
+            for name, member in _members(archive).items()
+            if wanted is None or name in wanted
+        }
+
+
+class StoredArray(NamedTuple):
+    """An array in a file, to be read in parts."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    parts: Callable[[int], Iterator[Array]]
+    """Rows at once -> the array from its first row on, in parts of that many rows; LogError if it is damaged."""
+
+
+def stored_arrays(path: str | os.PathLike[str], wanted: Set[str]) -> dict[str, StoredArray]:
+    """Those of the wanted arrays that an NPZ file has, without their numbers.
+
+    Raises:
+        LogError: as for ``load_arrays``.
+    """
+    file, found = os.fspath(path), {}
+    with _opened(file, MAX_BYTES) as archive:
+        for name in wanted & _members(archive).keys():
+            member = _members(archive)[name]
+            with archive.open(member) as stream:
+                shape, _, dtype = _check_header(stream, member, name, file)
+            found[name] = StoredArray(shape, dtype, partial(_parts, file, name))
+    return found
+
+
+def _parts(file: str, name: str, rows: int) -> Iterator[Array]:
+    with _opened(file, MAX_BYTES) as archive:
+        member = _members(archive)[name]
+        with archive.open(member) as stream:
+            shape, in_columns, dtype = _check_header(stream, member, name, file)
+            # Numbers that are stored column by column are all needed for the first row.
+            whole = _read(archive, member, name, file) if in_columns else None
+            for first in range(0, shape[0], rows):
+                if whole is not None:
+                    yield whole[first : first + rows]
+                    continue
+                count = min(rows, shape[0] - first)
+                block = np.frombuffer(stream.read(count * prod(shape[1:]) * dtype.itemsize), dtype)
+                yield block.reshape(count, *shape[1:])
+
+
+@contextmanager
+def _opened(file: str, max_bytes: int) -> Iterator[zipfile.ZipFile]:
+    """The archive, its directory checked; what its parts raise as errors of ours."""
     try:
         with zipfile.ZipFile(file) as archive:
-            members = archive.infolist()
-            _check_directory(members, os.path.getsize(file), max_bytes, file)
-            chosen = {_array_name(member): member for member in members}
-            return {
-                name: _read(archive, member, name, file)
-                for name, member in chosen.items()
-                if wanted is None or name in wanted
-            }
+            _check_directory(archive.infolist(), os.path.getsize(file), max_bytes, file)
+            yield archive
     except zipfile.BadZipFile as error:
         raise LogError(f"is not an NPZ file, or is cut short: {error}", file=file, remedy=_WRITE_AGAIN) from error
     except _DAMAGE as error:
         words = getattr(error, "strerror", None) or error
         raise LogError(f"cannot be read: {words}", file=file, remedy="check the path and the file") from error
+
+
+def _members(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
+    return {_array_name(member): member for member in archive.infolist()}
 
 
 def _array_name(member: zipfile.ZipInfo) -> str:
@@ -90,13 +142,15 @@ def _read(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, file: st
         return np.lib.format.read_array(stream, allow_pickle=False)
 
 
-def _check_header(stream: IO[bytes], member: zipfile.ZipInfo, name: str, file: str) -> None:
-    """The array's header must promise exactly the bytes that the member has."""
+def _check_header(
+    stream: IO[bytes], member: zipfile.ZipInfo, name: str, file: str
+) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, order and type by the array's header, which must promise exactly the bytes that the member has."""
     version = np.lib.format.read_magic(stream)
     if version == (1, 0):
-        shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+        shape, in_columns, dtype = np.lib.format.read_array_header_1_0(stream)
     elif version == (2, 0):
-        shape, _, dtype = np.lib.format.read_array_header_2_0(stream)
+        shape, in_columns, dtype = np.lib.format.read_array_header_2_0(stream)
     else:  # 3.0 exists for structured arrays with non-Latin field names, which no log has
         raise LogError(f"has NPY version {version}", file=file, field=name, remedy="save plain arrays of numbers")
     if dtype.hasobject:
@@ -105,3 +159,4 @@ def _check_header(stream: IO[bytes], member: zipfile.ZipInfo, name: str, file: s
     if promised != member.file_size:
         message = f"its header promises {promised} bytes, the file has {member.file_size}"
         raise LogError(message, file=file, field=name, remedy=_WRITE_AGAIN)
+    return shape, in_columns, dtype

@@ -19,9 +19,10 @@ from ftbias_jax.bias_filter import BiasNoise
 from ftbias_jax.effects.catalogue import values_from_setup
 from ftbias_jax.effects.chain import fill_temperature
 from ftbias_jax.effects.types import Values
+from ftbias_jax.free_body import FreeBody, motion_of
 from ftbias_jax.gaussian import Innovation
 from ftbias_jax.joint_filter import JointNoise
-from ftbias_jax.screws import Arm, Motion, make_arm, sensor_motion
+from ftbias_jax.screws import Arm, Motion, make_arm
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Array, Gaussian, Log, Sample
 from ftbias_jax.wrench import data_matrix, joint_sensitivity, measurement_covariance, tool_parameters
@@ -30,8 +31,8 @@ from ftbias_jax.wrench import data_matrix, joint_sensitivity, measurement_covari
 class Params(NamedTuple):
     """Everything the filter believes; a pytree, differentiable in every leaf."""
 
-    arm: Arm
-    """The robot with the sensor frame mounted."""
+    arm: Any
+    """What carries the sensor: a screws.Arm, or where the sensor's pose is recorded a free_body.FreeBody."""
     gravity: Array
     """(3,) m/s^2, base frame, pointing down."""
     theta: Array
@@ -51,6 +52,9 @@ class Options(NamedTuple):
     """Whether the joint filter's covariance, pushed through D theta, is added to R at every sample: "none" (the report
     to the letter: error bars are far too small while the arm accelerates), "full", or "diagonal", which keeps each
     axis' variance and leaves out the correlation between axes, so that the axes stay independent filters."""
+    gate: float | None = None
+    """A wrench with any axis this many standard deviations off its prediction is not used (bias_filter); None = all
+    are."""
 
 
 DEFAULT_OPTIONS = Options()
@@ -88,11 +92,9 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
         setup: what ``load_setup`` read; a joint process noise it leaves open becomes 1 here (batch.params_for_log
             chooses it from the log). dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
     """
-    flange, sensor, n = setup.robot, setup.sensor, len(setup.robot.screws)
-    rotation = flange.flange_rotation @ sensor.rotation
-    position = flange.flange_translation + flange.flange_rotation @ sensor.translation
+    sensor, n = setup.sensor, len(setup.robot.screws)
     params = Params(
-        make_arm(_array(setup.robot.screws, dtype), _array(position, dtype), _array(rotation, dtype)),
+        _carrier(setup, dtype),
         setup.robot.gravity,
         tool_parameters(*(_array(x, dtype) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))),
         JointNoise(
@@ -104,7 +106,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
         BiasNoise(
             setup.bias.noise_density,
             None,
-            sensor.noise_std**2,
+            sensor.noise_std**2 + _unknown_acceleration(setup),
             np.concatenate([setup.bias.initial, setup.bias.initial_drift]),
             np.concatenate([setup.bias.initial_std, setup.bias.initial_drift_std]),
         ),
@@ -114,9 +116,39 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     return converted
 
 
-def samples_from_log(log: Log, dtype: Any = None) -> Sample:
-    """A log as filter input: leaves with a leading time axis. dt is taken in float64 before any rounding to dtype."""
-    dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0])
+def _carrier(setup: Setup, dtype: Any) -> Arm | FreeBody:
+    """What carries the sensor."""
+    robot, sensor = setup.robot, setup.sensor
+    if setup.pose is not None:
+        # An accelerometer's path is that of the sensor itself.
+        translation = np.zeros(3) if setup.pose.linear == "specific_force" else sensor.translation
+        return FreeBody(translation, sensor.rotation)
+    rotation = robot.flange_rotation @ sensor.rotation
+    position = robot.flange_translation + robot.flange_rotation @ sensor.translation
+    return make_arm(_array(robot.screws, dtype), _array(position, dtype), _array(rotation, dtype))
+
+
+def _unknown_acceleration(setup: Setup) -> Array:
+    """(6,) N^2, Nm^2: variance of the tool's wrench by accelerations that nobody recorded, the same in all axes."""
+    if setup.pose is None or setup.pose.linear != "none":
+        return np.zeros(6)
+    center = setup.tool.center_of_mass
+    arm = center @ center - center**2  # squares of the distances of the centre of mass from the axes
+    return (setup.tool.mass * setup.pose.acceleration_std) ** 2 * np.concatenate([np.ones(3), arm])
+
+
+def options_from_setup(setup: Setup) -> Options:
+    """The choices that a setup makes."""
+    return Options(joint_model=setup.joints.model, gate=setup.bias.gate)
+
+
+def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:
+    """A log as filter input: leaves with a leading time axis. dt is taken in float64 before any rounding to dtype.
+
+    Args:
+        log: a whole log, or a part of one. dtype: of the arrays. before: s, stamp of the sample before the part.
+    """
+    dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0] if before is None else before)
     temperature = fill_temperature(log.t, log.temperature) if np.isfinite(log.temperature).any() else None
     columns = (dt, log.q, log.dq, log.wrench, temperature)
     return Sample(*(None if x is None else _array(x, dtype) for x in columns))
@@ -162,7 +194,9 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     if options.joint_uncertainty != "none":
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
         R = R + covariance_of_joints(G, joint.covariance, options.joint_uncertainty)
-    bias, wrench_innovation = bias_filter.step(params.bias, state.bias, sample.dt, wrench_tool, sample.wrench, R)
+    bias, wrench_innovation = bias_filter.step(
+        params.bias, state.bias, sample.dt, wrench_tool, sample.wrench, R, options.gate
+    )
     log_likelihood = joint_innovation.log_likelihood.sum() + wrench_innovation.log_likelihood
     return State(joint, bias), Info(joint_innovation, wrench_innovation, wrench_tool, log_likelihood)
 
@@ -194,7 +228,7 @@ def run(
 
 def predict_wrench(params: Params, joint_mean: Array) -> tuple[Motion, Array]:
     """Motion of the sensor and the wrench D theta (6,) of the tool, sensor frame, from joint states (n, 3)."""
-    motion = sensor_motion(params.arm, *joint_mean.T)
+    motion = motion_of(params.arm, *joint_mean.T)
     R_sensor_base = motion.R_base_sensor.T
     D = data_matrix(
         R_sensor_base @ (motion.linear_acceleration - params.gravity),

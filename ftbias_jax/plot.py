@@ -29,7 +29,7 @@ def plot_filtered(filtered: Filtered, title: str, true_bias: Array | None = None
     Args:
         filtered: result of batch.filter_log. title: above the figure. true_bias: (T, 6) N, Nm if it is known.
     """
-    figure = _new_figure()
+    figure = new_figure()
     axes = figure.subplots(2, 2, sharex=True)
     # The first samples, in which the bias is still unknown, would set the scale of everything.
     known = (filtered.bias_std < 10 * np.median(filtered.bias_std, 0)).all(1).nonzero()[0]
@@ -66,7 +66,12 @@ def figure_format(path: str) -> str:
     return suffix
 
 
-def _new_figure() -> Figure:
+def new_figure() -> Figure:
+    """An empty figure.
+
+    Raises:
+        OutputError: matplotlib is not installed.
+    """
     try:
         from matplotlib.figure import Figure
     except ImportError as error:

@@ -14,14 +14,14 @@ class Progress:
         label: what is being done. total: the amount that is everything. stream: where to write.
     """
 
-    def __init__(self, label: str, total: int, stream: TextIO | None = None) -> None:
-        self._label, self._total, self._stream = label, max(total, 1), stream if stream is not None else sys.stderr
+    def __init__(self, label: str, total: float, stream: TextIO | None = None) -> None:
+        self._label, self._total, self._stream = label, total or 1, stream if stream is not None else sys.stderr
         self._terminal = self._stream.isatty()
         self._start = time.monotonic()
         self._next = self._start + 2.0
         self._shown = False
 
-    def __call__(self, done: int) -> None:
+    def __call__(self, done: float) -> None:
         """Report that ``done`` of ``total`` is finished."""
         now = time.monotonic()
         finished = done >= self._total

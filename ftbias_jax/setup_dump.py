@@ -11,7 +11,7 @@ import numpy as np
 
 from ftbias_jax.robots import BUILT_IN, built_in_robot
 from ftbias_jax.rotations import rpy_from_rotation
-from ftbias_jax.setup_types import RobotSetup, Setup
+from ftbias_jax.setup_types import POSE, PoseSetup, RobotSetup, Setup
 
 Comments = Mapping[str, str]
 
@@ -53,6 +53,9 @@ def dump_setup(setup: Setup, comments: Comments | None = None) -> str:
 
 def _robot(robot: RobotSetup) -> Iterable[_Line]:
     gravity = _Line("[robot]", "gravity", robot.gravity, "m/s^2, base frame")
+    if robot.model == POSE:
+        yield gravity
+        return
     if _is_built_in(robot):
         yield _Line("[robot]", "model", robot.model)
         yield _Line("[robot]", "joint_names", robot.joint_names)
@@ -90,6 +93,8 @@ def _sections(setup: Setup) -> Iterable[_Line]:
     yield _Line("[sensor]", "rotation_rpy", rpy_from_rotation(sensor.rotation), "rad, fixed axes, in the flange frame")
     yield _Line("[sensor]", "noise_std", sensor.noise_std, "N, Nm")
     yield _Line("[sensor]", "reports", sensor.reports)
+    if setup.pose is not None:
+        yield from _pose(setup.pose)
     yield _Line("[tool]", "mass", tool.mass, "kg")
     yield _Line("[tool]", "center_of_mass", tool.center_of_mass, "m, sensor frame")
     yield _Line("[tool]", "inertia", tool.inertia, inertia)
@@ -98,6 +103,8 @@ def _sections(setup: Setup) -> Iterable[_Line]:
     yield _Line("[bias]", "initial_drift_std", bias.initial_drift_std, "N/s, Nm/s")
     yield _Line("[bias]", "initial", bias.initial, "N, Nm; unbiased = measured + bias")
     yield _Line("[bias]", "initial_drift", bias.initial_drift, "N/s, Nm/s")
+    if bias.gate is not None:
+        yield _Line("[bias]", "gate", bias.gate, "standard deviations")
     yield _Line("[joints]", "model", joints.model)
     if joints.process_noise_density is not None:
         yield _Line("[joints]", "process_noise_density", joints.process_noise_density, density)
@@ -108,6 +115,17 @@ def _sections(setup: Setup) -> Iterable[_Line]:
         yield _Line("[log.columns]", key, value)
     for key, value in setup.log.topics.items():
         yield _Line("[log.topics]", key, value)
+
+
+def _pose(pose: PoseSetup) -> Iterable[_Line]:
+    """Its noise stands in [joints]."""
+    yield _Line("[sensor_pose]", "orientation", pose.orientation)
+    yield _Line("[sensor_pose]", "linear", pose.linear)
+    if pose.linear == "none":
+        yield _Line("[sensor_pose]", "acceleration_std", pose.acceleration_std, "m/s^2")
+    for key in ("frame", "base"):
+        if getattr(pose, key):
+            yield _Line("[sensor_pose]", key, getattr(pose, key))
 
 
 def _effects(setup: Setup) -> Iterable[_Line]:

@@ -13,6 +13,7 @@ from ftbias_jax.rotations import rotation_from_rpy
 from ftbias_jax.setup_fields import (
     NOT_NEGATIVE,
     POSITIVE,
+    Range,
     Section,
     check_keys,
     names,
@@ -24,12 +25,14 @@ from ftbias_jax.setup_fields import (
     text,
     vector,
 )
+from ftbias_jax.setup_pose import parse_pose, pose_columns, pose_robot
 from ftbias_jax.setup_types import (
     JOINT_MODELS,
     REPORTS,
     BiasSetup,
     JointSetup,
     LogSetup,
+    PoseSetup,
     RobotSetup,
     SensorSetup,
     Setup,
@@ -41,6 +44,7 @@ from ftbias_jax.urdf_robot import urdf_robot, urdf_tool
 
 AXIS_TOLERANCE = 1e-4  # an axis rounded to four digits still means a unit axis; more is a mistake
 INERTIA_TOLERANCE = 1e-6  # relative to the largest principal moment: inertias printed with seven digits pass
+AT_LEAST_ONE = Range("1 or more", 1.0)  # standard deviations: a narrower gate would keep good samples out
 MAX_GRAVITY = 30.0  # m/s^2: above every planet a robot stands on, below cm/s^2 or mistyped units
 
 
@@ -53,11 +57,15 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
     Raises:
         SetupError: a key is missing, unknown, of the wrong type or shape, or physically impossible.
     """
-    top = check_keys(Section(mapping, "", file), ("robot", "sensor", "tool", "bias", "joints", "log", "effects"))
-    robot = _robot(top)
+    top = check_keys(
+        Section(mapping, "", file), ("robot", "sensor", "sensor_pose", "tool", "bias", "joints", "log", "effects")
+    )
+    pose = parse_pose(top)
+    robot = _robot(top) if pose is None else pose_robot(top, pose)
     n = len(robot.joint_names)
     sensor = _sensor(top)
-    return Setup(robot, sensor, _tool(top, sensor), _bias(top), _joints(top, n), _log(top, n), _effects(top), file)
+    joints, log = _joints(top, n, pose), _log(top, n, pose)
+    return Setup(robot, sensor, _tool(top, sensor), _bias(top), joints, log, _effects(top), pose, file)
 
 
 def _robot(top: Section) -> RobotSetup:
@@ -174,36 +182,42 @@ def _urdf_tool(section: Section, robot: Section, sensor: SensorSetup) -> ToolSet
 
 
 def _bias(top: Section) -> BiasSetup:
-    keys = ("noise_density", "initial_std", "initial_drift_std", "initial", "initial_drift")
+    keys = ("noise_density", "initial_std", "initial_drift_std", "initial", "initial_drift", "gate")
     section = subsection(top, "bias", keys)
+    gate = scalar(section, "gate", within=AT_LEAST_ONE) if "gate" in section.values else None
+    if gate is not None and "effects" in top.values:
+        raise section.error("gate", "does not go with [effects]", "remove one of the two")
     return BiasSetup(
         noise_density=vector(section, "noise_density", 6, (2e-4, 1e-5), within=POSITIVE, expand=True),
         initial_std=vector(section, "initial_std", 6, (5.0, 0.5), within=POSITIVE, expand=True),
         initial_drift_std=vector(section, "initial_drift_std", 6, (0.01, 5e-4), within=NOT_NEGATIVE, expand=True),
         initial=vector(section, "initial", 6, (0.0, 0.0), expand=True),
         initial_drift=vector(section, "initial_drift", 6, (0.0, 0.0), expand=True),
+        gate=gate,
     )
 
 
-def _joints(top: Section, n: int) -> JointSetup:
+def _joints(top: Section, n: int, pose: PoseSetup | None) -> JointSetup:
     keys = ("model", "process_noise_density", "position_noise_std", "velocity_noise_std", "initial_std")
     section = subsection(top, "joints", keys)
+    position_std, velocity_std = (pose.position_noise_std, pose.velocity_noise_std) if pose else (2e-5, 1e-3)
     key = "process_noise_density"
     density = vector(section, key, n, within=POSITIVE, expand=True) if key in section.values else None
     return JointSetup(
         model=text(section, "model", JOINT_MODELS[0], JOINT_MODELS),
         process_noise_density=density,
-        position_noise_std=vector(section, "position_noise_std", n, 2e-5, within=POSITIVE, expand=True),
-        velocity_noise_std=vector(section, "velocity_noise_std", n, 1e-3, within=POSITIVE, expand=True),
+        position_noise_std=vector(section, "position_noise_std", n, position_std, within=POSITIVE, expand=True),
+        velocity_noise_std=vector(section, "velocity_noise_std", n, velocity_std, within=POSITIVE, expand=True),
         initial_std=vector(section, "initial_std", 3, (1.0, 1.0, 10.0), within=NOT_NEGATIVE),
     )
 
 
-def _log(top: Section, n: int) -> LogSetup:
-    sizes = {"time": 0, "position": n, "velocity": n, "wrench": 6, "temperature": 0}
+def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
+    position, velocity = pose_columns(pose) if pose else (n, n)
+    sizes = {"time": 0, "position": position, "velocity": velocity, "wrench": 6, "temperature": 0}
     log = subsection(top, "log", ("columns", "topics"))
     columns = subsection(log, "columns", tuple(sizes))
-    topics = subsection(log, "topics", ("joints", "wrench"))
+    topics = subsection(log, "topics", ("joints", "pose", "wrench"))
     return LogSetup(
         {key: names(columns, key, sizes[key]) if sizes[key] else text(columns, key, "") for key in columns.values},
         {key: text(topics, key, "") for key in topics.values},

@@ -17,6 +17,12 @@ SCREWS = "screws"
 """``RobotSetup.model`` of a robot that is not built in."""
 
 
+POSE = "sensor_pose"
+"""``RobotSetup.model`` where the pose of the sensor is recorded, instead of joints."""
+ORIENTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix")
+LINEAR = ("position", "specific_force", "none")
+
+
 @dataclass(frozen=True, eq=False)
 class RobotSetup:
     """A serial arm and the gravity it stands in."""
@@ -75,6 +81,8 @@ class BiasSetup:
     """(6,) N and Nm; the report's sign: unbiased = measured + bias."""
     initial_drift: Array
     """(6,) N/s and Nm/s."""
+    gate: float | None = None
+    """Wrenches with an axis this many standard deviations off their prediction are not used; None = all are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +103,33 @@ class JointSetup:
 
 
 @dataclass(frozen=True, eq=False)
+class PoseSetup:
+    """What is recorded of the sensor's pose, where there are no joints; n = 4, or 7 with a linear motion."""
+
+    orientation: str
+    """One of ORIENTATIONS: of the body that the sensor is mounted on, in the base frame."""
+    linear: str
+    """One of LINEAR: how the acceleration is known; the specific force is an accelerometer's, at the sensor."""
+    position_noise_std: Array
+    """(n,) of the quaternion's entries and the position, m."""
+    velocity_noise_std: Array
+    """(n,) of their rates, where an IMU is recorded."""
+    acceleration_std: float
+    """m/s^2 that the sensor's acceleration is typically from zero, if linear is "none"; then noise of the wrench."""
+    frame: str
+    """Frame of TF that the sensor is mounted on; "" = a topic of PoseStamped."""
+    base: str
+    """Frame of TF that is the base; "" = the root."""
+
+
+@dataclass(frozen=True, eq=False)
 class LogSetup:
     """How to find things in a log that does not use the native names."""
 
     columns: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
     """CSV columns of "time", "temperature" (one name) and "position", "velocity", "wrench" (n, n and 6 names)."""
     topics: Mapping[str, str] = field(default_factory=dict)
-    """Topics of a ROS recording: "joints" and "wrench", where there is more than one to choose from."""
+    """Topics of a ROS recording: "joints" (or "pose") and "wrench", where there is more than one to choose from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,5 +144,7 @@ class Setup:
     log: LogSetup = field(default_factory=LogSetup)
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """[effects.NAME] as written; the catalogue of effects checks names and keys."""
+    pose: PoseSetup | None = None
+    """Set if the sensor's pose is recorded; robot and joints then speak of the entries of the pose."""
     path: str = ""
     """The file it was read from, for messages; "" = from memory."""

@@ -36,7 +36,7 @@ class Staged(NamedTuple):
 
 def applies(options: Options) -> bool:
     """Whether the axes are independent, so that this route equals ``pipeline.run``; structure decides, not values."""
-    return options.joint_uncertainty != "full"
+    return options.joint_uncertainty != "full" and options.gate is None
 
 
 @partial(jax.jit, static_argnames="options")

@@ -10,6 +10,9 @@ from typing import Any, NamedTuple
 
 Array = Any  # a numpy or jax array; the functions' docstrings state shapes, units and frames
 
+AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+"""Of a wrench: N, N, N, Nm, Nm, Nm."""
+
 
 class Log(NamedTuple):
     """One recorded log on one merged timeline; NaN = not measured at that time.

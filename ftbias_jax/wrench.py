@@ -11,7 +11,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.screws import Arm, sensor_motion, skew
+from ftbias_jax.free_body import FreeBody, motion_of
+from ftbias_jax.screws import Arm, skew
 from ftbias_jax.types import Array
 
 _DEAD_ROWS = {0: (3, 4, 5), 1: (3,), 2: (4,), 3: (5,)} | dict.fromkeys(range(4, 10), (0, 1, 2))
@@ -122,9 +123,9 @@ def unbias(wrench: Array, bias_and_drift: Array, elapsed: Array) -> Array:
     return wrench + bias_and_drift[:6] + elapsed * bias_and_drift[6:]
 
 
-def tool_wrench(arm: Arm, gravity: Array, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
+def tool_wrench(arm: Arm | FreeBody, gravity: Array, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
     """Wrench W = D theta that the sensor exerts on the tool; (n,) joint states -> (6,) N, Nm, sensor frame."""
-    motion = sensor_motion(arm, q, dq, ddq)
+    motion = motion_of(arm, q, dq, ddq)
     R_sensor_base = motion.R_base_sensor.T
     D = data_matrix(
         R_sensor_base @ (motion.linear_acceleration - gravity),

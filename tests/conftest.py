@@ -6,6 +6,7 @@ import hypothesis
 import jax
 import numpy as np
 import pytest
+import small_archive
 
 from ftbias_jax.bias_filter import BiasNoise
 from ftbias_jax.joint_filter import JointNoise
@@ -164,3 +165,13 @@ def samples() -> Sample:
     for stream in (q, dq, wrench):
         stream[33] = np.nan  # a whole sample
     return Sample(*(jax.numpy.asarray(x) for x in (dt, q, dq, wrench)))
+
+
+@pytest.fixture
+def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with three logs at two depths, and the setup; the work is done in the folder above."""
+    monkeypatch.chdir(tmp_path)
+    for seed, name in enumerate(["b.npz", "day/a.npz", "day/c.npz"]):
+        small_archive.write_log(tmp_path / "logs" / name, seed)
+    (tmp_path / "setup.toml").write_text(small_archive.SETUP)
+    return tmp_path / "logs"

@@ -49,6 +49,17 @@ class Wrench(NamedTuple):
     publisher: str = "sensor"
 
 
+class Pose(NamedTuple):
+    """A geometry_msgs/PoseStamped, or with a child's name a transform in a tf2_msgs/TFMessage."""
+
+    stamp: int
+    names: tuple
+    pose: tuple
+    topic: str = "/pose"
+    logged: int | None = None
+    publisher: str = "arm"
+
+
 def arrays(samples=60, seed=0):
     """A log of the arm base, elbow: joints at 50 Hz, a wrench at 100 Hz, ns."""
     rng = np.random.default_rng(seed)
@@ -93,8 +104,7 @@ def _write(writer, store, serialize, published):
     connections = {}
     with writer:
         for i, message in enumerate(published):
-            joints = isinstance(message, Joints)
-            kind = "sensor_msgs/msg/JointState" if joints else "geometry_msgs/msg/WrenchStamped"
+            kind = _kind(message)
             key = (message.topic, message.publisher)
             if key not in connections:
                 options = {"callerid": message.publisher} if serialize == "serialize_ros1" else {}
@@ -106,16 +116,32 @@ def _write(writer, store, serialize, published):
             writer.write(connections[key], logged, getattr(store, serialize)(_content(store, message, i), kind))
 
 
+def _kind(message):
+    if isinstance(message, Pose):
+        return "geometry_msgs/msg/PoseStamped" if len(message.names) == 1 else "tf2_msgs/msg/TFMessage"
+    return "sensor_msgs/msg/JointState" if isinstance(message, Joints) else "geometry_msgs/msg/WrenchStamped"
+
+
 def _content(store, message, i):
     types = store.types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(message.stamp, SECOND))
     header_type = types["std_msgs/msg/Header"]
     ros1 = "seq" in header_type.__dataclass_fields__
     frame = message.frame if isinstance(message, Wrench) else ""
+    if isinstance(message, Pose):
+        frame = message.names[0]
     header = header_type(*([i] if ros1 else []), stamp, frame)
     if isinstance(message, Joints):
         position, velocity = (np.array(numbers, float) for numbers in (message.position, message.velocity))
         return types["sensor_msgs/msg/JointState"](header, list(message.names), position, velocity, np.zeros(0))
     vector = types["geometry_msgs/msg/Vector3"]
+    if isinstance(message, Pose):
+        orientation = types["geometry_msgs/msg/Quaternion"](*map(float, message.pose[3:]))
+        if len(message.names) == 1:
+            pose = types["geometry_msgs/msg/Pose"](types["geometry_msgs/msg/Point"](*message.pose[:3]), orientation)
+            return types["geometry_msgs/msg/PoseStamped"](header, pose)
+        transform = types["geometry_msgs/msg/Transform"](vector(*map(float, message.pose[:3])), orientation)
+        stamped = types["geometry_msgs/msg/TransformStamped"](header, message.names[1], transform)
+        return types["tf2_msgs/msg/TFMessage"]([stamped])
     force, torque = vector(*map(float, message.wrench[:3])), vector(*map(float, message.wrench[3:]))
     return types["geometry_msgs/msg/WrenchStamped"](header, types["geometry_msgs/msg/Wrench"](force, torque))

@@ -96,6 +96,64 @@ def test_the_first_sample_is_a_correction_without_a_prediction(params):
     np.testing.assert_allclose(innovation.covariance[0], S, rtol=1e-12)
 
 
+@partial(jax.jit, static_argnames="gate")
+def run_gated(noise, dt, wrench_tool, wrench, covariance, gate):
+    def body(state, sample):
+        state, innovation = bias_filter.step(noise, state, *sample, gate)
+        return state, (state, innovation)
+
+    return jax.lax.scan(body, bias_filter.init(noise), (dt, wrench_tool, wrench, covariance))[1]
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_gate_is_its_formulas_in_a_loop(params, seed):
+    dt, wrench_tool, wrench, R = random_log(seed)
+    wrench[::5] += 10
+    gate = 3.0
+    states, innovations = run_gated(params.bias, dt, wrench_tool, wrench, R, gate)
+    x, P = np.array(params.bias.prior_mean), np.diag(np.array(params.bias.prior_std) ** 2)
+    closed = []
+    for i in range(COUNT):
+        A, Q = (np.array(part) for part in bias_drift_noise(jnp.asarray(dt[i]), params.bias.density))
+        x, P = A @ x, A @ P @ A.T + Q
+        y = wrench_tool[i] - wrench[i]
+        far = [abs(y[k] - x[k]) > gate * np.sqrt(P[k, k] + R[i, k, k]) for k in range(6)]  # not if y is NaN
+        closed.append(any(far))
+        if any(far):
+            for k in range(6):
+                P[k, k] *= np.exp(2 * dt[i] / bias_filter.FORGET)
+        else:
+            seen = np.isfinite(y)
+            C = np.eye(6, 12)[seen]
+            K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R[i][np.ix_(seen, seen)])
+            x, P = x + K @ (y[seen] - x[:6][seen]), (np.eye(12) - K @ C) @ P
+        np.testing.assert_allclose(states.mean[i], x, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(states.covariance[i], P, rtol=1e-9, atol=1e-10)
+    assert any(closed)
+    assert np.isnan(np.asarray(innovations.value)[closed]).all()
+    assert (np.asarray(innovations.log_likelihood)[closed] == 0).all()
+
+
+def test_a_wide_gate_is_none(params):
+    log = random_log(5)
+    for gated, plain in zip(
+        jax.tree.leaves(run_gated(params.bias, *log, 1e6)), jax.tree.leaves(run(params.bias, *log)), strict=True
+    ):
+        np.testing.assert_array_equal(gated, plain)
+
+
+def test_gradients_through_the_gate_are_finite(params):
+    dt, wrench_tool, wrench, R = random_log(6)
+    wrench[::5] += 10
+
+    def score(noise, wrench_tool):
+        return run_gated(noise, dt, wrench_tool, wrench, R, 3.0)[1].log_likelihood.sum()
+
+    gradients = jax.grad(score, (0, 1))(params.bias._replace(data_variance=None), jnp.asarray(wrench_tool))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
+    assert np.abs(gradients[0].density).max() > 0
+
+
 @partial(jax.jit, static_argnames="count")
 def covariances_at_1_khz(noise, count):
     """The last state, and whether its covariance was symmetric positive definite at every one of the samples."""

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import os
+import re
 import subprocess
 import sys
 
@@ -139,6 +140,19 @@ def test_a_csv_log_gives_the_same_result(demo, tmp_path):
     result = results.load_npz(tmp_path / "out.npz")
     for name, values in results.load_npz(folder / "result.npz").items():
         np.testing.assert_array_equal(result[name], values)
+
+
+@pytest.mark.parametrize(("reports", "sign"), [("wrench_on_tool", 1), ("wrench_on_sensor", -1)])
+def test_offsets_are_what_is_added_to_the_reading(copy, tmp_path, capsys, reports, sign):
+    """For both signs: the last reading plus the offsets is the last corrected wrench, in the sensor's own sign."""
+    arrays, text, run = copy
+    text = text.replace("wrench_on_tool", reports)
+    arrays["wrench"] *= sign
+    assert run(arrays, text, "--offsets", tmp_path / "offsets.yaml") == 0
+    numbers = re.findall(r"[xyz]: ([-+.\de]+)", (tmp_path / "offsets.yaml").read_text())
+    corrected = arrays["wrench"][-1] + np.array(numbers, float)
+    np.testing.assert_allclose(sign * corrected, results.load_npz(tmp_path / "out.npz")["wrench_unbiased"][-1])
+    assert "offsets that the broadcaster adds to each reading" in capsys.readouterr().out
 
 
 def test_an_axis_that_was_never_measured_is_data_loss(copy, tmp_path, capsys):

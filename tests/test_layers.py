@@ -15,16 +15,17 @@ PACKAGE = Path(ftbias_jax.__file__).parent
 # Lowest first. A module imports only what stands before it: in a lower layer, or to its left in its own.
 # A folder counts as one module.
 LAYERS = (
-    "errors types setup_types rotations robots setup_fields urdf urdf_robot setup_parse setup_dump setup",
+    "errors types setup_types rotations robots setup_fields urdf urdf_robot setup_pose setup_parse setup_dump setup",
     "atomic npz_file progress",
-    "small_matrices gaussian screws newton ascent inertia",
+    "small_matrices gaussian screws free_body newton ascent inertia",
     "noise wrench wrench_batch recursion backward",
     "joint_filter bias_filter effects",
     "pipeline staged trajectories simulate",
-    "smooth likelihood consistency batch",
+    "smooth likelihood consistency batch summary excitation",
     "regression tune identify",
     "gap",
     "results plot report_svg report_plots report logs writers compilation",
+    "filter_file archive workers",
     "commands cli",
 )
 RANK = {name: rank for rank, name in enumerate(" ".join(LAYERS).split())}

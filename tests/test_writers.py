@@ -5,10 +5,10 @@ import pytest
 
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.logs.ros_record import read_recording
+from ftbias_jax.types import AXES
 from ftbias_jax.writers import WRITERS, save_results
 from ftbias_jax.writers.mcap import TOPICS, save_mcap
 from ftbias_jax.writers.offsets import dump_offsets
-from ftbias_jax.writers.table import AXES
 
 T, START = 30, 1_700_000_000.25
 
@@ -125,5 +125,8 @@ def test_a_missing_package_is_named_with_its_extra(tmp_path, monkeypatch, suffix
 def test_shapes_that_are_no_table_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"bias has shape \(30, 5\)"):
         save_results(tmp_path / "result.csv", {**result(), "bias": np.zeros((T, 5))})
-    with pytest.raises(ValueError, match="do not fit a ROS header"):
+
+
+def test_stamps_that_ros_cannot_have_are_named(tmp_path):
+    with pytest.raises(OutputError, match="do not fit a ROS header"):
         save_results(tmp_path / "result.mcap", result(), -100.0)

@@ -53,6 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.pipeline import params_from_setup, samples_from_log
     from ftbias_jax.progress import Progress
     from ftbias_jax.setup import dump_setup
+    from ftbias_jax.summary import summarise
     from ftbias_jax.types import Log
 
     setup = parse_setup(SETUP, "the demonstration's setup")
@@ -69,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     filtered = batch.filter_log(params, log, progress=Progress("filtering", len(t)))
     results.save_npz(folder / "result.npz", filtered._asdict())
     print(f"A simulated Panda with a {setup.tool.mass} kg tool, {arguments.duration:g} s at {arguments.rate:g} Hz")
-    print(format_summary(filtered, batch.summarise(filtered)))
+    print(format_summary(summarise(filtered)))
     print(_against_truth(filtered, np.asarray(truth.bias), np.asarray(truth.wrench_tool)))
     written = [folder / name for name in ("setup.toml", "log.npz", "result.npz")]
     try:

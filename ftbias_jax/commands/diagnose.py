@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ftbias_jax.atomic import write_atomic
-from ftbias_jax.commands.filter import AXES, check_outputs
+from ftbias_jax.commands.filter import check_outputs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.logs import read_log
 from ftbias_jax.setup import Setup, dump_setup, load_setup
+from ftbias_jax.types import AXES
 
 if TYPE_CHECKING:
     from ftbias_jax.gap.types import Candidate, Diagnosis
@@ -27,6 +28,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Diagnose the logs; returns 3 if an axis of a wrench was never measured, else 0."""
     check_arguments(arguments)
     setup = load_setup(arguments.setup)
+    if setup.pose is not None:
+        raise UsageError("needs the joints of an arm", file=arguments.setup, field="sensor_pose", remedy="use filter")
     logs = [read_log(path, setup) for path in arguments.logs]
 
     from ftbias_jax.compilation import prepare_jax

@@ -1,70 +1,83 @@
-"""``ftbias filter``: one log in; bias, drift and corrected wrench out."""
+"""``ftbias filter``: logs in; bias, drift and corrected wrench out."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ftbias_jax.errors import OutputError, UsageError
-from ftbias_jax.logs import read_log_with_repairs
-from ftbias_jax.plot import figure_format
+from ftbias_jax.atomic import write_atomic
+from ftbias_jax.commands import filter_archive
+from ftbias_jax.commands.filter_archive import with_gate
+from ftbias_jax.errors import OutputError, UsageError, printable
+from ftbias_jax.logs.parts import open_log
+from ftbias_jax.plot import figure_format, new_figure
+from ftbias_jax.progress import Progress
 from ftbias_jax.setup import load_setup
-from ftbias_jax.writers import save_results, writer
+from ftbias_jax.types import AXES
+from ftbias_jax.writers import writer
+from ftbias_jax.writers.offsets import dump_offsets
 
 if TYPE_CHECKING:
-    from ftbias_jax.batch import Filtered, Summary
     from ftbias_jax.consistency import Consistency
-
-AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+    from ftbias_jax.summary import Summary
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Filter the log; returns 3 if samples were lost or an axis of the wrench was never measured, else 0."""
+    """Filter a log into a file, or an archive into a folder; 3 if samples or logs were lost, else 0."""
+    if _is_folder(arguments.output):
+        return filter_archive.run(arguments)
     writer(arguments.output)
-    if Path(arguments.output).resolve() in (Path(arguments.log).resolve(), Path(arguments.setup).resolve()):
-        raise UsageError(f"{arguments.output!r} is an input", field="--output", remedy="give the result its own name")
+    if len(arguments.logs) > 1:
+        remedy = "give -o a folder's name, without a suffix"
+        raise UsageError(f"{len(arguments.logs)} logs for the one file {arguments.output!r}", field="-o", remedy=remedy)
+    (path,) = arguments.logs
+    inputs = (path, arguments.setup)
     check_folders(arguments.output, arguments.plot)
-    setup = load_setup(arguments.setup)
-    log, repairs = read_log_with_repairs(arguments.log, setup, salvage=arguments.salvage)
+    if arguments.offsets:
+        check_folders(arguments.offsets, None)
+    for output in filter(None, (arguments.output, arguments.plot, arguments.offsets)):
+        if Path(output).resolve() in [Path(file).resolve() for file in inputs]:
+            raise UsageError(f"{output!r} is an input", field="-o", remedy="give the result its own name")
+    if arguments.plot:
+        new_figure()  # a missing package is told before minutes are spent
+    setup = with_gate(load_setup(arguments.setup), arguments.gate)
+    log = open_log(path, setup, salvage=arguments.salvage)
 
     from ftbias_jax.compilation import prepare_jax
 
     prepare_jax()
-    from ftbias_jax import batch, consistency, plot
-    from ftbias_jax.pipeline import Options, samples_from_log
-    from ftbias_jax.progress import Progress
+    from ftbias_jax import consistency, plot
+    from ftbias_jax.filter_file import Choices, filter_file
 
-    options = Options(joint_model=setup.joints.model)
-    likeliest = batch.likeliest_params(setup, samples_from_log(log), options)
-    params = batch.guard_against_lag(likeliest)
-    filtered = batch.filter_log(params, log, options, Progress(f"filtering {arguments.log}", len(log.t)))
-    arrays = filtered._asdict()
-    if arguments.smooth:
-        mean, std = batch.smooth_log(likeliest, log, options)
-        arrays |= {"bias_smooth": mean[:, 0], "drift_smooth": mean[:, 1]}
-        arrays |= {"bias_smooth_std": std[:, 0], "drift_smooth_std": std[:, 1]}
-    figure = plot.plot_filtered(filtered, Path(arguments.log).name) if arguments.plot else None
-    save_results(arguments.output, arrays, log.start)
-    if figure is not None:
-        plot.save_figure(arguments.plot, figure)
-    density = np.asarray(params.joint.process_density)
-    print(format_summary(filtered, batch.summarise(filtered)))
+    whole = bool(arguments.plot or arguments.check)
+    progress = Progress(f"filtering {path}", 1.0)
+    outcome = filter_file(log, setup, arguments.output, Choices(arguments.smooth), progress, keep=whole)
+    if arguments.plot:
+        plot.save_figure(arguments.plot, plot.plot_filtered(outcome.filtered, Path(path).name))
+    print(format_summary(outcome.summary))
+    density = np.asarray(outcome.params.joint.process_density)
     print(f"joint process noise ({setup.joints.model}): {' '.join(f'{x:.3g}' for x in density)}")
-    print(f"wrote {arguments.output}" + (f" and {arguments.plot}" if arguments.plot else ""))
+    if arguments.offsets:
+        text = dump_offsets(outcome.summary.bias, setup.sensor.reports)
+        write_atomic(arguments.offsets, lambda file: file.write(text.encode()))
+        print(f"{arguments.offsets}: the bias at the end, as offsets that the broadcaster adds to each reading")
+    print("wrote " + " and ".join(filter(None, (arguments.output, arguments.plot, arguments.offsets))))
     if arguments.check:
-        print(
-            format_check(consistency.check(filtered.innovation, (filtered.innovation / filtered.innovation_std) ** 2))
-        )
-    for repair in repairs:
-        print(f"ftbias: {arguments.log}: {repair.what}", file=sys.stderr)
-    unmeasured = [name for name, axis in zip(AXES, np.isfinite(log.wrench).any(0), strict=True) if not axis]
-    if unmeasured:
-        print(f"ftbias: {arguments.log}: never measured: {' '.join(unmeasured)} (bias = prior)", file=sys.stderr)
-    return 3 if unmeasured or any(repair.lost for repair in repairs) else 0
+        innovation = outcome.filtered.innovation
+        print(format_check(consistency.check(innovation, (innovation / outcome.filtered.innovation_std) ** 2)))
+    for repair in outcome.repairs:
+        print(printable(f"ftbias: {path}: {repair.what}"), file=sys.stderr)
+    return 3 if outcome.lost else 0
+
+
+def _is_folder(output: str) -> bool:
+    """Whether an output is meant to be a folder: it is one, or has no suffix."""
+    return output.endswith(("/", os.sep)) or Path(output).is_dir() or not Path(output).suffix
 
 
 def check_outputs(output: str, suffix: str) -> None:
@@ -97,21 +110,29 @@ def format_check(result: Consistency) -> str:
     return "\n".join(["consistency of the innovations:", *lines, verdict(result)])
 
 
-def format_summary(filtered: Filtered, summary: Summary) -> str:
+def format_summary(summary: Summary) -> str:
     """A table an engineer can read, one column an axis."""
-    duration = filtered.t[-1] - filtered.t[0]
     rows = {
-        "bias at the end": filtered.bias[-1],
-        "  ± 1 sigma": filtered.bias_std[-1],
-        "drift per minute": 60 * filtered.drift[-1],
-        "  ± 1 sigma ": 60 * filtered.drift_std[-1],
+        "bias at the end": summary.bias,
+        "  ± 1 sigma": summary.bias_std,
+        "drift per minute": 60 * summary.drift,
+        "  ± 1 sigma ": 60 * summary.drift_std,
         "raw reading, std": summary.raw_std,
         "corrected - tool model, std": summary.residual_std,
         "1 s ahead prediction, rms": summary.one_second_rms,
     }
-    head = f"{len(filtered.t)} wrench samples, {duration:.1f} s\n{'':28s}" + "".join(
+    head = f"{summary.samples} wrench samples, {summary.seconds:.1f} s\n{'':28s}" + "".join(
         f"{name + (' [N]' if i < 3 else ' [Nm]'):>11s}" for i, name in enumerate(AXES)
     )
     lines = [f"{name:28s}" + "".join(f"{x:11.4f}" for x in values) for name, values in rows.items()]
     nis = f"normalised innovation squared per axis: {summary.mean_nis:.2f} (1 = the stated model and noise are right)"
-    return "\n".join([head, *lines, nis])
+    return "\n".join([head, *lines, nis, *_gate_lines(summary)])
+
+
+def _gate_lines(summary: Summary) -> list[str]:
+    """What the gate did, or could do. Where it would take much, the model is wrong, which no gate mends."""
+    if summary.gated:
+        return [f"{summary.gated} samples ({summary.gated / summary.samples:.2%}) did not pass the gate: contact?"]
+    if 0 < summary.far < summary.samples / 4:
+        return [f"{summary.far} samples are far off their prediction: contact? --gate 5 keeps them out of the bias"]
+    return []

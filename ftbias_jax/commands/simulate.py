@@ -36,6 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
     if Path(truth_path).resolve() == Path(arguments.output).resolve():
         raise UsageError("log and truth have the same name", field="--truth", remedy="give them different ones")
     setup = load_setup(arguments.setup)
+    if setup.pose is not None:
+        raise UsageError("needs the joints of an arm", file=arguments.setup, field="sensor_pose", remedy="use filter")
 
     import jax
 

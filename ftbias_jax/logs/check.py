@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.logs.pose import pose_entries
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Array, Log
 
@@ -27,7 +28,8 @@ def check_log(
     Args:
         t: (T,) stamps: floating point in s, or integers in ns; any origin.
         q: (T, n) rad. wrench: (T, 6) N, Nm, as the sensor reports it.
-        dq: (T, n) rad/s, or None. temperature: (T,) deg C, or None. NaN = not measured.
+        dq: (T, n) rad/s, or None. If the setup has a sensor_pose: both as for ``pose_entries``.
+        temperature: (T,) deg C, or None. NaN = not measured.
         setup: the joints, and the sign in which the sensor reports. file: the name in messages.
 
     Returns:
@@ -37,23 +39,46 @@ def check_log(
         LogError: shapes disagree, time does not increase, a value is infinite, or there is no motion or no wrench.
     """
     t, start = relative_seconds(t, file=file)
-    names = setup.robot.joint_names
-    length, n = len(t), len(names)
-    q = _floats(q, (length, n), "q", file)
-    dq = np.full((length, n), np.nan) if dq is None else _floats(dq, (length, n), "dq", file)
-    wrench = _floats(wrench, (length, 6), "wrench", file)
-    temperature = np.full(length, np.nan) if temperature is None else temperature
-    temperature = _floats(temperature, (length,), "temperature", file)
-    for name, measured in zip(names, ~np.isnan(q).all(0), strict=True):
+    if setup.pose is not None:
+        q, dq = pose_entries(q, dq, t, setup, file)
+    nothing = np.full(np.shape(q), np.nan) if dq is None else dq
+    unknown = np.full(len(t), np.nan) if temperature is None else temperature
+    log = check_samples(Log(t, q, nothing, wrench, unknown, start), setup, file=file)
+    check_content(~np.isnan(log.q).all(0), t[~np.isnan(log.wrench).all(1)], setup, file=file)
+    return log
+
+
+def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> Log:
+    """Samples as recorded, or the part of them from sample ``first`` on, as float64 with the sign of the report.
+
+    Raises:
+        LogError: shapes disagree, or a value is infinite.
+    """
+    length, n = len(log.t), len(setup.robot.joint_names)
+    shapes = {"q": (length, n), "dq": (length, n), "wrench": (length, 6), "temperature": (length,)}
+    floats = {name: _floats(getattr(log, name), shape, name, file, first) for name, shape in shapes.items()}
+    if setup.sensor.reports == "wrench_on_sensor":
+        floats["wrench"] = -floats["wrench"]
+    return log._replace(**floats)
+
+
+def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "") -> None:
+    """What a whole log must have.
+
+    Args:
+        joints: (n,) whether each was ever measured. wrench_t: (W,) s, stamps at which any axis of the wrench was.
+
+    Raises:
+        LogError: there is no motion or no wrench, or its rate is implausible.
+    """
+    for name, measured in zip(setup.robot.joint_names, joints, strict=True):
         if not measured:
             remedy = "record its position, or correct the joints of the setup"
             raise LogError(f"no motion data: joint {name!r} is never measured", file=file, field="q", remedy=remedy)
-    if np.isnan(wrench).all():
+    if not len(wrench_t):
         remedy = "record the sensor's wrench"
         raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
-    _check_rate(t[~np.isnan(wrench).all(1)], file)
-    sign = -1.0 if setup.sensor.reports == "wrench_on_sensor" else 1.0
-    return Log(t, q, dq, sign * wrench, temperature, start)
+    _check_rate(wrench_t, file)
 
 
 def relative_seconds(t: Array, *, file: str = "", field: str = "t") -> tuple[Array, float]:
@@ -103,8 +128,11 @@ def _check_rate(t: Array, file: str) -> None:
         raise LogError(message, file=file, field="t", remedy="give floating-point time in s, integer time in ns")
 
 
-def _floats(values: Array, shape: tuple[int, ...], field: str, file: str) -> Array:
-    """The values as float64 of this shape; infinities are refused, because they would poison what NaN only skips."""
+def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first: int) -> Array:
+    """The values, from sample ``first`` on, as float64 of this shape.
+
+    Infinities are refused, because they would poison what NaN only skips.
+    """
     values = np.asarray(values)
     if values.dtype.kind not in "fiu":
         message = f"has type {values.dtype}"
@@ -116,7 +144,7 @@ def _floats(values: Array, shape: tuple[int, ...], field: str, file: str) -> Arr
     values = values.astype(np.float64)
     infinite = np.argwhere(np.isinf(values))
     if infinite.size:
-        index = ", ".join(str(i) for i in infinite[0])
+        index = ", ".join(str(i) for i in (first + infinite[0][0], *infinite[0][1:]))
         remedy = "mark missing samples as NaN"
         raise LogError(f"{field}[{index}] is infinite", file=file, field=field, remedy=remedy)
     return values

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.setup_fields import nearest
-from ftbias_jax.setup_types import Setup
+from ftbias_jax.setup_types import PoseSetup, Setup
 
 Names = tuple[str, ...]
 
@@ -37,6 +37,8 @@ def choose_columns(header: Sequence[str], setup: Setup, file: str = "") -> Colum
         LogError: a quantity that every log needs has no columns, or a name is not there or not unique.
     """
     usual = usual_names(setup.robot.joint_names)
+    if setup.pose is not None:
+        usual |= pose_names(setup.pose)
     chosen = [_choose(quantity, usual[quantity], header, setup, file) for quantity in Columns._fields]
     for name in sum(chosen, ()):
         if header.count(name) > 1:
@@ -58,6 +60,18 @@ def usual_names(joint_names: Sequence[str]) -> dict[str, list[Names]]:
         "velocity": joints("dq", "velocity"),
         "wrench": [("fx", "fy", "fz", "tx", "ty", "tz"), ("fx", "fy", "fz", "mx", "my", "mz")],
         "temperature": [("temperature",)],
+    }
+
+
+def pose_names(pose: PoseSetup) -> dict[str, list[Names]]:
+    """The same for a recorded pose: positions are orientation and position, velocities what an IMU says."""
+    matrix = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
+    orders = {"quaternion_xyzw": ("qx", "qy", "qz", "qw"), "quaternion_wxyz": ("qw", "qx", "qy", "qz")}
+    position = ("x", "y", "z") if pose.linear == "position" else ()
+    force = ("ax", "ay", "az") if pose.linear == "specific_force" else ()
+    return {
+        "position": [(*orders.get(pose.orientation, matrix), *position)],
+        "velocity": [("wx", "wy", "wz", *force)],
     }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.logs.arrays import ARRAYS, log_from_arrays
+from ftbias_jax.logs.arrays import ARRAYS, POSE_ARRAYS, log_from_arrays
 from ftbias_jax.logs.unpack import need
 from ftbias_jax.npz_file import MAX_BYTES, MAX_RATIO, SMALL
 from ftbias_jax.setup_types import Setup
@@ -36,7 +36,7 @@ def load_hdf5(path: str | os.PathLike[str]) -> dict[str, Array]:
         with open(file, "rb"):  # the system's own words for a missing file
             pass
         with h5py.File(file, "r") as root:
-            datasets = {name: _dataset(h5py, root, name, file) for name in ARRAYS if name in root}
+            datasets = {name: _dataset(h5py, root, name, file) for name in (*ARRAYS, *POSE_ARRAYS) if name in root}
             total = sum(dataset.size * 8 for dataset in datasets.values())
             if total > MAX_BYTES:
                 remedy = f"the limit is {MAX_BYTES} bytes; split the log"

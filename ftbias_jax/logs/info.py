@@ -24,9 +24,9 @@ from ftbias_jax.logs.ros_record import Stream, Topic, read_recording
 from ftbias_jax.npz_file import load_arrays
 from ftbias_jax.setup_parse import parse_setup
 from ftbias_jax.setup_types import Setup
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import AXES, Array, Log
 
-AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+POSE_LABELS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 class StreamInfo(NamedTuple):
@@ -84,13 +84,14 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
 
 
 def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bool) -> LogInfo:
-    recording = read_recording(path, salvage=salvage)
+    has_pose = setup is not None and setup.pose is not None
+    recording = read_recording(path, salvage=salvage, poses=has_pose)
     streams = tuple(map(_recorded_info, recording.streams))
     used = {stream.topic for stream in recording.streams}
     others = tuple(topic for topic in recording.topics if topic.name not in used)
     repairs = tuple(Repair(damage, lost=True) for damage in recording.damage)
     kinds = {stream.message_type for stream in recording.streams}
-    needed = {JOINT_STATE: "joints", WRENCH_STAMPED: "a wrench"}
+    needed = {WRENCH_STAMPED: "a wrench"} if has_pose else {JOINT_STATE: "joints", WRENCH_STAMPED: "a wrench"}
     missing = [f"{words} ({kind})" for kind, words in needed.items() if kind not in kinds]
     if missing:
         return LogInfo(streams, others, repairs, f"nothing can be filtered without {' and '.join(missing)}", False)
@@ -109,9 +110,11 @@ def _recorded_info(stream: Stream) -> StreamInfo:
     seconds, start = (t - t[0]) * 1e-9, float(t[0]) * 1e-9
     order = np.argsort(stream.stamps[known] if known.any() else stream.logged, kind="stable")
     values = stream.values[known if known.any() else slice(None)][order]
-    joints = stream.message_type == JOINT_STATE
-    labels = [*stream.names, *(f"velocity of {name}" for name in stream.names)] if joints else AXES
-    info = _stream_info(stream.topic, stream.message_type, stream.names, start, seconds, values, labels, not joints)
+    sensor = stream.message_type == WRENCH_STAMPED
+    labels: Sequence[str] = AXES if sensor else POSE_LABELS
+    if stream.message_type == JOINT_STATE:
+        labels = [*stream.names, *(f"velocity of {name}" for name in stream.names)]
+    info = _stream_info(stream.topic, stream.message_type, stream.names, start, seconds, values, labels, sensor)
     return info._replace(trouble=(*info.trouble, skew(stream)))
 
 

@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from ftbias_jax.logs.raw import Buffer, OnDamage, RawMessage, plain_type
+from ftbias_jax.logs.raw import Buffer, OnDamage, RawMessage, plain_type, scan_records
 from ftbias_jax.logs.unpack import UnpackError, unpack, unpack_cut
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -115,17 +115,10 @@ def _learn(data: Buffer, record: _Record, known: _Known, on_damage: OnDamage) ->
 
 def _records(data: Buffer, position: int, on_damage: OnDamage) -> Iterator[_Record]:
     """The records from a position on, to the footer; after damage the search goes on at the next whole chunk."""
-    while position < len(data):
-        record = _record(data, position)
-        if record is None:
-            following = _next_chunk(data, position + 1)
-            on_damage(f"no whole record at byte {position}: {following - position} bytes skipped")
-            position = following
-            continue
+    for record in scan_records(data, position, _record, _next_chunk, on_damage):
         yield record
         if record.kind == FOOTER:
             return
-        position = record.end
 
 
 def _record(data: Buffer, position: int) -> _Record | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from ftbias_jax.logs.arrays import ARRAYS, log_from_arrays
+from ftbias_jax.logs.arrays import ARRAYS, POSE_ARRAYS, log_from_arrays
 from ftbias_jax.npz_file import load_arrays
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Log
@@ -17,4 +17,4 @@ def read_npz(path: str | os.PathLike[str], setup: Setup) -> Log:
         LogError: the file cannot be read, an array is missing, or the log cannot be filtered (see ``check_log``).
     """
     file = os.fspath(path)
-    return log_from_arrays(load_arrays(file, ARRAYS), setup, file)
+    return log_from_arrays(load_arrays(file, (*ARRAYS, *POSE_ARRAYS)), setup, file)

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from mmap import mmap
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, TypeVar
 
 Buffer = bytes | mmap
 OnDamage = Callable[[str], None]
 """Called with one line about what could not be read, before it is skipped; it may raise to stop instead."""
+
+
+class Record(Protocol):
+    """A piece of a file that says itself where it ends."""
+
+    @property
+    def end(self) -> int:
+        """Position after it."""
+
+
+R = TypeVar("R", bound=Record)
 
 
 class RawMessage(NamedTuple):
@@ -22,6 +33,31 @@ class RawMessage(NamedTuple):
     logged: int
     """ns, when the recorder got it."""
     data: bytes
+
+
+def scan_records(
+    data: Buffer,
+    position: int,
+    record_at: Callable[[Buffer, int], R | None],
+    next_whole: Callable[[Buffer, int], int],
+    on_damage: OnDamage,
+) -> Iterator[R]:
+    """The records from a position on; what makes no sense is told and skipped.
+
+    Args:
+        data, position: where they start. record_at: the record at a position, or None if it makes no sense.
+        next_whole: where, from a position on, the next record starts that holds together, or the end of the data.
+        on_damage: see there.
+    """
+    while position < len(data):
+        record = record_at(data, position)
+        if record is None:
+            following = next_whole(data, position + 1)
+            on_damage(f"no whole record at byte {position}: {following - position} bytes skipped")
+            position = following
+        else:
+            yield record
+            position = record.end
 
 
 def plain_type(message_type: str) -> str:

@@ -13,6 +13,7 @@ from ftbias_jax.logs.clock import choose_clock, continue_after_jumps, tidy
 from ftbias_jax.logs.merge import merge_streams
 from ftbias_jax.logs.repairs import Reading, Repair
 from ftbias_jax.logs.ros_messages import JOINT_STATE, WRENCH_STAMPED
+from ftbias_jax.logs.ros_pose import as_one, in_setup_order, pose_streams
 from ftbias_jax.logs.ros_record import Recording, Stream, read_recording
 from ftbias_jax.setup_fields import nearest
 from ftbias_jax.setup_types import Setup
@@ -25,7 +26,8 @@ CREDIBLE_DELAY = 10**10
 def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Reading:
     """Read a ROS 1 bag, or a ROS 2 bag: its folder, or a ``.db3`` or ``.mcap`` file.
 
-    The joints come from all publishers of one topic of sensor_msgs/JointState, the wrench from one topic of
+    If the setup has a sensor_pose, it comes from a topic of geometry_msgs/PoseStamped, or from TF. Otherwise the joints
+    come from all publishers of one topic of sensor_msgs/JointState, the wrench from one topic of
     geometry_msgs/WrenchStamped; messages about other joints, such as a gripper's, are ignored.
 
     Args:
@@ -34,7 +36,7 @@ def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     Raises:
         LogError: it cannot be read, has no or several topics to choose from, or cannot be filtered (``check_log``).
     """
-    return log_of(read_recording(path, salvage=salvage), setup, os.fspath(path))
+    return log_of(read_recording(path, salvage=salvage, poses=setup.pose is not None), setup, os.fspath(path))
 
 
 def log_of(recording: Recording, setup: Setup, file: str = "") -> Reading:
@@ -43,7 +45,11 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Reading:
     mended = [Repair(damage, lost=True) for damage in recording.damage]
     if mended:
         recording = _credible(recording, mended)
-    joints = _joint_positions(_choose("joints", _joint_streams(recording, names, file), setup, file), names)
+    if setup.pose is None:
+        joints = _joint_positions(_choose("joints", _joint_streams(recording, names, file), setup, file), names)
+    else:
+        joints = as_one(_choose("pose", pose_streams(recording, setup.pose, file), setup, file), file)
+        joints = joints._replace(values=in_setup_order(joints.values, setup.pose))
     wrench = _wrenches(_choose("wrench", _wrench_streams(recording, file), setup, file), file)
 
     clock = choose_clock((joints.stamps, wrench.stamps), (joints.logged, wrench.logged))
@@ -57,7 +63,8 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Reading:
         _in_order(t, stream, rows, mended) for t, stream, rows in zip(stamps, (joints, wrench), known, strict=True)
     )
     n = len(names)
-    merged = merge_streams(joint_t, motion[:, :n], wrench_t, readings, motion[:, n:], file=file)
+    q, dq = (motion[:, :n], motion[:, n:]) if setup.pose is None else (motion, None)
+    merged = merge_streams(joint_t, q, wrench_t, readings, dq, file=file)
     return Reading(check_log(merged.t, merged.q, merged.wrench, merged.dq, setup=setup, file=file), tuple(mended))
 
 

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from ftbias_jax.logs.raw import Buffer, OnDamage, RawMessage, plain_type
+from ftbias_jax.logs.raw import Buffer, OnDamage, RawMessage, plain_type, scan_records
 from ftbias_jax.logs.unpack import UnpackError, unpack, unpack_cut
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -97,15 +97,7 @@ def _learn(data: Buffer, record: _Record, topics: Topics, on_damage: OnDamage) -
 
 def _records(data: Buffer, position: int, on_damage: OnDamage) -> Iterator[_Record]:
     """The records from a position on; after damage the search goes on at the next header that holds together."""
-    while position < len(data):
-        record = _record(data, position)
-        if record is None:
-            following = _next_record(data, position + 1)
-            on_damage(f"no whole record at byte {position}: {following - position} bytes skipped")
-            position = following
-        else:
-            yield record
-            position = record.end
+    return scan_records(data, position, _record, _next_record, on_damage)
 
 
 def _record(data: Buffer, position: int) -> _Record | None:

@@ -1,4 +1,4 @@
-"""The two messages a log is made of, from their bytes: sensor_msgs/JointState and geometry_msgs/WrenchStamped.
+"""The messages a log is made of, from their bytes: JointState or PoseStamped or TF, and WrenchStamped.
 
 ROS 1 stores numbers one after the other; ROS 2 (CDR, OMG DDSI-RTPS 2.3, section 10) starts with four bytes that name
 the encoding, aligns every number to its own size, and ends strings with a zero byte.
@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 JOINT_STATE = "sensor_msgs/JointState"
 WRENCH_STAMPED = "geometry_msgs/WrenchStamped"
+POSE_STAMPED = "geometry_msgs/PoseStamped"
+TF = "tf2_msgs/TFMessage"
 
 _CDR_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 
@@ -70,6 +72,50 @@ def wrench_stamped(data: bytes, encoding: str) -> WrenchStamped:
         cursor = _Cursor(data, encoding)
         stamp, frame = cursor.header()
         return WrenchStamped(stamp, frame, cursor.array(6))
+    except (struct.error, UnicodeDecodeError) as error:
+        raise MessageError(f"is damaged: {error}") from error
+
+
+class PoseStamped(NamedTuple):
+    """A pose as published, or a transform of TF."""
+
+    stamp: int
+    """ns, of the header; 0 = not set."""
+    names: tuple[str, ...]
+    """The frame; of a transform, the frame and its child."""
+    pose: tuple[float, ...]
+    """7: position m, orientation x, y, z, w."""
+
+
+def pose_stamped(data: bytes, encoding: str) -> list[PoseStamped]:
+    """Decode a geometry_msgs/PoseStamped.
+
+    Raises:
+        MessageError: it is damaged.
+    """
+    try:
+        cursor = _Cursor(data, encoding)
+        stamp, frame = cursor.header()
+        return [PoseStamped(stamp, (frame,), cursor.array(7))]
+    except (struct.error, UnicodeDecodeError) as error:
+        raise MessageError(f"is damaged: {error}") from error
+
+
+def transforms(data: bytes, encoding: str) -> list[PoseStamped]:
+    """Decode a tf2_msgs/TFMessage; frames without the slash that old programs put in front.
+
+    Raises:
+        MessageError: it is damaged.
+    """
+    try:
+        cursor = _Cursor(data, encoding)
+        found = []
+        for _ in range(cursor.count(64)):
+            stamp, parent = cursor.header()
+            child = cursor.text()
+            names = (parent.removeprefix("/"), child.removeprefix("/"))
+            found.append(PoseStamped(stamp, names, cursor.array(7)))
+        return found
     except (struct.error, UnicodeDecodeError) as error:
         raise MessageError(f"is damaged: {error}") from error
 

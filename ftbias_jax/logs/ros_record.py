@@ -16,7 +16,17 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.logs import mcap_file, ros1_bag, sqlite_bag
 from ftbias_jax.logs.raw import OnDamage, RawMessage
-from ftbias_jax.logs.ros_messages import JOINT_STATE, WRENCH_STAMPED, MessageError, joint_state, wrench_stamped
+from ftbias_jax.logs.ros_messages import (
+    JOINT_STATE,
+    POSE_STAMPED,
+    TF,
+    WRENCH_STAMPED,
+    MessageError,
+    joint_state,
+    pose_stamped,
+    transforms,
+    wrench_stamped,
+)
 from ftbias_jax.logs.unpack import need
 from ftbias_jax.npz_file import MAX_BYTES, MAX_RATIO, SMALL
 from ftbias_jax.types import Array
@@ -36,7 +46,7 @@ class Stream(NamedTuple):
     topic: str
     message_type: str
     names: tuple[str, ...]
-    """Of the joints; of a wrench, its frame."""
+    """Of the joints; of a wrench or pose, its frame; of a transform, its frame and child."""
     stamps: Array
     """(T,) int64 ns, of the headers; 0 = not set."""
     logged: Array
@@ -44,7 +54,7 @@ class Stream(NamedTuple):
     order: Array
     """(T,) int64, increasing: places among all messages of the recording, in the order in which they are stored."""
     values: Array
-    """(T, 2 n) positions, then velocities, NaN where not published; (T, 6) a wrench."""
+    """(T, 2 n) positions, then velocities, NaN where not published; (T, 6) a wrench; (T, 7) position, quaternion."""
 
 
 class Topic(NamedTuple):
@@ -66,11 +76,12 @@ class Recording(NamedTuple):
     """What could not be read; () for a whole recording."""
 
 
-def read_recording(path: str | os.PathLike[str], *, salvage: bool = False) -> Recording:
+def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, poses: bool = False) -> Recording:
     """Read joint states and wrenches of a ROS 1 bag, a ROS 2 bag (a folder, or its .db3 or .mcap file).
 
     Args:
         path: the file or folder. salvage: skip what is damaged, instead of refusing the recording.
+        poses: also read poses and transforms.
 
     Raises:
         LogError: it cannot be read, is damaged (without salvage), or its compression needs a package.
@@ -95,7 +106,7 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False) -> Re
             topic = (message.topic, message.message_type)
             counts[topic] = counts.get(topic, 0) + 1
             try:
-                _append(streams, message, place)
+                _append(streams, message, place, poses)
             except MessageError as error:
                 on_damage(f"message {counts[topic]} of {message.topic} {error}")
     except OSError as error:
@@ -117,18 +128,32 @@ class _Growing(NamedTuple):
     values: array[float]
 
 
-def _append(streams: dict[_Key, _Growing], message: RawMessage, place: int) -> None:
+def _append(streams: dict[_Key, _Growing], message: RawMessage, place: int, poses: bool) -> None:
     """Add a message to its stream, if it is of a type that a log is made of."""
     values: tuple[float, ...]
-    if message.message_type == JOINT_STATE:
+    if poses and message.message_type in (POSE_STAMPED, TF):
+        decode = pose_stamped if message.message_type == POSE_STAMPED else transforms
+        for stamp, names, pose in decode(message.data, message.encoding):
+            _add(streams, message, names, stamp, place, pose)
+    elif message.message_type == JOINT_STATE:
         stamp, names, position, velocity = joint_state(message.data, message.encoding)
         missing = (float("nan"),) * len(names)
         values = (position or missing) + (velocity or missing)
+        _add(streams, message, names, stamp, place, values)
     elif message.message_type == WRENCH_STAMPED:
         stamp, frame, values = wrench_stamped(message.data, message.encoding)
         names = (frame,)
-    else:
-        return
+        _add(streams, message, names, stamp, place, values)
+
+
+def _add(
+    streams: dict[_Key, _Growing],
+    message: RawMessage,
+    names: tuple[str, ...],
+    stamp: int,
+    place: int,
+    values: tuple[float, ...],
+) -> None:
     if not abs(message.logged) < 2**63:
         raise MessageError(f"has the time {message.logged}")
     key = (message.topic, message.message_type, names)

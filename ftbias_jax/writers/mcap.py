@@ -40,8 +40,8 @@ def save_mcap(
         start: s, added to t. frame: of the sensor, for the headers.
 
     Raises:
-        OutputError: the file cannot be written, or the package mcap is not installed. ValueError: a stamp is not
-            within 0 and the year 2106.
+        OutputError: the file cannot be written, the package mcap is not installed, or a stamp is not within 0 and the
+            year 2106.
     """
     try:
         writers = importlib.import_module("mcap.writer")
@@ -50,7 +50,8 @@ def save_mcap(
         raise OutputError("writing it needs the package mcap", file=path, remedy=remedy) from error
     stamps = round(start * 1e9) + np.rint(np.asarray(arrays["t"]) * 1e9).astype(np.int64)
     if not ((stamps >= 0) & (stamps < 2**32 * 10**9)).all():
-        raise ValueError(f"stamps from {stamps.min()} to {stamps.max()} ns do not fit a ROS header")
+        message = f"stamps from {stamps.min()} to {stamps.max()} ns do not fit a ROS header"
+        raise OutputError(message, file=path, remedy="write another format, or stamp the log with times since 1970")
     topics = {name: np.asarray(arrays[name], np.float64) for name in TOPICS if name in arrays}
 
     def write(file: BinaryIO) -> None:

@@ -11,9 +11,8 @@ import numpy as np
 
 from ftbias_jax.atomic import write_atomic
 from ftbias_jax.errors import OutputError
-from ftbias_jax.types import Array
+from ftbias_jax.types import AXES, Array
 
-AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 JOINT_ARRAYS = ("q", "dq", "ddq", "ddq_std")
 """Arrays with a column a joint; all others of two dimensions have a column an axis of the wrench."""
 

@@ -10,7 +10,9 @@ from recordings import SECOND, START, Joints, Wrench
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.logs import read_log, read_log_with_repairs
-from ftbias_jax.logs.health import mask_saturated, stuck_seconds
+from ftbias_jax.logs.health import stuck_seconds
+from ftbias_jax.logs.parts import open_log
+from ftbias_jax.logs.repairs import Repair
 
 N = 60
 
@@ -181,14 +183,13 @@ def test_integer_stamps_that_are_no_nanoseconds_are_named_too(tmp_path, setup, u
         read_log(tmp_path / "log.npz", setup)
 
 
-def test_a_saturated_axis_is_masked_and_counted(tmp_path, setup):
+def test_a_saturated_axis_is_left_out_and_counted(tmp_path, setup):
     fz = np.clip(5 * np.sin(np.arange(N) / 9), -9, 4)
-    log, _, _ = read(
-        tmp_path, setup, changed(lambda i, m: m._replace(wrench=(*m.wrench[:2], fz[i], *m.wrench[3:])), Wrench)
-    )
-    masked, counts = mask_saturated(log)
-    assert counts.tolist() == [0, 0, (fz == 4).sum(), 0, 0, 0]
-    assert np.nanmax(masked.wrench[:, 2]) < 4
+    clipped = changed(lambda i, m: m._replace(wrench=(*m.wrench[:2], fz[i], *m.wrench[3:])), Wrench)
+    log = open_log(recordings.write(tmp_path, "ros1", clipped), setup)
+    what = f"samples at the end of the sensor's range left out: {(fz == 4).sum()} of fz"
+    assert log.repairs == (Repair(what, lost=True),)
+    np.testing.assert_array_equal(log.whole().wrench[:, 2], np.where(fz == 4, np.nan, fz))
 
 
 def test_a_stuck_axis_is_found(tmp_path, setup):

@@ -1,0 +1,99 @@
+"""Logs of an archive filtered one after the other, or by several processes that do not take each other down."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+
+from ftbias_jax.archive import FAILED, LOSS, OK, Entry, Task, provenance
+from ftbias_jax.compilation import prepare_jax
+from ftbias_jax.errors import FtbiasError, OutputError, printable
+from ftbias_jax.filter_file import Choices, filter_file
+from ftbias_jax.logs.parts import open_log
+from ftbias_jax.setup_types import Setup
+
+KILLED = "its process was killed: too little memory? (give it more, or filter it alone)"
+
+Work = Callable[[Task], Entry]
+
+
+def filter_task(task: Task, setup: Setup, folder: str, choices: Choices, salvage: bool = False) -> Entry:
+    """Filter one log of an archive; what goes wrong is in the entry, because the other logs go on.
+
+    Args:
+        task: the log. setup: of all logs. folder: of the results. choices, salvage: as of the command.
+    """
+    made_from = provenance(task, setup, {**choices._asdict(), "salvage": salvage})
+    entry = Entry(*task, status=FAILED, made_from=made_from)
+    output = os.path.join(folder, task.output)
+    try:
+        make_folder(os.path.dirname(output))
+        outcome = filter_file(open_log(task.log, setup, salvage=salvage), setup, output, choices)
+    except FtbiasError as error:
+        return entry._replace(error=str(error))
+    except Exception as error:  # a bug, or no memory: this log's alone
+        return entry._replace(error=printable(f"{task.log}: {type(error).__name__}: {error}"))
+    return entry._replace(
+        status=LOSS if outcome.lost else OK,
+        repairs=tuple(printable(repair.what) for repair in outcome.repairs),
+        samples=outcome.summary.samples,
+        output_bytes=os.path.getsize(output),
+    )
+
+
+def run_tasks(work: Work, tasks: Iterable[Task], jobs: int) -> Iterator[Entry]:
+    """Entries as they get ready, from this process (``jobs`` = 1) or from several.
+
+    Args:
+        work: what to do; it can be pickled. tasks: each once. jobs: how many at a time.
+    """
+    if jobs == 1:
+        prepare_jax()
+        yield from map(work, tasks)
+        return
+    waiting = deque(tasks)
+    while waiting:
+        flying: dict[Future[Entry], Task] = {}
+        try:
+            with _pool(jobs) as pool:
+                while waiting or flying:
+                    while waiting and len(flying) < jobs:
+                        task = waiting.popleft()
+                        flying[pool.submit(work, task)] = task
+                    for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                        yield future.result()
+                        del flying[future]
+        except BrokenProcessPool:
+            # The system killed a process, and all in the pool are lost with it: the guilty one shows when it is alone.
+            for task in flying.values():
+                yield _alone(work, task)
+
+
+def make_folder(path: str) -> None:
+    """Make a folder for results, if it is not there.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    try:
+        os.makedirs(path, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder: {error.strerror}", file=path, remedy="name another") from error
+
+
+def _alone(work: Work, task: Task) -> Entry:
+    try:
+        with _pool(1) as pool:
+            return pool.submit(work, task).result()
+    except BrokenProcessPool:
+        return Entry(*task, status=FAILED, error=printable(f"{task.log}: {KILLED}"))
+
+
+def _pool(jobs: int) -> ProcessPoolExecutor:
+    # Spawned, not forked: JAX runs threads, which a fork would leave behind in the middle of what they do.
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(jobs, mp_context=context, initializer=prepare_jax)

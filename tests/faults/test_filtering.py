@@ -1,0 +1,266 @@
+"""Faults in a log that is filtered: the bias stays right within its error bars, or the loss is told; never a NaN.
+
+One simulated log of two joints with a known bias; every fault is put into it, and it is filtered from file to file.
+"""
+
+import json
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax import batch, results, simulate
+from ftbias_jax.bias_filter import FORGET
+from ftbias_jax.cli import main
+from ftbias_jax.pipeline import params_from_setup
+from ftbias_jax.setup import dump_setup, parse_setup
+from ftbias_jax.simulate import Trajectory
+from ftbias_jax.types import Array, Log
+
+RATE, SECONDS = 200, 40
+NOISE = np.array([0.1, 0.1, 0.1, 0.004, 0.004, 0.004])
+SETUP = {
+    "robot": {
+        "joints": [
+            {"axis": [0, 1, 0], "point": [0, 0, 0.3], "name": "pitch"},
+            {"axis": [1, 0, 0], "point": [0, 0, 0.8], "name": "roll"},
+        ],
+        "flange": {"translation": [0, 0, 1]},
+    },
+    "sensor": {"noise_std": NOISE.tolist()},
+    "tool": {"mass": 0.7, "center_of_mass": [0.01, 0, 0.06]},
+    "joints": {"process_noise_density": 8.0, "position_noise_std": 1e-4, "velocity_noise_std": 1e-3},
+}
+TRUE = "true.npy"
+
+
+class Simulated(NamedTuple):
+    """A log as arrays, and what is true."""
+
+    log: dict
+    bias: Array
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    t = np.arange(RATE * SECONDS) / RATE
+    speed = np.array([0.9, 1.3])
+    phase = t[:, None] * speed + [0, 1]
+    motion = (0.5 * np.sin(phase), 0.5 * speed * np.cos(phase), -0.5 * speed**2 * np.sin(phase))
+    trajectory = Trajectory(*map(jnp.asarray, (t, *motion)))
+    truth = simulate.simulate(jax.random.key(0), params_from_setup(parse_setup(SETUP)), trajectory)
+    log = {name: np.array(getattr(truth, name)) for name in ("t", "q", "dq", "wrench")}
+    return Simulated(log, np.array(truth.bias))
+
+
+@pytest.fixture
+def filtered(simulated, tmp_path, capsys):
+    """Filters the log with a fault: the result, the exit code and what was told."""
+
+    def run(fault, *options, setup=SETUP, code=0):
+        log = {name: values.copy() for name, values in simulated.log.items()}
+        log = fault(log) or log
+        np.savez(tmp_path / "log.npz", **log)
+        (tmp_path / "setup.toml").write_text(dump_setup(parse_setup(setup)))
+        files = [tmp_path / "log.npz", "--setup", tmp_path / "setup.toml", "-o", tmp_path / "out.npz"]
+        assert main(["filter", *map(str, files), *options]) == code
+        printed = capsys.readouterr()
+        result = results.load_npz(tmp_path / "out.npz")
+        for name in ("bias", "drift", "bias_std", "drift_std", "q", "dq", "ddq", "wrench_tool", "nis"):
+            assert np.isfinite(result[name]).all(), name
+        return result, printed.out + printed.err
+
+    return run
+
+
+def errors(result, simulated):
+    """Errors of the bias in its own standard deviations, at the stamps of the result."""
+    rows = np.minimum(np.searchsorted(simulated.log["t"], result["t"] - 1e-9), len(simulated.bias) - 1)
+    return (result["bias"] - simulated.bias[rows]) / result["bias_std"]
+
+
+def nothing(log):
+    """No fault."""
+
+
+def test_without_a_fault(filtered, simulated):
+    result, told = filtered(nothing)
+    assert np.abs(errors(result, simulated)).max() < 5
+    assert "ftbias: " not in told
+
+
+def test_nan_in_one_axis(filtered, simulated):
+    result, _ = filtered(lambda log: log["wrench"][1000:3000, 2].fill(np.nan))
+    assert np.abs(errors(result, simulated)).max() < 5
+    std = result["bias_std"]
+    assert std[2999, 2] > 1.5 * std[2999, 1]  # the axis alone has become uncertain
+    assert np.isnan(result["wrench_unbiased"][1000:3000, 2]).all()
+
+
+def test_a_block_of_nan_for_ten_seconds(filtered, simulated):
+    def fault(log):
+        for name in ("q", "dq", "wrench"):
+            log[name][2000:4000] = np.nan
+
+    result, _ = filtered(fault)
+    assert len(result["t"]) == RATE * (SECONDS - 10)
+    assert np.abs(errors(result, simulated)).max() < 5
+
+
+def test_no_velocities(filtered, simulated):
+    result, _ = filtered(lambda log: log["dq"].fill(np.nan))
+    assert np.abs(errors(result, simulated)).max() < 5
+
+
+def test_nan_positions(filtered, simulated):
+    result, _ = filtered(lambda log: log["q"][1500:1700, 0].fill(np.nan))
+    assert np.abs(errors(result, simulated)).max() < 5
+
+
+def test_random_drops(filtered, simulated):
+    kept = np.sort(np.random.default_rng(0).permutation(RATE * SECONDS)[: int(0.7 * RATE * SECONDS)])
+    result, _ = filtered(lambda log: {name: values[kept] for name, values in log.items()})
+    assert len(result["t"]) == len(kept)
+    assert np.abs(errors(result, simulated)).max() < 5
+
+
+def test_a_gap_of_an_hour(filtered, simulated):
+    """The bias may have moved by what its process allows, and is found again."""
+    moved = np.repeat([3.0, 0.1], 3)
+
+    def fault(log):
+        log["t"][4000:] += 3600
+        log["wrench"][4000:] += moved
+
+    result, _ = filtered(fault)
+    assert (result["bias_std"][4000] > 10 * result["bias_std"][3999]).all()  # one sample says little
+    late = (result["bias"][4000:] - simulated.bias[4000:] + moved) / result["bias_std"][4000:]
+    assert np.abs(late).max() < 5
+
+
+def test_stamps_since_1970_give_the_same_bias(filtered, simulated):
+    def fault(log):
+        log["t"] = 1_700_000_000 * 10**9 + np.rint(log["t"] * 1e9).astype(np.int64)
+
+    (late, _), (result, _) = filtered(fault), filtered(nothing)
+    np.testing.assert_allclose(late["bias"], result["bias"], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(late["t"] - 1_700_000_000, result["t"], atol=1e-6)
+
+
+def test_a_saturated_axis_is_left_out_and_does_not_pull_the_bias(filtered, simulated):
+    limit = np.quantile(simulated.log["wrench"][:, 0], 0.8)
+
+    def fault(log):
+        log["wrench"][:, 0] = np.minimum(log["wrench"][:, 0], limit)
+
+    result, told = filtered(fault, code=3)
+    count = (simulated.log["wrench"][:, 0] >= limit).sum()
+    assert f"samples at the end of the sensor's range left out: {count} of fx" in told
+    error = errors(result, simulated)
+    # What is left near the limit has lost the upper half of its noise: that may show, a little.
+    assert np.abs(error[:, 0]).max() < 8
+    assert np.abs(error[:, 1:]).max() < 5
+    params = params_from_setup(parse_setup(SETUP))
+    log = {**simulated.log, "wrench": simulated.log["wrench"].copy()}
+    fault(log)
+    unmasked = batch.filter_log(params, Log(**log, temperature=np.full(len(log["t"]), np.nan)))
+    assert np.abs(errors(unmasked._asdict(), simulated)[:, 0]).max() > 20
+
+
+def test_a_stuck_axis_is_left_out(filtered, simulated):
+    result, told = filtered(lambda log: log["wrench"][2000:6000, 4].fill(0.125), code=3)
+    assert "samples of an axis that stands still left out: 4000 of ty" in told
+    assert np.abs(errors(result, simulated)).max() < 5
+
+
+def spikes(log):
+    """Contacts of 5 to 50 N and 0.02 to 0.5 s, one-sided, about once in two seconds; and single samples."""
+    rng = np.random.default_rng(3)
+    for start in range(300, RATE * SECONDS - 200, 400):
+        rows = slice(start, start + int(rng.uniform(0.02, 0.5) * RATE))
+        push = rng.choice([-1, 1]) * rng.uniform(5, 50)
+        log["wrench"][rows] += push * np.array([0.1, 0.2, 1.0, 0.02, 0.03, 0.001])
+    log["wrench"][rng.integers(400, RATE * SECONDS, 40), 1] += 30
+
+
+def test_contact_spikes_do_not_pull_the_bias_behind_the_gate(filtered, simulated):
+    """Shifts, against a log in which the touched samples are missing, below one standard deviation of the bias."""
+    touched = {"wrench": simulated.log["wrench"].copy()}
+    spikes(touched)
+    touched = (touched["wrench"] != simulated.log["wrench"]).any(1)
+    expected, _ = filtered(lambda log: log["wrench"].__setitem__(touched, np.nan))
+    gated, told = filtered(spikes, "--gate", "5")
+    assert (np.abs(gated["bias"][~touched] - expected["bias"]) / expected["bias_std"]).max() < 1
+    assert np.abs(errors(gated, simulated)).max() < 5
+    assert f"{touched.sum()} samples ({touched.mean():.2%}) did not pass the gate: contact?" in told
+    pulled, told = filtered(spikes)
+    assert (np.abs(pulled["bias"][~touched] - expected["bias"]) / expected["bias_std"]).max() > 20
+    assert "samples are far off their prediction: contact? --gate 5 keeps them out" in told
+
+
+def test_a_gate_in_the_setup_is_the_gate_of_the_command(filtered):
+    (one, _), (other, _) = (
+        filtered(spikes, setup={**SETUP, "bias": {"gate": 5}}),
+        filtered(spikes, "--gate", "5"),
+    )
+    np.testing.assert_array_equal(one["bias"], other["bias"])
+
+
+def test_a_bias_that_jumps_opens_the_gate_again(filtered, simulated):
+    """Nothing tells it from a contact but time: after a while the filter follows, and finds the bias again."""
+    jump = np.repeat([1.0, 0.05], 3)
+
+    def fault(log):
+        log["wrench"][1000:] += jump
+
+    result, _ = filtered(fault, "--gate", "5")
+    passed = 1000 + np.flatnonzero(np.isfinite(result["innovation"][1000:, 0]))[0]
+    assert FORGET < (passed - 1000) / RATE < 3 * FORGET
+    late = (result["bias"][passed:] - simulated.bias[passed:] + jump) / result["bias_std"][passed:]
+    assert np.abs(late).max() < 6  # as far off as the gate is wide, for a moment
+
+
+def test_a_static_pose_names_what_it_does_not_tell(filtered, simulated):
+    def fault(log):
+        rest = np.random.default_rng(1).normal(size=log["q"].shape)
+        log["q"], log["dq"] = 0.3 + 1e-5 * rest, 1e-4 * rest
+        log["wrench"] = NOISE * np.random.default_rng(2).normal(size=log["wrench"].shape)
+
+    _, told = filtered(fault)
+    assert "the sensor turns too little: errors of the tool's mass and center_of_mass would look like bias" in told
+
+
+def test_singular_priors_are_fine(filtered):
+    """Drift and joints that are known exactly at the start, and a noise whose square is zero."""
+    setup = {**SETUP, "bias": {"initial_drift_std": 0.0}, "joints": {**SETUP["joints"], "initial_std": [0.0, 0.0, 0.0]}}
+    result, _ = filtered(nothing, setup=setup)
+    assert (result["drift_std"][0] == 0).all()
+    filtered(nothing, setup={**SETUP, "sensor": {"noise_std": 1e-200}})
+
+
+@pytest.mark.parametrize("value", ["0", "-0.1", "nan", "inf"])
+def test_singular_and_negative_covariances_are_refused(tmp_path, simulated, capsys, value):
+    np.savez(tmp_path / "log.npz", **simulated.log)
+    lines = dump_setup(parse_setup(SETUP)).splitlines()
+    (at,) = [i for i, line in enumerate(lines) if line.startswith("noise_std")]
+    lines[at] = f"noise_std = {value}"
+    (tmp_path / "setup.toml").write_text("\n".join(lines))
+    files = [tmp_path / "log.npz", "--setup", tmp_path / "setup.toml", "-o", tmp_path / "out.npz"]
+    assert main(["filter", *map(str, files)]) == 1
+    assert "setup.toml: sensor.noise_std" in capsys.readouterr().err
+    assert not (tmp_path / "out.npz").exists()
+
+
+def test_faults_in_one_log_of_an_archive_are_in_the_manifest(simulated, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "logs").mkdir()
+    stuck = {**simulated.log, "wrench": simulated.log["wrench"].copy()}
+    stuck["wrench"][2000:6000, 4] = 0.125
+    np.savez("logs/stuck.npz", **stuck)
+    (tmp_path / "setup.toml").write_text(dump_setup(parse_setup(SETUP)))
+    assert main(["filter", "logs", "--setup", "setup.toml", "-o", "out"]) == 3
+    with open("out/manifest.json") as file:
+        (entry,) = json.load(file)["logs"]
+    assert entry["repairs"] == ["samples of an axis that stands still left out: 4000 of ty"]

@@ -1,0 +1,61 @@
+"""A small archive of logs for the tests, filtered by the command in the current folder."""
+
+import json
+import os
+
+import numpy as np
+
+from ftbias_jax import results
+from ftbias_jax.archive import Entry
+from ftbias_jax.cli import main
+
+SETUP = """
+[robot.flange]
+translation = [0, 0, 1]
+[[robot.joints]]
+axis = [0, 0, 1]
+point = [0, 0, 0]
+[[robot.joints]]
+axis = [0, 1, 0]
+point = [0, 0, 0.5]
+[sensor]
+noise_std = [0.1, 0.004]
+[tool]
+mass = 0.7
+center_of_mass = [0, 0, 0.06]
+[joints]
+process_noise_density = 5
+"""
+
+
+def write_log(path, seed=0, samples=300):
+    rng = np.random.default_rng(seed)
+    t = np.arange(samples) * 0.01
+    q = np.sin(t[:, None] * [1.0, 1.3]) + 1e-5 * rng.normal(size=(samples, 2))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez(path, t=t, q=q, wrench=rng.normal(size=(samples, 6)))
+
+
+def filter_archive(*arguments):
+    return main(["filter", *map(str, arguments), "--setup", "setup.toml", "-o", "out"])
+
+
+def manifest(name="manifest.json"):
+    with open(os.path.join("out", name)) as file:
+        return [Entry(**fields) for fields in json.load(file)["logs"]]
+
+
+def outputs():
+    return {
+        os.path.relpath(os.path.join(folder, name), "out"): results.load_npz(os.path.join(folder, name))
+        for folder, _, names in os.walk("out")
+        for name in names
+        if name.endswith(".npz")
+    }
+
+
+def assert_same_outputs(got, expected):
+    assert got.keys() == expected.keys()
+    for name, arrays in expected.items():
+        for key, values in arrays.items():
+            np.testing.assert_array_equal(got[name][key], values)
