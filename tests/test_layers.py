@@ -25,6 +25,7 @@ LAYERS = (
     "regression tune identify",
     "gap",
     "results plot report_svg report_plots report logs writers compilation",
+    "blind",
     "commands cli",
 )
 RANK = {name: rank for rank, name in enumerate(" ".join(LAYERS).split())}
