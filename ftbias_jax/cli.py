@@ -199,12 +199,13 @@ def _add_blind(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser = commands.add_parser(
         "demo",
-        help="simulate a Panda with a drifting sensor and filter it; needs no files",
-        description="Simulate a Panda log with a drifting bias, filter it, and compare with the truth.",
+        help="simulate a Panda that is not as its setup says, filter, diagnose and mend it; needs no files",
+        description="Simulate a Panda log with an effect its setup does not know, filter it, find the effect, put it "
+        "into the setup, filter again, and compare with the truth.",
     )
     parser.add_argument("-o", "--output", default="ftbias_demo", metavar="DIR", help="folder to write (%(default)s)")
-    parser.add_argument("--duration", type=_positive, default=60.0, metavar="S", help="seconds (%(default)s)")
-    parser.add_argument("--rate", type=_positive, default=500.0, metavar="HZ", help="samples a second (%(default)s)")
+    parser.add_argument("--duration", type=_positive, default=40.0, metavar="S", help="seconds (%(default)s)")
+    parser.add_argument("--rate", type=_positive, default=250.0, metavar="HZ", help="samples a second (%(default)s)")
     parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
 
 

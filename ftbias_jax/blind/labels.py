@@ -139,6 +139,7 @@ def _contact(values: dict[str, Any], form: str, label: Label) -> dict[str, Any]:
     found = {
         "start": np.array([event[0] for event in events], float),
         "end": np.array([event[0] + event[1] for event in events], float),
+        "point": np.array([event[3] for event in events], float),
     }
     if values.get("frame", "base") == "base":
         found["force"] = np.array([event[2] for event in events], float)

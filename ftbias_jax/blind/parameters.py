@@ -74,16 +74,15 @@ def _compare_events(cause: Mapping[str, Any], true: Mapping[str, Any]) -> list[C
             pairs.append((i, int(overlap.argmax())))
         else:
             missed += 1
-    found = []
-    for name, truth in true.items():
-        sides = [_numbers(cause["parameters"][name][j], cause["stderr"][name][j], truth[i]) for i, j in pairs]
-        error, spread = (
-            (np.concatenate([np.zeros(0), *column]) for column in zip(*sides, strict=True))
-            if sides
-            else (
-                np.zeros(0),
-                np.zeros(0),
-            )
-        )
-        found.append(Compared("contact", name, error, spread, missed))
-    return found
+    return [
+        Compared("contact", name, *_of_events(cause["parameters"][name], cause["stderr"][name], truth, pairs), missed)
+        for name, truth in true.items()
+        if name in cause["parameters"]
+    ]
+
+
+def _of_events(said: Any, stderr: Any, true: Array, pairs: list[tuple[int, int]]) -> tuple[Array, Array]:
+    """Errors and standard errors of one parameter of events, given as pairs (number of the true, of the fitted one)."""
+    sides = [_numbers(said[fitted], stderr[fitted], true[event]) for event, fitted in pairs]
+    empty = np.zeros(0)
+    return np.concatenate([empty, *(side[0] for side in sides)]), np.concatenate([empty, *(side[1] for side in sides)])

@@ -41,7 +41,7 @@ def random_temperature(duration: float, rng: np.random.Generator) -> Callable[[F
 
 def warmup(form: str, draw: Draw, scene: Scene) -> Effect:
     """Forms: "exponential", "two_exponentials" (electronics, then the body; ``tau`` is the first)."""
-    tau = float(draw.rng.uniform(4, min(15, scene.duration / 3)))
+    tau = float(draw.rng.uniform(4, np.clip(scene.duration / 3, 4, 15)))
     amplitude = uneven(draw, draw.size((0.25, 0.5), (0.8, 1.3), (2.5, 4.0)))
     slower = float(draw.rng.uniform(2.5, 5)) * tau
     second = 0.4 if form == "two_exponentials" else 0.0
