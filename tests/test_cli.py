@@ -27,7 +27,7 @@ SMOOTHED = ["bias_smooth", "drift_smooth", "bias_smooth_std", "drift_smooth_std"
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """The folder of a demonstration and what it printed. Its diagnosis is told the answer (test_demo.py has a real one)."""
+    """The folder of a demonstration and what it printed. Its diagnosis is told the answer; not so in test_demo.py."""
     folder, printed = tmp_path_factory.mktemp("demo") / "new" / "folder", io.StringIO()
     with contextlib.redirect_stdout(printed), pytest.MonkeyPatch.context() as patch:
         patch.setattr("ftbias_jax.commands.demo._diagnose", knowing_diagnosis)

@@ -54,7 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     setup = parse_setup(SETUP, "the demonstration's setup")
     truth = _simulate(setup, arguments.seed, count, arguments.rate)
-    log = Log(*(np.asarray(x) for x in (truth.t, truth.q, truth.dq, truth.wrench)), np.full(count, np.nan))
+    t, q, dq, wrench = (np.asarray(x) for x in (truth.t, truth.q, truth.dq, truth.wrench))
+    log = Log(t, q, dq, wrench, np.full(count, np.nan))
     _write(folder / "setup.toml", dump_setup(setup))
     results.save_npz(folder / "log.npz", {"t": log.t, "q": log.q, "dq": log.dq, "wrench": log.wrench})
     recorded = f"{arguments.duration:g} s at {arguments.rate:g} Hz"
@@ -87,7 +88,8 @@ def _simulate(setup: Setup, seed: int, count: int, rate: float) -> Simulation:
     t = jnp.arange(count) / rate
     trajectory = simulate.excitation_sines(motion_key, t, jnp.array(CENTER), jnp.array(EXCURSION))
     hidden = {"tool_mass": {"mass": jnp.asarray(TRUE_MASS)}}
-    return simulate.simulate(log_key, params_from_setup(setup), trajectory, hidden)
+    simulated: Simulation = simulate.simulate(log_key, params_from_setup(setup), trajectory, hidden)
+    return simulated
 
 
 def _filter(setup: Setup, log: Log, path: Path, label: str) -> Filtered:

@@ -113,6 +113,15 @@ def test_a_log_that_breaks_the_diagnosis_is_told_and_counts_as_wrong(make_set, a
     assert not (folder / "verdicts" / "log_000.json").exists()
 
 
+def test_several_processes_report_to_one(make_set):
+    """Their setups are empty, which no stand-in hides from a process of its own."""
+    folder = make_set({"log_000": {}, "log_001": {}, "log_002": {}})
+    score = run(protocols.withheld, folder, jobs=2)
+    assert sorted(score.troubles) == ["log_000", "log_001", "log_002"]
+    assert all(trouble.startswith("SetupError: ") for trouble in score.troubles.values())
+    assert score.content["score"]["false alarms on none"]["hits"] == 3
+
+
 def test_leaving_one_out_tells_the_diagnosis_what_not_to_name(make_set, asked):
     score = run(protocols.leave_one_out, make_set(SET))
     assert [(names, without) for _, _, names, without in asked] == [
