@@ -204,7 +204,7 @@ def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         "into the setup, filter again, and compare with the truth.",
     )
     parser.add_argument("-o", "--output", default="ftbias_demo", metavar="DIR", help="folder to write (%(default)s)")
-    parser.add_argument("--duration", type=_positive, default=40.0, metavar="S", help="seconds (%(default)s)")
+    parser.add_argument("--duration", type=_positive, default=30.0, metavar="S", help="seconds (%(default)s)")
     parser.add_argument("--rate", type=_positive, default=250.0, metavar="HZ", help="samples a second (%(default)s)")
     parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
 

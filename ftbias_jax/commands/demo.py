@@ -59,7 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
     _write(folder / "setup.toml", dump_setup(setup))
     results.save_npz(folder / "log.npz", {"t": log.t, "q": log.q, "dq": log.dq, "wrench": log.wrench})
     recorded = f"{arguments.duration:g} s at {arguments.rate:g} Hz"
-    print(f"a simulated Panda, {recorded}; its setup says that the tool weighs {setup.tool.mass} kg")
+    noise = "{0:g} N, {3:g} Nm".format(*setup.sensor.noise_std)
+    print(f"a simulated Panda, {recorded}, noise {noise}; its setup says that the tool weighs {setup.tool.mass} kg")
 
     before = _filter(setup, log, folder / "before.npz", "1 filter")
     print(f"1 filter    {_prediction(before)}")
@@ -67,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"2 diagnose  {_verdict(diagnosis)}")
     after = _filter(load_setup(folder / "fixed.toml"), log, folder / "after.npz", "3 filter")
     print(f"3 filter    {_prediction(after)}, with {folder / 'fixed.toml'}")
-    print(f"the truth   {TRUE_MASS} kg, and of the bias, after {SETTLED:g} s:")
+    print(f"the truth   mass = {TRUE_MASS} kg; the bias against its truth, after {SETTLED:g} s:")
     print(_against_truth(before, after, truth))
     names = ["setup.toml", "log.npz", "before.npz", "report.html", "fixed.toml", "after.npz"]
     names += _draw(folder, {"before": before, "after": after}, np.asarray(truth.bias))
