@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from ftbias_jax.errors import OutputError
 
@@ -39,6 +40,16 @@ def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], objec
     finally:
         with suppress(OSError):  # after the rename there is nothing left to remove
             os.unlink(temporary)
+
+
+def write_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None:
+    """Write plain dicts, lists, strings and numbers as JSON.
+
+    Raises:
+        OutputError: the file cannot be written there. ValueError: a number is not finite.
+    """
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    write_atomic(path, lambda file: file.write(text.encode()))
 
 
 def _write_new(path: str, write: Callable[[BinaryIO], object]) -> None:

@@ -46,6 +46,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     _add_diagnose(commands)
     _add_info(commands)
+    _add_blind(commands)
     _add_demo(commands)
     return parser
 
@@ -197,15 +198,47 @@ def _add_info(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     parser.add_argument("--setup", metavar="SETUP.toml", help="also tell whether LOG can be filtered with it")
 
 
+def _add_blind(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "blind",
+        help="check the diagnosis on logs whose cause is withheld",
+        description="Make labelled logs by physics that are not this package's, and score the diagnosis on them.",
+        epilog="Example: ftbias blind make SET --count 128 --seed 1, then ftbias blind score SET --jobs 2",
+    )
+    actions = parser.add_subparsers(dest="action", required=True, metavar="make|score")
+    maker = actions.add_parser("make", help="make logs by MuJoCo (needs the extra 'blind')")
+    maker.add_argument("output", metavar="OUT", help="new folder for logs, setups and truth.json")
+    maker.add_argument("--count", type=_count, default=128, metavar="N", help="logs (%(default)s)")
+    maker.add_argument("--seed", type=_seed, default=0, metavar="S", help="the same makes the same logs (%(default)s)")
+    effects = "all, catalogue, none, pairs, unlisted or names, by commas (%(default)s)"
+    maker.add_argument("--effects", default="all", metavar="NAMES", help=effects)
+    maker.add_argument(
+        "--duration", type=_numbers, default=(20.0, 60.0), metavar="S[,S]", help="shortest,longest (20,60)"
+    )
+    rates = (125.0, 200.0, 250.0, 400.0, 500.0)
+    maker.add_argument("--rate", type=_numbers, default=rates, metavar="HZ[,...]", help="to choose from (125 to 500)")
+    maker.add_argument("--plain", action="store_true", help="one clock and all velocities in every log")
+    scorer = actions.add_parser("score", help="diagnose every log of a set, then open truth.json and score")
+    scorer.add_argument("folder", metavar="DIR", help="a set: log_*.npz, log_*.toml, truth.json")
+    scorer.add_argument("--out", metavar="VERDICTS", help="folder of the verdicts; those there are kept (DIR/verdicts)")
+    scorer.add_argument("--json", metavar="OUT.json", help="where to write the score (VERDICTS/score.json)")
+    scorer.add_argument(
+        "--leave-one-out", action="store_true", help="leave each log's true effect out of the catalogue instead"
+    )
+    for one in (maker, scorer):
+        one.add_argument("--jobs", type=_count, default=1, metavar="N", help="processes (%(default)s)")
+
+
 def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser = commands.add_parser(
         "demo",
-        help="simulate a Panda with a drifting sensor and filter it; needs no files",
-        description="Simulate a Panda log with a drifting bias, filter it, and compare with the truth.",
+        help="simulate a Panda that is not as its setup says, filter, diagnose and mend it; needs no files",
+        description="Simulate a Panda log with an effect its setup does not know, filter it, find the effect, put it "
+        "into the setup, filter again, and compare with the truth.",
     )
     parser.add_argument("-o", "--output", default="ftbias_demo", metavar="DIR", help="folder to write (%(default)s)")
-    parser.add_argument("--duration", type=_positive, default=60.0, metavar="S", help="seconds (%(default)s)")
-    parser.add_argument("--rate", type=_positive, default=500.0, metavar="HZ", help="samples a second (%(default)s)")
+    parser.add_argument("--duration", type=_positive, default=30.0, metavar="S", help="seconds (%(default)s)")
+    parser.add_argument("--rate", type=_positive, default=250.0, metavar="HZ", help="samples a second (%(default)s)")
     parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
 
 
@@ -222,8 +255,8 @@ def _restarts(text: str) -> int:
 
 
 def _count(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 1024, not {text!r}")
+    if not text.isdecimal() or not 0 < int(text) <= 100_000:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 100000, not {text!r}")
     return int(text)
 
 
@@ -239,6 +272,10 @@ def _gate(text: str) -> float:
     if value < 1:
         raise argparse.ArgumentTypeError(f"must be 1 or more standard deviations, not {text!r}")
     return value
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    return tuple(_positive(number) for number in text.split(","))
 
 
 def _share(text: str) -> float:

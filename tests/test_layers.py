@@ -26,6 +26,7 @@ LAYERS = (
     "gap",
     "results plot report_svg report_plots report logs writers compilation",
     "filter_file archive workers",
+    "blind",
     "commands cli",
 )
 RANK = {name: rank for rank, name in enumerate(" ".join(LAYERS).split())}

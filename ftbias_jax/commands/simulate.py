@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ftbias_jax.atomic import write_atomic
+from ftbias_jax.atomic import write_json
 from ftbias_jax.commands.filter import check_outputs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.logs import read_log
@@ -60,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     log = {"t": simulated.t, "q": simulated.q, "dq": simulated.dq, "wrench": _reported(setup, simulated.wrench)}
     results.save_npz(arguments.output, log | ({"temperature": simulated.temperature} if measured else {}))
     if truth_path.endswith(".json"):
-        _write_json(truth_path, _truth_summary(simulated, effects, arguments.seed))
+        write_json(truth_path, _truth_summary(simulated, effects, arguments.seed))
     else:
         results.save_npz(truth_path, _truth_arrays(simulated, trajectory, effects))
     names = ", ".join(effects) or "none"
@@ -119,13 +118,6 @@ def _split_effect(text: str) -> tuple[str, dict[str, Any]]:
             remedy = "write key=value or key=1/2/3"
             raise UsageError(message, file="--effect", field=name, remedy=remedy) from error
     return name, values
-
-
-def _write_json(path: str, content: Mapping[str, Any]) -> None:
-    def write(file: BinaryIO) -> None:
-        file.write(json.dumps(content, indent=1).encode())
-
-    write_atomic(path, write)
 
 
 def _reported(setup: Setup, wrench: Array) -> Array:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from arms import Arm, Floats, random_arm
 from scipy.spatial.transform import Rotation
+
+from ftbias_jax.blind.generator.arms import Arm, Floats, random_arm
 
 
 @dataclass(frozen=True)

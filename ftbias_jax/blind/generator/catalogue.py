@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import loads
-import mechanical
-import sensing
-import slow
-import timing
-from effect import Builder
+from ftbias_jax.blind.generator import loads, mechanical, sensing, slow, timing
+from ftbias_jax.blind.generator.effect import Builder
 
 Entry = tuple[Builder, tuple[str, ...]]
 

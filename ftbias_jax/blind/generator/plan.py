@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from catalogue import ENTRIES, LISTED, TWINS, UNLISTED
+
+from ftbias_jax.blind.generator.catalogue import ENTRIES, LISTED, TWINS, UNLISTED
 
 T = TypeVar("T")
 
@@ -51,7 +52,7 @@ def make_plan(asked: str, count: int, seed: int) -> list[Job]:
     places = [((k + rng.uniform()) / weight, name) for name, weight in weights.items() for k in range(count)]
     picked = [name for _, name in sorted(places, key=lambda place: place[0])[:count]]
     unlisted = _deck(list(UNLISTED), rng)
-    levels = defaultdict(lambda: _deck([0, 1, 2], rng))
+    levels: defaultdict[str, Iterator[int]] = defaultdict(lambda: _deck([0, 1, 2], rng))
     forms = {name: _deck(list(options), rng) for name, (_, options) in ENTRIES.items()}
     jobs = []
     for group in picked:

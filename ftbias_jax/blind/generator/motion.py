@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from arms import Arm, Floats
 from scipy.interpolate import BPoly, PPoly
+
+from ftbias_jax.blind.generator.arms import Arm, Floats
 
 Motion = Callable[[Floats], tuple[Floats, Floats, Floats]]
 """t (T,) s -> q (T, n) rad, dq (T, n) rad/s, ddq (T, n) rad/s^2; defined before and after the log, too."""

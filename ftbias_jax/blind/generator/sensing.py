@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from arms import Floats
-from effect import Draw, Effect, Scene
 from scipy.signal import butter, firwin, lfilter, lfilter_zi
+
+from ftbias_jax.blind.generator.arms import Floats
+from ftbias_jax.blind.generator.effect import Draw, Effect, Scene
 
 GAIN, CROSSTALK, BENT, RIPPLE, HYSTERESIS, LOW_PASS = range(6)  # the order in which a wrench meets them
 

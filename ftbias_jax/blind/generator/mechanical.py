@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from arms import Floats
-from believed import Tool
-from effect import Draw, Effect, Scene
 from scipy.spatial.transform import Rotation
-from sprung import Sprung
-from world import Cable, cable_length, tool_path
+
+from ftbias_jax.blind.generator.arms import Floats
+from ftbias_jax.blind.generator.believed import Tool
+from ftbias_jax.blind.generator.effect import Draw, Effect, Scene
+from ftbias_jax.blind.generator.sprung import Sprung
+from ftbias_jax.blind.generator.world import Cable, cable_length, tool_path
 
 
 def tool_mass(form: str, draw: Draw, scene: Scene) -> Effect:

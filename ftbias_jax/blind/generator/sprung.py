@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from arms import Floats
-from believed import Tool
 from scipy.spatial.transform import Rotation
+
+from ftbias_jax.blind.generator.arms import Floats
+from ftbias_jax.blind.generator.believed import Tool
 
 SUBSTEP = 5e-4  # s of integration; the simulated wrench has twice that spacing
 SETTLE = 1.0  # s of heavy damping at the start, so that the log does not begin with ringing of the start itself

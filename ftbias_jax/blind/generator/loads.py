@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from arms import Floats
-from effect import Draw, Effect, Scene
-from sprung import Sprung
-from world import Load, ToolPath, World, tool_path
+
+from ftbias_jax.blind.generator.arms import Floats
+from ftbias_jax.blind.generator.effect import Draw, Effect, Scene
+from ftbias_jax.blind.generator.sprung import Sprung
+from ftbias_jax.blind.generator.world import Load, ToolPath, World, tool_path
 
 
 @dataclass(frozen=True)

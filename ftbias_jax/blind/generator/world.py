@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from arms import Arm, Floats
-from believed import Belief, Tool
-from motion import Motion
 from scipy.spatial.transform import Rotation
-from sprung import Sprung, sprung_mjcf, swing
+
+from ftbias_jax.blind.generator.arms import Arm, Floats
+from ftbias_jax.blind.generator.believed import Belief, Tool
+from ftbias_jax.blind.generator.motion import Motion
+from ftbias_jax.blind.generator.sprung import Sprung, sprung_mjcf, swing
 
 STEP = 1e-3  # s, spacing of simulated wrenches
 BEFORE, AFTER = 1.5, 0.5  # s simulated before and after the log, for delays, filters and jitter
@@ -49,7 +50,8 @@ class ToolPath:
 
     def velocity(self, point: Floats) -> Floats:
         """(T, 3) m/s, base frame, of that point."""
-        return np.gradient(self.points(point), self.t, axis=0)
+        velocity: Floats = np.gradient(self.points(point), self.t, axis=0).astype(np.float64)
+        return velocity
 
 
 Load = Callable[[ToolPath], tuple[Floats, Floats]]
@@ -92,7 +94,7 @@ def believed_world(belief: Belief) -> World:
 
 def time_grid(duration: float) -> Floats:
     """Simulated times, s, around a log from 0 to ``duration``."""
-    return np.arange(-round(BEFORE / STEP), round((duration + AFTER) / STEP) + 1) * STEP
+    return STEP * np.arange(-round(BEFORE / STEP), round((duration + AFTER) / STEP) + 1, dtype=np.float64)
 
 
 def wrench(world: World, motion: Motion, t: Floats) -> Floats:

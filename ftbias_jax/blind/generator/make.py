@@ -1,16 +1,11 @@
-#!/usr/bin/env python3
-"""Labelled logs by MuJoCo, for checking a diagnosis on effects and functional forms it was not built with.
-
-    python make_logs.py OUT --count 128 --seed 1 [--effects all] [--duration 20,60] [--rate 125,250,500] [--jobs 2]
-
-writes OUT/log_NNN.npz (what a user has), OUT/log_NNN.toml (what the user believes) and OUT/truth.json (for the scorer).
-"""
+"""Labelled logs by MuJoCo: log_NNN.npz (what a user has), log_NNN.toml (what the user believes) and truth.json."""
 
 from __future__ import annotations
 
-import argparse
 import json
-from collections.abc import Sequence
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -18,12 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from arms import Floats
-from believed import setup_toml
-from catalogue import ENTRIES, NEEDS_MOTION, STATISTICAL, UNLISTED
-from effect import Draw, Effect, Scene
-from plan import Job, groups, make_plan
-from recording import Reading, Timeline, gap_rms, in_sigmas, random_scene, record
+
+from ftbias_jax.blind.generator.arms import Floats
+from ftbias_jax.blind.generator.believed import setup_toml
+from ftbias_jax.blind.generator.catalogue import ENTRIES, NEEDS_MOTION, STATISTICAL, UNLISTED
+from ftbias_jax.blind.generator.effect import Draw, Effect, Scene
+from ftbias_jax.blind.generator.plan import Job, make_plan
+from ftbias_jax.blind.generator.recording import Reading, Timeline, gap_rms, in_sigmas, random_scene, record
 
 SMALLEST, LARGEST = 0.4, 20.0  # noise sigmas: gaps outside are drawn again with another scale
 SMALLEST_UNLISTED = 0.7
@@ -90,7 +86,7 @@ def make_log(index: int, job: Job, seed: int, limits: Limits, folder: Path) -> t
     effects = [effect for effect, _ in sized]
     columns, clean, noise_rms = record(scene, effects, timeline, seeds[6])
     name = f"log_{index:03d}"
-    np.savez_compressed(folder / f"{name}.npz", **columns)
+    np.savez_compressed(folder / f"{name}.npz", **columns)  # type: ignore[arg-type]
     (folder / f"{name}.toml").write_text(setup_toml(scene.belief))
     each = {effect.name: gap for effect, gap in sized}
     return name, truth(scene, effects, job.level, kind, clean, noise_rms) | {
@@ -104,7 +100,7 @@ def make_log(index: int, job: Job, seed: int, limits: Limits, folder: Path) -> t
 def truth(
     scene: Scene, effects: Sequence[Effect], level: int, kind: str, clean: Reading, noise_rms: Floats
 ) -> dict[str, Any]:
-    """A log's label: the structure of shared/data/gap_dev, and what else a scorer may want."""
+    """A log's label: what was done to it, and what else a scorer may want."""
     rms = gap_rms(scene, effects)
     seconds = (np.arange(int(scene.duration)) * scene.rate).round().astype(int)
     return {
@@ -124,51 +120,41 @@ def truth(
     }
 
 
-def numbers(text: str) -> tuple[float, ...]:
-    """Comma-separated positive numbers."""
-    values = tuple(float(value) for value in text.split(","))
-    if not all(value > 0 for value in values):
-        raise argparse.ArgumentTypeError(f"expected positive numbers, got {text!r}")
-    return values
+def make_set(
+    folder: Path,
+    asked: str,
+    count: int,
+    seed: int,
+    limits: Limits,
+    jobs: int = 1,
+    report: Callable[[int], None] = lambda done: None,
+) -> None:
+    """Write a set of logs, their setups and, when all are there, truth.json.
 
+    Args:
+        folder: an existing one. asked: effects, as ``plan.groups`` reads them. count: logs. seed: the same makes the
+            same logs, whatever ``jobs`` is. limits: durations, rates, streams. jobs: processes.
+        report: called with the number of logs that are finished.
 
-def effect_names(text: str) -> str:
-    """The text, once every name in it is known."""
-    try:
-        groups(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return text
+    Raises:
+        ValueError: an unknown effect.
+    """
+    plan = make_plan(asked, count, seed)
+    make = partial(make_log, seed=seed, limits=limits, folder=folder)
+    labels: dict[str, Any] = {}
 
+    def keep(made: tuple[str, dict[str, Any]]) -> None:
+        labels.update([made])
+        report(len(labels))
 
-def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path, metavar="OUT", help="folder to write, made if need be")
-    parser.add_argument("--count", type=int, default=128, help="logs (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="the same seed makes the same logs")
-    parser.add_argument(
-        "--effects", type=effect_names, default="all", help="all, catalogue, none, pairs, unlisted or names, by commas"
-    )
-    parser.add_argument("--duration", type=numbers, default=(20.0, 60.0), help="s: one value, or shortest,longest")
-    parser.add_argument("--rate", type=numbers, default=(125.0, 200.0, 250.0, 400.0, 500.0), help="Hz, to choose from")
-    parser.add_argument("--plain", action="store_true", help="one clock and all velocities in every log")
-    parser.add_argument("--jobs", type=int, default=1, help="processes (default: %(default)s)")
-    return parser.parse_args(arguments)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Make the logs of one folder."""
-    args = parse(arguments)
-    jobs = make_plan(args.effects, args.count, args.seed)
-    args.out.mkdir(parents=True, exist_ok=True)
-    limits = Limits((args.duration[0], args.duration[-1]), args.rate, args.plain)
-    make = partial(make_log, seed=args.seed, limits=limits, folder=args.out)
-    with ProcessPoolExecutor(args.jobs) as pool:
-        labels = dict(pool.map(make, range(len(jobs)), jobs))
-    (args.out / "truth.json").write_text(json.dumps(labels, indent=1))
-    print(f"{len(labels)} logs in {args.out}")
-
-
-if __name__ == "__main__":
-    main()
+    if jobs == 1:
+        for index, job in enumerate(plan):
+            keep(make(index, job))
+    else:
+        # New processes, not forks: the caller may have threads.
+        with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+            for made in pool.map(make, range(len(plan)), plan):
+                keep(made)
+    unfinished = folder / ".truth.json"
+    unfinished.write_text(json.dumps(labels, indent=1))
+    os.replace(unfinished, folder / "truth.json")

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from arms import Floats
-from believed import random_belief
-from effect import Effect, Scene
-from motion import random_motion
 from scipy.interpolate import CubicSpline
-from slow import bias_path, random_temperature
-from world import believed_world, time_grid, wrench
+
+from ftbias_jax.blind.generator.arms import Floats
+from ftbias_jax.blind.generator.believed import random_belief
+from ftbias_jax.blind.generator.effect import Effect, Scene
+from ftbias_jax.blind.generator.motion import random_motion
+from ftbias_jax.blind.generator.slow import bias_path, random_temperature
+from ftbias_jax.blind.generator.world import believed_world, time_grid, wrench
 
 THERMOMETER_STD = 0.02  # K
 

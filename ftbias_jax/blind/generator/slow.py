@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from arms import Floats
-from effect import Draw, Effect, Scene, uneven
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
+
+from ftbias_jax.blind.generator.arms import Floats
+from ftbias_jax.blind.generator.effect import Draw, Effect, Scene, uneven
 
 
 def bias_path(stamps: Floats, density: Floats, rng: np.random.Generator) -> Floats:
@@ -40,7 +41,7 @@ def random_temperature(duration: float, rng: np.random.Generator) -> Callable[[F
 
 def warmup(form: str, draw: Draw, scene: Scene) -> Effect:
     """Forms: "exponential", "two_exponentials" (electronics, then the body; ``tau`` is the first)."""
-    tau = float(draw.rng.uniform(4, min(15, scene.duration / 3)))
+    tau = float(draw.rng.uniform(4, np.clip(scene.duration / 3, 4, 15)))
     amplitude = uneven(draw, draw.size((0.25, 0.5), (0.8, 1.3), (2.5, 4.0)))
     slower = float(draw.rng.uniform(2.5, 5)) * tau
     second = 0.4 if form == "two_exponentials" else 0.0
@@ -119,9 +120,9 @@ def wandering_bursts(form: str, draw: Draw, scene: Scene) -> Effect:
     seconds = draw.rng.uniform(1.5, 4.0, 4)
 
     def slow(t: Floats) -> Floats:
-        loose = ((t[:, None] > starts) & (t[:, None] < starts + seconds)).any(1)
+        loose = np.any((t[:, None] > starts) & (t[:, None] < starts + seconds), 1)
         steps = np.sqrt(t[1] - t[0]) * stream().normal(size=(len(t), 6))
-        return np.cumsum(steps * loose[:, None], 0) * density
+        return np.cumsum(steps * np.asarray(loose)[:, None], 0) * density
 
     bursts = np.stack([starts, seconds], 1).tolist()
     return Effect("wandering_bursts", form, {"density": density.tolist(), "bursts": bursts}, slow=slow)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from arms import Floats
-from effect import Draw, Effect, Scene
+
+from ftbias_jax.blind.generator.arms import Floats
+from ftbias_jax.blind.generator.effect import Draw, Effect, Scene
 
 
 def time_delay(form: str, draw: Draw, scene: Scene) -> Effect:

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from arms import Floats
-from believed import Belief
-from motion import Motion
-from world import World
+
+from ftbias_jax.blind.generator.arms import Floats
+from ftbias_jax.blind.generator.believed import Belief
+from ftbias_jax.blind.generator.motion import Motion
+from ftbias_jax.blind.generator.world import World
 
 Booleans = np.ndarray
 

@@ -1,0 +1,50 @@
+#!/usr/bin/env python3
+"""Make a labelled set, diagnose it by both protocols and keep the score: python run.py [FOLDER].
+
+FOLDER keeps logs and verdicts, so that a run that was stopped goes on where it was.
+"""
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+
+from ftbias_jax.cli import main
+
+HERE = Path(__file__).parent
+
+
+def score(folder, out, jobs, *options):
+    """Score the set of a folder; the tables without the rows of single logs."""
+    path = out / "score.json"
+    if main(["blind", "score", str(folder), "--out", str(out), "--json", str(path), "--jobs", str(jobs), *options]):
+        raise SystemExit("a log has no diagnosis")
+    content = json.loads(path.read_text())
+    del content["rows"]
+    return content
+
+
+def run(folder, count, seed, jobs):
+    """Both protocols on one set."""
+    logs = folder / f"seed_{seed}"
+    if not (logs / "truth.json").exists() and main(
+        ["blind", "make", str(logs), "--count", str(count), "--seed", str(seed), "--jobs", str(jobs)]
+    ):
+        raise SystemExit("no set was made")
+    return {
+        "seed": seed,
+        "withheld": score(logs, folder / "verdicts", jobs),
+        "leave_one_out": score(logs, folder / "verdicts_without", jobs, "--leave-one-out"),
+    }
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, help="for logs and verdicts (default: a temporary one)")
+    parser.add_argument("--count", type=int, default=128)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=2)
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        result = run(asked.folder or Path(temporary), asked.count, asked.seed, asked.jobs)
+    (HERE / "result.json").write_text(json.dumps(result, indent=1) + "\n")
