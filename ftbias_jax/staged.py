@@ -46,7 +46,7 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
     Returns:
         the last state and the track of every sample.
     """
-    joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
+    joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples), True)
     wrench_tool, variance = predict_wrenches(params, joint_states(joint), samples, options)
     wrench = filter_scan(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
     return _last_state(joint, wrench), Staged(joint, wrench, wrench_tool)

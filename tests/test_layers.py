@@ -17,7 +17,7 @@ PACKAGE = Path(ftbias_jax.__file__).parent
 LAYERS = (
     "errors types setup_types rotations robots setup_fields urdf urdf_robot setup_parse setup_dump setup",
     "atomic npz_file progress",
-    "gaussian screws newton ascent inertia",
+    "small_matrices blocks gaussian screws newton ascent inertia",
     "noise wrench recursion",
     "joint_filter bias_filter effects",
     "pipeline staged trajectories simulate",
