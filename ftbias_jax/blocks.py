@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from ftbias_jax.types import Array
 
-WARM_UP = 256
+WARM_UP = 512
 """Samples that a guess is made of."""
 SHORTEST = 1024
 """Samples of a block, at least: the warm-up is to be a small part of it."""
@@ -42,13 +42,16 @@ def scan_blocks(
     xs: Any,
     blocks: int,
     agree: Agree,
+    cold: Callable[[Any, Any], Any] = lambda start, sample: start,
     reverse: bool = False,
 ) -> tuple[Any, Any, Any]:
     """``lax.scan`` of a body over independent lanes.
 
     Args:
         body: the recursion. constants, start, sums: leaves (B,). xs: leaves (T, B), blocks divides T.
-        blocks: how many, 1 = the plain scan. agree: decides when a round was the last. reverse: from the end.
+        blocks: how many, 1 = the plain scan. agree: decides when a round was the last.
+        cold: state that a warm-up starts from, of the start of the log and the first sample of the warm-up.
+        reverse: from the end.
 
     Returns:
         the last state and the sums, leaves (B,), and what was kept, leaves (T, B).
@@ -78,9 +81,9 @@ def scan_blocks(
         following = follow(state)
         return rounds + 1, agree(starts, following), following, state, sums, kept
 
-    near = slice(None, WARM_UP) if reverse else slice(-WARM_UP, None)
-    everywhere = jax.tree.map(lambda x: jnp.broadcast_to(x, (blocks, *x.shape)), start)
-    guess = follow(ends(everywhere, jax.tree.map(lambda x: x[near], xs))[0])
+    near = jax.tree.map(lambda x: x[:WARM_UP] if reverse else x[-WARM_UP:], xs)
+    everywhere = jax.tree.map(lambda x: jnp.tile(x, blocks), start)
+    guess = follow(ends(cold(everywhere, jax.tree.map(lambda x: x[-1 if reverse else 0], near)), near)[0])
     empty = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(ends, guess, xs))
     first = (0, jnp.array(False), guess, *empty)
     # After as many rounds as blocks the last one has started from an end that is final.

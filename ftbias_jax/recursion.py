@@ -141,7 +141,7 @@ def _forward(model: ProcessModel, inputs: Inputs, forgets: bool) -> _Step:
     xs = (dt, _lengthen(_entries(inputs.y), blocks, jnp.nan), variance)
     start = (list(inputs.mean), [list(row) for row in inputs.covariance])
     constants = (inputs.density, list(inputs.restart_variance))
-    kept = scan_blocks(body, constants, start, (), xs, blocks, _same_filter)[2]
+    kept = scan_blocks(body, constants, start, (), xs, blocks, _same_filter, _cold)[2]
     steps: _Step = jax.tree.map(lambda x: x[:length], kept)
     return steps
 
@@ -291,15 +291,21 @@ def _back_to_prediction(record: _Record, bar: _Cotangent, x: Vector, P: Rows) ->
     return x, P, y_bar, r_bar
 
 
+def _cold(start: tuple[Vector, Rows], sample: tuple[Array, Vector, Vector]) -> tuple[Vector, Rows]:
+    """The start of the log moved to where the first measured entry is."""
+    (x, P), y = start, sample[1][0]
+    return [jnp.where(jnp.isfinite(y), y, x[0]), *x[1:]], P
+
+
 def _same_filter(state: tuple[Vector, Rows], other: tuple[Vector, Rows]) -> Array:
-    """Equal but for what rounding of the positions does to the states, and for 1e-11 of their standard deviations."""
+    """Equal but for rounding of the positions and what it does to the states: 4e-10 standard deviations in float64."""
     (x, P), (y, S) = state, other
     eps = jnp.finfo(x[0].dtype).eps
     std = [jnp.sqrt(S[a][a]) for a in range(len(x))]
-    slack = 1e-3 * eps**0.5 + 16 * eps * jnp.abs(y[0]) / std[0]
+    slack = eps**0.6 + 16 * eps * jnp.abs(y[0]) / std[0]
     means = [jnp.abs(a - b) <= slack * s + 16 * eps * jnp.abs(b) for a, b, s in zip(x, y, std, strict=True)]
     pairs = [(a, b) for a in range(len(x)) for b in range(a, len(x))]
-    spreads = [jnp.abs(P[a][b] - S[a][b]) <= 256 * eps * std[a] * std[b] for a, b in pairs]
+    spreads = [jnp.abs(P[a][b] - S[a][b]) <= eps**0.6 * std[a] * std[b] for a, b in pairs]
     return jnp.stack([*means, *spreads]).all()
 
 
@@ -307,7 +313,7 @@ def _same_slopes(state: Any, other: Any) -> Array:
     """Equal but for rounding, measured by the largest slope of the same filter in any block."""
 
     def same(x: Array, y: Array) -> Array:
-        return (jnp.abs(x - y) <= 256 * jnp.finfo(x.dtype).eps * jnp.abs(y).max(0)[None]).all()
+        return (jnp.abs(x - y) <= jnp.finfo(x.dtype).eps ** 0.6 * jnp.abs(y).max(0)[None]).all()
 
     return jnp.stack(jax.tree.leaves(jax.tree.map(same, state, other))).all()
 
