@@ -35,6 +35,7 @@ from ftbias_jax.small_matrices import (
 )
 from ftbias_jax.types import Array
 
+
 class Inputs(NamedTuple):
     """What the filters see. k = states, m = measured entries (the first m), B = batch of independent filters."""
 
@@ -184,7 +185,9 @@ def _track(inputs: Inputs, steps: _Step) -> Track:
     m = len(weight)
     seen = [w > 0 for w in weight]
     squares = [v**2 * w for v, w in zip(innovation, weight, strict=True)]
-    logs = [jnp.log(jnp.where(s, w, 1)) - s * jnp.log(2 * jnp.pi).astype(w.dtype) for s, w in zip(seen, weight, strict=True)]
+    logs = [
+        jnp.log(jnp.where(s, w, 1)) - s * jnp.log(2 * jnp.pi).astype(w.dtype) for s, w in zip(seen, weight, strict=True)
+    ]
     x, P = steps.predicted_mean, steps.predicted_covariance
     raw = [jnp.where(s, inputs.y[:, j] - x[j], 0) for j, s in enumerate(seen)]
     spread = [P[j][j] + inputs.variance[:, j] for j in range(m)]

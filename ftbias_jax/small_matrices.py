@@ -1,4 +1,4 @@
-"""Small matrices as nested lists of entries, each an array over a batch: what the fast recursions compute with.
+"""Small matrices as nested lists of entries, each an array over a batch, for the fast recursions.
 
 XLA turns each entry into one vectorised loop over the batch, where a batch of 3 x 3 arrays would become many short ones.
 """
@@ -63,7 +63,7 @@ def symmetric(k: int, entry: Callable[[int, int], Array]) -> Rows:
 
 
 def joseph(P: Rows, gain: Vector, j: int, r: Array, weight: Array) -> Rows:
-    """(I - K c) P (I - K c)^T + K r K^T for c = e_j and weight 1 / s; 1 - K_j is taken as r / s, without cancellation."""
+    """(I - K c) P (I - K c)^T + K r K^T for c = e_j and weight 1 / s; 1 - K_j is r / s, without cancellation."""
     k = len(P)
     rest = jnp.where(weight > 0, r * weight, 1)
     left = [[P[a][b] - gain[a] * P[j][b] if a != j else rest * P[j][b] for b in range(k)] for a in range(k)]

@@ -84,13 +84,13 @@ def _piece_fwd(body: Body, *columns: Array) -> tuple[tuple[Array, Array], tuple[
 def _piece_bwd(residual: tuple[Body, tuple[Array, ...]], cotangent: tuple[Array, Array]) -> tuple[Body | Array, ...]:
     """Slopes by hand: twice the work of the wrench, where autodiff of so many small arrays takes ten times.
 
-    Each line is the adjoint of a line of ``_dynamics``; ``x_bar`` is the slope in x. (a x b) . c = a . (b x c) = b . (c x a).
+    Each line is the adjoint of a line of ``_dynamics``; ``x_bar`` is the slope in x. a x b . c = b x c . a = c x a . b.
     """
     body, (q, dq, ddq, *covariance) = residual
     geometry = _pose(body.arm, q)
     R, p, V, W = geometry
     theta, gravity = body.theta[:, None], jnp.broadcast_to(body.gravity[:, None], p.shape)
-    mass, first_moment = theta[0], jnp.broadcast_to(theta[1:4], p.shape)
+    mass, first_moment = theta[0, 0], jnp.broadcast_to(theta[1:4], p.shape)
     m = _moving(geometry, dq, ddq)
     f, w, w_rate, g = (_into(R, x) for x in (m.acceleration - gravity, m.w, m.w_rate, gravity))
     force, torque = cotangent[0][:3], cotangent[0][3:]
@@ -107,25 +107,29 @@ def _piece_bwd(residual: tuple[Body, tuple[Array, ...]], cotangent: tuple[Array,
     V_bar, W_bar, position_bar, g_bar = jnp.zeros_like(V), jnp.zeros_like(W), jnp.zeros_like(p), jnp.zeros_like(g)
     covariance_bar: tuple[Array, ...] = ()
     if covariance:
-        t, x, l, h, by_ddq, by_q = _sensitivity(theta, geometry, g)
+        turned, at_sensor, moved, falling, by_ddq, by_q = _sensitivity(theta, geometry, g)
         qq, qa, aa = (x[:, None] for x in covariance)
         bar = cotangent[1][None]
         covariance_bar = tuple((bar * y).sum(1) for y in (by_q**2, 2 * by_q * by_ddq, by_ddq**2))
-        ddq_force, ddq_torque = jnp.split(2 * bar * (by_q * qa + by_ddq * aa), 2, 1)
-        q_force, q_torque = jnp.split(2 * bar * (by_q * qq + by_ddq * qa), 2, 1)
-        c = jnp.broadcast_to(first_moment[None], t.shape)
-        l_bar = mass * ddq_force + _cross3(ddq_torque, c)
-        h_bar = mass * q_force + _cross3(q_torque, c)
-        t_bar = _cross3(c, ddq_force) + _turn(theta, ddq_torque) + _cross3(jnp.broadcast_to(g[None], t.shape), h_bar)
-        g_bar = _cross3(h_bar, t).sum(0)
-        mass_bar = mass_bar + (l * ddq_force + h * q_force).sum(0)
-        moment_bar = moment_bar + (_cross3(ddq_force, t) + _cross3(l, ddq_torque) + _cross3(h, q_torque)).sum(0)
-        inertia_bar = inertia_bar + jnp.einsum("nac,nbc->ab", ddq_torque, t)
-        V_bar, turned_bar = _apply3(R, l_bar), _apply3(R, t_bar)
+        ddq_force, ddq_torque = jnp.split(_hold(2 * bar * (by_q * qa + by_ddq * aa)), 2, 1)
+        q_force, q_torque = jnp.split(_hold(2 * bar * (by_q * qq + by_ddq * qa)), 2, 1)
+        c = jnp.broadcast_to(first_moment[None], turned.shape)
+        moved_bar = mass * ddq_force + _cross3(ddq_torque, c)
+        falling_bar = mass * q_force + _cross3(q_torque, c)
+        t_bar = _cross3(jnp.broadcast_to(g[None], turned.shape), falling_bar)
+        t_bar = t_bar + _cross3(c, ddq_force) + _turn(theta, ddq_torque)
+        moved_bar, falling_bar, t_bar = _hold(moved_bar), _hold(falling_bar), _hold(t_bar)
+        g_bar = _cross3(falling_bar, turned).sum(0)
+        mass_bar = mass_bar + (moved * ddq_force + falling * q_force).sum(0)
+        crosses = _cross3(ddq_force, turned) + _cross3(moved, ddq_torque) + _cross3(falling, q_torque)
+        moment_bar = moment_bar + crosses.sum(0)
+        inertia_bar = inertia_bar + jnp.einsum("nac,nbc->ab", ddq_torque, turned)
+        V_bar, turned_bar = _apply3(R, moved_bar), _apply3(R, t_bar)
+        V_bar, turned_bar = _hold(V_bar), _hold(turned_bar)
         W_bar = turned_bar + _cross3(jnp.broadcast_to(p[None], W.shape), V_bar)
         position_bar = _cross3(V_bar, W).sum(0)
-        torque_of_turn = (_cross3(turned_bar, W) + _cross3(V_bar, x)).sum(0)
-        rotation_bar = sum(y[:, :, None] * z[:, None] for y, z in ((W, t_bar), (x, l_bar))).sum(0)
+        torque_of_turn = (_cross3(turned_bar, W) + _cross3(V_bar, at_sensor)).sum(0)
+        rotation_bar = sum(y[:, :, None] * z[:, None] for y, z in ((W, t_bar), (at_sensor, moved_bar))).sum(0)
     else:
         torque_of_turn, rotation_bar = jnp.zeros_like(p), jnp.zeros_like(R)
 
@@ -135,6 +139,9 @@ def _piece_bwd(residual: tuple[Body, tuple[Array, ...]], cotangent: tuple[Array,
     base = ((a_bar, m.acceleration - gravity), (w_bar, m.w), (w_rate_bar, m.w_rate), (g_bar, gravity))
     torque_of_turn = torque_of_turn + sum(_cross(y, z) for y, z in base)
 
+    a_bar, w_bar, w_rate_bar, g_bar, torque_of_turn, position_bar = _hold(
+        jnp.stack([a_bar, w_bar, w_rate_bar, g_bar, torque_of_turn, position_bar])
+    )
     v_bar = _cross(a_bar, m.w)
     position_bar = position_bar + _cross(a_bar, m.w_rate) + _cross(v_bar, m.w)
     w_bar = w_bar + _cross(m.v + _cross(m.w, p), a_bar) + _cross(p, v_bar)
@@ -143,9 +150,11 @@ def _piece_bwd(residual: tuple[Body, tuple[Array, ...]], cotangent: tuple[Array,
     dv_bar = _cross3(a3, m.w_before) + v_bar[None] + _after(_cross3(m.dw, a3))
     dw_bar = _cross3(w3, m.w_before) + _cross3(a3, m.v_before) + w_bar[None]
     dw_bar = dw_bar + _after(_cross3(m.dw, w3) + _cross3(m.dv, a3))
+    dv_bar, dw_bar = _hold(dv_bar), _hold(dw_bar)
     dq_bar, ddq_bar = (V * dv_bar + W * dw_bar).sum(1), (V * a3 + W * w3).sum(1)
     V_bar, W_bar = V_bar + dq[:, None] * dv_bar + ddq[:, None] * a3, W_bar + dq[:, None] * dw_bar + ddq[:, None] * w3
 
+    V_bar, W_bar = _hold(V_bar), _hold(W_bar)
     # A joint moves everything behind it by its twist: d J_k / d q_j = ad(J_j) J_k for j < k.
     turn = _after(_cross3(V, V_bar) + _cross3(W, W_bar)) + (torque_of_turn + _cross(p, position_bar))[None]
     push = _after(_cross3(W, V_bar)) + position_bar[None]
@@ -192,11 +201,12 @@ def _sensitivity(theta: Array, geometry: Geometry, g: Array) -> tuple[Array, ...
     """Columns of the sensor Jacobian and the wrench per ddq and q that they make (wrench.joint_sensitivity)."""
     R, p, V, W = geometry
     at_sensor = V + _cross3(W, jnp.broadcast_to(p[None], W.shape))
-    turned, moved = _into3(R, W), _into3(R, at_sensor)
-    falling = _cross3(turned, jnp.broadcast_to(g[None], turned.shape))
+    at_sensor = _hold(at_sensor)
+    turned, moved = _hold(_into3(R, W)), _hold(_into3(R, at_sensor))
+    falling = _hold(_cross3(turned, jnp.broadcast_to(g[None], turned.shape)))
     by_ddq = jnp.concatenate(_inertial(theta, moved, turned), 1)
     by_q = jnp.concatenate(_inertial(theta, falling, jnp.zeros_like(turned)), 1)
-    return turned, at_sensor, moved, falling, by_ddq, by_q
+    return turned, at_sensor, moved, falling, _hold(by_ddq), _hold(by_q)
 
 
 def _dynamics(body: Body, geometry: Geometry, dq: Array, ddq: Array, *covariance: Array) -> tuple[Array, Array]:
@@ -221,11 +231,13 @@ def _pose(arm: Arm, q: Array) -> Geometry:
     sin, versine = jnp.sin(q), 2 * jnp.sin(q / 2) ** 2
     identity = jnp.eye(3, dtype=q.dtype)[:, :, None]
 
-    def joint(pose: tuple[Array, Array], constants: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    def joint(
+        pose: tuple[Array, Array], constants: tuple[Array, ...]
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         R, p = pose
         v, s, skew, skew_squared, skew_v, skew_squared_v, q, sin, versine = constants
-        rotation = identity + sin * skew[:, :, None] + versine * skew_squared[:, :, None]
-        translation = q * v[:, None] + versine * skew_v[:, None] + (q - sin) * skew_squared_v[:, None]
+        rotation = identity + sin[None, None] * skew[:, :, None] + versine[None, None] * skew_squared[:, :, None]
+        translation = q[None] * v[:, None] + versine[None] * skew_v[:, None] + (q - sin)[None] * skew_squared_v[:, None]
         angular = _apply(R, s[:, None])
         linear = _apply(R, v[:, None]) + _cross(p, angular)
         product = sum(R[:, k, None] * rotation[None, k] for k in range(3))
@@ -241,7 +253,7 @@ def _pose(arm: Arm, q: Array) -> Geometry:
 def _inertial(theta: Array, linear: Array, angular: Array) -> tuple[Array, Array]:
     """Force and torque (n, 3, C) that linear and angular acceleration cost without rotation; theta (10, 1)."""
     c = jnp.broadcast_to(theta[None, 1:4], linear.shape)
-    return theta[0] * linear - _cross3(c, angular), _cross3(c, linear) + _turn(theta, angular)
+    return theta[0, 0] * linear - _cross3(c, angular), _cross3(c, linear) + _turn(theta, angular)
 
 
 def _turn(theta: Array, angular: Array) -> Array:
@@ -251,14 +263,19 @@ def _turn(theta: Array, angular: Array) -> Array:
     return sum(column * angular[:, k, None] for k, column in enumerate(columns))
 
 
+def _hold(x: Array) -> Array:
+    """x, worked out once: XLA works sums and products out again for all that uses them, a matrix product never."""
+    return jnp.tensordot(jnp.eye(x.shape[0], dtype=x.dtype), x, 1)
+
+
 def _apply(R: Array, x: Array) -> Array:
     """R x for every sample: (3, 3, C), (3, C or 1) -> (3, C)."""
-    return sum(R[:, k] * x[k] for k in range(3))
+    return sum(R[:, k] * x[k][None] for k in range(3))
 
 
 def _into(R: Array, x: Array) -> Array:
     """R^T x for every sample."""
-    return sum(R[k] * x[k] for k in range(3))
+    return sum(R[k] * x[k][None] for k in range(3))
 
 
 def _into3(R: Array, x: Array) -> Array:

@@ -18,7 +18,7 @@ LAYERS = (
     "errors types setup_types rotations robots setup_fields urdf urdf_robot setup_parse setup_dump setup",
     "atomic npz_file progress",
     "small_matrices blocks gaussian screws newton ascent inertia",
-    "noise wrench recursion",
+    "noise wrench wrench_batch recursion",
     "joint_filter bias_filter effects",
     "pipeline staged trajectories simulate",
     "smooth likelihood consistency batch",
