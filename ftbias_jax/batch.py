@@ -21,11 +21,11 @@ from ftbias_jax.types import Array, Gaussian, Log, Sample
 CHUNK = 1 << 14
 """Samples filtered at once: one compiled program for every long log, and memory that does not grow with the log."""
 
-
 LAG_GUARD = 8.0
-"""The joints' process noise is taken this much above the likeliest. The likelihood trades noise of the acceleration
-against its lag at par, but the bias filter averages noise out and keeps the lag, which moves with the motion. On
-simulated logs the bias errors are smallest and the error bars hold around 8 (experiments/joint_noise)."""
+"""To filter, the joints' process noise is taken this much above what the setup states or the log makes likeliest. The
+likelihood trades noise of the acceleration against its lag at par, but the bias filter averages noise out and keeps the
+lag, which moves with the motion. On simulated logs the bias errors are smallest and the error bars hold around 8
+(experiments/joint_noise)."""
 
 
 class Filtered(NamedTuple):
@@ -66,14 +66,24 @@ class Summary(NamedTuple):
 
 
 def params_for_log(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
-    """Parameters from a setup; a joint process noise the setup leaves open is chosen from the log, see LAG_GUARD."""
+    """Parameters to filter a log with: those of ``likeliest_params``, with the joints' process noise guarded."""
+    return guard_against_lag(likeliest_params(setup, samples, options))
+
+
+def guard_against_lag(params: Params) -> Params:
+    """The joints' process noise LAG_GUARD times as large: for filtering, not for smoothing, which has no lag."""
+    return params._replace(joint=params.joint._replace(process_density=LAG_GUARD * params.joint.process_density))
+
+
+def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
+    """Parameters from a setup; a joint process noise the setup leaves open is the likeliest of the log."""
     params = pipeline.params_from_setup(setup, samples.q.dtype)
     if setup.joints.process_noise_density is not None:
         return params
     part = jax.tree.map(lambda x: x[:CHUNK], samples)
     part = pipeline.pad(part, _bucket(part.dt.shape[0]))
     likeliest = joint_filter.likeliest_density(params.joint, part.dt, part.q, part.dq, options.joint_model)
-    return params._replace(joint=params.joint._replace(process_density=LAG_GUARD * likeliest))
+    return params._replace(joint=params.joint._replace(process_density=likeliest))
 
 
 def filter_log(
@@ -135,7 +145,7 @@ def smooth_log(
     """Bias and drift given the whole log, past and future.
 
     Args:
-        as for ``filter_log``; the whole log is held in memory, about 2 kB a sample.
+        as for ``filter_log``, but best with ``likeliest_params``; the whole log is held in memory, about 2 kB a sample.
 
     Returns:
         means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_log``.

@@ -116,7 +116,8 @@ def _best_physical(linear: Linear, x: np.ndarray, prior: Prior) -> np.ndarray:
         z, slope = (np.asarray(value) for value in _physical_and_slope(jnp.asarray(x)))
         gradient = slope.T @ (pull + linear.information @ (z - linear.at)) + weight * (x - prior.mean)
         normal = slope.T @ linear.information @ slope + np.diag(weight)
-        trial = x - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+        trial = x - step / max(1.0, np.abs(step / prior.std).max())  # logarithms: a long step would overflow
         new = cost(trial)
         if new < current:
             gained, x, current, damping = current - new, trial, new, damping / 10

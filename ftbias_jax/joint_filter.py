@@ -65,27 +65,31 @@ def likeliest_density(noise: JointNoise, dt: Array, q: Array, dq: Array, model: 
     """Process noise density of every joint that makes its measurements likeliest: (n,), noise.process_density unused.
 
     How fast a robot's acceleration changes differs by orders of magnitude between motions, and nobody knows the
-    number. A grid of factor two is searched and refined by a parabola through the best three points, for the
-    likelihood of one joint has a single broad maximum.
+    number. The likelihood of one joint has a single broad maximum: a grid of factor four is searched, then a fine one
+    between the neighbours of its best point, refined by a parabola through the best three points.
 
     Args:
         noise: measurement noise and prior. dt: (T,) s. q, dq: (T, n). model: key of noise.JOINT_MODELS.
     """
-    exponent = jnp.arange(-8.0, 12.0, dtype=q.dtype)
-    score = _score_densities(noise, dt, q, dq, 2**exponent, model)
-    best = jnp.clip(jnp.argmax(score, 0), 1, exponent.shape[0] - 2)
-    low, middle, high = (jnp.take_along_axis(score, best[None] + i, 0)[0] for i in (-1, 0, 1))
+    grid = jnp.linspace(-8, 12, 11, dtype=q.dtype)
+    exponents = jnp.broadcast_to(grid[:, None], (11, q.shape[1]))
+    best = jnp.argmax(_score_densities(noise, dt, q, dq, 2**exponents, model), 0)
+    exponents = grid[best][None] + jnp.linspace(-2, 2, 11, dtype=q.dtype)[:, None]
+    score = _score_densities(noise, dt, q, dq, 2**exponents, model)
+    best = jnp.clip(jnp.argmax(score, 0), 1, 9)[None]
+    low, middle, high = (jnp.take_along_axis(score, best + i, 0)[0] for i in (-1, 0, 1))
     curvature = low - 2 * middle + high
     shift = jnp.where(curvature < 0, (low - high) / (2 * jnp.where(curvature < 0, curvature, -1)), 0)
-    return 2 ** (exponent[best] + jnp.clip(shift, -1, 1))
+    spacing = exponents[1] - exponents[0]
+    return 2 ** (jnp.take_along_axis(exponents, best, 0)[0] + spacing * jnp.clip(shift, -1, 1))
 
 
 @partial(jax.jit, static_argnames="model")
 def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densities: Array, model: str) -> Array:
-    """Log-likelihood (G, n) of each joint's measurements for each density of a grid (G,)."""
+    """Log-likelihood (G, n) of each joint's measurements for each density of its grid (G, n)."""
 
     def score(density: Array) -> Array:
-        at_density = noise._replace(process_density=jnp.broadcast_to(density, q.shape[1:]))
+        at_density = noise._replace(process_density=density)
 
         def body(
             carry: tuple[Gaussian, Array], sample: tuple[Array, Array, Array]

@@ -15,6 +15,7 @@ from ftbias_jax import pipeline, staged
 from ftbias_jax.noise import JOINT_MODELS, drift_noise
 from ftbias_jax.pipeline import DEFAULT_OPTIONS, Info, Options, Params, State
 from ftbias_jax.recursion import Inputs, filter_scan
+from ftbias_jax.smooth import smooth_joints
 from ftbias_jax.types import Array, Gaussian, Sample
 
 
@@ -57,6 +58,22 @@ def joint_log_likelihood(
     """The joints' part alone, () nats; arguments as for ``log_likelihood``."""
     inputs = staged.joint_inputs(params, pipeline.init(params, samples), samples)
     track = filter_scan(JOINT_MODELS[options.joint_model], inputs)
+    return (counted(samples.dt, burn_in) * track.log_likelihood.sum(1)).sum()
+
+
+@partial(jax.jit, static_argnames="options")
+def wrench_given_joints(
+    params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
+) -> Array:
+    """Log-likelihood, () nats, of the wrench given all joint measurements, past and future: of smoothed joints.
+
+    Together with ``joint_log_likelihood`` it is the density of the whole log, p(joints) p(wrench | joints), where
+    ``log_likelihood`` takes the wrench given the joints' past, as a filter must. Arguments as there.
+    """
+    start = pipeline.init(params, samples)
+    joints = smooth_joints(params, start, samples, options)
+    wrench_tool, variance = staged.predict_wrenches(params, joints, samples, options)
+    track = filter_scan(drift_noise, staged.bias_inputs(params, start, samples, wrench_tool, variance))
     return (counted(samples.dt, burn_in) * track.log_likelihood.sum(1)).sum()
 
 

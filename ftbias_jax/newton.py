@@ -2,13 +2,17 @@
 
 The likelihood is a sum over lanes (a joint or an axis each), so its Hessian is one small block a lane, which as many
 gradients as a lane has parameters determine; tying is a linear map of the logarithms. All gradients of an iteration run
-side by side in one vmapped call, which costs little more than one of them.
+side by side in one vmapped call, which costs little more than one of them. The data come in equal parts that are worked
+through one after the other, so that memory is bounded by a part; the first parts alone lead most of the way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,17 +20,30 @@ import numpy as np
 
 from ftbias_jax.types import Array
 
-LaneScore = Callable[[Array], Array]
-"""(K, N) logarithms of K parameters of N lanes -> (N,) nats."""
+LaneScore = Callable[[Array, Any], Array]
+"""(K, N) logarithms of K parameters of N lanes, and a part of the data -> (N,) nats. Scores that are equal and hash
+alike share one compiled program."""
+
+Report = Callable[[int, float], None]
+"""Told (iteration, nats)."""
 
 MAX_ITERATIONS = 60
 LONGEST_STEP = 1.5
 """Of a logarithm in one iteration: a factor of 4.5."""
-STEP_LENGTHS = np.array([1.0, 0.3, 0.05])
-SMALL_GAIN = 1e-5
-"""nats; converged when a further step is expected to gain less: far inside every standard error."""
+SHORTEN = 0.3
+"""A step that does not gain is shortened by this, at most SHORTENINGS times."""
+SHORTENINGS = 4
+SMALL_GAIN = 1e-3
+"""nats; converged when a further step promises less: 0.05 standard errors. That step is taken unseen."""
+SMALL_GAIN_OF_PARTS = 0.1
+"""nats; the optimum of a part of the data is some standard errors from that of all, so it need not be exact."""
+GROWTH = 16
 UNDETERMINED = 1.0
 """A combination of logarithms with a larger standard error is not determined by the data."""
+THREADS = min(4, os.cpu_count() or 1)
+"""Parts that are worked on at the same time: a recursion over time keeps one core busy."""
+DIFFERENCE = 1e-4
+"""Of a logarithm, to take the Hessian by differences of gradients."""
 
 
 class Optimum(NamedTuple):
@@ -39,45 +56,103 @@ class Optimum(NamedTuple):
     information: np.ndarray
     """(P, P) observed Fisher information of the logarithms."""
     value: float
-    """Log-likelihood, nats."""
-    start_value: float
+    """Log-likelihood, nats; at most SMALL_GAIN below that of the place."""
+    iterations: int
+    """Over all data; those over parts of it are not counted."""
+    converged: bool
+    starts: int
+    agreeing: int
+    """How many of the starts led to the same likelihood."""
+
+
+class _Point(NamedTuple):
+    """The likelihood at a place."""
+
+    z: np.ndarray
+    value: float
+    slope: np.ndarray
+    """(P,)."""
+    information: np.ndarray
+    """(P, P) minus the Hessian."""
+
+
+class _Climb(NamedTuple):
+    """Where iterations ended."""
+
+    at: _Point
+    beyond: np.ndarray
+    """The place and a last small step, taken unseen."""
     iterations: int
     converged: bool
 
 
+Total = Callable[[float, np.ndarray], tuple[float, np.ndarray]]
+"""Value and slopes of this process -> their sums over all processes."""
+
+
+def alone(value: float, slopes: np.ndarray) -> tuple[float, np.ndarray]:
+    """The sums where there is one process."""
+    return value, slopes
+
+
+def quiet(iteration: int, value: float) -> None:
+    """Reports to nobody."""
+
+
 def maximise(
     score: LaneScore,
-    start: np.ndarray,
+    parts: Sequence[Any],
+    starts: np.ndarray,
     index: np.ndarray,
-    report: Callable[[int, float], None] = lambda iteration, value: None,
+    report: Report = quiet,
+    total: Total = alone,
 ) -> Optimum:
-    """Damped Newton iterations with a parallel line search; needs double precision.
+    """Damped Newton iterations; needs double precision.
 
     Args:
-        score: per-lane log-likelihood, differentiable. start: (P,) logarithms to start from.
+        score: per-lane log-likelihood of a part, differentiable in the logarithms. parts: of the data, pytrees of
+            arrays of the same shapes; the likelihood is the sum over them. starts: (S, P) logarithms to start from;
+            the best of where they lead, by the first part of the data, is pursued.
         index: (K, N) which free value each entry of the score's argument is. report: told (iteration, nats).
+        total: adds the processes that work together, each on parts of its own (distributed.py); all of them then take
+            the same steps, over all their parts from the start.
     """
-    values = jax.jit(jax.vmap(lambda x: score(x).sum()))
-    slopes = jax.jit(jax.vmap(jax.grad(lambda x: score(x).sum())))
-    z = np.asarray(start, float)
-    value = start_value = float(values(jnp.stack([jnp.asarray(z[index])] * len(STEP_LENGTHS)))[0])
-    converged = False
-    for iteration in range(1, MAX_ITERATIONS + 1):
-        slope, information = _derivatives(slopes, z, index)
-        step, gain = _ascent(slope, information)
-        if gain < SMALL_GAIN:
-            converged = True
-            break
-        candidates = z + STEP_LENGTHS[:, None] * step
-        trial = np.asarray(values(jnp.asarray(candidates[:, index])))
-        trial = np.where(np.isfinite(trial), trial, -np.inf)
-        best = int(trial.argmax())
-        report(iteration, max(value, float(trial[best])))
-        if trial[best] <= value:  # rounding hides what is left to gain
-            converged = gain < 1e-2
-            break
-        z, value = candidates[best], float(trial[best])
-    return Optimum(z, standard_errors(information), information, value, start_value, iteration, converged)
+    counts = _growing(len(parts)) if total is alone else [len(parts)]
+    smalls = [SMALL_GAIN_OF_PARTS] * (len(counts) - 1) + [SMALL_GAIN]
+    climbs = [_climb(partial(_evaluate, score, parts[: counts[0]], index, total), z, smalls[0], report) for z in starts]
+    best = max(climbs, key=lambda climb: _finite(climb.at.value))
+    agreeing = sum(climb.at.value > best.at.value - 2 * smalls[0] for climb in climbs)
+    for count, small in zip(counts[1:], smalls[1:], strict=True):
+        best = _climb(partial(_evaluate, score, parts[:count], index, total), best.beyond, small, report)
+    information = best.at.information
+    return Optimum(
+        best.beyond,
+        standard_errors(information),
+        information,
+        best.at.value,
+        best.iterations,
+        best.converged,
+        len(climbs),
+        agreeing,
+    )
+
+
+def _growing(count: int) -> list[int]:
+    """How many parts lead the way: 1, 16, 256 ... and all of them."""
+    return [GROWTH**i for i in range(count) if GROWTH**i < count] + [count]
+
+
+def for_each(function: Callable[[Any], Any], parts: Sequence[Any]) -> list[Any]:
+    """A compiled function of every part of the data, some at a time; its results as numpy arrays."""
+
+    def one(part: Any) -> Any:
+        return jax.tree.map(np.asarray, function(part))
+
+    if len(parts) == 1:
+        return [one(parts[0])]
+    first = one(parts[0])  # compiles, once
+    with ThreadPoolExecutor(THREADS) as pool:
+        return [first, *pool.map(one, parts[1:])]
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
@@ -99,18 +174,51 @@ def undetermined(information: np.ndarray, names: list[str]) -> list[str]:
     return phrases
 
 
-def _derivatives(slopes: Callable[[Array], Array], z: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gradient (P,) and minus Hessian (P, P) by differences of gradients, all lanes at once."""
-    K, P, h = len(index), len(z), 1e-4
+def _climb(evaluate: Callable[[np.ndarray], _Point], start: np.ndarray, small: float, report: Report) -> _Climb:
+    """Newton's iterations until a step promises less than ``small``."""
+    here = evaluate(start)
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        step, gain = _ascent(here.slope, here.information)
+        if gain < small:
+            return _Climb(here, here.z + step, iteration, True)
+        for shortening in range(SHORTENINGS + 1):
+            there = evaluate(here.z + SHORTEN**shortening * step)
+            if _finite(there.value) > _finite(here.value):
+                break
+        else:  # rounding hides what is left to gain
+            return _Climb(here, here.z, iteration, gain < 1e-2)
+        here = there
+        report(iteration, here.value)
+    return _Climb(here, here.z, MAX_ITERATIONS, False)
+
+
+def _finite(value: float) -> float:
+    """Nonsense is worse than anything."""
+    return value if np.isfinite(value) else -np.inf
+
+
+def _evaluate(score: LaneScore, parts: Sequence[Any], index: np.ndarray, total: Total, z: np.ndarray) -> _Point:
+    """Value, gradient and minus Hessian, the latter by differences of gradients, all lanes at once."""
+    K, P = len(index), len(z)
     x = z[index]
-    slope = np.asarray(slopes(jnp.asarray(np.concatenate([x[None], x + h * np.eye(K)[:, :, None]]))))
-    blocks = (slope[1:] - slope[0]) / h  # (K, K, N)
+    points = jnp.asarray(np.concatenate([x[None], x + DIFFERENCE * np.eye(K)[:, :, None]]))
+    value, slope = 0.0, np.zeros(points.shape)
+    for values, slopes in for_each(partial(_values_and_slopes, score, points), parts):
+        value, slope = value + float(values[0]), slope + slopes
+    value, slope = total(value, slope)
+    blocks = (slope[1:] - slope[0]) / DIFFERENCE  # (K, K, N)
     gradient, hessian = np.zeros(P), np.zeros((P, P))
     np.add.at(gradient, index, slope[0])
     for a in range(K):
         for b in range(K):
             np.add.at(hessian, (index[a], index[b]), blocks[a, b])
-    return gradient, -(hessian + hessian.T) / 2
+    return _Point(z, value, gradient, -(hessian + hessian.T) / 2)
+
+
+@partial(jax.jit, static_argnames="score")
+def _values_and_slopes(score: LaneScore, points: Array, part: Any) -> tuple[Array, Array]:
+    """Of (M, K, N) points: nats (M,) and their derivatives (M, K, N)."""
+    return jax.vmap(jax.value_and_grad(lambda x: score(x, part).sum()))(points)
 
 
 def _ascent(slope: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, float]:

@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 
 from ftbias_jax import gaussian
+from ftbias_jax.backward import smooth_track
 from ftbias_jax.noise import JOINT_MODELS, bias_drift_noise, drift_noise
 from ftbias_jax.pipeline import DEFAULT_OPTIONS, Options, Params, State
-from ftbias_jax.recursion import Inputs, smooth_scan
+from ftbias_jax.recursion import Inputs, filter_scan
 from ftbias_jax.staged import bias_inputs, joint_inputs, predict_wrenches
 from ftbias_jax.types import Array, Gaussian, Sample
 
@@ -39,14 +40,15 @@ def smooth_bias(params: Params, filtered: Gaussian, dt: Array) -> Gaussian:
 @jax.jit
 def smooth_axes(inputs: Inputs) -> tuple[Array, Array]:
     """The same for independent axes, from ``staged.bias_inputs``: means and standard deviations (T, 2, 6)."""
-    smoothed = smooth_scan(drift_noise, inputs)
+    smoothed = smooth_track(drift_noise, inputs, filter_scan(drift_noise, inputs))
     return smoothed.mean, jnp.sqrt(jnp.swapaxes(jnp.diagonal(smoothed.covariance, axis1=1, axis2=2), 1, 2))
 
 
 @partial(jax.jit, static_argnames="options")
 def smooth_joints(params: Params, state: State, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Gaussian:
     """Joint states given the whole log: mean (T, n, 3) and covariance (T, n, 3, 3)."""
-    smoothed = smooth_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
+    model, inputs = JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples)
+    smoothed = smooth_track(model, inputs, filter_scan(model, inputs))
     return Gaussian(jnp.swapaxes(smoothed.mean, 1, 2), jnp.moveaxis(smoothed.covariance, -1, 1))
 
 

@@ -166,9 +166,11 @@ def test_summary_is_the_formulas_in_a_loop():
     np.testing.assert_allclose(got.mean_nis, fields["nis"].sum() / np.isfinite(corrected).sum())
 
 
-def test_a_stated_density_is_kept(samples):
+def test_a_stated_density_is_kept_to_smooth_and_guarded_to_filter(samples):
     setup = parse_setup({**SETUP, "joints": {**SETUP["joints"], "process_noise_density": [1, 2, 3]}})
-    np.testing.assert_array_equal(batch.params_for_log(setup, samples).joint.process_density, [1, 2, 3])
+    np.testing.assert_array_equal(batch.likeliest_params(setup, samples).joint.process_density, [1, 2, 3])
+    guarded = batch.params_for_log(setup, samples).joint.process_density
+    np.testing.assert_array_equal(guarded, batch.LAG_GUARD * np.array([1, 2, 3]))
 
 
 def test_a_density_left_open_is_the_true_one_times_the_guard():

@@ -225,5 +225,20 @@ def test_likeliest_density_finds_what_the_data_were_made_with():
         tried = noise._replace(process_density=found * factor)
         return np.asarray(run(tried, dt, q, dq, "integrated_jerk")[1].log_likelihood.sum(0))
 
-    assert (score(0.5) < score(1.0)).all()
-    assert (score(2.0) < score(1.0)).all()
+    assert (score(0.95) < score(1.0)).all()
+    assert (score(1.05) < score(1.0)).all()
+
+
+def test_likeliest_density_of_a_violent_log():
+    """Accelerations that jump are no white jerk: the likelihood is far from a parabola over an octave."""
+    dt = np.r_[0.0, np.full(299, 0.01)]
+    t = np.cumsum(dt)[:, None]
+    ddq = 20.0 * np.sign(np.sin(2 * np.pi * t * [0.7, 1.0, 2.0]))
+    dq = np.cumsum(ddq * 0.01, 0)
+    q = np.cumsum(dq * 0.01, 0)
+    noise = JointNoise(*map(jnp.asarray, (np.ones(3), [1e-5] * 3, [1e-3] * 3, [1.0, 1.0, 30.0])))
+    found = joint_filter.likeliest_density(noise, jnp.asarray(dt), jnp.asarray(q), jnp.asarray(dq))
+    near = np.linspace(0.9, 1.1, 41)
+    tried = [noise._replace(process_density=found * factor) for factor in near]
+    scores = np.array([run(each, dt, q, dq, "integrated_jerk")[1].log_likelihood.sum(0) for each in tried])
+    np.testing.assert_allclose(near[scores.argmax(0)], 1, atol=0.02)

@@ -17,8 +17,8 @@ PACKAGE = Path(ftbias_jax.__file__).parent
 LAYERS = (
     "errors types setup_types rotations robots setup_fields urdf urdf_robot setup_parse setup_dump setup",
     "atomic npz_file progress",
-    "small_matrices blocks gaussian screws newton ascent inertia",
-    "noise wrench wrench_batch recursion",
+    "small_matrices blocks distributed gaussian screws newton ascent inertia",
+    "noise wrench wrench_batch recursion backward",
     "joint_filter bias_filter effects",
     "pipeline staged trajectories simulate",
     "smooth likelihood consistency batch",

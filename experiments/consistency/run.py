@@ -1,4 +1,4 @@
-"""Are the error bars of the bias right? 200 simulated logs by the true model, and by wrong ones."""
+"""Are the error bars of the bias right? 200 simulated logs by the true model, by wrong ones, and by what is used."""
 
 import sys
 from functools import partial
@@ -12,14 +12,20 @@ from matplotlib.figure import Figure
 sys.path.append(str(Path(__file__).parents[1]))
 from common import PARAMS, SETUP, keep, rounded, simulate_logs, sines
 
-from ftbias_jax import batch, pipeline, staged
+from ftbias_jax import batch, pipeline, smooth, staged
+from ftbias_jax.commands import demo
 from ftbias_jax.consistency import mean_chi_square
-from ftbias_jax.noise import drift_noise
+from ftbias_jax.noise import JOINT_MODELS, drift_noise, integrated_jerk_noise
 from ftbias_jax.pipeline import DEFAULT_OPTIONS
 from ftbias_jax.recursion import filter_scan
+from ftbias_jax.simulate import Trajectory
 
 LOGS, DURATION, RATE, SEED = 200, 60.0, 50.0, 0
 AT_ONCE = 50
+JERK = 0.1
+"""rad/s^2.5, of the joints that move as the joint filter believes."""
+START = np.array([1.0, 0.1, 0.5])
+"""rad, rad/s, rad/s^2: P_0 of those joints, velocities and accelerations drawn from it."""
 MODELS = {
     "true": (1.0, 1.0),
     "sigma_Q x 2": (2.0, 1.0),
@@ -28,6 +34,9 @@ MODELS = {
     "Sigma_W / 1.5": (1.0, 1 / 1.5),
 }
 """Factors of sigma_Q and of Sigma_W that the filter believes in."""
+
+COLORS = ["#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"] * 2
+STYLES = ["-"] * 5 + ["--"] * 5
 
 
 def squares(track, bias, drift):
@@ -55,13 +64,37 @@ def known_joints(factors, samples, truth):
     return jax.lax.map(lambda log: one(*log), (samples, truth), batch_size=AT_ONCE)
 
 
-@jax.jit
-def whole_pipeline(params, samples, truth):
+@partial(jax.jit, static_argnames="smoothed")
+def whole_pipeline(params, samples, truth, smoothed=False):
+    """Joints filtered or smoothed, then the bias filtered."""
+
     def one(log, truth):
-        track = staged.run(params, pipeline.init(params, log), log, DEFAULT_OPTIONS)[1]
-        return squares(track.wrench, truth.bias, truth.drift)
+        start = pipeline.init(params, log)
+        if smoothed:
+            joints = smooth.smooth_joints(params, start, log)
+        else:
+            inputs = staged.joint_inputs(params, start, log)
+            joints = staged.joint_states(filter_scan(JOINT_MODELS[DEFAULT_OPTIONS.joint_model], inputs))
+        wrench_tool, variance = staged.predict_wrenches(params, joints, log, DEFAULT_OPTIONS)
+        track = filter_scan(drift_noise, staged.bias_inputs(params, start, log, wrench_tool, variance))
+        return squares(track, truth.bias, truth.drift)
 
     return jax.lax.map(lambda log: one(*log), (samples, truth), batch_size=AT_ONCE)
+
+
+def white_jerk(t):
+    """Trajectories (logs, T, n) of the joint filter's own model, with a weak pull that keeps them bounded."""
+    rng, dt = np.random.default_rng(SEED), 1 / RATE
+    A, Q = (np.array(rows, float) for rows in integrated_jerk_noise(jnp.array(dt), jnp.array(JERK)))
+    root = np.linalg.cholesky(Q).T
+    state = rng.normal(size=(LOGS, 7, 3)) * START * [0, 1, 1]
+    states = [state]
+    for _ in t[1:]:
+        state = state @ A.T + rng.normal(size=state.shape) @ root
+        state[..., 2] -= dt * state @ [0.02, 0.15, 0.6]
+        states.append(state)
+    q, dq, ddq = jnp.moveaxis(jnp.asarray(np.stack(states, 1)), -1, 0)
+    return Trajectory(jnp.broadcast_to(t, q.shape[:2]), q + jnp.array(demo.CENTER), dq, ddq)
 
 
 def judge(nees, nis):
@@ -82,8 +115,15 @@ def main():
     result = {"logs": LOGS, "seconds": DURATION, "rate_Hz": RATE, "models": {}}
     over_time = {}
     runs = {name: partial(known_joints, jnp.array(factors), samples, truth) for name, factors in MODELS.items()}
-    first = jax.tree.map(lambda x: x[0], samples)
-    runs["true, joints filtered"] = partial(whole_pipeline, batch.params_for_log(SETUP, first), samples, truth)
+    likeliest = batch.likeliest_params(SETUP, jax.tree.map(lambda x: x[0], samples))
+    guarded = batch.guard_against_lag(likeliest)
+    by_model = PARAMS._replace(joint=PARAMS.joint._replace(process_density=jnp.full(7, JERK), prior_std=START))
+    jerky = simulate_logs(SEED, LOGS, PARAMS, white_jerk(t))[::-1]
+    runs["white jerk: true, joints filtered"] = partial(whole_pipeline, by_model, *jerky)
+    runs["white jerk: true, joints smoothed"] = partial(whole_pipeline, by_model, *jerky, smoothed=True)
+    runs["sines: likeliest, joints filtered"] = partial(whole_pipeline, likeliest, samples, truth)
+    runs["sines: likeliest x 8, as ftbias filter"] = partial(whole_pipeline, guarded, samples, truth)
+    runs["sines: likeliest, joints smoothed"] = partial(whole_pipeline, likeliest, samples, truth, smoothed=True)
     for name, run in runs.items():
         nees, nis = map(np.asarray, run())
         result["models"][name] = judge(nees, nis)
@@ -97,15 +137,15 @@ def draw(result, t, over_time):
     low, high = result["models"]["true"]["nees"]["bounds"]
     left.axhspan(low, high, color="0.85", label="95 % of right models")
     for name, values in over_time.items():
-        left.plot(t, values, linewidth=1, label=name)
+        left.plot(t, values, linewidth=1, label=name, color=COLORS[len(left.lines)], linestyle=STYLES[len(left.lines)])
     left.set(title="NEES of bias and drift", xlabel="time [s]", yscale="log")
-    left.set_ylim(top=120)
-    left.legend(fontsize=7, ncols=2, loc="upper left")
+    left.legend(fontsize=6, ncols=2, loc="upper left")
+    left.set_ylim(top=300)
     names = list(result["models"])
     right.axvspan(*result["models"]["true"]["nis"]["bounds"], color="0.85")
     for row, scored in enumerate(result["models"].values()):
         right.plot(scored["nis"]["mean"], row, "o" if scored["nis"]["inside"] else "x", color="#0072B2")
-    right.set_yticks(range(len(names)), names)
+    right.set_yticks(range(len(names)), names, fontsize=7)
     right.set(title="NIS of six axes: o inside its bounds, x outside")
     right.grid(color="0.9")
     return figure

@@ -39,11 +39,12 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.progress import Progress
 
     options = Options(joint_model=setup.joints.model)
-    params = batch.params_for_log(setup, samples_from_log(log), options)
+    likeliest = batch.likeliest_params(setup, samples_from_log(log), options)
+    params = batch.guard_against_lag(likeliest)
     filtered = batch.filter_log(params, log, options, Progress(f"filtering {arguments.log}", len(log.t)))
     arrays = filtered._asdict()
     if arguments.smooth:
-        mean, std = batch.smooth_log(params, log, options)
+        mean, std = batch.smooth_log(likeliest, log, options)
         arrays |= {"bias_smooth": mean[:, 0], "drift_smooth": mean[:, 1]}
         arrays |= {"bias_smooth_std": std[:, 0], "drift_smooth_std": std[:, 1]}
     figure = plot.plot_filtered(filtered, Path(arguments.log).name) if arguments.plot else None

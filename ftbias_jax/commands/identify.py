@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.pipeline import Options, samples_from_log
 
     options = Options(joint_model=setup.joints.model)
-    params = batch.params_for_log(setup, samples_from_log(log), options)
+    params = batch.likeliest_params(setup, samples_from_log(log), options)
     samples = samples_from_log(batch.without_useless(log, params))
     found = identify(params, samples, options, arguments.mounting, arguments.gravity)
 
