@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         unseen = [_part(log, 1 - arguments.hold_out, 1) for log in samples]
         seconds = sum(float(part.dt.sum()) for part in unseen)
         scores = []
-        for name, likelihood in (("joint", joint_log_likelihood), ("wrench", wrench_given_joints)):
+        for likelihood in (joint_log_likelihood, wrench_given_joints):
             score = jax.jit(partial(likelihood, options=options, burn_in=1.0))
             scores += [sum(float(score(p, x)) for x in unseen) for p in (start, params)]
         seconds, found = total(seconds, np.array(scores))

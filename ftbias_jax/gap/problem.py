@@ -111,17 +111,8 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     samples = pipeline.samples_from_log(log)
     length = samples.dt.shape[0]
     samples = pipeline.pad(samples, batch.CHUNK * -(-length // batch.CHUNK) if length > 8192 else 8192)
-<<<<<<< HEAD
-    params = batch.params_for_log(setup, samples, options)
-    if setup.joints.process_noise_density is None:  # a smoother has no lag to guard against
-        likeliest = params.joint.process_density / batch.LAG_GUARD
-        params = params._replace(joint=params.joint._replace(process_density=likeliest))
-    joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(params, samples, options))
-=======
     params = batch.likeliest_params(setup, samples, options)
-    joints = smooth.smooth_joints(params, pipeline.init(params, samples), samples, options)
-    reading, variance = (np.asarray(x)[:length] for x in staged.predict_wrenches(params, joints, samples, options))
->>>>>>> tuning
+    joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(params, samples, options))
     rate = np.gradient(reading, log.t, axis=0)
     found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate)
     joint_variance = variance - np.asarray(params.bias.wrench_variance)
