@@ -130,6 +130,14 @@ def _add_tune(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     parser.add_argument(
         "--hold-out", type=_share, default=0.25, metavar="SHARE", help="end of every log kept to judge by (%(default)s)"
     )
+    parser.add_argument(
+        "--distributed",
+        type=_process,
+        nargs="?",
+        const=(None, None, None),
+        metavar="HOST:PORT,N,I",
+        help="one of N processes, the I-th from 0, that share the logs; nothing to give under Slurm or MPI",
+    )
 
 
 def _add_identify(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -246,6 +254,15 @@ def _seed(text: str) -> int:
     if not text.isdecimal() or int(text) >= 2**32:
         raise argparse.ArgumentTypeError(f"must be a whole number from 0 to {2**32 - 1}, not {text!r}")
     return int(text)
+
+
+def _process(text: str) -> tuple[str, int, int]:
+    coordinator, *numbers = text.split(",")
+    if ":" in coordinator and len(numbers) == 2 and all(x.isdecimal() for x in numbers):
+        count, index = map(int, numbers)
+        if index < count:
+            return coordinator, count, index
+    raise argparse.ArgumentTypeError(f"must be HOST:PORT,N,I with I from 0 to N - 1, not {text!r}")
 
 
 def _restarts(text: str) -> int:

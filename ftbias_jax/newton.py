@@ -86,12 +86,26 @@ class _Climb(NamedTuple):
     converged: bool
 
 
+Total = Callable[[float, np.ndarray], tuple[float, np.ndarray]]
+"""Value and slopes of this process -> their sums over all processes."""
+
+
+def alone(value: float, slopes: np.ndarray) -> tuple[float, np.ndarray]:
+    """The sums where there is one process."""
+    return value, slopes
+
+
 def quiet(iteration: int, value: float) -> None:
     """Reports to nobody."""
 
 
 def maximise(
-    score: LaneScore, parts: Sequence[Any], starts: np.ndarray, index: np.ndarray, report: Report = quiet
+    score: LaneScore,
+    parts: Sequence[Any],
+    starts: np.ndarray,
+    index: np.ndarray,
+    report: Report = quiet,
+    total: Total = alone,
 ) -> Optimum:
     """Damped Newton iterations; needs double precision.
 
@@ -100,14 +114,16 @@ def maximise(
             arrays of the same shapes; the likelihood is the sum over them. starts: (S, P) logarithms to start from;
             the best of where they lead, by the first part of the data, is pursued.
         index: (K, N) which free value each entry of the score's argument is. report: told (iteration, nats).
+        total: adds the processes that work together, each on parts of its own (distributed.py); all of them then take
+            the same steps, over all their parts from the start.
     """
-    counts = _growing(len(parts))
+    counts = _growing(len(parts)) if total is alone else [len(parts)]
     smalls = [SMALL_GAIN_OF_PARTS] * (len(counts) - 1) + [SMALL_GAIN]
-    climbs = [_climb(partial(_evaluate, score, parts[: counts[0]], index), z, smalls[0], report) for z in starts]
+    climbs = [_climb(partial(_evaluate, score, parts[: counts[0]], index, total), z, smalls[0], report) for z in starts]
     best = max(climbs, key=lambda climb: _finite(climb.at.value))
     agreeing = sum(climb.at.value > best.at.value - 2 * smalls[0] for climb in climbs)
     for count, small in zip(counts[1:], smalls[1:], strict=True):
-        best = _climb(partial(_evaluate, score, parts[:count], index), best.beyond, small, report)
+        best = _climb(partial(_evaluate, score, parts[:count], index, total), best.beyond, small, report)
     information = best.at.information
     return Optimum(
         best.beyond,
@@ -181,7 +197,7 @@ def _finite(value: float) -> float:
     return value if np.isfinite(value) else -np.inf
 
 
-def _evaluate(score: LaneScore, parts: Sequence[Any], index: np.ndarray, z: np.ndarray) -> _Point:
+def _evaluate(score: LaneScore, parts: Sequence[Any], index: np.ndarray, total: Total, z: np.ndarray) -> _Point:
     """Value, gradient and minus Hessian, the latter by differences of gradients, all lanes at once."""
     K, P = len(index), len(z)
     x = z[index]
@@ -189,6 +205,7 @@ def _evaluate(score: LaneScore, parts: Sequence[Any], index: np.ndarray, z: np.n
     value, slope = 0.0, np.zeros(points.shape)
     for values, slopes in for_each(partial(_values_and_slopes, score, points), parts):
         value, slope = value + float(values[0]), slope + slopes
+    value, slope = total(value, slope)
     blocks = (slope[1:] - slope[0]) / DIFFERENCE  # (K, K, N)
     gradient, hessian = np.zeros(P), np.zeros((P, P))
     np.add.at(gradient, index, slope[0])

@@ -2,8 +2,8 @@
 
 It computes what ``gaussian.predict`` and ``gaussian.update`` compute for states of two or three entries, of which the
 first m are measured with independent noise: a joint (position, velocity, acceleration) or one axis of the bias
-(bias, drift). Entries of the small matrices are separate arrays over a batch (joints, axes, logs), so a step is a few
-hundred fused multiplications instead of many small matrix products; measured entries are taken one at a time, which is
+(bias, drift). Entries of the small matrices are separate arrays over a batch (joints, axes, logs, blocks of time), so a
+step is a few vectorised loops instead of many small matrix products; measured entries are taken one at a time, which is
 exact for independent noise.
 
 The reverse pass is the adjoint of the filter. For the log-likelihood it is the Bryson-Frazier smoother (Bierman 1973):
@@ -13,17 +13,27 @@ much as the filter, and smoothing is the same pass.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from ftbias_jax.noise import ProcessModel, Rows
+from ftbias_jax.blocks import count_blocks, scan_blocks
+from ftbias_jax.noise import ProcessModel
+from ftbias_jax.small_matrices import (
+    Rows,
+    Vector,
+    add_at,
+    add_column,
+    congruence,
+    dot,
+    joseph,
+    plus,
+    times,
+    transpose,
+)
 from ftbias_jax.types import Array
-
-Vector = list[Array]
 
 
 class Inputs(NamedTuple):
@@ -74,7 +84,7 @@ class Smoothed(NamedTuple):
 class _Record(NamedTuple):
     """What the reverse pass needs of one step."""
 
-    gain_column: list[Vector]
+    column: Rows
     """For each measured entry j: column P[:, j] before its correction."""
     weight: Vector
     """1 / s of each measured entry, 0 where missing."""
@@ -84,185 +94,257 @@ class _Record(NamedTuple):
     """Whether the filter started again."""
 
 
-@partial(jax.custom_vjp, nondiff_argnums=(0,))
-def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
+class _Step(NamedTuple):
+    """One sample of a filter, entries kept apart."""
+
+    mean: Vector
+    covariance: Rows
+    predicted_mean: Vector
+    predicted_covariance: Rows
+    record: _Record
+
+
+@partial(jax.custom_vjp, nondiff_argnums=(0, 2))
+def filter_scan(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> Track:
     """Run the filters over a log; differentiable in all inputs but dt.
 
     Args:
         model: noise.drift_noise or one of noise.JOINT_MODELS.values(). inputs: see there.
+        forgets: whether the filters forget their start within some hundred samples, as joints do; a long log then runs
+            in blocks side by side (blocks.py), with the same result.
     """
-    return _forward(model, inputs)[0]
+    return _track(inputs, _forward(model, inputs, forgets))
 
 
-def smooth_scan(model: ProcessModel, inputs: Inputs) -> Smoothed:
+def smooth_scan(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> Smoothed:
     """States given all measurements, past and future, from one forward and one reverse pass."""
-    track, predicted, record = _forward(model, inputs)
+    steps = _forward(model, inputs, forgets)
+    mean, covariance = jnp.stack(steps.predicted_mean, 1), _stack(steps.predicted_covariance)
+    track = _track(inputs, steps)
     cotangent = jax.tree.map(jnp.zeros_like, track)._replace(log_likelihood=jnp.ones_like(track.log_likelihood))
-    _, (slope, curvature) = _backward(model, inputs, record, cotangent, through_restarts=False)
+    _, (slope, curvature) = _backward(model, inputs, steps.record, cotangent, forgets, through_restarts=False)
     # dL/dP = (slope slope^T - information) / 2
     information = slope[:, :, None] * slope[:, None] - 2 * curvature
-    gained = jnp.einsum("tabn,tbcn,tcdn->tadn", predicted.covariance, information, predicted.covariance)
-    mean = predicted.mean + jnp.einsum("tabn,tbn->tan", predicted.covariance, slope)
-    return Smoothed(mean, predicted.covariance - gained)
+    gained = jnp.einsum("tabn,tbcn,tcdn->tadn", covariance, information, covariance)
+    return Smoothed(mean + jnp.einsum("tabn,tbn->tan", covariance, slope), covariance - gained)
 
 
-def _forward(model: ProcessModel, inputs: Inputs) -> tuple[Track, Smoothed, _Record]:
-    """The filter, its predicted states, and the records of the reverse pass; what a caller drops is not computed."""
-    k, m = inputs.mean.shape[0], inputs.y.shape[1]
+def _forward(model: ProcessModel, inputs: Inputs, forgets: bool) -> _Step:
+    """The filter at every sample, leaves (T, B); what a caller drops is not computed."""
+    length, _, lanes = inputs.y.shape
+    blocks = count_blocks(length) if forgets else 1
 
-    def body(carry: tuple[Vector, Rows], sample: tuple[Array, Array, Array]) -> Any:
-        (x, P), (dt, y, r) = carry, sample
-        A, Q = model(dt, inputs.density)
-        at_rest = _at_rest(x)
-        x, P = _times(A, x), _add(_congruence(A, P), Q)
-        lost = (P[0][0] > inputs.restart_variance[0]) & (P[1][1] > inputs.restart_variance[1])
-        x = [jnp.where(lost, rest, moved) for rest, moved in zip(at_rest, x, strict=True)]
-        P = [
-            [jnp.where(lost, inputs.restart_variance[a] if a == b else 0, P[a][b]) for b in range(k)] for a in range(k)
-        ]
-        predicted = Smoothed(jnp.stack(x), _stack(P))
-        raw = [jnp.where(jnp.isfinite(y[j]), y[j] - x[j], 0) for j in range(m)]
-        spread = [P[j][j] + r[j] for j in range(m)]
-        nis = log_likelihood = jnp.zeros_like(x[0])
-        columns: list[Vector] = []
-        weights: Vector = []
-        innovations: Vector = []
-        for j in range(m):
-            measured = jnp.isfinite(y[j])
-            weight = jnp.where(measured, 1 / (P[j][j] + r[j]), 0)
-            innovation = jnp.where(measured, y[j] - x[j], 0)
-            column = [P[a][j] for a in range(k)]
-            gain = [entry * weight for entry in column]
-            x = [x[a] + gain[a] * innovation for a in range(k)]
-            P = _joseph(P, gain, j, jnp.where(measured, r[j], 0), weight)
-            square = innovation**2 * weight
-            surprise = square + jnp.log(2 * jnp.pi) - jnp.log(jnp.where(measured, weight, 1))
-            nis, log_likelihood = nis + square, log_likelihood - jnp.where(measured, surprise, 0) / 2
-            columns, weights, innovations = [*columns, column], [*weights, weight], [*innovations, innovation]
-        track = Track(jnp.stack(x), _stack(P), jnp.stack(raw), jnp.stack(spread), nis, log_likelihood)
-        return (x, P), (track, predicted, _Record(columns, weights, innovations, lost))
+    def body(constants: tuple[Array, Vector], state: tuple[Vector, Rows], sums: Any, sample: Any) -> Any:
+        step = _step(model, *constants, state, *sample)
+        return (step.mean, step.covariance), sums, step
 
+    dt, variance = _lengthen((_lanes(inputs.dt, lanes, blocks), _entries(inputs.variance)), blocks)
+    xs = (dt, _lengthen(_entries(inputs.y), blocks, jnp.nan), variance)
     start = (list(inputs.mean), [list(row) for row in inputs.covariance])
-    kept: tuple[Track, Smoothed, _Record] = jax.lax.scan(body, start, (inputs.dt, inputs.y, inputs.variance))[1]
-    return kept
+    constants = (inputs.density, list(inputs.restart_variance))
+    kept = scan_blocks(body, constants, start, (), xs, blocks, _same_filter, _cold)[2]
+    steps: _Step = jax.tree.map(lambda x: x[:length], kept)
+    return steps
 
 
-def _joseph(P: Rows, gain: Vector, j: int, r: Array, weight: Array) -> Rows:
-    """(I - K c) P (I - K c)^T + K r K^T for c = e_j; 1 - K_j is taken as r / s, without cancellation."""
-    k = len(P)
-    rest = jnp.where(weight > 0, r * weight, 1)
-    left = [[P[a][b] - gain[a] * P[j][b] if a != j else rest * P[j][b] for b in range(k)] for a in range(k)]
+def _step(
+    model: ProcessModel,
+    density: Array,
+    restart: Vector,
+    state: tuple[Vector, Rows],
+    dt: Array,
+    y: Vector,
+    variance: Vector,
+) -> _Step:
+    """Predict, start again where too little is known, correct by one measured entry after the other."""
+    x, P = state
+    k = len(x)
+    A, Q = model(dt, density)
+    at_rest = _at_rest(x)
+    x, P = times(A, x), plus(congruence(A, P), Q)
+    lost = (P[0][0] > restart[0]) & (P[1][1] > restart[1])
+    x = [jnp.where(lost, rest, moved) for rest, moved in zip(at_rest, x, strict=True)]
+    P = [[jnp.where(lost, restart[a] if a == b else 0, P[a][b]) for b in range(k)] for a in range(k)]
+    predicted = (x, P)
+    columns, weights, innovations = [], [], []
+    for j, (measurement, r) in enumerate(zip(y, variance, strict=True)):
+        measured = jnp.isfinite(measurement)
+        weight = jnp.where(measured, 1 / (P[j][j] + r), 0)
+        innovation = jnp.where(measured, measurement - x[j], 0)
+        column = [P[a][j] for a in range(k)]
+        gain = [entry * weight for entry in column]
+        x = [x[a] + gain[a] * innovation for a in range(k)]
+        P = joseph(P, gain, j, jnp.where(measured, r, 0), weight)
+        columns, weights, innovations = [*columns, column], [*weights, weight], [*innovations, innovation]
+    return _Step(x, P, *predicted, _Record(columns, weights, innovations, lost))
 
-    def entry(a: int, b: int) -> Array:
-        kept = left[a][b] - left[a][j] * gain[b] if b != j else left[a][j] * rest
-        return kept + gain[a] * r * gain[b]
 
-    return _symmetric(k, entry)
+def _track(inputs: Inputs, steps: _Step) -> Track:
+    """What is told of a run; likelihoods are sums over entries, so they need not be worked out in the recursion."""
+    weight, innovation = steps.record.weight, steps.record.innovation
+    m = len(weight)
+    seen = [w > 0 for w in weight]
+    squares = [v**2 * w for v, w in zip(innovation, weight, strict=True)]
+    logs = [
+        jnp.log(jnp.where(s, w, 1)) - s * jnp.log(2 * jnp.pi).astype(w.dtype) for s, w in zip(seen, weight, strict=True)
+    ]
+    x, P = steps.predicted_mean, steps.predicted_covariance
+    raw = [jnp.where(s, inputs.y[:, j] - x[j], 0) for j, s in enumerate(seen)]
+    spread = [P[j][j] + inputs.variance[:, j] for j in range(m)]
+    nis = sum(squares[1:], squares[0])
+    log_likelihood = (sum(logs[1:], logs[0]) - nis) / 2
+    mean, covariance = jnp.stack(steps.mean, 1), _stack(steps.covariance)
+    return Track(mean, covariance, jnp.stack(raw, 1), jnp.stack(spread, 1), nis, log_likelihood)
 
 
-def _filter_fwd(model: ProcessModel, inputs: Inputs) -> tuple[Track, tuple[Inputs, _Record]]:
-    track, _, record = _forward(model, inputs)
-    return track, (inputs, record)
+def _filter_fwd(model: ProcessModel, inputs: Inputs, forgets: bool) -> tuple[Track, tuple[Inputs, _Record]]:
+    steps = _forward(model, inputs, forgets)
+    return _track(inputs, steps), (inputs, steps.record)
 
 
-def _filter_bwd(model: ProcessModel, residual: tuple[Inputs, _Record], cotangent: Track) -> tuple[Inputs]:
-    return (_backward(model, *residual, cotangent)[0],)
+def _filter_bwd(
+    model: ProcessModel, forgets: bool, residual: tuple[Inputs, _Record], cotangent: Track
+) -> tuple[Inputs]:
+    return (_backward(model, *residual, cotangent, forgets)[0],)
 
 
 filter_scan.defvjp(_filter_fwd, _filter_bwd)
 
 
+class _Cotangent(NamedTuple):
+    """Of a Track at one sample, entries kept apart."""
+
+    mean: Vector
+    covariance: Rows
+    innovation: Vector
+    innovation_variance: Vector
+    nis: Array
+    log_likelihood: Array
+
+
 def _backward(
-    model: ProcessModel, inputs: Inputs, record: _Record, cotangent: Track, through_restarts: bool = True
+    model: ProcessModel,
+    inputs: Inputs,
+    record: _Record,
+    cotangent: Track,
+    forgets: bool,
+    through_restarts: bool = True,
 ) -> tuple[Inputs, tuple[Array, Array]]:
-    """Adjoint of ``_forward``: cotangents of the inputs, and of the predicted mean (T, k, B) and covariance.
+    """Adjoint of the filter: cotangents of the inputs, and of the predicted mean (T, k, B) and covariance.
 
     A restart takes over the last position as a number: derivatives pass through it, but nothing is learned of the past.
     """
-    k, m = inputs.mean.shape[0], inputs.y.shape[1]
+    length, _, lanes = inputs.y.shape
+    k, blocks = len(inputs.mean), count_blocks(length) if forgets else 1
 
-    def body(carry: Any, sample: tuple[Array, _Record, Track]) -> Any:
-        # x, P: the derivatives dL/dmean and dL/dcovariance, first after the sample's correction, then before it.
-        (x, P, density_sum, restart_sum), (dt, record, bar) = carry, sample
-        x = [x[a] + bar.mean[a] for a in range(k)]
-        P = [[P[a][b] + (bar.covariance[a, b] + bar.covariance[b, a]) / 2 for b in range(k)] for a in range(k)]
-        y_bar, r_bar = [bar.nis] * m, [bar.nis] * m
-        for j in reversed(range(m)):
-            p, w, v = record.gain_column[j], record.weight[j], record.innovation[j]
-            Pp, px = _times(P, p), _dot(p, x)
-            y_bar[j] = w * (px + (2 * bar.nis - bar.log_likelihood) * v)
-            r_bar[j] = -(w**2) * (px * v - _dot(p, Pp)) - bar.nis * (v * w) ** 2
-            r_bar[j] = r_bar[j] - bar.log_likelihood * (w - (v * w) ** 2) / 2
-            p_bar = [w * (x[a] * v - 2 * Pp[a]) for a in range(k)]
-            x = _add_at(x, j, -y_bar[j])
-            P = _add_column(P, j, p_bar, r_bar[j])
-        for j in range(m):  # the innovations that are reported, all taken from the prediction
-            seen = jnp.where(record.weight[j] > 0, bar.innovation[j], 0)
-            x = _add_at(x, j, -seen)
-            P[j] = _add_at(P[j], j, bar.innovation_variance[j])
-            y_bar[j], r_bar[j] = y_bar[j] + seen, r_bar[j] + bar.innovation_variance[j]
-        predicted = (jnp.stack(x), _stack(P))
-        lost = record.lost
-        restart_sum = [restart_sum[a] + jnp.where(lost, P[a][a], 0) for a in range(k)]
+    def body(density: Array, state: tuple[Vector, Rows], sums: tuple[Array, Vector], sample: Any) -> Any:
+        dt, record, bar = sample
+        # x, P: the derivatives dL/dmean and dL/dcovariance, after the sample's correction, then before it.
+        x, P, y_bar, r_bar = _back_to_prediction(record, bar, *state)
+        predicted, lost = (x, P), record.lost
+        restart_sum = [total + jnp.where(lost, P[a][a], 0) for a, total in enumerate(sums[1])]
         P = [[jnp.where(lost, 0, entry) for entry in row] for row in P]
-        (A, _), (_, slope) = jax.jvp(partial(model, dt), (inputs.density,), (jnp.ones_like(inputs.density),))
-        density_sum = density_sum + sum(_dot(P[a], slope[a]) for a in range(k))
-        back = [list(column) for column in zip(*A, strict=True)]
+        (A, _), (_, slope) = jax.jvp(partial(model, dt), (density,), (jnp.ones_like(density),))
+        density_sum = sums[0] + sum(dot(P[a], slope[a]) for a in range(k))
+        back = transpose(A)
         kept = _at_rest(x) if through_restarts else [jnp.zeros_like(entry) for entry in x]
-        x = [jnp.where(lost, rest, moved) for rest, moved in zip(kept, _times(back, x), strict=True)]
-        return (x, _congruence(back, P), density_sum, restart_sum), (jnp.stack(y_bar), jnp.stack(r_bar), predicted)
+        x = [jnp.where(lost, rest, moved) for rest, moved in zip(kept, times(back, x), strict=True)]
+        return (x, congruence(back, P)), (density_sum, restart_sum), (y_bar, r_bar, predicted)
 
+    symmetric = (cotangent.covariance + jnp.swapaxes(cotangent.covariance, 1, 2)) / 2
+    bar = _Cotangent(
+        _entries(cotangent.mean),
+        [_entries(symmetric[:, a]) for a in range(k)],
+        _entries(cotangent.innovation),
+        _entries(cotangent.innovation_variance),
+        cotangent.nis,
+        cotangent.log_likelihood,
+    )
     zero = jnp.zeros_like(inputs.mean[0])
-    start = ([zero] * k, [[zero] * k for _ in range(k)], zero, [zero] * k)
-    sequence = (inputs.dt, record, cotangent)
-    (x, P, density, restart), (y, r, predicted) = jax.lax.scan(body, start, sequence, reverse=True)
-    bars = Inputs(jnp.zeros_like(inputs.dt), density, y, r, jnp.stack(x), _stack(P), jnp.stack(restart))
-    return bars, predicted
+    start, sums = ([zero] * k, [[zero] * k for _ in range(k)]), (zero, [zero] * k)
+    xs = _lengthen((_lanes(inputs.dt, lanes, blocks), record, bar), blocks)
+    (x, P), (density, restart), kept = scan_blocks(
+        body, inputs.density, start, sums, xs, blocks, _same_slopes, reverse=True
+    )
+    y, r, (mean, covariance) = jax.tree.map(lambda x: x[:length], kept)
+    slopes = (jnp.stack(y, 1), jnp.stack(r, 1), jnp.stack(x), jnp.stack([jnp.stack(row) for row in P]))
+    bars = Inputs(jnp.zeros_like(inputs.dt), density, *slopes, jnp.stack(restart))
+    return bars, (jnp.stack(mean, 1), _stack(covariance))
+
+
+def _back_to_prediction(record: _Record, bar: _Cotangent, x: Vector, P: Rows) -> tuple[Vector, Rows, Vector, Vector]:
+    """Adjoint of the corrections of one sample: of the predicted mean and covariance, of y and of its variance."""
+    k, m = len(x), len(record.weight)
+    x, P = [a + b for a, b in zip(x, bar.mean, strict=True)], plus(P, bar.covariance)
+    y_bar, r_bar = [bar.nis] * m, [bar.nis] * m
+    for j in reversed(range(m)):
+        p, w, v = record.column[j], record.weight[j], record.innovation[j]
+        Pp, px = times(P, p), dot(p, x)
+        y_bar[j] = w * (px + (2 * bar.nis - bar.log_likelihood) * v)
+        r_bar[j] = -(w**2) * (px * v - dot(p, Pp)) - bar.nis * (v * w) ** 2
+        r_bar[j] = r_bar[j] - bar.log_likelihood * (w - (v * w) ** 2) / 2
+        p_bar = [w * (x[a] * v - 2 * Pp[a]) for a in range(k)]
+        x = add_at(x, j, -y_bar[j])
+        P = add_column(P, j, p_bar, r_bar[j])
+    for j in range(m):  # the innovations that are reported, all taken from the prediction
+        seen = jnp.where(record.weight[j] > 0, bar.innovation[j], 0)
+        x = add_at(x, j, -seen)
+        P[j] = add_at(P[j], j, bar.innovation_variance[j])
+        y_bar[j], r_bar[j] = y_bar[j] + seen, r_bar[j] + bar.innovation_variance[j]
+    return x, P, y_bar, r_bar
+
+
+def _cold(start: tuple[Vector, Rows], sample: tuple[Array, Vector, Vector]) -> tuple[Vector, Rows]:
+    """The start of the log moved to where the first measured entry is."""
+    (x, P), y = start, sample[1][0]
+    return [jnp.where(jnp.isfinite(y), y, x[0]), *x[1:]], P
+
+
+def _same_filter(state: tuple[Vector, Rows], other: tuple[Vector, Rows]) -> Array:
+    """Equal but for rounding of the positions and what it does to the states: 4e-10 standard deviations in float64."""
+    (x, P), (y, S) = state, other
+    eps = jnp.finfo(x[0].dtype).eps
+    std = [jnp.sqrt(S[a][a]) for a in range(len(x))]
+    slack = eps**0.6 + 16 * eps * jnp.abs(y[0]) / std[0]
+    means = [jnp.abs(a - b) <= slack * s + 16 * eps * jnp.abs(b) for a, b, s in zip(x, y, std, strict=True)]
+    pairs = [(a, b) for a in range(len(x)) for b in range(a, len(x))]
+    spreads = [jnp.abs(P[a][b] - S[a][b]) <= eps**0.6 * std[a] * std[b] for a, b in pairs]
+    return jnp.stack([*means, *spreads]).all()
+
+
+def _same_slopes(state: Any, other: Any) -> Array:
+    """Equal but for rounding, measured by the largest slope of the same filter in any block."""
+
+    def same(x: Array, y: Array) -> Array:
+        return (jnp.abs(x - y) <= jnp.finfo(x.dtype).eps ** 0.6 * jnp.abs(y).max(0)[None]).all()
+
+    return jnp.stack(jax.tree.leaves(jax.tree.map(same, state, other))).all()
+
+
+def _lengthen(xs: Any, blocks: int, value: float = 0.0) -> Any:
+    """Leaves (T, B) lengthened to a multiple of the blocks."""
+
+    def lengthen(x: Array) -> Array:
+        missing = -x.shape[0] % blocks
+        return jnp.concatenate([x, jnp.full((missing, *x.shape[1:]), value, x.dtype)]) if missing else x
+
+    return jax.tree.map(lengthen, xs)
+
+
+def _entries(x: Array) -> Vector:
+    """(T, m, B) -> m arrays (T, B)."""
+    return [x[:, j] for j in range(x.shape[1])]
+
+
+def _lanes(dt: Array, lanes: int, blocks: int) -> Array:
+    """dt of every lane, (T, B); (T,) will do in a plain scan."""
+    return dt if blocks == 1 else jnp.broadcast_to(dt[:, None], (dt.shape[0], lanes))
 
 
 def _at_rest(x: Vector) -> Vector:
     return [x[0], *(jnp.zeros_like(entry) for entry in x[1:])]
 
 
-def _dot(a: Vector, b: Vector) -> Array:
-    return sum(x * y for x, y in zip(a, b, strict=True))
-
-
-def _times(matrix: Rows, vector: Vector) -> Vector:
-    return [_dot(row, vector) for row in matrix]
-
-
-def _product(left: Rows, right: Rows) -> Rows:
-    columns = [list(column) for column in zip(*right, strict=True)]
-    return [[_dot(row, column) for column in columns] for row in left]
-
-
-def _congruence(A: Rows, P: Rows) -> Rows:
-    """A P A^T for a symmetric P."""
-    AP = _product(A, P)
-    return _symmetric(len(P), lambda a, b: _dot(AP[a], A[b]))
-
-
-def _add(left: Rows, right: Rows) -> Rows:
-    return [[x + y for x, y in zip(*rows, strict=True)] for rows in zip(left, right, strict=True)]
-
-
-def _add_at(vector: Vector, j: int, value: Array) -> Vector:
-    return [entry + value if a == j else entry for a, entry in enumerate(vector)]
-
-
-def _add_column(P: Rows, j: int, column: Vector, corner: Array) -> Rows:
-    """P + (v e_j^T + e_j v^T) / 2 + s e_j e_j^T."""
-    P = [_add_at(row, j, column[a] / 2) for a, row in enumerate(P)]
-    P[j] = _add_at([entry + v / 2 for entry, v in zip(P[j], column, strict=True)], j, corner)
-    return P
-
-
-def _symmetric(k: int, entry: Callable[[int, int], Array]) -> Rows:
-    """A symmetric matrix from the entries of its upper triangle: symmetric to the last bit, at half the work."""
-    upper = {(a, b): entry(a, b) for a in range(k) for b in range(a, k)}
-    return [[upper[min(a, b), max(a, b)] for b in range(k)] for a in range(k)]
-
-
 def _stack(rows: Rows) -> Array:
-    return jnp.stack([jnp.stack(row) for row in rows])
+    """Rows of (T, B) -> (T, k, k, B)."""
+    return jnp.stack([jnp.stack(row, 1) for row in rows], 1)

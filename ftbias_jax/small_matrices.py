@@ -1,6 +1,6 @@
-"""Small matrices as nested lists of entries, each an array over a batch: what the fast recursions compute with.
+"""Small matrices as nested lists of entries, each an array over a batch, for the fast recursions.
 
-XLA turns each entry into one vectorised loop over the batch, where many 3 x 3 arrays would become many short ones.
+XLA turns each entry into one vectorised loop over the batch; a batch of 3 x 3 arrays would become many short ones.
 """
 
 from __future__ import annotations

@@ -17,10 +17,11 @@ import jax.numpy as jnp
 from ftbias_jax.effects import chain
 from ftbias_jax.effects.types import Model, Signals
 from ftbias_jax.noise import JOINT_MODELS, drift_noise
-from ftbias_jax.pipeline import Options, Params, State, covariance_of_joints, predict_wrench
+from ftbias_jax.pipeline import Options, Params, State
 from ftbias_jax.recursion import Inputs, Track, filter_scan
 from ftbias_jax.types import Array, Gaussian, Sample
-from ftbias_jax.wrench import joint_sensitivity, measurement_covariance
+from ftbias_jax.wrench import measurement_covariance
+from ftbias_jax.wrench_batch import Body, wrenches
 
 
 class Staged(NamedTuple):
@@ -46,7 +47,7 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
     Returns:
         the last state and the track of every sample.
     """
-    joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
+    joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples), True)
     wrench_tool, variance = predict_wrenches(params, joint_states(joint), samples, options)
     wrench = filter_scan(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
     return _last_state(joint, wrench), Staged(joint, wrench, wrench_tool)
@@ -91,14 +92,10 @@ def predict_wrenches(params: Params, joints: Gaussian, samples: Sample, options:
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
     stated = jnp.diagonal(R)
 
-    def one(mean: Array, covariance: Array) -> tuple[Array, Array]:
-        motion, wrench_tool = predict_wrench(params, mean)
-        if options.joint_uncertainty == "none":
-            return wrench_tool, stated
-        G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
-        return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal")) + stated
-
-    wrench_tool, variance = jax.vmap(one)(joints.mean, joints.covariance)
+    mean = jnp.swapaxes(joints.mean, 1, 2)
+    covariance = None if options.joint_uncertainty == "none" else jnp.moveaxis(joints.covariance, 1, -1)
+    wrench_tool, from_joints = wrenches(Body(params.arm, params.gravity, params.theta), mean, covariance)
+    variance = from_joints + stated[None]
     if params.effects is None:
         return wrench_tool, variance
     signals = signals_of(params, joints.mean, samples)

@@ -119,6 +119,7 @@ def tune_joints(
     burn_in: float = 0.2,
     restarts: int = 0,
     report: Report = newton.quiet,
+    total: newton.Total = newton.alone,
 ) -> tuple[Params, Fit]:
     """Fit the noise of the joint filter.
 
@@ -127,6 +128,7 @@ def tune_joints(
         ties: key of TIES for each of JOINT_NAMES that is to be fitted. options: of the pipeline.
         burn_in: s that do not count at the start of every piece. restarts: further starts, each value off by a random
             factor (10 or 1/10 is usual); Fit.optimum tells how many agree. report: told (iteration, nats).
+        total: adds up the processes that tune together, see ``newton.maximise``.
 
     Returns:
         params with the fitted noise, and the fit.
@@ -135,7 +137,7 @@ def tune_joints(
     longest = max(len(piece.dt) for piece in pieces)
     parts = [(params, stack(part, longest)) for part in _equal_parts(pieces, PIECES_AT_ONCE)]
     start = {name: getattr(params.joint, name) for name in ties}
-    fit = _fit(JointScore(tuple(ties), options.joint_model, burn_in), parts, start, ties, restarts, report)
+    fit = _fit(JointScore(tuple(ties), options.joint_model, burn_in), parts, start, ties, restarts, report, total)
     return params._replace(joint=params.joint._replace(**_arrays(fit, params))), fit
 
 
@@ -147,6 +149,7 @@ def tune_wrench(
     burn_in: float = 1.0,
     restarts: int = 0,
     report: Report = newton.quiet,
+    total: newton.Total = newton.alone,
 ) -> tuple[Params, Fit]:
     """Fit the noise of bias and sensor, with the joints' noise as it stands, which should be the likeliest.
 
@@ -158,7 +161,7 @@ def tune_wrench(
     samples = [stack(part, longest) for part in _equal_parts(list(logs), max(1, SAMPLES_AT_ONCE // longest))]
     wrenches = newton.for_each(partial(_smoothed_wrenches, params, options=options), samples)
     parts = [(params, WrenchLogs(part, *wrench)) for part, wrench in zip(samples, wrenches, strict=True)]
-    return fit_wrench(params, parts, ties, burn_in, restarts, report)
+    return fit_wrench(params, parts, ties, burn_in, restarts, report, total)
 
 
 def fit_wrench(
@@ -168,11 +171,12 @@ def fit_wrench(
     burn_in: float = 1.0,
     restarts: int = 0,
     report: Report = newton.quiet,
+    total: newton.Total = newton.alone,
 ) -> tuple[Params, Fit]:
     """``tune_wrench`` for joints that are already smoothed, or known; parts have arrays of the same shapes."""
     everything = {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
     start = {name: everything[name] for name in ties}
-    fit = _fit(WrenchScore(tuple(ties), burn_in), parts, start, ties, restarts, report)
+    fit = _fit(WrenchScore(tuple(ties), burn_in), parts, start, ties, restarts, report, total)
     return with_wrench_noise(params, _arrays(fit, params)), fit
 
 
@@ -242,6 +246,7 @@ def _fit(
     ties: dict[str, str],
     restarts: int,
     report: Report,
+    total: newton.Total,
 ) -> Fit:
     """Free values are the geometric means of what they tie together."""
     index: list[np.ndarray] = []
@@ -254,7 +259,7 @@ def _fit(
         names += [f"{name}[{g}]" for g in range(group.max() + 1)]
     spread = np.random.default_rng(0).normal(scale=RESTART_SPREAD, size=(restarts, len(logs)))
     starts = np.array(logs) + np.concatenate([np.zeros((1, len(logs))), spread])
-    optimum = newton.maximise(score, parts, starts, np.array(index), report)
+    optimum = newton.maximise(score, parts, starts, np.array(index), report, total)
     values = {name: np.exp(optimum.logs[row]) for name, row in zip(start, index, strict=True)}
     stderr = {name: optimum.stderr[row] for name, row in zip(start, index, strict=True)}
     return Fit(values, stderr, newton.undetermined(optimum.information, names), optimum)

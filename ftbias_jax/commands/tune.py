@@ -25,52 +25,65 @@ if TYPE_CHECKING:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune and write a setup; 1 if a fit did not converge."""
+    """Tune and write a setup; 1 if a fit did not converge. Of several processes, the first one speaks and writes."""
     check_outputs(arguments.output, ".toml")
     setup = load_setup(arguments.setup)
-    logs = [read_log(path, setup) for path in arguments.logs]
+    first = read_log(arguments.logs[0], setup)  # every process starts from its noise
 
     import jax
 
     from ftbias_jax.compilation import prepare_jax
 
     prepare_jax()
-    from ftbias_jax import batch, tune
+    from ftbias_jax import batch, distributed, newton, tune
     from ftbias_jax.likelihood import joint_log_likelihood, wrench_given_joints
     from ftbias_jax.pipeline import Options, samples_from_log
 
     options = Options(joint_model=setup.joints.model)
-    start = params = batch.likeliest_params(setup, samples_from_log(logs[0]), options)
+    paths, total = arguments.logs, newton.alone
+    if arguments.distributed is not None:
+        distributed.start(*arguments.distributed)
+        paths, total = distributed.share(paths), distributed.total
+    speaks = jax.process_index() == 0
+    start = params = batch.likeliest_params(setup, samples_from_log(first), options)
+    logs = [first if path == arguments.logs[0] else read_log(path, setup) for path in paths]
     samples = [samples_from_log(batch.without_useless(log, params)) for log in logs]
     seen = [_part(log, 0, 1 - arguments.hold_out) for log in samples]
     fits: dict[str, Fit] = {}
     # The wrench needs the likeliest process noise of the joints, even if nobody asked for it.
     names = tune.JOINT_NAMES if "joints" in arguments.fit else tune.JOINT_NAMES[:1]
     restarts = arguments.restarts
+    report = _reporter("joints") if speaks else newton.quiet
     params, joints = tune.tune_joints(
-        params, seen, dict.fromkeys(names, "each"), options, restarts=restarts, report=_reporter("joints")
+        params, seen, dict.fromkeys(names, "each"), options, restarts=restarts, report=report, total=total
     )
     if "joints" in arguments.fit:
         fits["joints"] = joints
     ties = {"density": "bias", "wrench_std": "sensor"}
     wanted = {name: arguments.tie for name, part in ties.items() if part in arguments.fit}
     if wanted:
+        report = _reporter("wrench") if speaks else newton.quiet
         params, fits["wrench"] = tune.tune_wrench(
-            params, seen, wanted, options, restarts=restarts, report=_reporter("wrench")
+            params, seen, wanted, options, restarts=restarts, report=report, total=total
         )
-    for fit in fits.values():
-        print(_table(fit))
+    lines = [_table(fit) for fit in fits.values()]
     if arguments.hold_out:
         unseen = [_part(log, 1 - arguments.hold_out, 1) for log in samples]
         seconds = sum(float(part.dt.sum()) for part in unseen)
-        for name, likelihood in (("joint", joint_log_likelihood), ("wrench", wrench_given_joints)):
+        scores = []
+        for likelihood in (joint_log_likelihood, wrench_given_joints):
             score = jax.jit(partial(likelihood, options=options, burn_in=1.0))
-            before, after = (sum(float(score(p, x)) for x in unseen) / seconds for p in (start, params))
-            print(f"held-out {name} score: {before:.1f} -> {after:.1f} nats/s ({after - before:+.1f})")
+            scores += [sum(float(score(p, x)) for x in unseen) for p in (start, params)]
+        seconds, found = total(seconds, np.array(scores))
+        for name, (before, after) in zip(("joint", "wrench"), found.reshape(2, 2) / seconds, strict=True):
+            lines.append(f"held-out {name} score: {before:.1f} -> {after:.1f} nats/s ({after - before:+.1f})")
+    converged = all(fit.optimum.converged for fit in fits.values())
+    if not speaks:
+        return 0 if converged else 1
+    print("\n".join(lines))
     text = dump_setup(_with_noise(setup, params, fits), _comments(fits))
     write_atomic(arguments.output, lambda file: file.write(text.encode()))
     print(f"wrote {arguments.output}")
-    converged = all(fit.optimum.converged for fit in fits.values())
     if not converged:
         print("ftbias: a fit did not converge; its values are the best so far", file=sys.stderr)
     return 0 if converged else 1

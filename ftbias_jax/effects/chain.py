@@ -12,7 +12,7 @@ import numpy as np
 from ftbias_jax.effects.catalogue import CATALOGUE, Catalogue, complete
 from ftbias_jax.effects.types import Model, Record, Signals, Values
 from ftbias_jax.types import Array
-from ftbias_jax.wrench_batch import Body, wrenches
+from ftbias_jax.wrench_batch import Body, wrenches_forward
 
 
 def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Array:
@@ -32,7 +32,7 @@ def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) 
 
 def tool_wrenches(signals: Signals) -> Array:
     """(T, 6) N, Nm: wrench of the tool, D theta, for the motion and model of ``signals``."""
-    return wrenches(Body(*signals.model), jnp.stack([signals.q, signals.dq, signals.ddq], 1), None)[0]
+    return wrenches_forward(Body(*signals.model), jnp.stack([signals.q, signals.dq, signals.ddq], 1))
 
 
 def transform(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Signals:

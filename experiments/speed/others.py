@@ -1,0 +1,156 @@
+"""The bias filter alone in other libraries: 12 states, 6 measurements, constant matrices; y (T, 6) -> (mean, nats).
+
+Each maker takes (A, Q, C, R, mean, covariance) and returns a function of y that gives the last filtered mean (12,) and
+the log-likelihood. A library that is not installed is told by its ImportError.
+"""
+
+import numpy as np
+
+
+def statsmodels(A, Q, C, R, mean, covariance):
+    from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
+
+    def run(y):
+        model = KalmanFilter(6, 12, design=C, obs_cov=R, transition=A, selection=np.eye(12), state_cov=Q)
+        model.bind(np.ascontiguousarray(y))
+        model.initialize_known(mean, covariance)
+        model.tolerance = 0  # no shortcut to the steady state: a log's dt is not constant
+        result = model.filter()
+        return result.filtered_state[:, -1], result.llf
+
+    return run
+
+
+def dynamax(A, Q, C, R, mean, covariance):
+    import jax
+    import jax.numpy as jnp
+    from dynamax.linear_gaussian_ssm import LinearGaussianSSM, lgssm_filter
+
+    model = LinearGaussianSSM(12, 6)
+    arrays = (jnp.asarray(x) for x in (mean, covariance, A, Q, C, R))
+    m, P, A, Q, C, R = arrays
+    params, _ = model.initialize(
+        jax.random.key(0),
+        initial_mean=m,
+        initial_covariance=P,
+        dynamics_weights=A,
+        dynamics_covariance=Q,
+        emission_weights=C,
+        emission_covariance=R,
+    )
+
+    @jax.jit
+    def run(y):
+        result = lgssm_filter(params, y)
+        return result.filtered_means[-1], result.marginal_loglik
+
+    return run
+
+
+def dynamax_gradient(A, Q, C, R, mean, covariance):
+    import jax
+    import jax.numpy as jnp
+    from dynamax.linear_gaussian_ssm import LinearGaussianSSM, lgssm_filter
+
+    model = LinearGaussianSSM(12, 6)
+    m, P, A, Q, C, R = (jnp.asarray(x) for x in (mean, covariance, A, Q, C, R))
+
+    def score(Q, R, y):
+        params, _ = model.initialize(
+            jax.random.key(0),
+            initial_mean=m,
+            initial_covariance=P,
+            dynamics_weights=A,
+            dynamics_covariance=Q,
+            emission_weights=C,
+            emission_covariance=R,
+        )
+        return lgssm_filter(params, y).marginal_loglik
+
+    return jax.jit(lambda y: jax.value_and_grad(score, (0, 1))(Q, R, y))
+
+
+def cuthbert(A, Q, C, R, mean, covariance):
+    import jax
+    import jax.numpy as jnp
+    from cuthbertlib.kalman import filtering
+
+    roots = {name: jnp.linalg.cholesky(x) for name, x in (("P", covariance), ("Q", Q), ("R", R))}
+    A, C, mean = map(jnp.asarray, (A, C, mean))
+    nothing = jnp.zeros(12), jnp.zeros(6)
+
+    @jax.jit
+    def run(y):
+        def correct(m, P, y):
+            (m, P), nats = filtering.update(m, P, C, nothing[1], roots["R"], y)[:2]
+            return (m, P), nats
+
+        def body(carry, y):
+            m, P, total = carry
+            m, P = filtering.predict(m, P, A, nothing[0], roots["Q"])
+            (m, P), nats = correct(m, P, y)
+            return (m, P, total + nats), None
+
+        (m, P), nats = correct(mean, roots["P"], y[0])
+        (m, _, total), _ = jax.lax.scan(body, (m, P, nats), y[1:])
+        return m, total
+
+    return run
+
+
+def filterpy(A, Q, C, R, mean, covariance):
+    from filterpy.kalman import KalmanFilter
+
+    def run(y):
+        model = KalmanFilter(12, 6)
+        model.F, model.Q, model.H, model.R = A, Q, C, R
+        model.x, model.P = mean.reshape(-1, 1).copy(), covariance.copy()
+        total = 0.0
+        for i, z in enumerate(y):
+            if i:
+                model.predict()
+            model.update(z.reshape(-1, 1))
+            total += model.log_likelihood
+        return model.x[:, 0], total
+
+    return run
+
+
+def simdkalman(A, Q, C, R, mean, covariance):
+    import simdkalman as library
+
+    def run(y):
+        model = library.KalmanFilter(A, Q, C, R)
+        result = model.compute(
+            y[None],
+            0,
+            initial_value=mean,
+            initial_covariance=covariance,
+            filtered=True,
+            smoothed=False,
+            log_likelihood=True,
+        )
+        return result.filtered.states.mean[0, -1], result.log_likelihood[0]
+
+    return run
+
+
+def pykalman(A, Q, C, R, mean, covariance):
+    import pykalman as library
+
+    def run(y):
+        model = library.KalmanFilter(A, C, Q, R, initial_state_mean=mean, initial_state_covariance=covariance)
+        return model.filter(y)[0][-1], model.loglikelihood(y)
+
+    return run
+
+
+LIBRARIES = {
+    "statsmodels": statsmodels,
+    "dynamax": dynamax,
+    "cuthbert": cuthbert,
+    "filterpy": filterpy,
+    "simdkalman": simdkalman,
+    "pykalman": pykalman,
+}
+SLOW = ("filterpy", "simdkalman", "pykalman")

@@ -1,0 +1,65 @@
+"""Processes on one or many machines that tune together: each reads logs of its own, and only sums cross the network.
+
+It is JAX's own runtime: on CPUs the processes talk by gloo, on GPUs by NCCL; one process a device is intended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
+
+from ftbias_jax.errors import UsageError
+
+
+def start(coordinator: str | None = None, processes: int | None = None, process: int | None = None) -> None:
+    """Join the other processes; call it before any array is made.
+
+    Args:
+        coordinator: HOST:PORT of process 0, the number of processes, and which one this is; all None where JAX finds
+            them out by itself (Slurm, Open MPI, a TPU pod).
+
+    Raises:
+        UsageError: they are not known, or the others do not answer.
+    """
+    jax.config.update("jax_cpu_collectives_implementation", "gloo")
+    try:
+        jax.distributed.initialize(coordinator, processes, process)
+    except (RuntimeError, ValueError) as error:
+        remedy = "give --distributed HOST:PORT,PROCESSES,PROCESS, or start under Slurm or MPI"
+        raise UsageError(f"cannot join the other processes: {error}", field="--distributed", remedy=remedy) from error
+
+
+def share(paths: Sequence[str]) -> list[str]:
+    """The logs of this process: every so manieth.
+
+    Raises:
+        UsageError: there are fewer logs than processes.
+    """
+    if len(paths) < jax.process_count():
+        message = f"{len(paths)} logs for {jax.process_count()} processes"
+        raise UsageError(message, field="--distributed", remedy="start at most one process a log")
+    return list(paths[jax.process_index() :: jax.process_count()])
+
+
+def total(value: float, slopes: np.ndarray) -> tuple[float, np.ndarray]:
+    """Sums over all processes of a likelihood and its slopes, the same bits everywhere: one psum."""
+    sums = add(np.concatenate([[value], np.ravel(slopes)]))
+    return float(sums[0]), sums[1:].reshape(np.shape(slopes))
+
+
+def add(numbers: np.ndarray) -> np.ndarray:
+    """Sum over all processes of one array each."""
+    mesh = jax.make_mesh((jax.device_count(),), ("device",))
+    rows = np.zeros((jax.local_device_count(), len(numbers)))
+    rows[0] = numbers
+    parts = jax.make_array_from_process_local_data(NamedSharding(mesh, PartitionSpec("device")), rows)
+
+    def of_all(row: Any) -> Any:
+        return jax.lax.psum(row[0], "device")
+
+    everywhere = jax.shard_map(of_all, mesh=mesh, in_specs=PartitionSpec("device"), out_specs=PartitionSpec())
+    return np.asarray(jax.jit(everywhere)(parts))
