@@ -94,7 +94,7 @@ class _Record(NamedTuple):
     """Whether the filter started again."""
 
 
-class _Step(NamedTuple):
+class Step(NamedTuple):
     """One sample of a filter, entries kept apart."""
 
     mean: Vector
@@ -113,14 +113,14 @@ def filter_scan(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> T
         forgets: whether the filters forget their start within some hundred samples, as joints do; a long log then runs
             in blocks side by side (blocks.py), with the same result.
     """
-    return _track(inputs, _forward(model, inputs, forgets))
+    return track_of(inputs, _forward(model, inputs, forgets))
 
 
 def smooth_scan(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> Smoothed:
     """States given all measurements, past and future, from one forward and one reverse pass."""
     steps = _forward(model, inputs, forgets)
     mean, covariance = jnp.stack(steps.predicted_mean, 1), _stack(steps.predicted_covariance)
-    track = _track(inputs, steps)
+    track = track_of(inputs, steps)
     cotangent = jax.tree.map(jnp.zeros_like, track)._replace(log_likelihood=jnp.ones_like(track.log_likelihood))
     _, (slope, curvature) = _backward(model, inputs, steps.record, cotangent, forgets, through_restarts=False)
     # dL/dP = (slope slope^T - information) / 2
@@ -129,13 +129,13 @@ def smooth_scan(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> S
     return Smoothed(mean + jnp.einsum("tabn,tbn->tan", covariance, slope), covariance - gained)
 
 
-def _forward(model: ProcessModel, inputs: Inputs, forgets: bool) -> _Step:
+def _forward(model: ProcessModel, inputs: Inputs, forgets: bool) -> Step:
     """The filter at every sample, leaves (T, B); what a caller drops is not computed."""
     length, _, lanes = inputs.y.shape
     blocks = count_blocks(length) if forgets else 1
 
     def body(constants: tuple[Array, Vector], state: tuple[Vector, Rows], sums: Any, sample: Any) -> Any:
-        step = _step(model, *constants, state, *sample)
+        step = filter_step(model, *constants, state, *sample)
         return (step.mean, step.covariance), sums, step
 
     dt, variance = _lengthen((_lanes(inputs.dt, lanes, blocks), _entries(inputs.variance)), blocks)
@@ -143,11 +143,11 @@ def _forward(model: ProcessModel, inputs: Inputs, forgets: bool) -> _Step:
     start = (list(inputs.mean), [list(row) for row in inputs.covariance])
     constants = (inputs.density, list(inputs.restart_variance))
     kept = scan_blocks(body, constants, start, (), xs, blocks, _same_filter, _cold)[2]
-    steps: _Step = jax.tree.map(lambda x: x[:length], kept)
+    steps: Step = jax.tree.map(lambda x: x[:length], kept)
     return steps
 
 
-def _step(
+def filter_step(
     model: ProcessModel,
     density: Array,
     restart: Vector,
@@ -155,7 +155,7 @@ def _step(
     dt: Array,
     y: Vector,
     variance: Vector,
-) -> _Step:
+) -> Step:
     """Predict, start again where too little is known, correct by one measured entry after the other."""
     x, P = state
     k = len(x)
@@ -176,10 +176,10 @@ def _step(
         x = [x[a] + gain[a] * innovation for a in range(k)]
         P = joseph(P, gain, j, jnp.where(measured, r, 0), weight)
         columns, weights, innovations = [*columns, column], [*weights, weight], [*innovations, innovation]
-    return _Step(x, P, *predicted, _Record(columns, weights, innovations, lost))
+    return Step(x, P, *predicted, _Record(columns, weights, innovations, lost))
 
 
-def _track(inputs: Inputs, steps: _Step) -> Track:
+def track_of(inputs: Inputs, steps: Step) -> Track:
     """What is told of a run; likelihoods are sums over entries, so they need not be worked out in the recursion."""
     weight, innovation = steps.record.weight, steps.record.innovation
     m = len(weight)
@@ -199,7 +199,7 @@ def _track(inputs: Inputs, steps: _Step) -> Track:
 
 def _filter_fwd(model: ProcessModel, inputs: Inputs, forgets: bool) -> tuple[Track, tuple[Inputs, _Record]]:
     steps = _forward(model, inputs, forgets)
-    return _track(inputs, steps), (inputs, steps.record)
+    return track_of(inputs, steps), (inputs, steps.record)
 
 
 def _filter_bwd(

@@ -5,7 +5,6 @@ Needs numba and whichever of dynamax, cuthbert, statsmodels, filterpy, simdkalma
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import time
@@ -60,7 +59,13 @@ def with_noise(params, noise):
 
 def noise_of(params):
     joint = params.joint
-    return joint.process_density, joint.position_std, joint.velocity_std, params.bias.density, params.bias.wrench_variance
+    return (
+        joint.process_density,
+        joint.position_std,
+        joint.velocity_std,
+        params.bias.density,
+        params.bias.wrench_variance,
+    )
 
 
 def score(params, samples):
@@ -209,7 +214,8 @@ def in_chunks(size):
             np.asarray(mean)
         seconds = min(seconds, time.process_time() - start)
     count = length * -(-size // length)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    status = Path("/proc/self/status").read_text()  # getrusage remembers the parent
+    peak = int(status.split("VmHWM:")[1].split()[0]) / 2**20
     return {"us_per_sample": 1e6 * seconds / count, "peak_GiB": peak, "finite": bool(np.isfinite(nats))}
 
 
@@ -222,7 +228,8 @@ def main():
         print(size, scaling[size])
     ratios = {
         "dynamax bias filter / one log, whole pipeline": best.get("dynamax", np.nan) / best["pipeline, float64"],
-        "statsmodels bias filter / one log, whole pipeline": best.get("statsmodels", np.nan) / best["pipeline, float64"],
+        "statsmodels bias filter / one log, whole pipeline": best.get("statsmodels", np.nan)
+        / best["pipeline, float64"],
         "one log / scalar loop": best["pipeline, float64"] / best["loop"],
         "64 logs / scalar loop": best["64 logs, float64"] / best["loop, 64 logs"],
         "gradient / likelihood, one log": best["gradient, float64"] / best["likelihood, float64"],
