@@ -4,7 +4,8 @@ A stretch of samples is an element (A, b, C, eta, J): given the state x before i
 J and eta about x, and the state after it is normal with mean A x + b and covariance C. Elements of neighbouring
 stretches combine associatively (Sarkka and Garcia-Fernandez 2021, lemma 8), so all prefixes come from one
 ``lax.associative_scan``. A last step from each prefix to the sample after it, all at once, is that of the sequential
-filter; so covariances are those of the Joseph form.
+filter; so covariances are those of the Joseph form, positive definite in single precision too. Means of sharp encoders
+are then good to about one of their standard deviations (the sequential filter: a twentieth).
 """
 
 from __future__ import annotations
@@ -82,9 +83,9 @@ def _moves(A: Rows, Q: Rows, restarts: Restarts, restart: Array) -> Element:
     rows = [[jnp.broadcast_to(entry, lost.shape) for entry in row] for row in A]
     again = jnp.where(jnp.isfinite(restart), restart, 0).T[:, :, None] * jnp.eye(k, dtype=restart.dtype)[None]
     here = lost[..., None, None]
-    A, Q = jnp.where(here, 0, _matrix(rows)), jnp.where(here, again[None], _matrix(Q))
+    transition, noise = jnp.where(here, 0, _matrix(rows)), jnp.where(here, again[None], _matrix(Q))
     zero = jnp.zeros((*lost.shape, k), restart.dtype)
-    return Element(A, zero.at[..., 0].set(restarts.position), Q, zero, jnp.zeros_like(A))
+    return Element(transition, zero.at[..., 0].set(restarts.position), noise, zero, jnp.zeros_like(noise))
 
 
 def _measurements(inputs: Inputs) -> Element:
@@ -104,7 +105,8 @@ def _after_prior(elements: Element, inputs: Inputs) -> Element:
     mean, covariance = inputs.mean.T, jnp.moveaxis(inputs.covariance, -1, 0)
     nothing = jnp.zeros_like(covariance)
     prior = Element(nothing, mean, covariance, jnp.zeros_like(mean), nothing)
-    return jax.tree.map(lambda first, x: jnp.concatenate([first[None], x]), prior, elements)
+    whole: Element = jax.tree.map(lambda first, x: jnp.concatenate([first[None], x]), prior, elements)
+    return whole
 
 
 def _combine(first: Element, then: Element) -> Element:

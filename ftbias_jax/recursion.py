@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ftbias_jax.blocks import count_blocks, scan_blocks
 from ftbias_jax.noise import ProcessModel
@@ -166,7 +167,9 @@ def filter_step(
     x = [jnp.where(lost, rest, moved) for rest, moved in zip(at_rest, x, strict=True)]
     P = [[jnp.where(lost, restart[a] if a == b else 0, P[a][b]) for b in range(k)] for a in range(k)]
     predicted = (x, P)
-    columns, weights, innovations = [], [], []
+    columns: Rows = []
+    weights: Vector = []
+    innovations: Vector = []
     for j, (measurement, r) in enumerate(zip(y, variance, strict=True)):
         measured = jnp.isfinite(measurement)
         weight = jnp.where(measured, 1 / (P[j][j] + r), 0)
@@ -303,7 +306,7 @@ def _cold(start: tuple[Vector, Rows], sample: tuple[Array, Vector, Vector]) -> t
 def _same_filter(state: tuple[Vector, Rows], other: tuple[Vector, Rows]) -> Array:
     """Equal but for rounding of the positions and what it does to the states: 4e-10 standard deviations in float64."""
     (x, P), (y, S) = state, other
-    eps = jnp.finfo(x[0].dtype).eps
+    eps = float(np.finfo(x[0].dtype).eps)
     std = [jnp.sqrt(S[a][a]) for a in range(len(x))]
     slack = eps**0.6 + 16 * eps * jnp.abs(y[0]) / std[0]
     means = [jnp.abs(a - b) <= slack * s + 16 * eps * jnp.abs(b) for a, b, s in zip(x, y, std, strict=True)]
@@ -316,7 +319,7 @@ def _same_slopes(state: Any, other: Any) -> Array:
     """Equal but for rounding, measured by the largest slope of the same filter in any block."""
 
     def same(x: Array, y: Array) -> Array:
-        return (jnp.abs(x - y) <= jnp.finfo(x.dtype).eps ** 0.6 * jnp.abs(y).max(0)[None]).all()
+        return (jnp.abs(x - y) <= float(np.finfo(x.dtype).eps) ** 0.6 * jnp.abs(y).max(0)[None]).all()
 
     return jnp.stack(jax.tree.leaves(jax.tree.map(same, state, other))).all()
 
