@@ -25,6 +25,8 @@ MOST = 32
 
 Body = Callable[[Any, Any, Any, Any], tuple[Any, Any, Any]]
 """(constants, state, sums, sample) -> state, sums and what is kept; all leaves are arrays over the lanes."""
+Cold = Callable[[Any, Any], Any]
+"""(start of the log, first sample of a warm-up) -> the state that the warm-up starts from; all over the lanes."""
 Agree = Callable[[Any, Any], Array]
 """Whether two states, leaves (blocks, B), are equal but for round-off."""
 
@@ -42,7 +44,7 @@ def scan_blocks(
     xs: Any,
     blocks: int,
     agree: Agree,
-    cold: Callable[[Any, Any], Any] = lambda start, sample: start,
+    cold: Cold = lambda start, sample: start,
     reverse: bool = False,
 ) -> tuple[Any, Any, Any]:
     """``lax.scan`` of a body over independent lanes.
@@ -94,8 +96,8 @@ def scan_blocks(
 
 
 def _step(body: Body, constants: Any) -> Callable[[Any, Any], tuple[Any, Any]]:
-    def step(carry: Any, sample: Any) -> tuple[Any, Any]:
-        state, sums, kept = body(constants, *carry, sample)
+    def step(carry: tuple[Any, Any], sample: Any) -> tuple[Any, Any]:
+        state, sums, kept = body(constants, carry[0], carry[1], sample)
         return (state, sums), kept
 
     return step

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from ftbias_jax import gaussian
 from ftbias_jax.gaussian import Innovation
 from ftbias_jax.noise import JOINT_MODELS, matrix
+from ftbias_jax.recursion import Inputs, filter_scan
 from ftbias_jax.types import Array, Gaussian
 
 
@@ -86,21 +87,15 @@ def likeliest_density(noise: JointNoise, dt: Array, q: Array, dq: Array, model: 
 
 @partial(jax.jit, static_argnames="model")
 def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densities: Array, model: str) -> Array:
-    """Log-likelihood (G, n) of each joint's measurements for each density of its grid (G, n)."""
-
-    def score(density: Array) -> Array:
-        at_density = noise._replace(process_density=density)
-
-        def body(
-            carry: tuple[Gaussian, Array], sample: tuple[Array, Array, Array]
-        ) -> tuple[tuple[Gaussian, Array], None]:
-            state, innovation = step(at_density, carry[0], *sample, model)
-            return (state, carry[1] + innovation.log_likelihood), None
-
-        start = (init(at_density, first_measured(q)), jnp.zeros(q.shape[1], q.dtype))
-        return jax.lax.scan(body, start, (dt, q, dq))[0][1]
-
-    return jax.vmap(score)(densities)
+    """Log-likelihood (G, n) of each joint's measurements for each density of its grid (G, n), all in one recursion."""
+    start = init(noise, first_measured(q))
+    y = jnp.stack([q, dq], 1)
+    variance = jnp.broadcast_to((jnp.stack([noise.position_std, noise.velocity_std]) ** 2)[None], y.shape)
+    restart = jnp.broadcast_to((noise.prior_std**2)[:, None], start.mean.T.shape)
+    joints = (y, variance, start.mean.T, jnp.moveaxis(start.covariance, 0, -1), restart)
+    lanes = (jnp.concatenate([x] * len(densities), -1) for x in joints)
+    track = filter_scan(JOINT_MODELS[model], Inputs(dt, densities.reshape(-1), *lanes))
+    return track.log_likelihood.sum(0).reshape(densities.shape)
 
 
 def first_measured(q: Array) -> Array:

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ftbias_jax.blocks import count_blocks, scan_blocks
 from ftbias_jax.noise import ProcessModel
@@ -94,7 +95,7 @@ class _Record(NamedTuple):
     """Whether the filter started again."""
 
 
-class _Step(NamedTuple):
+class Step(NamedTuple):
     """One sample of a filter, entries kept apart."""
 
     mean: Vector
@@ -113,14 +114,14 @@ def filter_scan(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> T
         forgets: whether the filters forget their start within some hundred samples, as joints do; a long log then runs
             in blocks side by side (blocks.py), with the same result.
     """
-    return _track(inputs, _forward(model, inputs, forgets))
+    return track_of(inputs, _forward(model, inputs, forgets))
 
 
 def smooth_scan(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> Smoothed:
     """States given all measurements, past and future, from one forward and one reverse pass."""
     steps = _forward(model, inputs, forgets)
     mean, covariance = jnp.stack(steps.predicted_mean, 1), _stack(steps.predicted_covariance)
-    track = _track(inputs, steps)
+    track = track_of(inputs, steps)
     cotangent = jax.tree.map(jnp.zeros_like, track)._replace(log_likelihood=jnp.ones_like(track.log_likelihood))
     _, (slope, curvature) = _backward(model, inputs, steps.record, cotangent, forgets, through_restarts=False)
     # dL/dP = (slope slope^T - information) / 2
@@ -129,13 +130,13 @@ def smooth_scan(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> S
     return Smoothed(mean + jnp.einsum("tabn,tbn->tan", covariance, slope), covariance - gained)
 
 
-def _forward(model: ProcessModel, inputs: Inputs, forgets: bool) -> _Step:
+def _forward(model: ProcessModel, inputs: Inputs, forgets: bool) -> Step:
     """The filter at every sample, leaves (T, B); what a caller drops is not computed."""
     length, _, lanes = inputs.y.shape
     blocks = count_blocks(length) if forgets else 1
 
     def body(constants: tuple[Array, Vector], state: tuple[Vector, Rows], sums: Any, sample: Any) -> Any:
-        step = _step(model, *constants, state, *sample)
+        step = filter_step(model, *constants, state, *sample)
         return (step.mean, step.covariance), sums, step
 
     dt, variance = _lengthen((_lanes(inputs.dt, lanes, blocks), _entries(inputs.variance)), blocks)
@@ -143,11 +144,11 @@ def _forward(model: ProcessModel, inputs: Inputs, forgets: bool) -> _Step:
     start = (list(inputs.mean), [list(row) for row in inputs.covariance])
     constants = (inputs.density, list(inputs.restart_variance))
     kept = scan_blocks(body, constants, start, (), xs, blocks, _same_filter, _cold)[2]
-    steps: _Step = jax.tree.map(lambda x: x[:length], kept)
+    steps: Step = jax.tree.map(lambda x: x[:length], kept)
     return steps
 
 
-def _step(
+def filter_step(
     model: ProcessModel,
     density: Array,
     restart: Vector,
@@ -155,7 +156,7 @@ def _step(
     dt: Array,
     y: Vector,
     variance: Vector,
-) -> _Step:
+) -> Step:
     """Predict, start again where too little is known, correct by one measured entry after the other."""
     x, P = state
     k = len(x)
@@ -166,7 +167,9 @@ def _step(
     x = [jnp.where(lost, rest, moved) for rest, moved in zip(at_rest, x, strict=True)]
     P = [[jnp.where(lost, restart[a] if a == b else 0, P[a][b]) for b in range(k)] for a in range(k)]
     predicted = (x, P)
-    columns, weights, innovations = [], [], []
+    columns: Rows = []
+    weights: Vector = []
+    innovations: Vector = []
     for j, (measurement, r) in enumerate(zip(y, variance, strict=True)):
         measured = jnp.isfinite(measurement)
         weight = jnp.where(measured, 1 / (P[j][j] + r), 0)
@@ -176,10 +179,10 @@ def _step(
         x = [x[a] + gain[a] * innovation for a in range(k)]
         P = joseph(P, gain, j, jnp.where(measured, r, 0), weight)
         columns, weights, innovations = [*columns, column], [*weights, weight], [*innovations, innovation]
-    return _Step(x, P, *predicted, _Record(columns, weights, innovations, lost))
+    return Step(x, P, *predicted, _Record(columns, weights, innovations, lost))
 
 
-def _track(inputs: Inputs, steps: _Step) -> Track:
+def track_of(inputs: Inputs, steps: Step) -> Track:
     """What is told of a run; likelihoods are sums over entries, so they need not be worked out in the recursion."""
     weight, innovation = steps.record.weight, steps.record.innovation
     m = len(weight)
@@ -199,7 +202,7 @@ def _track(inputs: Inputs, steps: _Step) -> Track:
 
 def _filter_fwd(model: ProcessModel, inputs: Inputs, forgets: bool) -> tuple[Track, tuple[Inputs, _Record]]:
     steps = _forward(model, inputs, forgets)
-    return _track(inputs, steps), (inputs, steps.record)
+    return track_of(inputs, steps), (inputs, steps.record)
 
 
 def _filter_bwd(
@@ -303,7 +306,7 @@ def _cold(start: tuple[Vector, Rows], sample: tuple[Array, Vector, Vector]) -> t
 def _same_filter(state: tuple[Vector, Rows], other: tuple[Vector, Rows]) -> Array:
     """Equal but for rounding of the positions and what it does to the states: 4e-10 standard deviations in float64."""
     (x, P), (y, S) = state, other
-    eps = jnp.finfo(x[0].dtype).eps
+    eps = float(np.finfo(x[0].dtype).eps)
     std = [jnp.sqrt(S[a][a]) for a in range(len(x))]
     slack = eps**0.6 + 16 * eps * jnp.abs(y[0]) / std[0]
     means = [jnp.abs(a - b) <= slack * s + 16 * eps * jnp.abs(b) for a, b, s in zip(x, y, std, strict=True)]
@@ -316,7 +319,7 @@ def _same_slopes(state: Any, other: Any) -> Array:
     """Equal but for rounding, measured by the largest slope of the same filter in any block."""
 
     def same(x: Array, y: Array) -> Array:
-        return (jnp.abs(x - y) <= jnp.finfo(x.dtype).eps ** 0.6 * jnp.abs(y).max(0)[None]).all()
+        return (jnp.abs(x - y) <= float(np.finfo(x.dtype).eps) ** 0.6 * jnp.abs(y).max(0)[None]).all()
 
     return jnp.stack(jax.tree.leaves(jax.tree.map(same, state, other))).all()
 

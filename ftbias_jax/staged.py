@@ -16,7 +16,8 @@ import jax.numpy as jnp
 
 from ftbias_jax.effects import chain
 from ftbias_jax.effects.types import Model, Signals
-from ftbias_jax.noise import JOINT_MODELS, drift_noise
+from ftbias_jax.noise import JOINT_MODELS, ProcessModel, drift_noise
+from ftbias_jax.parallel import filter_parallel
 from ftbias_jax.pipeline import Options, Params, State
 from ftbias_jax.recursion import Inputs, Track, filter_scan
 from ftbias_jax.types import Array, Gaussian, Sample
@@ -47,10 +48,17 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
     Returns:
         the last state and the track of every sample.
     """
-    joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples), True)
+    joint = run_filters(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples), forgets=True)
     wrench_tool, variance = predict_wrenches(params, joint_states(joint), samples, options)
-    wrench = filter_scan(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
+    wrench = run_filters(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
     return _last_state(joint, wrench), Staged(joint, wrench, wrench_tool)
+
+
+def run_filters(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> Track:
+    """``recursion.filter_scan``, or on an accelerator the same parallel in time."""
+    if jax.default_backend() == "cpu":
+        return filter_scan(model, inputs, forgets)
+    return filter_parallel(model, inputs)
 
 
 def joint_inputs(params: Params, state: State, samples: Sample) -> Inputs:

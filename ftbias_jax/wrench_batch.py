@@ -7,9 +7,11 @@ Six-vectors are split into linear and angular parts; everything is in the base f
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
+import jax.custom_batching
 import jax.numpy as jnp
 
 from ftbias_jax.screws import Arm
@@ -52,11 +54,11 @@ def wrenches(body: Body, mean: Array, covariance: Array | None) -> tuple[Array, 
         wrench (T, 6) N, Nm, sensor frame, and the variance that the joints' uncertainty adds to it (T, 6).
     """
     length = mean.shape[0]
-    size = min(PIECE, length)
+    size = min(PIECE, length) if _on_cpu() else length
     upper = () if covariance is None else (covariance[:, 0, 0], covariance[:, 0, 2], covariance[:, 2, 2])
     columns = [mean[:, 0], mean[:, 1], mean[:, 2], *upper]
     pieces = [_cut(column, size) for column in columns]
-    wrench, variance = jax.lax.map(lambda columns: _piece(body, *columns), pieces)
+    wrench, variance = _pieces(body, *pieces)
     return _join(wrench, length), _join(variance, length)
 
 
@@ -84,21 +86,52 @@ def _join(x: Array, length: int) -> Array:
 
 
 @jax.custom_vjp
-def _piece(body: Body, q: Array, dq: Array, ddq: Array, *covariance: Array) -> tuple[Array, Array]:
-    """The same for joint states (n, C): wrench and variance (6, C)."""
-    return _dynamics(body, _pose(body.arm, q), dq, ddq, *covariance)
+def _pieces(body: Body, *columns: Array) -> tuple[Array, Array]:
+    """Wrench and variance (pieces, 6, C) for columns (pieces, n, C): q, dq, ddq, and covariances if any."""
+    return _pieces_fwd(body, *columns)[0]
 
 
-def _piece_fwd(body: Body, *columns: Array) -> tuple[tuple[Array, Array], tuple[Body, tuple[Array, ...]]]:
-    return _dynamics(body, _pose(body.arm, columns[0]), *columns[1:]), (body, columns)
+def _pieces_fwd(body: Body, *columns: Array) -> tuple[tuple[Array, Array], tuple[Body, tuple[Array, ...]]]:
+    return _one_log_at_a_time(_all_pieces)(body, columns), (body, columns)
 
 
-def _piece_bwd(residual: tuple[Body, tuple[Array, ...]], cotangent: tuple[Array, Array]) -> tuple[Body | Array, ...]:
+def _pieces_bwd(residual: tuple[Body, tuple[Array, ...]], cotangent: tuple[Array, Array]) -> tuple[Body | Array, ...]:
+    body_bars, *column_bars = _one_log_at_a_time(_all_slopes)(*residual, cotangent)
+    return jax.tree.map(lambda x: x.sum(0), body_bars), *column_bars
+
+
+_pieces.defvjp(_pieces_fwd, _pieces_bwd)
+
+
+def _all_pieces(body: Body, columns: tuple[Array, ...]) -> tuple[Array, Array]:
+    def one(columns: tuple[Array, ...]) -> tuple[Array, Array]:
+        return _dynamics(body, _pose(body.arm, columns[0]), *columns[1:])
+
+    found: tuple[Array, Array] = jax.lax.map(one, columns)
+    return found
+
+
+def _all_slopes(body: Body, columns: tuple[Array, ...], cotangent: tuple[Array, Array]) -> tuple[Body | Array, ...]:
+    found: tuple[Body | Array, ...] = jax.lax.map(lambda piece: _slopes(body, *piece), (columns, cotangent))
+    return found
+
+
+def _one_log_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Under ``vmap`` the pieces of all logs together would not fit the processor's cache; an accelerator wants them."""
+    looped: Callable[..., Any] = jax.custom_batching.sequential_vmap(function) if _on_cpu() else function
+    return looped
+
+
+def _on_cpu() -> bool:
+    return jax.default_backend() == "cpu"
+
+
+def _slopes(body: Body, columns: tuple[Array, ...], cotangent: tuple[Array, Array]) -> tuple[Body | Array, ...]:
     """Slopes by hand: twice the work of the wrench, where autodiff of so many small arrays takes ten times.
 
     Each line is the adjoint of a line of ``_dynamics``; ``x_bar`` is the slope in x. a x b . c = b x c . a = c x a . b.
     """
-    body, (q, dq, ddq, *covariance) = residual
+    q, dq, ddq, *covariance = columns
     geometry = _pose(body.arm, q)
     R, p, V, W = geometry
     theta, gravity = body.theta[:, None], jnp.broadcast_to(body.gravity[:, None], p.shape)
@@ -178,9 +211,6 @@ def _piece_bwd(residual: tuple[Body, tuple[Array, ...]], cotangent: tuple[Array,
     inertia = (xx, xy + inertia_bar[1, 0], xz + inertia_bar[2, 0], yy, yz + inertia_bar[2, 1], zz)
     theta_bar = jnp.concatenate([mass_bar.sum()[None], moment_bar.sum(1), jnp.stack(inertia)])
     return Body(arm_bar, (g_bar - a_bar).sum(1), theta_bar), q_bar, dq_bar, ddq_bar, *covariance_bar
-
-
-_piece.defvjp(_piece_fwd, _piece_bwd)
 
 
 class Moving(NamedTuple):

@@ -30,7 +30,7 @@ def filter_log(dt, q, dq, wrench, arm, joint, bias, gravity, theta, means):
     V, W = np.zeros((n, 3)), np.zeros((n, 3))
     e, p, v, w, va, wa = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     K, f, om, al, g = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    t, l, h, reading, variance = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(6), np.zeros(6)
+    t, moved, h, reading, variance = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(6), np.zeros(6)
     by_q, by_a = np.zeros(6), np.zeros(6)
     m, c0, c1, c2 = theta[0], theta[1], theta[2], theta[3]
     xx, xy, xz, yy, yz, zz = theta[4], theta[5], theta[6], theta[7], theta[8], theta[9]
@@ -142,12 +142,12 @@ def filter_log(dt, q, dq, wrench, arm, joint, bias, gravity, theta, means):
                 K[a] = V[j, a] + W[j, a1] * p[a2] - W[j, a2] * p[a1]
             for a in range(3):
                 t[a] = R[0, a] * W[j, 0] + R[1, a] * W[j, 1] + R[2, a] * W[j, 2]
-                l[a] = R[0, a] * K[0] + R[1, a] * K[1] + R[2, a] * K[2]
+                moved[a] = R[0, a] * K[0] + R[1, a] * K[1] + R[2, a] * K[2]
             for a in range(3):
                 a1, a2 = (a + 1) % 3, (a + 2) % 3
                 h[a] = t[a1] * g[a2] - t[a2] * g[a1]
-                by_a[a] = m * l[a] + t[a1] * theta[1 + a2] - t[a2] * theta[1 + a1]
-                by_a[3 + a] = theta[1 + a1] * l[a2] - theta[1 + a2] * l[a1]
+                by_a[a] = m * moved[a] + t[a1] * theta[1 + a2] - t[a2] * theta[1 + a1]
+                by_a[3 + a] = theta[1 + a1] * moved[a2] - theta[1 + a2] * moved[a1]
             by_a[3] += xx * t[0] + xy * t[1] + xz * t[2]
             by_a[4] += xy * t[0] + yy * t[1] + yz * t[2]
             by_a[5] += xz * t[0] + yz * t[1] + zz * t[2]

@@ -29,6 +29,10 @@ ROUGHLY = 0.03
 ROUGH_STEPS = 4
 POLISHED = 0.85
 """Share of the best gain from which on a fit is brought to its end."""
+FLEXIBLE = ("crosstalk", "contact")
+"""Effects that can take nearly any shape."""
+HANDICAP = 0.95
+"""Share of their gain that counts when effects are ranked: a structured explanation as good as theirs comes first."""
 MOST_LEAKS = 5
 """Entries of the crosstalk matrix that may be named."""
 
@@ -89,7 +93,11 @@ def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Score
     """The best ones fitted to the end; best first."""
     top = max((s.gain for s in scored), default=0.0)
     ends = (fit(problem, s.fit.hypotheses, s.fit) if s.fit.free and s.gain > POLISHED * top else s.fit for s in scored)
-    return sorted((Scored(one, score(one, accepted)) for one in ends), key=lambda scored: -scored.gain)
+    return sorted((Scored(one, score(one, accepted)) for one in ends), key=lambda scored: -_merit(scored))
+
+
+def _merit(scored: Scored) -> float:
+    return scored.gain * (HANDICAP if scored.hypothesis.effect in FLEXIBLE else 1.0)
 
 
 def _best_of_each(scored: list[Scored]) -> list[Scored]:

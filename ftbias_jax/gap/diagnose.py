@@ -12,7 +12,7 @@ from ftbias_jax.gap import fit as fits
 from ftbias_jax.gap.candidates import Scored
 from ftbias_jax.gap.compare import compare
 from ftbias_jax.gap.fit import Fit
-from ftbias_jax.gap.holdout import HeldOut, excess_by_channel, excess_stderr, hold_out
+from ftbias_jax.gap.holdout import HeldOut, excess_by_chance, excess_by_channel, excess_stderr, hold_out
 from ftbias_jax.gap.problem import Problem, make_problem
 from ftbias_jax.gap.samples_types import Finding, together
 from ftbias_jax.gap.search import search
@@ -28,8 +28,10 @@ SILENT = 0.12
 """Gap in noise sigmas below which nothing is missing: the joints' own error reaches half of it."""
 USEFUL_SHARE = 0.5
 """Of the gap; causes that remove less explain nothing."""
+LEFT = 0.05
+"""Share of the gap in sigmas that an explanation may leave; more is told as partly explained."""
 SAME = 3.0
-"""Standard errors within which two explanations are as good as one another."""
+"""Standard errors by which a gap must exceed chance."""
 CANDIDATES = 12
 
 
@@ -48,7 +50,9 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
     gap = _gap(problem, before, after)
     found = tuple(finding for finding in together(samples) if finding.effect not in without)
     causes = _causes(problem, base, accepted, rounds, found)
-    verdict = _verdict(problem, gap, causes, found, before, after)
+    if gap.shrink < USEFUL_SHARE:  # what does not hold on unseen blocks is no cause
+        causes = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
+    verdict = _verdict(problem, gap, causes, found)
     if verdict in ("unknown", "none"):
         causes = ()
     stages = tuple(dict.fromkeys(cause.stage for cause in causes))
@@ -81,18 +85,11 @@ def _gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
     )
 
 
-def _verdict(
-    problem: Problem,
-    gap: Gap,
-    causes: tuple[Candidate, ...],
-    found: tuple[Finding, ...],
-    before: HeldOut,
-    after: HeldOut,
-) -> str:
+def _verdict(problem: Problem, gap: Gap, causes: tuple[Candidate, ...], found: tuple[Finding, ...]) -> str:
     before_gap, after_gap = np.sqrt(gap.before_sigmas**2 - 1), np.sqrt(gap.after_sigmas**2 - 1)
-    quiet_before = before_gap < SILENT or gap.before_sigmas**2 - 1 < SAME * excess_stderr(problem, before.error)
+    quiet_before = before_gap < SILENT or before_gap**2 < SAME * excess_by_chance(problem)
     # What is left must be small for the owner and small against what was there.
-    quiet_after = after_gap < max(SILENT, 0.1 * before_gap)
+    quiet_after = after_gap < max(SILENT, LEFT * before_gap)
     of_the_mean = len(causes) > len(found)
     if not causes:
         return "none" if quiet_before else "unknown"

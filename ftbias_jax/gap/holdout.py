@@ -68,3 +68,9 @@ def excess_stderr(problem: Problem, error: np.ndarray) -> float:
     """Standard error of the mean excess over the channels, from blocks."""
     sums = np.bincount(problem.block(BLOCK_SECONDS), excess(problem, error).mean(1))
     return float(np.sqrt(len(sums)) * sums.std() / len(problem.t))
+
+
+def excess_by_chance(problem: Problem) -> float:
+    """Standard error of the mean excess over the channels if the innovations are white noise of the stated size."""
+    relative = np.where(problem.samples > 0, problem.variance / problem.noise_std**2, 0)
+    return float(np.sqrt(2 * ((relative / np.maximum((problem.samples > 0).sum(0), 1)) ** 2).sum()) / 6)

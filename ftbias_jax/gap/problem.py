@@ -118,7 +118,8 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     joint_variance = variance - np.asarray(params.bias.wrench_variance)
     noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
     found = found._replace(noise_std=noise_std)
-    part, count = _bin(params, log, joints, joint_variance + coherent, found)
+    late = float(np.max(found.stamp_jitter.parameters["std"])) if found.stamp_jitter.detected else 0.0
+    part, count = _bin(params, log, joints, joint_variance + coherent, (late * rate) ** 2, found)
     return part, count, params.effects or {}, found
 
 
@@ -144,7 +145,12 @@ def _smooth(params: Params, samples: Sample, options: Options) -> tuple[Array, A
 
 
 def _bin(
-    params: Params, log: Log, states: np.ndarray, joint_variance: np.ndarray, found: SampleFindings
+    params: Params,
+    log: Log,
+    states: np.ndarray,
+    joint_variance: np.ndarray,
+    jitter_variance: np.ndarray,
+    found: SampleFindings,
 ) -> tuple[Part, np.ndarray]:
     wrench = found.clean_wrench
     rows = np.isfinite(wrench).any(1)
@@ -170,6 +176,7 @@ def _bin(
     reading, count = mean(wrench[rows])
     joints, _ = mean(states[rows])
     spread, _ = mean(joint_variance[rows])
+    late, _ = mean(jitter_variance[rows])
     stamps = pad(mean(t)[0])
     temperature = pad(mean(fill_temperature(log.t, log.temperature)[rows])[0])
     q, dq, ddq = np.moveaxis(pad(joints), 2, 0)
@@ -177,7 +184,7 @@ def _bin(
     place = jnp.asarray
     signals = Signals(place(stamps), place(q), place(dq), place(ddq), place(temperature), stated)
     # The smoothed joints' error hangs together over longer than a bin, so averaging does not reduce it.
-    variance = np.where(count > 0, found.noise_std**2 / np.maximum(count, 1) + spread, 1.0)
+    variance = np.where(count > 0, (found.noise_std**2 + late) / np.maximum(count, 1) + spread, 1.0)
     bins = WrenchProblem(
         place(np.diff(stamps, prepend=stamps[0])),
         place(pad(reading, np.nan)),

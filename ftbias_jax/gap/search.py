@@ -16,6 +16,8 @@ LEAST_SIGMAS = 0.08
 """Of one sample's noise: smaller effects are real, perhaps, but mean nothing to the owner."""
 LEAST_SHARE = 0.02
 """Of the gap, that a further cause must remove."""
+STEADY = 1.3
+"""Standard errors of the gain over blocks; a single block that gains everything is one."""
 MOST_CAUSES = 3
 BEAM = 2
 """First causes from which pairs are tried."""
@@ -85,7 +87,7 @@ def _earned(problem: Problem, accepted: Fit, best: Scored, first_gap: float) -> 
     removed = float((excess_by_channel(problem, accepted.error) - excess_by_channel(problem, best.fit.error)).mean())
     needed = max(LEAST_SIGMAS**2, LEAST_SHARE * first_gap if accepted.hypotheses else 0.0)
     sudden = best.hypothesis.local or best.hypothesis.effect == "bias_jump"
-    return best.gain > LEAST_GAIN and removed > needed and (sudden or _z_of_gain(problem, best.fit, accepted) > 2)
+    return best.gain > LEAST_GAIN and removed > needed and (sudden or _z_of_gain(problem, best.fit, accepted) > STEADY)
 
 
 def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:

@@ -15,6 +15,8 @@ from ftbias_jax.gap.types import Numbers
 
 Parameters = dict[str, Numbers]
 
+SHAPE_ERROR = 0.15
+"""Share of a contact's peak that its few hat functions may miss."""
 TIME_STDERR = 0.02
 """s; a jump is somewhere between two bins, and the likelihood is not smooth in its time."""
 
@@ -23,10 +25,11 @@ def parameters(problem: Problem, fit: Fit, hypothesis: Hypothesis) -> tuple[Para
     """Values and standard errors of one hypothesis of a fit, in the units of the catalogue."""
     warm = [h for h in fit.hypotheses if h.effect == "warmup"]
     further = np.concatenate([fit.columns[:0], *(_by_time_constant(problem, fit, h) for h in warm)])
-    stderr = np.sqrt(np.diag(covariance(problem, fit, further)))
+    spread = covariance(problem, fit, further)
     if hypothesis.shapes:
-        return _of_series(problem, fit, hypothesis, stderr[len(fit.free) :])
-    return _of_coordinates(problem, fit, hypothesis, dict(zip(fit.free, stderr, strict=False)))
+        return _of_series(problem, fit, hypothesis, np.sqrt(np.diag(spread))[len(fit.free) :])
+    own = [fit.free.index(i) for i in hypothesis.free]
+    return _of_coordinates(problem, fit, hypothesis, spread[np.ix_(own, own)])
 
 
 def _by_time_constant(problem: Problem, fit: Fit, warm: Hypothesis) -> np.ndarray:
@@ -42,24 +45,25 @@ def rows_of(fit: Fit, h: Hypothesis) -> slice:
     return slice(before, before + 6 * len(h.shapes))
 
 
-def _of_coordinates(
-    problem: Problem, fit: Fit, h: Hypothesis, stderr: dict[int, float]
-) -> tuple[Parameters, Parameters]:
-    spread = np.zeros(len(fit.z))
-    spread[list(stderr)] = list(stderr.values())
-    link = jnp.asarray(fit.link)
-    signals = problem.parts[0].signals
-    values, offsets = model.to_values(signals, jnp.asarray(fit.z), link)
+def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarray) -> tuple[Parameters, Parameters]:
+    """Standard errors from a step of one standard deviation along every principal axis of the covariance (F, F).
+
+    So a direction that changes no parameter, such as the size of gravity, adds nothing.
+    """
+    link, signals = jnp.asarray(fit.link), problem.parts[0].signals
+    variance, axes = np.linalg.eigh(spread)
+    z = np.repeat(fit.z[None], len(variance) + 1, 0)
+    z[1:, list(h.free)] += np.sqrt(np.maximum(variance, 0))[:, None] * axes.T
+    values, offsets = zip(*(model.to_values(signals, jnp.asarray(row), link) for row in z), strict=True)
     if h.effect == "encoder_offset":
         joint = int(h.detail[0])
-        error = float(spread[h.free[0]] * 0.01)
-        return {"joint": joint, "offset": float(offsets[joint - 1])}, {"joint": 0.0, "offset": error}
-    shifted, _ = model.to_values(signals, jnp.asarray(fit.z + spread), link)
-    found: Parameters = {name: _plain(value) for name, value in values[h.effect].items()}
-    errors: Parameters = {
-        name: _plain(np.abs(np.asarray(shifted[h.effect][name]) - np.asarray(value)))
-        for name, value in values[h.effect].items()
-    }
+        at = np.array([float(offset[joint - 1]) for offset in offsets])
+        return {"joint": joint, "offset": float(at[0])}, {"joint": 0.0, "offset": float(np.abs(at[1:] - at[0]).max())}
+    found: Parameters = {}
+    errors: Parameters = {}
+    for name in values[0][h.effect]:
+        at = np.stack([np.asarray(value[h.effect][name], float) for value in values])
+        found[name], errors[name] = _plain(at[0]), _plain(np.sqrt(((at[1:] - at[0]) ** 2).sum(0)))
     return found, errors
 
 
@@ -94,7 +98,8 @@ def _of_contact(
         middle = np.searchsorted(np.asarray(signals.t)[:used], start + (peak + 1) * (end - start) / (SHAPE + 1))
         R = np.asarray(rotations(signals.model.arm, signals.q[int(min(middle, used - 1))][None])[0])
         forces.append((-R @ change[peak, :3]).tolist())
-        spreads.append((np.abs(R) @ error[peak, :3]).tolist())
+        blunt = SHAPE_ERROR * float(np.linalg.norm(change[peak, :3]))
+        spreads.append(np.hypot(np.abs(R) @ error[peak, :3], blunt).tolist())
     width: Numbers = [0.1] * len(events)
     found: Parameters = {"start": events[:, 1].tolist(), "end": events[:, 2].tolist(), "force": forces}
     return found, {"start": width, "end": width, "force": spreads}
