@@ -100,11 +100,12 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
     matrix = jnp.eye(6, dtype=z.dtype).at[np.nonzero(~np.eye(6, dtype=bool))].set(move("crosstalk", "matrix"))
     lag = jnp.maximum(move("low_pass", "lag")[0], SHORTEST_LAG)
     period = move("tool_flexibility", "period")[0]
+    gravity = model.gravity + move("gravity_tilt", "gravity")
     values = {
         "tool_mass": {"mass": neutral["tool_mass"]["mass"] + move("tool_mass", "mass")[0]},
         "tool_com": {"center_of_mass": neutral["tool_com"]["center_of_mass"] + move("tool_com", "center_of_mass")},
         "tool_inertia": {"inertia": neutral["tool_inertia"]["inertia"] + move("tool_inertia", "inertia")},
-        "gravity_tilt": {"gravity": model.gravity + move("gravity_tilt", "gravity")},
+        "gravity_tilt": {"gravity": gravity * jnp.linalg.norm(model.gravity) / jnp.linalg.norm(gravity)},
         "mount_rotation": {"rotation": move("mount_rotation", "rotation")},
         "gain": {"gain": 1 + move("gain", "gain")},
         "crosstalk": {"matrix": matrix},

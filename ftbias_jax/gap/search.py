@@ -19,6 +19,8 @@ LEAST_SHARE = 0.02
 STEADY = 1.3
 """Standard errors of the gain over blocks; a single block that gains everything is one."""
 MOST_CAUSES = 3
+NEARLY = 0.1
+"""Share of the gap that may be left for other pairs to be worth trying: no pair explains what is not in the catalogue."""
 BEAM = 2
 """First causes from which pairs are tried."""
 BEAM_SHARE = 0.3
@@ -37,8 +39,8 @@ def search(problem: Problem, start: Fit, without: Collection[str] = ()) -> tuple
     """
     library = make_library(problem)
     accepted, rounds = grow(problem, library, start, [], without)
-    settled = len(accepted.hypotheses) <= 2 and gap_of(problem, accepted) < LEAST_SIGMAS**2
-    if len(accepted.hypotheses) > 1 and not settled:
+    left, settled = gap_of(problem, accepted), len(accepted.hypotheses) <= 2
+    if len(accepted.hypotheses) > 1 and (LEAST_SIGMAS**2 if settled else 0) < left < NEARLY * gap_of(problem, start):
         for other in _other_firsts(rounds[0], accepted):
             first = [other, *(s for s in rounds[0] if s is not other)]
             trial, trial_rounds = grow(problem, library, start, [first], without, most=2)
