@@ -20,7 +20,7 @@ STEADY = 1.3
 """Standard errors of the gain over blocks; a single block that gains everything is one."""
 MOST_CAUSES = 3
 NEARLY = 0.1
-"""Share of the gap that may be left for other pairs to be worth trying: no pair explains what is not in the catalogue."""
+"""Share of the gap that may be left for other pairs to be tried: none explains what is not in the catalogue."""
 BEAM = 2
 """First causes from which pairs are tried."""
 BEAM_SHARE = 0.3
