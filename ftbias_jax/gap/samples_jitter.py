@@ -26,6 +26,9 @@ LEAST_NATS = 10.0
 VISIBLE = 0.3
 """Sigmas that the jitter must add where the wrench changes fastest."""
 
+MOST_JITTER = 0.1
+"""s; stamps are not off at random by more. What looks so is vibration that grows with the motion."""
+
 
 class Jitter(NamedTuple):
     """Scatter of the time of measurement around the stamps, independent from sample to sample."""
@@ -46,7 +49,8 @@ class Jitter(NamedTuple):
     @property
     def detected(self) -> bool:
         """It is certain, large enough to matter, and nothing but jitter."""
-        return self.nats > LEAST_NATS and self.visible > VISIBLE and self.across < ACROSS and self.even > EVEN
+        certain = self.nats > LEAST_NATS and self.visible > VISIBLE
+        return certain and self.std < MOST_JITTER and self.across < ACROSS and self.even > EVEN
 
 
 def no_jitter(noise_std: np.ndarray) -> Jitter:
