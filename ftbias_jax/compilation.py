@@ -8,7 +8,7 @@ from typing import Any
 
 import jax
 
-MIN_COMPILE_SECONDS = 0.3
+MIN_COMPILE_SECONDS = 0.02
 """Programs that compile faster are not worth a file."""
 
 

@@ -62,6 +62,7 @@ def step(
     return jax.vmap(one_joint)(state, noise.process_density, noise.position_std, noise.velocity_std, q, dq)
 
 
+@partial(jax.jit, static_argnames="model")
 def likeliest_density(noise: JointNoise, dt: Array, q: Array, dq: Array, model: str = "integrated_jerk") -> Array:
     """Process noise density of every joint that makes its measurements likeliest: (n,), noise.process_density unused.
 
@@ -85,7 +86,6 @@ def likeliest_density(noise: JointNoise, dt: Array, q: Array, dq: Array, model: 
     return 2 ** (jnp.take_along_axis(exponents, best, 0)[0] + spacing * jnp.clip(shift, -1, 1))
 
 
-@partial(jax.jit, static_argnames="model")
 def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densities: Array, model: str) -> Array:
     """Log-likelihood (G, n) of each joint's measurements for each density of its grid (G, n), all in one recursion."""
     start = init(noise, first_measured(q))

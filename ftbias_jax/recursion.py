@@ -13,10 +13,12 @@ much as the filter, and smoothing is the same pass.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
+import jax.custom_batching
 import jax.numpy as jnp
 import numpy as np
 
@@ -35,6 +37,9 @@ from ftbias_jax.small_matrices import (
     transpose,
 )
 from ftbias_jax.types import Array
+
+MANY = 8
+"""So many logs side by side leave nothing to gain by blocks of time."""
 
 
 class Inputs(NamedTuple):
@@ -132,8 +137,13 @@ def smooth_scan(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> S
 
 def _forward(model: ProcessModel, inputs: Inputs, forgets: bool) -> Step:
     """The filter at every sample, leaves (T, B); what a caller drops is not computed."""
+    blocks = count_blocks(len(inputs.dt)) if forgets else 1
+    steps: Step = _blocks_unless_mapped(partial(_filter, model), blocks)(inputs)
+    return steps
+
+
+def _filter(model: ProcessModel, blocks: int, inputs: Inputs) -> Step:
     length, _, lanes = inputs.y.shape
-    blocks = count_blocks(length) if forgets else 1
 
     def body(constants: tuple[Array, Vector], state: tuple[Vector, Rows], sums: Any, sample: Any) -> Any:
         step = filter_step(model, *constants, state, *sample)
@@ -237,8 +247,17 @@ def _backward(
 
     A restart takes over the last position as a number: derivatives pass through it, but nothing is learned of the past.
     """
+    blocks = count_blocks(len(inputs.dt)) if forgets else 1
+    adjoint = _blocks_unless_mapped(partial(_adjoint, model, through_restarts), blocks)
+    slopes: tuple[Inputs, tuple[Array, Array]] = adjoint(inputs, record, cotangent)
+    return slopes
+
+
+def _adjoint(
+    model: ProcessModel, through_restarts: bool, blocks: int, inputs: Inputs, record: _Record, cotangent: Track
+) -> tuple[Inputs, tuple[Array, Array]]:
     length, _, lanes = inputs.y.shape
-    k, blocks = len(inputs.mean), count_blocks(length) if forgets else 1
+    k = len(inputs.mean)
 
     def body(density: Array, state: tuple[Vector, Rows], sums: tuple[Array, Vector], sample: Any) -> Any:
         dt, record, bar = sample
@@ -273,6 +292,21 @@ def _backward(
     slopes = (jnp.stack(y, 1), jnp.stack(r, 1), jnp.stack(x), jnp.stack([jnp.stack(row) for row in P]))
     bars = Inputs(jnp.zeros_like(inputs.dt), density, *slopes, jnp.stack(restart))
     return bars, (jnp.stack(mean, 1), _stack(covariance))
+
+
+def _blocks_unless_mapped(function: Callable[..., Any], blocks: int) -> Callable[..., Any]:
+    """A function of (blocks, ...) with the number chosen: under ``vmap`` over many logs there are lanes enough."""
+    if blocks == 1:
+        return partial(function, 1)
+    in_blocks: Any = jax.custom_batching.custom_vmap(partial(function, blocks))
+
+    def mapped(count: int, is_mapped: Any, *arguments: Any) -> tuple[Any, Any]:
+        axes = jax.tree.map(lambda mapped: 0 if mapped else None, is_mapped)
+        found = jax.vmap(partial(function, 1 if count >= MANY else blocks), tuple(axes))(*arguments)
+        return found, jax.tree.map(lambda _: True, found)
+
+    in_blocks.def_vmap(mapped)
+    return cast("Callable[..., Any]", in_blocks)
 
 
 def _back_to_prediction(record: _Record, bar: _Cotangent, x: Vector, P: Rows) -> tuple[Vector, Rows, Vector, Vector]:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from ftbias_jax.screws import Arm
 from ftbias_jax.types import Array
 
-PIECE = 128
+PIECE = 64
 """Samples worked out together."""
 
 
