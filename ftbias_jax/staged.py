@@ -55,8 +55,11 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
 
 
 def run_filters(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> Track:
-    """``recursion.filter_scan``, or on an accelerator the same parallel in time."""
-    if jax.default_backend() == "cpu":
+    """``recursion.filter_scan``, or on an accelerator in double precision the same parallel in time.
+
+    In single precision the parallel form costs sharp encoders most of a standard deviation (parallel.py).
+    """
+    if jax.default_backend() == "cpu" or inputs.y.dtype != jnp.float64:
         return filter_scan(model, inputs, forgets)
     return filter_parallel(model, inputs)
 

@@ -34,7 +34,7 @@ def test_double_precision_and_a_cache_are_set(tmp_path, monkeypatch, updates):
     assert updates["jax_enable_x64"] is True
     assert updates[CACHE] == str(tmp_path / "ftbias" / "jax")
     assert Path(updates[CACHE]).is_dir()
-    assert updates["jax_persistent_cache_min_compile_time_secs"] == 0.02
+    assert updates["jax_persistent_cache_min_compile_time_secs"] == compilation.MIN_COMPILE_SECONDS
 
 
 def test_where_no_folder_can_be_made_there_is_no_cache(tmp_path, monkeypatch, updates):
