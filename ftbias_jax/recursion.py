@@ -122,19 +122,6 @@ def filter_scan(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> T
     return track_of(inputs, _forward(model, inputs, forgets))
 
 
-def smooth_scan(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> Smoothed:
-    """States given all measurements, past and future, from one forward and one reverse pass."""
-    steps = _forward(model, inputs, forgets)
-    mean, covariance = jnp.stack(steps.predicted_mean, 1), _stack(steps.predicted_covariance)
-    track = track_of(inputs, steps)
-    cotangent = jax.tree.map(jnp.zeros_like, track)._replace(log_likelihood=jnp.ones_like(track.log_likelihood))
-    _, (slope, curvature) = _backward(model, inputs, steps.record, cotangent, forgets, through_restarts=False)
-    # dL/dP = (slope slope^T - information) / 2
-    information = slope[:, :, None] * slope[:, None] - 2 * curvature
-    gained = jnp.einsum("tabn,tbcn,tcdn->tadn", covariance, information, covariance)
-    return Smoothed(mean + jnp.einsum("tabn,tbn->tan", covariance, slope), covariance - gained)
-
-
 def _forward(model: ProcessModel, inputs: Inputs, forgets: bool) -> Step:
     """The filter at every sample, leaves (T, B); what a caller drops is not computed."""
     blocks = count_blocks(len(inputs.dt)) if forgets else 1
@@ -218,7 +205,7 @@ def _filter_fwd(model: ProcessModel, inputs: Inputs, forgets: bool) -> tuple[Tra
 def _filter_bwd(
     model: ProcessModel, forgets: bool, residual: tuple[Inputs, _Record], cotangent: Track
 ) -> tuple[Inputs]:
-    return (_backward(model, *residual, cotangent, forgets)[0],)
+    return (_backward(model, *residual, cotangent, forgets),)
 
 
 filter_scan.defvjp(_filter_fwd, _filter_bwd)
@@ -241,21 +228,14 @@ def _backward(
     record: _Record,
     cotangent: Track,
     forgets: bool,
-    through_restarts: bool = True,
-) -> tuple[Inputs, tuple[Array, Array]]:
-    """Adjoint of the filter: cotangents of the inputs, and of the predicted mean (T, k, B) and covariance.
-
-    A restart takes over the last position as a number: derivatives pass through it, but nothing is learned of the past.
-    """
+) -> Inputs:
+    """Adjoint of the filter: cotangents of the inputs."""
     blocks = count_blocks(len(inputs.dt)) if forgets else 1
-    adjoint = _blocks_unless_mapped(partial(_adjoint, model, through_restarts), blocks)
-    slopes: tuple[Inputs, tuple[Array, Array]] = adjoint(inputs, record, cotangent)
+    slopes: Inputs = _blocks_unless_mapped(partial(_adjoint, model), blocks)(inputs, record, cotangent)
     return slopes
 
 
-def _adjoint(
-    model: ProcessModel, through_restarts: bool, blocks: int, inputs: Inputs, record: _Record, cotangent: Track
-) -> tuple[Inputs, tuple[Array, Array]]:
+def _adjoint(model: ProcessModel, blocks: int, inputs: Inputs, record: _Record, cotangent: Track) -> Inputs:
     length, _, lanes = inputs.y.shape
     k = len(inputs.mean)
 
@@ -263,15 +243,14 @@ def _adjoint(
         dt, record, bar = sample
         # x, P: the derivatives dL/dmean and dL/dcovariance, after the sample's correction, then before it.
         x, P, y_bar, r_bar = _back_to_prediction(record, bar, *state)
-        predicted, lost = (x, P), record.lost
+        lost = record.lost
         restart_sum = [total + jnp.where(lost, P[a][a], 0) for a, total in enumerate(sums[1])]
         P = [[jnp.where(lost, 0, entry) for entry in row] for row in P]
         (A, _), (_, slope) = jax.jvp(partial(model, dt), (density,), (jnp.ones_like(density),))
         density_sum = sums[0] + sum(dot(P[a], slope[a]) for a in range(k))
         back = transpose(A)
-        kept = _at_rest(x) if through_restarts else [jnp.zeros_like(entry) for entry in x]
-        x = [jnp.where(lost, rest, moved) for rest, moved in zip(kept, times(back, x), strict=True)]
-        return (x, congruence(back, P)), (density_sum, restart_sum), (y_bar, r_bar, predicted)
+        x = [jnp.where(lost, rest, moved) for rest, moved in zip(_at_rest(x), times(back, x), strict=True)]
+        return (x, congruence(back, P)), (density_sum, restart_sum), (y_bar, r_bar)
 
     symmetric = (cotangent.covariance + jnp.swapaxes(cotangent.covariance, 1, 2)) / 2
     bar = _Cotangent(
@@ -288,10 +267,9 @@ def _adjoint(
     (x, P), (density, restart), kept = scan_blocks(
         body, inputs.density, start, sums, xs, blocks, _same_slopes, reverse=True
     )
-    y, r, (mean, covariance) = jax.tree.map(lambda x: x[:length], kept)
+    y, r = jax.tree.map(lambda x: x[:length], kept)
     slopes = (jnp.stack(y, 1), jnp.stack(r, 1), jnp.stack(x), jnp.stack([jnp.stack(row) for row in P]))
-    bars = Inputs(jnp.zeros_like(inputs.dt), density, *slopes, jnp.stack(restart))
-    return bars, (jnp.stack(mean, 1), _stack(covariance))
+    return Inputs(jnp.zeros_like(inputs.dt), density, *slopes, jnp.stack(restart))
 
 
 def _blocks_unless_mapped(function: Callable[..., Any], blocks: int) -> Callable[..., Any]:

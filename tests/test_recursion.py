@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ftbias_jax import gaussian
+from ftbias_jax.backward import smooth_track
 from ftbias_jax.noise import JOINT_MODELS, drift_noise, matrix
-from ftbias_jax.recursion import Inputs, filter_scan, smooth_scan
+from ftbias_jax.recursion import Inputs, filter_scan
 from ftbias_jax.types import Gaussian
 
 COUNT, LANES = 24, 3
@@ -21,7 +22,7 @@ MODELS = {**JOINT_MODELS, "drift": drift_noise}
 models = pytest.mark.parametrize("model", MODELS)
 seeds = st.integers(0, 2**32 - 1)
 filter_log = jax.jit(filter_scan, static_argnums=0)
-smooth_log = jax.jit(smooth_scan, static_argnums=0)
+smooth_log = jax.jit(lambda model, inputs: smooth_track(model, inputs, filter_scan(model, inputs)), static_argnums=0)
 
 
 def sizes(model):
