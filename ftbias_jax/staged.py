@@ -16,12 +16,13 @@ import jax.numpy as jnp
 
 from ftbias_jax.effects import chain
 from ftbias_jax.effects.types import Model, Signals
+from ftbias_jax.free_body import FreeBody
 from ftbias_jax.noise import JOINT_MODELS, ProcessModel, drift_noise
 from ftbias_jax.parallel import filter_parallel
-from ftbias_jax.pipeline import Options, Params, State
+from ftbias_jax.pipeline import Options, Params, State, covariance_of_joints, predict_wrench
 from ftbias_jax.recursion import Inputs, Track, filter_scan
 from ftbias_jax.types import Array, Gaussian, Sample
-from ftbias_jax.wrench import measurement_covariance
+from ftbias_jax.wrench import joint_sensitivity, measurement_covariance
 from ftbias_jax.wrench_batch import Body, wrenches
 
 
@@ -103,9 +104,13 @@ def predict_wrenches(params: Params, joints: Gaussian, samples: Sample, options:
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
     stated = jnp.diagonal(R)
 
-    mean = jnp.swapaxes(joints.mean, 1, 2)
-    covariance = None if options.joint_uncertainty == "none" else jnp.moveaxis(joints.covariance, 1, -1)
-    wrench_tool, from_joints = wrenches(Body(params.arm, params.gravity, params.theta), mean, covariance)
+    known_exactly = options.joint_uncertainty == "none"
+    if isinstance(params.arm, FreeBody):
+        wrench_tool, from_joints = jax.vmap(partial(_of_free_body, params, known_exactly))(*joints)
+    else:
+        mean = jnp.swapaxes(joints.mean, 1, 2)
+        covariance = None if known_exactly else jnp.moveaxis(joints.covariance, 1, -1)
+        wrench_tool, from_joints = wrenches(Body(params.arm, params.gravity, params.theta), mean, covariance)
     variance = from_joints + stated[None]
     if params.effects is None:
         return wrench_tool, variance
@@ -115,6 +120,15 @@ def predict_wrenches(params: Params, joints: Gaussian, samples: Sample, options:
     rate = jnp.diff(reading, axis=0) / jnp.where(dt > 0, dt, jnp.inf)
     rate = jnp.concatenate([rate[:1], rate])
     return reading, variance - stated[None] + chain.noise_variance(stated, rate, signals.model, params.effects)
+
+
+def _of_free_body(params: Params, known_exactly: bool, mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Wrench of the tool (6,) and the variance that the pose adds (6,), for one sample of a recorded pose."""
+    motion, wrench_tool = predict_wrench(params, mean)
+    if known_exactly:
+        return wrench_tool, jnp.zeros_like(wrench_tool)
+    G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
+    return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal"))
 
 
 def predict_readings(params: Params, joints: Array, samples: Sample) -> Array:

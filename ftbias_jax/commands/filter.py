@@ -130,9 +130,10 @@ def format_summary(summary: Summary) -> str:
 
 
 def _gate_lines(summary: Summary) -> list[str]:
-    """What the gate did, or could do. Where it would take much, the model is wrong, which no gate mends."""
+    """What the gate did, or could do. Where very many samples are off, the model may be wrong, which no gate mends."""
     if summary.gated:
         return [f"{summary.gated} samples ({summary.gated / summary.samples:.2%}) did not pass the gate: contact?"]
-    if 0 < summary.far < summary.samples / 4:
-        return [f"{summary.far} samples are far off their prediction: contact? --gate 5 keeps them out of the bias"]
+    if summary.far:
+        line = f"{summary.far} samples are far off their prediction: contact? --gate 5 keeps them out of the bias"
+        return [line + ("; or a wrong setup? ftbias diagnose" if summary.far > summary.samples / 4 else "")]
     return []

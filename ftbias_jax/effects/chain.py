@@ -5,13 +5,18 @@ Motion and model -> transforms -> wrench of the tool -> readings -> bias and noi
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.effects.catalogue import CATALOGUE, Catalogue, complete
 from ftbias_jax.effects.types import Model, Record, Signals, Values
+from ftbias_jax.free_body import FreeBody
+from ftbias_jax.screws import Arm
 from ftbias_jax.types import Array
+from ftbias_jax.wrench import tool_wrench
 from ftbias_jax.wrench_batch import Body, wrenches_forward
 
 
@@ -32,6 +37,9 @@ def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) 
 
 def tool_wrenches(signals: Signals) -> Array:
     """(T, 6) N, Nm: wrench of the tool, D theta, for the motion and model of ``signals``."""
+    carrier: Arm | FreeBody = signals.model.arm
+    if isinstance(carrier, FreeBody):
+        return jax.vmap(partial(tool_wrench, *signals.model))(signals.q, signals.dq, signals.ddq)
     return wrenches_forward(Body(*signals.model), jnp.stack([signals.q, signals.dq, signals.ddq], 1))
 
 

@@ -31,7 +31,7 @@ SETUP = {
     },
     "sensor": {"noise_std": NOISE.tolist()},
     "tool": {"mass": 0.7, "center_of_mass": [0.01, 0, 0.06]},
-    "joints": {"process_noise_density": 8.0, "position_noise_std": 1e-4, "velocity_noise_std": 1e-3},
+    "joints": {"process_noise_density": 1.0, "position_noise_std": 1e-4, "velocity_noise_std": 1e-3},
 }
 TRUE = "true.npy"
 
