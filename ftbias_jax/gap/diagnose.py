@@ -51,6 +51,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
     found = tuple(finding for finding in together(samples) if finding.effect not in without)
     causes = _causes(problem, base, accepted, rounds, found)
     if gap.shrink < USEFUL_SHARE:  # what does not hold on unseen blocks is no cause
+        accepted, after, gap = base, before, _gap(problem, before, before)
         causes = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
     verdict = _verdict(problem, gap, causes, found)
     if verdict in ("unknown", "none"):

@@ -18,6 +18,8 @@ def sentence_of(verdict: str, gap: Gap, causes: tuple[Candidate, ...]) -> str:
         return f"The error is {before} noise sigmas (1 = noise alone), and no effect of the catalogue explains it."
     if gap.before_sigmas - 1 < MEAN_GAP:
         return f"{named}: seen in single samples; the mean reading agrees with the setup."
+    if gap.shrink == 0:
+        return f"{named}: seen in single samples; no effect explains the mean reading's error of {after}."
     if verdict == "explained":
         return f"{named} explains the gap: the error falls from {before} to {after}."
     return f"{named} explains {gap.shrink:.0%} of the gap: the error falls from {before} to {after}."
