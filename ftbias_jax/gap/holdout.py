@@ -59,18 +59,25 @@ def excess(problem: Problem, error: np.ndarray) -> np.ndarray:
 
 
 def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """(6,) mean of the excess over the measured bins."""
-    mean: np.ndarray = excess(problem, error).sum(0) / np.maximum((problem.samples > 0).sum(0), 1)
+    """(6,) mean of the excess, each bin weighted by how well it tells it: where the joints are hardly known, not at all."""
+    mean: np.ndarray = (_weights(problem) * excess(problem, error)).sum(0)
     return mean
 
 
 def excess_stderr(problem: Problem, error: np.ndarray) -> float:
     """Standard error of the mean excess over the channels, from blocks."""
-    sums = np.bincount(problem.block(BLOCK_SECONDS), excess(problem, error).mean(1))
-    return float(np.sqrt(len(sums)) * sums.std() / len(problem.t))
+    sums = np.bincount(problem.block(BLOCK_SECONDS), (_weights(problem) * excess(problem, error)).mean(1))
+    return float(np.sqrt(len(sums)) * sums.std())
 
 
 def excess_by_chance(problem: Problem) -> float:
     """Standard error of the mean excess over the channels if the innovations are white noise of the stated size."""
-    relative = np.where(problem.samples > 0, problem.variance / problem.noise_std**2, 0)
-    return float(np.sqrt(2 * ((relative / np.maximum((problem.samples > 0).sum(0), 1)) ** 2).sum()) / 6)
+    relative = problem.variance / problem.noise_std**2
+    return float(np.sqrt(2 * ((_weights(problem) * relative) ** 2).sum()) / 6)
+
+
+def _weights(problem: Problem) -> np.ndarray:
+    """(U, 6) inverse variances of the bins' excess, with sum 1 over the bins."""
+    weight = np.where(problem.samples > 0, (problem.noise_std**2 / problem.variance) ** 2, 0)
+    scaled: np.ndarray = weight / np.maximum(weight.sum(0), 1e-300)
+    return scaled
