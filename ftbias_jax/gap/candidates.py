@@ -33,8 +33,10 @@ FLEXIBLE = ("crosstalk", "contact")
 """Effects that can take nearly any shape."""
 HANDICAP = 0.95
 """Share of their gain that counts when effects are ranked: a structured explanation as good as theirs comes first."""
-MOST_LEAKS = 5
+MOST_LEAKS = 12
 """Entries of the crosstalk matrix that may be named."""
+LEAST_LEAK = 0.01
+"""Share of the gain that each of them must add."""
 
 
 class Scored(NamedTuple):
@@ -133,7 +135,7 @@ def _leaks(prepared: Gains, rows: list[int]) -> tuple[float, list[int]]:
     for _ in range(MOST_LEAKS):
         trials = {i: prepared.of([*chosen, i]) for i in rows if i not in chosen}
         best = max(trials, key=lambda i: trials[i])
-        if trials[best] - gained < max(2 * NATS_PER_DEGREE, 0.03 * trials[best]):
+        if trials[best] - gained < max(2 * NATS_PER_DEGREE, LEAST_LEAK * trials[best]):
             break
         chosen, gained = [*chosen, best], trials[best]
     return gained, chosen

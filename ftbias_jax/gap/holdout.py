@@ -10,9 +10,6 @@ from ftbias_jax.gap.fit import BLOCK_SECONDS, PRIOR_STD, Fit
 from ftbias_jax.gap.problem import Problem
 
 FOLDS = 4
-LOCAL_BLOCK_SECONDS = 0.05
-"""For effects that act for a moment: a longer block would hide all of it."""
-
 
 class HeldOut(NamedTuple):
     """A fit on blocks it has not seen."""
@@ -30,8 +27,9 @@ def hold_out(problem: Problem, fit: Fit, reference: np.ndarray) -> HeldOut:
     Args:
         problem: of the logs. fit: on all of them. reference: (U, 6) errors of the model to compare with.
     """
+    # What acts for a moment has every fourth bin left out: a longer block would hide all of it.
     local = any(h.local for h in fit.hypotheses)
-    fold = problem.block(LOCAL_BLOCK_SECONDS if local else BLOCK_SECONDS) % FOLDS
+    fold = (np.arange(len(problem.t)) if local else problem.block(BLOCK_SECONDS)) % FOLDS
     error = fit.error.copy()
     if len(fit.columns):
         prior = np.zeros(len(fit.columns))

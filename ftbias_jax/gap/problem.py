@@ -155,7 +155,7 @@ def _bin(
     wrench = found.clean_wrench
     rows = np.isfinite(wrench).any(1)
     t, duration = log.t[rows], float(log.t[-1])
-    width = max(SHORTEST_BIN, duration / MOST_BINS)
+    width = max(SHORTEST_BIN, np.nextafter(duration / MOST_BINS, np.inf))  # so that the last sample is in the last bin
     # Bins without a sample are left out: a bin of a slow log is a sample.
     _, index = np.unique((t / width).astype(int), return_inverse=True)
     used = int(index[-1]) + 1
