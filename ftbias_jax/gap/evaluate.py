@@ -21,9 +21,12 @@ WHITE_LANES = (8, 32)
 def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
     """(C, P) coordinates, (C,) links -> (C, U, 6) N, Nm: noise-free readings."""
 
+    offsets = z[:, model.coordinates(problem.joints, "encoder_offset")]
+    program = model.predict_at_pose if (offsets == offsets[0]).all() else model.predict_many
+
     def of_log(part: Part) -> np.ndarray:
         def some(z: Array, link: Array) -> Array:
-            return model.predict_many(part.signals, problem.known, z, link)
+            return program(part.signals, problem.known, z, link)
 
         return in_pieces(some, LANES, z, link)[:, : part.used]
 
@@ -32,9 +35,18 @@ def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
 
 def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) -> np.ndarray:
     """(F, U, 6) N, Nm: derivatives of the reading at z (P,) by the coordinates at these places."""
-    directions = np.zeros((len(places), len(z)))
-    directions[np.arange(len(places)), list(places)] = 1
-    program = model.slopes_of_reading if set(places) <= model.of_reading(problem.joints) else model.slopes
+    place, moving = np.array(places), np.isin(places, model.coordinates(problem.joints, "encoder_offset"))
+    found = np.empty((len(place), len(problem.t), 6))
+    for program, some in ((model.slopes, moving), (model.slopes_at_pose, ~moving)):
+        if some.any():
+            found[some] = _slopes(problem, z, link, program, np.eye(len(z))[place[some]])
+    return found
+
+
+def _slopes(
+    problem: Problem, z: np.ndarray, link: float, program: Callable[..., Array], directions: np.ndarray
+) -> np.ndarray:
+    """(F, P) directions -> (F, U, 6)."""
 
     def of_log(part: Part) -> np.ndarray:
         def some(directions: Array) -> Array:
