@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar, cast
 
 import jax
 from jax.experimental.xla_metadata import set_xla_metadata
@@ -33,8 +33,6 @@ def small(function: Callable[P, R]) -> Callable[P, R]:
         if jax.default_backend() != "cpu":
             return function(*arguments, **named)
         with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
-            return whole(*arguments, **named)
+            return cast(R, whole(*arguments, **named))
 
     return call
-
-

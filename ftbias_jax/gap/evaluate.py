@@ -70,6 +70,13 @@ def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
     return np.concatenate([of_log(part, int(end)) for part, end in zip(problem.parts, ends, strict=True)], axis=1)
 
 
+def whitened_series(problem: Problem, shapes: Sequence[np.ndarray]) -> np.ndarray:
+    """(U,) series -> (E, U, 6): each of them the same in every channel, whitened."""
+    if not shapes:
+        return np.zeros((0, len(problem.t), 6))
+    return whitened(problem, np.repeat(np.stack(shapes)[:, :, None], 6, 2))
+
+
 def measured(problem: Problem) -> np.ndarray:
     """(U, 6) N, Nm: mean readings of the bins."""
     return np.concatenate([np.asarray(part.wrench.wrench)[: part.used] for part in problem.parts])

@@ -8,8 +8,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ftbias_jax.gap import hypotheses as hyp
-from ftbias_jax.gap.evaluate import whitened
-from ftbias_jax.gap.fit import Fit, gains
+from ftbias_jax.gap.evaluate import whitened_series
+from ftbias_jax.gap.fit import Fit, gain_of_series
 from ftbias_jax.gap.hypotheses import Event, Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -64,8 +64,8 @@ def _alike(problem: Problem, series: Sequence[np.ndarray]) -> np.ndarray:
     """(C, U, 6) in single precision: whitened series, the same in every channel."""
     if not series:
         return np.zeros((0, len(problem.t), 6), np.float32)
-    pieces = [np.repeat(np.stack(series[i : i + 64])[:, :, None], 6, 2) for i in range(0, len(series), 64)]
-    return np.concatenate([whitened(problem, piece).astype(np.float32) for piece in pieces])
+    pieces = [series[i : i + 64] for i in range(0, len(series), 64)]
+    return np.concatenate([whitened_series(problem, piece).astype(np.float32) for piece in pieces])
 
 
 def by_channel(accepted: Fit, white: np.ndarray) -> np.ndarray:
@@ -144,8 +144,7 @@ def contacts(problem: Problem, library: Library, accepted: Fit, taken: Collectio
     if not merged or sum(end - start for _, start, end in merged) > MOST_CONTACT * problem.duration:
         return []
     h = hyp.contact(problem, merged)
-    columns = whitened(problem, hyp.spread(h.shapes))
-    return [(gains(accepted, columns).of(list(range(len(columns)))), h)]
+    return [(gain_of_series(accepted, whitened_series(problem, h.shapes)), h)]
 
 
 def merge(events: Sequence[Event]) -> list[Event]:

@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.gap.fit import BLOCK_SECONDS, PRIOR_STD, Fit
+from ftbias_jax.gap.columns import best_step, change
+from ftbias_jax.gap.fit import BLOCK_SECONDS, Fit
 from ftbias_jax.gap.problem import Problem
 
 FOLDS = 4
+
 
 class HeldOut(NamedTuple):
     """A fit on blocks it has not seen."""
@@ -31,16 +33,9 @@ def hold_out(problem: Problem, fit: Fit, reference: np.ndarray) -> HeldOut:
     local = any(h.local for h in fit.hypotheses)
     fold = (np.arange(len(problem.t)) if local else problem.block(BLOCK_SECONDS)) % FOLDS
     error = fit.error.copy()
-    if len(fit.columns):
-        prior = np.zeros(len(fit.columns))
-        prior[: len(fit.free)] = PRIOR_STD**-2
-        for k in range(FOLDS):
-            rest, test = fold != k, fold == k
-            seen = fit.columns[:, rest].reshape(len(prior), -1)
-            normal = seen @ seen.T + np.diag(prior)
-            normal += 1e-7 * np.eye(len(normal)) * max(float(np.trace(normal)) / len(normal), 1e-12)
-            shift = -np.linalg.solve(normal, seen @ fit.error[rest].ravel())
-            error[test] += np.tensordot(shift, fit.columns[:, test], 1)
+    for k in range(FOLDS if fit.degrees else 0):
+        rest, test = fold != k, fold == k
+        error[test] += change(fit.columns.at(test), best_step(fit.columns.at(rest), fit.error[rest]))
     gains = np.bincount(problem.block(BLOCK_SECONDS), (reference**2 - error**2).sum(1) / 2)
     duration = max(problem.duration, 1e-9)
     return HeldOut(error, float(gains.sum() / duration), float(np.sqrt(len(gains)) * gains.std() / duration))
@@ -57,7 +52,7 @@ def excess(problem: Problem, error: np.ndarray) -> np.ndarray:
 
 
 def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """(6,) mean of the excess, each bin weighted by how well it tells it: where the joints are hardly known, not at all."""
+    """(6,) mean of the excess, each bin weighted by how well it tells it: not at all where joints are hardly known."""
     mean: np.ndarray = (_weights(problem) * excess(problem, error)).sum(0)
     return mean
 

@@ -163,11 +163,3 @@ def contact(problem: Problem, events: list[Event]) -> Hypothesis:
         inside = pulse(problem, log, start, end)
         series += [inside * np.clip(1 - np.abs(problem.t - knot) / width, 0, None) for knot in knots[1:-1]]
     return Hypothesis("contact", shapes=tuple(series), detail=tuple(x for event in events for x in event), local=True)
-
-
-def spread(shapes: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Series (U,) as columns (6 E, U, 6), one for each channel."""
-    if not shapes:
-        return np.zeros((0, 0, 0))
-    eye = np.eye(6)
-    return np.concatenate([shape[None, :, None] * eye[:, None, :] for shape in shapes])

@@ -10,7 +10,7 @@ from ftbias_jax.commands.demo import CENTER, EXCURSION, SETUP
 from ftbias_jax.gap.diagnose import diagnose
 from ftbias_jax.gap.events import merge
 from ftbias_jax.gap.fit import base, fit
-from ftbias_jax.gap.hypotheses import Hypothesis, contact, spread
+from ftbias_jax.gap.hypotheses import Hypothesis, contact
 from ftbias_jax.gap.model import blocks, coordinates, size
 from ftbias_jax.gap.problem import make_problem
 from ftbias_jax.setup import parse_setup
@@ -89,9 +89,6 @@ def test_a_contact_of_any_shape_ends(setup, record):
     shapes = contact(problem, [(0, 2.0, 3.0), (0, 6.0, 6.5)]).shapes
     inside = ((t >= 2) & (t < 3)) | ((t >= 6) & (t < 6.5))
     assert all((shape[~inside] == 0).all() and shape.max() > 0.9 for shape in shapes)
-    columns = spread(shapes)
-    assert columns.shape == (6 * len(shapes), len(t), 6)
-    np.testing.assert_array_equal(columns[7], shapes[1][:, None] * np.eye(6)[1])
 
 
 @pytest.mark.slow
