@@ -16,8 +16,6 @@ from ftbias_jax.gap.fit import Fit, Gains, first_order, fit, gain_of_each, gains
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
 
-NATS_PER_DEGREE = 4.0
-"""Half the logarithm of the number of independent bins: what a free number gains by chance and search."""
 LEAST_GAIN = 12.0
 """nats beyond the penalty; white noise reaches it in one log of thousands."""
 WORTH_FITTING = 0.5
@@ -54,7 +52,7 @@ class Scored(NamedTuple):
 
 def score(better: Fit, worse: Fit) -> float:
     """nats that one fit gains over another, after the penalty."""
-    return better.log_likelihood - worse.log_likelihood - NATS_PER_DEGREE * (better.degrees - worse.degrees)
+    return better.log_likelihood - worse.log_likelihood - hyp.NATS_PER_DEGREE * (better.degrees - worse.degrees)
 
 
 def candidates(problem: Problem, library: Library, accepted: Fit, without: Collection[str] = ()) -> list[Scored]:
@@ -71,7 +69,7 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
         found += make(problem, library, accepted, taken)
     best: dict[tuple[str, float], Found] = {}
     for i, (gain, h) in enumerate(found):
-        penalised = gain - NATS_PER_DEGREE * (len(h.free) + 6 * len(h.shapes))
+        penalised = gain - hyp.penalty(h)
         key = (h.effect, h.detail[0] if h.effect == "encoder_offset" else i if h.effect == "cable" else 0.0)
         if penalised > LEAST_GAIN and (key not in best or penalised > best[key][0]):
             best[key] = (penalised, h)
@@ -135,7 +133,7 @@ def _leaks(prepared: Gains, rows: list[int]) -> tuple[float, list[int]]:
     for _ in range(MOST_LEAKS):
         trials = {i: prepared.of([*chosen, i]) for i in rows if i not in chosen}
         best = max(trials, key=lambda i: trials[i])
-        if trials[best] - gained < max(2 * NATS_PER_DEGREE, LEAST_LEAK * trials[best]):
+        if trials[best] - gained < max(2 * hyp.NATS_PER_DEGREE, LEAST_LEAK * trials[best]):
             break
         chosen, gained = [*chosen, best], trials[best]
     return gained, chosen

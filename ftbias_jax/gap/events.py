@@ -9,7 +9,7 @@ import numpy as np
 
 from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap.evaluate import whitened_series
-from ftbias_jax.gap.fit import Fit, gain_of_series
+from ftbias_jax.gap.fit import Fit, gain_of_series, projection
 from ftbias_jax.gap.hypotheses import Event, Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -18,6 +18,11 @@ Found: TypeAlias = tuple[float, Hypothesis]
 
 LEAST_EVENT = 60.0
 """nats of a single contact."""
+LONGEST_EVENT = 3.0
+"""s; nor is what touches it once for longer."""
+TRIMS = 2
+LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.002
+"""nats, and share of the largest, of a hat function at the end of a contact."""
 MOST_CONTACT = 0.35
 """Share of the log: what touches the tool for longer is no event."""
 FINE = 17
@@ -140,11 +145,39 @@ def contacts(problem: Problem, library: Library, accepted: Fit, taken: Collectio
             break
         error = error - (along[best] / power[best]) * white[best]
         events.append(library.events[best])
-    merged = merge(events)
+    merged = [event for event in merge(events) if event[2] - event[1] < LONGEST_EVENT]
     if not merged or sum(end - start for _, start, end in merged) > MOST_CONTACT * problem.duration:
         return []
-    h = hyp.contact(problem, merged)
-    return [(gain_of_series(accepted, whitened_series(problem, h.shapes)), h)]
+    return [max((_shaped(problem, accepted, merged, hats) for hats in hyp.SHAPES), key=_after_penalty)]
+
+
+def _shaped(problem: Problem, accepted: Fit, events: list[Event], hats: int) -> Found:
+    """Contacts of so many hat functions each, their beginnings and ends where the data put them."""
+    for _ in range(TRIMS):
+        h = hyp.contact(problem, events, hats)
+        white = whitened_series(problem, h.shapes)
+        coefficients, _ = projection(white)(accepted.error[None])
+        nats = ((coefficients.reshape(-1, 1, 6) * white) ** 2).sum((1, 2)) / 2
+        by_event = np.split(nats, np.cumsum(hyp.hats_of(h)))
+        events = [trim(event, nats) for event, nats in zip(events, by_event[:-1], strict=True)]
+    h = hyp.contact(problem, events, hats)
+    return gain_of_series(accepted, whitened_series(problem, h.shapes)), h
+
+
+def trim(event: Event, nats: np.ndarray) -> Event:
+    """An event without the hats at its ends that hardly matter, for the nats (H,) of each of its hats."""
+    log, start, end = event
+    matter = np.flatnonzero(nats > max(LEAST_HAT, LEAST_SHARE_OF_HAT * nats.max()))
+    if not len(matter):
+        return event
+    width = (end - start) / (len(nats) - 1)
+    first, last = max(int(matter[0]) - 1, 0), min(int(matter[-1]) + 1, len(nats) - 1)
+    return log, start + first * width, start + last * width
+
+
+def _after_penalty(found: Found) -> float:
+    gain, h = found
+    return gain - hyp.penalty(h)
 
 
 def merge(events: Sequence[Event]) -> list[Event]:

@@ -8,7 +8,7 @@ import numpy as np
 from ftbias_jax.gap import model
 from ftbias_jax.gap.evaluate import whitened
 from ftbias_jax.gap.fit import Fit, covariance
-from ftbias_jax.gap.hypotheses import SHAPE, Hypothesis, warmup_slope
+from ftbias_jax.gap.hypotheses import Hypothesis, hats_of, warmup_slope
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.gap.show import rotations
 from ftbias_jax.gap.types import Numbers
@@ -90,15 +90,16 @@ def _of_contact(
     problem: Problem, h: Hypothesis, coefficients: np.ndarray, errors: np.ndarray
 ) -> tuple[Parameters, Parameters]:
     """Events with the force at their peak, base frame: the tool is pushed by minus the change of the reading."""
-    events = np.reshape(h.detail, (-1, 3))
+    events, hats = np.reshape(h.detail, (-1, 4)), hats_of(h)
+    ends = np.cumsum(hats)[:-1]
     forces: list[Numbers] = []
     spreads: list[Numbers] = []
-    for (log, start, end), change, error in zip(
-        events, coefficients.reshape(len(events), SHAPE, 6), errors.reshape(len(events), SHAPE, 6), strict=True
+    for (log, start, end, _), change, error in zip(
+        events, np.split(coefficients, ends), np.split(errors, ends), strict=True
     ):
         peak = int((change[:, :3] ** 2).sum(1).argmax())
         signals, used = problem.parts[int(log)].signals, problem.parts[int(log)].used
-        middle = np.searchsorted(np.asarray(signals.t)[:used], start + (peak + 1) * (end - start) / (SHAPE + 1))
+        middle = np.searchsorted(np.asarray(signals.t)[:used], start + peak * (end - start) / (len(change) - 1))
         R = np.asarray(rotations(signals.model.arm, signals.q[int(min(middle, used - 1))][None])[0])
         forces.append((-R @ change[peak, :3]).tolist())
         blunt = SHAPE_ERROR * float(np.linalg.norm(change[peak, :3]))
