@@ -20,7 +20,7 @@ LEAST_EVENT = 60.0
 """nats of a single contact."""
 LONGEST_EVENT = 3.0
 """s; nor is what touches it once for longer."""
-TRIMS = 2
+TRIMS = 3
 LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.002
 """nats, and share of the largest, of a hat function at the end of a contact."""
 MOST_CONTACT = 0.35
@@ -145,10 +145,16 @@ def contacts(problem: Problem, library: Library, accepted: Fit, taken: Collectio
             break
         error = error - (along[best] / power[best]) * white[best]
         events.append(library.events[best])
-    merged = [event for event in merge(events) if event[2] - event[1] < LONGEST_EVENT]
-    if not merged or sum(end - start for _, start, end in merged) > MOST_CONTACT * problem.duration:
+    if not events:
         return []
-    return [max((_shaped(problem, accepted, merged, hats) for hats in hyp.SHAPES), key=_after_penalty)]
+    shaped = [_shaped(problem, accepted, merge(events), hats) for hats in hyp.SHAPES]
+    return sorted((found for found in shaped if _is_short(problem, found[1])), key=_after_penalty)[-1:]
+
+
+def _is_short(problem: Problem, contact: Hypothesis) -> bool:
+    """Whether the contacts are short, each and together."""
+    lengths = np.diff(np.reshape(contact.detail, (-1, 4))[:, 1:3])
+    return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_CONTACT * problem.duration)
 
 
 def _shaped(problem: Problem, accepted: Fit, events: list[Event], hats: int) -> Found:
@@ -181,10 +187,10 @@ def _after_penalty(found: Found) -> float:
 
 
 def merge(events: Sequence[Event]) -> list[Event]:
-    """Overlapping events of a log as one, a little longer than the pulses that found them."""
+    """Overlapping events of a log as one, with room for what the pulses that found them do not cover."""
     merged: list[Event] = []
     for log, start, end in sorted(events):
-        margin = 0.25 * (end - start)
+        margin = 0.1 + 0.6 * (end - start)
         start, end = start - margin, end + margin
         if merged and merged[-1][0] == log and start < merged[-1][2]:
             merged[-1] = (log, merged[-1][1], max(end, merged[-1][2]))

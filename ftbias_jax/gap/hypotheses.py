@@ -24,7 +24,7 @@ PULSES = (0.1, 0.25, 0.6, 1.5)
 MOST_EVENTS = 8
 LEAST_WARMING = 0.3
 """K."""
-SHAPES = (4, 8, 16)
+SHAPES = (4, 8, 16, 32)
 """Hat functions that may make up a contact of any shape."""
 BINS_A_HAT = 2.5
 """So that every hat function is seen when a fourth of the bins is left out."""

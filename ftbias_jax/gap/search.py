@@ -8,7 +8,7 @@ import numpy as np
 
 from ftbias_jax.gap.candidates import LEAST_GAIN, Scored, candidates, score
 from ftbias_jax.gap.events import Library, make_library
-from ftbias_jax.gap.fit import Fit, block_scores, fit
+from ftbias_jax.gap.fit import Fit, block_scores, fit, projection
 from ftbias_jax.gap.holdout import excess_by_channel, hold_out
 from ftbias_jax.gap.problem import Problem
 
@@ -104,7 +104,11 @@ def _earned(problem: Problem, start: Fit, accepted: Fit, trial: Scored) -> bool:
 
 def _needed(seen: Problem, start: Fit, accepted: Fit) -> float:
     """Mean square gap that a further cause must remove, in noise variances."""
-    return max(LEAST_SIGMAS**2, LEAST_SHARE * gap_of(seen, start) if accepted.hypotheses else 0.0)
+    if not accepted.hypotheses:
+        return LEAST_SIGMAS**2
+    local = np.repeat([h.local for h in accepted.hypotheses], [len(h.shapes) for h in accepted.hypotheses])
+    _, (untouched,) = projection(accepted.columns.series[local])(start.error[None])
+    return max(LEAST_SIGMAS**2, LEAST_SHARE * gap_of(seen, start._replace(error=untouched)))
 
 
 def _elsewhere(problem: Problem, accepted: Fit) -> Problem:
