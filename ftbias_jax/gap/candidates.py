@@ -12,7 +12,7 @@ from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap.cables import cables
 from ftbias_jax.gap.evaluate import readings, slopes, whitened
 from ftbias_jax.gap.events import Found, Library
-from ftbias_jax.gap.fit import Fit, Gains, first_order, fit, gain_of_each, gains
+from ftbias_jax.gap.fit import Fit, Gains, first_order, fit, gain_of_each, gains, keep
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -27,10 +27,9 @@ ROUGHLY = 0.03
 ROUGH_STEPS = 4
 POLISHED = 0.85
 """Share of the best gain from which on a fit is brought to its end."""
-FLEXIBLE = ("crosstalk", "contact")
-"""Effects that can take nearly any shape."""
-HANDICAP = 0.95
-"""Share of their gain that counts when effects are ranked: a structured explanation as good as theirs comes first."""
+HANDICAP = {"crosstalk": 0.95, "contact": 0.8}
+"""Share of their gain that counts when effects are ranked that can take nearly any shape: a structured explanation
+nearly as good as theirs comes first."""
 MOST_LEAKS = 12
 """Entries of the crosstalk matrix that may be named."""
 LEAST_LEAK = 0.01
@@ -75,7 +74,7 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
             best[key] = (penalised, h)
     top = max((gain for gain, _ in best.values()), default=0.0)
     fits = [
-        first_order(accepted, h, np.stack([columns[i] for i in h.free]))
+        first_order(accepted, h, columns[h])
         if gain <= _worth(h) * top
         else fit(problem, (*accepted.hypotheses, h), accepted, ROUGHLY, ROUGH_STEPS)
         for gain, h in best.values()
@@ -97,7 +96,7 @@ def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Score
 
 
 def _merit(scored: Scored) -> float:
-    return scored.gain * (HANDICAP if scored.hypothesis.effect in FLEXIBLE else 1.0)
+    return scored.gain * HANDICAP.get(scored.hypothesis.effect, 1.0)
 
 
 def _best_of_each(scored: list[Scored]) -> list[Scored]:
@@ -108,22 +107,32 @@ def _best_of_each(scored: list[Scored]) -> list[Scored]:
     return list(best.values())
 
 
-def _smooth(problem: Problem, accepted: Fit, taken: Collection[str]) -> tuple[list[Found], dict[int, np.ndarray]]:
-    """Gains, and the whitened derivative (U, 6) by every coordinate."""
+def _smooth(
+    problem: Problem, accepted: Fit, taken: Collection[str]
+) -> tuple[list[Found], dict[Hypothesis, np.ndarray]]:
+    """Gains, and for each hypothesis the whitened derivatives (F, U, 6) by its coordinates."""
     n = problem.joints
     wanted = [h for h in hyp.smooth_hypotheses(n) if h.effect not in taken]
-    leaks = [] if "crosstalk" in taken else model.coordinates(n, "crosstalk").tolist()
-    places = sorted({i for h in wanted for i in h.free} | set(leaks))
-    if not places:
-        return [], {}
-    columns = whitened(problem, slopes(problem, accepted.z, accepted.link, places))
-    prepared, row = gains(accepted, columns), {place: i for i, place in enumerate(places)}
-    found = [(prepared.of([row[i] for i in h.free]), h) for h in wanted]
-    if leaks:
-        gained, chosen = _leaks(prepared, [row[i] for i in leaks])
-        free = tuple(places[i] for i in chosen)
-        found += [(gained, Hypothesis("crosstalk", free, (0.0,) * len(free)))] if free else []
-    return found, dict(zip(places, columns, strict=True))
+    if "crosstalk" not in taken:
+        leaks = model.coordinates(n, "crosstalk").tolist()
+        wanted.append(Hypothesis("crosstalk", tuple(leaks), (0.0,) * len(leaks)))
+    columns: dict[Hypothesis, np.ndarray] = {}
+    for fixed in dict.fromkeys(h.fixed for h in wanted):
+        alike = [h for h in wanted if h.fixed == fixed]
+        places = [i for h in alike for i in h.free]
+        white = whitened(problem, slopes(problem, keep(accepted.z, alike[0]), accepted.link, places))
+        columns |= zip(alike, np.split(white, np.cumsum([len(h.free) for h in alike])[:-1]), strict=True)
+    found: list[Found] = []
+    for h in wanted:
+        prepared = gains(accepted, columns[h])
+        if h.effect != "crosstalk":
+            found.append((prepared.of(list(range(len(h.free)))), h))
+            continue
+        gained, chosen = _leaks(prepared, list(range(len(h.free))))
+        few = Hypothesis("crosstalk", tuple(h.free[i] for i in chosen), (0.0,) * len(chosen))
+        columns[few] = columns[h][chosen]
+        found += [(gained, few)] if chosen else []
+    return found, columns
 
 
 def _leaks(prepared: Gains, rows: list[int]) -> tuple[float, list[int]]:

@@ -11,6 +11,7 @@ from ftbias_jax.effects.catalogue import CATALOGUE
 from ftbias_jax.gap import fit as fits
 from ftbias_jax.gap.candidates import Scored
 from ftbias_jax.gap.compare import compare
+from ftbias_jax.gap.evaluate import compile_programs
 from ftbias_jax.gap.fit import Fit
 from ftbias_jax.gap.holdout import HeldOut, excess_by_chance, excess_by_channel, excess_stderr, hold_out
 from ftbias_jax.gap.problem import Problem, make_problem
@@ -26,6 +27,8 @@ from ftbias_jax.types import Log
 
 SILENT = 0.12
 """Gap in noise sigmas below which nothing is missing: the joints' own error reaches half of it."""
+LEADS = 0.3
+"""Gap in noise sigmas below which what single samples show comes before what explains the mean reading."""
 USEFUL_SHARE = 0.5
 """Of the gap; causes that remove less explain nothing."""
 LEFT = 0.05
@@ -43,6 +46,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
         without: effects that may not be named, to see what the answer would be without them.
     """
     problem, samples = make_problem(setup, logs)
+    compile_programs(problem)
     base = fits.base(problem)
     accepted, rounds = search(problem, base, without)
     before = hold_out(problem, base, base.error)
@@ -124,7 +128,7 @@ def _causes(
         of_mean.append(_candidate(hypothesis.effect, values, stderr, held, shrink, twins))
         previous = scored[0].fit
     of_samples = [_of_finding(finding, problem.duration) for finding in found]
-    return tuple(of_mean + of_samples if total > SILENT**2 else of_samples + of_mean)
+    return tuple(of_mean + of_samples if total > LEADS**2 else of_samples + of_mean)
 
 
 def _removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:

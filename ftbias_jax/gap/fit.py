@@ -66,10 +66,11 @@ def fit(
         most: steps at most.
     """
     z = start.z.copy()
-    z[list(start.free)] = 0
+    z[[*start.free, *(i for h in start.hypotheses for i, _ in h.fixed)]] = 0
     there = {id(h) for h in start.hypotheses}
     for h in hypotheses:
         z[list(h.free)] = start.z[list(h.free)] if id(h) in there else h.start
+        z = keep(z, h)
     link = next((h.link for h in hypotheses if h.effect == "cable"), 0.0)
     free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
     series = _series(problem, hypotheses, start)
@@ -100,12 +101,20 @@ def fit(
     return Fit(hypotheses, z, link, coefficients, error, Columns(moving, series), free, _log_likelihood(error))
 
 
+def keep(z: np.ndarray, h: Hypothesis) -> np.ndarray:
+    """Coordinates (P,) with those that a hypothesis keeps at its values."""
+    z = z.copy()
+    for place, value in h.fixed:
+        z[place] = value
+    return z
+
+
 def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
     """What a fit of one more hypothesis will find, from its derivatives (F, U, 6) at the accepted fit alone."""
     free = (*accepted.free, *h.free)
     whole = accepted.columns._replace(moving=np.concatenate([accepted.columns.moving, columns]))
     step = best_step(whole, accepted.error)
-    z, error = accepted.z.copy(), accepted.error + change(whole, step)
+    z, error = keep(accepted.z, h), accepted.error + change(whole, step)
     z[list(free)] += step[: len(free)]
     coefficients = accepted.coefficients + step[len(free) :]
     hypotheses = (*accepted.hypotheses, h)

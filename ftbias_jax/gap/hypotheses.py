@@ -45,6 +45,8 @@ class Hypothesis(NamedTuple):
     """Coordinates of model.blocks that are fitted."""
     start: tuple[float, ...] = ()
     """Their values."""
+    fixed: tuple[tuple[int, float], ...] = ()
+    """Further coordinates and the values that they keep."""
     link: float = 0.0
     """Link of the cable's anchor."""
     shapes: tuple[np.ndarray, ...] = ()
@@ -66,8 +68,8 @@ SMOOTH = (
     "tool_com",
     "tool_inertia",
     "gravity_tilt",
-    "mount_rotation",
     "gain",
+    "mount_rotation",
     "encoder_offset",
     "crosstalk",
 )
@@ -75,8 +77,11 @@ SMOOTH = (
 
 
 def smooth_hypotheses(n: int) -> list[Hypothesis]:
-    """Effects that one linearisation finds; each joint's encoder is a hypothesis of its own."""
-    found = [_at_zero(name, model.coordinates(n, name)) for name in SMOOTH[:6]]
+    """Effects that one linearisation finds: each encoder is a hypothesis of its own, and so is a tool that turns too."""
+    found = [_at_zero(name, model.coordinates(n, name)) for name in SMOOTH[:5]]
+    axes, tool = (np.r_[model.slices(n)["mount_rotation", name]] for name in ("rotation", "tool_turns"))
+    found.append(_at_zero("mount_rotation", axes))
+    found.append(found[-1]._replace(fixed=((int(tool[0]), 1.0),)))
     for joint, place in enumerate(model.coordinates(n, "encoder_offset"), 1):
         found.append(_at_zero("encoder_offset", [place])._replace(detail=(float(joint),)))
     return found
@@ -112,7 +117,7 @@ def at_values(problem: Problem, effect: str, *values: tuple[str, np.ndarray | fl
         s = places[effect, parameter]
         free += range(s.start, s.stop)
         start += np.broadcast_to(np.asarray(value) / unit[effect, parameter], s.stop - s.start).tolist()
-    return Hypothesis(effect, tuple(free), tuple(float(x) for x in start), link)
+    return Hypothesis(effect, tuple(free), tuple(float(x) for x in start), link=link)
 
 
 def warmups(problem: Problem) -> list[Hypothesis]:
