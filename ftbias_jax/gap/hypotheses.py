@@ -77,7 +77,7 @@ SMOOTH = (
 
 
 def smooth_hypotheses(n: int) -> list[Hypothesis]:
-    """Effects that one linearisation finds: each encoder is a hypothesis of its own, and so is a tool that turns too."""
+    """What one linearisation finds; each encoder is a hypothesis of its own, and so is a tool that turns too."""
     found = [_at_zero(name, model.coordinates(n, name)) for name in SMOOTH[:5]]
     axes, tool = (np.r_[model.slices(n)["mount_rotation", name]] for name in ("rotation", "tool_turns"))
     found.append(_at_zero("mount_rotation", axes))
