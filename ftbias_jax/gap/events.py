@@ -18,7 +18,7 @@ Found: TypeAlias = tuple[float, Hypothesis]
 
 LEAST_EVENT = 60.0
 """nats of a single contact."""
-LONGEST_EVENT = 5.0
+LONGEST_EVENT = 3.0
 """s; nor is what touches it once for longer."""
 TRIMS = 3
 LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.002
