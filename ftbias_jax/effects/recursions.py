@@ -8,8 +8,8 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from ftbias_jax.apart import small
 from ftbias_jax.types import Array
+from ftbias_jax.whole_loops import compile_whole
 
 
 def lagged(t: Array, signal: Array, cutoff: Array) -> Array:
@@ -29,7 +29,7 @@ def lagged(t: Array, signal: Array, cutoff: Array) -> Array:
     return signal + _lag(jnp.exp(-x), -passed[:, None] * step)
 
 
-@small
+@compile_whole
 def _lag(decay: Array, kick: Array) -> Array:
     """Decay (T,) by the sample before, and what a sample adds (T, k) -> (T, k)."""
 
@@ -63,7 +63,7 @@ def rung(t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Arr
     return signal + jnp.where(rigid, 0, jnp.concatenate([jnp.zeros_like(signal[:1]), deviation]))
 
 
-@small
+@compile_whole
 def _ring(w: Array, damping_ratio: Array, cosine: Array, sine: Array, kick: Array) -> Array:
     """Deviation (T, k) at the end of every interval, for kicks (T, k) at their starts; cosine, sine (T,)."""
 
@@ -79,7 +79,7 @@ def _ring(w: Array, damping_ratio: Array, cosine: Array, sine: Array, kick: Arra
     return jax.lax.scan(body, (zero, zero), (cosine, sine, kick))[1]
 
 
-@small
+@compile_whole
 def played(signal: Array, width: Array) -> Array:
     """Play operator: the output follows only when the input has crossed a gap of the given width.
 
