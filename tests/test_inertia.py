@@ -34,6 +34,13 @@ def test_pseudo_inertia_is_the_second_moment_of_homogeneous_coordinates():
     np.testing.assert_allclose(inertia.parameters_from_pseudo_inertia(expected), theta, rtol=1e-12, atol=1e-15)
 
 
+def test_a_turned_body_is_the_body_of_its_turned_points():
+    masses, places = points(1)
+    R = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, 0.6, -0.8], [0, 0.8, 0.6]])
+    found = inertia.turned(jnp.asarray(parameters_of(masses, places)), jnp.asarray(R))
+    np.testing.assert_allclose(found, parameters_of(masses, places @ R.T), rtol=1e-12, atol=1e-15)
+
+
 @given(COORDINATES)
 def test_any_coordinates_are_a_body_that_can_exist(coordinates):
     """Positive mass and a positive definite second moment, so the inertia obeys the triangle inequalities."""

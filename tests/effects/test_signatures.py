@@ -10,7 +10,7 @@ import pytest
 from ftbias_jax.effects import chain
 from ftbias_jax.effects.types import Record
 from ftbias_jax.rotations import rotation_from_rpy
-from ftbias_jax.screws import product_of_exponentials, sensor_pose
+from ftbias_jax.screws import product_of_exponentials, rotation_from_vector, sensor_pose
 
 predict = jax.jit(chain.predict)
 
@@ -74,6 +74,16 @@ def test_a_turned_mounting_turns_every_reading(signals, wrench):
     R = rotation_from_rpy([0.0, 0.0, angle])  # columns: the true axes in the believed ones
     np.testing.assert_allclose(turned[:, :3], np.asarray(wrench)[:, :3] @ R, atol=1e-12)
     np.testing.assert_allclose(turned[:, 3:], np.asarray(wrench)[:, 3:] @ R, atol=1e-12)
+
+
+def test_a_tool_that_turns_with_its_sensor_is_an_arm_with_a_turned_sensor_frame(signals):
+    """Its parameters belong to the sensor's axes, so only these are elsewhere."""
+    rotation = jnp.array([0.1, -0.2, 0.3])
+    turned = predict(signals, {"mount_rotation": {"rotation": rotation, "tool_turns": jnp.array(1.0)}})
+    arm = signals.model.arm
+    elsewhere = arm._replace(zero_rotation=arm.zero_rotation @ rotation_from_vector(rotation))
+    expected = predict(signals._replace(model=signals.model._replace(arm=elsewhere)), {})
+    np.testing.assert_allclose(turned, expected, atol=1e-10)
 
 
 def test_a_channel_leaks_into_another(signals, wrench):
