@@ -128,7 +128,10 @@ def _causes(
         of_mean.append(_candidate(hypothesis.effect, values, stderr, held, shrink, twins))
         previous = scored[0].fit
     of_samples = [_of_finding(finding, problem.duration) for finding in found]
-    return tuple(of_mean + of_samples if total > LEADS**2 else of_samples + of_mean)
+    if total < LEADS**2:
+        return tuple(of_samples + of_mean)
+    # What is cut off is missing from the mean reading, too, and much else can look like that.
+    return tuple(sorted(of_mean + of_samples, key=lambda cause: cause.effect != "saturation"))
 
 
 def _removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:

@@ -67,9 +67,12 @@ def name_channels(which: np.ndarray) -> str:
 
 
 def together(logs: Sequence[SampleFindings]) -> tuple[Finding, ...]:
-    """Effects that are there in any of several logs of one robot, each from the log that shows it best."""
+    """Effects that are there in any of several logs of one robot, each from the log that shows it best.
+
+    The level of the noise comes last: what the others leave of themselves raises it.
+    """
     best: dict[str, Finding] = {}
     for finding in (finding for log in logs for finding in log.detected):
         if finding.effect not in best or finding.nats > best[finding.effect].nats:
             best[finding.effect] = finding
-    return tuple(best.values())
+    return tuple(sorted(best.values(), key=lambda finding: finding.effect == "noise_level"))

@@ -15,8 +15,8 @@ SAME = 3.0
 CLOSE = 0.95
 """Share of the gain that a twin must reach."""
 FORM = 0.02
-"""Share of the gain that a real effect may lose by its form, which is never quite the catalogue's: less than this does
-not separate what the catalogue calls twins."""
+"""Share of the gain that a real effect may lose by its form, which is never quite the catalogue's: less than this, and
+what the cause itself leaves, does not separate what the catalogue calls twins."""
 LEAST_DIFFERENCE = 6.0
 """nats that decide, whatever the standard error."""
 HOPELESS = 0.7
@@ -38,6 +38,7 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     named = {h.effect for h in accepted.hypotheses}
     without = fit(problem, rest, accepted) if rest else base
     gain, blocks = accepted.log_likelihood - without.log_likelihood, block_scores(problem, accepted)
+    left = max(-accepted.log_likelihood - (problem.samples > 0).sum() / 2, 0.0)
     declared = {twin.effect for twin in CATALOGUE[cause.effect].twins}
     twins: dict[str, None] = {}
     hopeful = [s for s in scored if s.hypothesis.effect not in named and s.gain > HOPELESS * scored[0].gain]
@@ -46,7 +47,7 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
         difference = blocks - block_scores(problem, trial)
         error = np.sqrt(len(difference)) * difference.std()
         lost = accepted.log_likelihood - trial.log_likelihood
-        by_form = FORM * gain if other.hypothesis.effect in declared else 0.0
+        by_form = FORM * gain + left if other.hypothesis.effect in declared else 0.0
         if lost < max(SAME * error, LEAST_DIFFERENCE, by_form) and gain - lost > CLOSE * gain:
             twins[other.hypothesis.effect] = None
     return tuple(twins)[:MOST_TWINS]
