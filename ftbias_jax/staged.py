@@ -23,7 +23,7 @@ from ftbias_jax.pipeline import Options, Params, State, covariance_of_joints, pr
 from ftbias_jax.recursion import Inputs, Track, filter_scan
 from ftbias_jax.types import Array, Gaussian, Sample
 from ftbias_jax.wrench import joint_sensitivity, measurement_covariance
-from ftbias_jax.wrench_batch import Body, wrenches
+from ftbias_jax.wrench_batch import wrenches
 
 
 class Staged(NamedTuple):
@@ -49,19 +49,19 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
     Returns:
         the last state and the track of every sample.
     """
-    joint = run_filters(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples), forgets=True)
+    joint = run_filters(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
     wrench_tool, variance = predict_wrenches(params, joint_states(joint), samples, options)
     wrench = run_filters(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
     return _last_state(joint, wrench), Staged(joint, wrench, wrench_tool)
 
 
-def run_filters(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> Track:
+def run_filters(model: ProcessModel, inputs: Inputs) -> Track:
     """``recursion.filter_scan``, or on an accelerator in double precision the same parallel in time.
 
     In single precision the parallel form costs sharp encoders most of a standard deviation (parallel.py).
     """
     if jax.default_backend() == "cpu" or inputs.y.dtype != jnp.float64:
-        return filter_scan(model, inputs, forgets)
+        return filter_scan(model, inputs)
     return filter_parallel(model, inputs)
 
 
@@ -110,7 +110,7 @@ def predict_wrenches(params: Params, joints: Gaussian, samples: Sample, options:
     else:
         mean = jnp.swapaxes(joints.mean, 1, 2)
         covariance = None if known_exactly else jnp.moveaxis(joints.covariance, 1, -1)
-        wrench_tool, from_joints = wrenches(Body(params.arm, params.gravity, params.theta), mean, covariance)
+        wrench_tool, from_joints = wrenches(Model(params.arm, params.gravity, params.theta), mean, covariance)
     variance = from_joints + stated[None]
     if params.effects is None:
         return wrench_tool, variance

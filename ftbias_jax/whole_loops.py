@@ -1,0 +1,44 @@
+"""Loops over many short arrays, compiled as one function.
+
+XLA starts a kernel for every few operations, and for arrays of a few numbers starting costs fifty times the arithmetic.
+A call that carries XLA's mark of small calls is compiled as a whole instead, its loops included. A version of XLA that
+does not know the mark ignores it: results are the same and take longer. Matrix products have no place in such a call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+import jax
+from jax.experimental.xla_metadata import set_xla_metadata
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def compile_whole(function: Callable[P, R]) -> Callable[P, R]:
+    """The same function of arrays, compiled as a whole on a processor; on an accelerator as ever."""
+
+    @jax.jit
+    def whole(*arguments: P.args, **named: P.kwargs) -> R:
+        # The mark is for this call and not for those inside it, to which JAX would pass it on.
+        with set_xla_metadata(xla_cpu_small_call="false", inlineable="true"):
+            return function(*arguments, **named)
+
+    @wraps(function)
+    def call(*arguments: P.args, **named: P.kwargs) -> R:
+        if not on_cpu():
+            return function(*arguments, **named)
+        # XLA crashes on a marked call into which it has moved a constant argument; none passes a barrier.
+        arguments, named = jax.lax.optimization_barrier((arguments, named))
+        with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
+            return whole(*arguments, **named)
+
+    return call
+
+
+def on_cpu() -> bool:
+    """Whether programs run on the processor, where loops of short steps are quick."""
+    return jax.default_backend() == "cpu"
