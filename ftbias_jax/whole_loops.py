@@ -8,7 +8,6 @@ does not know the mark ignores it: results are the same and take longer. Matrix 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import wraps
 from typing import ParamSpec, TypeVar
 
 import jax
@@ -19,7 +18,11 @@ R = TypeVar("R")
 
 
 def compile_whole(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function of arrays, compiled as a whole on a processor; on an accelerator as ever."""
+    """The same function of arrays, compiled as a whole on a processor; on an accelerator as ever.
+
+    Inside such a function it also marks a part whose results are to be worked out once: XLA would work cheap terms out
+    again for every result that needs them, ten times over in a step of a filter.
+    """
 
     @jax.jit
     def whole(*arguments: P.args, **named: P.kwargs) -> R:
@@ -27,14 +30,14 @@ def compile_whole(function: Callable[P, R]) -> Callable[P, R]:
         with set_xla_metadata(xla_cpu_small_call="false", inlineable="true"):
             return function(*arguments, **named)
 
-    @wraps(function)
     def call(*arguments: P.args, **named: P.kwargs) -> R:
         if not on_cpu():
             return function(*arguments, **named)
         # XLA crashes on a marked call into which it has moved a constant argument; none passes a barrier.
         arguments, named = jax.lax.optimization_barrier((arguments, named))
         with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
-            return whole(*arguments, **named)
+            result: R = whole(*arguments, **named)
+        return result
 
     return call
 
