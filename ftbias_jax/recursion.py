@@ -20,7 +20,7 @@ from ftbias_jax.filter_step import Cotangent, Record, Step, filter_step, step_ba
 from ftbias_jax.noise import ProcessModel
 from ftbias_jax.small_matrices import Rows, Vector, from_upper, upper
 from ftbias_jax.types import Array
-from ftbias_jax.whole_loops import compile_whole
+from ftbias_jax.whole_loops import compile_whole, one_at_a_time
 
 
 class Inputs(NamedTuple):
@@ -78,17 +78,20 @@ def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
     return track_of(inputs, _steps(model, inputs))
 
 
-def _steps(model: ProcessModel, inputs: Inputs) -> Step:
-    """The filter at every sample, leaves (T, B); what a caller drops is not computed."""
+def _steps(model: ProcessModel, inputs: Inputs, for_reverse: bool = False) -> Step:
+    """The filter at every sample, leaves (T, B); columns of the covariance are for the reverse pass alone."""
     k = len(inputs.mean)
 
+    @one_at_a_time
     @compile_whole
     def loop(inputs: Inputs) -> tuple[Step, Vector]:
         restart = list(inputs.restart_variance)
 
         def body(state: tuple[Vector, Rows], sample: tuple[Array, Vector, Vector]) -> tuple[Any, Any]:
             step = filter_step(model, inputs.density, restart, state, *sample)
-            return (step.mean, step.covariance), (step._replace(covariance=[]), upper(step.covariance))
+            column = step.record.column if for_reverse else []
+            kept = step._replace(covariance=[], record=step.record._replace(column=column))
+            return (step.mean, step.covariance), (kept, upper(step.covariance))
 
         start = (list(inputs.mean), [list(row) for row in inputs.covariance])
         kept: tuple[Step, Vector]
@@ -117,7 +120,7 @@ def track_of(inputs: Inputs, steps: Step) -> Track:
 
 
 def _forward(model: ProcessModel, inputs: Inputs) -> tuple[Track, tuple[Inputs, Record]]:
-    steps = _steps(model, inputs)
+    steps = _steps(model, inputs, for_reverse=True)
     return track_of(inputs, steps), (inputs, steps.record)
 
 
@@ -135,6 +138,7 @@ def _backward(model: ProcessModel, residual: tuple[Inputs, Record], bar: Track) 
         bar.log_likelihood,
     )
 
+    @one_at_a_time
     @compile_whole
     def loop(density: Array, start: Any, samples: Any) -> Any:
         def body(carry: tuple[tuple[Vector, Rows], Array, Vector], sample: tuple[Array, Record, Cotangent]) -> Any:

@@ -8,10 +8,13 @@ does not know the mark ignores it: results are the same and take longer. Matrix 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 import jax
+import jax.custom_batching
 from jax.experimental.xla_metadata import set_xla_metadata
+
+from ftbias_jax.types import Array
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -40,6 +43,27 @@ def compile_whole(function: Callable[P, R]) -> Callable[P, R]:
         return result
 
     return call
+
+
+def one_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function, which ``vmap`` on a processor turns into a loop: the arrays of one call stay in the cache."""
+    if not on_cpu():
+        return function
+    looped: Any = jax.custom_batching.custom_vmap(function)
+
+    def rule(count: int, is_mapped: Any, *arguments: Any) -> tuple[Any, Any]:
+        leaves, structure = jax.tree.flatten(arguments)
+        mapped = jax.tree.leaves(tuple(is_mapped))
+
+        def one(parts: list[Array]) -> Any:
+            rest = iter(parts)
+            return function(*structure.unflatten(next(rest) if m else x for x, m in zip(leaves, mapped, strict=True)))
+
+        found = jax.lax.map(one, [x for x, m in zip(leaves, mapped, strict=True) if m])
+        return found, jax.tree.map(lambda _: True, found)
+
+    looped.def_vmap(rule)
+    return cast("Callable[..., Any]", looped)
 
 
 def on_cpu() -> bool:

@@ -6,16 +6,14 @@ Time is cut into pieces that stay in the processor's fastest cache, and the loop
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import jax
-import jax.custom_batching
 import jax.numpy as jnp
 
 from ftbias_jax.arm_batch import sensor_pose
 from ftbias_jax.types import Array
-from ftbias_jax.whole_loops import compile_whole, on_cpu
+from ftbias_jax.whole_loops import compile_whole, on_cpu, one_at_a_time
 from ftbias_jax.wrench import Model
 from ftbias_jax.wrench_piece import wrench_piece
 from ftbias_jax.wrench_slopes import PoseSlopes, Slopes, slopes_of_piece
@@ -69,13 +67,13 @@ def _pieces(model: Model, columns: Columns) -> tuple[Array, Array]:
 
 
 def _forward(model: Model, columns: Columns) -> tuple[tuple[Array, Array], tuple[Model, Columns]]:
-    return _one_log_at_a_time(_all_wrenches)(model, columns), (model, columns)
+    return one_at_a_time(_all_wrenches)(model, columns), (model, columns)
 
 
 def _backward(residual: tuple[Model, Columns], bars: tuple[Array, Array]) -> tuple[Model, Columns]:
     model, columns = residual
-    slopes: Slopes = _one_log_at_a_time(_all_slopes)(model, columns, bars)
-    arm = _one_log_at_a_time(_arm_slopes)(model, columns[0], slopes.pose)
+    slopes: Slopes = one_at_a_time(_all_slopes)(model, columns, bars)
+    arm = one_at_a_time(_arm_slopes)(model, columns[0], slopes.pose)
     gravity, theta = (jnp.stack([entry.sum() for entry in entries]) for entries in (slopes.gravity, slopes.theta))
     return Model(arm, gravity, theta), slopes.joints
 
@@ -112,9 +110,3 @@ def _arm_slopes(model: Model, q: Array, bars: PoseSlopes) -> Any:
         return jax.tree.map(jnp.add, sums, slopes), None
 
     return jax.lax.scan(one, jax.tree.map(jnp.zeros_like, model.arm), (q, bars))[0]
-
-
-def _one_log_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Under ``vmap`` the pieces of all logs together would not fit the processor's cache; an accelerator wants them."""
-    looped: Callable[..., Any] = jax.custom_batching.sequential_vmap(function) if on_cpu() else function
-    return looped
