@@ -98,6 +98,7 @@ def _steps(model: ProcessModel, inputs: Inputs, for_reverse: bool = False) -> St
         _, kept = jax.lax.scan(body, start, (inputs.dt, _entries(inputs.y), _entries(inputs.variance)))
         return kept
 
+    steps: Step
     steps, triangles = loop(inputs)
     return steps._replace(covariance=from_upper(k, triangles))
 

@@ -57,7 +57,8 @@ def one_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
 
         def one(parts: list[Array]) -> Any:
             rest = iter(parts)
-            return function(*structure.unflatten(next(rest) if m else x for x, m in zip(leaves, mapped, strict=True)))
+            whole = [next(rest) if m else x for x, m in zip(leaves, mapped, strict=True)]
+            return function(*jax.tree.unflatten(structure, whole))
 
         found = jax.lax.map(one, [x for x, m in zip(leaves, mapped, strict=True) if m])
         return found, jax.tree.map(lambda _: True, found)

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from ftbias_jax.arm_batch import sensor_pose
+from ftbias_jax.small_matrices import Vector
 from ftbias_jax.types import Array
 from ftbias_jax.whole_loops import compile_whole, on_cpu, one_at_a_time
 from ftbias_jax.wrench import Model
@@ -72,10 +73,12 @@ def _forward(model: Model, columns: Columns) -> tuple[tuple[Array, Array], tuple
 
 def _backward(residual: tuple[Model, Columns], bars: tuple[Array, Array]) -> tuple[Model, Columns]:
     model, columns = residual
-    slopes: Slopes = one_at_a_time(_all_slopes)(model, columns, bars)
-    arm = one_at_a_time(_arm_slopes)(model, columns[0], slopes.pose)
-    gravity, theta = (jnp.stack([entry.sum() for entry in entries]) for entries in (slopes.gravity, slopes.theta))
-    return Model(arm, gravity, theta), slopes.joints
+    joints: Columns = one_at_a_time(_joint_slopes)(model, columns, bars)
+    # Few ask for the slopes in the model: they are worked out apart, or not at all.
+    gravity, theta, pose = one_at_a_time(_model_slopes)(model, columns, bars)
+    arm = one_at_a_time(_arm_slopes)(model, columns[0], pose)
+    gravity, theta = (jnp.stack([entry.sum() for entry in entries]) for entries in (gravity, theta))
+    return Model(arm, gravity, theta), joints
 
 
 _pieces.defvjp(_forward, _backward)
@@ -92,13 +95,21 @@ def _all_wrenches(model: Model, columns: Columns) -> tuple[Array, Array]:
 
 
 @compile_whole
-def _all_slopes(model: Model, columns: Columns, bars: tuple[Array, Array]) -> Slopes:
-    def one(piece: tuple[Columns, tuple[Array, Array]]) -> Slopes:
-        columns, (wrench, variance) = piece
-        return slopes_of_piece(model, columns, list(wrench), list(variance))
-
-    found: Slopes = jax.lax.map(one, (columns, bars))
+def _joint_slopes(model: Model, columns: Columns, bars: tuple[Array, Array]) -> Columns:
+    found: Columns = jax.lax.map(lambda piece: _slopes(model, *piece).joints, (columns, bars))
     return found
+
+
+@compile_whole
+def _model_slopes(model: Model, columns: Columns, bars: tuple[Array, Array]) -> tuple[Vector, Vector, PoseSlopes]:
+    found: tuple[Vector, Vector, PoseSlopes]
+    found = jax.lax.map(lambda piece: _slopes(model, *piece)[1:], (columns, bars))
+    return found
+
+
+def _slopes(model: Model, columns: Columns, bars: tuple[Array, Array]) -> Slopes:
+    wrench, variance = bars
+    return slopes_of_piece(model, columns, list(wrench), list(variance))
 
 
 def _arm_slopes(model: Model, q: Array, bars: PoseSlopes) -> Any:

@@ -6,6 +6,7 @@ everything behind it, so its slope is its screw times the moment and the force o
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Any, NamedTuple
 
 import jax
@@ -67,7 +68,7 @@ def slopes_of_piece(model: Model, joints: tuple[Array, ...], wrench_bar: Vector,
     moving_bar, p_bar = _moving_slopes(p, moving, base_bar)
     gravity_bar = [-x for x in base_bar.specific_force]
     spin = total(*(cross(bar, x) for bar, x in zip(base_bar, base, strict=True)))
-    rotation_bar = _sum(_outer(x, bar) for x, bar in zip(base, felt_bar, strict=True))
+    rotation_bar = reduce(plus, [_outer(x, bar) for x, bar in zip(base, felt_bar, strict=True)])
     none = [jnp.zeros_like(q)] * 3
     columns_bar, covariance_bar = Columns(none, none), ()
     if covariance:
@@ -173,10 +174,3 @@ def _joint_slopes(
 def _outer(a: Vector, b: Vector) -> Rows:
     """a b^T."""
     return [[x * y for y in b] for x in a]
-
-
-def _sum(matrices: Any) -> Rows:
-    first, *rest = matrices
-    for matrix in rest:
-        first = plus(first, matrix)
-    return first
