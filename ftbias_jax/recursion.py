@@ -120,15 +120,19 @@ def track_of(inputs: Inputs, steps: Step) -> Track:
     return Track(mean, covariance, jnp.stack(raw, 1), jnp.stack(spread, 1), nis, log_likelihood)
 
 
-def _forward(model: ProcessModel, inputs: Inputs) -> tuple[Track, tuple[Inputs, Record]]:
+Residual = tuple[Array, Array, Record]
+"""dt, density and the record of every step: all that the reverse pass reads, for it is written and read once more."""
+
+
+def _forward(model: ProcessModel, inputs: Inputs) -> tuple[Track, Residual]:
     steps = _steps(model, inputs, for_reverse=True)
-    return track_of(inputs, steps), (inputs, steps.record)
+    return track_of(inputs, steps), (inputs.dt, inputs.density, steps.record)
 
 
-def _backward(model: ProcessModel, residual: tuple[Inputs, Record], bar: Track) -> tuple[Inputs]:
+def _backward(model: ProcessModel, residual: Residual, bar: Track) -> tuple[Inputs]:
     """Adjoint of the filter: cotangents of the inputs."""
-    inputs, record = residual
-    k, zero = len(inputs.mean), jnp.zeros_like(inputs.mean[0])
+    dt, density, record = residual
+    k, zero = bar.mean.shape[1], jnp.zeros_like(density)
     symmetric = (bar.covariance + jnp.swapaxes(bar.covariance, 1, 2)) / 2
     bars = Cotangent(
         _entries(bar.mean),
@@ -151,10 +155,10 @@ def _backward(model: ProcessModel, residual: tuple[Inputs, Record], bar: Track) 
         return jax.lax.scan(body, start, samples, reverse=True)
 
     start = (([zero] * k, [[zero] * k for _ in range(k)]), zero, [zero] * k)
-    (state, density, restart), (y, variance) = loop(inputs.density, start, (inputs.dt, record, bars))
+    (state, density_bar, restart), (y, variance) = loop(density, start, (dt, record, bars))
     prior = (jnp.stack(state[0]), jnp.stack([jnp.stack(row) for row in state[1]]))
-    slopes = (density, jnp.stack(y, 1), jnp.stack(variance, 1), *prior, jnp.stack(restart))
-    return (Inputs(jnp.zeros_like(inputs.dt), *slopes),)
+    slopes = (density_bar, jnp.stack(y, 1), jnp.stack(variance, 1), *prior, jnp.stack(restart))
+    return (Inputs(jnp.zeros_like(dt), *slopes),)
 
 
 filter_scan.defvjp(_forward, _backward)
