@@ -32,6 +32,12 @@ def parameters_from_pseudo_inertia(J: Array) -> Array:
     return jnp.concatenate([J[3:, 3], J[:3, 3], upper])
 
 
+def turned(theta: Array, rotation: Array) -> Array:
+    """(10,) inertial parameters of the same body turned by R (3, 3) about the origin."""
+    turn = jnp.eye(4, dtype=theta.dtype).at[:3, :3].set(rotation)
+    return parameters_from_pseudo_inertia(turn @ pseudo_inertia(theta) @ turn.T)
+
+
 def parameters_from_log_cholesky(coordinates: Array) -> Array:
     """(10,) unbounded coordinates (alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3) -> (10,) inertial parameters."""
     alpha, diagonal, rest = coordinates[0], coordinates[1:4], coordinates[4:]

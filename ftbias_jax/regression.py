@@ -75,20 +75,15 @@ def covariance(linear: Linear, dt: Array, normal: np.ndarray) -> np.ndarray:
     Args:
         linear: the model at its optimum. dt: (T,) s. normal: (P, P) information, with that of a prior if there is one.
     """
-    return widened_inverse(linear.columns, linear.residual, np.cumsum(np.asarray(dt)) / BLOCK_SECONDS, normal)
+    scores = np.einsum("ptc,tc->pt", linear.columns, linear.residual)
+    block = (np.cumsum(np.asarray(dt)) / BLOCK_SECONDS).astype(int)
+    return widened_inverse(np.stack([np.bincount(block, score) for score in scores], -1), normal)
 
 
-def widened_inverse(columns: np.ndarray, residual: np.ndarray, block: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(P, P) inverse of a normal matrix, widened by the scatter of the scores of whole blocks.
-
-    Args:
-        columns: (P, T, 6) whitened derivatives. residual: (T, 6). block: (T,) number of the block, rounded down.
-        normal: (P, P).
-    """
-    scores = np.einsum("ptc,tc->tp", columns, residual)
-    sums = np.stack([np.bincount(block.astype(int), score) for score in scores.T], -1)
+def widened_inverse(scores: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(P, P) inverse of a normal matrix (P, P), widened by the scatter of the scores of whole blocks (blocks, P)."""
     inverse = np.linalg.inv(normal)
-    sandwich = inverse @ (sums.T @ sums) @ inverse
+    sandwich = inverse @ (scores.T @ scores) @ inverse
     widen = np.sqrt(np.maximum(1, np.diag(sandwich) / np.diag(inverse)))
     widened: np.ndarray = inverse * widen[:, None] * widen
     return widened

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ftbias_jax.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
+from ftbias_jax.inertia import turned
 from ftbias_jax.screws import rotation_from_vector
 from ftbias_jax.types import Array
 
@@ -38,11 +39,14 @@ def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
 
 
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """The sensor's axes are the believed ones turned by the rotation vector r: reading = exp([r])^T W.
-
-    The tool stays where it was: its parameters belong to the believed axes and turn with the correction.
-    """
+    """The sensor's axes are the believed ones turned by the rotation vector r: reading = exp([r])^T W."""
     return turn_wrench(rotation_from_vector(values["rotation"]), wrench)
+
+
+def tool_turns(values: EffectValues, signals: Signals) -> Signals:
+    """The tool as it is in the believed axes: the stated one if it stays, turned by r if it is bolted to the sensor."""
+    rotation, model = rotation_from_vector(values["tool_turns"] * values["rotation"]), signals.model
+    return signals._replace(model=model._replace(theta=turned(model.theta, rotation)))
 
 
 def _check_gravity(values: EffectValues) -> str:
@@ -98,9 +102,21 @@ MOUNTING = (
             Parameter(
                 "rotation", "rad", "rotation vector from believed to true axes, sensor frame", (3,), -3.2, 3.2, 0, 0.017
             ),
+            Parameter(
+                "tool_turns",
+                "1",
+                "1 if the tool is turned with the sensor, 0 if it stays",
+                (),
+                0,
+                1,
+                0,
+                0,
+                optional=True,
+            ),
         ),
         "the sensor is mounted turned against what the setup says",
         "re-measure the mounting and correct sensor.rotation_rpy in the setup",
+        transform=tool_turns,
         reading=mount_rotation,
         twins=(
             Twin("encoder_offset", True, "about the last joint's axis, when sensor and tool are on that axis"),

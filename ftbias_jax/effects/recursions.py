@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from ftbias_jax.types import Array
+from ftbias_jax.whole_loops import compile_whole
 
 
 def lagged(t: Array, signal: Array, cutoff: Array) -> Array:
@@ -25,14 +26,19 @@ def lagged(t: Array, signal: Array, cutoff: Array) -> Array:
     safe = jnp.where(x > 0, x, 1)
     passed = jnp.where(x > 0, -jnp.expm1(-safe) / safe, 1)
     step = jnp.diff(signal, axis=0, prepend=signal[:1])
+    return signal + _lag(jnp.exp(-x), -passed[:, None] * step)
+
+
+@compile_whole
+def _lag(decay: Array, kick: Array) -> Array:
+    """Decay (T,) by the sample before, and what a sample adds (T, k) -> (T, k)."""
 
     def body(lag: Array, inputs: tuple[Array, Array]) -> tuple[Array, Array]:
         decay, kick = inputs
         lag = decay * lag + kick
         return lag, lag
 
-    _, lag = jax.lax.scan(body, jnp.zeros_like(signal[0]), (jnp.exp(-x), -passed[:, None] * step))
-    return signal + lag
+    return jax.lax.scan(body, jnp.zeros_like(kick[0]), (decay, kick))[1]
 
 
 def rung(t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Array:
@@ -53,6 +59,13 @@ def rung(t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Arr
     kick = -jnp.diff(slope, axis=0, prepend=slope[:1])
     envelope = jnp.exp(-damping_ratio * w * dt)
     cosine, sine = envelope * jnp.cos(damped * dt), envelope * jnp.sin(damped * dt) / damped
+    deviation = _ring(w, damping_ratio, cosine, sine, kick)
+    return signal + jnp.where(rigid, 0, jnp.concatenate([jnp.zeros_like(signal[:1]), deviation]))
+
+
+@compile_whole
+def _ring(w: Array, damping_ratio: Array, cosine: Array, sine: Array, kick: Array) -> Array:
+    """Deviation (T, k) at the end of every interval, for kicks (T, k) at their starts; cosine, sine (T,)."""
 
     def body(state: tuple[Array, Array], inputs: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
         deviation, rate = state
@@ -62,11 +75,11 @@ def rung(t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Arr
         next_rate = cosine * rate - sine * (w**2 * deviation + damping_ratio * w * rate)
         return (next_deviation, next_rate), next_deviation
 
-    zero = jnp.zeros_like(signal[0])
-    _, deviation = jax.lax.scan(body, (zero, zero), (cosine, sine, kick))
-    return signal + jnp.where(rigid, 0, jnp.concatenate([zero[None], deviation]))
+    zero = jnp.zeros_like(kick[0])
+    return jax.lax.scan(body, (zero, zero), (cosine, sine, kick))[1]
 
 
+@compile_whole
 def played(signal: Array, width: Array) -> Array:
     """Play operator: the output follows only when the input has crossed a gap of the given width.
 

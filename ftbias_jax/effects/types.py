@@ -94,7 +94,7 @@ Widen = Callable[[EffectValues, Array, Array], Array]
 
 
 class Effect(NamedTuple):
-    """One entry of the catalogue. Exactly one of ``transform``, ``reading`` and ``recording`` is there."""
+    """One entry of the catalogue. ``recording``, or one or both of ``transform`` and ``reading``."""
 
     name: str
     stage: str

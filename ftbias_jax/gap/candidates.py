@@ -12,12 +12,10 @@ from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap.cables import cables
 from ftbias_jax.gap.evaluate import readings, slopes, whitened
 from ftbias_jax.gap.events import Found, Library
-from ftbias_jax.gap.fit import Fit, Gains, first_order, fit, gain_of_each, gains
+from ftbias_jax.gap.fit import Fit, Gains, first_order, fit, gain_of_each, gains, keep
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
 
-NATS_PER_DEGREE = 4.0
-"""Half the logarithm of the number of independent bins: what a free number gains by chance and search."""
 LEAST_GAIN = 12.0
 """nats beyond the penalty; white noise reaches it in one log of thousands."""
 WORTH_FITTING = 0.5
@@ -29,12 +27,13 @@ ROUGHLY = 0.03
 ROUGH_STEPS = 4
 POLISHED = 0.85
 """Share of the best gain from which on a fit is brought to its end."""
-FLEXIBLE = ("crosstalk", "contact")
-"""Effects that can take nearly any shape."""
-HANDICAP = 0.95
-"""Share of their gain that counts when effects are ranked: a structured explanation as good as theirs comes first."""
-MOST_LEAKS = 5
+HANDICAP = {"crosstalk": 0.95, "contact": 0.8}
+"""Share of their gain that counts when effects are ranked that can take nearly any shape: a structured explanation
+nearly as good as theirs comes first."""
+MOST_LEAKS = 12
 """Entries of the crosstalk matrix that may be named."""
+LEAST_LEAK = 0.01
+"""Share of the gain that each of them must add."""
 
 
 class Scored(NamedTuple):
@@ -52,7 +51,7 @@ class Scored(NamedTuple):
 
 def score(better: Fit, worse: Fit) -> float:
     """nats that one fit gains over another, after the penalty."""
-    return better.log_likelihood - worse.log_likelihood - NATS_PER_DEGREE * (better.degrees - worse.degrees)
+    return better.log_likelihood - worse.log_likelihood - hyp.NATS_PER_DEGREE * (better.degrees - worse.degrees)
 
 
 def candidates(problem: Problem, library: Library, accepted: Fit, without: Collection[str] = ()) -> list[Scored]:
@@ -69,13 +68,13 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
         found += make(problem, library, accepted, taken)
     best: dict[tuple[str, float], Found] = {}
     for i, (gain, h) in enumerate(found):
-        penalised = gain - NATS_PER_DEGREE * (len(h.free) + 6 * len(h.shapes))
+        penalised = gain - hyp.penalty(h)
         key = (h.effect, h.detail[0] if h.effect == "encoder_offset" else i if h.effect == "cable" else 0.0)
         if penalised > LEAST_GAIN and (key not in best or penalised > best[key][0]):
             best[key] = (penalised, h)
     top = max((gain for gain, _ in best.values()), default=0.0)
     fits = [
-        first_order(accepted, h, np.stack([columns[i] for i in h.free]))
+        first_order(accepted, h, columns[h])
         if gain <= _worth(h) * top
         else fit(problem, (*accepted.hypotheses, h), accepted, ROUGHLY, ROUGH_STEPS)
         for gain, h in best.values()
@@ -97,7 +96,7 @@ def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Score
 
 
 def _merit(scored: Scored) -> float:
-    return scored.gain * (HANDICAP if scored.hypothesis.effect in FLEXIBLE else 1.0)
+    return scored.gain * HANDICAP.get(scored.hypothesis.effect, 1.0)
 
 
 def _best_of_each(scored: list[Scored]) -> list[Scored]:
@@ -108,22 +107,32 @@ def _best_of_each(scored: list[Scored]) -> list[Scored]:
     return list(best.values())
 
 
-def _smooth(problem: Problem, accepted: Fit, taken: Collection[str]) -> tuple[list[Found], dict[int, np.ndarray]]:
-    """Gains, and the whitened derivative (U, 6) by every coordinate."""
+def _smooth(
+    problem: Problem, accepted: Fit, taken: Collection[str]
+) -> tuple[list[Found], dict[Hypothesis, np.ndarray]]:
+    """Gains, and for each hypothesis the whitened derivatives (F, U, 6) by its coordinates."""
     n = problem.joints
     wanted = [h for h in hyp.smooth_hypotheses(n) if h.effect not in taken]
-    leaks = [] if "crosstalk" in taken else model.coordinates(n, "crosstalk").tolist()
-    places = sorted({i for h in wanted for i in h.free} | set(leaks))
-    if not places:
-        return [], {}
-    columns = whitened(problem, slopes(problem, accepted.z, accepted.link, places))
-    prepared, row = gains(accepted, columns), {place: i for i, place in enumerate(places)}
-    found = [(prepared.of([row[i] for i in h.free]), h) for h in wanted]
-    if leaks:
-        gained, chosen = _leaks(prepared, [row[i] for i in leaks])
-        free = tuple(places[i] for i in chosen)
-        found += [(gained, Hypothesis("crosstalk", free, (0.0,) * len(free)))] if free else []
-    return found, dict(zip(places, columns, strict=True))
+    if "crosstalk" not in taken:
+        leaks = model.coordinates(n, "crosstalk").tolist()
+        wanted.append(Hypothesis("crosstalk", tuple(leaks), (0.0,) * len(leaks)))
+    columns: dict[Hypothesis, np.ndarray] = {}
+    for fixed in dict.fromkeys(h.fixed for h in wanted):
+        alike = [h for h in wanted if h.fixed == fixed]
+        places = [i for h in alike for i in h.free]
+        white = whitened(problem, slopes(problem, keep(accepted.z, alike[0]), accepted.link, places))
+        columns |= zip(alike, np.split(white, np.cumsum([len(h.free) for h in alike])[:-1]), strict=True)
+    found: list[Found] = []
+    for h in wanted:
+        prepared = gains(accepted, columns[h])
+        if h.effect != "crosstalk":
+            found.append((prepared.of(list(range(len(h.free)))), h))
+            continue
+        gained, chosen = _leaks(prepared, list(range(len(h.free))))
+        few = Hypothesis("crosstalk", tuple(h.free[i] for i in chosen), (0.0,) * len(chosen))
+        columns[few] = columns[h][chosen]
+        found += [(gained, few)] if chosen else []
+    return found, columns
 
 
 def _leaks(prepared: Gains, rows: list[int]) -> tuple[float, list[int]]:
@@ -133,7 +142,7 @@ def _leaks(prepared: Gains, rows: list[int]) -> tuple[float, list[int]]:
     for _ in range(MOST_LEAKS):
         trials = {i: prepared.of([*chosen, i]) for i in rows if i not in chosen}
         best = max(trials, key=lambda i: trials[i])
-        if trials[best] - gained < max(2 * NATS_PER_DEGREE, 0.03 * trials[best]):
+        if trials[best] - gained < max(2 * hyp.NATS_PER_DEGREE, LEAST_LEAK * trials[best]):
             break
         chosen, gained = [*chosen, best], trials[best]
     return gained, chosen

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ftbias_jax.gap.fit import PRIOR_STD, Fit
+from ftbias_jax.gap.columns import Columns, best_step, change, products
+from ftbias_jax.gap.fit import Fit
 from ftbias_jax.gap.holdout import HeldOut, excess_by_channel
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.gap.types import LogGap
@@ -49,17 +50,11 @@ def _alone(accepted: Fit, own: np.ndarray) -> tuple[Fit, float]:
     Args:
         accepted: the fit to all logs. own: (U,) bins of the log.
     """
-    columns, error = accepted.columns * own[:, None], accepted.error * own[:, None]
-    flat = columns.reshape(len(columns), -1)
-    moving = len(accepted.free)
-    normal = flat @ flat.T
-    normal[np.arange(moving), np.arange(moving)] += PRIOR_STD**-2
-    normal += 1e-12 * np.eye(len(normal)) * max(float(np.trace(normal)), 1.0)
-    pull = flat @ error.ravel()
-    shift = -np.linalg.solve(normal, pull)
+    columns, error = Columns(*(x * own[:, None] for x in accepted.columns)), accepted.error * own[:, None]
+    step, moving = best_step(columns, error), len(accepted.free)
+    gain = -float(step @ products(columns, error[None])[0]) / 2
     z = accepted.z.copy()
-    z[list(accepted.free)] += shift[:moving]
-    error = error + np.tensordot(shift, columns, 1)
-    coefficients = accepted.coefficients + shift[moving:]
-    alone = accepted._replace(z=z, coefficients=coefficients, columns=columns, error=error)
-    return alone, float(-pull @ shift) / 2
+    z[list(accepted.free)] += step[:moving]
+    coefficients = accepted.coefficients + step[moving:]
+    error = error + change(columns, step)
+    return accepted._replace(z=z, coefficients=coefficients, columns=columns, error=error), gain

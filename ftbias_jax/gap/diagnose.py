@@ -11,6 +11,7 @@ from ftbias_jax.effects.catalogue import CATALOGUE
 from ftbias_jax.gap import fit as fits
 from ftbias_jax.gap.candidates import Scored
 from ftbias_jax.gap.compare import compare
+from ftbias_jax.gap.evaluate import compile_programs
 from ftbias_jax.gap.fit import Fit
 from ftbias_jax.gap.holdout import HeldOut, excess_by_chance, excess_by_channel, excess_stderr, hold_out
 from ftbias_jax.gap.problem import Problem, make_problem
@@ -26,6 +27,8 @@ from ftbias_jax.types import Log
 
 SILENT = 0.12
 """Gap in noise sigmas below which nothing is missing: the joints' own error reaches half of it."""
+LEADS = 0.3
+"""Gap in noise sigmas below which what single samples show comes before what explains the mean reading."""
 USEFUL_SHARE = 0.5
 """Of the gap; causes that remove less explain nothing."""
 LEFT = 0.05
@@ -43,13 +46,15 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
         without: effects that may not be named, to see what the answer would be without them.
     """
     problem, samples = make_problem(setup, logs)
+    compile_programs(problem)
     base = fits.base(problem)
     accepted, rounds = search(problem, base, without)
     before = hold_out(problem, base, base.error)
     after = hold_out(problem, accepted, base.error)
     gap = _gap(problem, before, after)
     found = tuple(finding for finding in together(samples) if finding.effect not in without)
-    causes = _causes(problem, base, accepted, rounds, found)
+    total = gap.before_sigmas**2 - 1
+    causes = _causes(problem, base, accepted, rounds, found, total)
     if gap.shrink < USEFUL_SHARE:  # what does not hold on unseen blocks is no cause
         accepted, after, gap = base, before, _gap(problem, before, before)
         causes = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
@@ -61,7 +66,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
         verdict=verdict,
         sentence=sentence_of(verdict, gap, causes),
         causes=causes,
-        candidates=_ranking(problem, base, rounds, found),
+        candidates=_ranking(problem, base, rounds, found, total),
         gap=gap,
         where=where(problem, before, stages),
         not_tested=_not_tested(problem, logs, without),
@@ -73,11 +78,14 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
 
 def _gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
     first, last = (excess_by_channel(problem, held.error) for held in (before, after))
-    total, left = max(float(first.mean()), 0.0), max(float(last.mean()), 0.0)
+    # Where less is left than expected, the joints are better known than was thought: then so much was noise before.
+    spare = np.minimum(last, 0)
+    first, last = np.maximum(first - spare, 0), last - spare
+    total, left = float(first.mean()), float(last.mean())
     shrink = float(np.clip(1 - left / total, 0, 1)) if total > 0 else 0.0
     return Gap(
-        before_rms=problem.noise_std * np.sqrt(1 + np.maximum(first, 0)),
-        after_rms=problem.noise_std * np.sqrt(1 + np.maximum(last, 0)),
+        before_rms=problem.noise_std * np.sqrt(1 + first),
+        after_rms=problem.noise_std * np.sqrt(1 + last),
         noise_floor=problem.noise_std,
         before_sigmas=float(np.sqrt(1 + total)),
         after_sigmas=float(np.sqrt(1 + left)),
@@ -102,7 +110,12 @@ def _verdict(problem: Problem, gap: Gap, causes: tuple[Candidate, ...], found: t
 
 
 def _causes(
-    problem: Problem, base: Fit, accepted: Fit, rounds: list[list[Scored]], found: tuple[Finding, ...]
+    problem: Problem,
+    base: Fit,
+    accepted: Fit,
+    rounds: list[list[Scored]],
+    found: tuple[Finding, ...],
+    total: float,
 ) -> tuple[Candidate, ...]:
     """Accepted hypotheses with their twins, and what was read off the samples; the larger gap first."""
     of_mean = []
@@ -111,13 +124,16 @@ def _causes(
         twins = twins_of(problem, base, accepted, hypothesis, scored)
         values, stderr = parameters(problem, accepted, hypothesis)
         held = hold_out(problem, scored[0].fit, previous.error)
-        reference = excess_by_channel(problem, base.error).mean()
-        removed = excess_by_channel(problem, previous.error).mean() - excess_by_channel(problem, held.error).mean()
-        of_mean.append(_candidate(hypothesis.effect, values, stderr, held, removed / max(reference, 1e-12), twins))
+        shrink = _removed(problem, previous.error, held.error) / max(total, 1e-12)
+        of_mean.append(_candidate(hypothesis.effect, values, stderr, held, shrink, twins))
         previous = scored[0].fit
     of_samples = [_of_finding(finding, problem.duration) for finding in found]
-    large = excess_by_channel(problem, base.error).mean() > SILENT**2
-    return tuple(of_mean + of_samples if large else of_samples + of_mean)
+    return tuple(of_mean + of_samples if total > LEADS**2 else of_samples + of_mean)
+
+
+def _removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:
+    """Mean square gap that is gone between two sets of errors (U, 6), in noise variances."""
+    return float((excess_by_channel(problem, before) - excess_by_channel(problem, after)).mean())
 
 
 def _candidate(
@@ -151,16 +167,15 @@ def _of_finding(finding: Finding, duration: float) -> Candidate:
 
 
 def _ranking(
-    problem: Problem, base: Fit, rounds: list[list[Scored]], found: tuple[Finding, ...]
+    problem: Problem, base: Fit, rounds: list[list[Scored]], found: tuple[Finding, ...], total: float
 ) -> tuple[Candidate, ...]:
     """Everything that was fitted by itself, best first."""
     ranked = [_of_finding(finding, problem.duration) for finding in found]
-    total = max(float(excess_by_channel(problem, base.error).mean()), 1e-12)
     for scored in rounds[0][:CANDIDATES] if rounds else []:
         values, stderr = parameters(problem, scored.fit, scored.hypothesis)
         held = hold_out(problem, scored.fit, base.error)
-        removed = 1 - float(excess_by_channel(problem, held.error).mean()) / total
-        ranked.append(_candidate(scored.hypothesis.effect, values, stderr, held, removed))
+        shrink = _removed(problem, base.error, held.error) / max(total, 1e-12)
+        ranked.append(_candidate(scored.hypothesis.effect, values, stderr, held, shrink))
     return tuple(sorted(ranked, key=lambda candidate: -candidate.held_out_gain))
 
 

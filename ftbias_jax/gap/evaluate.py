@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,12 +19,32 @@ WHITE_LANES = (8, 32)
 """Series that one call whitens, if there are few and if there are many."""
 
 
+def compile_programs(problem: Problem) -> None:
+    """Compile the large programs of a search side by side: a first run waits for little else."""
+    z = np.zeros((2, model.size(problem.joints)))
+    joint, tool = (int(model.coordinates(problem.joints, name)[0]) for name in ("encoder_offset", "tool_mass"))
+    moved = z.copy()
+    moved[1, joint] = 1
+    calls = (
+        lambda: slopes(problem, z[0], 0.0, [joint]),
+        lambda: slopes(problem, z[0], 0.0, [tool]),
+        lambda: readings(problem, z, z[:, 0]),
+        lambda: readings(problem, moved, z[:, 0]),
+    )
+    with ThreadPoolExecutor() as pool:
+        for call in [pool.submit(call) for call in calls]:
+            call.result()
+
+
 def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
     """(C, P) coordinates, (C,) links -> (C, U, 6) N, Nm: noise-free readings."""
 
+    offsets = z[:, model.coordinates(problem.joints, "encoder_offset")]
+    program = model.predict_at_pose if (offsets == offsets[0]).all() else model.predict_many
+
     def of_log(part: Part) -> np.ndarray:
         def some(z: Array, link: Array) -> Array:
-            return model.predict_many(part.signals, problem.known, z, link)
+            return program(part.signals, problem.known, z, link)
 
         return in_pieces(some, LANES, z, link)[:, : part.used]
 
@@ -32,9 +53,18 @@ def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
 
 def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) -> np.ndarray:
     """(F, U, 6) N, Nm: derivatives of the reading at z (P,) by the coordinates at these places."""
-    directions = np.zeros((len(places), len(z)))
-    directions[np.arange(len(places)), list(places)] = 1
-    program = model.slopes_of_reading if set(places) <= model.of_reading(problem.joints) else model.slopes
+    place, moving = np.array(places), np.isin(places, model.coordinates(problem.joints, "encoder_offset"))
+    found = np.empty((len(place), len(problem.t), 6))
+    for program, some in ((model.slopes, moving), (model.slopes_at_pose, ~moving)):
+        if some.any():
+            found[some] = _slopes(problem, z, link, program, np.eye(len(z))[place[some]])
+    return found
+
+
+def _slopes(
+    problem: Problem, z: np.ndarray, link: float, program: Callable[..., Array], directions: np.ndarray
+) -> np.ndarray:
+    """(F, P) directions -> (F, U, 6)."""
 
     def of_log(part: Part) -> np.ndarray:
         def some(directions: Array) -> Array:
@@ -56,6 +86,13 @@ def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
         return in_pieces(lambda some: whiten(part.wrench, some), lanes, own)[:, : part.used]
 
     return np.concatenate([of_log(part, int(end)) for part, end in zip(problem.parts, ends, strict=True)], axis=1)
+
+
+def whitened_series(problem: Problem, shapes: Sequence[np.ndarray]) -> np.ndarray:
+    """(U,) series -> (E, U, 6): each of them the same in every channel, whitened."""
+    if not shapes:
+        return np.zeros((0, len(problem.t), 6))
+    return whitened(problem, np.repeat(np.stack(shapes)[:, :, None], 6, 2))
 
 
 def measured(problem: Problem) -> np.ndarray:

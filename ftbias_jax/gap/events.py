@@ -8,8 +8,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ftbias_jax.gap import hypotheses as hyp
-from ftbias_jax.gap.evaluate import whitened
-from ftbias_jax.gap.fit import Fit, gains
+from ftbias_jax.gap.evaluate import whitened_series
+from ftbias_jax.gap.fit import Fit, gain_of_series, projection
 from ftbias_jax.gap.hypotheses import Event, Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -18,6 +18,11 @@ Found: TypeAlias = tuple[float, Hypothesis]
 
 LEAST_EVENT = 60.0
 """nats of a single contact."""
+LONGEST_EVENT = 3.0
+"""s; nor is what touches it once for longer."""
+TRIMS = 3
+LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.002
+"""nats, and share of the largest, of a hat function at the end of a contact."""
 MOST_CONTACT = 0.35
 """Share of the log: what touches the tool for longer is no event."""
 FINE = 17
@@ -64,8 +69,8 @@ def _alike(problem: Problem, series: Sequence[np.ndarray]) -> np.ndarray:
     """(C, U, 6) in single precision: whitened series, the same in every channel."""
     if not series:
         return np.zeros((0, len(problem.t), 6), np.float32)
-    pieces = [np.repeat(np.stack(series[i : i + 64])[:, :, None], 6, 2) for i in range(0, len(series), 64)]
-    return np.concatenate([whitened(problem, piece).astype(np.float32) for piece in pieces])
+    pieces = [series[i : i + 64] for i in range(0, len(series), 64)]
+    return np.concatenate([whitened_series(problem, piece).astype(np.float32) for piece in pieces])
 
 
 def by_channel(accepted: Fit, white: np.ndarray) -> np.ndarray:
@@ -140,19 +145,52 @@ def contacts(problem: Problem, library: Library, accepted: Fit, taken: Collectio
             break
         error = error - (along[best] / power[best]) * white[best]
         events.append(library.events[best])
-    merged = merge(events)
-    if not merged or sum(end - start for _, start, end in merged) > MOST_CONTACT * problem.duration:
+    if not events:
         return []
-    h = hyp.contact(problem, merged)
-    columns = whitened(problem, hyp.spread(h.shapes))
-    return [(gains(accepted, columns).of(list(range(len(columns)))), h)]
+    shaped = [_shaped(problem, accepted, merge(events), hats) for hats in hyp.SHAPES]
+    return sorted((found for found in shaped if _is_short(problem, found[1])), key=_after_penalty)[-1:]
+
+
+def _is_short(problem: Problem, contact: Hypothesis) -> bool:
+    """Whether the contacts are short, each and together."""
+    lengths = np.diff(np.reshape(contact.detail, (-1, 4))[:, 1:3])
+    return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_CONTACT * problem.duration)
+
+
+def _shaped(problem: Problem, accepted: Fit, events: list[Event], hats: int) -> Found:
+    """Contacts of so many hat functions each, their beginnings and ends where the data put them."""
+    for _ in range(TRIMS):
+        h = hyp.contact(problem, events, hats)
+        white = whitened_series(problem, h.shapes)
+        coefficients, _ = projection(white)(accepted.error[None])
+        nats = ((coefficients.reshape(-1, 1, 6) * white) ** 2).sum((1, 2)) / 2
+        by_event = np.split(nats, np.cumsum(hyp.hats_of(h)))
+        events = [trim(event, nats) for event, nats in zip(events, by_event[:-1], strict=True)]
+    h = hyp.contact(problem, events, hats)
+    return gain_of_series(accepted, whitened_series(problem, h.shapes)), h
+
+
+def trim(event: Event, nats: np.ndarray) -> Event:
+    """An event without the hats at its ends that hardly matter, for the nats (H,) of each of its hats."""
+    log, start, end = event
+    matter = np.flatnonzero(nats > max(LEAST_HAT, LEAST_SHARE_OF_HAT * nats.max()))
+    if not len(matter):
+        return event
+    width = (end - start) / (len(nats) - 1)
+    first, last = max(int(matter[0]) - 1, 0), min(int(matter[-1]) + 1, len(nats) - 1)
+    return log, start + first * width, start + last * width
+
+
+def _after_penalty(found: Found) -> float:
+    gain, h = found
+    return gain - hyp.penalty(h)
 
 
 def merge(events: Sequence[Event]) -> list[Event]:
-    """Overlapping events of a log as one, a little longer than the pulses that found them."""
+    """Overlapping events of a log as one, with room for what the pulses that found them do not cover."""
     merged: list[Event] = []
     for log, start, end in sorted(events):
-        margin = 0.25 * (end - start)
+        margin = 0.1 + 0.6 * (end - start)
         start, end = start - margin, end + margin
         if merged and merged[-1][0] == log and start < merged[-1][2]:
             merged[-1] = (log, merged[-1][1], max(end, merged[-1][2]))

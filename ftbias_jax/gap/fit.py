@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.gap import model
-from ftbias_jax.gap.evaluate import measured, readings, slopes, whitened
-from ftbias_jax.gap.hypotheses import Hypothesis, spread
+from ftbias_jax.gap.columns import PRIOR_STD, Columns, best_step, change, information, products, scores
+from ftbias_jax.gap.evaluate import measured, readings, slopes, whitened, whitened_series
+from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.regression import widened_inverse
 
@@ -20,8 +21,6 @@ DAMPINGS = (0.0, 0.03, 1.0, 100.0)
 """All tried at once at every step."""
 LONGEST_STEP = 20.0
 """Typical departures."""
-PRIOR_STD = 30.0
-"""Of a coordinate, in typical departures: keeps what the motion does not excite at zero."""
 BLOCK_SECONDS = 2.0
 
 
@@ -36,8 +35,8 @@ class Fit(NamedTuple):
     """(6 E,) of the linear series, hypothesis by hypothesis."""
     error: np.ndarray
     """(U, 6) innovations that remain, in standard deviations."""
-    columns: np.ndarray
-    """(K, U, 6) their derivatives by the free coordinates, then by the coefficients."""
+    columns: Columns
+    """Their derivatives by the free coordinates and by the coefficients."""
     free: tuple[int, ...]
     log_likelihood: float
     """nats, up to a constant of the logs."""
@@ -45,17 +44,12 @@ class Fit(NamedTuple):
     @property
     def degrees(self) -> int:
         """Free numbers."""
-        return len(self.columns)
-
-    @property
-    def series(self) -> np.ndarray:
-        """(6 E, U, 6) whitened linear series."""
-        return self.columns[len(self.free) :]
+        return self.columns.size
 
 
 def base(problem: Problem) -> Fit:
     """The believed model."""
-    nothing = np.zeros((0, len(problem.t), 6))
+    nothing = Columns(*np.zeros((2, 0, len(problem.t), 6)))
     z = np.zeros(model.size(problem.joints))
     error = _errors(problem, z[None], 0.0)[0]
     return Fit((), z, 0.0, np.zeros(0), error, nothing, (), _log_likelihood(error))
@@ -72,16 +66,17 @@ def fit(
         most: steps at most.
     """
     z = start.z.copy()
-    z[list(start.free)] = 0
+    z[[*start.free, *(i for h in start.hypotheses for i, _ in h.fixed)]] = 0
     there = {id(h) for h in start.hypotheses}
     for h in hypotheses:
         z[list(h.free)] = start.z[list(h.free)] if id(h) in there else h.start
+        z = keep(z, h)
     link = next((h.link for h in hypotheses if h.effect == "cable"), 0.0)
     free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
     series = _series(problem, hypotheses, start)
     project = projection(series)
     if np.array_equal(z, start.z) and link == start.link:  # the model is as it was: no need to evaluate it
-        error = start.error - np.tensordot(start.coefficients, start.series, 1)
+        error = start.error - change(start.columns._replace(moving=series[:0]), start.coefficients)
     else:
         error = _errors(problem, z[None], link)[0]
     (coefficients,), (error,) = project(error[None])
@@ -102,19 +97,24 @@ def fit(
             break
     if moving is None:
         moving = whitened(problem, slopes(problem, z, link, free)) if free else series[:0]
-    columns = np.concatenate([moving, series])  # from before the last, short step
-    return Fit(hypotheses, z, link, coefficients, error, columns, free, _log_likelihood(error))
+    # The derivatives are from before the last, short step.
+    return Fit(hypotheses, z, link, coefficients, error, Columns(moving, series), free, _log_likelihood(error))
+
+
+def keep(z: np.ndarray, h: Hypothesis) -> np.ndarray:
+    """Coordinates (P,) with those that a hypothesis keeps at its values."""
+    z = z.copy()
+    for place, value in h.fixed:
+        z[place] = value
+    return z
 
 
 def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
     """What a fit of one more hypothesis will find, from its derivatives (F, U, 6) at the accepted fit alone."""
-    free, own = (*accepted.free, *h.free), len(accepted.free)
-    whole = np.concatenate([accepted.columns[:own], columns, accepted.columns[own:]])
-    flat = whole.reshape(len(whole), -1)
-    normal = flat @ flat.T
-    normal[np.arange(len(free)), np.arange(len(free))] += PRIOR_STD**-2
-    step = -np.linalg.solve(normal + 1e-12 * np.eye(len(normal)), flat @ accepted.error.ravel())
-    z, error = accepted.z.copy(), accepted.error + np.tensordot(step, whole, 1)
+    free = (*accepted.free, *h.free)
+    whole = accepted.columns._replace(moving=np.concatenate([accepted.columns.moving, columns]))
+    step = best_step(whole, accepted.error)
+    z, error = keep(accepted.z, h), accepted.error + change(whole, step)
     z[list(free)] += step[: len(free)]
     coefficients = accepted.coefficients + step[len(free) :]
     hypotheses = (*accepted.hypotheses, h)
@@ -133,29 +133,32 @@ def _errors(problem: Problem, z: np.ndarray, link: float) -> np.ndarray:
 
 
 def _series(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) -> np.ndarray:
-    """(6 E, U, 6) whitened linear series; those that ``start`` has are taken from there."""
-    ends = np.cumsum([6 * len(h.shapes) for h in start.hypotheses])
-    there = {id(h): start.series[end - 6 * len(h.shapes) : end] for h, end in zip(start.hypotheses, ends, strict=True)}
-    series = [there[id(h)] if id(h) in there else whitened(problem, spread(h.shapes)) for h in hypotheses if h.shapes]
-    return np.concatenate([start.columns[:0], *series])
+    """(E, U, 6) whitened linear series; those that ``start`` has are taken from there."""
+    pieces = np.split(start.columns.series, np.cumsum([len(h.shapes) for h in start.hypotheses]))
+    there = {id(h): piece for h, piece in zip(start.hypotheses, pieces[:-1], strict=True)}
+    series = [there[id(h)] if id(h) in there else whitened_series(problem, h.shapes) for h in hypotheses]
+    return np.concatenate([start.columns.series[:0], *series])
 
 
 def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """errors (C, U, 6) -> coefficients (C, 6 E) that bring error + sum c series nearest to zero, and what remains.
 
     Args:
-        series: (6 E, U, 6) whitened.
+        series: (E, U, 6) whitened, each with a coefficient for every channel.
     """
     if not len(series):
         return lambda errors: (np.zeros((len(errors), 0)), errors)
-    flat = series.reshape(len(series), -1)
-    normal = flat @ flat.T
-    ridge = 1e-9 * np.diag(normal).max() + 1e-12  # for series that vanish
-    inverse = np.linalg.inv(normal + ridge * np.eye(len(normal)))
+    by_channel = np.ascontiguousarray(series.transpose(2, 0, 1))  # (6, E, U)
+    transposed = by_channel.transpose(0, 2, 1)
+    normal = by_channel @ transposed
+    ridge = 1e-9 * normal.max() + 1e-12  # for series that vanish
+    inverse = np.linalg.inv(normal + ridge * np.eye(len(series)))
 
     def project(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        coefficients = -(errors.reshape(len(errors), -1) @ flat.T) @ inverse
-        return coefficients, errors + (coefficients @ flat).reshape(errors.shape)
+        channels = errors.transpose(2, 1, 0)  # (6, U, C)
+        coefficients = -inverse @ (by_channel @ channels)
+        left = channels + transposed @ coefficients
+        return coefficients.transpose(2, 1, 0).reshape(len(errors), -1), left.transpose(2, 1, 0)
 
     return project
 
@@ -194,31 +197,30 @@ class Gains(NamedTuple):
 
 def gains(accepted: Fit, columns: np.ndarray) -> Gains:
     """Prepare the gains of whitened columns (M, U, 6) on top of a fit."""
-    own = accepted.columns.reshape(len(accepted.columns), accepted.error.size)
-    flat, error = columns.reshape(len(columns), -1), accepted.error.ravel()
-    normal, pull = flat @ flat.T, flat @ error
-    if len(own):
-        square = own @ own.T
-        square += 1e-9 * np.eye(len(own)) * max(np.trace(square) / len(own), 1e-12)
-        shared = flat @ own.T
-        normal -= shared @ np.linalg.solve(square, shared.T)
-        pull -= shared @ np.linalg.solve(square, own @ error)
-    return Gains(normal, pull)
+    flat = columns.reshape(len(columns), -1)
+    shared, taken, pull = _beside(accepted, columns)
+    return Gains(flat @ flat.T - shared @ taken, pull)
 
 
 def gain_of_each(accepted: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(M,) nats that every whitened column (M, U, 6) would gain by itself, and (M,) its coefficient."""
-    own = accepted.columns.reshape(len(accepted.columns), accepted.error.size)
-    flat, error = columns.reshape(len(columns), -1), accepted.error.ravel()
-    power, pull = np.einsum("mn,mn->m", flat, flat), flat @ error
-    if len(own):
-        square = own @ own.T
-        square += 1e-9 * np.eye(len(own)) * max(np.trace(square) / len(own), 1e-12)
-        shared = flat @ own.T
-        taken = np.linalg.solve(square, shared.T)
-        power, pull = power - (shared.T * taken).sum(0), pull - taken.T @ (own @ error)
-    power = np.maximum(power, 1e-12)
+    shared, taken, pull = _beside(accepted, columns)
+    power = np.maximum(np.einsum("muk,muk->m", columns, columns) - (shared.T * taken).sum(0), 1e-12)
     return pull**2 / power / 2, -pull / power
+
+
+def _beside(accepted: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a fit itself does of columns (M, U, 6): products (M, K), coefficients (K, M), and the pull (M,) left."""
+    own, error = accepted.columns, accepted.error
+    shared = products(own, columns)
+    taken = np.linalg.solve(information(own), shared.T)
+    return shared, taken, columns.reshape(len(columns), -1) @ error.ravel() - taken.T @ products(own, error[None])[0]
+
+
+def gain_of_series(accepted: Fit, series: np.ndarray) -> float:
+    """nats that linear series (E, U, 6) gain together, with a coefficient for every channel."""
+    whole = accepted.columns._replace(series=np.concatenate([accepted.columns.series, series]))
+    return float(-best_step(whole, accepted.error) @ products(whole, accepted.error[None])[0]) / 2
 
 
 def block_scores(problem: Problem, fit: Fit) -> np.ndarray:
@@ -231,11 +233,10 @@ def covariance(problem: Problem, fit: Fit, further: np.ndarray | None = None) ->
 
     Args:
         problem: of the logs. fit: at its best. further: (M, U, 6) whitened derivatives by M numbers that were searched
-            on a grid; they come last.
+            on a grid; they come between the coordinates and the coefficients.
     """
-    columns = fit.columns if further is None else np.concatenate([fit.columns, further])
-    flat = columns.reshape(len(columns), -1)
-    normal = flat @ flat.T
-    normal += 1e-9 * np.eye(len(normal)) * max(np.trace(normal) / max(len(normal), 1), 1e-12)
-    normal[np.arange(len(fit.free)), np.arange(len(fit.free))] += PRIOR_STD**-2
-    return widened_inverse(columns, fit.error, problem.block(BLOCK_SECONDS), normal)
+    columns = fit.columns
+    if further is not None:
+        columns = columns._replace(moving=np.concatenate([columns.moving, further]))
+    by_block = scores(columns, fit.error, problem.block(BLOCK_SECONDS))
+    return widened_inverse(by_block, information(columns, len(fit.free)))

@@ -6,12 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.gap.fit import BLOCK_SECONDS, PRIOR_STD, Fit
+from ftbias_jax.gap.columns import best_step, change
+from ftbias_jax.gap.fit import BLOCK_SECONDS, Fit
 from ftbias_jax.gap.problem import Problem
 
 FOLDS = 4
-LOCAL_BLOCK_SECONDS = 0.05
-"""For effects that act for a moment: a longer block would hide all of it."""
 
 
 class HeldOut(NamedTuple):
@@ -30,19 +29,13 @@ def hold_out(problem: Problem, fit: Fit, reference: np.ndarray) -> HeldOut:
     Args:
         problem: of the logs. fit: on all of them. reference: (U, 6) errors of the model to compare with.
     """
+    # What acts for a moment has every fourth bin left out: a longer block would hide all of it.
     local = any(h.local for h in fit.hypotheses)
-    fold = problem.block(LOCAL_BLOCK_SECONDS if local else BLOCK_SECONDS) % FOLDS
+    fold = (np.arange(len(problem.t)) if local else problem.block(BLOCK_SECONDS)) % FOLDS
     error = fit.error.copy()
-    if len(fit.columns):
-        prior = np.zeros(len(fit.columns))
-        prior[: len(fit.free)] = PRIOR_STD**-2
-        for k in range(FOLDS):
-            rest, test = fold != k, fold == k
-            seen = fit.columns[:, rest].reshape(len(prior), -1)
-            normal = seen @ seen.T + np.diag(prior)
-            normal += 1e-7 * np.eye(len(normal)) * max(float(np.trace(normal)) / len(normal), 1e-12)
-            shift = -np.linalg.solve(normal, seen @ fit.error[rest].ravel())
-            error[test] += np.tensordot(shift, fit.columns[:, test], 1)
+    for k in range(FOLDS if fit.degrees else 0):
+        rest, test = fold != k, fold == k
+        error[test] += change(fit.columns.at(test), best_step(fit.columns.at(rest), fit.error[rest]))
     gains = np.bincount(problem.block(BLOCK_SECONDS), (reference**2 - error**2).sum(1) / 2)
     duration = max(problem.duration, 1e-9)
     return HeldOut(error, float(gains.sum() / duration), float(np.sqrt(len(gains)) * gains.std() / duration))
@@ -59,18 +52,25 @@ def excess(problem: Problem, error: np.ndarray) -> np.ndarray:
 
 
 def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """(6,) mean of the excess over the measured bins."""
-    mean: np.ndarray = excess(problem, error).sum(0) / np.maximum((problem.samples > 0).sum(0), 1)
+    """(6,) mean of the excess, each bin weighted by how well it tells it: not at all where joints are hardly known."""
+    mean: np.ndarray = (_weights(problem) * excess(problem, error)).sum(0)
     return mean
 
 
 def excess_stderr(problem: Problem, error: np.ndarray) -> float:
     """Standard error of the mean excess over the channels, from blocks."""
-    sums = np.bincount(problem.block(BLOCK_SECONDS), excess(problem, error).mean(1))
-    return float(np.sqrt(len(sums)) * sums.std() / len(problem.t))
+    sums = np.bincount(problem.block(BLOCK_SECONDS), (_weights(problem) * excess(problem, error)).mean(1))
+    return float(np.sqrt(len(sums)) * sums.std())
 
 
 def excess_by_chance(problem: Problem) -> float:
     """Standard error of the mean excess over the channels if the innovations are white noise of the stated size."""
-    relative = np.where(problem.samples > 0, problem.variance / problem.noise_std**2, 0)
-    return float(np.sqrt(2 * ((relative / np.maximum((problem.samples > 0).sum(0), 1)) ** 2).sum()) / 6)
+    relative = problem.variance / problem.noise_std**2
+    return float(np.sqrt(2 * ((_weights(problem) * relative) ** 2).sum()) / 6)
+
+
+def _weights(problem: Problem) -> np.ndarray:
+    """(U, 6) inverse variances of the bins' excess, with sum 1 over the bins."""
+    weight = np.where(problem.samples > 0, (problem.noise_std**2 / problem.variance) ** 2, 0)
+    scaled: np.ndarray = weight / np.maximum(weight.sum(0), 1e-300)
+    return scaled

@@ -24,9 +24,14 @@ PULSES = (0.1, 0.25, 0.6, 1.5)
 MOST_EVENTS = 8
 LEAST_WARMING = 0.3
 """K."""
-SHAPE = 4
-"""Hat functions that make up a contact of any shape."""
+SHAPES = (4, 8, 16, 32)
+"""Hat functions that may make up a contact of any shape."""
+BINS_A_HAT = 2.5
+"""So that every hat function is seen when a fourth of the bins is left out."""
 
+
+NATS_PER_DEGREE = 4.0
+"""Half the logarithm of the number of independent bins: what a free number gains by chance and search."""
 
 Event: TypeAlias = tuple[int, float, float]
 """Number of the log, start s, end s."""
@@ -40,15 +45,22 @@ class Hypothesis(NamedTuple):
     """Coordinates of model.blocks that are fitted."""
     start: tuple[float, ...] = ()
     """Their values."""
+    fixed: tuple[tuple[int, float], ...] = ()
+    """Further coordinates and the values that they keep."""
     link: float = 0.0
     """Link of the cable's anchor."""
     shapes: tuple[np.ndarray, ...] = ()
     """(U,) series, each with a coefficient for every channel: changes of the reading."""
     detail: tuple[float, ...] = ()
     """What the series stand for: the joint; a time constant, or the time of a jump, and the log, -1 = all; (log, start,
-    end) of every contact."""
+    end, number of series) of every contact."""
     local: bool = False
     """Whether it acts for a short time only."""
+
+
+def penalty(h: Hypothesis) -> float:
+    """nats that a hypothesis must gain to be worth its free numbers."""
+    return NATS_PER_DEGREE * (len(h.free) + 6 * len(h.shapes))
 
 
 SMOOTH = (
@@ -56,8 +68,8 @@ SMOOTH = (
     "tool_com",
     "tool_inertia",
     "gravity_tilt",
-    "mount_rotation",
     "gain",
+    "mount_rotation",
     "encoder_offset",
     "crosstalk",
 )
@@ -65,8 +77,11 @@ SMOOTH = (
 
 
 def smooth_hypotheses(n: int) -> list[Hypothesis]:
-    """Effects that one linearisation finds; each joint's encoder is a hypothesis of its own."""
-    found = [_at_zero(name, model.coordinates(n, name)) for name in SMOOTH[:6]]
+    """What one linearisation finds; each encoder is a hypothesis of its own, and so is a tool that turns too."""
+    found = [_at_zero(name, model.coordinates(n, name)) for name in SMOOTH[:5]]
+    axes, tool = (np.r_[model.slices(n)["mount_rotation", name]] for name in ("rotation", "tool_turns"))
+    found.append(_at_zero("mount_rotation", axes))
+    found.append(found[-1]._replace(fixed=((int(tool[0]), 1.0),)))
     for joint, place in enumerate(model.coordinates(n, "encoder_offset"), 1):
         found.append(_at_zero("encoder_offset", [place])._replace(detail=(float(joint),)))
     return found
@@ -102,7 +117,7 @@ def at_values(problem: Problem, effect: str, *values: tuple[str, np.ndarray | fl
         s = places[effect, parameter]
         free += range(s.start, s.stop)
         start += np.broadcast_to(np.asarray(value) / unit[effect, parameter], s.stop - s.start).tolist()
-    return Hypothesis(effect, tuple(free), tuple(float(x) for x in start), link)
+    return Hypothesis(effect, tuple(free), tuple(float(x) for x in start), link=link)
 
 
 def warmups(problem: Problem) -> list[Hypothesis]:
@@ -154,20 +169,24 @@ def pulse(problem: Problem, log: int, start: float, end: float) -> np.ndarray:
     return inside.astype(float)
 
 
-def contact(problem: Problem, events: list[Event]) -> Hypothesis:
-    """Contacts of any shape in the given intervals: hat functions, each with a wrench of its own."""
-    series = []
+def contact(problem: Problem, events: list[Event], hats: int) -> Hypothesis:
+    """Contacts of any shape, which may begin and end suddenly: hat functions, each with a wrench of its own.
+
+    Args:
+        problem: of the logs. events: when. hats: of each contact at most; there are BINS_A_HAT bins for every one.
+    """
+    series: list[np.ndarray] = []
+    detail: tuple[float, ...] = ()
+    bin_seconds = float(np.median(np.diff(problem.t)))
     for log, start, end in events:
-        knots = np.linspace(start, end, SHAPE + 2)
-        width = knots[1] - knots[0]
+        most = int((end - start) / (BINS_A_HAT * bin_seconds)) + 1
+        knots = np.linspace(start, end, max(min(hats, most), 2))
         inside = pulse(problem, log, start, end)
-        series += [inside * np.clip(1 - np.abs(problem.t - knot) / width, 0, None) for knot in knots[1:-1]]
-    return Hypothesis("contact", shapes=tuple(series), detail=tuple(x for event in events for x in event), local=True)
+        series += [inside * np.clip(1 - np.abs(problem.t - knot) / (knots[1] - knots[0]), 0, None) for knot in knots]
+        detail += (log, start, end, len(knots))
+    return Hypothesis("contact", shapes=tuple(series), detail=detail, local=True)
 
 
-def spread(shapes: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Series (U,) as columns (6 E, U, 6), one for each channel."""
-    if not shapes:
-        return np.zeros((0, 0, 0))
-    eye = np.eye(6)
-    return np.concatenate([shape[None, :, None] * eye[:, None, :] for shape in shapes])
+def hats_of(contact: Hypothesis) -> np.ndarray:
+    """(E,) how many series each contact has."""
+    return np.reshape(contact.detail, (-1, 4))[:, 3].astype(int)

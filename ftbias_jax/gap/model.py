@@ -45,6 +45,7 @@ def blocks(n: int) -> tuple[Block, ...]:
         Block("gravity_tilt", "gravity", 3, 0.1),
         Block("encoder_offset", "offset", n, 0.01),
         Block("mount_rotation", "rotation", 3, 0.01),
+        Block("mount_rotation", "tool_turns", 1, 1.0),
         Block("gain", "gain", 6, 0.02),
         Block("crosstalk", "matrix", 30, (0.02 * lever[:, None] / lever)[~np.eye(6, dtype=bool)]),
         Block("time_delay", "delay", 1, 0.01),
@@ -69,12 +70,6 @@ def coordinates(n: int, effect: str) -> np.ndarray:
     """Indices of all coordinates of an effect."""
     places = slices(n)
     return np.concatenate([np.arange(s.start, s.stop) for (name, _), s in places.items() if name == effect])
-
-
-def of_reading(n: int) -> set[int]:
-    """Coordinates that change neither model nor motion."""
-    found = {b.effect for b in blocks(n) if CATALOGUE[b.effect].reading}
-    return {int(i) for effect in found for i in coordinates(n, effect)}
 
 
 def size(n: int) -> int:
@@ -106,7 +101,10 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
         "tool_com": {"center_of_mass": neutral["tool_com"]["center_of_mass"] + move("tool_com", "center_of_mass")},
         "tool_inertia": {"inertia": neutral["tool_inertia"]["inertia"] + move("tool_inertia", "inertia")},
         "gravity_tilt": {"gravity": gravity * jnp.linalg.norm(model.gravity) / jnp.linalg.norm(gravity)},
-        "mount_rotation": {"rotation": move("mount_rotation", "rotation")},
+        "mount_rotation": {
+            "rotation": move("mount_rotation", "rotation"),
+            "tool_turns": move("mount_rotation", "tool_turns")[0],
+        },
         "gain": {"gain": 1 + move("gain", "gain")},
         "crosstalk": {"matrix": matrix},
         "time_delay": {"delay": move("time_delay", "delay")[0]},
@@ -141,14 +139,12 @@ def slopes(signals: Signals, known: Values, z: Array, link: Array, directions: A
 
 
 @jax.jit
-def slopes_of_reading(signals: Signals, known: Values, z: Array, link: Array, directions: Array) -> Array:
-    """The same for directions that change neither model nor motion: these are worked out once for all directions."""
-    values, offsets = to_values(signals, z, link)
-    moved = chain.transform(subtract_offsets(offsets, signals), values | known)
-    wrench = chain.tool_wrenches(moved)
+def slopes_at_pose(signals: Signals, known: Values, z: Array, link: Array, directions: Array) -> Array:
+    """The same for directions that move no joint: the kinematics are worked out once for all of them."""
+    moved = subtract_offsets(to_values(signals, z, link)[1], signals)
 
     def reading(z: Array) -> Array:
-        return chain.read(moved, to_values(signals, z, link)[0] | known, wrench)
+        return chain.predict(moved, to_values(signals, z, link)[0] | known)
 
     return jax.vmap(lambda d: jax.jvp(reading, (z,), (d,))[1])(directions)
 
@@ -157,3 +153,10 @@ def slopes_of_reading(signals: Signals, known: Values, z: Array, link: Array, di
 def predict_many(signals: Signals, known: Values, z: Array, link: Array) -> Array:
     """(C, P), (C,) -> (C, B, 6) N, Nm: readings at several coordinates at once."""
     return jax.vmap(lambda z, link: predict(signals, z, link, known))(z, link)
+
+
+@jax.jit
+def predict_at_pose(signals: Signals, known: Values, z: Array, link: Array) -> Array:
+    """The same for coordinates that all have the joint offsets of the first: the kinematics are worked out once."""
+    moved = subtract_offsets(to_values(signals, z[0], link[0])[1], signals)
+    return jax.vmap(lambda z, link: chain.predict(moved, to_values(signals, z, link)[0] | known))(z, link)

@@ -34,7 +34,7 @@ class Part(NamedTuple):
     signals: Signals
     """Motion at the bins, and what the setup says about robot and tool."""
     wrench: WrenchProblem
-    """The bias filter on the bins: mean readings (B, 6), NaN = none, and their noise variance."""
+    """The bias filter on the bins: mean readings without the stated bias (B, 6), NaN = none, and their noise."""
     used: int
     """Bins before the padding."""
 
@@ -155,7 +155,7 @@ def _bin(
     wrench = found.clean_wrench
     rows = np.isfinite(wrench).any(1)
     t, duration = log.t[rows], float(log.t[-1])
-    width = max(SHORTEST_BIN, duration / MOST_BINS)
+    width = max(SHORTEST_BIN, np.nextafter(duration / MOST_BINS, np.inf))  # so that the last sample is in the last bin
     # Bins without a sample are left out: a bin of a slow log is a sample.
     _, index = np.unique((t / width).astype(int), return_inverse=True)
     used = int(index[-1]) + 1
@@ -178,6 +178,7 @@ def _bin(
     spread, _ = mean(joint_variance[rows])
     late, _ = mean(jitter_variance[rows])
     stamps = pad(mean(t)[0])
+    level, drift = np.asarray(params.bias.prior_mean).reshape(2, 6)
     temperature = pad(mean(fill_temperature(log.t, log.temperature)[rows])[0])
     q, dq, ddq = np.moveaxis(pad(joints), 2, 0)
     stated = Model(params.arm, params.gravity, params.theta)
@@ -187,7 +188,7 @@ def _bin(
     variance = np.where(count > 0, (found.noise_std**2 + late) / np.maximum(count, 1) + spread, 1.0)
     bins = WrenchProblem(
         place(np.diff(stamps, prepend=stamps[0])),
-        place(pad(reading, np.nan)),
+        place(pad(reading + level + drift * mean(t)[0][:, None], np.nan)),
         place(pad(variance, 1.0)),
         params.bias.density,
         params.bias.prior_std,

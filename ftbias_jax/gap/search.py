@@ -8,8 +8,8 @@ import numpy as np
 
 from ftbias_jax.gap.candidates import LEAST_GAIN, Scored, candidates, score
 from ftbias_jax.gap.events import Library, make_library
-from ftbias_jax.gap.fit import Fit, block_scores, fit
-from ftbias_jax.gap.holdout import excess_by_channel
+from ftbias_jax.gap.fit import Fit, block_scores, fit, projection
+from ftbias_jax.gap.holdout import excess_by_channel, hold_out
 from ftbias_jax.gap.problem import Problem
 
 LEAST_SIGMAS = 0.08
@@ -21,6 +21,8 @@ STEADY = 1.3
 MOST_CAUSES = 3
 NEARLY = 0.1
 """Share of the gap that may be left for other pairs to be tried: none explains what is not in the catalogue."""
+MOST_JUDGED = 3
+"""Candidates of a round that are judged on blocks they have not seen, the best first."""
 BEAM = 2
 """First causes from which pairs are tried."""
 BEAM_SHARE = 0.3
@@ -63,15 +65,14 @@ def grow(
         start: the believed model. rounds: candidates of earlier rounds, the first of each being accepted.
         most: causes.
     """
-    first_gap = gap_of(problem, start)
     accepted, rounds = (rounds[-1][0].fit if rounds else start), list(rounds)
-    enough = max(LEAST_SIGMAS**2, LEAST_SHARE * first_gap)
-    while len(accepted.hypotheses) < most and (not rounds or gap_of(problem, accepted) > enough):
+    while len(accepted.hypotheses) < most and (not rounds or _is_left(problem, start, accepted)):
         scored = candidates(problem, library, accepted, without)
-        rounds.append(scored)
-        if not scored or not _earned(problem, accepted, scored[0], first_gap):
+        best = next((s for s in scored[:MOST_JUDGED] if _earned(problem, start, accepted, s)), None)
+        rounds.append([best, *(s for s in scored if s is not best)] if best else scored)
+        if best is None:
             break
-        accepted = scored[0].fit
+        accepted = best.fit
         spare = _spare(problem, accepted)
         if spare is not None:
             accepted = spare
@@ -85,11 +86,36 @@ def gap_of(problem: Problem, found: Fit) -> float:
     return float(np.maximum(excess_by_channel(problem, found.error), 0).mean())
 
 
-def _earned(problem: Problem, accepted: Fit, best: Scored, first_gap: float) -> bool:
-    removed = float((excess_by_channel(problem, accepted.error) - excess_by_channel(problem, best.fit.error)).mean())
-    needed = max(LEAST_SIGMAS**2, LEAST_SHARE * first_gap if accepted.hypotheses else 0.0)
-    sudden = best.hypothesis.local or best.hypothesis.effect == "bias_jump"
-    return best.gain > LEAST_GAIN and removed > needed and (sudden or _z_of_gain(problem, best.fit, accepted) > STEADY)
+def _is_left(problem: Problem, start: Fit, accepted: Fit) -> bool:
+    """Whether enough of the gap is left for a further cause."""
+    seen = _elsewhere(problem, accepted)
+    return gap_of(seen, accepted) > _needed(seen, start, accepted)
+
+
+def _earned(problem: Problem, start: Fit, accepted: Fit, trial: Scored) -> bool:
+    """Whether one more cause removes enough, on blocks it has not seen."""
+    seen = _elsewhere(problem, accepted)
+    held = hold_out(problem, trial.fit, accepted.error)
+    removed = float((excess_by_channel(seen, accepted.error) - excess_by_channel(seen, held.error)).mean())
+    sudden = trial.hypothesis.local or trial.hypothesis.effect == "bias_jump"
+    steady = sudden or _z_of_gain(problem, trial.fit, accepted) > STEADY
+    return trial.gain > LEAST_GAIN and removed > _needed(seen, start, accepted) and steady
+
+
+def _needed(seen: Problem, start: Fit, accepted: Fit) -> float:
+    """Mean square gap that a further cause must remove, in noise variances."""
+    if not accepted.hypotheses:
+        return LEAST_SIGMAS**2
+    local = np.repeat([h.local for h in accepted.hypotheses], [len(h.shapes) for h in accepted.hypotheses])
+    _, (untouched,) = projection(accepted.columns.series[local])(start.error[None])
+    return max(LEAST_SIGMAS**2, LEAST_SHARE * gap_of(seen, start._replace(error=untouched)))
+
+
+def _elsewhere(problem: Problem, accepted: Fit) -> Problem:
+    """The logs without the times of the contacts: these dwarf all else, and their shape is never met exactly."""
+    shapes = [shape for h in accepted.hypotheses if h.local for shape in h.shapes]
+    touched = np.any([shape != 0 for shape in shapes], axis=0) if shapes else np.zeros(len(problem.t), bool)
+    return problem._replace(samples=np.where(touched[:, None], 0, problem.samples))
 
 
 def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ftbias_jax.effects.catalogue import CATALOGUE
 from ftbias_jax.gap.candidates import Scored
 from ftbias_jax.gap.fit import Fit, block_scores, fit
 from ftbias_jax.gap.hypotheses import Hypothesis
@@ -13,8 +14,13 @@ SAME = 3.0
 """Standard errors of the comparison within which two explanations are as good as one another."""
 CLOSE = 0.95
 """Share of the gain that a twin must reach."""
+FORM = 0.02
+"""Share of the gain that a real effect may lose by its form, which is never quite the catalogue's: less than this does
+not separate what the catalogue calls twins."""
 LEAST_DIFFERENCE = 6.0
 """nats that decide, whatever the standard error."""
+HOPELESS = 0.7
+"""Share of the best candidate's gain below which another one is not tried: its fit was rough, but not so rough."""
 MOST_TWINS = 3
 MOST_TRIED = 5
 
@@ -32,12 +38,15 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     named = {h.effect for h in accepted.hypotheses}
     without = fit(problem, rest, accepted) if rest else base
     gain, blocks = accepted.log_likelihood - without.log_likelihood, block_scores(problem, accepted)
+    declared = {twin.effect for twin in CATALOGUE[cause.effect].twins}
     twins: dict[str, None] = {}
-    for other in [s for s in scored if s.hypothesis.effect not in named][:MOST_TRIED]:
+    hopeful = [s for s in scored if s.hypothesis.effect not in named and s.gain > HOPELESS * scored[0].gain]
+    for other in hopeful[:MOST_TRIED]:
         trial = fit(problem, (*rest, other.hypothesis), accepted) if rest else other.fit
         difference = blocks - block_scores(problem, trial)
         error = np.sqrt(len(difference)) * difference.std()
         lost = accepted.log_likelihood - trial.log_likelihood
-        if lost < max(SAME * error, LEAST_DIFFERENCE) and gain - lost > CLOSE * gain:
+        by_form = FORM * gain if other.hypothesis.effect in declared else 0.0
+        if lost < max(SAME * error, LEAST_DIFFERENCE, by_form) and gain - lost > CLOSE * gain:
             twins[other.hypothesis.effect] = None
     return tuple(twins)[:MOST_TWINS]

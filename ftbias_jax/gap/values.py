@@ -8,7 +8,7 @@ import numpy as np
 from ftbias_jax.gap import model
 from ftbias_jax.gap.evaluate import whitened
 from ftbias_jax.gap.fit import Fit, covariance
-from ftbias_jax.gap.hypotheses import SHAPE, Hypothesis, warmup_slope
+from ftbias_jax.gap.hypotheses import Hypothesis, hats_of, warmup_slope
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.gap.show import rotations
 from ftbias_jax.gap.types import Numbers
@@ -24,10 +24,11 @@ TIME_STDERR = 0.02
 def parameters(problem: Problem, fit: Fit, hypothesis: Hypothesis) -> tuple[Parameters, Parameters]:
     """Values and standard errors of one hypothesis of a fit, in the units of the catalogue."""
     warm = [h for h in fit.hypotheses if h.effect == "warmup"]
-    further = np.concatenate([fit.columns[:0], *(_by_time_constant(problem, fit, h) for h in warm)])
+    further = np.concatenate([fit.columns.moving[:0], *(_by_time_constant(problem, fit, h) for h in warm)])
     spread = covariance(problem, fit, further)
     if hypothesis.shapes:
-        return _of_series(problem, fit, hypothesis, np.sqrt(np.diag(spread))[len(fit.free) :])
+        _, of_tau, of_series = np.split(np.sqrt(np.diag(spread)), np.cumsum([len(fit.free), len(warm)]))
+        return _of_series(problem, fit, hypothesis, of_series, float(of_tau[-1]) if warm else 0.0)
     own = [fit.free.index(i) for i in hypothesis.free]
     return _of_coordinates(problem, fit, hypothesis, spread[np.ix_(own, own)])
 
@@ -67,7 +68,9 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
     return found, errors
 
 
-def _of_series(problem: Problem, fit: Fit, h: Hypothesis, stderr: np.ndarray) -> tuple[Parameters, Parameters]:
+def _of_series(
+    problem: Problem, fit: Fit, h: Hypothesis, stderr: np.ndarray, stderr_of_tau: float
+) -> tuple[Parameters, Parameters]:
     rows = rows_of(fit, h)
     coefficients = fit.coefficients[rows].reshape(-1, 6)
     errors = stderr[rows].reshape(-1, 6)
@@ -79,7 +82,7 @@ def _of_series(problem: Problem, fit: Fit, h: Hypothesis, stderr: np.ndarray) ->
     if h.effect == "bias_jump":
         found["time"], spread["time"] = h.detail[0], TIME_STDERR
     if h.effect == "warmup":
-        found["tau"], spread["tau"] = h.detail[0], float(stderr[-1])
+        found["tau"], spread["tau"] = h.detail[0], stderr_of_tau
     return found, spread
 
 
@@ -87,15 +90,16 @@ def _of_contact(
     problem: Problem, h: Hypothesis, coefficients: np.ndarray, errors: np.ndarray
 ) -> tuple[Parameters, Parameters]:
     """Events with the force at their peak, base frame: the tool is pushed by minus the change of the reading."""
-    events = np.reshape(h.detail, (-1, 3))
+    events, hats = np.reshape(h.detail, (-1, 4)), hats_of(h)
+    ends = np.cumsum(hats)[:-1]
     forces: list[Numbers] = []
     spreads: list[Numbers] = []
-    for (log, start, end), change, error in zip(
-        events, coefficients.reshape(len(events), SHAPE, 6), errors.reshape(len(events), SHAPE, 6), strict=True
+    for (log, start, end, _), change, error in zip(
+        events, np.split(coefficients, ends), np.split(errors, ends), strict=True
     ):
         peak = int((change[:, :3] ** 2).sum(1).argmax())
         signals, used = problem.parts[int(log)].signals, problem.parts[int(log)].used
-        middle = np.searchsorted(np.asarray(signals.t)[:used], start + (peak + 1) * (end - start) / (SHAPE + 1))
+        middle = np.searchsorted(np.asarray(signals.t)[:used], start + peak * (end - start) / (len(change) - 1))
         R = np.asarray(rotations(signals.model.arm, signals.q[int(min(middle, used - 1))][None])[0])
         forces.append((-R @ change[peak, :3]).tolist())
         blunt = SHAPE_ERROR * float(np.linalg.norm(change[peak, :3]))

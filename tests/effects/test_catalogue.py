@@ -29,7 +29,7 @@ def test_an_entry_is_complete(name):
     assert effect.name == name
     assert effect.stage in ("tool", "kinematics", "sensor", "bias", "environment", "timing")
     assert effect.hook in ("model", "wrench", "record")
-    assert sum(hook is not None for hook in (effect.transform, effect.reading, effect.recording)) == 1
+    assert bool(effect.recording) != bool(effect.transform or effect.reading)
     assert all(twin.effect in CATALOGUE or twin.effect == "none" for twin in effect.twins)
     for text in (effect.explanation, effect.remedy, *(parameter.meaning for parameter in effect.parameters)):
         assert text

@@ -1,5 +1,7 @@
 """The whole diagnosis on simulated logs: the cause by name, nothing where nothing is, and honesty without the cause."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +12,7 @@ from ftbias_jax.commands.demo import CENTER, EXCURSION, SETUP
 from ftbias_jax.gap.diagnose import diagnose
 from ftbias_jax.gap.events import merge
 from ftbias_jax.gap.fit import base, fit
-from ftbias_jax.gap.hypotheses import Hypothesis, contact, spread
+from ftbias_jax.gap.hypotheses import Hypothesis, contact
 from ftbias_jax.gap.model import blocks, coordinates, size
 from ftbias_jax.gap.problem import make_problem
 from ftbias_jax.setup import parse_setup
@@ -86,12 +88,9 @@ def test_a_contact_of_any_shape_ends(setup, record):
     """Its series vanish outside the events, and every channel has its own."""
     problem, _ = make_problem(setup, [record(None)])
     t = problem.t
-    shapes = contact(problem, [(0, 2.0, 3.0), (0, 6.0, 6.5)]).shapes
+    shapes = contact(problem, [(0, 2.0, 3.0), (0, 6.0, 6.5)], 8).shapes
     inside = ((t >= 2) & (t < 3)) | ((t >= 6) & (t < 6.5))
     assert all((shape[~inside] == 0).all() and shape.max() > 0.9 for shape in shapes)
-    columns = spread(shapes)
-    assert columns.shape == (6 * len(shapes), len(t), 6)
-    np.testing.assert_array_equal(columns[7], shapes[1][:, None] * np.eye(6)[1])
 
 
 @pytest.mark.slow
@@ -103,3 +102,28 @@ def test_a_prediction_that_is_no_number_is_not_a_perfect_one(setup, record):
     believed = base(problem)
     assert fit(problem, (broken,), believed).log_likelihood == -np.inf
     assert np.isfinite(believed.log_likelihood)
+
+
+def test_a_stated_bias_is_taken_off_before_the_fits(setup, record):
+    """A filter that starts at the stated bias sees the same innovations whatever the bias is."""
+    level, drift = np.arange(1.0, 7.0), np.full(6, 0.1)
+    log = record(None)
+    stated = replace(setup, bias=replace(setup.bias, initial=level, initial_drift=drift))
+    biased = log._replace(wrench=log.wrench - level - drift * log.t[:, None])
+    one, other = (base(make_problem(*pair)[0]).error for pair in ((setup, [log]), (stated, [biased])))
+    np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_two_logs_of_one_robot_share_the_tool(setup, record):
+    """The mass is wrong in both, and is told once, with the error of both; each log is told beside it."""
+    log = record({"tool_mass": {"mass": jnp.array(0.96)}})
+    diagnosis = diagnose(setup, [log, log], ["one", "other"])
+    assert diagnosis.causes[0].effect == "tool_mass"
+    assert [one.name for one in diagnosis.by_log] == ["one", "other"]
+    shared = diagnosis.causes[0]
+    assert abs(shared.parameters["mass"] - 0.96) < 3 * shared.stderr["mass"]
+    for one in diagnosis.by_log:
+        assert abs(one.parameters["tool_mass"]["mass"] - 0.96) < 3 * one.stderr["tool_mass"]["mass"]
+        assert one.stderr["tool_mass"]["mass"] == pytest.approx(np.sqrt(2) * shared.stderr["mass"], rel=0.3)
+        assert one.after_sigmas < 1.05 < one.before_sigmas

@@ -1,0 +1,63 @@
+"""Products of structured columns against the dense ones that they stand for."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.gap.columns import (
+    PRIOR_STD,
+    RIDGE,
+    Columns,
+    best_step,
+    change,
+    information,
+    normal_matrix,
+    products,
+    scores,
+)
+
+BINS = 50
+
+
+def dense(columns):
+    """(K, U, 6): a series alone in one channel after the other."""
+    alone = columns.series[:, None] * np.eye(6)[None, :, None]
+    return np.concatenate([columns.moving, alone.reshape(-1, *columns.series.shape[1:])])
+
+
+@pytest.fixture(params=[(0, 0), (2, 0), (0, 2), (3, 2)], ids=str)
+def columns(request):
+    rng = np.random.default_rng(sum(request.param))
+    return Columns(*(rng.normal(size=(count, BINS, 6)) for count in request.param))
+
+
+@pytest.fixture
+def error():
+    return np.random.default_rng(9).normal(size=(BINS, 6))
+
+
+def test_products_are_those_of_the_dense_columns(columns, error):
+    flat = dense(columns).reshape(columns.size, BINS * 6)
+    np.testing.assert_allclose(normal_matrix(columns), flat @ flat.T, atol=1e-12)
+    np.testing.assert_allclose(products(columns, error[None]), error.ravel()[None] @ flat.T, atol=1e-12)
+    numbers = np.arange(1.0, columns.size + 1)
+    np.testing.assert_allclose(change(columns, numbers).ravel(), numbers @ flat, atol=1e-12)
+
+
+def test_the_prior_is_of_the_coordinates_alone():
+    columns = Columns(np.zeros((2, BINS, 6)), np.ones((1, BINS, 6)))
+    ridge = RIDGE * 6 * BINS / 8
+    np.testing.assert_allclose(np.diag(information(columns)), [PRIOR_STD**-2 + ridge] * 2 + [BINS + ridge] * 6)
+    np.testing.assert_allclose(np.diag(information(columns, 1))[:2], [PRIOR_STD**-2 + ridge, ridge])
+
+
+def test_the_best_step_is_least_squares(columns, error):
+    flat = dense(columns).reshape(columns.size, BINS * 6)
+    expected = np.linalg.lstsq(flat.T, -error.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(best_step(columns, error), expected, rtol=1e-4, atol=1e-6)  # the prior counts for little
+
+
+def test_scores_are_sums_over_blocks(columns, error):
+    block = np.random.default_rng(1).permutation(np.repeat([0, 1, 2], [10, 25, 15]))
+    rows = dense(columns) * error
+    expected = [rows[:, block == number].sum((1, 2)) for number in range(3)]
+    np.testing.assert_allclose(scores(columns, error, block), np.reshape(expected, (3, columns.size)), atol=1e-12)
