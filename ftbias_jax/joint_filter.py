@@ -98,6 +98,7 @@ def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densitie
     return track.log_likelihood.sum(0).reshape(densities.shape)
 
 
+@jax.jit
 def first_measured(q: Array) -> Array:
     """First finite position of every joint; (T, n) -> (n,), NaN if there is none."""
     first = jnp.argmax(jnp.isfinite(q), 0)

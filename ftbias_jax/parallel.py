@@ -15,9 +15,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ftbias_jax.filter_step import Step, filter_step
 from ftbias_jax.gaussian import symmetrise
 from ftbias_jax.noise import ProcessModel
-from ftbias_jax.recursion import Inputs, Step, Track, filter_step, track_of
+from ftbias_jax.recursion import Inputs, Track, track_of
 from ftbias_jax.small_matrices import Rows, Vector
 from ftbias_jax.types import Array
 
@@ -59,7 +60,7 @@ def filter_parallel(model: ProcessModel, inputs: Inputs) -> Track:
     def settle(carry: tuple[Restarts, Array]) -> tuple[Restarts, Array]:
         old, found = carry[0], step(carry[0])
         lost = found.record.lost
-        new = Restarts(lost, jnp.where(lost, found.predicted_mean[0], 0))
+        new = Restarts(lost, jnp.where(lost, found.prediction[0], 0))
         return new, (new.lost != old.lost).any() | (new.position != old.position).any()
 
     # Whether and where a filter starts again depends on what it did before, so on earlier restarts: each round settles

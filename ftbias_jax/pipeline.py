@@ -93,10 +93,11 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
             chooses it from the log). dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
     """
     sensor, n = setup.sensor, len(setup.robot.screws)
+    tool = (_array(x, dtype) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))
     params = Params(
         _carrier(setup, dtype),
         setup.robot.gravity,
-        tool_parameters(*(_array(x, dtype) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))),
+        jax.jit(tool_parameters)(*tool),
         JointNoise(
             np.ones(n) if setup.joints.process_noise_density is None else setup.joints.process_noise_density,
             setup.joints.position_noise_std,
@@ -125,7 +126,8 @@ def _carrier(setup: Setup, dtype: Any) -> Arm | FreeBody:
         return FreeBody(translation, sensor.rotation)
     rotation = robot.flange_rotation @ sensor.rotation
     position = robot.flange_translation + robot.flange_rotation @ sensor.translation
-    return make_arm(_array(robot.screws, dtype), _array(position, dtype), _array(rotation, dtype))
+    arm: Arm = jax.jit(make_arm)(_array(robot.screws, dtype), _array(position, dtype), _array(rotation, dtype))
+    return arm
 
 
 def _unknown_acceleration(setup: Setup) -> Array:
@@ -154,6 +156,7 @@ def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -
     return Sample(*(None if x is None else _array(x, dtype) for x in columns))
 
 
+@partial(jax.jit, static_argnames="length")
 def pad(samples: Sample, length: int) -> Sample:
     """Lengthen a log by samples that change nothing (dt = 0, all NaN), so that logs stack for vmap."""
     missing = length - samples.dt.shape[0]
@@ -168,6 +171,7 @@ def pad(samples: Sample, length: int) -> Sample:
     return Sample(lengthen(samples.dt, 0.0), q, dq, wrench, temperature)
 
 
+@jax.jit
 def init(params: Params, samples: Sample) -> State:
     """State before the first sample of a log; every joint starts at its first measured position."""
     start = joint_filter.first_measured(samples.q)

@@ -1,4 +1,4 @@
-"""Small matrices as nested lists of entries, each an array over a batch, for the fast recursions.
+"""Small matrices and vectors as nested lists of entries, each an array over a batch, for the fast routes.
 
 XLA turns each entry into one vectorised loop over the batch; a batch of 3 x 3 arrays would become many short ones.
 """
@@ -22,6 +22,21 @@ def dot(a: Vector, b: Vector) -> Array:
     return reduce(add, [x * y for x, y in zip(a, b, strict=True)])
 
 
+def cross(a: Vector, b: Vector) -> Vector:
+    """a x b."""
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def scale(factor: Array, vector: Vector) -> Vector:
+    """s v."""
+    return [factor * entry for entry in vector]
+
+
+def total(*vectors: Vector) -> Vector:
+    """Sum of vectors."""
+    return [reduce(add, entries) for entries in zip(*vectors, strict=True)]
+
+
 def times(matrix: Rows, vector: Vector) -> Vector:
     """M v."""
     return [dot(row, vector) for row in matrix]
@@ -37,6 +52,12 @@ def congruence(A: Rows, P: Rows) -> Rows:
 def transpose(matrix: Rows) -> Rows:
     """M^T."""
     return [list(column) for column in zip(*matrix, strict=True)]
+
+
+def product(left: Rows, right: Rows) -> Rows:
+    """A B."""
+    columns = transpose(right)
+    return [[dot(row, column) for column in columns] for row in left]
 
 
 def plus(left: Rows, right: Rows) -> Rows:
@@ -60,6 +81,17 @@ def symmetric(k: int, entry: Callable[[int, int], Array]) -> Rows:
     """A symmetric matrix from the entries of its upper triangle: symmetric to the last bit, at half the work."""
     upper = {(a, b): entry(a, b) for a in range(k) for b in range(a, k)}
     return [[upper[min(a, b), max(a, b)] for b in range(k)] for a in range(k)]
+
+
+def upper(P: Rows) -> Vector:
+    """The upper triangle, row by row."""
+    return [entry for a, row in enumerate(P) for entry in row[a:]]
+
+
+def from_upper(k: int, entries: Vector) -> Rows:
+    """The symmetric k x k matrix with that upper triangle."""
+    rest = iter(entries)
+    return symmetric(k, lambda a, b: next(rest))
 
 
 def joseph(P: Rows, gain: Vector, j: int, r: Array, weight: Array) -> Rows:

@@ -1,9 +1,9 @@
-"""The pipeline in three stages over a whole log: all joints in one scan, kinematics by vmap, six axes in one scan.
+"""The pipeline in three stages: all joints in one scan, kinematics over many samples at once, six axes in one scan.
 
 Equal to ``pipeline.run`` to round-off and several times faster, forward and in reverse. It holds while the axes of the
 bias filter are independent, that is unless the joint uncertainty is "full": B Sigma_D B^T is diagonal when Sigma_D is,
 for the columns of B are multiples of unit vectors. The kinematics have no memory, so effects that need the whole log
-act between the stages.
+act between the stages; without them a log passes in chunks of time.
 """
 
 from __future__ import annotations
@@ -19,11 +19,15 @@ from ftbias_jax.effects.types import Model, Signals
 from ftbias_jax.free_body import FreeBody
 from ftbias_jax.noise import JOINT_MODELS, ProcessModel, drift_noise
 from ftbias_jax.parallel import filter_parallel
-from ftbias_jax.pipeline import Options, Params, State, covariance_of_joints, predict_wrench
+from ftbias_jax.pipeline import Options, Params, State, covariance_of_joints, pad, predict_wrench
 from ftbias_jax.recursion import Inputs, Track, filter_scan
 from ftbias_jax.types import Array, Gaussian, Sample
+from ftbias_jax.whole_loops import on_cpu
 from ftbias_jax.wrench import joint_sensitivity, measurement_covariance
-from ftbias_jax.wrench_batch import Body, wrenches
+from ftbias_jax.wrench_batch import PIECE, wrenches
+
+CHUNK = 1024
+"""Samples that pass through all stages together: what goes from one stage to the next stays in the cache."""
 
 
 class Staged(NamedTuple):
@@ -49,19 +53,37 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
     Returns:
         the last state and the track of every sample.
     """
-    joint = run_filters(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples), forgets=True)
+    stages = partial(_run_stages, params, options)
+    length = samples.dt.shape[0]
+    if length <= CHUNK or params.effects is not None or not on_cpu():
+        return stages(state, (samples, length))
+    count = -(-length // CHUNK)
+    size = PIECE * -(-length // (PIECE * count))
+    padded = pad(samples, count * size)
+    chunks = jax.tree.map(lambda x: x.reshape(count, size, *x.shape[1:]), padded)
+    measured = jnp.minimum(length - size * jnp.arange(count), size)
+    state, tracks = jax.lax.scan(stages, state, (chunks, measured))
+    return state, jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:length], tracks)
+
+
+def _run_stages(
+    params: Params, options: Options, state: State, chunk: tuple[Sample, int | Array]
+) -> tuple[State, Staged]:
+    """All stages over a chunk whose first samples, so many, are of the log."""
+    samples, measured = chunk
+    joint = run_filters(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
     wrench_tool, variance = predict_wrenches(params, joint_states(joint), samples, options)
     wrench = run_filters(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
-    return _last_state(joint, wrench), Staged(joint, wrench, wrench_tool)
+    return _state_after(joint, wrench, measured - 1), Staged(joint, wrench, wrench_tool)
 
 
-def run_filters(model: ProcessModel, inputs: Inputs, forgets: bool = False) -> Track:
+def run_filters(model: ProcessModel, inputs: Inputs) -> Track:
     """``recursion.filter_scan``, or on an accelerator in double precision the same parallel in time.
 
     In single precision the parallel form costs sharp encoders most of a standard deviation (parallel.py).
     """
     if jax.default_backend() == "cpu" or inputs.y.dtype != jnp.float64:
-        return filter_scan(model, inputs, forgets)
+        return filter_scan(model, inputs)
     return filter_parallel(model, inputs)
 
 
@@ -110,7 +132,7 @@ def predict_wrenches(params: Params, joints: Gaussian, samples: Sample, options:
     else:
         mean = jnp.swapaxes(joints.mean, 1, 2)
         covariance = None if known_exactly else jnp.moveaxis(joints.covariance, 1, -1)
-        wrench_tool, from_joints = wrenches(Body(params.arm, params.gravity, params.theta), mean, covariance)
+        wrench_tool, from_joints = wrenches(Model(params.arm, params.gravity, params.theta), mean, covariance)
     variance = from_joints + stated[None]
     if params.effects is None:
         return wrench_tool, variance
@@ -144,10 +166,13 @@ def signals_of(params: Params, joints: Array, samples: Sample) -> Signals:
     return Signals(t, q, dq, ddq, temperature, Model(params.arm, params.gravity, params.theta))
 
 
-def _last_state(joint: Track, wrench: Track) -> State:
-    blocks = wrench.covariance[-1]
+def _state_after(joint: Track, wrench: Track, i: int | Array) -> State:
+    """State after sample i."""
+    joint_mean, joint_covariance, mean, blocks = (
+        x[i] for x in (joint.mean, joint.covariance, wrench.mean, wrench.covariance)
+    )
     bias_covariance = jnp.block([[jnp.diag(entry) for entry in row] for row in blocks])
     return State(
-        Gaussian(joint.mean[-1].T, jnp.moveaxis(joint.covariance[-1], -1, 0)),
-        Gaussian(wrench.mean[-1].reshape(-1), bias_covariance),
+        Gaussian(joint_mean.T, jnp.moveaxis(joint_covariance, -1, 0)),
+        Gaussian(mean.reshape(-1), bias_covariance),
     )

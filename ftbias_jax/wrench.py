@@ -8,6 +8,8 @@ theta = (m, m c, Ixx, Ixy, Ixz, Iyy, Iyz, Izz): mass, first moment, inertia abou
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -21,6 +23,17 @@ LIVE_ENTRIES: np.ndarray = np.array(
     [6 * column + row for column in range(10) for row in range(6) if row not in _DEAD_ROWS[column]]
 )
 """(36,) where vec(D), column-major, is not always zero."""
+
+
+class Model(NamedTuple):
+    """What the setup states about robot and tool."""
+
+    arm: Arm
+    """The robot with the sensor frame mounted."""
+    gravity: Array
+    """(3,) m/s^2, base frame."""
+    theta: Array
+    """(10,) inertial parameters of the tool, as above."""
 
 
 def vec(matrix: Array) -> Array:

@@ -5,6 +5,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from ftbias_jax import pipeline, staged
 from ftbias_jax.pipeline import Options
@@ -28,8 +29,8 @@ def whole_run(params, samples, options):
     }
 
 
-def staged_run(params, samples, options):
-    last, (joint, wrench, wrench_tool) = staged.run(params, pipeline.init(params, samples), samples, options)
+def staged_run(params, samples, options, run=staged.run):
+    last, (joint, wrench, wrench_tool) = run(params, pipeline.init(params, samples), samples, options)
     return {
         "last state": last,
         "joints": staged.joint_states(joint),
@@ -80,6 +81,45 @@ def test_and_in_the_derivative_of_every_output_in_every_parameter(params, sample
     expected, got = (with_slopes(run, params, samples, weights) for run in (whole_run, staged_run))
     assert_all_close(got[0], expected[0], 1e-9)
     assert_all_close(got[1], expected[1], 1e-6)  # the textbook filter's own rounding, for sharp encoders
+
+
+@pytest.fixture
+def in_chunks(monkeypatch):
+    """The staged run with chunks so small that the log has two whole ones and a part."""
+    monkeypatch.setattr(staged, "CHUNK", 16)
+    monkeypatch.setattr(staged, "PIECE", 8)
+    return partial(staged_run, run=staged.run.__wrapped__)  # what was compiled before has other chunks
+
+
+def test_so_is_a_log_in_chunks_of_time(params, samples, in_chunks):
+    """With the model whose noise does not shrink with dt: padding must not reach the last state."""
+    options = Options("acceleration")
+    expected, got = (jax.jit(partial(run, options=options))(params, samples) for run in (whole_run, in_chunks))
+    assert_all_close(got, expected, 1e-9)
+
+
+def test_and_its_slopes(params, samples, in_chunks):
+    def slopes(run):
+        def score(params):
+            outputs = run(params, samples, Options())
+            return (outputs["log likelihood"] * jnp.cos(jnp.arange(40))).sum() + outputs["bias"].sum()
+
+        return jax.jit(jax.grad(score))(params)
+
+    assert_all_close(slopes(in_chunks), slopes(staged_run), 1e-7)  # slopes in the prior lose digits
+
+
+def test_many_logs_are_each_log(params, samples):
+    """Under vmap a processor takes one log at a time."""
+    logs = [samples, samples._replace(wrench=2 * samples.wrench), samples._replace(q=samples.q + 0.1)]
+    many = jax.tree.map(lambda *x: jnp.stack(x), *logs)
+
+    def slopes(samples):
+        return jax.value_and_grad(lambda p: staged_run(p, samples, Options())["log likelihood"].sum())(params)
+
+    together = jax.jit(jax.vmap(slopes))(many)
+    for i, log in enumerate(logs):
+        assert_all_close(jax.tree.map(lambda x, i=i: x[i], together), jax.jit(slopes)(log), 1e-9)
 
 
 def test_it_applies_where_the_axes_are_independent():

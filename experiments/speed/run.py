@@ -161,7 +161,7 @@ def compare():
     A, Q = (np.asarray(x) for x in bias_drift_noise(jnp.asarray(RATE), PARAMS.bias.density))
     R, prior = np.diag(PARAMS.bias.wrench_variance), np.diag(PARAMS.bias.prior_std**2)
     matrices = (A, Q, np.eye(6, 12), R, np.asarray(PARAMS.bias.prior_mean), prior)
-    for name, make in {**others.LIBRARIES, "dynamax gradient": others.dynamax_gradient}.items():
+    for name, make in {**others.LIBRARIES, **others.OTHER_RESULTS}.items():
         length = SLOW_LENGTH if name in others.SLOW else LENGTH
         part = y[:length] if name.startswith(("dynamax", "cuthbert")) else np.asarray(y[:length])
         try:
@@ -229,6 +229,8 @@ def main():
     ratios = {
         "dynamax bias filter / one log, whole pipeline": best.get("dynamax", np.nan) / best["pipeline, float64"],
         "statsmodels bias filter / one log, whole pipeline": best.get("statsmodels", np.nan)
+        / best["pipeline, float64"],
+        "the same with its shortcut to the steady state": best.get("statsmodels, steady state", np.nan)
         / best["pipeline, float64"],
         "one log / scalar loop": best["pipeline, float64"] / best["loop"],
         "64 logs / scalar loop": best["64 logs, float64"] / best["loop, 64 logs"],

@@ -17,7 +17,7 @@ from ftbias_jax.free_body import FreeBody
 from ftbias_jax.screws import Arm
 from ftbias_jax.types import Array
 from ftbias_jax.wrench import tool_wrench
-from ftbias_jax.wrench_batch import Body, wrenches_forward
+from ftbias_jax.wrench_batch import wrenches_forward
 
 
 def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Array:
@@ -40,7 +40,7 @@ def tool_wrenches(signals: Signals) -> Array:
     carrier: Arm | FreeBody = signals.model.arm
     if isinstance(carrier, FreeBody):
         return jax.vmap(partial(tool_wrench, *signals.model))(signals.q, signals.dq, signals.ddq)
-    return wrenches_forward(Body(*signals.model), jnp.stack([signals.q, signals.dq, signals.ddq], 1))
+    return wrenches_forward(signals.model, jnp.stack([signals.q, signals.dq, signals.ddq], 1))
 
 
 def transform(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Signals:

@@ -9,12 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.arm_batch import links
 from ftbias_jax.effects.recursions import rung
 from ftbias_jax.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.inertia import about_center_of_mass
 from ftbias_jax.screws import sensor_pose
 from ftbias_jax.types import Array
-from ftbias_jax.wrench_batch import links
 
 
 def cable(values: EffectValues, signals: Signals, wrench: Array) -> Array:

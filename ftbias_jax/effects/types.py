@@ -9,24 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ftbias_jax.screws import Arm
 from ftbias_jax.types import Array
+from ftbias_jax.wrench import Model as Model
 
 EffectValues = dict[str, Array]
 """Parameters of one effect: name -> array of floats."""
 Values = dict[str, EffectValues]
 """Parameters of several effects: effect -> parameters. A pytree: differentiate or map ``predict`` over it."""
-
-
-class Model(NamedTuple):
-    """What the setup states about robot and tool."""
-
-    arm: Arm
-    """The robot with the sensor frame mounted."""
-    gravity: Array
-    """(3,) m/s^2, base frame."""
-    theta: Array
-    """(10,) inertial parameters of the tool (wrench.py)."""
 
 
 class Signals(NamedTuple):
