@@ -44,10 +44,13 @@ def wrenches(model: Model, mean: Array, covariance: Array | None) -> tuple[Array
 
 
 def wrenches_forward(model: Model, mean: Array) -> Array:
-    """D theta (T, 6) as above, for derivatives in forward mode, which the hand-written reverse pass does not allow."""
+    """D theta (T, 6) as above, for derivatives in forward mode, which the hand-written reverse pass does not allow.
+
+    Reverse mode works too, but takes long to compile.
+    """
     length = mean.shape[0]
     columns = tuple(_cut(mean[:, i], min(PIECE, length)) for i in range(3))
-    return _join(jax.lax.map(lambda piece: jnp.stack(wrench_piece(model, *piece)[0]), columns), length)
+    return _join(_all_wrenches(model, columns)[0], length)
 
 
 def _cut(x: Array, size: int) -> Array:
