@@ -15,6 +15,9 @@ from ftbias_jax.gap.types import Numbers
 
 Parameters = dict[str, Numbers]
 
+FORM_ERROR = 0.02
+"""Share of what a parameter departs from neutral that a real effect's form may put into it: it is never quite the
+catalogue's, and no scatter of the data shows that."""
 SHAPE_ERROR = 0.15
 """Share of a contact's peak that its few hat functions may miss."""
 TIME_STDERR = 0.02
@@ -49,17 +52,22 @@ def rows_of(fit: Fit, h: Hypothesis) -> slice:
 def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarray) -> tuple[Parameters, Parameters]:
     """Standard errors from a step of one standard deviation along every principal axis of the covariance (F, F).
 
-    So a direction that changes no parameter, such as the size of gravity, adds nothing.
+    So a direction that changes no parameter, such as the size of gravity, adds nothing. A step towards neutral adds the
+    error of the form.
     """
     link, signals = jnp.asarray(fit.link), problem.parts[0].signals
     variance, axes = np.linalg.eigh(spread)
-    z = np.repeat(fit.z[None], len(variance) + 1, 0)
-    z[1:, list(h.free)] += np.sqrt(np.maximum(variance, 0))[:, None] * axes.T
+    z = np.repeat(fit.z[None], len(variance) + 2, 0)
+    z[1:-1, list(h.free)] += np.sqrt(np.maximum(variance, 0))[:, None] * axes.T
+    z[-1, list(h.free)] *= 1 - FORM_ERROR
     values, offsets = zip(*(model.to_values(signals, jnp.asarray(row), link) for row in z), strict=True)
     if h.effect == "encoder_offset":
         joint = int(h.detail[0])
         at = np.array([float(offset[joint - 1]) for offset in offsets])
-        return {"joint": joint, "offset": float(at[0])}, {"joint": 0.0, "offset": float(np.abs(at[1:] - at[0]).max())}
+        return {"joint": joint, "offset": float(at[0])}, {
+            "joint": 0.0,
+            "offset": float(np.sqrt(((at[1:] - at[0]) ** 2).sum())),
+        }
     found: Parameters = {}
     errors: Parameters = {}
     for name in values[0][h.effect]:
@@ -73,7 +81,7 @@ def _of_series(
 ) -> tuple[Parameters, Parameters]:
     rows = rows_of(fit, h)
     coefficients = fit.coefficients[rows].reshape(-1, 6)
-    errors = stderr[rows].reshape(-1, 6)
+    errors = np.hypot(stderr[rows].reshape(-1, 6), FORM_ERROR * coefficients)
     if h.effect == "contact":
         return _of_contact(problem, h, coefficients, errors)
     name = "per_kelvin" if h.effect == "temperature_drift" else "amplitude"
