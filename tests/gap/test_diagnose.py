@@ -15,6 +15,7 @@ from ftbias_jax.gap.fit import base, fit
 from ftbias_jax.gap.hypotheses import Hypothesis, contact
 from ftbias_jax.gap.model import blocks, coordinates, size
 from ftbias_jax.gap.problem import make_problem
+from ftbias_jax.gap.values import FORM_ERROR
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.types import Log
 
@@ -125,5 +126,5 @@ def test_two_logs_of_one_robot_share_the_tool(setup, record):
     assert abs(shared.parameters["mass"] - 0.96) < 3 * shared.stderr["mass"]
     for one in diagnosis.by_log:
         assert abs(one.parameters["tool_mass"]["mass"] - 0.96) < 3 * one.stderr["tool_mass"]["mass"]
-        assert one.stderr["tool_mass"]["mass"] == pytest.approx(np.sqrt(2) * shared.stderr["mass"], rel=0.3)
+        assert one.stderr["tool_mass"]["mass"] > shared.stderr["mass"] > FORM_ERROR * (0.96 - 0.9)
         assert one.after_sigmas < 1.05 < one.before_sigmas
