@@ -33,6 +33,8 @@ USEFUL_SHARE = 0.5
 """Of the gap; causes that remove less explain nothing."""
 LEFT = 0.05
 """Share of the gap in sigmas that an explanation may leave; more is told as partly explained."""
+FAINT = 1 / 3
+"""Share of a faint gap in sigmas that an explanation may leave, even if that is next to nothing."""
 SAME = 3.0
 """Standard errors by which a gap must exceed chance."""
 CANDIDATES = 12
@@ -97,8 +99,9 @@ def _gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
 def _verdict(problem: Problem, gap: Gap, causes: tuple[Candidate, ...], found: tuple[Finding, ...]) -> str:
     before_gap, after_gap = np.sqrt(gap.before_sigmas**2 - 1), np.sqrt(gap.after_sigmas**2 - 1)
     quiet_before = before_gap < SILENT or before_gap**2 < SAME * excess_by_chance(problem)
-    # What is left must be small for the owner and small against what was there.
-    quiet_after = after_gap < max(SILENT, LEFT * before_gap)
+    # What is left must be small for the owner and small against what was there, or no more than chance.
+    small = max(LEFT * before_gap, min(SILENT, FAINT * before_gap))
+    quiet_after = after_gap < small or after_gap**2 < excess_by_chance(problem)
     of_the_mean = len(causes) > len(found)
     if not causes:
         return "none" if quiet_before else "unknown"
