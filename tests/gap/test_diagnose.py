@@ -91,7 +91,7 @@ def test_a_contact_of_any_shape_ends(setup, record):
     t = problem.t
     shapes = contact(problem, [(0, 2.0, 3.0), (0, 6.0, 6.5)], 8).shapes
     inside = ((t >= 2) & (t < 3)) | ((t >= 6) & (t < 6.5))
-    assert all((shape[~inside] == 0).all() and shape.max() > 0.9 for shape in shapes)
+    assert all((shape[~inside] == 0).all() and shape.max() > 0.8 for shape in shapes)
 
 
 @pytest.mark.slow
