@@ -11,7 +11,6 @@ from ftbias_jax.effects.catalogue import CATALOGUE
 from ftbias_jax.gap import fit as fits
 from ftbias_jax.gap.candidates import Scored
 from ftbias_jax.gap.compare import compare
-from ftbias_jax.gap.evaluate import compile_programs
 from ftbias_jax.gap.fit import Fit
 from ftbias_jax.gap.holdout import HeldOut, excess_by_chance, excess_by_channel, excess_stderr, hold_out
 from ftbias_jax.gap.problem import Problem, make_problem
@@ -48,7 +47,6 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
         without: effects that may not be named, to see what the answer would be without them.
     """
     problem, samples = make_problem(setup, logs)
-    compile_programs(problem)
     base = fits.base(problem)
     accepted, rounds = search(problem, base, without)
     before = hold_out(problem, base, base.error)

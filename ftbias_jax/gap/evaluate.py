@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,23 +16,6 @@ LANES = 4
 """Readings or derivatives that one call works out."""
 WHITE_LANES = (8, 32)
 """Series that one call whitens, if there are few and if there are many."""
-
-
-def compile_programs(problem: Problem) -> None:
-    """Compile the large programs of a search side by side: a first run waits for little else."""
-    z = np.zeros((2, model.size(problem.joints)))
-    joint, tool = (int(model.coordinates(problem.joints, name)[0]) for name in ("encoder_offset", "tool_mass"))
-    moved = z.copy()
-    moved[1, joint] = 1
-    calls = (
-        lambda: slopes(problem, z[0], 0.0, [joint]),
-        lambda: slopes(problem, z[0], 0.0, [tool]),
-        lambda: readings(problem, z, z[:, 0]),
-        lambda: readings(problem, moved, z[:, 0]),
-    )
-    with ThreadPoolExecutor() as pool:
-        for call in [pool.submit(call) for call in calls]:
-            call.result()
 
 
 def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
