@@ -91,7 +91,7 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
         value = z[places[effect, parameter]] * units[effect, parameter]
         return value
 
-    neutral = {name: neutral_values(CATALOGUE[name], model) for name in {b.effect for b in blocks(n)}}
+    neutral = {name: neutral_values(CATALOGUE[name], model) for name in dict.fromkeys(b.effect for b in blocks(n))}
     matrix = jnp.eye(6, dtype=z.dtype).at[np.nonzero(~np.eye(6, dtype=bool))].set(move("crosstalk", "matrix"))
     lag = jnp.maximum(move("low_pass", "lag")[0], SHORTEST_LAG)
     period = move("tool_flexibility", "period")[0]
