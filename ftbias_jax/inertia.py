@@ -10,6 +10,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.screws import skew
 from ftbias_jax.types import Array
 
 _ROWS, _COLUMNS = np.array([0, 1, 0, 0, 1, 2]), np.array([1, 2, 2, 3, 3, 3])
@@ -30,6 +31,13 @@ def parameters_from_pseudo_inertia(J: Array) -> Array:
     inertia = jnp.eye(3, dtype=J.dtype) * jnp.trace(second) - second
     upper = inertia[np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])]
     return jnp.concatenate([J[3:, 3], J[:3, 3], upper])
+
+
+def spatial_inertia(theta: Array) -> Array:
+    """(10,) inertial parameters -> (6, 6): wrench that accelerates the body along and about each axis, force first."""
+    mass, moment = theta[0], skew(theta[1:4])
+    inertia = theta[4:][np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])]
+    return jnp.block([[mass * jnp.eye(3, dtype=theta.dtype), -moment], [moment, inertia]])
 
 
 def turned(theta: Array, rotation: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from ftbias_jax.arm_batch import links
 from ftbias_jax.effects.recursions import rung
 from ftbias_jax.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
-from ftbias_jax.inertia import about_center_of_mass
+from ftbias_jax.inertia import about_center_of_mass, spatial_inertia
 from ftbias_jax.screws import sensor_pose
 from ftbias_jax.types import Array
 
@@ -58,35 +58,29 @@ def contact(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 
 
 def tool_flexibility(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """The tool hangs on springs and swings about the sensor's x and y axes: it sags under its weight and rings.
+    """Part of the tool hangs on springs and swings against the sensor: it rings, and sags under its weight.
 
-    Let phi (2,) be the small turn of the tool, I its inertia about the axes through the sensor's origin, tau the torque
-    of the rigid tool. The springs and dampers, which the sensor reads, must give
-    -I (w^2 phi + 2 zeta w phi') = tau + (phi x c) x F + I phi'', where the middle term is the weight F at the place the
-    centre of mass c sags to. So they read the second-order response (``rung``) of tau + (phi x c) x F. That term is
-    small, and three rounds of substitution settle it; in it, the damper's share of phi is left out.
+    There is a mode of motion for each of the three shifts and turns along and about the sensor's axes. Let w (6,) be
+    the wrench of the rigid tool, M (6, 6) its spatial inertia about the sensor's origin, s_k the share of the tool that
+    moves in mode k, x_k how far. Spring and damper of a mode, which the sensor reads, carry the moving part:
+    -s_k M_kk (W^2 x_k + 2 zeta W x_k') = s_k (w_k + M_kk x_k''), so what they carry is the second-order response of w_k
+    (``rung``), M_kk x_k'' = rung(w_k) - w_k whatever the share, and the accelerations of all modes together change the
+    reading by M s x''. That one mode shakes another is left out.
+
+    Sagging moves the place c at which the force F acts: w has the torque (x_shift + x_turn x c) x F too. It is small,
+    and three rounds of substitution settle it; in it, the damper's share of x is left out.
     """
-    theta, force = signals.model.theta, wrench[:, :3]
-    inertia = jnp.maximum(theta[jnp.array([4, 7])], np.finfo(theta.dtype).tiny)[None]
-    stiffness = inertia * (2 * jnp.pi * values["frequency"]) ** 2
-
-    def respond(spring: Array) -> tuple[Array, Array]:
-        sag = jnp.cross(_about_xy(-spring / stiffness), about_center_of_mass(theta)[1][None])
-        torque = wrench[:, 3:] + jnp.cross(sag, force)
-        return rung(signals.t, torque[:, :2], values["frequency"], values["damping_ratio"]), torque
-
-    spring = wrench[:, 3:5]
+    theta, share = signals.model.theta, values["share"]
+    M = spatial_inertia(theta)
+    inertia = jnp.maximum(jnp.diagonal(M), np.finfo(theta.dtype).tiny)[None]
+    compliance = values["sagging"] * share[None] / (inertia * (2 * jnp.pi * values["frequency"]) ** 2)
+    spring = wrench
     for _ in range(3):
-        spring, torque = respond(spring)
-    swing = _about_xy((spring - torque[:, :2]) / inertia)  # phi'', rad/s^2
-    reaction = jnp.cross(swing, theta[None, 1:4])
-    twist = torque[:, 2:] + swing[:, :2] @ theta[jnp.array([6, 8])][:, None]
-    return jnp.concatenate([force + reaction, spring, twist], 1)
-
-
-def _about_xy(turn: Array) -> Array:
-    """Turns about x and y (T, 2) as vectors (T, 3)."""
-    return jnp.pad(turn, ((0, 0), (0, 1)))
+        sag = -spring * compliance
+        moved = sag[:, :3] + jnp.cross(sag[:, 3:], about_center_of_mass(theta)[1][None])
+        sagged = wrench + jnp.pad(jnp.cross(moved, wrench[:, :3]), ((0, 0), (3, 0)))
+        spring = rung(signals.t, sagged, values["frequency"], values["damping_ratio"])
+    return sagged + (share[None] * (spring - sagged) / inertia) @ M.T
 
 
 def _check_contact(values: EffectValues) -> str:
@@ -95,6 +89,10 @@ def _check_contact(values: EffectValues) -> str:
 
 def _center_of_mass(model: Model) -> Array:
     return about_center_of_mass(model.theta)[1]
+
+
+def _turns_about_xy(model: Model) -> Array:
+    return jnp.zeros(6, model.theta.dtype).at[3:5].set(1)
 
 
 def _forearm(model: Model) -> Array:
@@ -119,6 +117,30 @@ FLEXIBILITY = (
                 search=True,
             ),
             Parameter("damping_ratio", "1", "share of critical damping", (), 0.0, 0.99, 0.05, 0.0, search=True),
+            Parameter(
+                "share",
+                "1",
+                "of the tool that moves: shifts along, turns about the sensor's axes; default: all of it about x and y",
+                (6,),
+                0.0,
+                2.0,
+                _turns_about_xy,
+                0.0,
+                search=True,
+                optional=True,
+            ),
+            Parameter(
+                "sagging",
+                "1",
+                "1 if the tool's weight bends the springs, 0 if it is balanced",
+                (),
+                0.0,
+                1.0,
+                1.0,
+                0.0,
+                search=True,
+                optional=True,
+            ),
         ),
         "the tool or its mounting swings at one frequency after accelerations",
         "tighten or stiffen the tool, or move more smoothly",

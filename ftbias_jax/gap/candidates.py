@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.gap import events, model
+from ftbias_jax.gap import events, model, swings
 from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap.cables import cables
 from ftbias_jax.gap.evaluate import readings, slopes, whitened
 from ftbias_jax.gap.events import Found, Library
-from ftbias_jax.gap.fit import Fit, Gains, first_order, fit, gain_of_each, gains, keep
+from ftbias_jax.gap.fit import Fit, first_order, fit, gain_of_each, gains, keep
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -62,14 +62,15 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
     taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known)
     found, columns = _smooth(problem, accepted, taken)
     found += _grid(problem, accepted, taken)
+    if swings.EFFECT not in taken:
+        found.append(swings.balanced(problem, accepted))
     if "cable" not in taken:
         found += cables(problem, accepted)
     for make in (events.slow, events.jump, events.contacts):
         found += make(problem, library, accepted, taken)
     best: dict[tuple[str, float], Found] = {}
     for i, (gain, h) in enumerate(found):
-        penalised = gain - hyp.penalty(h)
-        key = (h.effect, h.detail[0] if h.effect == "encoder_offset" else i if h.effect == "cable" else 0.0)
+        penalised, key = gain - hyp.penalty(h), (h.effect, _start(i, h))
         if penalised > LEAST_GAIN and (key not in best or penalised > best[key][0]):
             best[key] = (penalised, h)
     top = max((gain for gain, _ in best.values()), default=0.0)
@@ -83,6 +84,13 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
     return _best_of_each(_polish(problem, accepted, [Scored(one, score(one, accepted)) for one in fits]))
 
 
+def _start(number: int, h: Hypothesis) -> float:
+    """What tells starting points of one effect apart that are all fitted."""
+    if h.effect == swings.EFFECT:
+        return float(len(h.fixed))
+    return h.detail[0] if h.effect == "encoder_offset" else float(number) if h.effect == "cable" else 0.0
+
+
 def _worth(h: Hypothesis) -> float:
     """Share of the best preliminary gain from which on a hypothesis is fitted in full."""
     return WORTH_FITTING if h.effect in hyp.SMOOTH else WORTH_SEARCHING
@@ -91,8 +99,18 @@ def _worth(h: Hypothesis) -> float:
 def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Scored]:
     """The best ones fitted to the end; best first."""
     top = max((s.gain for s in scored), default=0.0)
-    ends = (fit(problem, s.fit.hypotheses, s.fit) if s.fit.free and s.gain > POLISHED * top else s.fit for s in scored)
+    ends = (_end(problem, s.fit) if s.fit.free and s.gain > POLISHED * top else s.fit for s in scored)
     return sorted((Scored(one, score(one, accepted)) for one in ends), key=lambda scored: -_merit(scored))
+
+
+def _end(problem: Problem, rough: Fit) -> Fit:
+    """A fit brought to its end, with more numbers free where an effect has a more general form and gains by it."""
+    end = fit(problem, rough.hypotheses, rough)
+    general = swings.freed(problem, end)
+    if general is None:
+        return end
+    freer = fit(problem, (*rough.hypotheses[:-1], general), end)
+    return freer if score(freer, end) > 0 else end
 
 
 def _merit(scored: Scored) -> float:
@@ -101,9 +119,10 @@ def _merit(scored: Scored) -> float:
 
 def _best_of_each(scored: list[Scored]) -> list[Scored]:
     """One start of every effect, and one of every joint."""
-    best: dict[tuple[str, tuple[int, ...]], Scored] = {}
+    best: dict[tuple[str, float], Scored] = {}
     for s in scored:
-        best.setdefault((s.hypothesis.effect, s.hypothesis.free), s)
+        joint = s.hypothesis.detail[0] if s.hypothesis.effect == "encoder_offset" else 0.0
+        best.setdefault((s.hypothesis.effect, joint), s)
     return list(best.values())
 
 
@@ -128,33 +147,21 @@ def _smooth(
         if h.effect != "crosstalk":
             found.append((prepared.of(list(range(len(h.free)))), h))
             continue
-        gained, chosen = _leaks(prepared, list(range(len(h.free))))
+        gained, chosen = prepared.pursue(list(range(len(h.free))), MOST_LEAKS, LEAST_LEAK)
         few = Hypothesis("crosstalk", tuple(h.free[i] for i in chosen), (0.0,) * len(chosen))
         columns[few] = columns[h][chosen]
         found += [(gained, few)] if chosen else []
     return found, columns
 
 
-def _leaks(prepared: Gains, rows: list[int]) -> tuple[float, list[int]]:
-    """Matching pursuit: the few entries of the matrix that gain most together."""
-    chosen: list[int] = []
-    gained = 0.0
-    for _ in range(MOST_LEAKS):
-        trials = {i: prepared.of([*chosen, i]) for i in rows if i not in chosen}
-        best = max(trials, key=lambda i: trials[i])
-        if trials[best] - gained < max(2 * hyp.NATS_PER_DEGREE, LEAST_LEAK * trials[best]):
-            break
-        chosen, gained = [*chosen, best], trials[best]
-    return gained, chosen
-
-
 def _grid(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[Found]:
     """Gain of each starting point, as it is or scaled to fit."""
     now = readings(problem, accepted.z[None], np.array([accepted.link]))[0]
-    wanted = [h for h in hyp.grid_hypotheses(problem, np.ptp(now, axis=0)) if h.effect not in taken]
+    wanted = [*hyp.grid_hypotheses(problem, np.ptp(now, axis=0)), *swings.usual(problem)]
+    wanted = [h for h in wanted if h.effect not in taken]
     if not wanted:
         return []
-    z = np.repeat(accepted.z[None], len(wanted), 0)
+    z = np.stack([keep(accepted.z, h) for h in wanted])
     for row, h in zip(z, wanted, strict=True):
         row[list(h.free)] = h.start
     changes = whitened(problem, readings(problem, z, np.full(len(z), accepted.link)) - now)

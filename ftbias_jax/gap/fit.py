@@ -10,7 +10,7 @@ import numpy as np
 from ftbias_jax.gap import model
 from ftbias_jax.gap.columns import PRIOR_STD, Columns, best_step, change, information, products, scores
 from ftbias_jax.gap.evaluate import measured, readings, slopes, whitened, whitened_series
-from ftbias_jax.gap.hypotheses import Hypothesis
+from ftbias_jax.gap.hypotheses import NATS_PER_DEGREE, Hypothesis
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.regression import widened_inverse
 
@@ -190,9 +190,30 @@ class Gains(NamedTuple):
 
     def of(self, chosen: list[int]) -> float:
         """nats that these columns gain together."""
+        return float(-self.pull[chosen] @ self.coefficients(chosen)) / 2
+
+    def coefficients(self, chosen: list[int]) -> np.ndarray:
+        """(len(chosen),) of these columns together."""
         normal, pull = self.normal[np.ix_(chosen, chosen)], self.pull[chosen]
-        ridge = 1e-8 * max(np.trace(normal) / len(normal), 1e-12)
-        return float(pull @ np.linalg.solve(normal + ridge * np.eye(len(normal)), pull)) / 2
+        ridge = 1e-8 * max(np.trace(normal) / max(len(normal), 1), 1e-12)
+        solved: np.ndarray = -np.linalg.solve(normal + ridge * np.eye(len(normal)), pull)
+        return solved
+
+    def pursue(self, rows: list[int], most: int, least: float) -> tuple[float, list[int]]:
+        """Matching pursuit: the few columns that gain most together, and how much.
+
+        Args:
+            rows: columns to choose from. most: how many at most. least: share of the gain that each must add.
+        """
+        chosen: list[int] = []
+        gained = 0.0
+        while len(chosen) < min(most, len(rows)):
+            trials = {i: self.of([*chosen, i]) for i in rows if i not in chosen}
+            best = max(trials, key=lambda i: trials[i])
+            if trials[best] - gained < max(2 * NATS_PER_DEGREE, least * trials[best]):
+                break
+            chosen, gained = [*chosen, best], trials[best]
+        return gained, chosen
 
 
 def gains(accepted: Fit, columns: np.ndarray) -> Gains:

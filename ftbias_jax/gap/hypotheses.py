@@ -15,7 +15,6 @@ from ftbias_jax.gap.problem import Problem
 
 DELAYS = (0.0, 0.05, 0.12, 0.25, 0.45)
 LAGS = (0.008, 0.02, 0.04, 0.08, 0.16, 0.32)
-FREQUENCIES = tuple(np.geomspace(2.0, 30.0, 14))
 LOOP_SHARES = (0.01, 0.03, 0.08, 0.2)
 TIME_CONSTANTS = tuple(np.geomspace(0.5, 512.0, 21))
 JUMP_STEP = 0.25
@@ -99,11 +98,6 @@ def grid_hypotheses(problem: Problem, span: np.ndarray) -> list[Hypothesis]:
     """
     found = [at_values(problem, "time_delay", ("delay", delay)) for delay in DELAYS]
     found += [at_values(problem, "low_pass", ("lag", lag)) for lag in LAGS]
-    found += [
-        at_values(problem, "tool_flexibility", ("period", 1 / f), ("log_damping", damping))
-        for f in FREQUENCIES
-        for damping in (-0.5, 1.2)
-    ]
     return found + [at_values(problem, "hysteresis", ("width", share * span)) for share in LOOP_SHARES]
 
 

@@ -24,6 +24,12 @@ SHORTEST_LAG = 1e-4
 SHORTEST_PERIOD = 1e-3
 """s; a tool that rings so fast is rigid, and unlike at infinite frequency derivatives are finite."""
 
+LONGEST_PERIOD = 1 / 3.5
+"""s; springs so soft give way by 2 cm under the tool's weight. What swings more slowly hangs, or is a liquid."""
+
+MOST_LOG_DAMPING = 1.6
+"""A fourth of critical damping: what swings less is no tool on springs."""
+
 
 class Block(NamedTuple):
     """Coordinates of one effect within the whole vector; 0 is neutral and 1 a typical departure."""
@@ -53,6 +59,8 @@ def blocks(n: int) -> tuple[Block, ...]:
         Block("hysteresis", "width", 6, 0.2 * lever),
         Block("tool_flexibility", "period", 1, 0.1),
         Block("tool_flexibility", "log_damping", 1, 1.0),
+        Block("tool_flexibility", "share", 6, 1.0),
+        Block("tool_flexibility", "sagging", 1, 1.0),
         Block("cable", "stiffness", 1, 10.0),
         Block("cable", "rest_length", 1, 0.1),
         Block("cable", "anchor", 3, 0.1),
@@ -111,8 +119,11 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
         "low_pass": {"cutoff": 1 / (2 * jnp.pi * lag)},
         "hysteresis": {"width": jnp.maximum(move("hysteresis", "width"), 0)},
         "tool_flexibility": {
-            "frequency": 1 / jnp.maximum(period, SHORTEST_PERIOD),
-            "damping_ratio": 0.05 * jnp.exp(jnp.clip(move("tool_flexibility", "log_damping")[0], -4, 2.5)),
+            "frequency": 1 / jnp.clip(period, SHORTEST_PERIOD, LONGEST_PERIOD),
+            "damping_ratio": 0.05 * jnp.exp(jnp.clip(move("tool_flexibility", "log_damping")[0], -4, MOST_LOG_DAMPING)),
+            # Of a rigid tool nothing moves, whatever the shares: here they need not be neutral at 0.
+            "share": within(0, move("tool_flexibility", "share"), 2),
+            "sagging": within(0, move("tool_flexibility", "sagging")[0], 1),
         },
         "cable": neutral["cable"]
         | {
@@ -124,6 +135,11 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
         },
     }
     return values, move("encoder_offset", "offset")
+
+
+def within(least: float, value: Array, most: float) -> Array:
+    """The value cut to its bounds, but with the derivative of the value itself, so that a fit finds back."""
+    return value + jax.lax.stop_gradient(jnp.clip(value, least, most) - value)
 
 
 def predict(signals: Signals, z: Array, link: Array, known: Values) -> Array:

@@ -11,6 +11,7 @@ from ftbias_jax.gap.events import Library, make_library
 from ftbias_jax.gap.fit import Fit, block_scores, fit, projection
 from ftbias_jax.gap.holdout import excess_by_channel, hold_out
 from ftbias_jax.gap.problem import Problem
+from ftbias_jax.gap.swings import is_plausible
 
 LEAST_SIGMAS = 0.08
 """Of one sample's noise: smaller effects are real, perhaps, but mean nothing to the owner."""
@@ -18,6 +19,9 @@ LEAST_SHARE = 0.02
 """Of the gap, that a further cause must remove."""
 STEADY = 1.3
 """Standard errors of the gain over blocks; a single block that gains everything is one."""
+LEAST_BESIDE = 0.1
+"""Squared innovations that contacts must take away, as a share of what earlier causes did in the same time: the form
+of those is never quite the real one, and contacts take any shape."""
 MOST_CAUSES = 3
 NEARLY = 0.1
 """Share of the gap that may be left for other pairs to be tried: none explains what is not in the catalogue."""
@@ -99,7 +103,16 @@ def _earned(problem: Problem, start: Fit, accepted: Fit, trial: Scored) -> bool:
     removed = float((excess_by_channel(seen, accepted.error) - excess_by_channel(seen, held.error)).mean())
     sudden = trial.hypothesis.local or trial.hypothesis.effect == "bias_jump"
     steady = sudden or _z_of_gain(problem, trial.fit, accepted) > STEADY
-    return trial.gain > LEAST_GAIN and removed > _needed(seen, start, accepted) and steady
+    stands_out = not trial.hypothesis.local or _stands_out(problem, start, accepted, trial)
+    useful = trial.gain > LEAST_GAIN and removed > _needed(seen, start, accepted)
+    return useful and steady and stands_out and is_plausible(problem, trial.fit)
+
+
+def _stands_out(problem: Problem, start: Fit, accepted: Fit, trial: Scored) -> bool:
+    """Whether contacts explain much of what happens in their own time, and not just what the causes before left."""
+    inside = _touched(problem, trial.fit)
+    first, now, then = ((one.error[inside] ** 2).sum() for one in (start, accepted, trial.fit))
+    return bool(now - then > LEAST_BESIDE * (first - now))
 
 
 def _needed(seen: Problem, start: Fit, accepted: Fit) -> float:
@@ -113,9 +126,14 @@ def _needed(seen: Problem, start: Fit, accepted: Fit) -> float:
 
 def _elsewhere(problem: Problem, accepted: Fit) -> Problem:
     """The logs without the times of the contacts: these dwarf all else, and their shape is never met exactly."""
-    shapes = [shape for h in accepted.hypotheses if h.local for shape in h.shapes]
-    touched = np.any([shape != 0 for shape in shapes], axis=0) if shapes else np.zeros(len(problem.t), bool)
-    return problem._replace(samples=np.where(touched[:, None], 0, problem.samples))
+    return problem._replace(samples=np.where(_touched(problem, accepted)[:, None], 0, problem.samples))
+
+
+def _touched(problem: Problem, found: Fit) -> np.ndarray:
+    """(U,) bins of the contacts of a fit."""
+    shapes = [shape for h in found.hypotheses if h.local for shape in h.shapes]
+    touched: np.ndarray = np.any([shape != 0 for shape in shapes], axis=0) if shapes else np.zeros(len(problem.t), bool)
+    return touched
 
 
 def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:
