@@ -8,9 +8,12 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.effects.recursions import lagged
 from ftbias_jax.effects.types import Effect, EffectValues, Parameter, Signals, Twin
 from ftbias_jax.types import Array
 
+SHORTEST_LAG = 1e-6
+"""s; a lag this short does nothing."""
 _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
 
 
@@ -20,8 +23,10 @@ def warmup(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 
 
 def temperature_drift(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """b + per_kelvin (temperature - its first value)."""
-    warmer = signals.temperature - signals.temperature[0]
+    """b + per_kelvin (temperature - its first value), after a first-order lag if the gauges follow the thermometer."""
+    cutoff = 1 / (2 * jnp.pi * jnp.maximum(values["lag"], SHORTEST_LAG))
+    felt = lagged(signals.t, signals.temperature[:, None], cutoff)[:, 0]
+    warmer = felt - felt[0]
     return wrench - warmer[:, None] * values["per_kelvin"][None]
 
 
@@ -49,7 +54,21 @@ EFFECTS = (
     Effect(
         "temperature_drift",
         "bias",
-        (Parameter("per_kelvin", "N/K, Nm/K", "bias gained per degree", (6,), -1e3, 1e3, 0.0, 0.05 * _NEWTON),),
+        (
+            Parameter("per_kelvin", "N/K, Nm/K", "bias gained per degree", (6,), -1e3, 1e3, 0.0, 0.05 * _NEWTON),
+            Parameter(
+                "lag",
+                "s",
+                "time constant with which the gauges follow the recorded temperature",
+                (),
+                0.0,
+                1e6,
+                0.0,
+                0.0,
+                search=True,
+                optional=True,
+            ),
+        ),
         "the bias follows the sensor's temperature",
         "record the temperature and keep this correction, or hold it constant",
         reading=temperature_drift,

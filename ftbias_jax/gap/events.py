@@ -83,20 +83,26 @@ def by_channel(accepted: Fit, white: np.ndarray) -> np.ndarray:
 
 
 def slow(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> list[Found]:
-    """Warm-up, its time constant refined, and temperature."""
+    """Warm-up and temperature, the time constant of each refined."""
     gain = by_channel(accepted, library.slow_white)
-    found = [(float(g), h) for g, h in zip(gain, library.slow, strict=True) if h.effect not in taken]
-    warm = max((pair for pair in found if pair[1].effect == "warmup"), key=lambda pair: pair[0], default=None)
-    if warm is None:
+    best: dict[str, Found] = {}
+    for found in zip(gain.tolist(), library.slow, strict=True):
+        if found[1].effect not in taken and found[0] > best.get(found[1].effect, (-np.inf,))[0]:
+            best[found[1].effect] = found
+    return [_with_time_constant(problem, accepted, found) for found in best.values()]
+
+
+def _with_time_constant(problem: Problem, accepted: Fit, found: Found) -> Found:
+    """The best time constant near that of a slow series; without a lag it stays as it is."""
+    _, h = found
+    if not h.detail[0]:
         return found
-    log = int(warm[1].detail[1]) if warm[1].detail[1] >= 0 else None
-    tau, ratio = warm[1].detail[0], hyp.TIME_CONSTANTS[1] / hyp.TIME_CONSTANTS[0]
+    ratio = float(np.log(hyp.TIME_CONSTANTS[1] / hyp.TIME_CONSTANTS[0]))
 
-    def make(log_tau: np.ndarray) -> list[Hypothesis]:
-        return [hyp.warmup(problem, tau, log) for tau in np.exp(log_tau)]
+    def make(log_time: np.ndarray) -> list[Hypothesis]:
+        return [hyp.retimed(problem, h, float(time)) for time in np.exp(log_time)]
 
-    others = [pair for pair in found if pair[1].effect != "warmup"]
-    return [*others, refine(problem, accepted, make, float(np.log(tau)), float(np.log(ratio)))]
+    return refine(problem, accepted, make, float(np.log(h.detail[0])), ratio)
 
 
 def jump(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> list[Found]:

@@ -8,8 +8,12 @@ from __future__ import annotations
 
 from typing import NamedTuple, TypeAlias
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.effects import chain
+from ftbias_jax.effects.types import Signals
 from ftbias_jax.gap import model
 from ftbias_jax.gap.problem import Problem
 
@@ -131,21 +135,41 @@ def warmup(problem: Problem, tau: float, log: int | None = None) -> Hypothesis:
     return Hypothesis("warmup", shapes=(series * inside,), detail=(tau, -1.0 if log is None else float(log)))
 
 
-def warmup_slope(problem: Problem, h: Hypothesis) -> np.ndarray:
-    """(U,) derivative of a warm-up's series by its time constant."""
-    tau, log = h.detail
-    inside = problem.log == log if log >= 0 else np.ones_like(problem.t)
-    slope: np.ndarray = inside * problem.t / tau**2 * np.exp(-problem.t / tau)
-    return slope
-
-
 def temperatures(problem: Problem) -> list[Hypothesis]:
-    """The recorded temperature as the bias, if it moved by more than sensor noise of a tenth of a degree."""
-    starts = problem.temperature[np.searchsorted(problem.log, np.arange(len(problem.parts)))]
-    change = problem.temperature - starts[problem.log]
-    if np.ptp(change) < LEAST_WARMING:
-        return []
-    return [Hypothesis("temperature_drift", shapes=(-change,))]
+    """The recorded temperature as the bias, with several lags, if it moved by more than a thermometer's noise."""
+    longest = max(problem.durations) / 2
+    found = [temperature(problem, lag) for lag in (0.0, *(lag for lag in TIME_CONSTANTS if lag < longest))]
+    return found if np.ptp(found[0].shapes[0]) > LEAST_WARMING else []
+
+
+def temperature(problem: Problem, lag: float) -> Hypothesis:
+    """The recorded temperature, followed with a time constant in s, as the bias."""
+    felt = [_felt(part.signals, lag)[: part.used] for part in problem.parts]
+    return Hypothesis("temperature_drift", shapes=(-np.concatenate(felt),), detail=(lag, -1.0))
+
+
+def _felt(signals: Signals, lag: float) -> np.ndarray:
+    """(B,) K, since the start of the log."""
+    unit = {"temperature_drift": {"per_kelvin": jnp.ones(6), "lag": jnp.asarray(lag)}}
+    return np.asarray(_bias_of(signals, unit))[:, 0]
+
+
+_bias_of = jax.jit(chain.bias)
+
+
+def retimed(problem: Problem, h: Hypothesis, time_constant: float) -> Hypothesis:
+    """A warm-up or a temperature with another time constant."""
+    if h.effect == "temperature_drift":
+        return temperature(problem, time_constant)
+    return warmup(problem, time_constant, int(h.detail[1]) if h.detail[1] >= 0 else None)
+
+
+def slope_in_time(problem: Problem, h: Hypothesis) -> np.ndarray:
+    """(U,) derivative of the series of a warm-up or a temperature by its time constant, s."""
+    step = max(0.01 * h.detail[0], 1e-3)
+    longer, shorter = (retimed(problem, h, h.detail[0] + sign * step).shapes[0] for sign in (1, 0))
+    slope: np.ndarray = (longer - shorter) / step
+    return slope
 
 
 def jumps(problem: Problem, log: int, times: np.ndarray) -> list[Hypothesis]:

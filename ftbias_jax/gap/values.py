@@ -8,7 +8,7 @@ import numpy as np
 from ftbias_jax.gap import model
 from ftbias_jax.gap.evaluate import whitened
 from ftbias_jax.gap.fit import Fit, covariance
-from ftbias_jax.gap.hypotheses import Hypothesis, hats_of, warmup_slope
+from ftbias_jax.gap.hypotheses import Hypothesis, hats_of, slope_in_time
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.gap.show import rotations
 from ftbias_jax.gap.types import Numbers
@@ -18,6 +18,8 @@ Parameters = dict[str, Numbers]
 FORM_ERROR = 0.02
 """Share of what a parameter departs from neutral that a real effect's form may put into it: it is never quite the
 catalogue's, and no scatter of the data shows that."""
+TIME_CONSTANT = {"warmup": "tau", "temperature_drift": "lag"}
+"""Effects of a slow series, and the name of its time constant."""
 SHAPE_ERROR = 0.15
 """Share of a contact's peak that its few hat functions may miss."""
 TIME_STDERR = 0.02
@@ -26,19 +28,20 @@ TIME_STDERR = 0.02
 
 def parameters(problem: Problem, fit: Fit, hypothesis: Hypothesis) -> tuple[Parameters, Parameters]:
     """Values and standard errors of one hypothesis of a fit, in the units of the catalogue."""
-    warm = [h for h in fit.hypotheses if h.effect == "warmup"]
-    further = np.concatenate([fit.columns.moving[:0], *(_by_time_constant(problem, fit, h) for h in warm)])
+    slow = [h for h in fit.hypotheses if h.effect in TIME_CONSTANT]
+    further = np.concatenate([fit.columns.moving[:0], *(_by_time_constant(problem, fit, h) for h in slow)])
     spread = covariance(problem, fit, further)
     if hypothesis.shapes:
-        _, of_tau, of_series = np.split(np.sqrt(np.diag(spread)), np.cumsum([len(fit.free), len(warm)]))
-        return _of_series(problem, fit, hypothesis, of_series, float(of_tau[-1]) if warm else 0.0)
+        _, of_times, of_series = np.split(np.sqrt(np.diag(spread)), np.cumsum([len(fit.free), len(slow)]))
+        of_time = next((float(stderr) for h, stderr in zip(slow, of_times, strict=True) if h is hypothesis), 0.0)
+        return _of_series(problem, fit, hypothesis, of_series, of_time)
     own = [fit.free.index(i) for i in hypothesis.free]
     return _of_coordinates(problem, fit, hypothesis, spread[np.ix_(own, own)])
 
 
-def _by_time_constant(problem: Problem, fit: Fit, warm: Hypothesis) -> np.ndarray:
-    """(1, U, 6) whitened derivative of the reading by the time constant of a warm-up."""
-    slope = warmup_slope(problem, warm)[:, None] * fit.coefficients[rows_of(fit, warm)]
+def _by_time_constant(problem: Problem, fit: Fit, h: Hypothesis) -> np.ndarray:
+    """(1, U, 6) whitened derivative of the reading by the time constant of a slow series."""
+    slope = slope_in_time(problem, h)[:, None] * fit.coefficients[rows_of(fit, h)]
     return whitened(problem, slope[None])
 
 
@@ -77,7 +80,7 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
 
 
 def _of_series(
-    problem: Problem, fit: Fit, h: Hypothesis, stderr: np.ndarray, stderr_of_tau: float
+    problem: Problem, fit: Fit, h: Hypothesis, stderr: np.ndarray, stderr_of_time: float
 ) -> tuple[Parameters, Parameters]:
     rows = rows_of(fit, h)
     coefficients = fit.coefficients[rows].reshape(-1, 6)
@@ -89,8 +92,8 @@ def _of_series(
     spread: Parameters = {name: _plain(errors[0])}
     if h.effect == "bias_jump":
         found["time"], spread["time"] = h.detail[0], TIME_STDERR
-    if h.effect == "warmup":
-        found["tau"], spread["tau"] = h.detail[0], stderr_of_tau
+    if h.effect in TIME_CONSTANT:
+        found[TIME_CONSTANT[h.effect]], spread[TIME_CONSTANT[h.effect]] = h.detail[0], stderr_of_time
     return found, spread
 
 
