@@ -66,8 +66,10 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
         found.append(swings.balanced(problem, accepted))
     if "cable" not in taken:
         found += cables(problem, accepted)
-    for make in (events.slow, events.jump, events.contacts):
+    for make in (events.slow, events.jump):
         found += make(problem, library, accepted, taken)
+    smooth = np.concatenate([accepted.columns.moving, *columns.values()])
+    found += events.contacts(problem, library, accepted, taken, smooth)
     best: dict[tuple[str, float], Found] = {}
     for i, (gain, h) in enumerate(found):
         penalised, key = gain - hyp.penalty(h), (h.effect, _start(i, h))

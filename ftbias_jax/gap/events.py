@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ftbias_jax.gap import hypotheses as hyp
+from ftbias_jax.gap.columns import PRIOR_STD
 from ftbias_jax.gap.evaluate import whitened_series
 from ftbias_jax.gap.fit import Fit, gain_of_series, projection
 from ftbias_jax.gap.hypotheses import Event, Hypothesis
@@ -23,6 +24,9 @@ LONGEST_EVENT = 3.0
 TRIMS = 3
 LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.002
 """nats, and share of the largest, of a hat function at the end of a contact."""
+CLEAR_HATS = 2
+"""Hats in a row that do not matter, less one, between two contacts."""
+REWEIGHTINGS = 6
 MOST_CONTACT = 0.35
 """Share of the log: what touches the tool for longer is no event."""
 FINE = 17
@@ -136,13 +140,21 @@ def refine(
     return float(gain[best]), made[best]
 
 
-def contacts(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> list[Found]:
-    """The contacts that stand out, as one hypothesis with wrenches of any shape, and its gain."""
+def contacts(
+    problem: Problem, library: Library, accepted: Fit, taken: Collection[str], smooth: np.ndarray
+) -> list[Found]:
+    """The contacts that stand out, as one hypothesis with wrenches of any shape, and its gain.
+
+    Args:
+        smooth: (M, U, 6) whitened derivatives by what else could be there. Contacts are looked for, but not judged,
+            in what these leave.
+    """
     if "contact" in taken or not library.events:
         return []
     white = library.events_white
     power = np.maximum(np.einsum("cuk,cuk->ck", white, white), 1e-6)
-    error, events = accepted.error.astype(np.float32), []
+    alone = robust_rest(smooth, accepted.error)
+    error, events = alone.astype(np.float32), []
     for _ in range(hyp.MOST_EVENTS):
         along = np.einsum("cuk,uk->ck", white, error)
         gain = (along**2 / power / 2).sum(1)
@@ -153,7 +165,7 @@ def contacts(problem: Problem, library: Library, accepted: Fit, taken: Collectio
         events.append(library.events[best])
     if not events:
         return []
-    shaped = [_shaped(problem, accepted, merge(events), hats) for hats in hyp.SHAPES]
+    shaped = [_shaped(problem, accepted, alone, merge(events), hats) for hats in hyp.SHAPES]
     return sorted((found for found in shaped if _is_short(problem, found[1])), key=_after_penalty)[-1:]
 
 
@@ -163,28 +175,46 @@ def _is_short(problem: Problem, contact: Hypothesis) -> bool:
     return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_CONTACT * problem.duration)
 
 
-def _shaped(problem: Problem, accepted: Fit, events: list[Event], hats: int) -> Found:
+def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """(U, 6) what columns (M, U, 6) leave of innovations if bins far from the others hardly count."""
+    if not len(columns):
+        return error
+    flat, rest = columns.reshape(len(columns), -1), error
+    for _ in range(REWEIGHTINGS):
+        size = (rest**2).sum(1)
+        weight = np.repeat(1 / (1 + size / max(np.median(size), 6.0)), 6)
+        normal = (flat * weight) @ flat.T + np.eye(len(flat)) / PRIOR_STD**2
+        step = np.linalg.solve(normal, (flat * weight) @ error.ravel())
+        rest = error - (step @ flat).reshape(error.shape)
+    return rest
+
+
+def _shaped(problem: Problem, accepted: Fit, alone: np.ndarray, events: list[Event], hats: int) -> Found:
     """Contacts of so many hat functions each, their beginnings and ends where the data put them."""
     for _ in range(TRIMS):
         h = hyp.contact(problem, events, hats)
         white = whitened_series(problem, h.shapes)
-        coefficients, _ = projection(white)(accepted.error[None])
+        coefficients, _ = projection(white)(alone[None])
         nats = ((coefficients.reshape(-1, 1, 6) * white) ** 2).sum((1, 2)) / 2
         by_event = np.split(nats, np.cumsum(hyp.hats_of(h)))
-        events = [trim(event, nats) for event, nats in zip(events, by_event[:-1], strict=True)]
+        events = [part for event, nats in zip(events, by_event[:-1], strict=True) for part in parts_of(event, nats)]
     h = hyp.contact(problem, events, hats)
     return gain_of_series(accepted, whitened_series(problem, h.shapes)), h
 
 
-def trim(event: Event, nats: np.ndarray) -> Event:
-    """An event without the hats at its ends that hardly matter, for the nats (H,) of each of its hats."""
+def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
+    """An event without the hats that hardly matter, at its ends or between its parts.
+
+    Args:
+        event: as it was found. nats: (H,) of each of its hats.
+    """
     log, start, end = event
     matter = np.flatnonzero(nats > max(LEAST_HAT, LEAST_SHARE_OF_HAT * nats.max()))
     if not len(matter):
-        return event
-    width = (end - start) / (len(nats) - 1)
-    first, last = max(int(matter[0]) - 1, 0), min(int(matter[-1]) + 1, len(nats) - 1)
-    return log, start + first * width, start + last * width
+        return [event]
+    width, last = (end - start) / (len(nats) - 1), len(nats) - 1
+    pieces = np.split(matter, np.flatnonzero(np.diff(matter) > CLEAR_HATS) + 1)
+    return [(log, start + max(p[0] - 1, 0) * width, start + min(p[-1] + 1, last) * width) for p in pieces]
 
 
 def _after_penalty(found: Found) -> float:
