@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ftbias_jax import inertia
-from ftbias_jax.wrench import tool_parameters
+from ftbias_jax.wrench import data_matrix, tool_parameters
 
 COORDINATES = st.lists(st.floats(-1.5, 1.5), min_size=10, max_size=10)
 UPPER = np.triu_indices(3)
@@ -75,3 +75,9 @@ def test_about_the_centre_of_mass_is_what_a_data_sheet_says():
     np.testing.assert_allclose(found, centre, rtol=1e-12)
     np.testing.assert_allclose(tensor, parameters_of(masses, places - centre)[4:], rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(tool_parameters(mass, found, tensor), parameters_of(masses, places), rtol=1e-12)
+
+
+def test_spatial_inertia_is_the_wrench_of_unit_accelerations():
+    theta = jnp.asarray(parameters_of(*points(3)))
+    columns = [data_matrix(axis[:3], jnp.zeros(3), axis[3:]) @ theta for axis in jnp.eye(6)]
+    np.testing.assert_allclose(inertia.spatial_inertia(theta), jnp.stack(columns, 1), rtol=1e-12, atol=1e-15)

@@ -21,7 +21,7 @@ LEAST_EVENT = 60.0
 """nats of a single contact."""
 LONGEST_EVENT = 3.0
 """s; nor is what touches it once for longer."""
-TRIMS = 3
+TRIMS, TRIM_HATS = 3, 16
 LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.002
 """nats, and share of the largest, of a hat function at the end of a contact."""
 CLEAR_HATS = 2
@@ -165,8 +165,10 @@ def contacts(
         events.append(library.events[best])
     if not events:
         return []
-    shaped = [_shaped(problem, accepted, alone, merge(events), hats) for hats in hyp.SHAPES]
-    return sorted((found for found in shaped if _is_short(problem, found[1])), key=_after_penalty)[-1:]
+    trimmed = _trimmed(problem, alone, merge(events))
+    shapes = [hyp.contact(problem, trimmed, hats) for hats in hyp.SHAPES]
+    found = [(gain_of_series(accepted, whitened_series(problem, h.shapes)), h) for h in shapes if _is_short(problem, h)]
+    return sorted(found, key=_after_penalty)[-1:]
 
 
 def _is_short(problem: Problem, contact: Hypothesis) -> bool:
@@ -189,17 +191,16 @@ def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
     return rest
 
 
-def _shaped(problem: Problem, accepted: Fit, alone: np.ndarray, events: list[Event], hats: int) -> Found:
-    """Contacts of so many hat functions each, their beginnings and ends where the data put them."""
+def _trimmed(problem: Problem, alone: np.ndarray, events: list[Event]) -> list[Event]:
+    """Contacts that begin and end where the data (U, 6) put it."""
     for _ in range(TRIMS):
-        h = hyp.contact(problem, events, hats)
+        h = hyp.contact(problem, events, TRIM_HATS)
         white = whitened_series(problem, h.shapes)
         coefficients, _ = projection(white)(alone[None])
         nats = ((coefficients.reshape(-1, 1, 6) * white) ** 2).sum((1, 2)) / 2
         by_event = np.split(nats, np.cumsum(hyp.hats_of(h)))
         events = [part for event, nats in zip(events, by_event[:-1], strict=True) for part in parts_of(event, nats)]
-    h = hyp.contact(problem, events, hats)
-    return gain_of_series(accepted, whitened_series(problem, h.shapes)), h
+    return events
 
 
 def parts_of(event: Event, nats: np.ndarray) -> list[Event]:

@@ -18,7 +18,12 @@ TRUTH = {
     "tool_inertia": {"inertia": [0.012, 1e-3, 0.0, 0.014, 2e-3, 0.01]},
     "gravity_tilt": {"gravity": [1.3, -2.1, 0.0]},  # the third makes the size right
     "encoder_offset": {"joint": 3.0, "offset": 0.02},
-    "tool_flexibility": {"frequency": 5.0, "damping_ratio": 0.05},
+    "tool_flexibility": {
+        "frequency": 5.0,
+        "damping_ratio": 0.05,
+        "share": [0.1, 0.0, 0.0, 0.7, 0.5, 0.0],
+        "sagging": 0.6,
+    },
     "cable": {
         "stiffness": 15.0,
         "rest_length": 0.3,
@@ -33,7 +38,7 @@ TRUTH = {
     "hysteresis": {"width": [0.3, 0.2, 0.4, 0.02, 0.03, 0.02]},
     "low_pass": {"cutoff": 4.0},
     "warmup": {"amplitude": [2.0, -1.0, 1.5, 0.1, -0.2, 0.1], "tau": 2.0},
-    "temperature_drift": {"per_kelvin": [0.1, -0.2, 0.1, 0.01, 0.0, -0.02]},
+    "temperature_drift": {"per_kelvin": [0.1, -0.2, 0.1, 0.01, 0.0, -0.02], "lag": 0.8},
     "bias_jump": {"time": 4.0, "amplitude": [1.0, -0.5, 0.7, 0.05, 0.1, -0.05]},
     "time_delay": {"delay": 0.03},
 }

@@ -11,6 +11,7 @@ from ftbias_jax.effects import chain
 from ftbias_jax.effects.types import Record
 from ftbias_jax.rotations import rotation_from_rpy
 from ftbias_jax.screws import product_of_exponentials, rotation_from_vector, sensor_pose
+from ftbias_jax.wrench import data_matrix
 
 predict = jax.jit(chain.predict)
 
@@ -180,6 +181,44 @@ def test_a_flexible_tool_sags_under_its_weight(at_rest):
     np.testing.assert_allclose(flexible[:3], rigid[:3], atol=1e-12)
     np.testing.assert_allclose(flexible[3:], torque, atol=1e-2 * np.abs(torque - rigid[3:]).max())
     assert np.abs(torque - rigid[3:]).max() > 0.01
+
+
+@pytest.mark.parametrize("way", range(6))
+def test_a_tool_that_swings_one_way_follows_its_equation_of_motion(signals, way):
+    """The moving part, a share of the tool, on one spring without sagging: integrated step by step."""
+    frequency, damping_ratio, share, dt = 3.0, 0.1, 0.6, 1e-3
+    t = np.arange(0, 1.5, dt)
+    ddq = 4 * np.sin(9 * t)[:, None] * np.ones(3)
+    at = signals._replace(t=t, q=np.zeros((len(t), 3)), dq=np.zeros((len(t), 3)), ddq=ddq)
+    rigid = np.asarray(predict(at, {}))
+    values = {"frequency": frequency, "damping_ratio": damping_ratio, "share": share * np.eye(6)[way], "sagging": 0.0}
+    theta, w = np.asarray(at.model.theta), 2 * np.pi * frequency
+    unit = np.eye(6)[way]  # acceleration along or about the axis
+    pushed = np.asarray(data_matrix(unit[:3], np.zeros(3), unit[3:])) @ theta
+    moved, rate, swing = -rigid[0, way] / (pushed[way] * w**2), 0.0, np.zeros(len(t))
+    for k in range(len(t)):
+        swing[k] = -rigid[k, way] / pushed[way] - 2 * damping_ratio * w * rate - w**2 * moved
+        rate += dt * swing[k]
+        moved += dt * rate
+    change = predict(at, {"tool_flexibility": values}) - rigid
+    expected = share * swing[:, None] * pushed
+    np.testing.assert_allclose(change, expected, atol=0.02 * np.abs(expected).max())
+    assert np.abs(expected[:, way]).max() > 0.05 * np.abs(rigid[:, way]).max()
+
+
+def test_gauges_follow_the_thermometer_with_a_lag(signals, wrench):
+    lag, per_kelvin = 1.7, np.arange(1.0, 7)
+    t, temperature = np.asarray(signals.t), np.asarray(signals.temperature)
+    fine = np.linspace(0, t[-1], 40001)
+    step, felt = fine[1], np.full(len(fine), temperature[0])
+    recorded_temperature = np.interp(fine, t, temperature)
+    for k in range(1, len(fine)):
+        felt[k] = felt[k - 1] + step / lag * (recorded_temperature[k - 1] - felt[k - 1])
+    got = chain.read(signals, {"temperature_drift": {"per_kelvin": per_kelvin, "lag": lag}}, wrench)
+    expected = np.interp(t, fine, felt) - temperature[0]
+    np.testing.assert_allclose(wrench - got, expected[:, None] * per_kelvin, atol=2e-3)
+    instant = chain.read(signals, {"temperature_drift": {"per_kelvin": per_kelvin, "lag": 0.0}}, wrench)
+    assert np.abs(instant - got).max() > 1
 
 
 def recorded(signals, wrench, **values):
