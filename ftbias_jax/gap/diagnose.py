@@ -12,7 +12,14 @@ from ftbias_jax.gap import fit as fits
 from ftbias_jax.gap.candidates import Scored
 from ftbias_jax.gap.compare import compare
 from ftbias_jax.gap.fit import Fit
-from ftbias_jax.gap.holdout import HeldOut, excess_by_chance, excess_by_channel, excess_stderr, hold_out
+from ftbias_jax.gap.holdout import (
+    HeldOut,
+    excess_by_chance,
+    excess_by_channel,
+    excess_stderr,
+    gap_removed,
+    hold_out,
+)
 from ftbias_jax.gap.problem import Problem, make_problem
 from ftbias_jax.gap.samples_types import Finding, together
 from ftbias_jax.gap.search import search
@@ -125,7 +132,7 @@ def _causes(
         twins = twins_of(problem, base, accepted, hypothesis, scored)
         values, stderr = parameters(problem, accepted, hypothesis)
         held = hold_out(problem, scored[0].fit, previous.error)
-        shrink = _removed(problem, previous.error, held.error) / max(total, 1e-12)
+        shrink = gap_removed(problem, previous.error, held.error) / max(total, 1e-12)
         of_mean.append(_candidate(hypothesis.effect, values, stderr, held, shrink, twins))
         previous = scored[0].fit
     of_samples = [_of_finding(finding, problem.duration) for finding in found]
@@ -133,11 +140,6 @@ def _causes(
         return tuple(of_samples + of_mean)
     # What is cut off is missing from the mean reading, too, and much else can look like that.
     return tuple(sorted(of_mean + of_samples, key=lambda cause: cause.effect != "saturation"))
-
-
-def _removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:
-    """Mean square gap that is gone between two sets of errors (U, 6), in noise variances."""
-    return float((excess_by_channel(problem, before) - excess_by_channel(problem, after)).mean())
 
 
 def _candidate(
@@ -178,7 +180,7 @@ def _ranking(
     for scored in rounds[0][:CANDIDATES] if rounds else []:
         values, stderr = parameters(problem, scored.fit, scored.hypothesis)
         held = hold_out(problem, scored.fit, base.error)
-        shrink = _removed(problem, base.error, held.error) / max(total, 1e-12)
+        shrink = gap_removed(problem, base.error, held.error) / max(total, 1e-12)
         ranked.append(_candidate(scored.hypothesis.effect, values, stderr, held, shrink))
     return tuple(sorted(ranked, key=lambda candidate: -candidate.held_out_gain))
 

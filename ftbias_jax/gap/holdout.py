@@ -57,6 +57,11 @@ def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
     return mean
 
 
+def gap_removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:
+    """Mean square gap that is gone between two sets of errors (U, 6), in noise variances."""
+    return float((excess_by_channel(problem, before) - excess_by_channel(problem, after)).mean())
+
+
 def excess_stderr(problem: Problem, error: np.ndarray) -> float:
     """Standard error of the mean excess over the channels, from blocks."""
     sums = np.bincount(problem.block(BLOCK_SECONDS), (_weights(problem) * excess(problem, error)).mean(1))
