@@ -10,7 +10,7 @@ import numpy as np
 from ftbias_jax.gap.candidates import LEAST_GAIN, Scored, candidates, score
 from ftbias_jax.gap.events import Library, make_library
 from ftbias_jax.gap.fit import Fit, block_scores, fit, projection
-from ftbias_jax.gap.holdout import excess_by_channel, gap_removed, hold_out
+from ftbias_jax.gap.holdout import Judge, excess_by_channel, gap_removed
 from ftbias_jax.gap.problem import Problem
 
 LEAST_SIGMAS = 0.08
@@ -39,23 +39,25 @@ class Bar(NamedTuple):
     """Mean square gap that it must remove there, in noise variances."""
 
 
-def search(problem: Problem, start: Fit, without: Collection[str] = ()) -> tuple[Fit, list[list[Scored]]]:
+def search(
+    problem: Problem, start: Fit, hold_out: Judge, without: Collection[str] = ()
+) -> tuple[Fit, list[list[Scored]]]:
     """Add the best effect while it explains enough; once there are two, try pairs with other first causes.
 
     Args:
-        problem: of the logs. start: the believed model. without: effects that may not be named.
+        problem: of the logs. start: the believed model. hold_out: judges fits. without: effects that may not be named.
 
     Returns:
         the fit of all accepted effects, and for each of them all candidates of its round, best first; the last round
         is the one that added nothing.
     """
     library = make_library(problem)
-    accepted, rounds = grow(problem, library, start, [], without)
+    accepted, rounds = grow(problem, library, start, hold_out, [], without)
     left, settled = gap_of(problem, accepted), len(accepted.hypotheses) <= 2
     if len(accepted.hypotheses) > 1 and (LEAST_SIGMAS**2 if settled else 0) < left < NEARLY * gap_of(problem, start):
         for other in _other_firsts(rounds[0], accepted):
             first = [other, *(s for s in rounds[0] if s is not other)]
-            trial, trial_rounds = grow(problem, library, start, [first], without, most=2)
+            trial, trial_rounds = grow(problem, library, start, hold_out, [first], without, most=2)
             if score(trial, accepted) > LEAST_GAIN:
                 accepted, rounds = trial, trial_rounds
     return accepted, rounds
@@ -65,6 +67,7 @@ def grow(
     problem: Problem,
     library: Library,
     start: Fit,
+    hold_out: Judge,
     rounds: list[list[Scored]],
     without: Collection[str],
     most: int = MOST_CAUSES,
@@ -81,7 +84,7 @@ def grow(
         if rounds and gap_of(bar.elsewhere, accepted) <= bar.least:
             break
         scored = candidates(problem, library, accepted, without)
-        best = next((s for s in scored[:MOST_JUDGED] if _earned(problem, bar, accepted, s)), None)
+        best = next((s for s in scored[:MOST_JUDGED] if _earned(problem, hold_out, bar, accepted, s)), None)
         rounds.append([best, *(s for s in scored if s is not best)] if best else scored)
         if best is None:
             break
@@ -115,11 +118,11 @@ def _elsewhere(problem: Problem, accepted: Fit) -> Problem:
     return problem._replace(samples=np.where(touched[:, None], 0, problem.samples))
 
 
-def _earned(problem: Problem, bar: Bar, accepted: Fit, trial: Scored) -> bool:
+def _earned(problem: Problem, hold_out: Judge, bar: Bar, accepted: Fit, trial: Scored) -> bool:
     """Whether one more cause gains enough, steadily, and removes enough on blocks it has not seen."""
     if not (trial.gain > LEAST_GAIN and _is_steady(problem, trial, accepted)):
         return False
-    held = hold_out(problem, trial.fit, accepted.error)
+    held = hold_out(trial.fit, accepted.error)
     return gap_removed(bar.elsewhere, accepted.error, held.error) > bar.least
 
 
