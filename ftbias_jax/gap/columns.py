@@ -85,8 +85,14 @@ def change(columns: Columns, numbers: np.ndarray) -> np.ndarray:
 
 def best_step(columns: Columns, error: np.ndarray) -> np.ndarray:
     """(K,) change of all numbers that brings the innovations (U, 6) nearest to zero."""
-    step: np.ndarray = -np.linalg.solve(information(columns), products(columns, error[None])[0])
-    return step
+    return step_and_gain(columns, error)[0]
+
+
+def step_and_gain(columns: Columns, error: np.ndarray) -> tuple[np.ndarray, float]:
+    """The best step, and the nats that it gains."""
+    (pull,) = products(columns, error[None])
+    step: np.ndarray = -np.linalg.solve(information(columns), pull)
+    return step, -float(step @ pull) / 2
 
 
 def scores(columns: Columns, error: np.ndarray, block: np.ndarray) -> np.ndarray:

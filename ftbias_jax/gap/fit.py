@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.gap import model
-from ftbias_jax.gap.columns import PRIOR_STD, Columns, best_step, change, information, products, scores
+from ftbias_jax.gap.columns import PRIOR_STD, Columns, best_step, change, information, products, scores, step_and_gain
 from ftbias_jax.gap.evaluate import measured, readings, slopes, whitened, whitened_series
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
@@ -220,7 +220,7 @@ def _beside(accepted: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 def gain_of_series(accepted: Fit, series: np.ndarray) -> float:
     """nats that linear series (E, U, 6) gain together, with a coefficient for every channel."""
     whole = accepted.columns._replace(series=np.concatenate([accepted.columns.series, series]))
-    return float(-best_step(whole, accepted.error) @ products(whole, accepted.error[None])[0]) / 2
+    return step_and_gain(whole, accepted.error)[1]
 
 
 def block_scores(problem: Problem, fit: Fit) -> np.ndarray:
