@@ -37,7 +37,7 @@ class Columns(NamedTuple):
 def products(columns: Columns, others: np.ndarray) -> np.ndarray:
     """(M, U, 6) -> (M, K) sums over bins and channels."""
     of_moving = _flat(others) @ _flat(columns.moving).T
-    of_series = _by_channel(others) @ _by_channel(columns.series).transpose(0, 2, 1)
+    of_series = channels_first(others) @ channels_first(columns.series).transpose(0, 2, 1)
     return np.concatenate([of_moving, of_series.transpose(1, 2, 0).reshape(len(others), 6 * len(columns.series))], 1)
 
 
@@ -46,14 +46,14 @@ def _flat(x: np.ndarray) -> np.ndarray:
     return x.reshape(len(x), x.shape[1] * x.shape[2])
 
 
-def _by_channel(x: np.ndarray) -> np.ndarray:
+def channels_first(x: np.ndarray) -> np.ndarray:
     """(M, U, 6) -> (6, M, U) in order in memory, or else its products take ten times as long."""
     return np.ascontiguousarray(x.transpose(2, 0, 1))
 
 
 def normal_matrix(columns: Columns) -> np.ndarray:
     """(K, K) products of all columns."""
-    F, series = len(columns.moving), _by_channel(columns.series)
+    F, series = len(columns.moving), channels_first(columns.series)
     matrix = np.zeros((columns.size, columns.size))
     matrix[:F] = products(columns, columns.moving)
     matrix[F:, :F] = matrix[:F, F:].T

@@ -8,7 +8,17 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.gap import model
-from ftbias_jax.gap.columns import PRIOR_STD, Columns, best_step, change, information, products, scores, step_and_gain
+from ftbias_jax.gap.columns import (
+    PRIOR_STD,
+    Columns,
+    best_step,
+    change,
+    channels_first,
+    information,
+    products,
+    scores,
+    step_and_gain,
+)
 from ftbias_jax.gap.evaluate import measured, readings, slopes, whitened, whitened_series
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
@@ -148,7 +158,7 @@ def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, n
     """
     if not len(series):
         return lambda errors: (np.zeros((len(errors), 0)), errors)
-    by_channel = np.ascontiguousarray(series.transpose(2, 0, 1))  # (6, E, U)
+    by_channel = channels_first(series)  # (6, E, U)
     transposed = by_channel.transpose(0, 2, 1)
     normal = by_channel @ transposed
     ridge = 1e-9 * normal.max() + 1e-12  # for series that vanish
