@@ -82,7 +82,7 @@ def run_filters(model: ProcessModel, inputs: Inputs) -> Track:
 
     In single precision the parallel form costs sharp encoders most of a standard deviation (parallel.py).
     """
-    if jax.default_backend() == "cpu" or inputs.y.dtype != jnp.float64:
+    if on_cpu() or inputs.y.dtype != jnp.float64:
         return filter_scan(model, inputs)
     return filter_parallel(model, inputs)
 
