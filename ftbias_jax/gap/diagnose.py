@@ -124,8 +124,7 @@ def _causes(
     for scored, hypothesis in zip(rounds, accepted.hypotheses, strict=False):
         twins = twins_of(problem, base, accepted, hypothesis, scored)
         values, stderr = parameters(problem, accepted, hypothesis)
-        held = hold_out(scored[0].fit, previous.error)
-        shrink = gap_removed(problem, previous.error, held.error) / max(total, 1e-12)
+        held, shrink = _judged(problem, hold_out, scored[0].fit, previous, total)
         of_mean.append(_candidate(hypothesis.effect, values, stderr, held, shrink, twins))
         previous = scored[0].fit
     of_samples = [_of_finding(finding, problem.duration) for finding in found]
@@ -133,6 +132,12 @@ def _causes(
         return tuple(of_samples + of_mean)
     # What is cut off is missing from the mean reading, too, and much else can look like that.
     return tuple(sorted(of_mean + of_samples, key=lambda cause: cause.effect != "saturation"))
+
+
+def _judged(problem: Problem, hold_out: Judge, better: Fit, worse: Fit, total: float) -> tuple[HeldOut, float]:
+    """A fit on blocks it has not seen, and the share of the whole gap that it removes there beyond another fit."""
+    held = hold_out(better, worse.error)
+    return held, gap_removed(problem, worse.error, held.error) / max(total, 1e-12)
 
 
 def _candidate(
@@ -177,8 +182,7 @@ def _ranking(
     ranked = [_of_finding(finding, problem.duration) for finding in found]
     for scored in rounds[0][:CANDIDATES] if rounds else []:
         values, stderr = parameters(problem, scored.fit, scored.hypothesis)
-        held = hold_out(scored.fit, base.error)
-        shrink = gap_removed(problem, base.error, held.error) / max(total, 1e-12)
+        held, shrink = _judged(problem, hold_out, scored.fit, base, total)
         ranked.append(_candidate(scored.hypothesis.effect, values, stderr, held, shrink))
     return tuple(sorted(ranked, key=lambda candidate: -candidate.held_out_gain))
 
