@@ -10,8 +10,9 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 
 from ftbias_jax.archive import FAILED, LOSS, OK, Entry, Task, provenance
+from ftbias_jax.atomic import make_folder
 from ftbias_jax.compilation import prepare_jax
-from ftbias_jax.errors import FtbiasError, OutputError, printable
+from ftbias_jax.errors import FtbiasError, printable
 from ftbias_jax.filter_file import Choices, filter_file
 from ftbias_jax.logs.parts import open_log
 from ftbias_jax.setup_types import Setup
@@ -71,18 +72,6 @@ def run_tasks(work: Work, tasks: Iterable[Task], jobs: int) -> Iterator[Entry]:
             # The system killed a process, and all in the pool are lost with it: the guilty one shows when it is alone.
             for task in flying.values():
                 yield _alone(work, task)
-
-
-def make_folder(path: str) -> None:
-    """Make a folder for results, if it is not there.
-
-    Raises:
-        OutputError: it cannot be made.
-    """
-    try:
-        os.makedirs(path, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder: {error.strerror}", file=path, remedy="name another") from error
 
 
 def _alone(work: Work, task: Task) -> Entry:

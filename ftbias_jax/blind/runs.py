@@ -12,9 +12,9 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ftbias_jax.atomic import write_json
+from ftbias_jax.atomic import make_folder, write_json
 from ftbias_jax.compilation import prepare_jax
-from ftbias_jax.errors import LogError, OutputError
+from ftbias_jax.errors import LogError
 from ftbias_jax.gap.diagnose import diagnose
 from ftbias_jax.gap.output import to_json
 from ftbias_jax.logs import read_log
@@ -62,12 +62,7 @@ def diagnose_all(tasks: Sequence[Task], jobs: int, report: Callable[[int], None]
         OutputError: the verdicts' folder cannot be made. LogError: a process died.
     """
     for folder in {task.verdict.parent for task in tasks}:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(
-                f"cannot make the folder: {error.strerror}", file=folder, remedy="name another"
-            ) from error
+        make_folder(folder)
     todo = [task for task in tasks if not task.verdict.exists()]
     troubles = {}
     for done, (task, trouble) in enumerate(_run(todo, jobs), len(tasks) - len(todo) + 1):
