@@ -25,7 +25,7 @@ LAYERS = (
     "regression tune identify",
     "gap",
     "results plot report_svg report_plots report logs writers compilation",
-    "filter_file archive workers",
+    "filter_file archive processes workers",
     "blind",
     "commands cli",
 )
