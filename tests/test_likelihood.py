@@ -13,7 +13,7 @@ from ftbias_jax.likelihood import WrenchProblem, log_likelihood
 from ftbias_jax.noise import JOINT_MODELS, bias_drift_noise
 from ftbias_jax.pipeline import Options
 from ftbias_jax.recursion import filter_scan
-from ftbias_jax.wrench import joint_sensitivity, measurement_covariance
+from ftbias_jax.wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
 
 BURN_IN = 0.1  # s, about ten samples
 
@@ -39,7 +39,7 @@ def wrench_models(params, samples, kind):
         motion, wrench_tool = pipeline.predict_wrench(params, mean)
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
         R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
-        return wrench_tool, R + pipeline.covariance_of_joints(G, covariance, kind)
+        return wrench_tool, R + covariance_of_joints(G, covariance, kind)
 
     return jax.vmap(one)(*joints)
 
