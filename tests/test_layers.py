@@ -27,7 +27,7 @@ LAYERS = (
     "results plot report_svg report_plots report logs writers compilation",
     "filter_file archive processes workers",
     "blind",
-    "commands cli",
+    "commands option_kinds cli",
 )
 RANK = {name: rank for rank, name in enumerate(" ".join(LAYERS).split())}
 
