@@ -17,7 +17,7 @@ PACKAGE = Path(ftbias_jax.__file__).parent
 LAYERS = (
     "errors types setup_types rotations robots setup_fields urdf urdf_robot setup_pose setup_parse setup_dump setup",
     "atomic npz_file progress",
-    "small_matrices whole_loops distributed gaussian screws arm_batch free_body newton ascent inertia",
+    "small_matrices whole_loops distributed gaussian screws arm_batch free_body newton ascent inertia stacks",
     "noise wrench wrench_piece wrench_slopes wrench_batch filter_step recursion backward parallel",
     "joint_filter bias_filter effects",
     "pipeline staged trajectories simulate",
