@@ -21,7 +21,7 @@ LAYERS = (
     "noise wrench wrench_piece wrench_slopes wrench_batch filter_step recursion backward parallel",
     "joint_filter bias_filter effects",
     "pipeline staged trajectories simulate",
-    "smooth likelihood consistency batch summary excitation",
+    "smooth likelihood consistency filtered batch summary excitation",
     "regression tune identify",
     "gap",
     "results plot report_svg report_plots report logs writers compilation",

@@ -14,7 +14,7 @@ from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
 from ftbias_jax.types import Array, Log
 
 if TYPE_CHECKING:
-    from ftbias_jax.batch import Filtered
+    from ftbias_jax.filtered import Filtered
     from ftbias_jax.gap.types import Diagnosis
     from ftbias_jax.simulate import Simulation
 
