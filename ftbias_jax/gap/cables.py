@@ -13,7 +13,8 @@ from ftbias_jax.effects.catalogue import CATALOGUE, neutral_values
 from ftbias_jax.effects.environment import cable_span
 from ftbias_jax.effects.types import Signals
 from ftbias_jax.gap.evaluate import whitened
-from ftbias_jax.gap.fit import Fit, gain_of_each, gains
+from ftbias_jax.gap.fit import Fit
+from ftbias_jax.gap.gains import gain_of_each, gains
 from ftbias_jax.gap.hypotheses import Hypothesis, at_values
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.types import Array

@@ -12,7 +12,8 @@ from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap.cables import cables
 from ftbias_jax.gap.evaluate import readings, slopes, whitened
 from ftbias_jax.gap.events import Found, Library
-from ftbias_jax.gap.fit import Fit, Gains, first_order, fit, gain_of_each, gains, keep
+from ftbias_jax.gap.fit import Fit, first_order, fit, keep
+from ftbias_jax.gap.gains import Gains, gain_of_each, gains
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
 

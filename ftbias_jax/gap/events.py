@@ -9,7 +9,8 @@ import numpy as np
 
 from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap.evaluate import whitened_series
-from ftbias_jax.gap.fit import Fit, gain_of_series, projection
+from ftbias_jax.gap.fit import Fit, projection
+from ftbias_jax.gap.gains import gain_of_series
 from ftbias_jax.gap.hypotheses import Event, Hypothesis
 from ftbias_jax.gap.problem import Problem
 

@@ -27,7 +27,6 @@ class Judge:
     """Holds out fits of one problem; each of them once, however often and against whatever it is judged."""
 
     def __init__(self, problem: Problem) -> None:
-        """Nothing is held out yet."""
         self._problem = problem
         self._errors: dict[int, tuple[Fit, np.ndarray]] = {}  # with the fit, or its id might be given again
 
