@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax import pipeline
-from ftbias_jax.pipeline import covariance_of_joints
-from ftbias_jax.wrench import Model, joint_sensitivity
+from ftbias_jax.wrench import Model, covariance_of_joints, joint_sensitivity
 from ftbias_jax.wrench_batch import PIECE, wrenches, wrenches_forward
 
 COUNT = PIECE + 9  # a whole piece and a part

@@ -12,8 +12,6 @@ from ftbias_jax.effects.recursions import lagged
 from ftbias_jax.effects.types import Effect, EffectValues, Parameter, Signals, Twin
 from ftbias_jax.types import Array
 
-SHORTEST_LAG = 1e-6
-"""s; a lag this short does nothing."""
 _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
 
 
@@ -24,7 +22,8 @@ def warmup(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 
 def temperature_drift(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """b + per_kelvin (temperature - its first value), after a first-order lag if the gauges follow the thermometer."""
-    cutoff = 1 / (2 * jnp.pi * jnp.maximum(values["lag"], SHORTEST_LAG))
+    lag = values["lag"]
+    cutoff = jnp.where(lag > 0, 1 / (2 * jnp.pi * jnp.where(lag > 0, lag, 1)), jnp.inf)
     felt = lagged(signals.t, signals.temperature[:, None], cutoff)[:, 0]
     warmer = felt - felt[0]
     return wrench - warmer[:, None] * values["per_kelvin"][None]

@@ -10,7 +10,8 @@ import numpy as np
 from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap.columns import PRIOR_STD
 from ftbias_jax.gap.evaluate import whitened_series
-from ftbias_jax.gap.fit import Fit, gain_of_series, projection
+from ftbias_jax.gap.fit import Fit, projection
+from ftbias_jax.gap.gains import gain_of_series
 from ftbias_jax.gap.hypotheses import Event, Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -19,6 +20,8 @@ Found: TypeAlias = tuple[float, Hypothesis]
 
 LEAST_EVENT = 60.0
 """nats of a single contact."""
+MOST_CONTACT = 0.35
+"""Share of the log: what touches the tool for longer is no event."""
 LONGEST_EVENT = 3.0
 """s; nor is what touches it once for longer."""
 TRIMS, TRIM_HATS = 3, 16
@@ -27,8 +30,6 @@ LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.002
 CLEAR_HATS = 2
 """Hats in a row that do not matter, less one, between two contacts."""
 REWEIGHTINGS = 6
-MOST_CONTACT = 0.35
-"""Share of the log: what touches the tool for longer is no event."""
 FINE = 17
 """Values tried at every refinement of a time or a time constant."""
 
@@ -199,7 +200,10 @@ def _trimmed(problem: Problem, alone: np.ndarray, events: list[Event]) -> list[E
         coefficients, _ = projection(white)(alone[None])
         nats = ((coefficients.reshape(-1, 1, 6) * white) ** 2).sum((1, 2)) / 2
         by_event = np.split(nats, np.cumsum(hyp.hats_of(h)))
-        events = [part for event, nats in zip(events, by_event[:-1], strict=True) for part in parts_of(event, nats)]
+        trimmed = [part for event, nats in zip(events, by_event[:-1], strict=True) for part in parts_of(event, nats)]
+        if trimmed == events:
+            break
+        events = trimmed
     return events
 
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from ftbias_jax.gap import model
 from ftbias_jax.gap.evaluate import slopes, whitened
-from ftbias_jax.gap.fit import Fit, gains
+from ftbias_jax.gap.fit import Fit
+from ftbias_jax.gap.gains import gains
 from ftbias_jax.gap.hypotheses import Hypothesis, at_values
 from ftbias_jax.gap.problem import Problem
 
