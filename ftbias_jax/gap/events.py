@@ -29,7 +29,7 @@ LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.002
 """nats, and share of the largest, of a hat function at the end of a contact."""
 CLEAR_HATS = 2
 """Hats in a row that do not matter, less one, between two contacts."""
-REWEIGHTINGS = 6
+REWEIGHTINGS = 4
 FINE = 17
 """Values tried at every refinement of a time or a time constant."""
 
@@ -155,7 +155,7 @@ def contacts(
     white = library.events_white
     power = np.maximum(np.einsum("cuk,cuk->ck", white, white), 1e-6)
     alone = robust_rest(smooth, accepted.error)
-    error, events = alone.astype(np.float32), []
+    error, events = alone, []
     for _ in range(hyp.MOST_EVENTS):
         along = np.einsum("cuk,uk->ck", white, error)
         gain = (along**2 / power / 2).sum(1)
@@ -179,16 +179,16 @@ def _is_short(problem: Problem, contact: Hypothesis) -> bool:
 
 
 def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """(U, 6) what columns (M, U, 6) leave of innovations if bins far from the others hardly count."""
-    if not len(columns):
-        return error
-    flat, rest = columns.reshape(len(columns), -1), error
-    for _ in range(REWEIGHTINGS):
+    """(U, 6) what columns (M, U, 6) leave of innovations if bins far from the others hardly count; single precision."""
+    flat, whole = columns.reshape(len(columns), error.size).astype(np.float32), error.astype(np.float32)
+    rest = whole
+    for _ in range(REWEIGHTINGS if len(columns) else 0):
         size = (rest**2).sum(1)
-        weight = np.repeat(1 / (1 + size / max(np.median(size), 6.0)), 6)
-        normal = (flat * weight) @ flat.T + np.eye(len(flat)) / PRIOR_STD**2
-        step = np.linalg.solve(normal, (flat * weight) @ error.ravel())
-        rest = error - (step @ flat).reshape(error.shape)
+        weight = np.repeat(1 / np.sqrt(1 + size / max(np.median(size), 6.0)), 6)
+        weighted = flat * weight
+        normal = (weighted @ weighted.T).astype(float) + np.eye(len(flat)) / PRIOR_STD**2
+        step = np.linalg.solve(normal, (weighted @ (whole.ravel() * weight)).astype(float))
+        rest = whole - (step.astype(np.float32) @ flat).reshape(error.shape)
     return rest
 
 
