@@ -2,20 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.stages import Lowered
 
+from ftbias_jax.effects.types import Signals, Values
 from ftbias_jax.gap import model
 from ftbias_jax.gap.problem import Part, Problem
-from ftbias_jax.likelihood import whiten
+from ftbias_jax.likelihood import WrenchProblem, whiten
 from ftbias_jax.types import Array
 
 LANES = 4
 """Readings or derivatives that one call works out."""
 WHITE_LANES = (8, 32)
 """Series that one call whitens, if there are few and if there are many."""
+
+
+def lower_programs(signals: Signals, wrench: WrenchProblem, known: Values) -> Iterator[Lowered]:
+    """The programs that the functions below call, ready to be compiled, the longest first.
+
+    Args:
+        signals, wrench: of one log; of series, shapes are enough. known: effects that the setup knows of.
+    """
+    bins, n = signals.q.shape
+
+    def of(*shape: int) -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct(shape, signals.q.dtype)
+
+    one, many = of(model.size(n)), of(LANES, model.size(n))
+    for derivative in (model.slopes, model.slopes_at_pose):
+        yield derivative.lower(signals, known, one, of(), many)
+    for reading in (model.predict_many, model.predict_at_pose):
+        yield reading.lower(signals, known, many, of(LANES))
+    for lanes in WHITE_LANES:
+        yield whiten.lower(wrench, of(lanes, bins, 6))
 
 
 def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
@@ -50,7 +73,7 @@ def _slopes(
 
     def of_log(part: Part) -> np.ndarray:
         def some(directions: Array) -> Array:
-            return program(part.signals, problem.known, jnp.asarray(z), jnp.asarray(link), directions)
+            return program(part.signals, problem.known, jnp.asarray(z), jnp.asarray(link, z.dtype), directions)
 
         return in_pieces(some, LANES, directions)[:, : part.used]
 

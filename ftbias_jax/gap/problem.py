@@ -137,6 +137,19 @@ def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.
     return noise_std, np.where(coarse, step**2 / 12 * dither, 0.0)
 
 
+def bins_of(t: np.ndarray, duration: float) -> tuple[np.ndarray, int, int]:
+    """The bin (T,) of every sample with a measurement, how many bins there are, and how many with their padding.
+
+    Args:
+        t: (T,) s, stamps of the samples. duration: s, of the log.
+    """
+    width = max(SHORTEST_BIN, np.nextafter(duration / MOST_BINS, np.inf))  # so that the last sample is in the last bin
+    # Bins without a sample are left out: a bin of a slow log is a sample.
+    found, index = np.unique((t / width).astype(int), return_inverse=True)
+    used = len(found)
+    return index, used, next((size for size in BINS if size >= used), used)
+
+
 @partial(jax.jit, static_argnames="options")
 def _smooth(params: Params, samples: Sample, options: Options) -> tuple[Array, Array, Array]:
     """Joint states (T, n, 3) given the whole log, the wrench (T, 6) they make the tool cause, and its variance."""
@@ -155,11 +168,7 @@ def _bin(
     wrench = found.clean_wrench
     rows = np.isfinite(wrench).any(1)
     t, duration = log.t[rows], float(log.t[-1])
-    width = max(SHORTEST_BIN, np.nextafter(duration / MOST_BINS, np.inf))  # so that the last sample is in the last bin
-    # Bins without a sample are left out: a bin of a slow log is a sample.
-    _, index = np.unique((t / width).astype(int), return_inverse=True)
-    used = int(index[-1]) + 1
-    padded = next((size for size in BINS if size >= used), used)
+    index, used, padded = bins_of(t, duration)
 
     def mean(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         flat = x.reshape(len(x), -1)
