@@ -12,7 +12,7 @@ import numpy as np
 from ftbias_jax.effects.catalogue import CATALOGUE, neutral_values
 from ftbias_jax.effects.environment import cable_span
 from ftbias_jax.effects.types import Signals
-from ftbias_jax.gap.evaluate import whitened
+from ftbias_jax.gap.evaluate import believed_motions, whitened
 from ftbias_jax.gap.fit import Fit, gain_of_each, gains
 from ftbias_jax.gap.hypotheses import Hypothesis, at_values
 from ftbias_jax.gap.problem import Problem
@@ -70,9 +70,10 @@ def _spans(problem: Problem, link: int) -> np.ndarray:
     """(4, U, 3) m, sensor frame: near end to the link's origin at q = 0, and what a metre of the anchor's axes adds."""
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
     parts = []
-    for part in problem.parts:
+    for part, motion in zip(problem.parts, believed_motions(problem), strict=True):
+        signals = part.signals._replace(motion=motion)
         attachment = neutral_values(CATALOGUE["cable"], part.signals.model)["attachment"]
-        ends = [_span(part.signals, jnp.asarray(corner), attachment, jnp.asarray(float(link))) for corner in corners]
+        ends = [_span(signals, jnp.asarray(corner), attachment, jnp.asarray(float(link))) for corner in corners]
         parts.append(np.stack([np.asarray(span)[: part.used] for span in ends]))
     spans = np.concatenate(parts, axis=1)
     spans[1:] -= spans[0]

@@ -40,6 +40,7 @@ def lower_programs(signals: Signals, wrench: WrenchProblem, known: Values) -> It
     moving = jax.eval_shape(model.motion, signals, known, one)
     yield model.slopes.lower(signals, known, moving, one, link, many, (moving,) * LANES)
     yield model.readings.lower(signals, known, (moving,) * LANES, many, of(LANES))
+    yield model.to_values.lower(signals, one, link)
     for lanes in WHITE_LANES:
         yield whiten.lower(wrench, of(lanes, bins, 6))
 
@@ -83,6 +84,12 @@ def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) 
         return in_pieces(some, LANES, np.array(places))[:, : part.used]
 
     return np.concatenate([of_log(part) for part in problem.parts], axis=1)
+
+
+def believed_motions(problem: Problem) -> list[ArmMotion]:
+    """How the arm moves in each log, if the joints are where the setup believes; B samples, with the padding."""
+    z = np.zeros(model.size(problem.joints))
+    return [model.motion(part.signals, problem.known, z) for part in problem.parts]
 
 
 def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
