@@ -34,7 +34,7 @@ def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
     Raises:
         Exception: what XLA says of a program that it cannot compile, at the end of the block.
     """
-    worker = ThreadPoolExecutor(1)
+    worker = ThreadPoolExecutor(2)
     try:
         compiling = [worker.submit(lowered.compile) for lowered in lower_search(setup, logs)]
         yield

@@ -73,7 +73,7 @@ def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) 
     def of_log(part: Part) -> np.ndarray:
         signals, known = part.signals, problem.known
         moving = model.motion(signals, known, z)
-        still = jax.tree.map(jnp.zeros_like, moving)
+        still = jax.tree.map(lambda x: jnp.asarray(np.zeros(x.shape, x.dtype)), moving)
         by_joint = model.motion_slopes(signals, known, z) if np.isin(places, joints).any() else ()
         change = dict(zip(joints, by_joint, strict=False))
 
