@@ -23,6 +23,9 @@ from ftbias_jax.pipeline import Params
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Log
 
+WORKERS = 2
+"""Programs that are compiled at a time, beside those of the smoother."""
+
 
 @contextmanager
 def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
@@ -34,7 +37,7 @@ def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
     Raises:
         Exception: what XLA says of a program that it cannot compile, at the end of the block.
     """
-    worker = ThreadPoolExecutor(2)
+    worker = ThreadPoolExecutor(WORKERS)
     try:
         compiling = [worker.submit(lowered.compile) for lowered in lower_search(setup, logs)]
         yield

@@ -35,11 +35,11 @@ def lower_programs(signals: Signals, wrench: WrenchProblem, known: Values) -> It
         return jax.ShapeDtypeStruct(shape, signals.q.dtype)
 
     one, many, link = of(model.size(n)), of(LANES, model.size(n)), of()
-    yield model.motion.lower(signals, known, one)
-    yield model.motion_slopes.lower(signals, known, one)
     moving = jax.eval_shape(model.motion, signals, known, one)
     yield model.slopes.lower(signals, known, moving, one, link, many, (moving,) * LANES)
+    yield model.motion_slopes.lower(signals, known, one)
     yield model.readings.lower(signals, known, (moving,) * LANES, many, of(LANES))
+    yield model.motion.lower(signals, known, one)
     yield model.to_values.lower(signals, one, link)
     for lanes in WHITE_LANES:
         yield whiten.lower(wrench, of(lanes, bins, 6))
