@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Files that are there whole or not at all, and the folders for them."""
 
 from __future__ import annotations
 
@@ -50,6 +50,18 @@ def write_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None
     """
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     write_atomic(path, lambda file: file.write(text.encode()))
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder for results, if it is not there.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    try:
+        os.makedirs(path, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder: {error.strerror}", file=path, remedy="name another") from error
 
 
 def _write_new(path: str, write: Callable[[BinaryIO], object]) -> None:

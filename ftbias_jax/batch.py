@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,9 +12,9 @@ import numpy as np
 from ftbias_jax import joint_filter, pipeline, smooth, staged
 from ftbias_jax.effects import chain
 from ftbias_jax.effects.types import Model
+from ftbias_jax.filtered import Filtered, join, keep, keep_staged
 from ftbias_jax.pipeline import DEFAULT_OPTIONS, Info, Options, Params, State
 from ftbias_jax.setup_types import Setup
-from ftbias_jax.staged import Staged
 from ftbias_jax.types import Array, Gaussian, Log, Sample
 
 CHUNK = 1 << 14
@@ -26,30 +25,6 @@ LAG_GUARD = 8.0
 likelihood trades noise of the acceleration against its lag at par, but the bias filter averages noise out and keeps the
 lag, which moves with the motion. On simulated logs the bias errors are smallest and the error bars hold around 8
 (experiments/joint_noise)."""
-
-
-class Filtered(NamedTuple):
-    """Result of filtering a log, at the stamps where any wrench axis was measured. Signs as in the report.
-
-    numpy arrays with leading axis T; the fields are those of the output file, with the same names. Effects that the
-    setup knows of are in wrench_tool, those of the bias (warming up, temperature) in bias.
-    """
-
-    t: Array
-    bias: Array
-    drift: Array
-    bias_std: Array
-    drift_std: Array
-    wrench_unbiased: Array
-    q: Array
-    dq: Array
-    ddq: Array
-    ddq_std: Array
-    wrench_tool: Array
-    innovation: Array
-    nis: Array
-    log_likelihood: Array
-    innovation_std: Array
 
 
 def params_for_log(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
@@ -98,7 +73,7 @@ def filter_log(
 def filter_parts(
     params: Params, first_q: Array, parts: Iterable[Log], options: Options = DEFAULT_OPTIONS
 ) -> Iterator[Filtered]:
-    """Filter a log that comes in parts; ``join`` makes them one result.
+    """Filter a log that comes in parts; ``filtered.join`` makes them one result.
 
     Args:
         params, options: of the pipeline; known effects need the whole log as one part. first_q: (n,) rad, the first
@@ -124,12 +99,6 @@ def filter_parts(
 
 def _rows(log: Log, first: int, count: int) -> dict[str, Array]:
     return {name: getattr(log, name)[first : first + count] for name in ("t", "q", "dq", "wrench", "temperature")}
-
-
-def join(parts: Sequence[Filtered]) -> Filtered:
-    """The results of consecutive parts as one."""
-    whole = Filtered(*(x[0] if x[0].ndim == 0 else np.concatenate(x) for x in zip(*parts, strict=True)))
-    return whole._replace(log_likelihood=np.sum([part.log_likelihood for part in parts]))
 
 
 def _filtered(params: Params, log: Log, samples: Sample, kept: dict[str, Array]) -> Filtered:
@@ -200,8 +169,8 @@ def _run(params: Params, state: State, samples: Sample, options: Options) -> tup
     """Filter by the fastest route that is exact for these parameters."""
     if staged.applies(options):
         state, track = staged.run(params, state, samples, options)
-        return state, _keep_staged(track, samples.wrench)
-    state, kept = pipeline.run(params, state, samples, options, _keep)
+        return state, keep_staged(track, samples.wrench)
+    state, kept = pipeline.run(params, state, samples, options, keep)
     return state, kept
 
 
@@ -236,35 +205,3 @@ def _used(state: State, info: Info) -> Array:
 
 def _keep_bias(state: State, info: Info) -> Gaussian:
     return state.bias
-
-
-def _keep(state: State, info: Info) -> dict[str, Array]:
-    """What the output needs of one step."""
-    std = partial(jnp.diagonal, axis1=-2, axis2=-1)
-    return {
-        "joint": state.joint.mean,
-        "ddq_std": jnp.sqrt(std(state.joint.covariance)[:, 2]),
-        "bias": state.bias.mean.reshape(2, 6),
-        "bias_std": jnp.sqrt(std(state.bias.covariance)).reshape(2, 6),
-        "wrench_tool": info.wrench_tool,
-        "innovation": info.wrench.value,
-        "innovation_std": jnp.sqrt(std(info.wrench.covariance)),
-        "nis": info.wrench.nis,
-        "log_likelihood": info.log_likelihood,
-    }
-
-
-def _keep_staged(track: Staged, wrench: Array) -> dict[str, Array]:
-    """The same of a staged run, which reports an innovation of 0 where nothing was measured."""
-    variances = [jnp.diagonal(track.covariance, axis1=1, axis2=2) for track in (track.joint, track.wrench)]
-    return {
-        "joint": jnp.swapaxes(track.joint.mean, 1, 2),
-        "ddq_std": jnp.sqrt(variances[0][:, :, 2]),
-        "bias": track.wrench.mean,
-        "bias_std": jnp.sqrt(jnp.swapaxes(variances[1], 1, 2)),
-        "wrench_tool": track.wrench_tool,
-        "innovation": jnp.where(jnp.isfinite(wrench), track.wrench.innovation[:, 0], jnp.nan),
-        "innovation_std": jnp.sqrt(track.wrench.innovation_variance[:, 0]),
-        "nis": track.wrench.nis.sum(1),
-        "log_likelihood": track.joint.log_likelihood.sum(1) + track.wrench.log_likelihood.sum(1),
-    }

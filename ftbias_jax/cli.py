@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 from ftbias_jax import __version__
 from ftbias_jax.errors import FtbiasError
+from ftbias_jax.option_kinds import count, gate, numbers, positive, process, restarts, seed, shard, share
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,14 +41,8 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"ftbias {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_filter(commands)
-    _add_tune(commands)
-    _add_identify(commands)
-    _add_simulate(commands)
-    _add_diagnose(commands)
-    _add_info(commands)
-    _add_blind(commands)
-    _add_demo(commands)
+    for add in (_add_filter, _add_tune, _add_identify, _add_simulate, _add_diagnose, _add_info, _add_blind, _add_demo):
+        add(commands)
     return parser
 
 
@@ -78,15 +73,15 @@ def _add_filter(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     )
     parser.add_argument(
         "--gate",
-        type=_gate,
+        type=gate,
         metavar="SIGMAS",
         help="do not use wrenches farther than this off their prediction: contacts and spikes (5 is usual)",
     )
     folders = parser.add_argument_group("for a folder OUT")
-    folders.add_argument("--jobs", type=_count, default=1, metavar="N", help="logs at a time (%(default)s)")
+    folders.add_argument("--jobs", type=count, default=1, metavar="N", help="logs at a time (%(default)s)")
     folders.add_argument(
         "--shard",
-        type=_shard,
+        type=shard,
         default=(1, 1),
         metavar="I/N",
         help="filter only the I-th of N shares, 1/N to N/N",
@@ -122,17 +117,17 @@ def _add_tune(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     )
     parser.add_argument(
         "--restarts",
-        type=_restarts,
+        type=restarts,
         default=1,
         metavar="N",
         help="further starts, all values off by random factors, to see whether they agree (%(default)s)",
     )
     parser.add_argument(
-        "--hold-out", type=_share, default=0.25, metavar="SHARE", help="end of every log kept to judge by (%(default)s)"
+        "--hold-out", type=share, default=0.25, metavar="SHARE", help="end of every log kept to judge by (%(default)s)"
     )
     parser.add_argument(
         "--distributed",
-        type=_process,
+        type=process,
         nargs="?",
         const=(None, None, None),
         metavar="HOST:PORT,N,I",
@@ -170,12 +165,12 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         metavar="NAME[:key=value,...]",
         help="what the setup does not know; vectors as 1/2/3; typical values if none are given; may be repeated",
     )
-    parser.add_argument("--duration", type=_positive, default=60.0, metavar="S", help="seconds (%(default)s)")
-    parser.add_argument("--rate", type=_positive, default=500.0, metavar="HZ", help="samples a second (%(default)s)")
+    parser.add_argument("--duration", type=positive, default=60.0, metavar="S", help="seconds (%(default)s)")
+    parser.add_argument("--rate", type=positive, default=500.0, metavar="HZ", help="samples a second (%(default)s)")
     parser.add_argument(
         "--motion", default="sines", metavar="sines|moves|FILE", help="motion, or a log to replay (%(default)s)"
     )
-    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
 
 
 def _add_diagnose(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -216,15 +211,15 @@ def _add_blind(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     actions = parser.add_subparsers(dest="action", required=True, metavar="make|score")
     maker = actions.add_parser("make", help="make logs by MuJoCo (needs the extra 'blind')")
     maker.add_argument("output", metavar="OUT", help="new folder for logs, setups and truth.json")
-    maker.add_argument("--count", type=_count, default=128, metavar="N", help="logs (%(default)s)")
-    maker.add_argument("--seed", type=_seed, default=0, metavar="S", help="the same makes the same logs (%(default)s)")
+    maker.add_argument("--count", type=count, default=128, metavar="N", help="logs (%(default)s)")
+    maker.add_argument("--seed", type=seed, default=0, metavar="S", help="the same makes the same logs (%(default)s)")
     effects = "all, catalogue, none, pairs, unlisted or names, by commas (%(default)s)"
     maker.add_argument("--effects", default="all", metavar="NAMES", help=effects)
     maker.add_argument(
-        "--duration", type=_numbers, default=(20.0, 60.0), metavar="S[,S]", help="shortest,longest (20,60)"
+        "--duration", type=numbers, default=(20.0, 60.0), metavar="S[,S]", help="shortest,longest (20,60)"
     )
     rates = (125.0, 200.0, 250.0, 400.0, 500.0)
-    maker.add_argument("--rate", type=_numbers, default=rates, metavar="HZ[,...]", help="to choose from (125 to 500)")
+    maker.add_argument("--rate", type=numbers, default=rates, metavar="HZ[,...]", help="to choose from (125 to 500)")
     maker.add_argument("--plain", action="store_true", help="one clock and all velocities in every log")
     scorer = actions.add_parser("score", help="diagnose every log of a set, then open truth.json and score")
     scorer.add_argument("folder", metavar="DIR", help="a set: log_*.npz, log_*.toml, truth.json")
@@ -234,7 +229,7 @@ def _add_blind(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--leave-one-out", action="store_true", help="leave each log's true effect out of the catalogue instead"
     )
     for one in (maker, scorer):
-        one.add_argument("--jobs", type=_count, default=1, metavar="N", help="processes (%(default)s)")
+        one.add_argument("--jobs", type=count, default=1, metavar="N", help="processes (%(default)s)")
 
 
 def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -245,74 +240,9 @@ def _add_demo(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         "into the setup, filter again, and compare with the truth.",
     )
     parser.add_argument("-o", "--output", default="ftbias_demo", metavar="DIR", help="folder to write (%(default)s)")
-    parser.add_argument("--duration", type=_positive, default=30.0, metavar="S", help="seconds (%(default)s)")
-    parser.add_argument("--rate", type=_positive, default=250.0, metavar="HZ", help="samples a second (%(default)s)")
-    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal() or int(text) >= 2**32:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to {2**32 - 1}, not {text!r}")
-    return int(text)
-
-
-def _process(text: str) -> tuple[str, int, int]:
-    coordinator, *numbers = text.split(",")
-    if ":" in coordinator and len(numbers) == 2 and all(x.isdecimal() for x in numbers):
-        count, index = map(int, numbers)
-        if index < count:
-            return coordinator, count, index
-    raise argparse.ArgumentTypeError(f"must be HOST:PORT,N,I with I from 0 to N - 1, not {text!r}")
-
-
-def _restarts(text: str) -> int:
-    if not text.isdecimal() or int(text) > 1024:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to 1024, not {text!r}")
-    return int(text)
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or not 0 < int(text) <= 100_000:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 100000, not {text!r}")
-    return int(text)
-
-
-def _shard(text: str) -> tuple[int, int]:
-    index, _, count = text.partition("/")
-    if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
-        raise argparse.ArgumentTypeError(f"must be I/N with I from 1 to N, not {text!r}")
-    return int(index), int(count)
-
-
-def _gate(text: str) -> float:
-    value = _positive(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"must be 1 or more standard deviations, not {text!r}")
-    return value
-
-
-def _numbers(text: str) -> tuple[float, ...]:
-    return tuple(_positive(number) for number in text.split(","))
-
-
-def _share(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value <= 0.9:
-        raise argparse.ArgumentTypeError(f"must be a share from 0 to 0.9, not {text!r}")
-    return value
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"must be a positive number, not {text!r}")
-    return value
+    parser.add_argument("--duration", type=positive, default=30.0, metavar="S", help="seconds (%(default)s)")
+    parser.add_argument("--rate", type=positive, default=250.0, metavar="HZ", help="samples a second (%(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
 
 
 if __name__ == "__main__":

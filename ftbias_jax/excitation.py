@@ -12,7 +12,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from ftbias_jax.batch import Filtered
+from ftbias_jax.filtered import Filtered
 from ftbias_jax.pipeline import Params, predict_wrench
 from ftbias_jax.types import Array
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from ftbias_jax import batch, excitation, summary
-from ftbias_jax.batch import Filtered
+from ftbias_jax.filtered import Filtered, join
 from ftbias_jax.logs.parts import OpenLog
 from ftbias_jax.logs.repairs import Repair, Repairs
 from ftbias_jax.pipeline import Params, options_from_setup, samples_from_log
@@ -78,7 +78,7 @@ def filter_file(
             yield part
 
     if keep or choices.smooth or not os.fspath(output).lower().endswith(".npz"):
-        filtered = batch.join(list(results()))
+        filtered = join(list(results()))
         arrays = filtered._asdict()
         if choices.smooth:
             mean, std = batch.smooth_log(likeliest, log.whole(), options)

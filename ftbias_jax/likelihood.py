@@ -17,6 +17,7 @@ from ftbias_jax.pipeline import DEFAULT_OPTIONS, Info, Options, Params, State
 from ftbias_jax.recursion import Inputs, filter_scan, innovations
 from ftbias_jax.smooth import smooth_joints
 from ftbias_jax.types import Array, Gaussian, Sample
+from ftbias_jax.wrench import unbias
 
 
 class LogLikelihood(NamedTuple):
@@ -150,6 +151,10 @@ def wrench_problem(
     """
     wrench_tool, variance = staged.predict_wrenches(params, joints, samples, options)
     bias = params.bias
-    level, drift = bias.prior_mean.reshape(2, 1, 6)
-    expected = level + jnp.cumsum(samples.dt)[:, None] * drift
-    return WrenchProblem(samples.dt, samples.wrench + expected, variance, bias.density, bias.prior_std), wrench_tool
+    wrench = without_bias(samples.wrench, bias.prior_mean, jnp.cumsum(samples.dt))
+    return WrenchProblem(samples.dt, wrench, variance, bias.density, bias.prior_std), wrench_tool
+
+
+def without_bias(wrench: Array, expected: Array, t: Array) -> Array:
+    """Readings (T, 6) at times t (T,) s, with the bias taken off that is expected: (12,) at t = 0, and its drift."""
+    return jax.vmap(unbias, (0, None, 0))(wrench, expected, t)

@@ -19,13 +19,19 @@ from ftbias_jax.bias_filter import BiasNoise
 from ftbias_jax.effects.catalogue import values_from_setup
 from ftbias_jax.effects.chain import fill_temperature
 from ftbias_jax.effects.types import Values
-from ftbias_jax.free_body import FreeBody, motion_of
+from ftbias_jax.free_body import FreeBody
 from ftbias_jax.gaussian import Innovation
 from ftbias_jax.joint_filter import JointNoise
 from ftbias_jax.screws import Arm, Motion, make_arm
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Array, Gaussian, Log, Sample
-from ftbias_jax.wrench import data_matrix, joint_sensitivity, measurement_covariance, tool_parameters
+from ftbias_jax.wrench import (
+    covariance_of_joints,
+    joint_sensitivity,
+    measurement_covariance,
+    motion_and_wrench,
+    tool_parameters,
+)
 
 
 class Params(NamedTuple):
@@ -232,27 +238,7 @@ def run(
 
 def predict_wrench(params: Params, joint_mean: Array) -> tuple[Motion, Array]:
     """Motion of the sensor and the wrench D theta (6,) of the tool, sensor frame, from joint states (n, 3)."""
-    motion = motion_of(params.arm, *joint_mean.T)
-    R_sensor_base = motion.R_base_sensor.T
-    D = data_matrix(
-        R_sensor_base @ (motion.linear_acceleration - params.gravity),
-        R_sensor_base @ motion.angular_velocity,
-        R_sensor_base @ motion.angular_acceleration,
-    )
-    return motion, D @ params.theta
-
-
-def covariance_of_joints(sensitivity: tuple[Array, Array], covariance: Array, kind: str) -> Array:
-    """sum_j G_j P_j G_j^T (6, 6) with G_j = (dW/dq_j, 0, dW/dddq_j), or its diagonal.
-
-    Args:
-        sensitivity: dW/dq and dW/dddq (6, n), of wrench.joint_sensitivity. covariance: (n, 3, 3) of the joint filter.
-        kind: "full" or "diagonal".
-    """
-    G, P = jnp.stack(sensitivity, -1), covariance[:, ::2, ::2]
-    if kind == "diagonal":
-        return jnp.diag(jnp.einsum("ind,nde,ine->i", G, P, G))
-    return jnp.einsum("ind,nde,jne->ij", G, P, G)
+    return motion_and_wrench(params.arm, params.gravity, params.theta, *joint_mean.T)
 
 
 def _array(x: Any, dtype: Any) -> Array:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ftbias_jax.batch import Filtered
+    from ftbias_jax.filtered import Filtered
 
 COLORS = ("#0072B2", "#D55E00", "#009E73")
 """Okabe and Ito's blue, vermilion and green: told apart by colour-blind readers."""

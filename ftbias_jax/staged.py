@@ -19,11 +19,11 @@ from ftbias_jax.effects.types import Model, Signals
 from ftbias_jax.free_body import FreeBody
 from ftbias_jax.noise import JOINT_MODELS, ProcessModel, drift_noise
 from ftbias_jax.parallel import filter_parallel
-from ftbias_jax.pipeline import Options, Params, State, covariance_of_joints, pad, predict_wrench
+from ftbias_jax.pipeline import Options, Params, State, pad, predict_wrench
 from ftbias_jax.recursion import Inputs, Track, filter_scan
 from ftbias_jax.types import Array, Gaussian, Sample
 from ftbias_jax.whole_loops import on_cpu
-from ftbias_jax.wrench import joint_sensitivity, measurement_covariance
+from ftbias_jax.wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
 from ftbias_jax.wrench_batch import PIECE, wrenches
 
 CHUNK = 1024
@@ -82,7 +82,7 @@ def run_filters(model: ProcessModel, inputs: Inputs) -> Track:
 
     In single precision the parallel form costs sharp encoders most of a standard deviation (parallel.py).
     """
-    if jax.default_backend() == "cpu" or inputs.y.dtype != jnp.float64:
+    if on_cpu() or inputs.y.dtype != jnp.float64:
         return filter_scan(model, inputs)
     return filter_parallel(model, inputs)
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.batch import Filtered
+from ftbias_jax.filtered import Filtered
 from ftbias_jax.types import Array
 
 AHEAD = 1.0

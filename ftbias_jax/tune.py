@@ -24,6 +24,7 @@ from ftbias_jax.noise import JOINT_MODELS, drift_noise
 from ftbias_jax.pipeline import DEFAULT_OPTIONS, Options, Params
 from ftbias_jax.recursion import filter_scan
 from ftbias_jax.smooth import smooth_joints
+from ftbias_jax.stacks import cut, equal_parts, stack
 from ftbias_jax.types import Array, Sample
 
 PIECE = 4096
@@ -133,9 +134,9 @@ def tune_joints(
     Returns:
         params with the fitted noise, and the fit.
     """
-    pieces = [piece for log in logs for piece in _cut(log)]
+    pieces = [piece for log in logs for piece in cut(log, PIECE)]
     longest = max(len(piece.dt) for piece in pieces)
-    parts = [(params, stack(part, longest)) for part in _equal_parts(pieces, PIECES_AT_ONCE)]
+    parts = [(params, stack(part, longest)) for part in equal_parts(pieces, PIECES_AT_ONCE)]
     start = {name: getattr(params.joint, name) for name in ties}
     fit = _fit(JointScore(tuple(ties), options.joint_model, burn_in), parts, start, ties, restarts, report, total)
     return params._replace(joint=params.joint._replace(**_arrays(fit, params))), fit
@@ -158,7 +159,7 @@ def tune_wrench(
             of the diagonal of Sigma_W. The others: as for ``tune_joints``.
     """
     longest = max(len(log.dt) for log in logs)
-    samples = [stack(part, longest) for part in _equal_parts(list(logs), max(1, SAMPLES_AT_ONCE // longest))]
+    samples = [stack(part, longest) for part in equal_parts(list(logs), max(1, SAMPLES_AT_ONCE // longest))]
     wrenches = newton.for_each(partial(_smoothed_wrenches, params, options=options), samples)
     parts = [(params, WrenchLogs(part, *wrench)) for part, wrench in zip(samples, wrenches, strict=True)]
     return fit_wrench(params, parts, ties, burn_in, restarts, report, total)
@@ -186,45 +187,6 @@ def with_wrench_noise(params: Params, noise: dict[str, Array]) -> Params:
     if "wrench_std" in noise:
         bias = bias._replace(wrench_variance=noise["wrench_std"] ** 2)
     return params._replace(bias=bias)
-
-
-def stack(logs: Sequence[Sample], length: int = 0) -> Sample:
-    """Logs of unequal length as one bundle with a leading log axis, padded by samples that change nothing.
-
-    Args:
-        logs: at least one. length: samples to pad to, if it is more than the longest has.
-    """
-    length = max(length, *(log.dt.shape[0] for log in logs))
-    bundle = []
-    for name, leaves in zip(Sample._fields, zip(*logs, strict=True), strict=True):
-        if any(leaf is None for leaf in leaves):
-            continue
-        # numpy, for every new shape would cost JAX a compilation
-        filled = np.full((len(logs), length, *leaves[0].shape[1:]), 0.0 if name == "dt" else np.nan, leaves[0].dtype)
-        for row, leaf in zip(filled, leaves, strict=True):
-            row[: len(leaf)] = leaf
-        bundle.append(jnp.asarray(filled))
-    return Sample(*bundle)
-
-
-def _cut(log: Sample) -> list[Sample]:
-    """Pieces of at most PIECE samples, each starting as a log of its own."""
-    whole = Sample(*(np.asarray(x) for x in log[:4]))  # joints do not feel the temperature
-    starts = range(0, len(whole.dt), PIECE)
-    pieces = [Sample(*(x[start : start + PIECE] for x in whole[:4])) for start in starts]
-    return [piece._replace(dt=np.concatenate([[0], piece.dt[1:]])) for piece in pieces]
-
-
-def _equal_parts(logs: list[Sample], at_once: int) -> list[list[Sample]]:
-    """Parts of equally many logs, at most ``at_once``, some filled up by a log that measured nothing.
-
-    The first parts are to speak for all, so each takes logs from everywhere.
-    """
-    count = -(-len(logs) // at_once)
-    size = -(-len(logs) // count)
-    nothing = jax.tree.map(lambda x: np.full_like(x[:1], np.nan), logs[0])._replace(dt=np.zeros(1))
-    filled = logs + [nothing] * (count * size - len(logs))
-    return [filled[i::count] for i in range(count)]
 
 
 @partial(jax.jit, static_argnames="options")

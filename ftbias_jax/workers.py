@@ -1,19 +1,17 @@
-"""Logs of an archive filtered one after the other, or by several processes that do not take each other down."""
+"""Logs of an archive filtered, each whatever becomes of the others."""
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 
 from ftbias_jax.archive import FAILED, LOSS, OK, Entry, Task, provenance
+from ftbias_jax.atomic import make_folder
 from ftbias_jax.compilation import prepare_jax
-from ftbias_jax.errors import FtbiasError, OutputError, printable
+from ftbias_jax.errors import FtbiasError, printable
 from ftbias_jax.filter_file import Choices, filter_file
 from ftbias_jax.logs.parts import open_log
+from ftbias_jax.processes import run_each
 from ftbias_jax.setup_types import Setup
 
 KILLED = "its process was killed: too little memory? (give it more, or filter it alone)"
@@ -53,47 +51,5 @@ def run_tasks(work: Work, tasks: Iterable[Task], jobs: int) -> Iterator[Entry]:
     """
     if jobs == 1:
         prepare_jax()
-        yield from map(work, tasks)
-        return
-    waiting = deque(tasks)
-    while waiting:
-        flying: dict[Future[Entry], Task] = {}
-        try:
-            with _pool(jobs) as pool:
-                while waiting or flying:
-                    while waiting and len(flying) < jobs:
-                        task = waiting.popleft()
-                        flying[pool.submit(work, task)] = task
-                    for future in wait(flying, return_when=FIRST_COMPLETED).done:
-                        yield future.result()
-                        del flying[future]
-        except BrokenProcessPool:
-            # The system killed a process, and all in the pool are lost with it: the guilty one shows when it is alone.
-            for task in flying.values():
-                yield _alone(work, task)
-
-
-def make_folder(path: str) -> None:
-    """Make a folder for results, if it is not there.
-
-    Raises:
-        OutputError: it cannot be made.
-    """
-    try:
-        os.makedirs(path, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder: {error.strerror}", file=path, remedy="name another") from error
-
-
-def _alone(work: Work, task: Task) -> Entry:
-    try:
-        with _pool(1) as pool:
-            return pool.submit(work, task).result()
-    except BrokenProcessPool:
-        return Entry(*task, status=FAILED, error=printable(f"{task.log}: {KILLED}"))
-
-
-def _pool(jobs: int) -> ProcessPoolExecutor:
-    # Spawned, not forked: JAX runs threads, which a fork would leave behind in the middle of what they do.
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(jobs, mp_context=context, initializer=prepare_jax)
+    for task, entry in run_each(work, tasks, jobs):
+        yield entry or Entry(*task, status=FAILED, error=printable(f"{task.log}: {KILLED}"))

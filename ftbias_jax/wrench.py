@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.free_body import FreeBody, motion_of
-from ftbias_jax.screws import Arm, skew
+from ftbias_jax.screws import Arm, Motion, skew
 from ftbias_jax.types import Array
 
 _DEAD_ROWS = {0: (3, 4, 5), 1: (3,), 2: (4,), 3: (5,)} | dict.fromkeys(range(4, 10), (0, 1, 2))
@@ -118,6 +118,19 @@ def joint_sensitivity(theta: Array, R_base_sensor: Array, jacobian: Array, gravi
     return _inertial_wrench(theta, falling, jnp.zeros_like(angular)), _inertial_wrench(theta, linear, angular)
 
 
+def covariance_of_joints(sensitivity: tuple[Array, Array], covariance: Array, kind: str) -> Array:
+    """sum_j G_j P_j G_j^T (6, 6) with G_j = (dW/dq_j, 0, dW/dddq_j), or its diagonal.
+
+    Args:
+        sensitivity: dW/dq and dW/dddq (6, n), of ``joint_sensitivity``. covariance: (n, 3, 3) of the joint filter.
+        kind: "full" or "diagonal".
+    """
+    G, P = jnp.stack(sensitivity, -1), covariance[:, ::2, ::2]
+    if kind == "diagonal":
+        return jnp.diag(jnp.einsum("ind,nde,ine->i", G, P, G))
+    return jnp.einsum("ind,nde,jne->ij", G, P, G)
+
+
 def _inertial_wrench(theta: Array, linear: Array, angular: Array) -> Array:
     """D theta at zero angular velocity, for columns (3, n) of linear and angular acceleration."""
     mass, first_moment = theta[0], theta[1:4]
@@ -136,8 +149,17 @@ def unbias(wrench: Array, bias_and_drift: Array, elapsed: Array) -> Array:
     return wrench + bias_and_drift[:6] + elapsed * bias_and_drift[6:]
 
 
-def tool_wrench(arm: Arm | FreeBody, gravity: Array, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
-    """Wrench W = D theta that the sensor exerts on the tool; (n,) joint states -> (6,) N, Nm, sensor frame."""
+def motion_and_wrench(
+    arm: Arm | FreeBody, gravity: Array, theta: Array, q: Array, dq: Array, ddq: Array
+) -> tuple[Motion, Array]:
+    """Motion of the sensor, and the wrench W = D theta that it exerts on the tool.
+
+    Args:
+        arm, gravity, theta: as in ``Model``. q, dq, ddq: (n,) states of the joints.
+
+    Returns:
+        the motion, base frame, and (6,) N, Nm, sensor frame.
+    """
     motion = motion_of(arm, q, dq, ddq)
     R_sensor_base = motion.R_base_sensor.T
     D = data_matrix(
@@ -145,4 +167,9 @@ def tool_wrench(arm: Arm | FreeBody, gravity: Array, theta: Array, q: Array, dq:
         R_sensor_base @ motion.angular_velocity,
         R_sensor_base @ motion.angular_acceleration,
     )
-    return D @ theta
+    return motion, D @ theta
+
+
+def tool_wrench(arm: Arm | FreeBody, gravity: Array, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
+    """The wrench (6,) of ``motion_and_wrench`` alone."""
+    return motion_and_wrench(arm, gravity, theta, q, dq, ddq)[1]

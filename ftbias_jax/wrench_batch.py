@@ -27,7 +27,7 @@ Columns = tuple[Array, ...]
 
 
 def wrenches(model: Model, mean: Array, covariance: Array | None) -> tuple[Array, Array]:
-    """D theta, and the diagonal of sum_j G_j P_j G_j^T (pipeline.covariance_of_joints).
+    """D theta, and the diagonal of sum_j G_j P_j G_j^T (wrench.covariance_of_joints).
 
     Args:
         model: arm, gravity and tool. mean: (T, 3, n) joint states. covariance: (T, 3, 3, n), or None for zeros.

@@ -4,7 +4,7 @@ import stat
 import numpy as np
 import pytest
 
-from ftbias_jax.atomic import write_atomic
+from ftbias_jax.atomic import make_folder, write_atomic
 from ftbias_jax.errors import OutputError
 from ftbias_jax.results import load_npz, save_npz
 
@@ -96,3 +96,11 @@ def test_objects_are_not_written(tmp_path):
     with pytest.raises(ValueError, match="not plain numbers: b"):
         save_npz(tmp_path / "a.npz", {"a": np.zeros(2), "b": np.array([None])})
     assert os.listdir(tmp_path) == []
+
+
+def test_a_folder_is_made_with_those_above_it_or_told(tmp_path):
+    make_folder(tmp_path / "a" / "b")
+    make_folder(tmp_path / "a" / "b")
+    assert (tmp_path / "a" / "b").is_dir()
+    (tmp_path / "file").touch()
+    fails(lambda: make_folder(tmp_path / "file"), tmp_path / "file", "cannot make the folder", "name another")

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ftbias_jax import batch, pipeline, smooth
-from ftbias_jax.batch import Filtered
+from ftbias_jax.filtered import Filtered
 from ftbias_jax.logs import read_log
 from ftbias_jax.noise import integrated_jerk_noise
 from ftbias_jax.pipeline import Options

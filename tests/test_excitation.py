@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax import excitation
-from ftbias_jax.batch import Filtered
+from ftbias_jax.filtered import Filtered
 from ftbias_jax.pipeline import params_from_setup
 from ftbias_jax.setup import parse_setup
 

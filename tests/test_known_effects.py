@@ -4,17 +4,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from demo_logs import T, recorder
 
-from ftbias_jax import batch, pipeline, simulate, staged, trajectories
-from ftbias_jax.commands.demo import CENTER, EXCURSION, SETUP
+from ftbias_jax import batch, pipeline, staged
+from ftbias_jax.commands.demo import SETUP
 from ftbias_jax.effects.catalogue import CATALOGUE, typical_values
 from ftbias_jax.effects.types import Model
 from ftbias_jax.pipeline import Options
 from ftbias_jax.setup import parse_setup
-from ftbias_jax.types import Log
 
 SMOOTH = [name for name, effect in CATALOGUE.items() if effect.smooth]
-LENGTH, RATE = 4000, 200.0
 
 
 @pytest.fixture(scope="module")
@@ -32,15 +31,7 @@ def params(setup):
 @pytest.fixture(scope="module")
 def record(params):
     """(effects or None) -> the log of one motion with these effects; the noise is the same in all."""
-    t = jnp.arange(LENGTH) / RATE
-    trajectory = trajectories.excitation_sines(jax.random.key(1), t, jnp.array(CENTER), jnp.array(EXCURSION))
-    temperature = 25 + 4 * jnp.sin(t / 3)
-
-    def make(effects):
-        made = simulate.simulate(jax.random.key(2), params, trajectory, effects, temperature)
-        return Log(*(np.asarray(x) for x in (made.t, made.q, made.dq, made.wrench, made.temperature)))
-
-    return make
+    return recorder(params, 1, temperature=25 + 4 * np.sin(T / 3))
 
 
 def strong(name, params):

@@ -17,17 +17,17 @@ PACKAGE = Path(ftbias_jax.__file__).parent
 LAYERS = (
     "errors types setup_types rotations robots setup_fields urdf urdf_robot setup_pose setup_parse setup_dump setup",
     "atomic npz_file progress",
-    "small_matrices whole_loops distributed gaussian screws arm_batch free_body newton ascent inertia",
+    "small_matrices whole_loops distributed gaussian screws arm_batch free_body newton ascent inertia stacks",
     "noise wrench wrench_piece wrench_slopes wrench_batch filter_step recursion backward parallel",
     "joint_filter bias_filter effects",
     "pipeline staged trajectories simulate",
-    "smooth likelihood consistency batch summary excitation",
+    "smooth likelihood consistency filtered batch summary excitation",
     "regression tune identify",
     "gap",
     "results plot report_svg report_plots report logs writers compilation",
-    "filter_file archive workers",
+    "filter_file archive processes workers",
     "blind",
-    "commands cli",
+    "commands option_kinds cli",
 )
 RANK = {name: rank for rank, name in enumerate(" ".join(LAYERS).split())}
 

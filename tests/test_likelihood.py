@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from ftbias_jax import likelihood, pipeline, staged, tune
+from ftbias_jax import likelihood, pipeline, staged
 from ftbias_jax.likelihood import WrenchProblem, log_likelihood
 from ftbias_jax.noise import JOINT_MODELS, bias_drift_noise
 from ftbias_jax.pipeline import Options
 from ftbias_jax.recursion import filter_scan
-from ftbias_jax.wrench import joint_sensitivity, measurement_covariance
+from ftbias_jax.stacks import stack
+from ftbias_jax.wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
 
 BURN_IN = 0.1  # s, about ten samples
 
@@ -39,7 +40,7 @@ def wrench_models(params, samples, kind):
         motion, wrench_tool = pipeline.predict_wrench(params, mean)
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
         R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
-        return wrench_tool, R + pipeline.covariance_of_joints(G, covariance, kind)
+        return wrench_tool, R + covariance_of_joints(G, covariance, kind)
 
     return jax.vmap(one)(*joints)
 
@@ -123,7 +124,7 @@ def test_gradient_is_the_limit_of_differences(params, samples):
 
 def test_padded_logs_side_by_side_count_nothing_more(params, samples):
     short = jax.tree.map(lambda x: x[:25], samples)
-    both = jax.jit(jax.vmap(lambda log: log_likelihood(params, log)))(tune.stack([samples, short]))
+    both = jax.jit(jax.vmap(lambda log: log_likelihood(params, log)))(stack([samples, short]))
     for i, log in enumerate((samples, short)):
         alone = log_likelihood(params, log)
         np.testing.assert_allclose(both.joint[i], alone.joint, rtol=1e-12)

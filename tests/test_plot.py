@@ -7,8 +7,8 @@ import pytest
 from matplotlib.image import imread
 
 from ftbias_jax import plot
-from ftbias_jax.batch import Filtered
 from ftbias_jax.errors import OutputError
+from ftbias_jax.filtered import Filtered
 
 COUNT = 300
 

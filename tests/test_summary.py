@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ftbias_jax import summary
-from ftbias_jax.batch import Filtered
+from ftbias_jax.filtered import Filtered
 from ftbias_jax.summary import Summary
 
 COUNT = 60

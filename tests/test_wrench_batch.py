@@ -9,8 +9,7 @@ import pytest
 
 from ftbias_jax import pipeline
 from ftbias_jax.arm_batch import arm_motion
-from ftbias_jax.pipeline import covariance_of_joints
-from ftbias_jax.wrench import Model, joint_sensitivity
+from ftbias_jax.wrench import Model, covariance_of_joints, joint_sensitivity
 from ftbias_jax.wrench_batch import PIECE, wrenches, wrenches_in_motion
 
 COUNT = PIECE + 9  # a whole piece and a part

@@ -18,6 +18,7 @@ from ftbias_jax.likelihood import wrench_given_joints
 from ftbias_jax.noise import JOINT_MODELS
 from ftbias_jax.pipeline import DEFAULT_OPTIONS
 from ftbias_jax.recursion import filter_scan
+from ftbias_jax.stacks import stack
 from ftbias_jax.types import Sample
 
 SAMPLES, RATE, SEEDS = 60_000, 500.0, 20
@@ -75,7 +76,7 @@ def filtered_wrench(params, log):
 
 def tune_given(params, log, wrench_tool, joint_variance):
     """The wrench stage alone, for a given wrench of the tool."""
-    whole = tune.WrenchLogs(tune.stack([log]), wrench_tool[None], joint_variance[None])
+    whole = tune.WrenchLogs(stack([log]), wrench_tool[None], joint_variance[None])
     return tune.fit_wrench(params, [(params, whole)], WRENCH_TIES)[1]
 
 

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ftbias_jax.atomic import write_json
-from ftbias_jax.compilation import prepare_jax
-from ftbias_jax.errors import LogError, OutputError
+from ftbias_jax.atomic import make_folder, write_json
+from ftbias_jax.errors import LogError
 from ftbias_jax.gap.diagnose import diagnose
 from ftbias_jax.gap.output import to_json
 from ftbias_jax.logs import read_log
+from ftbias_jax.processes import run_each
 from ftbias_jax.setup import load_setup
+
+KILLED = "its process was killed: too little memory? (give it more, or fewer --jobs)"
 
 
 class Task(NamedTuple):
@@ -59,35 +58,17 @@ def diagnose_all(tasks: Sequence[Task], jobs: int, report: Callable[[int], None]
         Name of a log -> why there is no diagnosis of it.
 
     Raises:
-        OutputError: the verdicts' folder cannot be made. LogError: a process died.
+        OutputError: the verdicts' folder cannot be made.
     """
     for folder in {task.verdict.parent for task in tasks}:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(
-                f"cannot make the folder: {error.strerror}", file=folder, remedy="name another"
-            ) from error
+        make_folder(folder)
     todo = [task for task in tasks if not task.verdict.exists()]
     troubles = {}
-    for done, (task, trouble) in enumerate(_run(todo, jobs), len(tasks) - len(todo) + 1):
+    for done, (task, trouble) in enumerate(run_each(diagnose_one, todo, jobs), len(tasks) - len(todo) + 1):
         report(done)
-        if trouble:
-            troubles[task.log.stem] = trouble
+        if trouble != "":
+            troubles[task.log.stem] = trouble or KILLED
     return troubles
-
-
-def _run(todo: Sequence[Task], jobs: int) -> Iterator[tuple[Task, str]]:
-    if jobs == 1:
-        yield from ((task, diagnose_one(task)) for task in todo)
-        return
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), initializer=prepare_jax) as pool:
-        running = {pool.submit(diagnose_one, task): task for task in todo}
-        try:
-            yield from ((running[future], future.result()) for future in as_completed(running))
-        except BrokenProcessPool as error:
-            remedy = "give it memory or fewer --jobs; what was diagnosed is kept"
-            raise LogError("a process that diagnosed logs died", file=todo[0].log.parent, remedy=remedy) from error
 
 
 def diagnose_one(task: Task) -> str:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from ftbias_jax.atomic import write_json
+from ftbias_jax.atomic import make_folder, write_json
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.progress import Progress
 
@@ -31,10 +31,7 @@ def make(arguments: argparse.Namespace) -> int:
     except ValueError as error:
         raise UsageError(str(error), field="--effects") from error
     folder = Path(arguments.output)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder: {error.strerror}", file=folder, remedy="name another") from error
+    make_folder(folder)
     if any(folder.glob("log_*")) or (folder / "truth.json").exists():
         raise OutputError("holds a set already", file=folder, remedy="name a new folder")
     report = Progress(f"making {arguments.count} logs", arguments.count)

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ftbias_jax.atomic import write_atomic
+from ftbias_jax.atomic import make_folder, write_atomic
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
 from ftbias_jax.types import Array, Log
 
 if TYPE_CHECKING:
-    from ftbias_jax.batch import Filtered
+    from ftbias_jax.filtered import Filtered
     from ftbias_jax.gap.types import Diagnosis
     from ftbias_jax.simulate import Simulation
 
@@ -42,10 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder, count = Path(arguments.output), round(arguments.duration * arguments.rate)
     if count < 2:
         raise UsageError(f"{count} samples are no log", field="--duration", remedy="ask for more seconds")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder: {error.strerror}", file=folder, remedy="name another") from error
+    make_folder(folder)
 
     from ftbias_jax.compilation import prepare_jax
 

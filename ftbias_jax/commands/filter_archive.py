@@ -23,6 +23,7 @@ from ftbias_jax.archive import (
     save_manifest,
     shard,
 )
+from ftbias_jax.atomic import make_folder
 from ftbias_jax.errors import UsageError
 from ftbias_jax.progress import Progress
 from ftbias_jax.setup import load_setup
@@ -43,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     tasks = shard(find_logs(arguments.logs, folder, f".{arguments.format}"), index, count)
 
     from ftbias_jax.filter_file import Choices
-    from ftbias_jax.workers import filter_task, make_folder, run_tasks
+    from ftbias_jax.workers import filter_task, run_tasks
 
     make_folder(folder)
     choices = Choices(arguments.smooth)

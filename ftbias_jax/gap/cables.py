@@ -13,7 +13,8 @@ from ftbias_jax.effects.catalogue import CATALOGUE, neutral_values
 from ftbias_jax.effects.environment import cable_span
 from ftbias_jax.effects.types import Signals
 from ftbias_jax.gap.evaluate import believed_motions, whitened
-from ftbias_jax.gap.fit import Fit, gain_of_each, gains
+from ftbias_jax.gap.fit import Fit
+from ftbias_jax.gap.gains import gain_of_each, gains
 from ftbias_jax.gap.hypotheses import Hypothesis, at_values
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.types import Array
@@ -40,7 +41,7 @@ def cables(problem: Problem, accepted: Fit) -> list[tuple[float, Hypothesis]]:
     rng = np.random.default_rng(0)
     found: list[tuple[float, float, float, np.ndarray, int]] = []
     for link in dict.fromkeys((0, *(max(n - back, 0) for back in FOREARM))):
-        spans = _spans(problem, link)
+        spans = _spans(problem, link, attachment)
         near = rng.uniform(0.2, 0.9, (ANCHORS, 1)) * np.asarray(model.arm.zero_position) if link else 0.0
         anchors = near + rng.uniform(-1, 1, (ANCHORS, 3)) * (0.3 if link else 0.7 * reach)
         anchors = np.concatenate([anchors, _without_slack(problem, accepted, spans, attachment)])
@@ -66,14 +67,14 @@ def _span(signals: Signals, anchor: Array, attachment: Array, link: Array) -> Ar
     return cable_span({"anchor": anchor, "attachment": attachment, "link": link}, signals)
 
 
-def _spans(problem: Problem, link: int) -> np.ndarray:
+def _spans(problem: Problem, link: int, attachment: np.ndarray) -> np.ndarray:
     """(4, U, 3) m, sensor frame: near end to the link's origin at q = 0, and what a metre of the anchor's axes adds."""
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    fixed = jnp.asarray(attachment), jnp.asarray(float(link))
     parts = []
     for part, motion in zip(problem.parts, believed_motions(problem), strict=True):
         signals = part.signals._replace(motion=motion)
-        attachment = neutral_values(CATALOGUE["cable"], part.signals.model)["attachment"]
-        ends = [_span(signals, jnp.asarray(corner), attachment, jnp.asarray(float(link))) for corner in corners]
+        ends = [_span(signals, jnp.asarray(corner), *fixed) for corner in corners]
         parts.append(np.stack([np.asarray(span)[: part.used] for span in ends]))
     spans = np.concatenate(parts, axis=1)
     spans[1:] -= spans[0]

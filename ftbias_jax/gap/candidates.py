@@ -12,7 +12,8 @@ from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap.cables import cables
 from ftbias_jax.gap.evaluate import readings, slopes, whitened
 from ftbias_jax.gap.events import Found, Library
-from ftbias_jax.gap.fit import Fit, Gains, first_order, fit, gain_of_each, gains, keep
+from ftbias_jax.gap.fit import Fit, first_order, fit, keep
+from ftbias_jax.gap.gains import Gains, gain_of_each, gains
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -116,22 +117,19 @@ def _smooth(
     if "crosstalk" not in taken:
         leaks = model.coordinates(n, "crosstalk").tolist()
         wanted.append(Hypothesis("crosstalk", tuple(leaks), (0.0,) * len(leaks)))
+    found: list[Found] = []
     columns: dict[Hypothesis, np.ndarray] = {}
     for fixed in dict.fromkeys(h.fixed for h in wanted):
         alike = [h for h in wanted if h.fixed == fixed]
         places = [i for h in alike for i in h.free]
         white = whitened(problem, slopes(problem, keep(accepted.z, alike[0]), accepted.link, places))
-        columns |= zip(alike, np.split(white, np.cumsum([len(h.free) for h in alike])[:-1]), strict=True)
-    found: list[Found] = []
-    for h in wanted:
-        prepared = gains(accepted, columns[h])
-        if h.effect != "crosstalk":
-            found.append((prepared.of(list(range(len(h.free)))), h))
-            continue
-        gained, chosen = _leaks(prepared, list(range(len(h.free))))
-        few = Hypothesis("crosstalk", tuple(h.free[i] for i in chosen), (0.0,) * len(chosen))
-        columns[few] = columns[h][chosen]
-        found += [(gained, few)] if chosen else []
+        prepared, row = gains(accepted, white), iter(range(len(places)))
+        for h in alike:
+            rows = [next(row) for _ in h.free]
+            gain, chosen = _leaks(prepared, rows) if h.effect == "crosstalk" else (prepared.of(rows), rows)
+            few = h._replace(free=tuple(places[i] for i in chosen), start=(0.0,) * len(chosen))
+            columns[few] = white[chosen]
+            found += [(gain, few)] if chosen else []
     return found, columns
 
 

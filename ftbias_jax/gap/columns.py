@@ -37,7 +37,7 @@ class Columns(NamedTuple):
 def products(columns: Columns, others: np.ndarray) -> np.ndarray:
     """(M, U, 6) -> (M, K) sums over bins and channels."""
     of_moving = _flat(others) @ _flat(columns.moving).T
-    of_series = _by_channel(others) @ _by_channel(columns.series).transpose(0, 2, 1)
+    of_series = channels_first(others) @ channels_first(columns.series).transpose(0, 2, 1)
     return np.concatenate([of_moving, of_series.transpose(1, 2, 0).reshape(len(others), 6 * len(columns.series))], 1)
 
 
@@ -46,14 +46,14 @@ def _flat(x: np.ndarray) -> np.ndarray:
     return x.reshape(len(x), x.shape[1] * x.shape[2])
 
 
-def _by_channel(x: np.ndarray) -> np.ndarray:
+def channels_first(x: np.ndarray) -> np.ndarray:
     """(M, U, 6) -> (6, M, U) in order in memory, or else its products take ten times as long."""
     return np.ascontiguousarray(x.transpose(2, 0, 1))
 
 
 def normal_matrix(columns: Columns) -> np.ndarray:
     """(K, K) products of all columns."""
-    F, series = len(columns.moving), _by_channel(columns.series)
+    F, series = len(columns.moving), channels_first(columns.series)
     matrix = np.zeros((columns.size, columns.size))
     matrix[:F] = products(columns, columns.moving)
     matrix[F:, :F] = matrix[:F, F:].T
@@ -85,8 +85,14 @@ def change(columns: Columns, numbers: np.ndarray) -> np.ndarray:
 
 def best_step(columns: Columns, error: np.ndarray) -> np.ndarray:
     """(K,) change of all numbers that brings the innovations (U, 6) nearest to zero."""
-    step: np.ndarray = -np.linalg.solve(information(columns), products(columns, error[None])[0])
-    return step
+    return step_and_gain(columns, error)[0]
+
+
+def step_and_gain(columns: Columns, error: np.ndarray) -> tuple[np.ndarray, float]:
+    """The best step, and the nats that it gains."""
+    (pull,) = products(columns, error[None])
+    step: np.ndarray = -np.linalg.solve(information(columns), pull)
+    return step, -float(step @ pull) / 2
 
 
 def scores(columns: Columns, error: np.ndarray, block: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ftbias_jax.gap.columns import Columns, best_step, change, products
+from ftbias_jax.gap.columns import Columns, change, step_and_gain
 from ftbias_jax.gap.fit import Fit
 from ftbias_jax.gap.holdout import HeldOut, excess_by_channel
 from ftbias_jax.gap.problem import Problem
@@ -51,9 +51,8 @@ def _alone(accepted: Fit, own: np.ndarray) -> tuple[Fit, float]:
         accepted: the fit to all logs. own: (U,) bins of the log.
     """
     columns, error = Columns(*(x * own[:, None] for x in accepted.columns)), accepted.error * own[:, None]
-    step, moving = best_step(columns, error), len(accepted.free)
-    gain = -float(step @ products(columns, error[None])[0]) / 2
-    z = accepted.z.copy()
+    step, gain = step_and_gain(columns, error)
+    z, moving = accepted.z.copy(), len(accepted.free)
     z[list(accepted.free)] += step[:moving]
     coefficients = accepted.coefficients + step[moving:]
     error = error + change(columns, step)

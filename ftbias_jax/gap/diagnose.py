@@ -13,7 +13,7 @@ from ftbias_jax.gap.ahead import compiled_ahead
 from ftbias_jax.gap.candidates import Scored
 from ftbias_jax.gap.compare import compare
 from ftbias_jax.gap.fit import Fit
-from ftbias_jax.gap.holdout import HeldOut, excess_by_chance, excess_by_channel, excess_stderr, hold_out
+from ftbias_jax.gap.holdout import HeldOut, Judge, excess_by_chance, excess_by_channel, excess_stderr, gap_removed
 from ftbias_jax.gap.problem import Problem, make_problem
 from ftbias_jax.gap.samples_types import Finding, together
 from ftbias_jax.gap.search import search
@@ -49,14 +49,13 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
     """
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)
-    base = fits.base(problem)
-    accepted, rounds = search(problem, base, without)
-    before = hold_out(problem, base, base.error)
-    after = hold_out(problem, accepted, base.error)
+    base, hold_out = fits.base(problem), Judge(problem)
+    accepted, rounds = search(problem, base, hold_out, without)
+    before, after = (hold_out(found, base.error) for found in (base, accepted))
     gap = _gap(problem, before, after)
     found = tuple(finding for finding in together(samples) if finding.effect not in without)
     total = gap.before_sigmas**2 - 1
-    causes = _causes(problem, base, accepted, rounds, found, total)
+    causes = _causes(problem, hold_out, base, accepted, rounds, found, total)
     if gap.shrink < USEFUL_SHARE:  # what does not hold on unseen blocks is no cause
         accepted, after, gap = base, before, _gap(problem, before, before)
         causes = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
@@ -68,7 +67,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
         verdict=verdict,
         sentence=sentence_of(verdict, gap, causes),
         causes=causes,
-        candidates=_ranking(problem, base, rounds, found, total),
+        candidates=_ranking(problem, hold_out, base, rounds, found, total),
         gap=gap,
         where=where(problem, before, stages),
         not_tested=_not_tested(problem, logs, without),
@@ -114,6 +113,7 @@ def _verdict(problem: Problem, gap: Gap, causes: tuple[Candidate, ...], found: t
 
 def _causes(
     problem: Problem,
+    hold_out: Judge,
     base: Fit,
     accepted: Fit,
     rounds: list[list[Scored]],
@@ -126,8 +126,7 @@ def _causes(
     for scored, hypothesis in zip(rounds, accepted.hypotheses, strict=False):
         twins = twins_of(problem, base, accepted, hypothesis, scored)
         values, stderr = parameters(problem, accepted, hypothesis)
-        held = hold_out(problem, scored[0].fit, previous.error)
-        shrink = _removed(problem, previous.error, held.error) / max(total, 1e-12)
+        held, shrink = _judged(problem, hold_out, scored[0].fit, previous, total)
         of_mean.append(_candidate(hypothesis.effect, values, stderr, held, shrink, twins))
         previous = scored[0].fit
     of_samples = [_of_finding(finding, problem.duration) for finding in found]
@@ -137,9 +136,10 @@ def _causes(
     return tuple(sorted(of_mean + of_samples, key=lambda cause: cause.effect != "saturation"))
 
 
-def _removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:
-    """Mean square gap that is gone between two sets of errors (U, 6), in noise variances."""
-    return float((excess_by_channel(problem, before) - excess_by_channel(problem, after)).mean())
+def _judged(problem: Problem, hold_out: Judge, better: Fit, worse: Fit, total: float) -> tuple[HeldOut, float]:
+    """A fit on blocks it has not seen, and the share of the whole gap that it removes there beyond another fit."""
+    held = hold_out(better, worse.error)
+    return held, gap_removed(problem, worse.error, held.error) / max(total, 1e-12)
 
 
 def _candidate(
@@ -173,14 +173,18 @@ def _of_finding(finding: Finding, duration: float) -> Candidate:
 
 
 def _ranking(
-    problem: Problem, base: Fit, rounds: list[list[Scored]], found: tuple[Finding, ...], total: float
+    problem: Problem,
+    hold_out: Judge,
+    base: Fit,
+    rounds: list[list[Scored]],
+    found: tuple[Finding, ...],
+    total: float,
 ) -> tuple[Candidate, ...]:
     """Everything that was fitted by itself, best first."""
     ranked = [_of_finding(finding, problem.duration) for finding in found]
     for scored in rounds[0][:CANDIDATES] if rounds else []:
         values, stderr = parameters(problem, scored.fit, scored.hypothesis)
-        held = hold_out(problem, scored.fit, base.error)
-        shrink = _removed(problem, base.error, held.error) / max(total, 1e-12)
+        held, shrink = _judged(problem, hold_out, scored.fit, base, total)
         ranked.append(_candidate(scored.hypothesis.effect, values, stderr, held, shrink))
     return tuple(sorted(ranked, key=lambda candidate: -candidate.held_out_gain))
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap.evaluate import whitened_series
-from ftbias_jax.gap.fit import Fit, gain_of_series, projection
+from ftbias_jax.gap.fit import Fit, projection
+from ftbias_jax.gap.gains import gain_of_series
 from ftbias_jax.gap.hypotheses import Event, Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -18,13 +19,13 @@ Found: TypeAlias = tuple[float, Hypothesis]
 
 LEAST_EVENT = 60.0
 """nats of a single contact."""
+MOST_CONTACT = 0.35
+"""Share of the log: what touches the tool for longer is no event."""
 LONGEST_EVENT = 3.0
 """s; nor is what touches it once for longer."""
 TRIMS = 3
 LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.002
 """nats, and share of the largest, of a hat function at the end of a contact."""
-MOST_CONTACT = 0.35
-"""Share of the log: what touches the tool for longer is no event."""
 FINE = 17
 """Values tried at every refinement of a time or a time constant."""
 
@@ -159,15 +160,23 @@ def _is_short(problem: Problem, contact: Hypothesis) -> bool:
 
 def _shaped(problem: Problem, accepted: Fit, events: list[Event], hats: int) -> Found:
     """Contacts of so many hat functions each, their beginnings and ends where the data put them."""
+    h, white = _contact(problem, events, hats)
     for _ in range(TRIMS):
-        h = hyp.contact(problem, events, hats)
-        white = whitened_series(problem, h.shapes)
         coefficients, _ = projection(white)(accepted.error[None])
         nats = ((coefficients.reshape(-1, 1, 6) * white) ** 2).sum((1, 2)) / 2
         by_event = np.split(nats, np.cumsum(hyp.hats_of(h)))
-        events = [trim(event, nats) for event, nats in zip(events, by_event[:-1], strict=True)]
+        trimmed = [trim(event, nats) for event, nats in zip(events, by_event[:-1], strict=True)]
+        if trimmed == events:
+            break
+        events = trimmed
+        h, white = _contact(problem, events, hats)
+    return gain_of_series(accepted, white), h
+
+
+def _contact(problem: Problem, events: list[Event], hats: int) -> tuple[Hypothesis, np.ndarray]:
+    """Contacts of so many hat functions each, and these whitened (E, U, 6)."""
     h = hyp.contact(problem, events, hats)
-    return gain_of_series(accepted, whitened_series(problem, h.shapes)), h
+    return h, whitened_series(problem, h.shapes)
 
 
 def trim(event: Event, nats: np.ndarray) -> Event:

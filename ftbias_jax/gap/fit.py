@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.gap import model
-from ftbias_jax.gap.columns import PRIOR_STD, Columns, best_step, change, information, products, scores
+from ftbias_jax.gap.columns import PRIOR_STD, Columns, best_step, change, channels_first, information, scores
 from ftbias_jax.gap.evaluate import measured, readings, slopes, whitened, whitened_series
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
@@ -148,7 +148,7 @@ def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, n
     """
     if not len(series):
         return lambda errors: (np.zeros((len(errors), 0)), errors)
-    by_channel = np.ascontiguousarray(series.transpose(2, 0, 1))  # (6, E, U)
+    by_channel = channels_first(series)  # (6, E, U)
     transposed = by_channel.transpose(0, 2, 1)
     normal = by_channel @ transposed
     ridge = 1e-9 * normal.max() + 1e-12  # for series that vanish
@@ -178,49 +178,6 @@ def _steps(columns: np.ndarray, error: np.ndarray, at: np.ndarray) -> np.ndarray
     pull = flat @ error.ravel() + at / PRIOR_STD**2
     steps = [-np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull) for damping in DAMPINGS]
     return np.clip(steps, -LONGEST_STEP, LONGEST_STEP)
-
-
-class Gains(NamedTuple):
-    """What further columns would gain on top of a fit, all coefficients solved for again together, to first order."""
-
-    normal: np.ndarray
-    """(M, M) products of the columns, after those of the fit are taken out of them."""
-    pull: np.ndarray
-    """(M,) products with the error."""
-
-    def of(self, chosen: list[int]) -> float:
-        """nats that these columns gain together."""
-        normal, pull = self.normal[np.ix_(chosen, chosen)], self.pull[chosen]
-        ridge = 1e-8 * max(np.trace(normal) / len(normal), 1e-12)
-        return float(pull @ np.linalg.solve(normal + ridge * np.eye(len(normal)), pull)) / 2
-
-
-def gains(accepted: Fit, columns: np.ndarray) -> Gains:
-    """Prepare the gains of whitened columns (M, U, 6) on top of a fit."""
-    flat = columns.reshape(len(columns), -1)
-    shared, taken, pull = _beside(accepted, columns)
-    return Gains(flat @ flat.T - shared @ taken, pull)
-
-
-def gain_of_each(accepted: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) nats that every whitened column (M, U, 6) would gain by itself, and (M,) its coefficient."""
-    shared, taken, pull = _beside(accepted, columns)
-    power = np.maximum(np.einsum("muk,muk->m", columns, columns) - (shared.T * taken).sum(0), 1e-12)
-    return pull**2 / power / 2, -pull / power
-
-
-def _beside(accepted: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What a fit itself does of columns (M, U, 6): products (M, K), coefficients (K, M), and the pull (M,) left."""
-    own, error = accepted.columns, accepted.error
-    shared = products(own, columns)
-    taken = np.linalg.solve(information(own), shared.T)
-    return shared, taken, columns.reshape(len(columns), -1) @ error.ravel() - taken.T @ products(own, error[None])[0]
-
-
-def gain_of_series(accepted: Fit, series: np.ndarray) -> float:
-    """nats that linear series (E, U, 6) gain together, with a coefficient for every channel."""
-    whole = accepted.columns._replace(series=np.concatenate([accepted.columns.series, series]))
-    return float(-best_step(whole, accepted.error) @ products(whole, accepted.error[None])[0]) / 2
 
 
 def block_scores(problem: Problem, fit: Fit) -> np.ndarray:

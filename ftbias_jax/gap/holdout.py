@@ -23,12 +23,25 @@ class HeldOut(NamedTuple):
     gain_stderr: float
 
 
-def hold_out(problem: Problem, fit: Fit, reference: np.ndarray) -> HeldOut:
-    """Errors of each fold with the numbers fitted to the other folds, to first order around the whole fit.
+class Judge:
+    """Holds out fits of one problem; each of them once, however often and against whatever it is judged."""
 
-    Args:
-        problem: of the logs. fit: on all of them. reference: (U, 6) errors of the model to compare with.
-    """
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._errors: dict[int, tuple[Fit, np.ndarray]] = {}  # with the fit, or its id might be given again
+
+    def __call__(self, fit: Fit, reference: np.ndarray) -> HeldOut:
+        """A fit to all logs on blocks it has not seen; reference: (U, 6) errors of the model to compare with."""
+        if id(fit) not in self._errors:
+            self._errors[id(fit)] = fit, unseen_error(self._problem, fit)
+        _, error = self._errors[id(fit)]
+        gains = np.bincount(self._problem.block(BLOCK_SECONDS), (reference**2 - error**2).sum(1) / 2)
+        duration = max(self._problem.duration, 1e-9)
+        return HeldOut(error, float(gains.sum() / duration), float(np.sqrt(len(gains)) * gains.std() / duration))
+
+
+def unseen_error(problem: Problem, fit: Fit) -> np.ndarray:
+    """(U, 6) errors of each fold with the numbers fitted to the other folds, to first order around the whole fit."""
     # What acts for a moment has every fourth bin left out: a longer block would hide all of it.
     local = any(h.local for h in fit.hypotheses)
     fold = (np.arange(len(problem.t)) if local else problem.block(BLOCK_SECONDS)) % FOLDS
@@ -36,9 +49,7 @@ def hold_out(problem: Problem, fit: Fit, reference: np.ndarray) -> HeldOut:
     for k in range(FOLDS if fit.degrees else 0):
         rest, test = fold != k, fold == k
         error[test] += change(fit.columns.at(test), best_step(fit.columns.at(rest), fit.error[rest]))
-    gains = np.bincount(problem.block(BLOCK_SECONDS), (reference**2 - error**2).sum(1) / 2)
-    duration = max(problem.duration, 1e-9)
-    return HeldOut(error, float(gains.sum() / duration), float(np.sqrt(len(gains)) * gains.std() / duration))
+    return error
 
 
 def excess(problem: Problem, error: np.ndarray) -> np.ndarray:
@@ -55,6 +66,11 @@ def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
     """(6,) mean of the excess, each bin weighted by how well it tells it: not at all where joints are hardly known."""
     mean: np.ndarray = (_weights(problem) * excess(problem, error)).sum(0)
     return mean
+
+
+def gap_removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:
+    """Mean square gap that is gone between two sets of errors (U, 6), in noise variances."""
+    return float((excess_by_channel(problem, before) - excess_by_channel(problem, after)).mean())
 
 
 def excess_stderr(problem: Problem, error: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from ftbias_jax.effects.chain import fill_temperature
 from ftbias_jax.effects.types import Model, Signals, Values
 from ftbias_jax.gap.samples import inspect_samples
 from ftbias_jax.gap.samples_types import SampleFindings
-from ftbias_jax.likelihood import WrenchProblem
+from ftbias_jax.likelihood import WrenchProblem, without_bias
 from ftbias_jax.pipeline import Options, Params
 from ftbias_jax.setup_types import Setup
 from ftbias_jax.types import Array, Log, Sample
@@ -165,41 +165,60 @@ def _bin(
     jitter_variance: np.ndarray,
     found: SampleFindings,
 ) -> tuple[Part, np.ndarray]:
-    wrench = found.clean_wrench
+    """Average a log over short bins, work out their noise, take off the stated bias, and pad.
+
+    Args:
+        params: the beliefs. log: as read. states: (T, n, 3) of its joints. found: its cleaned wrench and its noise.
+        joint_variance: (T, 6) N^2, Nm^2, that hangs together over a bin. jitter_variance: (T, 6) that does not.
+
+    Returns:
+        the bins, and (U, 6) how many samples are in each.
+    """
+    wrench, temperature = found.clean_wrench, fill_temperature(log.t, log.temperature)
     rows = np.isfinite(wrench).any(1)
-    t, duration = log.t[rows], float(log.t[-1])
-    index, used, padded = bins_of(t, duration)
-
-    def mean(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        flat = x.reshape(len(x), -1)
-        known = np.isfinite(flat)
-        count = np.stack([np.bincount(index, column, used) for column in known.T], -1)
-        total = np.stack([np.bincount(index, column, used) for column in np.where(known, flat, 0).T], -1)
-        with np.errstate(invalid="ignore"):
-            return (total / count).reshape(used, *x.shape[1:]), count.reshape(used, *x.shape[1:])
-
-    def pad(x: np.ndarray, value: float | None = None) -> np.ndarray:
-        filler = x[-1:] if value is None else np.full_like(x[-1:], value)
-        return np.concatenate([x, np.repeat(filler, padded - used, 0)])
-
-    reading, count = mean(wrench[rows])
-    joints, _ = mean(states[rows])
-    spread, _ = mean(joint_variance[rows])
-    late, _ = mean(jitter_variance[rows])
-    stamps = pad(mean(t)[0])
-    level, drift = np.asarray(params.bias.prior_mean).reshape(2, 6)
-    temperature = pad(mean(fill_temperature(log.t, log.temperature)[rows])[0])
-    q, dq, ddq = np.moveaxis(pad(joints), 2, 0)
-    stated = Model(params.arm, params.gravity, params.theta)
-    place = jnp.asarray
-    signals = Signals(place(stamps), place(q), place(dq), place(ddq), place(temperature), stated)
+    index, _, padded = bins_of(log.t[rows], float(log.t[-1]))
+    count = _sum(index, np.isfinite(wrench[rows]))
+    series = (log.t, states, temperature, wrench, joint_variance, jitter_variance)
+    t, joints, temperature, reading, coherent, late = (_mean(index, x[rows]) for x in series)
     # The smoothed joints' error hangs together over longer than a bin, so averaging does not reduce it.
-    variance = np.where(count > 0, (found.noise_std**2 + late) / np.maximum(count, 1) + spread, 1.0)
-    bins = WrenchProblem(
-        place(np.diff(stamps, prepend=stamps[0])),
-        place(pad(reading + level + drift * mean(t)[0][:, None], np.nan)),
-        place(pad(variance, 1.0)),
-        params.bias.density,
-        params.bias.prior_std,
-    )
-    return Part(signals, bins, used), count
+    variance = np.where(count > 0, (found.noise_std**2 + late) / np.maximum(count, 1) + coherent, 1.0)
+    return _part(params, padded, t, joints, temperature, reading, variance), count
+
+
+def _part(
+    params: Params,
+    padded: int,
+    t: np.ndarray,
+    joints: np.ndarray,
+    temperature: np.ndarray,
+    reading: np.ndarray,
+    variance: np.ndarray,
+) -> Part:
+    """Bins (U, ...) with the stated bias off their readings, padded to so many."""
+    used, bias, place = len(t), params.bias, jnp.asarray
+    t, joints, temperature = (_pad(x, padded, x[-1]) for x in (t, joints, temperature))
+    q, dq, ddq = (place(x) for x in np.moveaxis(joints, 2, 0))
+    stated = Model(params.arm, params.gravity, params.theta)
+    signals = Signals(place(t), q, dq, ddq, place(temperature), stated)
+    wrench = without_bias(place(_pad(reading, padded, np.nan)), bias.prior_mean, signals.t)
+    dt, variance = place(np.diff(t, prepend=t[0])), _pad(variance, padded, 1.0)
+    return Part(signals, WrenchProblem(dt, wrench, place(variance), bias.density, bias.prior_std), used)
+
+
+def _sum(index: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(T, ...) -> (U, ...) sums over the samples of each bin."""
+    sums = [np.bincount(index, column) for column in x.reshape(len(x), -1).T]
+    return np.stack(sums, -1).reshape(-1, *x.shape[1:])
+
+
+def _mean(index: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(T, ...) -> (U, ...) means of what is known in each bin, NaN = nothing."""
+    known = np.isfinite(x)
+    with np.errstate(invalid="ignore"):
+        mean: np.ndarray = _sum(index, np.where(known, x, 0)) / _sum(index, known)
+    return mean
+
+
+def _pad(x: np.ndarray, size: int, value: np.ndarray | float) -> np.ndarray:
+    """(U, ...) -> (size, ...) with a value in all further rows."""
+    return np.concatenate([x, np.broadcast_to(value, (size - len(x), *x.shape[1:]))])

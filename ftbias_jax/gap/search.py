@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.gap.candidates import LEAST_GAIN, Scored, candidates, score
 from ftbias_jax.gap.events import Library, make_library
 from ftbias_jax.gap.fit import Fit, block_scores, fit, projection
-from ftbias_jax.gap.holdout import excess_by_channel, hold_out
+from ftbias_jax.gap.holdout import Judge, excess_by_channel, gap_removed
 from ftbias_jax.gap.problem import Problem
 
 LEAST_SIGMAS = 0.08
@@ -29,23 +30,34 @@ BEAM_SHARE = 0.3
 """Of the best first cause's gain, from which on another one is tried as the first of a pair."""
 
 
-def search(problem: Problem, start: Fit, without: Collection[str] = ()) -> tuple[Fit, list[list[Scored]]]:
+class Bar(NamedTuple):
+    """What a cause beside those accepted so far must do."""
+
+    elsewhere: Problem
+    """The logs without the times of the accepted contacts: these dwarf all else, and their shape is never exact."""
+    least: float
+    """Mean square gap that it must remove there, in noise variances."""
+
+
+def search(
+    problem: Problem, start: Fit, hold_out: Judge, without: Collection[str] = ()
+) -> tuple[Fit, list[list[Scored]]]:
     """Add the best effect while it explains enough; once there are two, try pairs with other first causes.
 
     Args:
-        problem: of the logs. start: the believed model. without: effects that may not be named.
+        problem: of the logs. start: the believed model. hold_out: judges fits. without: effects that may not be named.
 
     Returns:
         the fit of all accepted effects, and for each of them all candidates of its round, best first; the last round
         is the one that added nothing.
     """
     library = make_library(problem)
-    accepted, rounds = grow(problem, library, start, [], without)
+    accepted, rounds = grow(problem, library, start, hold_out, [], without)
     left, settled = gap_of(problem, accepted), len(accepted.hypotheses) <= 2
     if len(accepted.hypotheses) > 1 and (LEAST_SIGMAS**2 if settled else 0) < left < NEARLY * gap_of(problem, start):
         for other in _other_firsts(rounds[0], accepted):
             first = [other, *(s for s in rounds[0] if s is not other)]
-            trial, trial_rounds = grow(problem, library, start, [first], without, most=2)
+            trial, trial_rounds = grow(problem, library, start, hold_out, [first], without, most=2)
             if score(trial, accepted) > LEAST_GAIN:
                 accepted, rounds = trial, trial_rounds
     return accepted, rounds
@@ -55,6 +67,7 @@ def grow(
     problem: Problem,
     library: Library,
     start: Fit,
+    hold_out: Judge,
     rounds: list[list[Scored]],
     without: Collection[str],
     most: int = MOST_CAUSES,
@@ -66,9 +79,12 @@ def grow(
         most: causes.
     """
     accepted, rounds = (rounds[-1][0].fit if rounds else start), list(rounds)
-    while len(accepted.hypotheses) < most and (not rounds or _is_left(problem, start, accepted)):
+    while len(accepted.hypotheses) < most:
+        bar = _bar(problem, start, accepted)
+        if rounds and gap_of(bar.elsewhere, accepted) <= bar.least:
+            break
         scored = candidates(problem, library, accepted, without)
-        best = next((s for s in scored[:MOST_JUDGED] if _earned(problem, start, accepted, s)), None)
+        best = next((s for s in scored[:MOST_JUDGED] if _earned(problem, hold_out, bar, accepted, s)), None)
         rounds.append([best, *(s for s in scored if s is not best)] if best else scored)
         if best is None:
             break
@@ -86,36 +102,34 @@ def gap_of(problem: Problem, found: Fit) -> float:
     return float(np.maximum(excess_by_channel(problem, found.error), 0).mean())
 
 
-def _is_left(problem: Problem, start: Fit, accepted: Fit) -> bool:
-    """Whether enough of the gap is left for a further cause."""
-    seen = _elsewhere(problem, accepted)
-    return gap_of(seen, accepted) > _needed(seen, start, accepted)
-
-
-def _earned(problem: Problem, start: Fit, accepted: Fit, trial: Scored) -> bool:
-    """Whether one more cause removes enough, on blocks it has not seen."""
-    seen = _elsewhere(problem, accepted)
-    held = hold_out(problem, trial.fit, accepted.error)
-    removed = float((excess_by_channel(seen, accepted.error) - excess_by_channel(seen, held.error)).mean())
-    sudden = trial.hypothesis.local or trial.hypothesis.effect == "bias_jump"
-    steady = sudden or _z_of_gain(problem, trial.fit, accepted) > STEADY
-    return trial.gain > LEAST_GAIN and removed > _needed(seen, start, accepted) and steady
-
-
-def _needed(seen: Problem, start: Fit, accepted: Fit) -> float:
-    """Mean square gap that a further cause must remove, in noise variances."""
+def _bar(problem: Problem, start: Fit, accepted: Fit) -> Bar:
+    elsewhere = _elsewhere(problem, accepted)
     if not accepted.hypotheses:
-        return LEAST_SIGMAS**2
+        return Bar(elsewhere, LEAST_SIGMAS**2)
     local = np.repeat([h.local for h in accepted.hypotheses], [len(h.shapes) for h in accepted.hypotheses])
     _, (untouched,) = projection(accepted.columns.series[local])(start.error[None])
-    return max(LEAST_SIGMAS**2, LEAST_SHARE * gap_of(seen, start._replace(error=untouched)))
+    gap = gap_of(elsewhere, start._replace(error=untouched))
+    return Bar(elsewhere, max(LEAST_SIGMAS**2, LEAST_SHARE * gap))
 
 
 def _elsewhere(problem: Problem, accepted: Fit) -> Problem:
-    """The logs without the times of the contacts: these dwarf all else, and their shape is never met exactly."""
     shapes = [shape for h in accepted.hypotheses if h.local for shape in h.shapes]
     touched = np.any([shape != 0 for shape in shapes], axis=0) if shapes else np.zeros(len(problem.t), bool)
     return problem._replace(samples=np.where(touched[:, None], 0, problem.samples))
+
+
+def _earned(problem: Problem, hold_out: Judge, bar: Bar, accepted: Fit, trial: Scored) -> bool:
+    """Whether one more cause gains enough, steadily, and removes enough on blocks it has not seen."""
+    if not (trial.gain > LEAST_GAIN and _is_steady(problem, trial, accepted)):
+        return False
+    held = hold_out(trial.fit, accepted.error)
+    return gap_removed(bar.elsewhere, accepted.error, held.error) > bar.least
+
+
+def _is_steady(problem: Problem, trial: Scored, accepted: Fit) -> bool:
+    """Whether all blocks share in the gain; what is sudden gains in few of them."""
+    sudden = trial.hypothesis.local or trial.hypothesis.effect == "bias_jump"
+    return sudden or _z_of_gain(problem, trial.fit, accepted) > STEADY
 
 
 def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:

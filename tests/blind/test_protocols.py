@@ -122,6 +122,17 @@ def test_several_processes_report_to_one(make_set):
     assert score.content["score"]["false alarms on none"]["hits"] == 3
 
 
+def test_a_log_whose_process_was_killed_costs_no_other(make_set, asked, monkeypatch):
+    def some(work, tasks, jobs):
+        return ((task, None if task.log.stem == "log_000" else work(task)) for task in tasks)
+
+    monkeypatch.setattr(runs, "run_each", some)
+    score = run(protocols.withheld, make_set(SET), jobs=2)
+    assert set(score.troubles) == {"log_000"}
+    assert "its process was killed" in score.troubles["log_000"]
+    assert score.content["rows"][0]["verdict"] == "failed"
+
+
 def test_leaving_one_out_tells_the_diagnosis_what_not_to_name(make_set, asked):
     score = run(protocols.leave_one_out, make_set(SET))
     assert [(names, without) for _, _, names, without in asked] == [

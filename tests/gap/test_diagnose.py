@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from demo_logs import recorder
 
-from ftbias_jax import pipeline, simulate, trajectories
-from ftbias_jax.commands.demo import CENTER, EXCURSION, SETUP
+from ftbias_jax import pipeline
+from ftbias_jax.commands.demo import SETUP
 from ftbias_jax.gap.diagnose import diagnose
 from ftbias_jax.gap.events import merge
 from ftbias_jax.gap.fit import base, fit
@@ -17,7 +17,6 @@ from ftbias_jax.gap.model import blocks, coordinates, size
 from ftbias_jax.gap.problem import make_problem
 from ftbias_jax.gap.values import FORM_ERROR
 from ftbias_jax.setup import parse_setup
-from ftbias_jax.types import Log
 
 
 @pytest.fixture(scope="module")
@@ -28,15 +27,7 @@ def setup():
 @pytest.fixture(scope="module")
 def record(setup):
     """(effects or None) -> a log of 20 s."""
-    params = pipeline.params_from_setup(setup)
-    t = jnp.arange(4000) / 200.0
-    trajectory = trajectories.excitation_sines(jax.random.key(3), t, jnp.array(CENTER), jnp.array(EXCURSION))
-
-    def make(effects):
-        made = simulate.simulate(jax.random.key(4), params, trajectory, effects)
-        return Log(*(np.asarray(x) for x in (made.t, made.q, made.dq, made.wrench)), np.full(len(t), np.nan))
-
-    return make
+    return recorder(pipeline.params_from_setup(setup), 3)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ftbias_jax.gap.problem import Problem, noise_on_lattice
+from ftbias_jax.gap.problem import BINS, Problem, _mean, bins_of, noise_on_lattice
 
 STATED = np.full(6, 0.1)
 
@@ -38,3 +38,14 @@ def test_blocks_do_not_reach_over_two_logs():
     log, t = np.array([0, 0, 0, 1, 1]), np.array([0.5, 1.5, 2.5, 0.1, 2.2])
     problem = Problem((), t, log, *[np.zeros(0)] * 3, (3.0, 3.0), np.ones(6), {})
     np.testing.assert_array_equal(problem.block(2.0), [0, 0, 1, 2, 3])
+
+
+def test_bins_hold_the_mean_of_what_is_known():
+    """Of the samples of each hundredth of a second; one without a sample is left out, one without a reading is NaN."""
+    t = np.array([0.001, 0.004, 0.012, 0.018, 0.031, 0.039, 0.04])
+    x = np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0], [7.0, 9.0], [8.0, np.nan], [4.0, np.nan], [2.0, 1.0]])
+    index, used, padded = bins_of(t, 0.04)
+    np.testing.assert_array_equal(index, [0, 0, 1, 1, 2, 2, 3])
+    assert (used, padded) == (4, BINS[0])
+    np.testing.assert_array_equal(_mean(index, x), [[2, 2], [6, 7.5], [6, np.nan], [2, 1]])
+    np.testing.assert_allclose(_mean(index, t), [0.0025, 0.015, 0.035, 0.04])

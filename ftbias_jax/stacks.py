@@ -1,0 +1,50 @@
+"""Logs of unequal length as bundles of equal shape, so that one compiled program works through them all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.types import Sample
+
+
+def stack(logs: Sequence[Sample], length: int = 0) -> Sample:
+    """Logs of unequal length as one bundle with a leading log axis, padded by samples that change nothing.
+
+    Args:
+        logs: at least one. length: samples to pad to, if it is more than the longest has.
+    """
+    length = max(length, *(log.dt.shape[0] for log in logs))
+    bundle = []
+    for name, leaves in zip(Sample._fields, zip(*logs, strict=True), strict=True):
+        if any(leaf is None for leaf in leaves):
+            continue
+        # numpy, for every new shape would cost JAX a compilation
+        filled = np.full((len(logs), length, *leaves[0].shape[1:]), 0.0 if name == "dt" else np.nan, leaves[0].dtype)
+        for row, leaf in zip(filled, leaves, strict=True):
+            row[: len(leaf)] = leaf
+        bundle.append(jnp.asarray(filled))
+    return Sample(*bundle)
+
+
+def cut(log: Sample, length: int) -> list[Sample]:
+    """Pieces of at most so many samples of the joints, each starting as a log of its own."""
+    whole = Sample(*(np.asarray(x) for x in log[:4]))  # joints do not feel the temperature
+    starts = range(0, len(whole.dt), length)
+    pieces = [Sample(*(x[start : start + length] for x in whole[:4])) for start in starts]
+    return [piece._replace(dt=np.concatenate([[0], piece.dt[1:]])) for piece in pieces]
+
+
+def equal_parts(logs: list[Sample], at_once: int) -> list[list[Sample]]:
+    """Parts of equally many logs, at most ``at_once``, some filled up by a log that measured nothing.
+
+    The first parts are to speak for all, so each takes logs from everywhere.
+    """
+    count = -(-len(logs) // at_once)
+    size = -(-len(logs) // count)
+    nothing = jax.tree.map(lambda x: np.full_like(x[:1], np.nan), logs[0])._replace(dt=np.zeros(1))
+    filled = logs + [nothing] * (count * size - len(logs))
+    return [filled[i::count] for i in range(count)]
