@@ -6,7 +6,8 @@ Everything is in the base frame.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,8 @@ import jax.numpy as jnp
 from ftbias_jax.screws import Arm
 from ftbias_jax.small_matrices import Rows, Vector, cross, product, scale, times, total
 from ftbias_jax.types import Array
+
+Pose = tuple[Rows, Vector]
 
 
 class Columns(NamedTuple):
@@ -37,35 +40,74 @@ class Moving(NamedTuple):
     acceleration: Twist
 
 
-def links(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Pose of the last link relative to where it is at q = 0: (n, C) rad -> rotation (3, 3, C), position (3, C) m."""
-    R, p, _ = _links(arm, q)
-    return jnp.stack([jnp.stack(row) for row in R]), jnp.stack(p)
+class ArmMotion(NamedTuple):
+    """How an arm and its sensor move, base frame; T samples."""
+
+    link_rotation: Array
+    """(3, 3, n + 1, T) turn of the link before each joint, and of the last link, since all joints were at 0."""
+    link_position: Array
+    """(3, n + 1, T) m, where the point of that link is that was at the origin when all joints were at 0."""
+    sensor_rotation: Array
+    """(3, 3, T) R_base_sensor."""
+    sensor_position: Array
+    """(3, T) m."""
+    acceleration: Array
+    """(3, T) m/s^2, of the sensor's origin, without gravity."""
+    angular_velocity: Array
+    """(3, T) rad/s."""
+    angular_acceleration: Array
+    """(3, T) rad/s^2."""
+
+
+def arm_motion(arm: Arm, q: Array, dq: Array, ddq: Array) -> ArmMotion:
+    """The motion of an arm at joint states (n, T)."""
+    (R, p), (link_R, link_p, columns) = _scan_joints(arm, q, lambda pose, column: (*pose, column))
+    sensor_R, sensor_p = _sensor(arm, R, p)
+    moving, _ = motion(columns, dq, ddq)
+    return ArmMotion(
+        jnp.concatenate([_rows(link_R), _rows(R)[:, :, None]], 2),
+        jnp.concatenate([jnp.stack(link_p), jnp.stack(p)[:, None]], 1),
+        _rows(sensor_R),
+        jnp.stack(sensor_p),
+        jnp.stack(acceleration_at(sensor_p, moving)),
+        jnp.stack(moving.velocity.angular),
+        jnp.stack(moving.acceleration.angular),
+    )
+
+
+def _rows(matrix: Rows) -> Array:
+    return jnp.stack([jnp.stack(row) for row in matrix])
 
 
 def sensor_pose(arm: Arm, q: Array) -> tuple[Rows, Vector, Columns]:
     """Rotation and position of the sensor, entries (C,), and the Jacobian, from joint positions (n, C)."""
-    R, p, columns = _links(arm, q)
-    position = total(p, times(R, list(arm.zero_position)))
-    return product(R, [list(row) for row in arm.zero_rotation]), position, columns
+    (R, p), columns = _scan_joints(arm, q, lambda pose, column: column)
+    return *_sensor(arm, R, p), columns
 
 
-def _links(arm: Arm, q: Array) -> tuple[Rows, Vector, Columns]:
+def _sensor(arm: Arm, R: Rows, p: Vector) -> tuple[Rows, Vector]:
+    """Rotation and position of the sensor, from how the last link has moved since q = 0."""
+    return product(R, [list(row) for row in arm.zero_rotation]), total(p, times(R, list(arm.zero_position)))
+
+
+def _scan_joints(arm: Arm, q: Array, keep: Callable[[Pose, Columns], Any]) -> tuple[Pose, Any]:
+    """How the last link has moved since q = 0, and what to keep of each joint: of the pose before it and its column."""
     sin, versine = jnp.sin(q), 2 * jnp.sin(q / 2) ** 2
     zero = jnp.zeros_like(q[0])
     at_rest = [[zero + (a == b) for b in range(3)] for a in range(3)], [zero] * 3
 
-    def joint(pose: tuple[Rows, Vector], constants: tuple[Array, ...]) -> tuple[tuple[Rows, Vector], Columns]:
+    def joint(pose: Pose, constants: tuple[Array, ...]) -> tuple[Pose, Any]:
         R, p = pose
         v, s, skew, skew_squared, skew_v, skew_squared_v, q, sin, versine = constants
         rotation = [[(a == b) + sin * skew[a, b] + versine * skew_squared[a, b] for b in range(3)] for a in range(3)]
         translation = [q * v[a] + versine * skew_v[a] + (q - sin) * skew_squared_v[a] for a in range(3)]
         angular = times(R, list(s))
         linear = total(times(R, list(v)), cross(p, angular))
-        return (product(R, rotation), total(p, times(R, translation))), Columns(linear, angular)
+        after = product(R, rotation), total(p, times(R, translation))
+        return after, keep(pose, Columns(linear, angular))
 
-    (R, p), columns = jax.lax.scan(joint, at_rest, (*arm[:6], q, sin, versine))
-    return R, p, columns
+    found: tuple[Pose, Any] = jax.lax.scan(joint, at_rest, (*arm[:6], q, sin, versine))
+    return found
 
 
 def motion(columns: Columns, dq: Array, ddq: Array) -> tuple[Moving, Twist]:

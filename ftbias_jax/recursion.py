@@ -10,6 +10,7 @@ much as the filter, and smoothing is the same pass.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -78,29 +79,43 @@ def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
     return track_of(inputs, _steps(model, inputs))
 
 
+def innovations(model: ProcessModel, inputs: Inputs) -> tuple[Array, Array]:
+    """Innovations and their variances (T, m, B) of ``filter_scan``, for derivatives in forward mode.
+
+    Derivatives along many measurements share one recursion of the covariance, which does not depend on them.
+    """
+    loop = _loop(model, lambda step: (step.prediction, step.prediction_variance))
+    prediction, variance = (jnp.stack(x, 1) for x in loop(inputs))
+    return jnp.where(jnp.isfinite(inputs.y), inputs.y - prediction, 0), variance + inputs.variance
+
+
 def _steps(model: ProcessModel, inputs: Inputs, for_reverse: bool = False) -> Step:
     """The filter at every sample, leaves (T, B); columns of the covariance are for the reverse pass alone."""
-    k = len(inputs.mean)
 
-    @one_at_a_time
+    def keep(step: Step) -> tuple[Step, Vector]:
+        column = step.record.column if for_reverse else []
+        return step._replace(covariance=[], record=step.record._replace(column=column)), upper(step.covariance)
+
+    steps: Step
+    steps, triangles = one_at_a_time(_loop(model, keep))(inputs)
+    return steps._replace(covariance=from_upper(len(inputs.mean), triangles))
+
+
+def _loop(model: ProcessModel, keep: Callable[[Step], Any]) -> Callable[[Inputs], Any]:
+    """The loop over the samples, and what it keeps of every step."""
+
     @compile_whole
-    def loop(inputs: Inputs) -> tuple[Step, Vector]:
+    def loop(inputs: Inputs) -> Any:
         restart = list(inputs.restart_variance)
 
         def body(state: tuple[Vector, Rows], sample: tuple[Array, Vector, Vector]) -> tuple[Any, Any]:
             step = filter_step(model, inputs.density, restart, state, *sample)
-            column = step.record.column if for_reverse else []
-            kept = step._replace(covariance=[], record=step.record._replace(column=column))
-            return (step.mean, step.covariance), (kept, upper(step.covariance))
+            return (step.mean, step.covariance), keep(step)
 
         start = (list(inputs.mean), [list(row) for row in inputs.covariance])
-        kept: tuple[Step, Vector]
-        _, kept = jax.lax.scan(body, start, (inputs.dt, _entries(inputs.y), _entries(inputs.variance)))
-        return kept
+        return jax.lax.scan(body, start, (inputs.dt, _entries(inputs.y), _entries(inputs.variance)))[1]
 
-    steps: Step
-    steps, triangles = loop(inputs)
-    return steps._replace(covariance=from_upper(k, triangles))
+    return loop
 
 
 def track_of(inputs: Inputs, steps: Step) -> Track:

@@ -11,12 +11,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ftbias_jax.arm_batch import sensor_pose
+from ftbias_jax.arm_batch import ArmMotion, sensor_pose
 from ftbias_jax.small_matrices import Vector
 from ftbias_jax.types import Array
 from ftbias_jax.whole_loops import compile_whole, on_cpu, one_at_a_time
 from ftbias_jax.wrench import Model
-from ftbias_jax.wrench_piece import wrench_piece
+from ftbias_jax.wrench_piece import felt_of, wrench_of, wrench_piece
 from ftbias_jax.wrench_slopes import PoseSlopes, Slopes, slopes_of_piece
 
 PIECE = 64
@@ -43,14 +43,15 @@ def wrenches(model: Model, mean: Array, covariance: Array | None) -> tuple[Array
     return _join(wrench, length), _join(variance, length)
 
 
-def wrenches_forward(model: Model, mean: Array) -> Array:
-    """D theta (T, 6) as above, for derivatives in forward mode, which the hand-written reverse pass does not allow.
+def wrenches_in_motion(gravity: Array, theta: Array, motion: ArmMotion) -> Array:
+    """D theta (T, 6) as above, of a motion that was worked out before.
 
-    Reverse mode works too, but takes long to compile.
+    For derivatives in forward mode, which the hand-written reverse pass does not allow. Reverse mode works too, but
+    takes long to compile.
     """
-    length = mean.shape[0]
-    columns = tuple(_cut(mean[:, i], min(PIECE, length)) for i in range(3))
-    return _join(_all_wrenches(model, columns)[0], length)
+    R_sensor_base = [list(column) for column in jnp.swapaxes(motion.sensor_rotation, 0, 1)]
+    rates = (list(x) for x in (motion.acceleration, motion.angular_velocity, motion.angular_acceleration))
+    return jnp.stack(wrench_of(list(theta), felt_of(list(gravity), R_sensor_base, *rates)), 1)
 
 
 def _cut(x: Array, size: int) -> Array:

@@ -45,10 +45,9 @@ def wrench_piece(model: Model, q: Array, dq: Array, ddq: Array, *covariance: Arr
     theta, gravity = list(model.theta), list(model.gravity)
     R, p, columns = sensor_pose(model.arm, q)
     moving, _ = motion(columns, dq, ddq)
-    specific = [a - g for a, g in zip(acceleration_at(p, moving), gravity, strict=True)]
     R_sensor_base = transpose(R)
-    felt = (times(R_sensor_base, x) for x in (specific, moving.velocity.angular, moving.acceleration.angular))
-    wrench = wrench_of(theta, Felt(*felt))
+    rates = acceleration_at(p, moving), moving.velocity.angular, moving.acceleration.angular
+    wrench = wrench_of(theta, felt_of(gravity, R_sensor_base, *rates))
     zero = [jnp.zeros_like(q[0])] * 6
     if not covariance:
         return wrench, zero
@@ -61,6 +60,12 @@ def wrench_piece(model: Model, q: Array, dq: Array, ddq: Array, *covariance: Arr
         return total(variance, added), None
 
     return wrench, jax.lax.scan(joint, zero, (columns, covariance))[0]
+
+
+def felt_of(gravity: Vector, R_sensor_base: Rows, acceleration: Vector, velocity: Vector, turning: Vector) -> Felt:
+    """What the sensor feels of its acceleration, angular velocity and angular acceleration, all in the base frame."""
+    specific = [a - g for a, g in zip(acceleration, gravity, strict=True)]
+    return Felt(*(times(R_sensor_base, x) for x in (specific, velocity, turning)))
 
 
 def wrench_of(theta: Vector, felt: Felt) -> Vector:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ftbias_jax import gaussian
 from ftbias_jax.backward import smooth_track
 from ftbias_jax.noise import JOINT_MODELS, drift_noise, matrix
-from ftbias_jax.recursion import Inputs, filter_scan
+from ftbias_jax.recursion import Inputs, filter_scan, innovations
 from ftbias_jax.types import Gaussian
 
 COUNT, LANES = 24, 3
@@ -69,6 +69,24 @@ def textbook(model, inputs):
         return jax.lax.scan(body, Gaussian(mean, covariance), (inputs.dt, y, variance))[1]
 
     return jax.vmap(one, in_axes=-1, out_axes=-1)(*inputs[1:])
+
+
+@models
+def test_innovations_and_their_derivative_are_those_of_the_scan(model):
+    """They are linear in the measurements."""
+    inputs = problem(model, 1)
+    other = inputs._replace(y=inputs.y + np.random.default_rng(2).normal(size=inputs.y.shape))
+
+    @jax.jit
+    def derivative(y, along):
+        return jax.jvp(lambda y: innovations(MODELS[model], inputs._replace(y=y)), (y,), (along,))
+
+    got, slope = derivative(inputs.y, other.y - inputs.y)
+    one, two = (filter_log(MODELS[model], x) for x in (inputs, other))
+    np.testing.assert_allclose(got[0], one.innovation, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(got[1], one.innovation_variance, rtol=1e-12)
+    np.testing.assert_allclose(slope[0], two.innovation - one.innovation, rtol=1e-9, atol=1e-10)
+    np.testing.assert_array_equal(slope[1], 0)
 
 
 def with_slopes(scan, inputs, weights):

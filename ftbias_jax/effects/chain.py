@@ -12,12 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.effects.catalogue import CATALOGUE, Catalogue, complete
+from ftbias_jax.effects.kinematics import motion_of
 from ftbias_jax.effects.types import Model, Record, Signals, Values
 from ftbias_jax.free_body import FreeBody
 from ftbias_jax.screws import Arm
 from ftbias_jax.types import Array
 from ftbias_jax.wrench import tool_wrench
-from ftbias_jax.wrench_batch import wrenches_forward
+from ftbias_jax.wrench_batch import wrenches_in_motion
 
 
 def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Array:
@@ -32,6 +33,8 @@ def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) 
         (T, 6) N, Nm, sensor frame, wrench on the tool; biases of effects are subtracted, as the report's are.
     """
     signals = transform(signals, values, catalogue)
+    if not isinstance(signals.model.arm, FreeBody):
+        signals = signals._replace(motion=motion_of(signals))
     return read(signals, values, tool_wrenches(signals), catalogue)
 
 
@@ -40,7 +43,7 @@ def tool_wrenches(signals: Signals) -> Array:
     carrier: Arm | FreeBody = signals.model.arm
     if isinstance(carrier, FreeBody):
         return jax.vmap(partial(tool_wrench, *signals.model))(signals.q, signals.dq, signals.ddq)
-    return wrenches_forward(signals.model, jnp.stack([signals.q, signals.dq, signals.ddq], 1))
+    return wrenches_in_motion(signals.model.gravity, signals.model.theta, motion_of(signals))
 
 
 def transform(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Signals:

@@ -9,11 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.arm_batch import links
+from ftbias_jax.effects.kinematics import motion_of
 from ftbias_jax.effects.recursions import rung
 from ftbias_jax.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.inertia import about_center_of_mass, spatial_inertia
-from ftbias_jax.screws import sensor_pose
 from ftbias_jax.types import Array
 
 
@@ -28,16 +27,11 @@ def cable(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 
 def cable_span(values: EffectValues, signals: Signals) -> Array:
     """(T, 3) m, sensor frame: from a cable's near end to its far end."""
-    arm, q = signals.model.arm, signals.q.T
-    link = jnp.clip(jnp.round(values["link"]), 0, len(q))
-    # With the joints after it at zero, the arm's end moves with the link.
-    R_link, p_link = links(arm, jnp.where(jnp.arange(len(q))[:, None] < link, q, 0))
-    R_tip, p_tip = links(arm, q)
-    anchor = jnp.einsum("ijt,j->it", R_link, values["anchor"]) + p_link
-    R_base_sensor = jnp.einsum("ijt,jk->ikt", R_tip, arm.zero_rotation)
-    tool = jnp.einsum("ijt,j->it", R_tip, arm.zero_position) + p_tip
-    tool = tool + jnp.einsum("ijt,j->it", R_base_sensor, values["attachment"])
-    return jnp.einsum("jit,jt->ti", R_base_sensor, anchor - tool)
+    motion = motion_of(signals)
+    link = jnp.clip(jnp.round(values["link"]), 0, signals.q.shape[1]).astype(int)
+    anchor = jnp.einsum("ijt,j->it", motion.link_rotation[:, :, link], values["anchor"]) + motion.link_position[:, link]
+    tool = jnp.einsum("ijt,j->it", motion.sensor_rotation, values["attachment"]) + motion.sensor_position
+    return jnp.einsum("jit,jt->ti", motion.sensor_rotation, anchor - tool)
 
 
 def contact(values: EffectValues, signals: Signals, wrench: Array) -> Array:
@@ -48,13 +42,12 @@ def contact(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     touching = (phase > 0) & (phase < 1) & (end > start)[None]
     size = jnp.where(touching, jnp.sin(jnp.pi * jnp.clip(phase, 0, 1)), 0)
 
-    def push(q: Array, size: Array) -> Array:
-        R_base_sensor, _ = sensor_pose(signals.model.arm, q)
+    def push(R_base_sensor: Array, size: Array) -> Array:
         force = size[:, None] * values["force"] @ R_base_sensor
         torque = jnp.cross(values["point"], force)
         return jnp.concatenate([force.sum(0), torque.sum(0)])
 
-    return wrench - jax.vmap(push)(signals.q, size)
+    return wrench - jax.vmap(push, (2, 0))(motion_of(signals).sensor_rotation, size)
 
 
 def tool_flexibility(values: EffectValues, signals: Signals, wrench: Array) -> Array:

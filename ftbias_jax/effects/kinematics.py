@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from ftbias_jax.arm_batch import ArmMotion, arm_motion
 from ftbias_jax.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.inertia import turned
 from ftbias_jax.screws import rotation_from_vector
@@ -35,7 +36,14 @@ def offset_vector(joint: Array, offset: Array, n: int) -> Array:
 
 def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
     """True joint angles from the recorded ones, with an offset (n,) rad at every joint."""
-    return signals._replace(q=signals.q - offsets[None])
+    return signals._replace(q=signals.q - offsets[None], motion=None)
+
+
+def motion_of(signals: Signals) -> ArmMotion:
+    """How the arm moves, as it was worked out before or else now."""
+    if signals.motion is not None:
+        return signals.motion
+    return arm_motion(signals.model.arm, signals.q.T, signals.dq.T, signals.ddq.T)
 
 
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:

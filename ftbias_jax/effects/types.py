@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from ftbias_jax.arm_batch import ArmMotion
 from ftbias_jax.types import Array
 from ftbias_jax.wrench import Model as Model
 
@@ -32,6 +33,8 @@ class Signals(NamedTuple):
     temperature: Array
     """(T,) deg C, without gaps (``chain.fill_temperature``); any constant where it was not recorded."""
     model: Model
+    motion: ArmMotion | None = None
+    """Of the arm, if it was worked out before; effects get it by ``kinematics.motion_of``."""
 
 
 class Record(NamedTuple):

@@ -12,9 +12,8 @@ import numpy as np
 from ftbias_jax.effects.catalogue import CATALOGUE, neutral_values
 from ftbias_jax.effects.environment import cable_span
 from ftbias_jax.effects.types import Signals
-from ftbias_jax.gap.evaluate import whitened
-from ftbias_jax.gap.fit import Fit
-from ftbias_jax.gap.gains import gain_of_each, gains
+from ftbias_jax.gap.evaluate import believed_motions, whitened
+from ftbias_jax.gap.gains import Standing, gain_of_each, gains
 from ftbias_jax.gap.hypotheses import Hypothesis, at_values
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.types import Array
@@ -33,8 +32,8 @@ APART = 0.25
 """m; nearer anchors lead to the same maximum."""
 
 
-def cables(problem: Problem, accepted: Fit) -> list[tuple[float, Hypothesis]]:
-    """The most promising anchors in the world and on the forearm, with their gains in nats."""
+def cables(problem: Problem, standing: Standing) -> list[tuple[float, Hypothesis]]:
+    """The most promising anchors in the world and on the forearm, with their gains in nats beside a fit."""
     model = problem.parts[0].signals.model
     n, reach = problem.joints, max(float(np.linalg.norm(model.arm.zero_position)), 0.5)
     attachment = np.asarray(neutral_values(CATALOGUE["cable"], model)["attachment"])
@@ -44,10 +43,10 @@ def cables(problem: Problem, accepted: Fit) -> list[tuple[float, Hypothesis]]:
         spans = _spans(problem, link, attachment)
         near = rng.uniform(0.2, 0.9, (ANCHORS, 1)) * np.asarray(model.arm.zero_position) if link else 0.0
         anchors = near + rng.uniform(-1, 1, (ANCHORS, 3)) * (0.3 if link else 0.7 * reach)
-        anchors = np.concatenate([anchors, _without_slack(problem, accepted, spans, attachment)])
+        anchors = np.concatenate([anchors, _without_slack(problem, standing, spans, attachment)])
         tried = [(anchor, slack) for anchor in anchors for slack in SLACK]
         pulls, rests = zip(*(_pull(spans, anchor, slack, attachment) for anchor, slack in tried), strict=True)
-        gain, stiffness = gain_of_each(accepted, whitened(problem, np.stack(pulls)))
+        gain, stiffness = gain_of_each(standing, whitened(problem, np.stack(pulls)))
         gain = np.where(stiffness > 0, gain, 0)  # a cable never pushes
         found += [(float(gain[i]), float(stiffness[i]), rests[i], tried[i][0], link) for i in range(len(tried))]
     chosen: list[tuple[float, Hypothesis]] = []
@@ -72,8 +71,9 @@ def _spans(problem: Problem, link: int, attachment: np.ndarray) -> np.ndarray:
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
     fixed = jnp.asarray(attachment), jnp.asarray(float(link))
     parts = []
-    for part in problem.parts:
-        ends = [_span(part.signals, jnp.asarray(corner), *fixed) for corner in corners]
+    for part, motion in zip(problem.parts, believed_motions(problem), strict=True):
+        signals = part.signals._replace(motion=motion)
+        ends = [_span(signals, jnp.asarray(corner), *fixed) for corner in corners]
         parts.append(np.stack([np.asarray(span)[: part.used] for span in ends]))
     spans = np.concatenate(parts, axis=1)
     spans[1:] -= spans[0]
@@ -92,10 +92,10 @@ def _on_tool(force: np.ndarray, attachment: np.ndarray) -> np.ndarray:
     return -np.concatenate([force, np.cross(attachment, force)], 1)
 
 
-def _without_slack(problem: Problem, accepted: Fit, spans: np.ndarray, attachment: np.ndarray) -> np.ndarray:
+def _without_slack(problem: Problem, standing: Standing, spans: np.ndarray, attachment: np.ndarray) -> np.ndarray:
     """(0 or 1, 3) m: the best anchor of a cable without rest length, which is linear in k and k times the anchor."""
     columns = whitened(problem, np.stack([_on_tool(span, attachment) for span in spans]))
-    prepared = gains(accepted, columns)
+    prepared = gains(standing, columns)
     ridge = 1e-8 * np.trace(prepared.normal) * np.eye(4)
     best: np.ndarray = -np.linalg.solve(prepared.normal + ridge, prepared.pull)  # k, then k times the anchor
     anchor = best[None, 1:] / max(float(best[0]), 1e-12)

@@ -13,7 +13,7 @@ from ftbias_jax.gap.cables import cables
 from ftbias_jax.gap.evaluate import readings, slopes, whitened
 from ftbias_jax.gap.events import Found, Library
 from ftbias_jax.gap.fit import Fit, first_order, fit, keep
-from ftbias_jax.gap.gains import gain_of_each, gains
+from ftbias_jax.gap.gains import Standing, gain_of_each, gains, stand
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
 
@@ -61,12 +61,13 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
     While nothing is accepted, weak smooth effects are there too, to first order: they make the ranking whole.
     """
     taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known)
-    found, columns = _smooth(problem, accepted, taken)
-    found += _grid(problem, accepted, taken)
+    standing = stand(accepted)
+    found, columns = _smooth(problem, standing, taken)
+    found += _grid(problem, standing, taken)
     if swings.EFFECT not in taken:
-        found.append(swings.balanced(problem, accepted))
+        found.append(swings.balanced(problem, standing))
     if "cable" not in taken:
-        found += cables(problem, accepted)
+        found += cables(problem, standing)
     for make in (events.slow, events.jump):
         found += make(problem, library, accepted, taken)
     smooth = np.concatenate([accepted.columns.moving, *columns.values()])
@@ -130,7 +131,7 @@ def _best_of_each(scored: list[Scored]) -> list[Scored]:
 
 
 def _smooth(
-    problem: Problem, accepted: Fit, taken: Collection[str]
+    problem: Problem, standing: Standing, taken: Collection[str]
 ) -> tuple[list[Found], dict[Hypothesis, np.ndarray]]:
     """Gains, and for each hypothesis the whitened derivatives (F, U, 6) by its coordinates."""
     n = problem.joints
@@ -143,8 +144,8 @@ def _smooth(
     for fixed in dict.fromkeys(h.fixed for h in wanted):
         alike = [h for h in wanted if h.fixed == fixed]
         places = [i for h in alike for i in h.free]
-        white = whitened(problem, slopes(problem, keep(accepted.z, alike[0]), accepted.link, places))
-        prepared, row = gains(accepted, white), iter(range(len(places)))
+        white = whitened(problem, slopes(problem, keep(standing.fit.z, alike[0]), standing.fit.link, places))
+        prepared, row = gains(standing, white), iter(range(len(places)))
         for h in alike:
             rows = [next(row) for _ in h.free]
             sparse = h.effect == "crosstalk"
@@ -155,8 +156,9 @@ def _smooth(
     return found, columns
 
 
-def _grid(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[Found]:
+def _grid(problem: Problem, standing: Standing, taken: Collection[str]) -> list[Found]:
     """Gain of each starting point, as it is or scaled to fit."""
+    accepted = standing.fit
     now = readings(problem, accepted.z[None], np.array([accepted.link]))[0]
     wanted = [*hyp.grid_hypotheses(problem, np.ptp(now, axis=0)), *swings.usual(problem)]
     wanted = [h for h in wanted if h.effect not in taken]
@@ -166,12 +168,12 @@ def _grid(problem: Problem, accepted: Fit, taken: Collection[str]) -> list[Found
     for row, h in zip(z, wanted, strict=True):
         row[list(h.free)] = h.start
     changes = whitened(problem, readings(problem, z, np.full(len(z), accepted.link)) - now)
-    scaled, _ = gain_of_each(accepted, changes)
+    scaled, _ = gain_of_each(standing, changes)
     found = []
     for i, (h, change) in enumerate(zip(wanted, changes, strict=True)):
         if h.effect == "hysteresis":
             channels = change[None] * np.eye(6)[:, None]
-            found.append((gains(accepted, channels).of(list(range(6))), h))
+            found.append((gains(standing, channels).of(list(range(6))), h))
         else:
             as_it_is = float(-(accepted.error * change).sum() - (change**2).sum() / 2)
             found.append((max(as_it_is, float(scaled[i]) / 2), h))

@@ -34,11 +34,27 @@ class Columns(NamedTuple):
         return Columns(self.moving[:, rows], self.series[:, rows])
 
 
-def products(columns: Columns, others: np.ndarray) -> np.ndarray:
+class Layout(NamedTuple):
+    """Columns in the order in memory that products with them need."""
+
+    moving: np.ndarray
+    """(F, 6 U)."""
+    series: np.ndarray
+    """(6, E, U)."""
+
+
+def lay_out(columns: Columns) -> Layout:
+    """Columns made ready for products."""
+    return Layout(_flat(columns.moving), channels_first(columns.series))
+
+
+def products(own: Layout, others: np.ndarray) -> np.ndarray:
     """(M, U, 6) -> (M, K) sums over bins and channels."""
-    of_moving = _flat(others) @ _flat(columns.moving).T
-    of_series = channels_first(others) @ channels_first(columns.series).transpose(0, 2, 1)
-    return np.concatenate([of_moving, of_series.transpose(1, 2, 0).reshape(len(others), 6 * len(columns.series))], 1)
+    of_moving: np.ndarray = _flat(others) @ own.moving.T
+    if not own.series.shape[1]:
+        return of_moving
+    of_series = channels_first(others) @ own.series.transpose(0, 2, 1)
+    return np.concatenate([of_moving, of_series.transpose(1, 2, 0).reshape(len(others), -1)], 1)
 
 
 def _flat(x: np.ndarray) -> np.ndarray:
@@ -51,28 +67,54 @@ def channels_first(x: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(x.transpose(2, 0, 1))
 
 
-def normal_matrix(columns: Columns) -> np.ndarray:
-    """(K, K) products of all columns."""
-    F, series = len(columns.moving), channels_first(columns.series)
-    matrix = np.zeros((columns.size, columns.size))
-    matrix[:F] = products(columns, columns.moving)
-    matrix[F:, :F] = matrix[:F, F:].T
-    for k in range(6):
-        matrix[F + k :: 6, F + k :: 6] = series[k] @ series[k].T
-    return matrix
+class Information(NamedTuple):
+    """Products of all columns with one another, and the prior of coordinates: never singular."""
+
+    moving: np.ndarray
+    """(F, F)."""
+    mixed: np.ndarray
+    """(6, F, E)."""
+    series: np.ndarray
+    """(6, E, E); the rest is zero."""
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """(K, M) -> (K, M): x with information x = right, channel by channel for the series."""
+        F, (E, M) = len(self.moving), (self.series.shape[1], right.shape[1])
+        of_moving, of_series = right[:F], right[F:].reshape(E, 6, M).transpose(1, 0, 2)
+        alone = np.linalg.solve(self.series, np.concatenate([of_series, self.mixed.transpose(0, 2, 1)], 2))
+        by_right, by_moving = alone[:, :, :M], alone[:, :, M:]
+        left = self.moving - (self.mixed @ by_moving).sum(0)
+        moving = np.linalg.solve(left, of_moving - (self.mixed @ by_right).sum(0))
+        series = by_right - by_moving @ moving
+        return np.concatenate([moving, series.transpose(1, 0, 2).reshape(6 * E, M)])
+
+    def matrix(self) -> np.ndarray:
+        """(K, K)."""
+        F, E = len(self.moving), self.series.shape[1]
+        whole = np.zeros((F + 6 * E, F + 6 * E))
+        whole[:F, :F] = self.moving
+        for k in range(6):
+            whole[:F, F + k :: 6], whole[F + k :: 6, :F] = self.mixed[k], self.mixed[k].T
+            whole[F + k :: 6, F + k :: 6] = self.series[k]
+        return whole
 
 
-def information(columns: Columns, coordinates: int | None = None) -> np.ndarray:
-    """(K, K) normal matrix with the prior of the coordinates, never singular.
+def information(columns: Columns, coordinates: int | None = None) -> Information:
+    """What the data say of all numbers, with the prior.
 
     Args:
         columns: at the fit. coordinates: how many of the moving columns have the prior; all if not given.
     """
-    matrix = normal_matrix(columns)
-    matrix += RIDGE * np.eye(len(matrix)) * max(float(np.trace(matrix)) / max(len(matrix), 1), 1e-12)
-    prior = np.arange(len(columns.moving) if coordinates is None else coordinates)
-    matrix[prior, prior] += PRIOR_STD**-2
-    return matrix
+    own, F = lay_out(columns), len(columns.moving)
+    moving, series = own.moving @ own.moving.T, own.series @ own.series.transpose(0, 2, 1)
+    trace = np.trace(moving) + np.trace(series, axis1=1, axis2=2).sum()
+    ridge = RIDGE * max(float(trace) / max(columns.size, 1), 1e-12)
+    prior = np.where(np.arange(F) < (F if coordinates is None else coordinates), PRIOR_STD**-2, 0)
+    return Information(
+        moving + np.diag(prior + ridge),
+        channels_first(columns.moving) @ own.series.transpose(0, 2, 1),
+        series + ridge * np.eye(len(columns.series)),
+    )
 
 
 def change(columns: Columns, numbers: np.ndarray) -> np.ndarray:
@@ -90,12 +132,12 @@ def best_step(columns: Columns, error: np.ndarray) -> np.ndarray:
 
 def step_and_gain(columns: Columns, error: np.ndarray) -> tuple[np.ndarray, float]:
     """The best step, and the nats that it gains."""
-    (pull,) = products(columns, error[None])
-    step: np.ndarray = -np.linalg.solve(information(columns), pull)
+    pull = products(lay_out(columns), error[None])[0]
+    step: np.ndarray = -information(columns).solve(pull[:, None])[:, 0]
     return step, -float(step @ pull) / 2
 
 
 def scores(columns: Columns, error: np.ndarray, block: np.ndarray) -> np.ndarray:
     """(blocks, K) derivatives of each block's squared innovations; block (U,) = its number."""
     pieces = np.split(np.argsort(block, kind="stable"), np.cumsum(np.bincount(block))[:-1])
-    return np.stack([products(columns.at(rows), error[None, rows])[0] for rows in pieces])
+    return np.stack([products(lay_out(columns.at(rows)), error[None, rows])[0] for rows in pieces])

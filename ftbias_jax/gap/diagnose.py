@@ -9,6 +9,7 @@ import numpy as np
 
 from ftbias_jax.effects.catalogue import CATALOGUE
 from ftbias_jax.gap import fit as fits
+from ftbias_jax.gap.ahead import compiled_ahead
 from ftbias_jax.gap.candidates import Scored
 from ftbias_jax.gap.compare import compare
 from ftbias_jax.gap.fit import Fit
@@ -46,7 +47,8 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
         setup: what the robot's owner believes. logs, names: the logs and their names.
         without: effects that may not be named, to see what the answer would be without them.
     """
-    problem, samples = make_problem(setup, logs)
+    with compiled_ahead(setup, logs):
+        problem, samples = make_problem(setup, logs)
     base, hold_out = fits.base(problem), Judge(problem)
     accepted, rounds = search(problem, base, hold_out, without)
     before, after = (hold_out(found, base.error) for found in (base, accepted))

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.stages import Lowered
 
+from ftbias_jax.arm_batch import ArmMotion
+from ftbias_jax.effects.types import Signals, Values
 from ftbias_jax.gap import model
 from ftbias_jax.gap.problem import Part, Problem
-from ftbias_jax.likelihood import whiten
+from ftbias_jax.likelihood import WrenchProblem, whiten
 from ftbias_jax.types import Array
 
 LANES = 4
@@ -18,15 +23,43 @@ WHITE_LANES = (8, 32)
 """Series that one call whitens, if there are few and if there are many."""
 
 
+def lower_programs(signals: Signals, wrench: WrenchProblem, known: Values) -> Iterator[Lowered]:
+    """The programs that the functions below call, ready to be compiled, the longest first.
+
+    Args:
+        signals, wrench: of one log; of series, shapes are enough. known: effects that the setup knows of.
+    """
+    bins, n = signals.q.shape
+
+    def of(*shape: int) -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct(shape, signals.q.dtype)
+
+    one, many, link = of(model.size(n)), of(LANES, model.size(n)), of()
+    moving = jax.eval_shape(model.motion, signals, known, one)
+    yield model.slopes.lower(signals, known, moving, one, link, many, (moving,) * LANES)
+    yield model.motion_slopes.lower(signals, known, one)
+    yield model.readings.lower(signals, known, (moving,) * LANES, many, of(LANES))
+    yield model.motion.lower(signals, known, one)
+    yield model.to_values.lower(signals, one, link)
+    for lanes in WHITE_LANES:
+        yield whiten.lower(wrench, of(lanes, bins, 6))
+
+
 def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
     """(C, P) coordinates, (C,) links -> (C, U, 6) N, Nm: noise-free readings."""
-
-    offsets = z[:, model.coordinates(problem.joints, "encoder_offset")]
-    program = model.predict_at_pose if (offsets == offsets[0]).all() else model.predict_many
+    joints = model.coordinates(problem.joints, "encoder_offset")
 
     def of_log(part: Part) -> np.ndarray:
-        def some(z: Array, link: Array) -> Array:
-            return program(part.signals, problem.known, z, link)
+        @lru_cache(LANES)
+        def motion(*offsets: float) -> ArmMotion:
+            at = np.zeros(z.shape[1])
+            at[joints] = offsets
+            moving: ArmMotion = model.motion(part.signals, problem.known, at)
+            return moving
+
+        def some(z: np.ndarray, link: np.ndarray) -> Array:
+            moving = tuple(motion(*offsets) for offsets in z[:, joints])
+            return model.readings(part.signals, problem.known, moving, z, link)
 
         return in_pieces(some, LANES, z, link)[:, : part.used]
 
@@ -35,26 +68,28 @@ def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
 
 def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) -> np.ndarray:
     """(F, U, 6) N, Nm: derivatives of the reading at z (P,) by the coordinates at these places."""
-    place, moving = np.array(places), np.isin(places, model.coordinates(problem.joints, "encoder_offset"))
-    found = np.empty((len(place), len(problem.t), 6))
-    for program, some in ((model.slopes, moving), (model.slopes_at_pose, ~moving)):
-        if some.any():
-            found[some] = _slopes(problem, z, link, program, np.eye(len(z))[place[some]])
-    return found
-
-
-def _slopes(
-    problem: Problem, z: np.ndarray, link: float, program: Callable[..., Array], directions: np.ndarray
-) -> np.ndarray:
-    """(F, P) directions -> (F, U, 6)."""
+    joints = model.coordinates(problem.joints, "encoder_offset")
 
     def of_log(part: Part) -> np.ndarray:
-        def some(directions: Array) -> Array:
-            return program(part.signals, problem.known, jnp.asarray(z), jnp.asarray(link), directions)
+        signals, known = part.signals, problem.known
+        moving = model.motion(signals, known, z)
+        still = jax.tree.map(lambda x: jnp.asarray(np.zeros(x.shape, x.dtype)), moving)
+        by_joint = model.motion_slopes(signals, known, z) if np.isin(places, joints).any() else ()
+        change = dict(zip(joints, by_joint, strict=False))
 
-        return in_pieces(some, LANES, directions)[:, : part.used]
+        def some(places: np.ndarray) -> Array:
+            changes = tuple(change.get(place, still) for place in places)
+            return model.slopes(signals, known, moving, z, np.asarray(link, z.dtype), np.eye(len(z))[places], changes)
+
+        return in_pieces(some, LANES, np.array(places))[:, : part.used]
 
     return np.concatenate([of_log(part) for part in problem.parts], axis=1)
+
+
+def believed_motions(problem: Problem) -> list[ArmMotion]:
+    """How the arm moves in each log, if the joints are where the setup believes; B samples, with the padding."""
+    z = np.zeros(model.size(problem.joints))
+    return [model.motion(part.signals, problem.known, z) for part in problem.parts]
 
 
 def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
@@ -88,5 +123,5 @@ def in_pieces(function: Callable[..., Array], lanes: int, *arrays: np.ndarray) -
     found = []
     for first in range(0, count, lanes):
         piece = (np.resize(array[first : first + lanes], (lanes, *array.shape[1:])) for array in arrays)
-        found.append(np.asarray(function(*(jnp.asarray(array) for array in piece)))[: count - first])
+        found.append(np.asarray(function(*piece))[: count - first])
     return np.concatenate(found)

@@ -196,4 +196,4 @@ def covariance(problem: Problem, fit: Fit, further: np.ndarray | None = None) ->
     if further is not None:
         columns = columns._replace(moving=np.concatenate([columns.moving, further]))
     by_block = scores(columns, fit.error, problem.block(BLOCK_SECONDS))
-    return widened_inverse(by_block, information(columns, len(fit.free)))
+    return widened_inverse(by_block, information(columns, len(fit.free)).matrix())

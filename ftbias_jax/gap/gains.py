@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.gap.columns import information, products, step_and_gain
+from ftbias_jax.gap.columns import Information, Layout, information, lay_out, products, step_and_gain
 from ftbias_jax.gap.fit import Fit
 from ftbias_jax.gap.hypotheses import NATS_PER_DEGREE
 
@@ -47,26 +47,42 @@ class Gains(NamedTuple):
         return gained, chosen
 
 
-def gains(accepted: Fit, columns: np.ndarray) -> Gains:
-    """Prepare the gains of whitened columns (M, U, 6) on top of a fit."""
+class Standing(NamedTuple):
+    """A fit that further columns come beside, and what their gains need of it."""
+
+    fit: Fit
+    layout: Layout
+    """Its own columns."""
+    information: Information
+    pull: np.ndarray
+    """(K,) their products with the error."""
+
+
+def stand(fit: Fit) -> Standing:
+    """Prepare a fit for columns that come beside it."""
+    layout = lay_out(fit.columns)
+    return Standing(fit, layout, information(fit.columns), products(layout, fit.error[None])[0])
+
+
+def gains(standing: Standing, columns: np.ndarray) -> Gains:
+    """Prepare the gains of whitened columns (M, U, 6) beside a fit."""
     flat = columns.reshape(len(columns), -1)
-    shared, taken, pull = _beside(accepted, columns)
+    shared, taken, pull = _beside(standing, columns)
     return Gains(flat @ flat.T - shared @ taken, pull)
 
 
-def gain_of_each(accepted: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def gain_of_each(standing: Standing, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(M,) nats that every whitened column (M, U, 6) would gain by itself, and (M,) its coefficient."""
-    shared, taken, pull = _beside(accepted, columns)
+    shared, taken, pull = _beside(standing, columns)
     power = np.maximum(np.einsum("muk,muk->m", columns, columns) - (shared.T * taken).sum(0), 1e-12)
     return pull**2 / power / 2, -pull / power
 
 
-def _beside(accepted: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _beside(standing: Standing, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What a fit itself does of columns (M, U, 6): products (M, K), coefficients (K, M), and the pull (M,) left."""
-    own, error = accepted.columns, accepted.error
-    shared = products(own, columns)
-    taken = np.linalg.solve(information(own), shared.T)
-    return shared, taken, columns.reshape(len(columns), -1) @ error.ravel() - taken.T @ products(own, error[None])[0]
+    shared = products(standing.layout, columns)
+    taken = standing.information.solve(shared.T)
+    return shared, taken, columns.reshape(len(columns), -1) @ standing.fit.error.ravel() - taken.T @ standing.pull
 
 
 def gain_of_series(accepted: Fit, series: np.ndarray) -> float:

@@ -1,20 +1,23 @@
 """All effects that change the mean reading as one differentiable model in unbounded coordinates.
 
 One compiled function serves every effect and every combination: the chain of the catalogue is evaluated with all its
-effects in place, most of them neutral, and derivatives are taken along the few directions that a fit asks for.
+effects in place, most of them neutral, and derivatives are taken along the few directions that a fit asks for. The
+motion of the arm, which only the joints' offsets change, is worked out apart, so that it is compiled once.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.arm_batch import ArmMotion
 from ftbias_jax.effects import chain
 from ftbias_jax.effects.catalogue import CATALOGUE, neutral_values
-from ftbias_jax.effects.kinematics import subtract_offsets
+from ftbias_jax.effects.kinematics import motion_of, subtract_offsets
 from ftbias_jax.effects.types import Signals, Values
 from ftbias_jax.types import Array
 
@@ -29,6 +32,10 @@ LONGEST_PERIOD = 1 / 3.5
 
 MOST_LOG_DAMPING = 1.6
 """A fourth of critical damping: what swings less is no tool on springs."""
+
+
+MOVING = ("encoder_offset",)
+"""Effects that change how the arm moves; all else is worked out from the motion."""
 
 
 class Block(NamedTuple):
@@ -142,37 +149,63 @@ def within(least: float, value: Array, most: float) -> Array:
     return value + jax.lax.stop_gradient(jnp.clip(value, least, most) - value)
 
 
-def predict(signals: Signals, z: Array, link: Array, known: Values) -> Array:
-    """(B, 6) N, Nm: noise-free reading with the effects at coordinates z, and those that the setup knows of."""
-    values, offsets = to_values(signals, z, link)
-    return chain.predict(subtract_offsets(offsets, signals), values | known)
+@jax.jit
+def motion(signals: Signals, known: Values, z: Array) -> ArmMotion:
+    """How the arm moves with the joint offsets of coordinates z (P,), and with those that the setup knows of."""
+    moved = subtract_offsets(to_values(signals, z, jnp.zeros_like(z[0]))[1], signals)
+    return motion_of(chain.transform(moved, {name: known[name] for name in known if name in MOVING}))
 
 
 @jax.jit
-def slopes(signals: Signals, known: Values, z: Array, link: Array, directions: Array) -> Array:
-    """(D, P) directions -> (D, B, 6) N, Nm: derivatives of the reading at coordinates z (P,)."""
-    return jax.vmap(lambda d: jax.jvp(lambda z: predict(signals, z, link, known), (z,), (d,))[1])(directions)
+def motion_slopes(signals: Signals, known: Values, z: Array) -> tuple[ArmMotion, ...]:
+    """The derivatives of ``motion`` by the coordinate of every joint's offset."""
+    places = coordinates(signals.q.shape[1], "encoder_offset")
+    directions = jnp.eye(len(z), dtype=z.dtype)[places]
+    slopes = jax.vmap(lambda d: jax.jvp(lambda z: motion(signals, known, z), (z,), (d,))[1])(directions)
+    return tuple(jax.tree.map(lambda x, i=i: x[i], slopes) for i in range(len(places)))
 
 
 @jax.jit
-def slopes_at_pose(signals: Signals, known: Values, z: Array, link: Array, directions: Array) -> Array:
-    """The same for directions that move no joint: the kinematics are worked out once for all of them."""
-    moved = subtract_offsets(to_values(signals, z, link)[1], signals)
+def readings(signals: Signals, known: Values, moving: tuple[ArmMotion, ...], z: Array, link: Array) -> Array:
+    """(C, B, 6) N, Nm: noise-free readings at several coordinates at once.
 
-    def reading(z: Array) -> Array:
-        return chain.predict(moved, to_values(signals, z, link)[0] | known)
-
-    return jax.vmap(lambda d: jax.jvp(reading, (z,), (d,))[1])(directions)
-
-
-@jax.jit
-def predict_many(signals: Signals, known: Values, z: Array, link: Array) -> Array:
-    """(C, P), (C,) -> (C, B, 6) N, Nm: readings at several coordinates at once."""
-    return jax.vmap(lambda z, link: predict(signals, z, link, known))(z, link)
+    Args:
+        signals: of the log. known: effects that the setup knows of. moving: C times ``motion`` at z.
+        z: (C, P) coordinates. link: (C,) which link carries the anchor of a cable.
+    """
+    return jax.vmap(partial(_reading, signals, known))(_stack(moving), z, link)
 
 
 @jax.jit
-def predict_at_pose(signals: Signals, known: Values, z: Array, link: Array) -> Array:
-    """The same for coordinates that all have the joint offsets of the first: the kinematics are worked out once."""
-    moved = subtract_offsets(to_values(signals, z[0], link[0])[1], signals)
-    return jax.vmap(lambda z, link: chain.predict(moved, to_values(signals, z, link)[0] | known))(z, link)
+def slopes(
+    signals: Signals,
+    known: Values,
+    moving: ArmMotion,
+    z: Array,
+    link: Array,
+    directions: Array,
+    changes: tuple[ArmMotion, ...],
+) -> Array:
+    """(D, B, 6) N, Nm: derivatives of the reading.
+
+    Args:
+        signals, known: as above. moving: ``motion`` at z. z: (P,) coordinates. link: (). directions: (D, P).
+        changes: of the motion along each direction; zeros if it moves no joint.
+    """
+
+    def along(direction: Array, change: ArmMotion) -> Array:
+        reading = partial(_reading, signals, known)
+        slope: Array = jax.jvp(lambda moving, z: reading(moving, z, link), (moving, z), (change, direction))[1]
+        return slope
+
+    return jax.vmap(along)(directions, _stack(changes))
+
+
+def _reading(signals: Signals, known: Values, moving: ArmMotion, z: Array, link: Array) -> Array:
+    values = to_values(signals, z, link)[0] | {name: known[name] for name in known if name not in MOVING}
+    return chain.predict(signals._replace(motion=moving), values)
+
+
+def _stack(moving: tuple[ArmMotion, ...]) -> ArmMotion:
+    stacked: ArmMotion = jax.tree.map(lambda *x: jnp.stack(x), *moving)
+    return stacked

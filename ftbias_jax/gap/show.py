@@ -5,14 +5,12 @@ from __future__ import annotations
 import jax
 import numpy as np
 
-from ftbias_jax.gap.evaluate import measured, readings
+from ftbias_jax.gap.evaluate import believed_motions, measured, readings
 from ftbias_jax.gap.fit import Fit
 from ftbias_jax.gap.holdout import HeldOut, excess
 from ftbias_jax.gap.locate import Motion, locate
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.gap.types import CHANNELS, Series, Where
-from ftbias_jax.screws import Arm, sensor_pose
-from ftbias_jax.types import Array
 
 SERIES_SECONDS = 0.2
 BREAK = 10.0
@@ -79,25 +77,18 @@ def _residual(problem: Problem, held: HeldOut) -> tuple[np.ndarray, np.ndarray]:
     return np.where(problem.samples > 0, held.error * noise, np.nan), noise
 
 
-@jax.jit
-def rotations(arm: Arm, q: Array) -> Array:
-    """(C, n) rad -> (C, 3, 3) R_base_sensor."""
-    return jax.vmap(lambda q: sensor_pose(arm, q)[0])(q)
-
-
 def _motion(problem: Problem) -> Motion:
     """What the robot was doing at the bins."""
-    signals = [part.signals for part in problem.parts]
 
     def join(name: str) -> np.ndarray:
         arrays = [np.asarray(getattr(part.signals, name))[: part.used] for part in problem.parts]
         return np.concatenate(arrays)
 
     down = []
-    for part, one in zip(problem.parts, signals, strict=True):
-        model = one.model
-        gravity = np.asarray(model.gravity) / np.linalg.norm(model.gravity)
-        down.append(np.repeat(gravity @ np.asarray(rotations(model.arm, one.q[::16])), 16, 0)[: part.used])
+    for part, motion in zip(problem.parts, believed_motions(problem), strict=True):
+        gravity = np.asarray(part.signals.model.gravity)
+        R = np.asarray(motion.sensor_rotation)[:, :, : part.used]
+        down.append(np.einsum("i,ijt->tj", gravity / np.linalg.norm(gravity), R))
     load = np.linalg.norm(np.nan_to_num(measured(problem)[:, :3]), axis=1)
     return Motion(
         speed=np.linalg.norm(join("dq"), axis=1),

@@ -12,7 +12,7 @@ import numpy as np
 from ftbias_jax.gap import model
 from ftbias_jax.gap.evaluate import slopes, whitened
 from ftbias_jax.gap.fit import Fit
-from ftbias_jax.gap.gains import gains
+from ftbias_jax.gap.gains import Standing, gains
 from ftbias_jax.gap.hypotheses import Hypothesis, at_values
 from ftbias_jax.gap.problem import Problem
 
@@ -37,17 +37,17 @@ def usual(problem: Problem) -> list[Hypothesis]:
     return [_ringing(problem, f, damping)._replace(fixed=fixed) for f in FREQUENCIES for damping in LOG_DAMPINGS]
 
 
-def balanced(problem: Problem, accepted: Fit) -> tuple[float, Hypothesis]:
+def balanced(problem: Problem, standing: Standing) -> tuple[float, Hypothesis]:
     """The frequency at which a tool that does not sag gains most, with the few ways of moving that matter; nats."""
-    return max((_balanced(problem, accepted, f) for f in FREQUENCIES), key=lambda found: found[0])
+    return max((_balanced(problem, standing, f) for f in FREQUENCIES), key=lambda found: found[0])
 
 
-def _balanced(problem: Problem, accepted: Fit, frequency: float) -> tuple[float, Hypothesis]:
+def _balanced(problem: Problem, standing: Standing, frequency: float) -> tuple[float, Hypothesis]:
     ringing = _ringing(problem, frequency, BETWEEN)
     ways, sagging = _places(problem)
-    z = accepted.z.copy()
+    z = standing.fit.z.copy()
     z[list(ringing.free)] = ringing.start
-    prepared = gains(accepted, whitened(problem, slopes(problem, z, accepted.link, ways)))
+    prepared = gains(standing, whitened(problem, slopes(problem, z, standing.fit.link, ways)))
     gain, chosen = prepared.pursue(list(range(len(ways))), len(ways), LEAST_WAY)
     free = (*ringing.free, *(ways[i] for i in chosen), sagging)
     shares = np.clip(prepared.coefficients(chosen), LEAST_SHARE, 1).tolist()

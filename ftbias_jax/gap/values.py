@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.gap import model
-from ftbias_jax.gap.evaluate import whitened
+from ftbias_jax.gap.evaluate import believed_motions, whitened
 from ftbias_jax.gap.fit import Fit, covariance
 from ftbias_jax.gap.hypotheses import Hypothesis, hats_of, slope_in_time
 from ftbias_jax.gap.problem import Problem
-from ftbias_jax.gap.show import rotations
 from ftbias_jax.gap.types import Numbers
 
 Parameters = dict[str, Numbers]
@@ -58,12 +56,12 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
     So a direction that changes no parameter, such as the size of gravity, adds nothing. A step towards neutral adds the
     error of the form.
     """
-    link, signals = jnp.asarray(fit.link), problem.parts[0].signals
+    link, signals = np.asarray(fit.link), problem.parts[0].signals
     variance, axes = np.linalg.eigh(spread)
     z = np.repeat(fit.z[None], len(variance) + 2, 0)
     z[1:-1, list(h.free)] += np.sqrt(np.maximum(variance, 0))[:, None] * axes.T
     z[-1, list(h.free)] *= 1 - FORM_ERROR
-    values, offsets = zip(*(model.to_values(signals, jnp.asarray(row), link) for row in z), strict=True)
+    values, offsets = zip(*(model.to_values(signals, row, link) for row in z), strict=True)
     if h.effect == "encoder_offset":
         joint = int(h.detail[0])
         at = np.array([float(offset[joint - 1]) for offset in offsets])
@@ -102,7 +100,7 @@ def _of_contact(
 ) -> tuple[Parameters, Parameters]:
     """Events with the force at their peak, base frame: the tool is pushed by minus the change of the reading."""
     events, hats = np.reshape(h.detail, (-1, 4)), hats_of(h)
-    ends = np.cumsum(hats)[:-1]
+    ends, motions = np.cumsum(hats)[:-1], believed_motions(problem)
     forces: list[Numbers] = []
     spreads: list[Numbers] = []
     for (log, start, end, _), change, error in zip(
@@ -111,7 +109,7 @@ def _of_contact(
         peak = int((change[:, :3] ** 2).sum(1).argmax())
         signals, used = problem.parts[int(log)].signals, problem.parts[int(log)].used
         middle = np.searchsorted(np.asarray(signals.t)[:used], start + peak * (end - start) / (len(change) - 1))
-        R = np.asarray(rotations(signals.model.arm, signals.q[int(min(middle, used - 1))][None])[0])
+        R = np.asarray(motions[int(log)].sensor_rotation)[:, :, min(middle, used - 1)]
         forces.append((-R @ change[peak, :3]).tolist())
         blunt = SHAPE_ERROR * float(np.linalg.norm(change[peak, :3]))
         spreads.append(np.hypot(np.abs(R) @ error[peak, :3], blunt).tolist())

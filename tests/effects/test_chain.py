@@ -7,6 +7,7 @@ import pytest
 
 from ftbias_jax.effects import chain
 from ftbias_jax.effects.catalogue import CATALOGUE, neutral_values, typical_values
+from ftbias_jax.effects.kinematics import motion_of, subtract_offsets
 from ftbias_jax.effects.types import Record
 
 PREDICTING = [name for name, effect in CATALOGUE.items() if effect.hook != "record"]
@@ -110,6 +111,28 @@ def test_gradients_at_zero_strength_are_finite(name, signals, wrench):
     reading = reading_of(name, signals, wrench)
     gradient = jax.jit(jax.grad(lambda values: jnp.sum(reading(values) ** 2)))(at)
     assert all(jnp.isfinite(x).all() for x in jax.tree.leaves(gradient))
+
+
+def test_a_motion_worked_out_before_is_the_motion(signals):
+    """With effects that look at it, and with its derivatives; another offset of the joints gives another motion."""
+    names = ("gravity_tilt", "cable", "contact")
+    signals = signals._replace(**{name: getattr(signals, name)[:50] for name in ("t", "q", "dq", "ddq", "temperature")})
+    values = {name: typical_values(CATALOGUE[name], signals.model) for name in names}
+    values["cable"]["link"] = jnp.array(2.0)
+
+    def direct(offsets):
+        return chain.predict(subtract_offsets(offsets, signals), values)
+
+    def apart(offsets):
+        moving = motion_of(subtract_offsets(offsets, signals))
+        return chain.predict(signals._replace(motion=moving), values)
+
+    at, along = jnp.array([0.1, -0.2, 0.3]), jnp.array([1.0, 2.0, -1.0])
+    (expected, slope), (got, got_slope) = (jax.jit(lambda f=f: jax.jvp(f, (at,), (along,)))() for f in (direct, apart))
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(got_slope, slope, rtol=1e-10, atol=1e-12 * np.abs(slope).max())
+    moved = subtract_offsets(at, signals._replace(motion=motion_of(signals)))
+    np.testing.assert_allclose(predict(moved, values), expected, rtol=1e-12, atol=1e-12)
 
 
 def test_effects_act_in_physical_order_whatever_order_they_are_named_in(signals, wrench):

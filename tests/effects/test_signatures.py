@@ -124,7 +124,7 @@ def test_biases_of_effects_lower_the_reading(signals, wrench):
 def test_a_cable_is_a_spring_that_only_pulls(signals, panda):
     q = jax.random.uniform(jax.random.key(1), (50, 7), minval=-1.5, maxval=1.5)
     model = signals.model._replace(arm=panda)
-    signals = signals._replace(t=jnp.arange(50.0), q=q, model=model)
+    signals = signals._replace(t=jnp.arange(50.0), q=q, dq=q, ddq=q, model=model)
     cable = {"stiffness": 20.0, "rest_length": 0.5, "anchor": np.array([0.1, 0.2, 0.7]), "link": 4.0}
     cable["attachment"] = np.array([0.02, 0.0, 0.05])
     force_and_torque = -np.asarray(jax.jit(chain.read)(signals, {"cable": cable}, jnp.zeros((50, 6))))

@@ -11,7 +11,7 @@ from ftbias_jax.gap.columns import (
     best_step,
     change,
     information,
-    normal_matrix,
+    lay_out,
     products,
     scores,
 )
@@ -32,17 +32,26 @@ def error():
 
 def test_products_are_those_of_the_dense_columns(columns, error):
     flat = dense(columns).reshape(columns.size, BINS * 6)
-    np.testing.assert_allclose(normal_matrix(columns), flat @ flat.T, atol=1e-12)
-    np.testing.assert_allclose(products(columns, error[None]), error.ravel()[None] @ flat.T, atol=1e-12)
+    np.testing.assert_allclose(products(lay_out(columns), error[None]), error.ravel()[None] @ flat.T, atol=1e-12)
     numbers = np.arange(1.0, columns.size + 1)
     np.testing.assert_allclose(change(columns, numbers).ravel(), numbers @ flat, atol=1e-12)
+
+
+def test_information_is_that_of_the_dense_columns(columns):
+    flat = dense(columns).reshape(columns.size, BINS * 6)
+    found = information(columns)
+    added = found.matrix() - flat @ flat.T
+    np.testing.assert_allclose(added, np.diag(np.diag(added)), atol=1e-11)
+    assert (np.diag(added) < 0.01).all()
+    right = np.random.default_rng(2).normal(size=(columns.size, 3))
+    np.testing.assert_allclose(found.matrix() @ found.solve(right), right, atol=1e-10)
 
 
 def test_the_prior_is_of_the_coordinates_alone():
     columns = Columns(np.zeros((2, BINS, 6)), np.ones((1, BINS, 6)))
     ridge = RIDGE * 6 * BINS / 8
-    np.testing.assert_allclose(np.diag(information(columns)), [PRIOR_STD**-2 + ridge] * 2 + [BINS + ridge] * 6)
-    np.testing.assert_allclose(np.diag(information(columns, 1))[:2], [PRIOR_STD**-2 + ridge, ridge])
+    np.testing.assert_allclose(np.diag(information(columns).matrix()), [PRIOR_STD**-2 + ridge] * 2 + [BINS + ridge] * 6)
+    np.testing.assert_allclose(np.diag(information(columns, 1).matrix())[:2], [PRIOR_STD**-2 + ridge, ridge])
 
 
 def test_the_best_step_is_least_squares(columns, error):

@@ -5,7 +5,7 @@ import pytest
 from small_fits import at_its_best, dense, residual, shift
 
 from ftbias_jax.gap.columns import Columns
-from ftbias_jax.gap.gains import gain_of_each, gain_of_series, gains
+from ftbias_jax.gap.gains import gain_of_each, gain_of_series, gains, stand
 
 BINS = 50
 
@@ -17,15 +17,15 @@ def test_gain_of_columns_is_that_of_least_squares(own, seed):
     accepted, further = at_its_best(rng, own, BINS), rng.normal(size=(4, BINS, 6))
     together = residual(np.concatenate([accepted.columns.moving, further]), accepted.error)
     expected = ((accepted.error**2).sum() - (together**2).sum()) / 2
-    assert gains(accepted, further).of([0, 1, 2, 3]) == pytest.approx(expected, rel=1e-6)
+    assert gains(stand(accepted), further).of([0, 1, 2, 3]) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("own", [0, 3])
 def test_gain_of_each_is_the_gain_of_one(own):
     rng = np.random.default_rng(own)
     accepted, further = at_its_best(rng, own, BINS), rng.normal(size=(4, BINS, 6))
-    each, coefficient = gain_of_each(accepted, further)
-    prepared = gains(accepted, further)
+    each, coefficient = gain_of_each(stand(accepted), further)
+    prepared = gains(stand(accepted), further)
     np.testing.assert_allclose(each, [prepared.of([i]) for i in range(4)], rtol=1e-6)
     # Minus the coefficient of the column itself, the others being solved for again.
     solved = shift(np.concatenate([accepted.columns.moving, further[:1]]), accepted.error)
