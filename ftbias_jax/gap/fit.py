@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.gap import model
-from ftbias_jax.gap.columns import PRIOR_STD, Columns, best_step, change, channels_first, information, scores
+from ftbias_jax.gap.columns import PRIOR_STD, Columns, best_step, change, channels_first, information, multiply, scores
 from ftbias_jax.gap.evaluate import measured, readings, slopes, whitened, whitened_series
 from ftbias_jax.gap.hypotheses import Hypothesis
 from ftbias_jax.gap.problem import Problem
@@ -150,15 +150,15 @@ def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, n
         return lambda errors: (np.zeros((len(errors), 0)), errors)
     by_channel = channels_first(series)  # (6, E, U)
     transposed = by_channel.transpose(0, 2, 1)
-    normal = by_channel @ transposed
+    normal = multiply(by_channel, transposed)
     ridge = 1e-9 * normal.max() + 1e-12  # for series that vanish
     inverse = np.linalg.inv(normal + ridge * np.eye(len(series)))
 
     def project(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        channels = errors.transpose(2, 1, 0)  # (6, U, C)
-        coefficients = -inverse @ (by_channel @ channels)
-        left = channels + transposed @ coefficients
-        return coefficients.transpose(2, 1, 0).reshape(len(errors), -1), left.transpose(2, 1, 0)
+        channels = channels_first(errors)  # (6, C, U)
+        coefficients = -multiply(multiply(channels, transposed), inverse)
+        left = channels + multiply(coefficients, by_channel)
+        return coefficients.transpose(1, 2, 0).reshape(len(errors), -1), left.transpose(1, 2, 0)
 
     return project
 
