@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Callable, Sequence
 
@@ -18,6 +19,8 @@ from ftbias_jax.option_kinds import count, gate, numbers, positive, process, res
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code. Known errors become one line on standard error."""
     parsed = build_parser().parse_args(arguments)
+    # The matrices are small: threads of BLAS that wait for one another cost more than they save.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         # A command's module is imported only now: JAX alone costs half a second.
         run: Callable[[argparse.Namespace], int] = importlib.import_module(f"ftbias_jax.commands.{parsed.command}").run
