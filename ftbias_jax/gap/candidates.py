@@ -26,8 +26,8 @@ WORTH_SEARCHING = 0.15
 ROUGHLY = 0.03
 """Share of its whole gain; the last step of a first fit gains less."""
 ROUGH_STEPS = 4
-POLISHED = 0.85
-"""Share of the best gain from which on a fit is brought to its end."""
+POLISHED, POLISHED_SEARCHED = 0.85, 0.5
+"""Shares of the best gain from which on a fit is brought to its end: of a smooth effect, and of another one."""
 HANDICAP = {"crosstalk": 0.95, "contact": 0.8}
 """Share of their gain that counts when effects are ranked that can take nearly any shape: a structured explanation
 nearly as good as theirs comes first."""
@@ -103,8 +103,12 @@ def _worth(h: Hypothesis) -> float:
 def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Scored]:
     """The best ones fitted to the end; best first."""
     top = max((s.gain for s in scored), default=0.0)
-    ends = (_end(problem, s.fit) if s.fit.free and s.gain > POLISHED * top else s.fit for s in scored)
+    ends = (_end(problem, s.fit) if s.fit.free and s.gain > _near(s.hypothesis) * top else s.fit for s in scored)
     return sorted((Scored(one, score(one, accepted)) for one in ends), key=lambda scored: -_merit(scored))
+
+
+def _near(h: Hypothesis) -> float:
+    return POLISHED if h.effect in hyp.SMOOTH or h.shapes else POLISHED_SEARCHED
 
 
 def _end(problem: Problem, rough: Fit) -> Fit:

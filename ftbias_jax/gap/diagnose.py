@@ -12,6 +12,7 @@ from ftbias_jax.gap import fit as fits
 from ftbias_jax.gap.ahead import compiled_ahead
 from ftbias_jax.gap.candidates import Scored
 from ftbias_jax.gap.compare import compare
+from ftbias_jax.gap.events import is_sure
 from ftbias_jax.gap.fit import Fit
 from ftbias_jax.gap.holdout import HeldOut, Judge, excess_by_chance, excess_by_channel, excess_stderr, gap_removed
 from ftbias_jax.gap.problem import Problem, make_problem
@@ -59,7 +60,8 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
     if gap.shrink < USEFUL_SHARE:  # what does not hold on unseen blocks is no cause
         accepted, after, gap = base, before, _gap(problem, before, before)
         causes = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
-    verdict = _verdict(problem, gap, causes, found)
+    sure = all(is_sure(h) for h in accepted.hypotheses if h.local)
+    verdict = _verdict(problem, gap, causes, found, sure)
     if verdict in ("unknown", "none"):
         causes = ()
     stages = tuple(dict.fromkeys(cause.stage for cause in causes))
@@ -95,7 +97,7 @@ def _gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
     )
 
 
-def _verdict(problem: Problem, gap: Gap, causes: tuple[Candidate, ...], found: tuple[Finding, ...]) -> str:
+def _verdict(problem: Problem, gap: Gap, causes: tuple[Candidate, ...], found: tuple[Finding, ...], sure: bool) -> str:
     before_gap, after_gap = np.sqrt(gap.before_sigmas**2 - 1), np.sqrt(gap.after_sigmas**2 - 1)
     quiet_before = before_gap < SILENT or before_gap**2 < SAME * excess_by_chance(problem)
     # What is left must be small for the owner and small against what was there, or no more than chance.
@@ -106,7 +108,7 @@ def _verdict(problem: Problem, gap: Gap, causes: tuple[Candidate, ...], found: t
         return "none" if quiet_before else "unknown"
     if not of_the_mean:
         return "explained" if quiet_before else "partly_explained"
-    if quiet_after:
+    if quiet_after and sure:
         return "explained"
     return "partly_explained" if gap.shrink >= USEFUL_SHARE or found else "unknown"
 

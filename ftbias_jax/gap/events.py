@@ -22,8 +22,10 @@ LEAST_EVENT = 60.0
 """nats of a single contact."""
 MOST_CONTACT = 0.35
 """Share of the log: what touches the tool for longer is no event."""
-LONGEST_EVENT = 3.0
+LONGEST_EVENT = 5.0
 """s; nor is what touches it once for longer."""
+SURELY_EVENT = 3.0
+"""s; what lasts longer may be something else in the robot's surroundings that no effect of the catalogue stands for."""
 TRIMS, TRIM_HATS = 3, 16
 LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.002
 """nats, and share of the largest, of a hat function at the end of a contact."""
@@ -176,6 +178,11 @@ def _is_short(problem: Problem, contact: Hypothesis) -> bool:
     """Whether the contacts are short, each and together."""
     lengths = np.diff(np.reshape(contact.detail, (-1, 4))[:, 1:3])
     return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_CONTACT * problem.duration)
+
+
+def is_sure(contact: Hypothesis) -> bool:
+    """Whether nothing but contacts is as short."""
+    return bool(np.diff(np.reshape(contact.detail, (-1, 4))[:, 1:3]).max() < SURELY_EVENT)
 
 
 def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
