@@ -39,6 +39,8 @@ FAINT = 1 / 3
 SAME = 3.0
 """Standard errors by which a gap must exceed chance."""
 CANDIDATES = 12
+UNSURE = "; or something that is not in the catalogue, for it lasted long"
+"""Added to the explanation of a contact that is not surely one."""
 
 
 def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: Collection[str] = ()) -> Diagnosis:
@@ -129,7 +131,9 @@ def _causes(
         twins = twins_of(problem, base, accepted, hypothesis, scored)
         values, stderr = parameters(problem, accepted, hypothesis)
         held, shrink = _judged(problem, hold_out, scored[0].fit, previous, total)
-        of_mean.append(_candidate(hypothesis.effect, values, stderr, held, shrink, twins))
+        named = _candidate(hypothesis.effect, values, stderr, held, shrink, twins)
+        unsure = hypothesis.local and not is_sure(hypothesis)
+        of_mean.append(named._replace(explanation=named.explanation + UNSURE) if unsure else named)
         previous = scored[0].fit
     of_samples = [_of_finding(finding, problem.duration) for finding in found]
     if total < LEADS**2:
