@@ -30,8 +30,10 @@ def temperature_drift(values: EffectValues, signals: Signals, wrench: Array) -> 
 
 
 def bias_jump(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """b + amplitude from the stated time on."""
-    return wrench - jnp.where(signals.t >= values["time"], 1, 0)[:, None] * values["amplitude"][None]
+    """b + amplitude from the stated time on, or reached along a straight line that begins there."""
+    after, ramp = signals.t - values["time"], values["ramp"]
+    rising = jnp.clip(after / jnp.where(ramp > 0, ramp, 1), 0, 1)
+    return wrench - jnp.where(ramp > 0, rising, jnp.where(after >= 0, 1, 0))[:, None] * values["amplitude"][None]
 
 
 EFFECTS = (
@@ -80,6 +82,9 @@ EFFECTS = (
         (
             Parameter("time", "s", "when, from the start of the log", (), 0.0, 1e7, 0.0, 5.0, search=True),
             Parameter("amplitude", "N, Nm", "bias gained", (6,), -1e4, 1e4, 0.0, _NEWTON),
+            Parameter(
+                "ramp", "s", "how long the jump takes; 0 = no time", (), 0.0, 1e6, 0.0, 0.0, search=True, optional=True
+            ),
         ),
         "the bias jumped once and stayed",
         "look for a re-tare, an overload or a tool change at that time",

@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.gap import events, model, swings
+from ftbias_jax.gap import events, model, slow, swings
 from ftbias_jax.gap import hypotheses as hyp
 from ftbias_jax.gap.cables import cables
 from ftbias_jax.gap.evaluate import readings, slopes, whitened
-from ftbias_jax.gap.events import Found, Library
 from ftbias_jax.gap.fit import Fit, first_order, fit, keep
 from ftbias_jax.gap.gains import Standing, gain_of_each, gains, stand
 from ftbias_jax.gap.hypotheses import Hypothesis
+from ftbias_jax.gap.library import Found, Library
 from ftbias_jax.gap.problem import Problem
 
 LEAST_GAIN = 12.0
@@ -68,7 +68,7 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
         found.append(swings.balanced(problem, standing))
     if "cable" not in taken:
         found += cables(problem, standing)
-    for make in (events.slow, events.jump):
+    for make in (slow.slow, slow.jump):
         found += make(problem, library, accepted, taken)
     smooth = np.concatenate([accepted.columns.moving, *columns.values()])
     found += events.contacts(problem, library, accepted, taken, smooth)

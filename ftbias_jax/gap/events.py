@@ -1,9 +1,8 @@
-"""Effects that are linear in series known beforehand: settling, temperature, jumps and contacts."""
+"""Contacts: when something touched the tool, and with which wrench."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from typing import NamedTuple, TypeAlias
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -13,10 +12,8 @@ from ftbias_jax.gap.evaluate import whitened_series
 from ftbias_jax.gap.fit import Fit, projection
 from ftbias_jax.gap.gains import gain_of_series
 from ftbias_jax.gap.hypotheses import Event, Hypothesis
+from ftbias_jax.gap.library import Found, Library
 from ftbias_jax.gap.problem import Problem
-
-Found: TypeAlias = tuple[float, Hypothesis]
-"""Gain in nats on top of what is accepted, not penalised, and the hypothesis."""
 
 LEAST_EVENT = 60.0
 """nats of a single contact."""
@@ -26,121 +23,12 @@ LONGEST_EVENT = 5.0
 """s; nor is what touches it once for longer."""
 SURELY_EVENT = 3.0
 """s; what lasts longer may be something else in the robot's surroundings that no effect of the catalogue stands for."""
-TRIMS, TRIM_HATS = 3, 16
-LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.002
+TRIMS, TRIM_HATS = 3, 32
+LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.005
 """nats, and share of the largest, of a hat function at the end of a contact."""
 CLEAR_HATS = 2
 """Hats in a row that do not matter, less one, between two contacts."""
 REWEIGHTINGS = 4
-FINE = 17
-"""Values tried at every refinement of a time or a time constant."""
-
-
-class Library(NamedTuple):
-    """Whitened series of one problem that no fit changes: worked out once."""
-
-    slow: list[Hypothesis]
-    slow_white: np.ndarray
-    """(S, U, 6), the same series in every channel."""
-    jumps: list[Hypothesis]
-    jumps_white: np.ndarray
-    events: list[Event]
-    events_white: np.ndarray
-    """(E, U, 6) pulses."""
-
-
-def make_library(problem: Problem) -> Library:
-    """All series that are searched through."""
-    slow = hyp.warmups(problem) + hyp.temperatures(problem)
-    jumps, events = [], []
-    for log, duration in enumerate(problem.durations):
-        step = max(hyp.JUMP_STEP, duration / 400)
-        jumps += hyp.jumps(problem, log, np.arange(1.0, duration - 1.0, step))
-        events += [
-            (log, float(start), float(start + length))
-            for length in hyp.PULSES
-            for start in np.arange(0.3, duration - length, max(length / 2, duration / 400))
-        ]
-    pulses = [hyp.pulse(problem, *event) for event in events]
-    return Library(
-        slow,
-        _alike(problem, [h.shapes[0] for h in slow]),
-        jumps,
-        _alike(problem, [h.shapes[0] for h in jumps]),
-        events,
-        _alike(problem, pulses),
-    )
-
-
-def _alike(problem: Problem, series: Sequence[np.ndarray]) -> np.ndarray:
-    """(C, U, 6) in single precision: whitened series, the same in every channel."""
-    if not series:
-        return np.zeros((0, len(problem.t), 6), np.float32)
-    pieces = [series[i : i + 64] for i in range(0, len(series), 64)]
-    return np.concatenate([whitened_series(problem, piece).astype(np.float32) for piece in pieces])
-
-
-def by_channel(accepted: Fit, white: np.ndarray) -> np.ndarray:
-    """(C,) nats of series (C, U, 6) with a coefficient a channel, beside the accepted effects held where they are."""
-    error = accepted.error.astype(white.dtype)
-    along = np.einsum("cuk,uk->ck", white, error)
-    power = np.einsum("cuk,cuk->ck", white, white)
-    gain: np.ndarray = (along**2 / np.maximum(power, 1e-9) / 2).sum(1)
-    return gain
-
-
-def slow(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> list[Found]:
-    """Warm-up and temperature, the time constant of each refined."""
-    gain = by_channel(accepted, library.slow_white)
-    best: dict[str, Found] = {}
-    for found in zip(gain.tolist(), library.slow, strict=True):
-        if found[1].effect not in taken and found[0] > best.get(found[1].effect, (-np.inf,))[0]:
-            best[found[1].effect] = found
-    return [_with_time_constant(problem, accepted, found) for found in best.values()]
-
-
-def _with_time_constant(problem: Problem, accepted: Fit, found: Found) -> Found:
-    """The best time constant near that of a slow series; without a lag it stays as it is."""
-    _, h = found
-    if not h.detail[0]:
-        return found
-    ratio = float(np.log(hyp.TIME_CONSTANTS[1] / hyp.TIME_CONSTANTS[0]))
-
-    def make(log_time: np.ndarray) -> list[Hypothesis]:
-        return [hyp.retimed(problem, h, float(time)) for time in np.exp(log_time)]
-
-    return refine(problem, accepted, make, float(np.log(h.detail[0])), ratio)
-
-
-def jump(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> list[Found]:
-    """The step of the bias that gains most, its time refined."""
-    if "bias_jump" in taken or not library.jumps:
-        return []
-    best = library.jumps[int(by_channel(accepted, library.jumps_white).argmax())]
-    when, log = best.detail
-
-    def make(times: np.ndarray) -> list[Hypothesis]:
-        return hyp.jumps(problem, int(log), times)
-
-    step = max(hyp.JUMP_STEP, problem.durations[int(log)] / 400)
-    return [refine(problem, accepted, make, when, step)]
-
-
-def refine(
-    problem: Problem, accepted: Fit, make: Callable[[np.ndarray], list[Hypothesis]], at: float, reach: float
-) -> Found:
-    """The best of ever finer grids around a value that a series depends on.
-
-    Args:
-        make: values -> one hypothesis each. at: the best so far. reach: how far from it the best may be.
-    """
-    for _ in range(2):
-        values = at + reach * np.linspace(-1, 1, FINE)
-        made = make(values)
-        gain = by_channel(accepted, _alike(problem, [h.shapes[0] for h in made]))
-        best = int(gain.argmax())
-        at, reach = float(values[best]), 2 * reach / (FINE - 1)
-    return float(gain[best]), made[best]
 
 
 def contacts(
@@ -226,6 +114,7 @@ def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
         return [event]
     width, last = (end - start) / (len(nats) - 1), len(nats) - 1
     pieces = np.split(matter, np.flatnonzero(np.diff(matter) > CLEAR_HATS) + 1)
+    pieces = [p for p in pieces if nats[p].sum() > min(LEAST_EVENT, max(nats[p].sum() for p in pieces) / 2)]
     return [(log, start + max(p[0] - 1, 0) * width, start + min(p[-1] + 1, last) * width) for p in pieces]
 
 

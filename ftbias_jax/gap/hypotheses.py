@@ -55,8 +55,8 @@ class Hypothesis(NamedTuple):
     shapes: tuple[np.ndarray, ...] = ()
     """(U,) series, each with a coefficient for every channel: changes of the reading."""
     detail: tuple[float, ...] = ()
-    """What the series stand for: the joint; a time constant, or the time of a jump, and the log, -1 = all; (log, start,
-    end, number of series) of every contact."""
+    """What the series stand for: the joint; a time constant and the log, -1 = all; time, log and length of a jump; of
+    every contact (log, start, end, number of series)."""
     local: bool = False
     """Whether it acts for a short time only."""
 
@@ -172,13 +172,15 @@ def slope_in_time(problem: Problem, h: Hypothesis) -> np.ndarray:
     return slope
 
 
-def jumps(problem: Problem, log: int, times: np.ndarray) -> list[Hypothesis]:
-    """A step of the bias at each of the times of one log."""
+def jumps(problem: Problem, log: int, times: np.ndarray, ramp: float = 0.0) -> list[Hypothesis]:
+    """A jump of the bias that begins at each of the times of one log, and takes ``ramp`` s."""
     inside = problem.log == log
-    return [
-        Hypothesis("bias_jump", shapes=(-(inside & (problem.t >= when)).astype(float),), detail=(float(when), log))
-        for when in times
-    ]
+
+    def after(when: float) -> np.ndarray:
+        step: np.ndarray = (problem.t >= when).astype(float)
+        return np.clip((problem.t - when) / ramp, 0, 1) if ramp else step
+
+    return [Hypothesis("bias_jump", shapes=(-after(when) * inside,), detail=(float(when), log, ramp)) for when in times]
 
 
 def pulse(problem: Problem, log: int, start: float, end: float) -> np.ndarray:

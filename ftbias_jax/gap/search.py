@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.gap.candidates import LEAST_GAIN, Scored, candidates, score
-from ftbias_jax.gap.events import Library, make_library
 from ftbias_jax.gap.fit import Fit, block_scores, fit, projection
 from ftbias_jax.gap.holdout import Judge, excess_by_channel, gap_removed
+from ftbias_jax.gap.library import Library, make_library
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.gap.swings import is_plausible
 

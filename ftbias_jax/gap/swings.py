@@ -28,6 +28,7 @@ LEAST_WAY = 0.02
 """Share of the gain that each further way of moving must add."""
 LEAST_SHARE = 0.1
 NEAR_LIMIT = 0.97
+"""Share of a limit from which on a value is at it."""
 
 
 def usual(problem: Problem) -> list[Hypothesis]:

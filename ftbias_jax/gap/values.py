@@ -16,12 +16,19 @@ Parameters = dict[str, Numbers]
 FORM_ERROR = 0.02
 """Share of what a parameter departs from neutral that a real effect's form may put into it: it is never quite the
 catalogue's, and no scatter of the data shows that."""
+FORM_ERRORS = {"low_pass": 0.15, "warmup": 0.12}
+"""The same of effects whose form is known less: filters of another order or a moving average with the same delay have
+other cutoffs, and a second, longer time constant passes for drift."""
 TIME_CONSTANT = {"warmup": "tau", "temperature_drift": "lag"}
 """Effects of a slow series, and the name of its time constant."""
 SHAPE_ERROR = 0.15
 """Share of a contact's peak that its few hat functions may miss."""
 TIME_STDERR = 0.02
 """s; a jump is somewhere between two bins, and the likelihood is not smooth in its time."""
+RAMP_STDERR = 0.25
+"""Share of a jump's length within which it begins: few lengths are tried."""
+START_STDERR, FADING = 0.1, 0.1
+"""s of a contact's start and end, and what its end has more, as a share of its length: it may fade."""
 
 
 def parameters(problem: Problem, fit: Fit, hypothesis: Hypothesis) -> tuple[Parameters, Parameters]:
@@ -60,7 +67,7 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
     variance, axes = np.linalg.eigh(spread)
     z = np.repeat(fit.z[None], len(variance) + 2, 0)
     z[1:-1, list(h.free)] += np.sqrt(np.maximum(variance, 0))[:, None] * axes.T
-    z[-1, list(h.free)] *= 1 - FORM_ERROR
+    z[-1, list(h.free)] *= 1 - FORM_ERRORS.get(h.effect, FORM_ERROR)
     values, offsets = zip(*(model.to_values(signals, row, link) for row in z), strict=True)
     if h.effect == "encoder_offset":
         joint = int(h.detail[0])
@@ -82,14 +89,16 @@ def _of_series(
 ) -> tuple[Parameters, Parameters]:
     rows = rows_of(fit, h)
     coefficients = fit.coefficients[rows].reshape(-1, 6)
-    errors = np.hypot(stderr[rows].reshape(-1, 6), FORM_ERROR * coefficients)
+    errors = np.hypot(stderr[rows].reshape(-1, 6), FORM_ERRORS.get(h.effect, FORM_ERROR) * coefficients)
     if h.effect == "contact":
         return _of_contact(problem, h, coefficients, errors)
     name = "per_kelvin" if h.effect == "temperature_drift" else "amplitude"
     found: Parameters = {name: _plain(coefficients[0])}
     spread: Parameters = {name: _plain(errors[0])}
     if h.effect == "bias_jump":
-        found["time"], spread["time"] = h.detail[0], TIME_STDERR
+        found["time"], _, found["ramp"] = h.detail
+        spread["time"] = float(np.hypot(TIME_STDERR, RAMP_STDERR * h.detail[2]))
+        spread["ramp"] = 2 * RAMP_STDERR * h.detail[2]
     if h.effect in TIME_CONSTANT:
         found[TIME_CONSTANT[h.effect]], spread[TIME_CONSTANT[h.effect]] = h.detail[0], stderr_of_time
     return found, spread
@@ -113,9 +122,10 @@ def _of_contact(
         forces.append((-R @ change[peak, :3]).tolist())
         blunt = SHAPE_ERROR * float(np.linalg.norm(change[peak, :3]))
         spreads.append(np.hypot(np.abs(R) @ error[peak, :3], blunt).tolist())
-    width: Numbers = [0.1] * len(events)
     found: Parameters = {"start": events[:, 1].tolist(), "end": events[:, 2].tolist(), "force": forces}
-    return found, {"start": width, "end": width, "force": spreads}
+    start = np.full(len(events), START_STDERR)
+    end = start + FADING * (events[:, 2] - events[:, 1])
+    return found, {"start": start.tolist(), "end": end.tolist(), "force": spreads}
 
 
 def _plain(value: np.ndarray) -> Numbers:

@@ -42,7 +42,7 @@ TRUTH = {
     "bias_jump": {"time": 4.0, "amplitude": [1.0, -0.5, 0.7, 0.05, 0.1, -0.05]},
     "time_delay": {"delay": 0.03},
 }
-SELECTING = {"joint", "time", "link", "attachment", "point"}
+SELECTING = {"joint", "time", "ramp", "link", "attachment", "point"}
 """Parameters that are held: found by trying each (below), or geometry that is measured by hand."""
 
 

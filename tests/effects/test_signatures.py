@@ -206,6 +206,12 @@ def test_a_tool_that_swings_one_way_follows_its_equation_of_motion(signals, way)
     assert np.abs(expected[:, way]).max() > 0.005 * np.abs(rigid[:, way]).max()
 
 
+def test_a_jump_may_take_its_time(signals, wrench):
+    t, amplitude = np.asarray(signals.t), np.arange(1.0, 7)
+    got = chain.read(signals, {"bias_jump": {"time": 4.0, "amplitude": amplitude, "ramp": 2.0}}, wrench)
+    np.testing.assert_allclose(wrench - got, np.interp(t, [4, 6], [0, 1])[:, None] * amplitude, atol=1e-12)
+
+
 def test_gauges_follow_the_thermometer_with_a_lag(signals, wrench):
     lag, per_kelvin = 1.7, np.arange(1.0, 7)
     t, temperature = np.asarray(signals.t), np.asarray(signals.temperature)

@@ -52,6 +52,38 @@ def test_a_wrong_mass_is_named_measured_and_removed(setup, record):
 
 
 @pytest.mark.slow
+def test_a_tool_on_one_hinge_is_named_with_its_share(setup, record):
+    share = np.array([0, 0, 0, 0.7, 0, 0])
+    loose = {"frequency": jnp.array(5.0), "damping_ratio": jnp.array(0.04), "share": share, "sagging": jnp.array(1.0)}
+    diagnosis = diagnose(setup, [record({"tool_flexibility": loose})], ["loose"])
+    assert diagnosis.verdict == "explained"
+    (cause,) = diagnosis.causes
+    assert cause.effect == "tool_flexibility"
+    for name, true in loose.items():
+        off = np.abs(np.asarray(cause.parameters[name]) - np.asarray(true))
+        assert (off <= 3 * np.asarray(cause.stderr[name]) + 0.02).all(), name
+    assert diagnosis.gap.shrink > 0.95
+
+
+@pytest.mark.slow
+def test_a_contact_beside_a_wrong_tool_is_told_apart(setup, record):
+    """Two presses 1.2 s apart: what the tool does between them is no contact."""
+    effects = {
+        "tool_com": {"center_of_mass": jnp.array([0.02, -0.01, 0.07])},
+        "contact": {
+            "start": jnp.array([6.0, 8.2]),
+            "end": jnp.array([7.0, 9.0]),
+            "force": jnp.array([[3.0, 0.0, 2.0], [0.0, 4.0, 0.0]]),
+        },
+    }
+    diagnosis = diagnose(setup, [record(effects)], ["touched"])
+    assert diagnosis.verdict == "explained"
+    named = {cause.effect: cause for cause in diagnosis.causes}
+    assert set(named) == {"tool_com", "contact"}
+    assert len(named["contact"].parameters["start"]) == 2
+
+
+@pytest.mark.slow
 def test_without_its_name_in_the_catalogue_the_gap_is_not_explained_away(setup, record):
     log = record({"tool_mass": {"mass": jnp.array(0.96)}})
     withheld = ("tool_mass", "gain", "crosstalk")

@@ -1,0 +1,60 @@
+"""Tools on springs: which forms are tried, and which fits are believed."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from small_fits import small_fit
+
+from ftbias_jax.gap import model, swings
+from ftbias_jax.gap.hypotheses import Hypothesis
+
+PROBLEM = SimpleNamespace(joints=7)
+NO_COLUMNS = np.zeros((0, 4, 6))
+
+
+def coordinate(parameter, way=0):
+    return model.slices(7)[swings.EFFECT, parameter].start + way
+
+
+def found(hypothesis, **values):
+    """A fit of one hypothesis with these coordinates."""
+    z = np.zeros(model.size(7))
+    for name, value in values.items():
+        z[coordinate(name)] = value
+    return small_fit(NO_COLUMNS, np.zeros((4, 6)), (), (hypothesis,))._replace(z=z)
+
+
+def test_the_usual_tool_turns_about_x_and_y_and_sags():
+    for h in swings.usual(PROBLEM):
+        assert set(h.free) == {coordinate("period"), coordinate("log_damping")}
+        moving = {place: value for place, value in h.fixed if value}
+        assert moving == {coordinate("share", 3): 1.0, coordinate("share", 4): 1.0, coordinate("sagging"): 1.0}
+
+
+def test_a_freed_tool_starts_where_it_was_found():
+    usual = swings.usual(PROBLEM)[0]
+    fit = found(usual, period=1.7, log_damping=0.4)
+    fit.z[[coordinate("share", 3), coordinate("share", 4), coordinate("sagging")]] = 1
+    general = swings.freed(PROBLEM, fit)
+    assert general.fixed == ()
+    assert dict(zip(general.free, general.start, strict=True)) == {
+        coordinate("period"): 1.7,
+        coordinate("log_damping"): 0.4,
+        coordinate("share", 0): 0.0,
+        coordinate("share", 1): 0.0,
+        coordinate("share", 3): 1.0,
+        coordinate("share", 4): 1.0,
+        coordinate("sagging"): 1.0,
+    }
+    assert swings.freed(PROBLEM, found(general)) is None
+    assert swings.freed(PROBLEM, found(Hypothesis("low_pass"))) is None
+
+
+@pytest.mark.parametrize(
+    ("hertz", "log_damping", "plausible"), [(5.0, 0.3, True), (3.5, 0.3, False), (2.0, 0.3, False), (5.0, 1.6, False)]
+)
+def test_what_needs_the_limits_is_no_tool_on_springs(hertz, log_damping, plausible):
+    values = {"period": 10 / hertz, "log_damping": log_damping}  # a unit of the period is 0.1 s
+    assert swings.is_plausible(PROBLEM, found(Hypothesis(swings.EFFECT), **values)) is plausible
+    assert swings.is_plausible(PROBLEM, found(Hypothesis("low_pass"), **values))
