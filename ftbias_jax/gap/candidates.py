@@ -65,7 +65,7 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
     found, columns = _smooth(problem, standing, taken)
     found += _grid(problem, standing, taken)
     if swings.EFFECT not in taken:
-        found.append(swings.balanced(problem, standing))
+        found += swings.loose(problem, standing)
     if "cable" not in taken:
         found += cables(problem, standing)
     for make in (slow.slow, slow.jump):
@@ -91,7 +91,7 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
 def _start(number: int, h: Hypothesis) -> float:
     """What tells starting points of one effect apart that are all fitted."""
     if h.effect == swings.EFFECT:
-        return float(len(h.fixed))
+        return swings.start_of(h)
     return h.detail[0] if h.effect == "encoder_offset" else float(number) if h.effect == "cable" else 0.0
 
 

@@ -81,12 +81,12 @@ def fit(
         error = _errors(problem, z[None], link)[0]
     (coefficients,), (error,) = project(error[None])
     cost = _cost(error, z, free)
-    first, moving = cost, None
+    first, moving, bounds = cost, None, model.bounds(problem.joints)
     for _ in range(most if free and np.isfinite(cost) else 0):
         moving = whitened(problem, slopes(problem, z, link, free))
         columns = project(moving)[1]
         trials = np.repeat(z[None], len(DAMPINGS), 0)
-        trials[:, list(free)] += _steps(columns, error, z[list(free)])
+        trials[:, list(free)] = _trials(columns, error, z[list(free)], *(bound[list(free)] for bound in bounds))
         solved, errors = project(_errors(problem, trials, link))
         costs = [_cost(e, trial, free) for e, trial in zip(errors, trials, strict=True)]
         best = int(np.argmin(costs))
@@ -171,13 +171,23 @@ def _cost(error: np.ndarray, z: np.ndarray, free: tuple[int, ...]) -> float:
     return -_log_likelihood(error) + float((z[list(free)] ** 2).sum()) / (2 * PRIOR_STD**2)
 
 
-def _steps(columns: np.ndarray, error: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(len(DAMPINGS), F) steps of the coordinates ``at``, for derivatives (F, U, 6) without what the series can do."""
+def _trials(columns: np.ndarray, error: np.ndarray, at: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """(len(DAMPINGS), F) next values of the coordinates ``at``, none of them outside its bounds.
+
+    Args:
+        columns: (F, U, 6) derivatives without what the series can do. error: (U, 6). at, least, most: (F,).
+    """
     flat = columns.reshape(len(columns), -1)
-    normal = flat @ flat.T + np.eye(len(at)) / PRIOR_STD**2
     pull = flat @ error.ravel() + at / PRIOR_STD**2
-    steps = [-np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull) for damping in DAMPINGS]
-    return np.clip(steps, -LONGEST_STEP, LONGEST_STEP)
+    # What is at a bound and would leave it stays, or else the others would move as if it did.
+    able = np.where(pull > 0, at > least, at < most)
+    normal = (flat @ flat.T + np.eye(len(at)) / PRIOR_STD**2)[np.ix_(able, able)]
+    trials: np.ndarray = np.repeat(at[None], len(DAMPINGS), 0)
+    for trial, damping in zip(trials, DAMPINGS, strict=True):
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull[able])
+        trial[able] -= np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+    trials = np.clip(trials, least, most)
+    return trials
 
 
 def block_scores(problem: Problem, fit: Fit) -> np.ndarray:

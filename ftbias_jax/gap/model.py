@@ -46,6 +46,9 @@ class Block(NamedTuple):
     size: int
     unit: float | np.ndarray
     """Of the parameter, per coordinate."""
+    least: float = -np.inf
+    most: float = np.inf
+    """Bounds of the coordinates."""
 
 
 def blocks(n: int) -> tuple[Block, ...]:
@@ -64,10 +67,10 @@ def blocks(n: int) -> tuple[Block, ...]:
         Block("time_delay", "delay", 1, 0.01),
         Block("low_pass", "lag", 1, 0.02),
         Block("hysteresis", "width", 6, 0.2 * lever),
-        Block("tool_flexibility", "period", 1, 0.1),
-        Block("tool_flexibility", "log_damping", 1, 1.0),
-        Block("tool_flexibility", "share", 6, 1.0),
-        Block("tool_flexibility", "sagging", 1, 1.0),
+        Block("tool_flexibility", "period", 1, 0.1, 0.0, LONGEST_PERIOD / 0.1),
+        Block("tool_flexibility", "log_damping", 1, 1.0, -4.0, MOST_LOG_DAMPING),
+        Block("tool_flexibility", "share", 6, 1.0, 0.0, 2.0),
+        Block("tool_flexibility", "sagging", 1, 1.0, 0.0, 1.0),
         Block("cable", "stiffness", 1, 10.0),
         Block("cable", "rest_length", 1, 0.1),
         Block("cable", "anchor", 3, 0.1),
@@ -85,6 +88,12 @@ def coordinates(n: int, effect: str) -> np.ndarray:
     """Indices of all coordinates of an effect."""
     places = slices(n)
     return np.concatenate([np.arange(s.start, s.stop) for (name, _), s in places.items() if name == effect])
+
+
+def bounds(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """(P,), (P,) least and most value of every coordinate."""
+    sizes = [b.size for b in blocks(n)]
+    return np.repeat([b.least for b in blocks(n)], sizes), np.repeat([b.most for b in blocks(n)], sizes)
 
 
 def size(n: int) -> int:
@@ -126,11 +135,11 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
         "low_pass": {"cutoff": 1 / (2 * jnp.pi * lag)},
         "hysteresis": {"width": jnp.maximum(move("hysteresis", "width"), 0)},
         "tool_flexibility": {
-            "frequency": 1 / jnp.clip(period, SHORTEST_PERIOD, LONGEST_PERIOD),
-            "damping_ratio": 0.05 * jnp.exp(jnp.clip(move("tool_flexibility", "log_damping")[0], -4, MOST_LOG_DAMPING)),
+            "frequency": 1 / jnp.maximum(period, SHORTEST_PERIOD),
+            "damping_ratio": 0.05 * jnp.exp(move("tool_flexibility", "log_damping")[0]),
             # Of a rigid tool nothing moves, whatever the shares: here they need not be neutral at 0.
-            "share": within(0, move("tool_flexibility", "share"), 2),
-            "sagging": within(0, move("tool_flexibility", "sagging")[0], 1),
+            "share": move("tool_flexibility", "share"),
+            "sagging": move("tool_flexibility", "sagging")[0],
         },
         "cable": neutral["cable"]
         | {
@@ -142,11 +151,6 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
         },
     }
     return values, move("encoder_offset", "offset")
-
-
-def within(least: float, value: Array, most: float) -> Array:
-    """The value cut to its bounds, but with the derivative of the value itself, so that a fit finds back."""
-    return value + jax.lax.stop_gradient(jnp.clip(value, least, most) - value)
 
 
 @jax.jit

@@ -129,7 +129,9 @@ def _touched(problem: Problem, found: Fit) -> np.ndarray:
 
 def _earned(problem: Problem, hold_out: Judge, bar: Bar, start: Fit, accepted: Fit, trial: Scored) -> bool:
     """Whether one more cause is possible, gains enough, steadily, and removes enough on blocks it has not seen."""
-    if not (trial.gain > LEAST_GAIN and is_plausible(problem, trial.fit) and _is_steady(problem, trial, accepted)):
+    if not (trial.gain > LEAST_GAIN and _is_steady(problem, trial, accepted)):
+        return False
+    if not is_plausible(problem, accepted, trial.fit):
         return False
     if trial.hypothesis.local and not _stands_out(problem, start, accepted, trial.fit):
         return False

@@ -48,13 +48,31 @@ def test_a_freed_tool_starts_where_it_was_found():
         coordinate("sagging"): 1.0,
     }
     assert swings.freed(PROBLEM, found(general)) is None
+    assert swings.start_of(usual) not in (swings.start_of(general), swings.start_of(general._replace(start=(0.0,))))
     assert swings.freed(PROBLEM, found(Hypothesis("low_pass"))) is None
 
 
 @pytest.mark.parametrize(
-    ("hertz", "log_damping", "plausible"), [(5.0, 0.3, True), (3.5, 0.3, False), (2.0, 0.3, False), (5.0, 1.6, False)]
+    ("hertz", "log_damping", "loss", "plausible"),
+    [
+        (5.0, 0.3, 90.0, True),
+        (3.5, 0.3, 90.0, False),
+        (2.0, 0.3, 0.0, False),
+        (5.0, model.MOST_LOG_DAMPING, 90.0, False),
+        (5.0, model.MOST_LOG_DAMPING, 1.0, True),
+    ],
 )
-def test_what_needs_the_limits_is_no_tool_on_springs(hertz, log_damping, plausible):
-    values = {"period": 10 / hertz, "log_damping": log_damping}  # a unit of the period is 0.1 s
-    assert swings.is_plausible(PROBLEM, found(Hypothesis(swings.EFFECT), **values)) is plausible
-    assert swings.is_plausible(PROBLEM, found(Hypothesis("low_pass"), **values))
+def test_what_needs_the_limits_is_no_tool_on_springs(monkeypatch, hertz, log_damping, loss, plausible):
+    """Of 100 nats gained, a usual damping loses so many."""
+    free = (coordinate("period"), coordinate("log_damping"))
+    best = found(Hypothesis(swings.EFFECT, free, (0.0, 0.0)), period=10 / hertz, log_damping=log_damping)
+    worse = best._replace(log_likelihood=best.log_likelihood - 100)
+
+    def refit(problem, hypotheses, start):
+        assert hypotheses[-1].fixed == ((free[1], 0.0),)
+        assert hypotheses[-1].free == free[:1]
+        return start._replace(log_likelihood=start.log_likelihood - loss)
+
+    monkeypatch.setattr(swings, "fit", refit)
+    assert swings.is_plausible(PROBLEM, worse, best) is plausible
+    assert swings.is_plausible(PROBLEM, worse, best._replace(hypotheses=(Hypothesis("low_pass"),)))
