@@ -65,7 +65,7 @@ EFFECTS = (
                 0.0,
                 1e6,
                 0.0,
-                0.0,
+                5.0,
                 search=True,
                 optional=True,
             ),
@@ -83,7 +83,7 @@ EFFECTS = (
             Parameter("time", "s", "when, from the start of the log", (), 0.0, 1e7, 0.0, 5.0, search=True),
             Parameter("amplitude", "N, Nm", "bias gained", (6,), -1e4, 1e4, 0.0, _NEWTON),
             Parameter(
-                "ramp", "s", "how long the jump takes; 0 = no time", (), 0.0, 1e6, 0.0, 0.0, search=True, optional=True
+                "ramp", "s", "how long the jump takes; 0 = no time", (), 0.0, 1e6, 0.0, 0.5, search=True, optional=True
             ),
         ),
         "the bias jumped once and stayed",
