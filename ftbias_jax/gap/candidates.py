@@ -108,6 +108,7 @@ def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Score
 
 
 def _near(h: Hypothesis) -> float:
+    """Share of the best gain from which on a fit is brought to its end."""
     return POLISHED if h.effect in hyp.SMOOTH or h.shapes else POLISHED_SEARCHED
 
 
