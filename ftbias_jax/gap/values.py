@@ -8,6 +8,7 @@ from ftbias_jax.gap import model
 from ftbias_jax.gap.evaluate import believed_motions, whitened
 from ftbias_jax.gap.fit import Fit, covariance
 from ftbias_jax.gap.hypotheses import Hypothesis, hats_of, slope_in_time
+from ftbias_jax.gap.leaks import whole_matrix
 from ftbias_jax.gap.problem import Problem
 from ftbias_jax.gap.types import Numbers
 
@@ -16,9 +17,9 @@ Parameters = dict[str, Numbers]
 FORM_ERROR = 0.02
 """Share of what a parameter departs from neutral that a real effect's form may put into it: it is never quite the
 catalogue's, and no scatter of the data shows that."""
-FORM_ERRORS = {"low_pass": 0.15, "warmup": 0.12}
+FORM_ERRORS = {"low_pass": 0.15, "warmup": 0.12, "temperature_drift": 0.1, "bias_jump": 0.05}
 """The same of effects whose form is known less: filters of another order or a moving average with the same delay have
-other cutoffs, and a second, longer time constant passes for drift."""
+other cutoffs, a second, longer time constant passes for drift, gauges are not linear in temperature, a jump settles."""
 TIME_CONSTANT = {"warmup": "tau", "temperature_drift": "lag"}
 """Effects of a slow series, and the name of its time constant."""
 SHAPE_ERROR = 0.15
@@ -33,6 +34,9 @@ START_STDERR, FADING = 0.1, 0.1
 
 def parameters(problem: Problem, fit: Fit, hypothesis: Hypothesis) -> tuple[Parameters, Parameters]:
     """Values and standard errors of one hypothesis of a fit, in the units of the catalogue."""
+    if hypothesis.effect == "crosstalk":
+        z, whole, of_entries = whole_matrix(problem, fit, hypothesis)
+        return _of_coordinates(problem, fit._replace(z=z), whole, of_entries)
     slow = [h for h in fit.hypotheses if h.effect in TIME_CONSTANT]
     further = np.concatenate([fit.columns.moving[:0], *(_by_time_constant(problem, fit, h) for h in slow)])
     spread = covariance(problem, fit, further)

@@ -66,6 +66,20 @@ def test_a_tool_on_one_hinge_is_named_with_its_share(setup, record):
 
 
 @pytest.mark.slow
+def test_all_of_a_crosstalk_matrix_is_within_its_errors(setup, record):
+    """The entries that look alike on this motion have wide errors; a few entries alone would be told far too surely."""
+    matrix = np.eye(6)
+    matrix[0, 2], matrix[2, 4], matrix[4, 0] = 0.04, -0.3, 0.003
+    diagnosis = diagnose(setup, [record({"crosstalk": {"matrix": jnp.array(matrix)}})], ["leaking"])
+    cause = diagnosis.causes[0]
+    assert cause.effect == "crosstalk"
+    off, stderr = np.array(cause.parameters["matrix"]) - matrix, np.array(cause.stderr["matrix"])
+    assert (np.abs(off) <= 3 * stderr).all()
+    assert stderr[0, 2] < 0.01
+    assert (stderr[~np.eye(6, dtype=bool)] > 0).all()
+
+
+@pytest.mark.slow
 def test_a_contact_beside_a_wrong_tool_is_told_apart(setup, record):
     """Two presses 1.2 s apart: what the tool does between them is no contact."""
     effects = {
