@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.arm_batch import ArmMotion
 from ftbias_jax.effects.catalogue import CATALOGUE, neutral_values
 from ftbias_jax.effects.environment import cable_span
 from ftbias_jax.effects.types import Signals
@@ -39,8 +40,9 @@ def cables(problem: Problem, standing: Standing) -> list[tuple[float, Hypothesis
     attachment = np.asarray(neutral_values(CATALOGUE["cable"], model)["attachment"])
     rng = np.random.default_rng(0)
     found: list[tuple[float, float, float, np.ndarray, int]] = []
+    motions = believed_motions(problem)
     for link in dict.fromkeys((0, *(max(n - back, 0) for back in FOREARM))):
-        spans = _spans(problem, link, attachment)
+        spans = _spans(problem, motions, link, attachment)
         near = rng.uniform(0.2, 0.9, (ANCHORS, 1)) * np.asarray(model.arm.zero_position) if link else 0.0
         anchors = near + rng.uniform(-1, 1, (ANCHORS, 3)) * (0.3 if link else 0.7 * reach)
         anchors = np.concatenate([anchors, _without_slack(problem, standing, spans, attachment)])
@@ -66,12 +68,12 @@ def _span(signals: Signals, anchor: Array, attachment: Array, link: Array) -> Ar
     return cable_span({"anchor": anchor, "attachment": attachment, "link": link}, signals)
 
 
-def _spans(problem: Problem, link: int, attachment: np.ndarray) -> np.ndarray:
+def _spans(problem: Problem, motions: list[ArmMotion], link: int, attachment: np.ndarray) -> np.ndarray:
     """(4, U, 3) m, sensor frame: near end to the link's origin at q = 0, and what a metre of the anchor's axes adds."""
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
     fixed = jnp.asarray(attachment), jnp.asarray(float(link))
     parts = []
-    for part, motion in zip(problem.parts, believed_motions(problem), strict=True):
+    for part, motion in zip(problem.parts, motions, strict=True):
         signals = part.signals._replace(motion=motion)
         ends = [_span(signals, jnp.asarray(corner), *fixed) for corner in corners]
         parts.append(np.stack([np.asarray(span)[: part.used] for span in ends]))

@@ -92,7 +92,12 @@ def _start(number: int, h: Hypothesis) -> float:
     """What tells starting points of one effect apart that are all fitted."""
     if h.effect == swings.EFFECT:
         return swings.start_of(h)
-    return h.detail[0] if h.effect == "encoder_offset" else float(number) if h.effect == "cable" else 0.0
+    return float(number) if h.effect == "cable" else _joint(h)
+
+
+def _joint(h: Hypothesis) -> float:
+    """The number of the joint that a hypothesis speaks of; 0 if it speaks of none."""
+    return h.detail[0] if h.effect == "encoder_offset" else 0.0
 
 
 def _worth(h: Hypothesis) -> float:
@@ -130,8 +135,7 @@ def _best_of_each(scored: list[Scored]) -> list[Scored]:
     """One start of every effect, and one of every joint."""
     best: dict[tuple[str, float], Scored] = {}
     for s in scored:
-        joint = s.hypothesis.detail[0] if s.hypothesis.effect == "encoder_offset" else 0.0
-        best.setdefault((s.hypothesis.effect, joint), s)
+        best.setdefault((s.hypothesis.effect, _joint(s.hypothesis)), s)
     return list(best.values())
 
 

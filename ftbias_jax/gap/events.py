@@ -64,13 +64,19 @@ def contacts(
 
 def _is_short(problem: Problem, contact: Hypothesis) -> bool:
     """Whether the contacts are short, each and together."""
-    lengths = np.diff(np.reshape(contact.detail, (-1, 4))[:, 1:3])
+    lengths = _lengths(contact)
     return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_CONTACT * problem.duration)
 
 
 def is_sure(contact: Hypothesis) -> bool:
     """Whether nothing but contacts is as short."""
-    return bool(np.diff(np.reshape(contact.detail, (-1, 4))[:, 1:3]).max() < SURELY_EVENT)
+    return bool(_lengths(contact).max() < SURELY_EVENT)
+
+
+def _lengths(contact: Hypothesis) -> np.ndarray:
+    """(E, 1) s, of its events."""
+    lengths: np.ndarray = np.diff(np.reshape(contact.detail, (-1, 4))[:, 1:3])
+    return lengths
 
 
 def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -114,7 +120,8 @@ def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
         return [event]
     width, last = (end - start) / (len(nats) - 1), len(nats) - 1
     pieces = np.split(matter, np.flatnonzero(np.diff(matter) > CLEAR_HATS) + 1)
-    pieces = [p for p in pieces if nats[p].sum() > min(LEAST_EVENT, max(nats[p].sum() for p in pieces) / 2)]
+    least = min(LEAST_EVENT, max(nats[p].sum() for p in pieces) / 2)
+    pieces = [p for p in pieces if nats[p].sum() > least]
     return [(log, start + max(p[0] - 1, 0) * width, start + min(p[-1] + 1, last) * width) for p in pieces]
 
 

@@ -186,8 +186,7 @@ def _trials(columns: np.ndarray, error: np.ndarray, at: np.ndarray, least: np.nd
     for trial, damping in zip(trials, DAMPINGS, strict=True):
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull[able])
         trial[able] -= np.clip(step, -LONGEST_STEP, LONGEST_STEP)
-    trials = np.clip(trials, least, most)
-    return trials
+    return np.clip(trials, least, most, out=trials)
 
 
 def block_scores(problem: Problem, fit: Fit) -> np.ndarray:

@@ -137,9 +137,11 @@ def warmup(problem: Problem, tau: float, log: int | None = None) -> Hypothesis:
 
 def temperatures(problem: Problem) -> list[Hypothesis]:
     """The recorded temperature as the bias, with several lags, if it moved by more than a thermometer's noise."""
+    starts = problem.temperature[np.searchsorted(problem.log, np.arange(len(problem.parts)))]
+    if np.ptp(problem.temperature - starts[problem.log]) <= LEAST_WARMING:
+        return []
     longest = max(problem.durations) / 2
-    found = [temperature(problem, lag) for lag in (0.0, *(lag for lag in TIME_CONSTANTS if lag < longest))]
-    return found if np.ptp(found[0].shapes[0]) > LEAST_WARMING else []
+    return [temperature(problem, lag) for lag in (0.0, *(lag for lag in TIME_CONSTANTS if lag < longest))]
 
 
 def temperature(problem: Problem, lag: float) -> Hypothesis:
