@@ -97,9 +97,7 @@ def _on_tool(force: np.ndarray, attachment: np.ndarray) -> np.ndarray:
 def _without_slack(problem: Problem, standing: Standing, spans: np.ndarray, attachment: np.ndarray) -> np.ndarray:
     """(0 or 1, 3) m: the best anchor of a cable without rest length, which is linear in k and k times the anchor."""
     columns = whitened(problem, np.stack([_on_tool(span, attachment) for span in spans]))
-    prepared = gains(standing, columns)
-    ridge = 1e-8 * np.trace(prepared.normal) * np.eye(4)
-    best: np.ndarray = -np.linalg.solve(prepared.normal + ridge, prepared.pull)  # k, then k times the anchor
+    best = gains(standing, columns).coefficients(list(range(4)))  # k, then k times the anchor
     anchor = best[None, 1:] / max(float(best[0]), 1e-12)
     near: np.ndarray = anchor[(np.abs(anchor).max(1) < FARTHEST) & (best[0] > 0)]
     return near
