@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax import simulate
-from ftbias_jax.commands import demo
-from ftbias_jax.pipeline import params_from_setup
+from ftbias_jax.cli.commands import demo
+from ftbias_jax.model import simulate
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.model.simulate import Trajectory
 from ftbias_jax.setup import parse_setup
-from ftbias_jax.simulate import Trajectory
 from ftbias_jax.types import Sample
 
 jax.config.update("jax_enable_x64", True)

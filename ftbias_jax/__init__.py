@@ -2,9 +2,9 @@
 
 Nothing heavy is imported here and no global flag of JAX is touched. The pieces:
 
-- ``ftbias_jax.setup.load_setup`` and ``ftbias_jax.logs.read_log`` read what the robot's owner has;
-- ``ftbias_jax.pipeline``: ``init``, ``step`` and ``run``, pure, jitted, differentiable;
-- ``ftbias_jax.batch.filter_log``: a whole recorded log, numpy in and out.
+- ``ftbias_jax.setup.load_setup`` and ``ftbias_jax.io.read_log`` read what the robot's owner has;
+- ``ftbias_jax.filtering.pipeline``: ``init``, ``step`` and ``run``, pure, jitted, differentiable;
+- ``ftbias_jax.filtering.filter_log.filter_log``: a whole recorded log, numpy in and out.
 """
 
 __version__ = "0.1.0"

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import small_archive
 
-from ftbias_jax.bias_filter import BiasNoise
-from ftbias_jax.joint_filter import JointNoise
-from ftbias_jax.pipeline import Params
-from ftbias_jax.robots import built_in_robot, prismatic_screw, revolute_screw
-from ftbias_jax.rotations import rotation_from_rpy
-from ftbias_jax.screws import Arm, make_arm
+from ftbias_jax.model.kinematics.screws import Arm, make_arm
+from ftbias_jax.model.params import BiasNoise, JointNoise, Params
+from ftbias_jax.setup.robots import built_in_robot, prismatic_screw, revolute_screw
+from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.types import Array, Sample
+
+pytest_plugins = ["made_diagnoses", "labelled_sets"]
 
 # The tests run in float64 and forbid silent broadcasting; the package itself touches no flag (test_layers.py).
 jax.config.update("jax_enable_x64", True)

@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax import simulate, trajectories
-from ftbias_jax.commands.demo import CENTER, EXCURSION
-from ftbias_jax.effects.types import Values
-from ftbias_jax.pipeline import Params
+from ftbias_jax.cli.commands.demo import CENTER, EXCURSION
+from ftbias_jax.model import simulate, trajectories
+from ftbias_jax.model.effects.types import Values
+from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Log
 
 T = np.arange(4000) / 200.0

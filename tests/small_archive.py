@@ -5,9 +5,9 @@ import os
 
 import numpy as np
 
-from ftbias_jax import results
-from ftbias_jax.archive import Entry
-from ftbias_jax.cli import main
+from ftbias_jax.cli.jobs.archive import Entry
+from ftbias_jax.cli.main import main
+from ftbias_jax.io.write import npz
 
 SETUP = """
 [robot.flange]
@@ -47,7 +47,7 @@ def manifest(name="manifest.json"):
 
 def outputs():
     return {
-        os.path.relpath(os.path.join(folder, name), "out"): results.load_npz(os.path.join(folder, name))
+        os.path.relpath(os.path.join(folder, name), "out"): npz.load_npz(os.path.join(folder, name))
         for folder, _, names in os.walk("out")
         for name in names
         if name.endswith(".npz")

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ftbias_jax.gap.columns import Columns
-from ftbias_jax.gap.fit import Fit
-from ftbias_jax.gap.hypotheses import Hypothesis
+from ftbias_jax.diagnosis.hypothesis import Hypothesis
+from ftbias_jax.diagnosis.regression.design_matrix import Columns
+from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.types import Array
 
 

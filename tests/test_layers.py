@@ -12,24 +12,19 @@ import ftbias_jax
 
 PACKAGE = Path(ftbias_jax.__file__).parent
 
-# Lowest first. A module imports only what stands before it: in a lower layer, or to its left in its own.
-# A folder counts as one module.
-LAYERS = (
-    "errors types setup_types rotations robots setup_fields urdf urdf_robot setup_pose setup_parse setup_dump setup",
-    "atomic npz_file progress",
-    "small_matrices whole_loops distributed gaussian screws arm_batch free_body newton ascent inertia stacks",
-    "noise wrench wrench_piece wrench_slopes wrench_batch filter_step recursion backward parallel",
-    "joint_filter bias_filter effects",
-    "pipeline staged trajectories simulate",
-    "smooth likelihood consistency filtered batch summary excitation",
-    "regression tune identify",
-    "gap",
-    "results plot report_svg report_plots report logs writers compilation",
-    "filter_file archive processes workers",
-    "blind",
-    "commands option_kinds cli",
+# Lowest first. What stands on one line is on one floor: it imports what is below, never its neighbours.
+FLOORS = (
+    "errors types",
+    "runtime setup",
+    "io",
+    "model",
+    "filtering",
+    "calibration diagnosis",
+    "validation",
+    "cli",
 )
-RANK = {name: rank for rank, name in enumerate(" ".join(LAYERS).split())}
+FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
+MOST_LINES, MOST_MODULES, MOST_ROOMS, MOST_FLOORS = 250, 14, 16, 8
 
 
 def unit_of(path):
@@ -59,11 +54,53 @@ def imported_units(tree):
 
 @pytest.mark.parametrize("path", source_files(), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_imports_go_downward(path):
-    unit = unit_of(path)
-    assert unit in RANK, f"{unit} has no layer: give it a place in LAYERS"
-    tree = ast.parse(path.read_text())
-    upward = {other for other in imported_units(tree) if other != unit and RANK.get(other, len(RANK)) > RANK[unit]}
-    assert not upward, f"{unit} imports {sorted(upward)}, which stand above it"
+    room = unit_of(path)
+    assert room in FLOOR, f"{room} has no floor: give it one in FLOORS"
+    others = set(imported_units(ast.parse(path.read_text()))) - {room}
+    upward = {other for other in others if FLOOR.get(other, len(FLOORS)) >= FLOOR[room]}
+    assert not upward, f"{room} imports {sorted(upward)}, which are not below it"
+
+
+def test_the_house_is_small_enough_to_find_ones_way():
+    assert len(FLOOR) <= MOST_ROOMS
+    assert len(FLOORS) <= MOST_FLOORS
+    assert {unit_of(path) for path in source_files()} == set(FLOOR)
+    for folder in {path.parent for path in source_files()}:
+        modules = list(folder.glob("*.py"))
+        assert len(modules) <= MOST_MODULES, f"{folder.relative_to(PACKAGE)} has {len(modules)} modules"
+
+
+@pytest.mark.parametrize("path", source_files(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_modules_are_short(path):
+    assert len(path.read_text().splitlines()) <= MOST_LINES
+
+
+def module_imports():
+    """Module -> the modules of this package that it imports when it is imported itself."""
+    names = {".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts): path for path in source_files()}
+    names = {name.removesuffix(".__init__"): path for name, path in names.items()}
+    graph = {}
+    for name, path in names.items():
+        nodes = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.ImportFrom)]
+        wanted = {f"{node.module}.{alias.name}" for node in nodes for alias in node.names} | {
+            node.module for node in nodes
+        }
+        graph[name] = sorted((wanted & names.keys()) - {name})
+    return graph
+
+
+def test_there_is_no_import_circle():
+    graph, done = module_imports(), set()
+
+    def visit(module, path):
+        assert module not in path, f"a circle: {' -> '.join([*path[path.index(module) :], module])}"
+        if module not in done:
+            for other in graph[module]:
+                visit(other, [*path, module])
+            done.add(module)
+
+    for module in graph:
+        visit(module, [])
 
 
 def test_the_package_itself_imports_none_of_its_modules():
@@ -73,14 +110,14 @@ def test_the_package_itself_imports_none_of_its_modules():
 def test_an_upward_import_would_be_seen():
     """In all its spellings."""
     source = """
-import ftbias_jax.cli
-from ftbias_jax import pipeline
+import ftbias_jax.cli.main
+from ftbias_jax import filtering
 if True:
-    from ftbias_jax.gap.shrink import shrink
+    from ftbias_jax.diagnosis.shrink import shrink
 def late():
-    from ftbias_jax.report import write
+    from ftbias_jax.io.write import mcap
 """
-    assert set(imported_units(ast.parse(source))) == {"cli", "pipeline", "gap", "report"}
+    assert set(imported_units(ast.parse(source))) == {"cli", "filtering", "diagnosis", "io"}
 
 
 def output_of(program):
@@ -90,7 +127,7 @@ def output_of(program):
     return done.stdout.split()
 
 
-@pytest.mark.parametrize("module", ["ftbias_jax", "ftbias_jax.setup", "ftbias_jax.logs", "ftbias_jax.cli"])
+@pytest.mark.parametrize("module", ["ftbias_jax", "ftbias_jax.setup", "ftbias_jax.io", "ftbias_jax.cli.main"])
 def test_reading_arguments_and_setups_does_not_import_jax(module):
     assert output_of(f"import sys, {module}; print('jax' in sys.modules)") == ["False"]
 

@@ -12,13 +12,14 @@ from matplotlib.figure import Figure
 sys.path.append(str(Path(__file__).parents[1]))
 from common import PARAMS, SETUP, keep, rounded, simulate_logs, sines
 
-from ftbias_jax import batch, pipeline, smooth, staged
-from ftbias_jax.commands import demo
-from ftbias_jax.consistency import mean_chi_square
-from ftbias_jax.noise import JOINT_MODELS, drift_noise, integrated_jerk_noise
-from ftbias_jax.pipeline import DEFAULT_OPTIONS
-from ftbias_jax.recursion import filter_scan
-from ftbias_jax.simulate import Trajectory
+from ftbias_jax.cli.commands import demo
+from ftbias_jax.filtering import filter_log, pipeline, smoother
+from ftbias_jax.filtering.fast import stages
+from ftbias_jax.filtering.fast.scan import filter_scan
+from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS
+from ftbias_jax.filtering.process_models import JOINT_MODELS, drift_noise, integrated_jerk_noise
+from ftbias_jax.filtering.quality.consistency import mean_chi_square
+from ftbias_jax.model.simulate import Trajectory
 
 LOGS, DURATION, RATE, SEED = 200, 60.0, 50.0, 0
 AT_ONCE = 50
@@ -58,7 +59,7 @@ def known_joints(factors, samples, truth):
 
     def one(log, truth):
         variance = jnp.broadcast_to(bias.wrench_variance, truth.bias.shape)
-        inputs = staged.bias_inputs(params, pipeline.init(params, log), log, truth.wrench_tool, variance)
+        inputs = stages.bias_inputs(params, pipeline.init(params, log), log, truth.wrench_tool, variance)
         return squares(filter_scan(drift_noise, inputs), truth.bias, truth.drift)
 
     return jax.lax.map(lambda log: one(*log), (samples, truth), batch_size=AT_ONCE)
@@ -71,12 +72,12 @@ def whole_pipeline(params, samples, truth, smoothed=False):
     def one(log, truth):
         start = pipeline.init(params, log)
         if smoothed:
-            joints = smooth.smooth_joints(params, start, log)
+            joints = smoother.smooth_joints(params, start, log)
         else:
-            inputs = staged.joint_inputs(params, start, log)
-            joints = staged.joint_states(filter_scan(JOINT_MODELS[DEFAULT_OPTIONS.joint_model], inputs))
-        wrench_tool, variance = staged.predict_wrenches(params, joints, log, DEFAULT_OPTIONS)
-        track = filter_scan(drift_noise, staged.bias_inputs(params, start, log, wrench_tool, variance))
+            inputs = stages.joint_inputs(params, start, log)
+            joints = stages.joint_states(filter_scan(JOINT_MODELS[DEFAULT_OPTIONS.joint_model], inputs))
+        wrench_tool, variance = stages.predict_wrenches(params, joints, log, DEFAULT_OPTIONS)
+        track = filter_scan(drift_noise, stages.bias_inputs(params, start, log, wrench_tool, variance))
         return squares(track, truth.bias, truth.drift)
 
     return jax.lax.map(lambda log: one(*log), (samples, truth), batch_size=AT_ONCE)
@@ -115,8 +116,8 @@ def main():
     result = {"logs": LOGS, "seconds": DURATION, "rate_Hz": RATE, "models": {}}
     over_time = {}
     runs = {name: partial(known_joints, jnp.array(factors), samples, truth) for name, factors in MODELS.items()}
-    likeliest = batch.likeliest_params(SETUP, jax.tree.map(lambda x: x[0], samples))
-    guarded = batch.guard_against_lag(likeliest)
+    likeliest = filter_log.likeliest_params(SETUP, jax.tree.map(lambda x: x[0], samples))
+    guarded = filter_log.guard_against_lag(likeliest)
     by_model = PARAMS._replace(joint=PARAMS.joint._replace(process_density=jnp.full(7, JERK), prior_std=START))
     jerky = simulate_logs(SEED, LOGS, PARAMS, white_jerk(t))[::-1]
     runs["white jerk: true, joints filtered"] = partial(whole_pipeline, by_model, *jerky)

@@ -11,11 +11,13 @@ from matplotlib.figure import Figure
 sys.path.append(str(Path(__file__).parents[1]))
 from common import MOTIONS, PARAMS, keep, rounded, simulate_logs
 
-from ftbias_jax import pipeline, smooth, staged, tune
-from ftbias_jax.likelihood import joint_log_likelihood
-from ftbias_jax.noise import JOINT_MODELS
-from ftbias_jax.pipeline import Options
-from ftbias_jax.recursion import filter_scan
+from ftbias_jax.calibration import tune
+from ftbias_jax.filtering import pipeline, smoother
+from ftbias_jax.filtering.fast import stages
+from ftbias_jax.filtering.fast.scan import filter_scan
+from ftbias_jax.filtering.likelihood import joint_log_likelihood
+from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.process_models import JOINT_MODELS
 
 RATES = [500.0, 100.0]
 SECONDS = 12.0
@@ -27,8 +29,8 @@ COLORS = dict(zip(JOINT_MODELS, ("#0072B2", "#D55E00", "#009E73"), strict=True))
 def accelerations(params, log, model):
     """Filtered and smoothed (T, n)."""
     start = pipeline.init(params, log)
-    track = filter_scan(JOINT_MODELS[model], staged.joint_inputs(params, start, log))
-    smoothed = smooth.smooth_joints(params, start, log, Options(joint_model=model))
+    track = filter_scan(JOINT_MODELS[model], stages.joint_inputs(params, start, log))
+    smoothed = smoother.smooth_joints(params, start, log, Options(joint_model=model))
     return track.mean[:, 2], smoothed.mean[:, :, 2]
 
 

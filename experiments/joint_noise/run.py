@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 sys.path.append(str(Path(__file__).parents[1]))
 from common import MOTIONS, PARAMS, keep, rounded, simulate_logs
 
-from ftbias_jax import pipeline, staged
-from ftbias_jax.joint_filter import likeliest_density
-from ftbias_jax.noise import drift_noise
-from ftbias_jax.pipeline import DEFAULT_OPTIONS
-from ftbias_jax.recursion import filter_scan
+from ftbias_jax.filtering import pipeline
+from ftbias_jax.filtering.fast import stages
+from ftbias_jax.filtering.fast.scan import filter_scan
+from ftbias_jax.filtering.joint_noise import likeliest_density
+from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS
+from ftbias_jax.filtering.process_models import drift_noise
 
 FACTORS = [1, 2, 4, 8, 16, 32]
 LOGS, DURATION, RATE, SETTLED = 8, 30.0, 250.0, 5.0
@@ -31,7 +32,7 @@ def errors(densities, samples, truth):
 
     def one(density, log, bias):
         params = PARAMS._replace(joint=PARAMS.joint._replace(process_density=density))
-        _, track = staged.run(params, pipeline.init(params, log), log, DEFAULT_OPTIONS)
+        _, track = stages.run(params, pipeline.init(params, log), log, DEFAULT_OPTIONS)
         return track.wrench.mean[:, 0] - bias, jnp.sqrt(track.wrench.covariance[:, 0, 0])
 
     return jax.vmap(one)(densities, samples, truth.bias)
@@ -43,7 +44,7 @@ def errors_of_known_joints(samples, truth):
 
     def one(log, wrench_tool, bias):
         variance = jnp.broadcast_to(PARAMS.bias.wrench_variance, wrench_tool.shape)
-        inputs = staged.bias_inputs(PARAMS, pipeline.init(PARAMS, log), log, wrench_tool, variance)
+        inputs = stages.bias_inputs(PARAMS, pipeline.init(PARAMS, log), log, wrench_tool, variance)
         track = filter_scan(drift_noise, inputs)
         return track.mean[:, 0] - bias, jnp.sqrt(track.covariance[:, 0, 0])
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ftbias_jax.commands.demo import SETUP
+from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.setup import dump_setup, parse_setup
 
 JOINTS, INTERVAL = 7, 1e-3
-FILTER = "import sys; from ftbias_jax.cli import main; sys.exit(main())"
+FILTER = "import sys; from ftbias_jax.cli.main import main; sys.exit(main())"
 
 
 def write_log(path, samples, dtype):

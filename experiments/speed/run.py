@@ -21,9 +21,10 @@ import loop
 import numpy as np
 import others
 
-from ftbias_jax import likelihood, pipeline, staged
-from ftbias_jax.noise import bias_drift_noise, drift_noise
-from ftbias_jax.recursion import filter_scan
+from ftbias_jax.filtering import likelihood, pipeline
+from ftbias_jax.filtering.fast import stages
+from ftbias_jax.filtering.fast.scan import filter_scan
+from ftbias_jax.filtering.process_models import bias_drift_noise, drift_noise
 from ftbias_jax.types import Sample
 
 RATE = 1e-3  # s
@@ -47,7 +48,7 @@ def cast(tree, dtype):
 
 def whole(params, samples):
     """Log-likelihood, and mean of bias and drift at every sample."""
-    _, track = staged.run(params, pipeline.init(params, samples), samples, OPTIONS)
+    _, track = stages.run(params, pipeline.init(params, samples), samples, OPTIONS)
     return track.joint.log_likelihood.sum() + track.wrench.log_likelihood.sum(), track.wrench.mean
 
 
@@ -80,7 +81,7 @@ def gradient(params, samples):
 def bias_inputs(params, dt, y):
     samples = Sample(dt, None, None, jnp.zeros_like(y))
     state = pipeline.State(None, pipeline.bias_filter.init(params.bias))
-    return staged.bias_inputs(params, state, samples, y, jnp.broadcast_to(params.bias.wrench_variance, y.shape))
+    return stages.bias_inputs(params, state, samples, y, jnp.broadcast_to(params.bias.wrench_variance, y.shape))
 
 
 def bias_alone(params, dt, y):
@@ -112,7 +113,7 @@ def cpu_seconds(function):
 def compare():
     logs = make_logs(LOGS, LOG_LENGTH)
     log = jax.tree.map(lambda x: x[0], make_logs(1, LENGTH))
-    y = jnp.asarray(staged.run(PARAMS, pipeline.init(PARAMS, log), log, OPTIONS)[1].wrench_tool - log.wrench)
+    y = jnp.asarray(stages.run(PARAMS, pipeline.init(PARAMS, log), log, OPTIONS)[1].wrench_tool - log.wrench)
     contestants, compile_seconds, absent, agreement = {}, {}, {}, {}
 
     def ours(name, samples, function, *arguments):
@@ -199,7 +200,7 @@ def in_chunks(size):
 
     @jax.jit
     def step(state, samples):
-        state, track = staged.run(PARAMS, state, samples, OPTIONS)
+        state, track = stages.run(PARAMS, state, samples, OPTIONS)
         return state, (track.joint.log_likelihood.sum() + track.wrench.log_likelihood.sum(), track.wrench.mean)
 
     part = jax.tree.map(lambda x: x[:length], source)

@@ -12,13 +12,16 @@ from matplotlib.figure import Figure
 sys.path.append(str(Path(__file__).parents[1]))
 from common import PARAMS, keep, rounded
 
-from ftbias_jax import noise, pipeline, simulate, staged, tune
-from ftbias_jax.commands import demo
-from ftbias_jax.likelihood import wrench_given_joints
-from ftbias_jax.noise import JOINT_MODELS
-from ftbias_jax.pipeline import DEFAULT_OPTIONS
-from ftbias_jax.recursion import filter_scan
-from ftbias_jax.stacks import stack
+from ftbias_jax.calibration import tune
+from ftbias_jax.calibration.batching import stack
+from ftbias_jax.cli.commands import demo
+from ftbias_jax.filtering import pipeline, process_models
+from ftbias_jax.filtering.fast import stages
+from ftbias_jax.filtering.fast.scan import filter_scan
+from ftbias_jax.filtering.likelihood import wrench_given_joints
+from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS
+from ftbias_jax.filtering.process_models import JOINT_MODELS
+from ftbias_jax.model import simulate
 from ftbias_jax.types import Sample
 
 SAMPLES, RATE, SEEDS = 60_000, 500.0, 20
@@ -32,7 +35,7 @@ KINDS = {"joints smoothed (what tune does)": "#0072B2", "joints filtered": "#D55
 def white_jerk(rng):
     """(T, n, 3) joint states of the filter's own model, with a weak pull that keeps them bounded."""
     dt = 1 / RATE
-    A, Q = (np.array(rows, float) for rows in noise.integrated_jerk_noise(jnp.array(dt), jnp.array(1.0)))
+    A, Q = (np.array(rows, float) for rows in process_models.integrated_jerk_noise(jnp.array(dt), jnp.array(1.0)))
     shocks = rng.normal(size=(SAMPLES, 7, 3)) @ np.linalg.cholesky(Q).T
     states = np.zeros((SAMPLES, 7, 3))
     for i in range(1, SAMPLES):
@@ -68,9 +71,9 @@ def tune_all(start, log):
 def filtered_wrench(params, log):
     """D theta of filtered joints, and the joints' share of the variance, (T, 6) each."""
     track = filter_scan(
-        JOINT_MODELS[DEFAULT_OPTIONS.joint_model], staged.joint_inputs(params, pipeline.init(params, log), log)
+        JOINT_MODELS[DEFAULT_OPTIONS.joint_model], stages.joint_inputs(params, pipeline.init(params, log), log)
     )
-    wrench_tool, variance = staged.predict_wrenches(params, staged.joint_states(track), log, DEFAULT_OPTIONS)
+    wrench_tool, variance = stages.predict_wrenches(params, stages.joint_states(track), log, DEFAULT_OPTIONS)
     return wrench_tool, variance - params.bias.wrench_variance[None]
 
 

@@ -20,10 +20,10 @@ import numpy as np
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
-from ftbias_jax.blind.generator.arms import Floats, panda
-from ftbias_jax.blind.generator.believed import Tool, random_belief
-from ftbias_jax.blind.generator.motion import KINDS, random_motion
-from ftbias_jax.blind.generator.world import Cable, believed_world, cable_length, time_grid, wrench
+from ftbias_jax.validation.generator.arms import Floats, panda
+from ftbias_jax.validation.generator.motion import KINDS, random_motion
+from ftbias_jax.validation.generator.nominal_model import Tool, random_belief
+from ftbias_jax.validation.generator.world import Cable, believed_world, cable_length, time_grid, wrench
 
 TOLD = {"none", "tool_mass", "tool_com", "tool_inertia", "gravity_tilt", "encoder_offset", "mount_rotation"}
 TOLD |= {"gain", "crosstalk"}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from ftbias_jax.cli import main
+from ftbias_jax.cli.main import main
 
 OUT = Path(__file__).parent / "report.png"
 SIZE = 1000, 1280  # px; ends after the plots against time

@@ -9,7 +9,7 @@ import json
 import tempfile
 from pathlib import Path
 
-from ftbias_jax.cli import main
+from ftbias_jax.cli.main import main
 
 HERE = Path(__file__).parent
 
@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 def score(folder, out, jobs, *options):
     """Score the set of a folder; the tables without the rows of single logs."""
     path = out / "score.json"
-    if main(["blind", "score", str(folder), "--out", str(out), "--json", str(path), "--jobs", str(jobs), *options]):
+    if main(["validate", "score", str(folder), "--out", str(out), "--json", str(path), "--jobs", str(jobs), *options]):
         raise SystemExit("a log has no diagnosis")
     content = json.loads(path.read_text())
     del content["rows"]
@@ -28,7 +28,7 @@ def run(folder, count, seed, jobs):
     """Both protocols on one set."""
     logs = folder / f"seed_{seed}"
     if not (logs / "truth.json").exists() and main(
-        ["blind", "make", str(logs), "--count", str(count), "--seed", str(seed), "--jobs", str(jobs)]
+        ["validate", "make", str(logs), "--count", str(count), "--seed", str(seed), "--jobs", str(jobs)]
     ):
         raise SystemExit("no set was made")
     return {

@@ -15,13 +15,14 @@ import recordings
 from small_archive import SETUP, assert_same_outputs, filter_archive, manifest, outputs, write_log
 
 import ftbias_jax
-from ftbias_jax import atomic, workers
-from ftbias_jax.cli import main
-from ftbias_jax.results import load_npz
+from ftbias_jax.cli.jobs import filter_many
+from ftbias_jax.cli.main import main
+from ftbias_jax.io import atomic
+from ftbias_jax.io.write.npz import load_npz
 
 
 def filter_in_another_process():
-    program = "import sys; from ftbias_jax.cli import main; sys.exit(main())"
+    program = "import sys; from ftbias_jax.cli.main import main; sys.exit(main())"
     command = [sys.executable, "-c", program, "filter", "logs", "--setup", "setup.toml", "-o", "out"]
     environment = {**os.environ, "PYTHONPATH": os.path.dirname(os.path.dirname(ftbias_jax.__file__))}
     return subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -45,8 +46,10 @@ def test_sigkill_in_the_middle_of_an_archive(logs, monkeypatch, capsys):
     done = [entry.output for entry in manifest() if entry.status == "ok"]
     assert 0 < len(done) < 15
     assert set(done) <= outputs().keys()  # every one is loaded
-    again, whole = [], workers.filter_task
-    monkeypatch.setattr(workers, "filter_task", lambda task, **rest: again.append(task.output) or whole(task, **rest))
+    again, whole = [], filter_many.filter_task
+    monkeypatch.setattr(
+        filter_many, "filter_task", lambda task, **rest: again.append(task.output) or whole(task, **rest)
+    )
     assert filter_archive("logs") == 0
     assert sorted([*done, *again]) == [entry.output for entry in manifest()]
     assert f"15 logs: 15 ok, 0 with data loss, 0 failed ({len(done)} of all" in capsys.readouterr().out

@@ -15,7 +15,8 @@ import recordings
 from recordings import FORMATS, START, Joints, Wrench
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.logs import read_log, read_log_with_repairs, ros_record, unpack
+from ftbias_jax.io import read_log, read_log_with_repairs, unpack
+from ftbias_jax.io.ros import record
 
 CONTAINERS = ["ros1", "ros1 bz2", "ros1 lz4", "sqlite", "mcap", "mcap zstd chunks"]
 
@@ -207,8 +208,8 @@ def test_messages_that_are_bombs_are_refused(tmp_path, setup, monkeypatch):
 
 def test_files_that_are_bombs_are_refused(tmp_path, setup, monkeypatch):
     zstandard = pytest.importorskip("zstandard")
-    monkeypatch.setattr(ros_record, "SMALL", 1 << 16)
-    monkeypatch.setattr(ros_record, "MAX_RATIO", 2)
+    monkeypatch.setattr(record, "SMALL", 1 << 16)
+    monkeypatch.setattr(record, "MAX_RATIO", 2)
     (tmp_path / "log.db3.zstd").write_bytes(zstandard.compress(bytes(50 << 20)))
     with pytest.raises(LogError, match=r"log\.db3\.zstd unpacks to more than 65536 bytes"):
         read_log(tmp_path / "log.db3.zstd", setup)

@@ -11,12 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax import batch, results, simulate
-from ftbias_jax.bias_filter import FORGET
-from ftbias_jax.cli import main
-from ftbias_jax.pipeline import params_from_setup
+from ftbias_jax.cli.main import main
+from ftbias_jax.filtering import filter_log
+from ftbias_jax.filtering.bias_filter import FORGET
+from ftbias_jax.io.write import npz
+from ftbias_jax.model import simulate
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.model.simulate import Trajectory
 from ftbias_jax.setup import dump_setup, parse_setup
-from ftbias_jax.simulate import Trajectory
 from ftbias_jax.types import Array, Log
 
 RATE, SECONDS = 200, 40
@@ -67,7 +69,7 @@ def filtered(simulated, tmp_path, capsys):
         files = [tmp_path / "log.npz", "--setup", tmp_path / "setup.toml", "-o", tmp_path / "out.npz"]
         assert main(["filter", *map(str, files), *options]) == code
         printed = capsys.readouterr()
-        result = results.load_npz(tmp_path / "out.npz")
+        result = npz.load_npz(tmp_path / "out.npz")
         for name in ("bias", "drift", "bias_std", "drift_std", "q", "dq", "ddq", "wrench_tool", "nis"):
             assert np.isfinite(result[name]).all(), name
         return result, printed.out + printed.err
@@ -165,7 +167,7 @@ def test_a_saturated_axis_is_left_out_and_does_not_pull_the_bias(filtered, simul
     params = params_from_setup(parse_setup(SETUP))
     log = {**simulated.log, "wrench": simulated.log["wrench"].copy()}
     fault(log)
-    unmasked = batch.filter_log(params, Log(**log, temperature=np.full(len(log["t"]), np.nan)))
+    unmasked = filter_log.filter_log(params, Log(**log, temperature=np.full(len(log["t"]), np.nan)))
     assert np.abs(errors(unmasked._asdict(), simulated)[:, 0]).max() > 20
 
 

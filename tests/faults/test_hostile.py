@@ -11,7 +11,7 @@ import recordings
 from recordings import Wrench
 from small_archive import SETUP
 
-from ftbias_jax.cli import main
+from ftbias_jax.cli.main import main
 
 T = 50
 

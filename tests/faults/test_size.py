@@ -4,12 +4,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax import batch
-from ftbias_jax.pipeline import params_from_setup
+from ftbias_jax.filtering import filter_log
+from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.types import Log
 
-BLOCK = batch.CHUNK
+BLOCK = filter_log.CHUNK
 SETUP = {
     "robot": {"joints": [{"axis": [0, 0, 1], "point": [0, 0, 0]}], "flange": {"translation": [0, 0, 1]}},
     "sensor": {"noise_std": [0.1, 0.004]},
@@ -40,7 +40,7 @@ def worst(samples, dtype):
     """Largest error of the bias in standard deviations after a second, and the last standard deviation."""
     params = params_from_setup(parse_setup(SETUP), dtype)
     largest = 0.0
-    for part in batch.filter_parts(params, np.zeros(1), parts(samples)):
+    for part in filter_log.filter_parts(params, np.zeros(1), parts(samples)):
         assert part.bias.dtype == dtype
         assert all(np.isfinite(x).all() for x in part)
         error = np.abs(part.bias - bias_at(part.t)) / part.bias_std

@@ -9,10 +9,10 @@ import recordings
 from recordings import SECOND, START, Joints, Wrench
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.logs import read_log, read_log_with_repairs
-from ftbias_jax.logs.health import stuck_seconds
-from ftbias_jax.logs.parts import open_log
-from ftbias_jax.logs.repairs import Repair
+from ftbias_jax.io import read_log, read_log_with_repairs
+from ftbias_jax.io.health import stuck_seconds
+from ftbias_jax.io.parts import open_log
+from ftbias_jax.io.repairs import Repair
 
 N = 60
 

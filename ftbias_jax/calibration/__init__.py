@@ -1,0 +1,1 @@
+"""Noise parameters and tool parameters estimated from logs."""

@@ -1,0 +1,234 @@
+"""Noise parameters of maximum likelihood, from one log or many.
+
+The joints' noise is fitted to the joints' likelihood; then the noise of bias and sensor to the likelihood of the wrench
+given all joint measurements, past and future. That is the density of the whole log, p(joints) p(wrench | joints). Given
+the past only, the lag of the joint filter stays in the wrench, moves slowly, and is taken for drift: sigma_Q comes out
+up to 58 % too large (experiments/tuning). The parameters are logarithms, so they need no bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.calibration import newton
+from ftbias_jax.calibration.batching import cut, equal_parts, stack
+from ftbias_jax.calibration.newton import Report
+from ftbias_jax.filtering import pipeline
+from ftbias_jax.filtering.fast import stages
+from ftbias_jax.filtering.fast.scan import filter_scan
+from ftbias_jax.filtering.likelihood import counted
+from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
+from ftbias_jax.filtering.process_models import JOINT_MODELS, drift_noise
+from ftbias_jax.filtering.smoother import smooth_joints
+from ftbias_jax.model.params import Params
+from ftbias_jax.types import Array, Sample
+
+PIECE = 4096
+"""Joint filters forget within a fraction of a second, so their logs are cut into pieces that run side by side."""
+PIECES_AT_ONCE = 4
+SAMPLES_AT_ONCE = 1 << 18
+"""Of whole logs side by side. Both bound the memory, whatever the number of logs."""
+RESTART_SPREAD = np.log(10.0)
+
+JOINT_NAMES = ("process_density", "position_std", "velocity_std")
+WRENCH_NAMES = ("density", "wrench_std")
+TIES: dict[str, Callable[[int], np.ndarray]] = {
+    "one": lambda size: np.zeros(size, int),
+    "pair": lambda size: np.arange(size) * 2 // size,
+    "each": lambda size: np.arange(size),
+}
+"""Which lanes share a value: all, the forces and the torques, or none."""
+
+
+class Fit(NamedTuple):
+    """A fitted set of noise parameters; arrays over the lanes (joints or axes) by name."""
+
+    values: dict[str, np.ndarray]
+    relative_stderr: dict[str, np.ndarray]
+    """Standard errors relative to the values."""
+    undetermined: list[str]
+    """Combinations the data leave open, in words."""
+    optimum: newton.Optimum
+
+
+@dataclass(frozen=True)
+class JointScore:
+    """Log-likelihood of joint measurements, by joint; a newton.LaneScore whose parts are (params, pieces of logs)."""
+
+    names: tuple[str, ...]
+    """Of JOINT_NAMES, in the order of the argument."""
+    model: str
+    burn_in: float
+    """s at the start of every piece that do not count."""
+
+    def __call__(self, logs: Array, part: tuple[Params, Sample]) -> Array:
+        """(K, n) logarithms -> (n,) nats."""
+        params, pieces = part
+        noise = params.joint._replace(**dict(zip(self.names, jnp.exp(logs), strict=True)))
+        moved = params._replace(joint=noise)
+
+        def one(samples: Sample) -> Array:
+            inputs = stages.joint_inputs(moved, pipeline.init(params, samples), samples)
+            track = filter_scan(JOINT_MODELS[self.model], inputs)
+            return counted(samples.dt, self.burn_in) @ track.log_likelihood
+
+        return jax.vmap(one)(pieces).sum(0)
+
+
+class WrenchLogs(NamedTuple):
+    """What is left of logs for the bias filter, once their joints are smoothed; leading axis of logs."""
+
+    samples: Sample
+    wrench_tool: Array
+    """(L, T, 6) of the smoothed joints."""
+    joint_variance: Array
+    """(L, T, 6) the joints' share of the variance."""
+
+
+@dataclass(frozen=True)
+class WrenchScore:
+    """Log-likelihood of the wrench given joints, by axis; a newton.LaneScore whose parts are (params, WrenchLogs)."""
+
+    names: tuple[str, ...]
+    """Of WRENCH_NAMES, in the order of the argument."""
+    burn_in: float
+    """s at the start of every log that do not count."""
+
+    def __call__(self, logs: Array, part: tuple[Params, WrenchLogs]) -> Array:
+        """(K, 6) logarithms -> (6,) nats."""
+        params, whole = part
+        params = with_wrench_noise(params, dict(zip(self.names, jnp.exp(logs), strict=True)))
+
+        def one(log: WrenchLogs) -> Array:
+            variance = log.joint_variance + params.bias.wrench_variance[None]
+            start = pipeline.init(params, log.samples)
+            inputs = stages.bias_inputs(params, start, log.samples, log.wrench_tool, variance)
+            return counted(log.samples.dt, self.burn_in) @ filter_scan(drift_noise, inputs).log_likelihood
+
+        return jax.vmap(one)(whole).sum(0)
+
+
+def tune_joints(
+    params: Params,
+    logs: Sequence[Sample],
+    ties: dict[str, str],
+    options: Options = DEFAULT_OPTIONS,
+    burn_in: float = 0.2,
+    restarts: int = 0,
+    report: Report = newton.quiet,
+    total: newton.Total = newton.alone,
+) -> tuple[Params, Fit]:
+    """Fit the noise of the joint filter.
+
+    Args:
+        params: what is not fitted, and where to start. logs: samples of one robot.
+        ties: key of TIES for each of JOINT_NAMES that is to be fitted. options: of the pipeline.
+        burn_in: s that do not count at the start of every piece. restarts: further starts, each value off by a random
+            factor (10 or 1/10 is usual); Fit.optimum tells how many agree. report: told (iteration, nats).
+        total: adds up the processes that tune together, see ``newton.maximise``.
+
+    Returns:
+        params with the fitted noise, and the fit.
+    """
+    pieces = [piece for log in logs for piece in cut(log, PIECE)]
+    longest = max(len(piece.dt) for piece in pieces)
+    parts = [(params, stack(part, longest)) for part in equal_parts(pieces, PIECES_AT_ONCE)]
+    start = {name: getattr(params.joint, name) for name in ties}
+    fit = _fit(JointScore(tuple(ties), options.joint_model, burn_in), parts, start, ties, restarts, report, total)
+    return params._replace(joint=params.joint._replace(**_arrays(fit, params))), fit
+
+
+def tune_wrench(
+    params: Params,
+    logs: Sequence[Sample],
+    ties: dict[str, str],
+    options: Options = DEFAULT_OPTIONS,
+    burn_in: float = 1.0,
+    restarts: int = 0,
+    report: Report = newton.quiet,
+    total: newton.Total = newton.alone,
+) -> tuple[Params, Fit]:
+    """Fit the noise of bias and sensor, with the joints' noise as it stands, which should be the likeliest.
+
+    Args:
+        ties: key of TIES for each of WRENCH_NAMES that is to be fitted: density is sigma_Q, wrench_std the square root
+            of the diagonal of Sigma_W. The others: as for ``tune_joints``.
+    """
+    longest = max(len(log.dt) for log in logs)
+    samples = [stack(part, longest) for part in equal_parts(list(logs), max(1, SAMPLES_AT_ONCE // longest))]
+    wrenches = newton.for_each(partial(_smoothed_wrenches, params, options=options), samples)
+    parts = [(params, WrenchLogs(part, *wrench)) for part, wrench in zip(samples, wrenches, strict=True)]
+    return fit_wrench(params, parts, ties, burn_in, restarts, report, total)
+
+
+def fit_wrench(
+    params: Params,
+    parts: Sequence[tuple[Params, WrenchLogs]],
+    ties: dict[str, str],
+    burn_in: float = 1.0,
+    restarts: int = 0,
+    report: Report = newton.quiet,
+    total: newton.Total = newton.alone,
+) -> tuple[Params, Fit]:
+    """``tune_wrench`` for joints that are already smoothed, or known; parts have arrays of the same shapes."""
+    everything = {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
+    start = {name: everything[name] for name in ties}
+    fit = _fit(WrenchScore(tuple(ties), burn_in), parts, start, ties, restarts, report, total)
+    return with_wrench_noise(params, _arrays(fit, params)), fit
+
+
+def with_wrench_noise(params: Params, noise: dict[str, Array]) -> Params:
+    """Parameters with values (6,) for some of WRENCH_NAMES."""
+    bias = params.bias._replace(density=noise.get("density", params.bias.density))
+    if "wrench_std" in noise:
+        bias = bias._replace(wrench_variance=noise["wrench_std"] ** 2)
+    return params._replace(bias=bias)
+
+
+@partial(jax.jit, static_argnames="options")
+def _smoothed_wrenches(params: Params, logs: Sample, options: Options) -> tuple[Array, Array]:
+    """Of logs with a leading axis: D theta (L, T, 6) of the smoothed joints, and the joints' share of R."""
+
+    def one(samples: Sample) -> tuple[Array, Array]:
+        joints = smooth_joints(params, pipeline.init(params, samples), samples, options)
+        wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
+        return wrench_tool, variance - params.bias.wrench_variance[None]
+
+    return jax.vmap(one)(logs)
+
+
+def _fit(
+    score: newton.LaneScore,
+    parts: Sequence[Any],
+    start: dict[str, Array],
+    ties: dict[str, str],
+    restarts: int,
+    report: Report,
+    total: newton.Total,
+) -> Fit:
+    """Free values are the geometric means of what they tie together."""
+    index: list[np.ndarray] = []
+    logs: list[float] = []
+    names: list[str] = []
+    for name, value in start.items():
+        group = TIES[ties[name]](len(value))
+        index.append(group + len(names))
+        logs += [np.log(np.asarray(value))[group == g].mean() for g in range(group.max() + 1)]
+        names += [f"{name}[{g}]" for g in range(group.max() + 1)]
+    spread = np.random.default_rng(0).normal(scale=RESTART_SPREAD, size=(restarts, len(logs)))
+    starts = np.array(logs) + np.concatenate([np.zeros((1, len(logs))), spread])
+    optimum = newton.maximise(score, parts, starts, np.array(index), report, total)
+    values = {name: np.exp(optimum.logs[row]) for name, row in zip(start, index, strict=True)}
+    stderr = {name: optimum.stderr[row] for name, row in zip(start, index, strict=True)}
+    return Fit(values, stderr, newton.undetermined(optimum.information, names), optimum)
+
+
+def _arrays(fit: Fit, params: Params) -> dict[str, Array]:
+    return {name: jnp.asarray(value, params.theta.dtype) for name, value in fit.values.items()}

@@ -1,0 +1,86 @@
+"""Kinds of values that options of the command line take: text -> value, or what it must be instead."""
+
+from __future__ import annotations
+
+import argparse
+from argparse import ArgumentTypeError
+from typing import TypeAlias
+
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+"""What commands are added to."""
+
+
+def count(text: str) -> int:
+    """Of logs or processes."""
+    return _whole(text, 1, 100_000)
+
+
+def restarts(text: str) -> int:
+    """Further starts of a fit."""
+    return _whole(text, 0, 1024)
+
+
+def seed(text: str) -> int:
+    """Of random numbers."""
+    return _whole(text, 0, 2**32 - 1)
+
+
+def _whole(text: str, least: int, most: int) -> int:
+    if not text.isdecimal() or not least <= int(text) <= most:
+        raise ArgumentTypeError(f"must be a whole number from {least} to {most}, not {text!r}")
+    return int(text)
+
+
+def positive(text: str) -> float:
+    """A finite number above 0."""
+    value = _number(text)
+    if not 0 < value < float("inf"):
+        raise ArgumentTypeError(f"must be a positive number, not {text!r}")
+    return value
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Positive numbers, by commas."""
+    return tuple(positive(number) for number in text.split(","))
+
+
+def share(text: str) -> float:
+    """A share of a log that leaves some of it."""
+    value = _number(text)
+    if not 0 <= value <= 0.9:
+        raise ArgumentTypeError(f"must be a share from 0 to 0.9, not {text!r}")
+    return value
+
+
+def gate(text: str) -> float:
+    """Standard deviations."""
+    value = positive(text)
+    if value < 1:
+        raise ArgumentTypeError(f"must be 1 or more standard deviations, not {text!r}")
+    return value
+
+
+def _number(text: str) -> float:
+    """NaN, which no comparison accepts, if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def shard(text: str) -> tuple[int, int]:
+    """I/N -> (I, N)."""
+    index, _, count = text.partition("/")
+    if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
+        raise ArgumentTypeError(f"must be I/N with I from 1 to N, not {text!r}")
+    return int(index), int(count)
+
+
+def process(text: str) -> tuple[str, int, int]:
+    """HOST:PORT,N,I -> (HOST:PORT, N, I)."""
+    coordinator, *numbers = text.split(",")
+    if ":" in coordinator and len(numbers) == 2 and all(x.isdecimal() for x in numbers):
+        count, index = map(int, numbers)
+        if index < count:
+            return coordinator, count, index
+    raise ArgumentTypeError(f"must be HOST:PORT,N,I with I from 0 to N - 1, not {text!r}")

@@ -1,0 +1,175 @@
+"""``ftbias demo``: a log with an effect its setup does not know, filtered, diagnosed, mended; needs no files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ftbias_jax.errors import OutputError, UsageError
+from ftbias_jax.io.atomic import make_folder, write_atomic
+from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
+from ftbias_jax.types import Array, Log
+
+if TYPE_CHECKING:
+    from ftbias_jax.diagnosis.result import Diagnosis
+    from ftbias_jax.filtering.result import Filtered
+    from ftbias_jax.model.simulate import Simulation
+
+SETUP = {
+    "robot": {"model": "panda"},
+    "sensor": {"translation": [0.0, 0.0, 0.04], "noise_std": [0.1, 0.1, 0.1, 0.004, 0.004, 0.004]},
+    "tool": {
+        "mass": 0.9,
+        "center_of_mass": [0.01, -0.005, 0.06],
+        "inertia": [2.5e-3, 0.0, 0.0, 2.2e-3, 0.0, 1.1e-3],
+    },
+    "bias": {"noise_density": [2e-3, 1e-4], "initial_std": [5.0, 0.5], "initial_drift_std": [0.02, 1e-3]},
+    "joints": {"position_noise_std": 2e-5, "velocity_noise_std": 1e-3},
+}
+TRUE_MASS = 0.97
+"""kg: somebody added 70 g to the tool and told nobody."""
+CENTER = (0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8)
+EXCURSION = (0.8, 0.5, 0.8, 0.5, 1.2, 1.0, 1.5)
+SETTLED = 1.0
+"""s, after which the filter is judged."""
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tell the whole story of one simulated log and write its files into a folder; returns 0."""
+    folder, count = Path(arguments.output), round(arguments.duration * arguments.rate)
+    if count < 2:
+        raise UsageError(f"{count} samples are no log", field="--duration", remedy="ask for more seconds")
+    make_folder(folder)
+
+    from ftbias_jax.runtime.jax_config import prepare_jax
+
+    prepare_jax()
+    from ftbias_jax.io.write.npz import save_npz
+
+    setup = parse_setup(SETUP, "the demonstration's setup")
+    truth = _simulate(setup, arguments.seed, count, arguments.rate)
+    t, q, dq, wrench = (np.asarray(x) for x in (truth.t, truth.q, truth.dq, truth.wrench))
+    log = Log(t, q, dq, wrench, np.full(count, np.nan))
+    _write(folder / "setup.toml", dump_setup(setup))
+    save_npz(folder / "log.npz", {"t": log.t, "q": log.q, "dq": log.dq, "wrench": log.wrench})
+    recorded = f"{arguments.duration:g} s at {arguments.rate:g} Hz"
+    noise = "{0:g} N, {3:g} Nm".format(*setup.sensor.noise_std)
+    print(f"a simulated Panda, {recorded}, noise {noise}; its setup says that the tool weighs {setup.tool.mass} kg")
+
+    before = _filter(setup, log, folder / "before.npz", "1 filter")
+    print(f"1 filter    {_prediction(before)}")
+    diagnosis = _diagnose(setup, log, folder)
+    print(f"2 diagnose  {_verdict(diagnosis)}")
+    after = _filter(load_setup(folder / "fixed.toml"), log, folder / "after.npz", "3 filter")
+    print(f"3 filter    {_prediction(after)}, with {folder / 'fixed.toml'}")
+    print(f"the truth   mass = {TRUE_MASS} kg; the bias against its truth, after {SETTLED:g} s:")
+    print(_against_truth(before, after, truth))
+    names = ["setup.toml", "log.npz", "before.npz", "report.html", "fixed.toml", "after.npz"]
+    names += _draw(folder, {"before": before, "after": after}, np.asarray(truth.bias))
+    print(f"wrote to {folder}: {' '.join(names)}")
+    print(f"next: open {folder / 'report.html'}")
+    return 0
+
+
+def _simulate(setup: Setup, seed: int, count: int, rate: float) -> Simulation:
+    """A log of the setup's robot with the tool that it has in truth."""
+    import jax
+    import jax.numpy as jnp
+
+    from ftbias_jax.model import simulate
+    from ftbias_jax.model.params import params_from_setup
+
+    motion_key, log_key = jax.random.split(jax.random.key(seed))
+    t = jnp.arange(count) / rate
+    trajectory = simulate.excitation_sines(motion_key, t, jnp.array(CENTER), jnp.array(EXCURSION))
+    hidden = {"tool_mass": {"mass": jnp.asarray(TRUE_MASS)}}
+    simulated: Simulation = simulate.simulate(log_key, params_from_setup(setup), trajectory, hidden)
+    return simulated
+
+
+def _filter(setup: Setup, log: Log, path: Path, label: str) -> Filtered:
+    from ftbias_jax.filtering import filter_log
+    from ftbias_jax.filtering.samples import samples_from_log
+    from ftbias_jax.io.write.npz import save_npz
+    from ftbias_jax.runtime.progress import Progress
+
+    params = filter_log.params_for_log(setup, samples_from_log(log))
+    filtered = filter_log.filter_log(params, log, progress=Progress(label, len(log.t)))
+    save_npz(path, filtered._asdict())
+    return filtered
+
+
+def _diagnose(setup: Setup, log: Log, folder: Path) -> Diagnosis:
+    """Diagnosis, its report, and the setup with the causes it found."""
+    from ftbias_jax.cli.commands.diagnose import fixed_setup
+    from ftbias_jax.diagnosis.diagnose import diagnose
+    from ftbias_jax.diagnosis.report.html import to_html
+
+    diagnosis = diagnose(setup, [log], ["log.npz"])
+    _write(folder / "report.html", to_html(diagnosis, "Gap of log.npz with setup.toml"))
+    _write(folder / "fixed.toml", fixed_setup(setup, diagnosis.causes))
+    return diagnosis
+
+
+def _prediction(filtered: Filtered) -> str:
+    """How well the filter knows the reading: the number that no forgiving noise can make small."""
+    from ftbias_jax.filtering.quality.summary import summarise
+
+    rms = summarise(filtered).one_second_rms
+    force, torque = (np.sqrt(np.mean(np.square(part))) for part in (rms[:3], rms[3:]))
+    return f"error of the reading predicted 1 s ahead: {force:.3f} N, {torque:.4f} Nm"
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
+    from ftbias_jax.diagnosis.report.tables import parameter_words
+
+    found = [f"{name} = {words}" for cause in diagnosis.causes for name, words in parameter_words(cause)]
+    return "\n            ".join([diagnosis.sentence, *found])
+
+
+def _against_truth(before: Filtered, after: Filtered, truth: Simulation) -> str:
+    """Errors against the simulated truth: the filter twice, and a tare that trusts the first second for ever."""
+    bias, wrench_tool = np.asarray(truth.bias), np.asarray(truth.wrench_tool)
+    first = before.t - before.t[0] < SETTLED
+    settled = ~first if not first.all() else first
+    tare = (wrench_tool - before.wrench_unbiased + before.bias)[first].mean(0)
+
+    def rms(estimate: Array) -> Array:
+        return np.sqrt(((estimate - bias)[settled] ** 2).mean(0))
+
+    def inside(filtered: Filtered) -> Array:
+        return (np.abs(filtered.bias - bias) < 2 * filtered.bias_std)[settled].mean(0)
+
+    rows = {
+        "error before": rms(before.bias),
+        "error after": rms(after.bias),
+        "error of a 1 s tare": rms(tare),
+        "inside 2 sigma before": inside(before),
+        "inside 2 sigma after": inside(after),
+    }
+    head = f"{'':24s}" + "".join(
+        f"{name:>10s}" for name in ("fx [N]", "fy [N]", "fz [N]", "tx [Nm]", "ty [Nm]", "tz [Nm]")
+    )
+    return "\n".join([head, *(f"{name:24s}" + "".join(f"{x:10.4f}" for x in row) for name, row in rows.items())])
+
+
+def _draw(folder: Path, results: dict[str, Filtered], bias: Array) -> list[str]:
+    """A figure of each result, if matplotlib is there; their names."""
+    from ftbias_jax.filtering.quality import plot
+
+    names = []
+    try:
+        for name, filtered in results.items():
+            figure = plot.plot_filtered(filtered, f"Simulated Panda, {name}: estimated and true bias", bias)
+            plot.save_figure(str(folder / f"{name}.png"), figure)
+            names.append(f"{name}.png")
+    except OutputError as error:
+        print(f"no figure: {error}")
+    return names
+
+
+def _write(path: Path, text: str) -> None:
+    write_atomic(path, lambda file: file.write(text.encode()))

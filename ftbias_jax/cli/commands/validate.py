@@ -1,0 +1,70 @@
+"""``ftbias validate``: make logs whose cause is withheld, and score the diagnosis on them."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType
+
+from ftbias_jax.errors import OutputError, UsageError
+from ftbias_jax.io.atomic import make_folder, write_json
+from ftbias_jax.runtime.progress import Progress
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make a set of logs, or score one."""
+    return make(arguments) if arguments.action == "make" else score(arguments)
+
+
+def make(arguments: argparse.Namespace) -> int:
+    """Write logs, setups and labels into a folder; returns 0.
+
+    Raises:
+        UsageError: an unknown effect, MuJoCo is missing. OutputError: the folder cannot be made or holds a set already.
+    """
+    generator = _generator()
+    limits = generator.Limits((min(arguments.duration), max(arguments.duration)), arguments.rate, arguments.plain)
+    try:
+        generator.make_plan(arguments.effects, 0, 0)
+    except ValueError as error:
+        raise UsageError(str(error), field="--effects") from error
+    folder = Path(arguments.output)
+    make_folder(folder)
+    if any(folder.glob("log_*")) or (folder / "truth.json").exists():
+        raise OutputError("holds a set already", file=folder, remedy="name a new folder")
+    report = Progress(f"making {arguments.count} logs", arguments.count)
+    generator.make_set(folder, arguments.effects, arguments.count, arguments.seed, limits, arguments.jobs, report)
+    print(f"wrote {arguments.count} logs with their setups and truth.json to {folder}")
+    return 0
+
+
+def score(arguments: argparse.Namespace) -> int:
+    """Diagnose every log of a set, then open its labels and score; returns 1 if a diagnosis failed, else 0."""
+    from ftbias_jax.runtime.jax_config import prepare_jax
+
+    prepare_jax()
+    from ftbias_jax.validation.protocols import leave_one_out, withheld
+    from ftbias_jax.validation.runs import find_logs
+
+    folder = Path(arguments.folder)
+    protocol, verdicts = (leave_one_out, "verdicts_without") if arguments.leave_one_out else (withheld, "verdicts")
+    out = Path(arguments.out or folder / verdicts)
+    result = protocol(folder, find_logs(folder), out, arguments.jobs)
+    path = arguments.json or str(out / "score.json")
+    print(result.text)
+    write_json(path, result.content)
+    print(f"wrote {path}; verdicts in {out} are kept, delete them to diagnose anew")
+    for log, trouble in result.troubles.items():
+        print(f"ftbias: {log}: no diagnosis: {trouble}", file=sys.stderr)
+    return 1 if result.troubles else 0
+
+
+def _generator() -> ModuleType:
+    """The maker of logs, which needs what the package itself does not."""
+    try:
+        return importlib.import_module("ftbias_jax.validation.generator.make")
+    except ModuleNotFoundError as error:
+        message = f"making logs needs {error.name}, which is not installed"
+        raise OutputError(message, remedy="pip install 'ftbias-jax[validation]'") from error

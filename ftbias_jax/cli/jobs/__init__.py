@@ -1,0 +1,1 @@
+"""Work on files: one log, an archive of logs, many diagnoses."""

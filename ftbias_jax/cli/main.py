@@ -1,0 +1,61 @@
+"""Command line: parses arguments before anything heavy is imported, prints, and turns known errors into exit codes.
+
+Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with data loss.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+
+from ftbias_jax import __version__
+from ftbias_jax.cli.parsers import ADD
+from ftbias_jax.errors import FtbiasError
+
+RENAMED = {"blind": "validate"}
+"""Commands that had another name."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code. Known errors become one line on standard error."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words and words[0] in RENAMED:
+        print(f"ftbias: {words[0]!r} is now called {RENAMED[words[0]]!r}", file=sys.stderr)
+        words[0] = RENAMED[words[0]]
+    parsed = build_parser().parse_args(words)
+    # The matrices are small: threads of BLAS that wait for one another cost more than they save.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        # A command's module is imported only now: JAX alone costs half a second.
+        command = importlib.import_module(f"ftbias_jax.cli.commands.{parsed.command}")
+        run: Callable[[argparse.Namespace], int] = command.run
+        return run(parsed)
+    except FtbiasError as error:
+        print(f"ftbias: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("ftbias: interrupted, nothing more was written", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        return 1
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    parser = argparse.ArgumentParser(
+        prog="ftbias",
+        description="Bias and drift of a wrist force-torque sensor from a recorded log.",
+        epilog="Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with data loss.",
+    )
+    parser.add_argument("--version", action="version", version=f"ftbias {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for add in ADD:
+        add(commands)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

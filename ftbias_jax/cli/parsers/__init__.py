@@ -1,0 +1,17 @@
+"""The arguments of every command; light, so that ``--help`` answers at once."""
+
+from __future__ import annotations
+
+from ftbias_jax.cli.parsers import calibration, diagnosis, filtering, logs
+
+ADD = (
+    filtering.add_filter,
+    calibration.add_tune,
+    calibration.add_identify,
+    logs.add_simulate,
+    diagnosis.add_diagnose,
+    logs.add_info,
+    diagnosis.add_validate,
+    logs.add_demo,
+)
+"""In the order of ``ftbias --help``."""

@@ -1,0 +1,64 @@
+"""Arguments of ``ftbias tune`` and ``ftbias identify``."""
+
+from __future__ import annotations
+
+from ftbias_jax.cli.argument_types import Commands, process, restarts, share
+
+
+def add_tune(commands: Commands) -> None:
+    """The command ``tune``."""
+    parser = commands.add_parser(
+        "tune",
+        help="fit the noise parameters to logs by maximum likelihood",
+        description="Fit the noise of joints, bias and sensor to LOGs of one robot, and write a setup with the result.",
+    )
+    parser.add_argument("logs", nargs="+", metavar="LOG", help="logs of the same robot and sensor")
+    parser.add_argument(
+        "--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise to start from"
+    )
+    parser.add_argument("-o", "--output", required=True, metavar="TUNED.toml", help="where to write the tuned setup")
+    parser.add_argument(
+        "--fit",
+        nargs="+",
+        default=["joints", "bias", "sensor"],
+        choices=["joints", "bias", "sensor"],
+        help="what to fit: joint noise, sigma_Q, sensor noise (all)",
+    )
+    parser.add_argument(
+        "--tie",
+        default="each",
+        choices=["each", "pair", "one"],
+        help="sigma_Q and sensor noise: one value for each axis, for forces and torques, or for all (%(default)s)",
+    )
+    parser.add_argument(
+        "--restarts",
+        type=restarts,
+        default=1,
+        metavar="N",
+        help="further starts, all values off by random factors, to see whether they agree (%(default)s)",
+    )
+    parser.add_argument(
+        "--hold-out", type=share, default=0.25, metavar="SHARE", help="end of every log kept to judge by (%(default)s)"
+    )
+    parser.add_argument(
+        "--distributed",
+        type=process,
+        nargs="?",
+        const=(None, None, None),
+        metavar="HOST:PORT,N,I",
+        help="one of N processes, the I-th from 0, that share the logs; nothing to give under Slurm or MPI",
+    )
+
+
+def add_identify(commands: Commands) -> None:
+    """The command ``identify``."""
+    parser = commands.add_parser(
+        "identify",
+        help="find the tool's mass, centre of mass and inertia from a log",
+        description="Fit the tool's inertial parameters, physically consistent, jointly with the bias.",
+    )
+    parser.add_argument("log", metavar="LOG", help="log of free motion that turns the wrist")
+    parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, and a tool to start from")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT.toml", help="where to write the setup found")
+    parser.add_argument("--mounting", action="store_true", help="also find how the sensor is turned on the flange")
+    parser.add_argument("--gravity", action="store_true", help="also find the direction of gravity")

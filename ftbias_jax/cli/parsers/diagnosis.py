@@ -1,0 +1,56 @@
+"""Arguments of ``ftbias diagnose`` and ``ftbias validate``."""
+
+from __future__ import annotations
+
+from ftbias_jax.cli.argument_types import Commands, count, numbers, seed
+
+
+def add_diagnose(commands: Commands) -> None:
+    """The command ``diagnose``."""
+    parser = commands.add_parser(
+        "diagnose",
+        help="find where logs depart from the model, why, and how far the gap shrinks",
+        description="Find which effects that the setup does not know cause the gap between LOGs and model.",
+        epilog="Example: ftbias diagnose LOG.npz --setup SETUP.toml --html REPORT.html --apply -o FIXED.toml",
+    )
+    parser.add_argument("logs", nargs="+", metavar="LOG", help="logs of the same robot, sensor and tool")
+    parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
+    parser.add_argument("--json", metavar="OUT.json", help="also write the diagnosis for programs")
+    parser.add_argument("--html", metavar="OUT.html", help="also write a report with plots, one file")
+    parser.add_argument("--apply", action="store_true", help="also write a setup that has the causes as effects")
+    parser.add_argument("-o", "--output", metavar="FIXED.toml", help="where to write that setup")
+    parser.add_argument(
+        "--without", action="append", default=[], metavar="EFFECT", help="leave this effect out; may be repeated"
+    )
+
+
+def add_validate(commands: Commands) -> None:
+    """The command ``validate``."""
+    parser = commands.add_parser(
+        "validate",
+        help="check the diagnosis on logs whose cause is withheld",
+        description="Make labelled logs by physics that are not this package's, and score the diagnosis on them.",
+        epilog="Example: ftbias validate make SET --count 128 --seed 1, then ftbias validate score SET --jobs 2",
+    )
+    actions = parser.add_subparsers(dest="action", required=True, metavar="make|score")
+    maker = actions.add_parser("make", help="make logs by MuJoCo (needs the extra 'validation')")
+    maker.add_argument("output", metavar="OUT", help="new folder for logs, setups and truth.json")
+    maker.add_argument("--count", type=count, default=128, metavar="N", help="logs (%(default)s)")
+    maker.add_argument("--seed", type=seed, default=0, metavar="S", help="the same makes the same logs (%(default)s)")
+    effects = "all, catalogue, none, pairs, unlisted or names, by commas (%(default)s)"
+    maker.add_argument("--effects", default="all", metavar="NAMES", help=effects)
+    maker.add_argument(
+        "--duration", type=numbers, default=(20.0, 60.0), metavar="S[,S]", help="shortest,longest (20,60)"
+    )
+    rates = (125.0, 200.0, 250.0, 400.0, 500.0)
+    maker.add_argument("--rate", type=numbers, default=rates, metavar="HZ[,...]", help="to choose from (125 to 500)")
+    maker.add_argument("--plain", action="store_true", help="one clock and all velocities in every log")
+    scorer = actions.add_parser("score", help="diagnose every log of a set, then open truth.json and score")
+    scorer.add_argument("folder", metavar="DIR", help="a set: log_*.npz, log_*.toml, truth.json")
+    scorer.add_argument("--out", metavar="VERDICTS", help="folder of the verdicts; those there are kept (DIR/verdicts)")
+    scorer.add_argument("--json", metavar="OUT.json", help="where to write the score (VERDICTS/score.json)")
+    scorer.add_argument(
+        "--leave-one-out", action="store_true", help="leave each log's true effect out of the catalogue instead"
+    )
+    for one in (maker, scorer):
+        one.add_argument("--jobs", type=count, default=1, metavar="N", help="processes (%(default)s)")

@@ -1,0 +1,51 @@
+"""Arguments of ``ftbias filter``."""
+
+from __future__ import annotations
+
+from ftbias_jax.cli.argument_types import Commands, count, gate, shard
+
+
+def add_filter(commands: Commands) -> None:
+    """The command ``filter``."""
+    parser = commands.add_parser(
+        "filter",
+        help="estimate bias and drift of logs and correct their wrench",
+        description="Estimate bias and drift at every wrench sample of LOG, and write them with the corrected wrench. "
+        "Where OUT is a folder, all logs are filtered into it, and those that it has already are skipped.",
+    )
+    parser.add_argument(
+        "logs",
+        nargs="+",
+        metavar="LOG",
+        help="log: .npz .csv .parquet .h5 .bag .db3 .mcap or a ROS 2 bag's folder; for a folder OUT also many logs, "
+        "folders to search, or patterns in quotes",
+    )
+    parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="OUT", help="the result: .npz .csv .parquet or .mcap, or a folder"
+    )
+    parser.add_argument("--salvage", action="store_true", help="read what is whole of a damaged recording")
+    parser.add_argument("--smooth", action="store_true", help="also write the bias given past and future")
+    parser.add_argument("--check", action="store_true", help="also judge whether the filter's error bars are right")
+    parser.add_argument("--plot", metavar="OUT.png", help="also draw bias and residual (needs the extra 'plot')")
+    parser.add_argument(
+        "--offsets", metavar="OUT.yaml", help="also write the bias at the end as offsets that ros2_control adds"
+    )
+    parser.add_argument(
+        "--gate",
+        type=gate,
+        metavar="SIGMAS",
+        help="do not use wrenches farther than this off their prediction: contacts and spikes (5 is usual)",
+    )
+    folders = parser.add_argument_group("for a folder OUT")
+    folders.add_argument("--jobs", type=count, default=1, metavar="N", help="logs at a time (%(default)s)")
+    folders.add_argument(
+        "--shard",
+        type=shard,
+        default=(1, 1),
+        metavar="I/N",
+        help="filter only the I-th of N shares, 1/N to N/N",
+    )
+    folders.add_argument(
+        "--format", default="npz", choices=["npz", "csv", "parquet", "mcap"], help="of the results (%(default)s)"
+    )

@@ -1,0 +1,56 @@
+"""Arguments of ``ftbias simulate``, ``ftbias info`` and ``ftbias demo``."""
+
+from __future__ import annotations
+
+from ftbias_jax.cli.argument_types import Commands, positive, seed
+
+
+def add_simulate(commands: Commands) -> None:
+    """The command ``simulate``."""
+    parser = commands.add_parser(
+        "simulate",
+        help="make a log with known truth, with any effects",
+        description="Simulate a log of the setup's robot, sensor and tool, and write what is true to another file.",
+        epilog="Example: ftbias simulate --setup SETUP.toml --effect tool_mass:mass=0.8 --effect time_delay -o LOG.npz",
+    )
+    parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool, noise and effects")
+    parser.add_argument("-o", "--output", required=True, metavar="LOG.npz", help="where to write the log")
+    parser.add_argument("--truth", metavar="FILE", help=".npz or .json with the truth (default: LOG_truth.npz)")
+    parser.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME[:key=value,...]",
+        help="what the setup does not know; vectors as 1/2/3; typical values if none are given; may be repeated",
+    )
+    parser.add_argument("--duration", type=positive, default=60.0, metavar="S", help="seconds (%(default)s)")
+    parser.add_argument("--rate", type=positive, default=500.0, metavar="HZ", help="samples a second (%(default)s)")
+    parser.add_argument(
+        "--motion", default="sines", metavar="sines|moves|FILE", help="motion, or a log to replay (%(default)s)"
+    )
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
+
+
+def add_info(commands: Commands) -> None:
+    """The command ``info``."""
+    parser = commands.add_parser(
+        "info",
+        help="show what is in a log and what can be filtered from it",
+        description="Show streams, rates, gaps, stuck or saturated axes and joint names of LOG.",
+    )
+    parser.add_argument("log", metavar="LOG", help="any log: .npz .csv .parquet .h5 .bag .db3 .mcap or a bag's folder")
+    parser.add_argument("--setup", metavar="SETUP.toml", help="also tell whether LOG can be filtered with it")
+
+
+def add_demo(commands: Commands) -> None:
+    """The command ``demo``."""
+    parser = commands.add_parser(
+        "demo",
+        help="simulate a Panda that is not as its setup says, filter, diagnose and mend it; needs no files",
+        description="Simulate a Panda log with an effect its setup does not know, filter it, find the effect, put it "
+        "into the setup, filter again, and compare with the truth.",
+    )
+    parser.add_argument("-o", "--output", default="ftbias_demo", metavar="DIR", help="folder to write (%(default)s)")
+    parser.add_argument("--duration", type=positive, default=30.0, metavar="S", help="seconds (%(default)s)")
+    parser.add_argument("--rate", type=positive, default=250.0, metavar="HZ", help="samples a second (%(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the random numbers (%(default)s)")

@@ -1,0 +1,210 @@
+"""The diagnosis of one log: examine samples, search causes, judge on held-out blocks, say what is and is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import cast
+
+import numpy as np
+
+from ftbias_jax.diagnosis.candidates import Scored
+from ftbias_jax.diagnosis.evidence.compare import compare
+from ftbias_jax.diagnosis.evidence.cross_validation import (
+    HeldOut,
+    Judge,
+    excess_by_chance,
+    excess_by_channel,
+    excess_stderr,
+    gap_removed,
+)
+from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
+from ftbias_jax.diagnosis.evidence.twins import twins_of
+from ftbias_jax.diagnosis.problem import Problem, make_problem
+from ftbias_jax.diagnosis.proposals.contact import is_sure
+from ftbias_jax.diagnosis.regression import fit as fits
+from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.regression.precompile import compiled_ahead
+from ftbias_jax.diagnosis.report.sentence import sentence_of
+from ftbias_jax.diagnosis.report.series import show, where
+from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Gap
+from ftbias_jax.diagnosis.samples.types import Finding, together
+from ftbias_jax.diagnosis.search import search
+from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Log
+
+SILENT = 0.12
+"""Gap in noise sigmas below which nothing is missing: the joints' own error reaches half of it."""
+LEADS = 0.3
+"""Gap in noise sigmas below which what single samples show comes before what explains the mean reading."""
+USEFUL_SHARE = 0.5
+"""Of the gap; causes that remove less explain nothing."""
+LEFT = 0.05
+"""Share of the gap in sigmas that an explanation may leave; more is told as partly explained."""
+FAINT = 1 / 3
+"""Share of a faint gap in sigmas that an explanation may leave, even if that is next to nothing."""
+SAME = 3.0
+"""Standard errors by which a gap must exceed chance."""
+CANDIDATES = 12
+UNSURE = "; or something that is not in the catalogue, for it lasted long"
+"""Added to the explanation of a contact that is not surely one."""
+
+
+def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: Collection[str] = ()) -> Diagnosis:
+    """Diagnose one log, or several of one robot together: an effect then has the same parameters in all of them.
+
+    Args:
+        setup: what the robot's owner believes. logs, names: the logs and their names.
+        without: effects that may not be named, to see what the answer would be without them.
+    """
+    with compiled_ahead(setup, logs):
+        problem, samples = make_problem(setup, logs)
+    base, hold_out = fits.base(problem), Judge(problem)
+    accepted, rounds = search(problem, base, hold_out, without)
+    before, after = (hold_out(found, base.error) for found in (base, accepted))
+    gap = _gap(problem, before, after)
+    found = tuple(finding for finding in together(samples) if finding.effect not in without)
+    total = gap.before_sigmas**2 - 1
+    causes = _causes(problem, hold_out, base, accepted, rounds, found, total)
+    if gap.shrink < USEFUL_SHARE:  # what does not hold on unseen blocks is no cause
+        accepted, after, gap = base, before, _gap(problem, before, before)
+        causes = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
+    sure = all(is_sure(h) for h in accepted.hypotheses if h.local)
+    verdict = _verdict(problem, gap, causes, found, sure)
+    if verdict in ("unknown", "none"):
+        causes = ()
+    stages = tuple(dict.fromkeys(cause.stage for cause in causes))
+    return Diagnosis(
+        verdict=verdict,
+        sentence=sentence_of(verdict, gap, causes),
+        causes=causes,
+        candidates=_ranking(problem, hold_out, base, rounds, found, total),
+        gap=gap,
+        where=where(problem, before, stages),
+        not_tested=_not_tested(problem, logs, without),
+        series=show(problem, base, accepted, before, after),
+        logs=tuple(names),
+        by_log=compare(problem, names, accepted if causes else base, before, after),
+    )
+
+
+def _gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
+    first, last = (excess_by_channel(problem, held.error) for held in (before, after))
+    # Where less is left than expected, the joints are better known than was thought: then so much was noise before.
+    spare = np.minimum(last, 0)
+    first, last = np.maximum(first - spare, 0), last - spare
+    total, left = float(first.mean()), float(last.mean())
+    shrink = float(np.clip(1 - left / total, 0, 1)) if total > 0 else 0.0
+    return Gap(
+        before_rms=problem.noise_std * np.sqrt(1 + first),
+        after_rms=problem.noise_std * np.sqrt(1 + last),
+        noise_floor=problem.noise_std,
+        before_sigmas=float(np.sqrt(1 + total)),
+        after_sigmas=float(np.sqrt(1 + left)),
+        shrink=shrink,
+        shrink_stderr=min(excess_stderr(problem, after.error) / total, 1.0) if total > 0 else 0.0,
+    )
+
+
+def _verdict(problem: Problem, gap: Gap, causes: tuple[Candidate, ...], found: tuple[Finding, ...], sure: bool) -> str:
+    before_gap, after_gap = np.sqrt(gap.before_sigmas**2 - 1), np.sqrt(gap.after_sigmas**2 - 1)
+    quiet_before = before_gap < SILENT or before_gap**2 < SAME * excess_by_chance(problem)
+    # What is left must be small for the owner and small against what was there, or no more than chance.
+    small = max(LEFT * before_gap, min(SILENT, FAINT * before_gap))
+    quiet_after = after_gap < small or after_gap**2 < excess_by_chance(problem)
+    of_the_mean = len(causes) > len(found)
+    if not causes:
+        return "none" if quiet_before else "unknown"
+    if not of_the_mean:
+        return "explained" if quiet_before else "partly_explained"
+    if quiet_after and sure:
+        return "explained"
+    return "partly_explained" if gap.shrink >= USEFUL_SHARE or found else "unknown"
+
+
+def _causes(
+    problem: Problem,
+    hold_out: Judge,
+    base: Fit,
+    accepted: Fit,
+    rounds: list[list[Scored]],
+    found: tuple[Finding, ...],
+    total: float,
+) -> tuple[Candidate, ...]:
+    """Accepted hypotheses with their twins, and what was read off the samples; the larger gap first."""
+    of_mean = []
+    previous = base
+    for scored, hypothesis in zip(rounds, accepted.hypotheses, strict=False):
+        twins = twins_of(problem, base, accepted, hypothesis, scored)
+        values, stderr = parameters(problem, accepted, hypothesis)
+        held, shrink = _judged(problem, hold_out, scored[0].fit, previous, total)
+        named = _candidate(hypothesis.effect, values, stderr, held, shrink, twins)
+        unsure = hypothesis.local and not is_sure(hypothesis)
+        of_mean.append(named._replace(explanation=named.explanation + UNSURE) if unsure else named)
+        previous = scored[0].fit
+    of_samples = [_of_finding(finding, problem.duration) for finding in found]
+    if total < LEADS**2:
+        return tuple(of_samples + of_mean)
+    # What is cut off is missing from the mean reading, too, and much else can look like that.
+    return tuple(sorted(of_mean + of_samples, key=lambda cause: cause.effect != "saturation"))
+
+
+def _judged(problem: Problem, hold_out: Judge, better: Fit, worse: Fit, total: float) -> tuple[HeldOut, float]:
+    """A fit on blocks it has not seen, and the share of the whole gap that it removes there beyond another fit."""
+    held = hold_out(better, worse.error)
+    return held, gap_removed(problem, worse.error, held.error) / max(total, 1e-12)
+
+
+def _candidate(
+    effect: str, values: Parameters, stderr: Parameters, held: HeldOut, shrink: float, twins: tuple[str, ...] = ()
+) -> Candidate:
+    entry = CATALOGUE[effect]
+    words = {twin.effect: twin.separate_by for twin in entry.twins}
+    return Candidate(
+        effect=effect,
+        stage=entry.stage,
+        indistinguishable_from=twins,
+        separate_by=tuple(words.get(twin, "") for twin in twins),
+        parameters=values,
+        stderr=stderr,
+        held_out_gain=held.gain,
+        held_out_gain_stderr=held.gain_stderr,
+        shrink=float(np.clip(shrink, 0, 1)),
+        explanation=entry.explanation,
+        remedy=entry.remedy,
+    )
+
+
+def _of_finding(finding: Finding, duration: float) -> Candidate:
+    gain = finding.nats / max(duration, 1e-9)
+    nothing = np.zeros((0, 6))
+    held = HeldOut(nothing, gain, np.sqrt(2 * max(finding.nats, 0)) / max(duration, 1e-9))
+    candidate = _candidate(
+        finding.effect, cast(Parameters, finding.parameters), cast(Parameters, finding.stderr), held, 0.0
+    )
+    return candidate._replace(explanation=f"{candidate.explanation}: {finding.sentence}")
+
+
+def _ranking(
+    problem: Problem,
+    hold_out: Judge,
+    base: Fit,
+    rounds: list[list[Scored]],
+    found: tuple[Finding, ...],
+    total: float,
+) -> tuple[Candidate, ...]:
+    """Everything that was fitted by itself, best first."""
+    ranked = [_of_finding(finding, problem.duration) for finding in found]
+    for scored in rounds[0][:CANDIDATES] if rounds else []:
+        values, stderr = parameters(problem, scored.fit, scored.hypothesis)
+        held, shrink = _judged(problem, hold_out, scored.fit, base, total)
+        ranked.append(_candidate(scored.hypothesis.effect, values, stderr, held, shrink))
+    return tuple(sorted(ranked, key=lambda candidate: -candidate.held_out_gain))
+
+
+def _not_tested(problem: Problem, logs: Sequence[Log], without: Collection[str]) -> tuple[tuple[str, str], ...]:
+    reasons = [(name, "left out on request") for name in without]
+    reasons += [(name, "the setup has it already") for name in problem.known]
+    if not any(np.isfinite(log.temperature).any() for log in logs):
+        reasons.append(("temperature_drift", "no temperature was recorded"))
+    return tuple(reasons)

@@ -1,0 +1,92 @@
+"""Judging fits on blocks of the log that they have not seen."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression.design_matrix import best_step, change
+from ftbias_jax.diagnosis.regression.fit import BLOCK_SECONDS, Fit
+
+FOLDS = 4
+
+
+class HeldOut(NamedTuple):
+    """A fit on blocks it has not seen."""
+
+    error: np.ndarray
+    """(U, 6) innovations, in standard deviations."""
+    gain: float
+    """nats per second over the reference."""
+    gain_stderr: float
+
+
+class Judge:
+    """Holds out fits of one problem; each of them once, however often and against whatever it is judged."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._errors: dict[int, tuple[Fit, np.ndarray]] = {}  # with the fit, or its id might be given again
+
+    def __call__(self, fit: Fit, reference: np.ndarray) -> HeldOut:
+        """A fit to all logs on blocks it has not seen; reference: (U, 6) errors of the model to compare with."""
+        if id(fit) not in self._errors:
+            self._errors[id(fit)] = fit, unseen_error(self._problem, fit)
+        _, error = self._errors[id(fit)]
+        gains = np.bincount(self._problem.block(BLOCK_SECONDS), (reference**2 - error**2).sum(1) / 2)
+        duration = max(self._problem.duration, 1e-9)
+        return HeldOut(error, float(gains.sum() / duration), float(np.sqrt(len(gains)) * gains.std() / duration))
+
+
+def unseen_error(problem: Problem, fit: Fit) -> np.ndarray:
+    """(U, 6) errors of each fold with the numbers fitted to the other folds, to first order around the whole fit."""
+    # What acts for a moment has every fourth bin left out: a longer block would hide all of it.
+    local = any(h.local for h in fit.hypotheses)
+    fold = (np.arange(len(problem.t)) if local else problem.block(BLOCK_SECONDS)) % FOLDS
+    error = fit.error.copy()
+    for k in range(FOLDS if fit.degrees else 0):
+        rest, test = fold != k, fold == k
+        error[test] += change(fit.columns.at(test), best_step(fit.columns.at(rest), fit.error[rest]))
+    return error
+
+
+def excess(problem: Problem, error: np.ndarray) -> np.ndarray:
+    """(U, 6) squared innovation beyond its expectation, in units of one sample's noise variance; 0 if not measured.
+
+    Args:
+        problem: of the logs. error: innovations in standard deviations.
+    """
+    relative = problem.variance / problem.noise_std**2
+    return np.where(problem.samples > 0, (error**2 - 1) * relative, 0)
+
+
+def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
+    """(6,) mean of the excess, each bin weighted by how well it tells it: not at all where joints are hardly known."""
+    mean: np.ndarray = (_weights(problem) * excess(problem, error)).sum(0)
+    return mean
+
+
+def gap_removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:
+    """Mean square gap that is gone between two sets of errors (U, 6), in noise variances."""
+    return float((excess_by_channel(problem, before) - excess_by_channel(problem, after)).mean())
+
+
+def excess_stderr(problem: Problem, error: np.ndarray) -> float:
+    """Standard error of the mean excess over the channels, from blocks."""
+    sums = np.bincount(problem.block(BLOCK_SECONDS), (_weights(problem) * excess(problem, error)).mean(1))
+    return float(np.sqrt(len(sums)) * sums.std())
+
+
+def excess_by_chance(problem: Problem) -> float:
+    """Standard error of the mean excess over the channels if the innovations are white noise of the stated size."""
+    relative = problem.variance / problem.noise_std**2
+    return float(np.sqrt(2 * ((_weights(problem) * relative) ** 2).sum()) / 6)
+
+
+def _weights(problem: Problem) -> np.ndarray:
+    """(U, 6) inverse variances of the bins' excess, with sum 1 over the bins."""
+    weight = np.where(problem.samples > 0, (problem.noise_std**2 / problem.variance) ** 2, 0)
+    scaled: np.ndarray = weight / np.maximum(weight.sum(0), 1e-300)
+    return scaled

@@ -1,0 +1,223 @@
+"""Where the gap is: channels, times, regimes of the motion, frequencies.
+
+Everything is judged by squares of the residual in units of its noise: noise alone gives each square the mean 1, so the
+*excess* over 1 is the gap. A statement is made only if chance would hardly make it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.result import CHANNELS, Regime, Where
+from ftbias_jax.filtering.quality.consistency import chi_square_quantile
+
+SIGNIFICANT = 3.0
+"""Standard errors by which a statement must differ from chance."""
+NOTABLE = 1.3
+"""A regime must hold this many times its share of the time."""
+BLOCK = 1.0
+"""s, pieces of a log that are taken as independent of each other."""
+WINDOW = 0.2
+"""s, resolution of the intervals."""
+STANDS_OUT = 1.5
+"""An interval's mean excess must be this many times that of the whole log."""
+MAX_INTERVALS = 5
+BAND_EDGES = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+"""Hz."""
+SMALLEST_BAND = 0.02
+"""Share of the gap below which a band is not worth a line."""
+HANN_SPREAD = 35 / 18
+"""Sum of squared correlations of neighbouring frequencies under a Hann window."""
+LEAST_WARMING = 1.0
+"""K, range of temperature below which there is no warm and cold."""
+
+
+class Motion(NamedTuple):
+    """What the robot was doing, at the bins of the residual; NaN = not known there."""
+
+    speed: np.ndarray
+    """(B,) rad/s, norm of the joint velocities."""
+    acceleration: np.ndarray
+    """(B,) rad/s^2, norm of the joint accelerations."""
+    gravity: np.ndarray
+    """(B, 3) direction of gravity in the sensor frame, unit vector."""
+    load_rate: np.ndarray
+    """(B,) positive while the size of the load on the sensor grows, any unit."""
+    temperature: np.ndarray | None = None
+    """(B,) deg C, if recorded."""
+
+
+def locate(
+    residual: np.ndarray, noise: np.ndarray, t: np.ndarray, motion: Motion, stages: tuple[str, ...] = ()
+) -> Where:
+    """Where in the log the gap is.
+
+    Args:
+        residual: (B, 6) N, Nm, means of bins; NaN = not measured. noise: (B, 6) their standard deviation by noise.
+        t: (B,) s, increasing. motion: at the bins. stages: of the named causes, passed through.
+
+    Returns:
+        Shares of the channels always; intervals, regimes and bands only where they are significant.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        white = np.where(noise > 0, residual / noise, np.nan)
+    seen = np.isfinite(white)
+    white = np.where(seen, white, 0.0)
+    excess, count = np.sum(white**2 - seen, axis=1), seen.sum(axis=1)
+    channels = dict(zip(CHANNELS, channel_shares(white, seen).tolist(), strict=True))
+    return Where(
+        stages,
+        channels,
+        find_intervals(excess, count, t),
+        find_regimes(excess, count, t, motion),
+        find_bands(white, seen, t),
+    )
+
+
+def channel_shares(white: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(6,) shares of the mean square gap; sums to 1, equal where there is no gap.
+
+    Args:
+        white: (B, 6) residual in units of its noise, 0 = not measured. seen: (B, 6) whether it was measured.
+    """
+    mean_excess = np.sum(white**2 - seen, axis=0) / np.maximum(seen.sum(axis=0), 1)
+    positive = np.maximum(mean_excess, 0.0)
+    total = float(positive.sum())
+    return positive / total if total > 0 else np.full(len(positive), 1 / len(positive))
+
+
+def find_intervals(excess: np.ndarray, count: np.ndarray, t: np.ndarray) -> tuple[tuple[float, float, float], ...]:
+    """(start s, end s, gap in noise sigmas) of the times that stand out, in the order of time; the largest few.
+
+    Args:
+        excess: (B,) sum of the channels' squares less their expectation. count: (B,) channels measured. t: (B,) s.
+    """
+    if not count.any():
+        return ()
+    window = np.floor((t - t[0]) / WINDOW).astype(int)
+    summed, measured = np.bincount(window, excess), np.bincount(window, count)
+    typical = max(float(excess.sum() / count.sum()), 0.0)
+    chance = 1 - 0.01 / len(summed)
+    limit = [chi_square_quantile(chance, n) - n if n else np.inf for n in measured]
+    loud = (summed > limit) & (summed > STANDS_OUT * typical * measured)
+    found = []
+    for first, last in _runs(loud):
+        inside = np.flatnonzero((window >= first) & (window <= last))
+        total, channels = float(excess[inside].sum()), int(count[inside].sum())
+        found.append((total, float(t[inside[0]]), float(t[inside[-1]]), float(np.sqrt(1 + total / channels))))
+    largest = sorted(found, reverse=True)[:MAX_INTERVALS]
+    return tuple((start, end, sigmas) for _, start, end, sigmas in sorted(largest, key=lambda item: item[1]))
+
+
+def _runs(marks: np.ndarray) -> list[tuple[int, int]]:
+    """First and last index of each run of marks; a single unmarked window does not end a run."""
+    places = np.flatnonzero(marks)
+    if not len(places):
+        return []
+    breaks = np.flatnonzero(np.diff(places) > 2)
+    firsts, lasts = np.r_[0, breaks + 1], np.r_[breaks, len(places) - 1]
+    return [(int(places[a]), int(places[b])) for a, b in zip(firsts, lasts, strict=True)]
+
+
+def find_regimes(excess: np.ndarray, count: np.ndarray, t: np.ndarray, motion: Motion) -> tuple[Regime, ...]:
+    """Regimes that hold significantly more of the gap than of the time, the most telling first.
+
+    Args:
+        excess: (B,) sum of the channels' squares less their expectation. count: (B,) channels measured. t: (B,) s.
+        motion: at the bins.
+    """
+    total = float(excess.sum())
+    block = np.floor((t - t[0]) / BLOCK).astype(int) if len(t) else np.zeros(0, int)
+    if _standard_errors(excess, block) < SIGNIFICANT:
+        return ()
+    found = []
+    for name, inside in regimes(t, motion):
+        expected = float(count[inside].sum() / count.sum())
+        share = min(float(excess[inside].sum()) / total, 1.0)
+        evidence = _standard_errors((inside - expected) * excess, block)
+        if expected > 0 and evidence > SIGNIFICANT and share > NOTABLE * expected:
+            found.append((evidence, Regime(name, share, expected)))
+    return tuple(regime for _, regime in sorted(found, key=lambda item: -item[0]))
+
+
+def _standard_errors(terms: np.ndarray, block: np.ndarray) -> float:
+    """Size of a sum in standard errors, the sums of the blocks taken as independent draws with mean 0."""
+    sums = np.bincount(block, terms)
+    spread = float(np.sqrt(sums @ sums))
+    return float(sums.sum()) / spread if spread > 0 else 0.0
+
+
+def regimes(t: np.ndarray, motion: Motion) -> Iterator[tuple[str, np.ndarray]]:
+    """(name, (B,) whether a bin belongs to it) of the regimes that this motion has.
+
+    Args:
+        t: (B,) s. motion: at the bins.
+    """
+    yield from _outer_thirds(
+        motion.speed, "fast motion (joint speed over {:.2g} rad/s)", "slow motion (under {:.2g} rad/s)"
+    )
+    yield from _outer_thirds(
+        motion.acceleration,
+        "strong acceleration (joints over {:.2g} rad/s²)",
+        "weak acceleration (joints under {:.2g} rad/s²)",
+    )
+    for column, axis in enumerate("xyz"):
+        for sign, mark in ((1, "+"), (-1, "-")):
+            yield f"the sensor's {mark}{axis} axis points down", sign * motion.gravity[:, column] > np.sqrt(0.5)
+    yield "load rising", motion.load_rate > 0
+    yield "load falling", motion.load_rate < 0
+    if motion.temperature is not None and np.isfinite(motion.temperature).any():
+        coldest, warmest = np.nanmin(motion.temperature), np.nanmax(motion.temperature)
+        middle = (coldest + warmest) / 2
+        if warmest - coldest > LEAST_WARMING:
+            yield f"warm (over {middle:.1f} °C)", motion.temperature > middle
+            yield f"cold (under {middle:.1f} °C)", motion.temperature < middle
+    elapsed = (t - t[0]) / max(t[-1] - t[0], np.finfo(float).tiny)
+    yield "first tenth of the log", elapsed < 0.1
+    yield "first half of the log", elapsed < 0.5
+    yield "second half of the log", elapsed >= 0.5
+
+
+def _outer_thirds(values: np.ndarray, high: str, low: str) -> Iterator[tuple[str, np.ndarray]]:
+    """The bins of the upper and of the lower third of a signal that varies, with the limits in the names."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return
+    lower, upper = np.quantile(known, [1 / 3, 2 / 3])
+    if upper > 1.1 * lower:
+        yield high.format(upper), values > upper
+        yield low.format(lower), values < lower
+
+
+def find_bands(white: np.ndarray, seen: np.ndarray, t: np.ndarray) -> tuple[tuple[float, float, float], ...]:
+    """(low Hz, high Hz, share of the gap) of the bands with more power than white noise of the stated size.
+
+    Args:
+        white: (B, 6) residual in units of its noise, 0 = not measured. seen: (B, 6) whether it was measured.
+        t: (B,) s; what is missing between the bins counts as not measured.
+    """
+    if len(t) < 16 or not seen.any():
+        return ()
+    step = float(np.median(np.diff(t)))
+    place = np.round((t - t[0]) / step).astype(int)
+    grid, mask = np.zeros((2, place[-1] + 1, white.shape[1]))
+    grid[place], mask[place] = white, seen
+    taper = np.hanning(len(grid))[:, None]
+    power = np.abs(np.fft.rfft(taper * grid, axis=0)) ** 2
+    chance = np.sum(taper**2 * mask, axis=0)  # of white noise, at every frequency
+    excess, spread = np.sum(power - chance, axis=1), float(np.sum(chance**2))
+    frequency = np.fft.rfftfreq(len(grid), step)
+    found = []
+    for low, high in pairwise(BAND_EDGES):
+        inside = (frequency >= low) & (frequency < high)
+        if not inside.any():
+            continue
+        evidence = float(excess[inside].sum() / np.sqrt(HANN_SPREAD * inside.sum() * spread))
+        if evidence > SIGNIFICANT:
+            found.append((low, min(high, float(frequency[-1])), float(excess[inside].sum())))
+    total = sum(part for *_, part in found)
+    return tuple((low, high, part / total) for low, high, part in found if part > SMALLEST_BAND * total)

@@ -1,0 +1,227 @@
+"""Logs made ready for the diagnosis: smoothed joints, cleaned wrench, averaged to bins, and the noise of each bin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.diagnosis.samples.read import inspect_samples
+from ftbias_jax.diagnosis.samples.types import SampleFindings
+from ftbias_jax.filtering import filter_log, pipeline, smoother
+from ftbias_jax.filtering.fast import stages
+from ftbias_jax.filtering.likelihood import WrenchProblem, without_bias
+from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.samples import pad, samples_from_log
+from ftbias_jax.model.effects.compose import fill_temperature
+from ftbias_jax.model.effects.types import Model, Signals, Values
+from ftbias_jax.model.params import Params
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array, Log, Sample
+
+SHORTEST_BIN = 0.01
+"""s; a 25 Hz ringing of the tool is still seen."""
+BINS = (1024, 2048, 4096, 8192)
+"""Lengths that binned logs are padded to, so that they share compiled programs."""
+MOST_BINS = 4096
+"""Longer logs get longer bins."""
+
+
+class Part(NamedTuple):
+    """One log in bins, padded to B of them; a padded bin has no measurement."""
+
+    signals: Signals
+    """Motion at the bins, and what the setup says about robot and tool."""
+    wrench: WrenchProblem
+    """The bias filter on the bins: mean readings without the stated bias (B, 6), NaN = none, and their noise."""
+    used: int
+    """Bins before the padding."""
+
+
+class Problem(NamedTuple):
+    """One log, or several of one robot end to end. U = bins of all logs, without padding."""
+
+    parts: tuple[Part, ...]
+    t: np.ndarray
+    """(U,) s since the start of the bin's own log."""
+    log: np.ndarray
+    """(U,) number of the bin's log."""
+    samples: np.ndarray
+    """(U, 6) how many in each bin."""
+    variance: np.ndarray
+    """(U, 6) N^2, Nm^2: noise of the bins' means, with that of the joints."""
+    temperature: np.ndarray
+    """(U,) deg C."""
+    durations: tuple[float, ...]
+    """s, of each log."""
+    noise_std: np.ndarray
+    """(6,) N, Nm, of one sample, as measured."""
+    known: Values
+    """Effects that the setup knows of."""
+
+    @property
+    def duration(self) -> float:
+        """s, of all logs together."""
+        return sum(self.durations)
+
+    @property
+    def joints(self) -> int:
+        """Number of the robot's joints."""
+        return int(self.parts[0].signals.q.shape[1])
+
+    def block(self, seconds: float) -> np.ndarray:
+        """(U,) numbers 0, 1, ... of pieces of so many seconds; none reaches over two logs."""
+        return np.unique(np.stack([self.log, self.t // seconds]), axis=1, return_inverse=True)[1].reshape(-1)
+
+
+def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[SampleFindings, ...]]:
+    """Smooth the joints, examine the samples, and average what is left over short bins.
+
+    Args:
+        setup: beliefs. logs: as read, of one robot.
+
+    Returns:
+        the problem of the effects that change the mean reading, and what was read off each log's single samples.
+    """
+    prepared = [_prepare(setup, log) for log in logs]
+    parts = tuple(part for part, *_ in prepared)
+    found = tuple(found for *_, found in prepared)
+    used = [part.used for part in parts]
+
+    def join(arrays: Sequence[np.ndarray]) -> np.ndarray:
+        return np.concatenate([np.asarray(array)[:length] for array, length in zip(arrays, used, strict=True)])
+
+    return Problem(
+        parts=parts,
+        t=join([part.signals.t for part in parts]),
+        log=np.repeat(np.arange(len(parts)), used),
+        samples=join([count for _, count, _, _ in prepared]),
+        variance=join([part.wrench.variance for part in parts]),
+        temperature=join([part.signals.temperature for part in parts]),
+        durations=tuple(float(log.t[-1]) for log in logs),
+        noise_std=np.sqrt(np.mean([one.noise_std**2 for one in found], axis=0)),
+        known=prepared[0][2],
+    ), found
+
+
+def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFindings]:
+    """One log: bins, samples in each (B, 6), effects the setup knows of, and what the samples show."""
+    options = Options(joint_model=setup.joints.model)
+    samples = samples_from_log(log)
+    length = samples.dt.shape[0]
+    samples = pad(samples, filter_log.CHUNK * -(-length // filter_log.CHUNK) if length > 8192 else 8192)
+    params = filter_log.likeliest_params(setup, samples, options)
+    joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(params, samples, options))
+    rate = np.gradient(reading, log.t, axis=0)
+    found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate)
+    joint_variance = variance - np.asarray(params.bias.wrench_variance)
+    noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
+    found = found._replace(noise_std=noise_std)
+    late = float(np.max(found.stamp_jitter.parameters["std"])) if found.stamp_jitter.detected else 0.0
+    part, count = _bin(params, log, joints, joint_variance + coherent, (late * rate) ** 2, found)
+    return part, count, params.effects or {}, found
+
+
+def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Noise of one sample (6,) N, Nm with that of rounding, and the variance (6,) that averaging does not reduce.
+
+    Noise smaller than the lattice's step hardly shows in the readings: there the stated one is believed. The error
+    of rounding then follows the signal; the share of its variance that the noise leaves coherent is that of its first
+    harmonic, exp(-4 pi^2 (noise / step)^2).
+    """
+    step = np.broadcast_to(np.asarray(found.quantisation.parameters.get("step", 0.0), float), (6,))
+    coarse = step > stated_std
+    noise_std = np.where(coarse, np.hypot(stated_std, step / np.sqrt(12)), found.noise_std)
+    dither = np.exp(-((2 * np.pi * stated_std / np.where(coarse, step, 1.0)) ** 2))
+    return noise_std, np.where(coarse, step**2 / 12 * dither, 0.0)
+
+
+def bins_of(t: np.ndarray, duration: float) -> tuple[np.ndarray, int, int]:
+    """The bin (T,) of every sample with a measurement, how many bins there are, and how many with their padding.
+
+    Args:
+        t: (T,) s, stamps of the samples. duration: s, of the log.
+    """
+    width = max(SHORTEST_BIN, np.nextafter(duration / MOST_BINS, np.inf))  # so that the last sample is in the last bin
+    # Bins without a sample are left out: a bin of a slow log is a sample.
+    found, index = np.unique((t / width).astype(int), return_inverse=True)
+    used = len(found)
+    return index, used, next((size for size in BINS if size >= used), used)
+
+
+@partial(jax.jit, static_argnames="options")
+def _smooth(params: Params, samples: Sample, options: Options) -> tuple[Array, Array, Array]:
+    """Joint states (T, n, 3) given the whole log, the wrench (T, 6) they make the tool cause, and its variance."""
+    joints = smoother.smooth_joints(params, pipeline.init(params, samples), samples, options)
+    return joints.mean, *stages.predict_wrenches(params, joints, samples, options)
+
+
+def _bin(
+    params: Params,
+    log: Log,
+    states: np.ndarray,
+    joint_variance: np.ndarray,
+    jitter_variance: np.ndarray,
+    found: SampleFindings,
+) -> tuple[Part, np.ndarray]:
+    """Average a log over short bins, work out their noise, take off the stated bias, and pad.
+
+    Args:
+        params: the beliefs. log: as read. states: (T, n, 3) of its joints. found: its cleaned wrench and its noise.
+        joint_variance: (T, 6) N^2, Nm^2, that hangs together over a bin. jitter_variance: (T, 6) that does not.
+
+    Returns:
+        the bins, and (U, 6) how many samples are in each.
+    """
+    wrench, temperature = found.clean_wrench, fill_temperature(log.t, log.temperature)
+    rows = np.isfinite(wrench).any(1)
+    index, _, padded = bins_of(log.t[rows], float(log.t[-1]))
+    count = _sum(index, np.isfinite(wrench[rows]))
+    series = (log.t, states, temperature, wrench, joint_variance, jitter_variance)
+    t, joints, temperature, reading, coherent, late = (_mean(index, x[rows]) for x in series)
+    # The smoothed joints' error hangs together over longer than a bin, so averaging does not reduce it.
+    variance = np.where(count > 0, (found.noise_std**2 + late) / np.maximum(count, 1) + coherent, 1.0)
+    return _part(params, padded, t, joints, temperature, reading, variance), count
+
+
+def _part(
+    params: Params,
+    padded: int,
+    t: np.ndarray,
+    joints: np.ndarray,
+    temperature: np.ndarray,
+    reading: np.ndarray,
+    variance: np.ndarray,
+) -> Part:
+    """Bins (U, ...) with the stated bias off their readings, padded to so many."""
+    used, bias, place = len(t), params.bias, jnp.asarray
+    t, joints, temperature = (_pad(x, padded, x[-1]) for x in (t, joints, temperature))
+    q, dq, ddq = (place(x) for x in np.moveaxis(joints, 2, 0))
+    stated = Model(params.arm, params.gravity, params.theta)
+    signals = Signals(place(t), q, dq, ddq, place(temperature), stated)
+    wrench = without_bias(place(_pad(reading, padded, np.nan)), bias.prior_mean, signals.t)
+    dt, variance = place(np.diff(t, prepend=t[0])), _pad(variance, padded, 1.0)
+    return Part(signals, WrenchProblem(dt, wrench, place(variance), bias.density, bias.prior_std), used)
+
+
+def _sum(index: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(T, ...) -> (U, ...) sums over the samples of each bin."""
+    sums = [np.bincount(index, column) for column in x.reshape(len(x), -1).T]
+    return np.stack(sums, -1).reshape(-1, *x.shape[1:])
+
+
+def _mean(index: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(T, ...) -> (U, ...) means of what is known in each bin, NaN = nothing."""
+    known = np.isfinite(x)
+    with np.errstate(invalid="ignore"):
+        mean: np.ndarray = _sum(index, np.where(known, x, 0)) / _sum(index, known)
+    return mean
+
+
+def _pad(x: np.ndarray, size: int, value: np.ndarray | float) -> np.ndarray:
+    """(U, ...) -> (size, ...) with a value in all further rows."""
+    return np.concatenate([x, np.broadcast_to(value, (size - len(x), *x.shape[1:]))])

@@ -1,0 +1,1 @@
+"""Starting values for effects whose fit has many local optima."""

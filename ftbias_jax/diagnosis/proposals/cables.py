@@ -1,0 +1,103 @@
+"""Where a cable may be fixed: starting points of its fit, for its likelihood has many maxima.
+
+The vector from the near to the far end is affine in the anchor, so many anchors are tried at the price of four.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression.evaluate import believed_motions, whitened
+from ftbias_jax.diagnosis.regression.score_test import Standing, gain_of_each, gains
+from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values
+from ftbias_jax.model.effects.environment import cable_span
+from ftbias_jax.model.effects.types import Signals
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.types import Array
+
+ANCHORS = 40
+"""Random places tried for each link."""
+FOREARM = (2, 3, 4)
+"""Links that may carry the far end, counted back from the last."""
+SLACK = (0.0, 0.6, 0.9)
+"""Rest lengths that are tried, as shares of the shortest distance."""
+STARTS = 4
+"""Starting points that are fitted."""
+FARTHEST = 5.0
+"""m."""
+APART = 0.25
+"""m; nearer anchors lead to the same maximum."""
+
+
+def cables(problem: Problem, standing: Standing) -> list[tuple[float, Hypothesis]]:
+    """The most promising anchors in the world and on the forearm, with their gains in nats beside a fit."""
+    model = problem.parts[0].signals.model
+    n, reach = problem.joints, max(float(np.linalg.norm(model.arm.zero_position)), 0.5)
+    attachment = np.asarray(neutral_values(CATALOGUE["cable"], model)["attachment"])
+    rng = np.random.default_rng(0)
+    found: list[tuple[float, float, float, np.ndarray, int]] = []
+    motions = believed_motions(problem)
+    for link in dict.fromkeys((0, *(max(n - back, 0) for back in FOREARM))):
+        spans = _spans(problem, motions, link, attachment)
+        near = rng.uniform(0.2, 0.9, (ANCHORS, 1)) * np.asarray(model.arm.zero_position) if link else 0.0
+        anchors = near + rng.uniform(-1, 1, (ANCHORS, 3)) * (0.3 if link else 0.7 * reach)
+        anchors = np.concatenate([anchors, _without_slack(problem, standing, spans, attachment)])
+        tried = [(anchor, slack) for anchor in anchors for slack in SLACK]
+        pulls, rests = zip(*(_pull(spans, anchor, slack, attachment) for anchor, slack in tried), strict=True)
+        gain, stiffness = gain_of_each(standing, whitened(problem, np.stack(pulls)))
+        gain = np.where(stiffness > 0, gain, 0)  # a cable never pushes
+        found += [(float(gain[i]), float(stiffness[i]), rests[i], tried[i][0], link) for i in range(len(tried))]
+    chosen: list[tuple[float, Hypothesis]] = []
+    kept: list[tuple[np.ndarray, int]] = []
+    for gain_of, k, rest, anchor, link in sorted(found, key=lambda one: -one[0]):
+        if all(other != link or np.linalg.norm(anchor - place) > APART for place, other in kept):
+            values = (("stiffness", k), ("rest_length", rest - 0.1), ("anchor", anchor), ("attachment", 0.0))
+            chosen.append((gain_of, at_values(problem, "cable", *values, link=float(link))))
+            kept.append((anchor, link))
+        if len(chosen) == STARTS:
+            break
+    return chosen
+
+
+@jax.jit
+def _span(signals: Signals, anchor: Array, attachment: Array, link: Array) -> Array:
+    return cable_span({"anchor": anchor, "attachment": attachment, "link": link}, signals)
+
+
+def _spans(problem: Problem, motions: list[ArmMotion], link: int, attachment: np.ndarray) -> np.ndarray:
+    """(4, U, 3) m, sensor frame: near end to the link's origin at q = 0, and what a metre of the anchor's axes adds."""
+    corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    fixed = jnp.asarray(attachment), jnp.asarray(float(link))
+    parts = []
+    for part, motion in zip(problem.parts, motions, strict=True):
+        signals = part.signals._replace(motion=motion)
+        ends = [_span(signals, jnp.asarray(corner), *fixed) for corner in corners]
+        parts.append(np.stack([np.asarray(span)[: part.used] for span in ends]))
+    spans = np.concatenate(parts, axis=1)
+    spans[1:] -= spans[0]
+    return spans
+
+
+def _pull(spans: np.ndarray, anchor: np.ndarray, slack: float, attachment: np.ndarray) -> tuple[np.ndarray, float]:
+    """(U, 6) change of the reading by a cable of 1 N/m, and its rest length m."""
+    span = spans[0] + np.tensordot(anchor, spans[1:], 1)
+    length = np.maximum(np.linalg.norm(span, axis=1), 1e-6)
+    rest = slack * float(length.min())
+    return _on_tool((1 - rest / length)[:, None] * span, attachment), rest
+
+
+def _on_tool(force: np.ndarray, attachment: np.ndarray) -> np.ndarray:
+    return -np.concatenate([force, np.cross(attachment, force)], 1)
+
+
+def _without_slack(problem: Problem, standing: Standing, spans: np.ndarray, attachment: np.ndarray) -> np.ndarray:
+    """(0 or 1, 3) m: the best anchor of a cable without rest length, which is linear in k and k times the anchor."""
+    columns = whitened(problem, np.stack([_on_tool(span, attachment) for span in spans]))
+    best = gains(standing, columns).coefficients(list(range(4)))  # k, then k times the anchor
+    anchor = best[None, 1:] / max(float(best[0]), 1e-12)
+    near: np.ndarray = anchor[(np.abs(anchor).max(1) < FARTHEST) & (best[0] > 0)]
+    return near

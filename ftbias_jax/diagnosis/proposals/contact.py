@@ -1,0 +1,143 @@
+"""Contacts: when something touched the tool, and with which wrench."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from ftbias_jax.diagnosis import hypothesis as hyp
+from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression.design_matrix import PRIOR_STD
+from ftbias_jax.diagnosis.regression.dictionary import Found, Library
+from ftbias_jax.diagnosis.regression.evaluate import whitened_series
+from ftbias_jax.diagnosis.regression.fit import Fit, projection
+from ftbias_jax.diagnosis.regression.score_test import gain_of_series
+
+LEAST_EVENT = 60.0
+"""nats of a single contact."""
+MOST_CONTACT = 0.35
+"""Share of the log: what touches the tool for longer is no event."""
+LONGEST_EVENT = 5.0
+"""s; nor is what touches it once for longer."""
+SURELY_EVENT = 3.0
+"""s; what lasts longer may be something else in the robot's surroundings that no effect of the catalogue stands for."""
+TRIMS, TRIM_HATS = 3, 32
+LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.005
+"""nats, and share of the largest, of a hat function at the end of a contact."""
+CLEAR_HATS = 2
+"""Hats in a row that do not matter, less one, between two contacts."""
+REWEIGHTINGS = 4
+
+
+def contacts(
+    problem: Problem, library: Library, accepted: Fit, taken: Collection[str], smooth: np.ndarray
+) -> list[Found]:
+    """The contacts that stand out, as one hypothesis with wrenches of any shape, and its gain.
+
+    Args:
+        smooth: (M, U, 6) whitened derivatives by what else could be there. Contacts are looked for, but not judged,
+            in what these leave.
+    """
+    if "contact" in taken or not library.events:
+        return []
+    white = library.events_white
+    power = np.maximum(np.einsum("cuk,cuk->ck", white, white), 1e-6)
+    alone = robust_rest(smooth, accepted.error)
+    error, events = alone, []
+    for _ in range(hyp.MOST_EVENTS):
+        along = np.einsum("cuk,uk->ck", white, error)
+        gain = (along**2 / power / 2).sum(1)
+        best = int(gain.argmax())
+        if gain[best] < LEAST_EVENT:
+            break
+        error = error - (along[best] / power[best]) * white[best]
+        events.append(library.events[best])
+    if not events:
+        return []
+    trimmed = _trimmed(problem, alone, merge(events))
+    shapes = [hyp.contact(problem, trimmed, hats) for hats in hyp.SHAPES]
+    found = [(gain_of_series(accepted, whitened_series(problem, h.shapes)), h) for h in shapes if _is_short(problem, h)]
+    return sorted(found, key=_after_penalty)[-1:]
+
+
+def _is_short(problem: Problem, contact: Hypothesis) -> bool:
+    """Whether the contacts are short, each and together."""
+    lengths = _lengths(contact)
+    return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_CONTACT * problem.duration)
+
+
+def is_sure(contact: Hypothesis) -> bool:
+    """Whether nothing but contacts is as short."""
+    return bool(_lengths(contact).max() < SURELY_EVENT)
+
+
+def _lengths(contact: Hypothesis) -> np.ndarray:
+    """(E, 1) s, of its events."""
+    lengths: np.ndarray = np.diff(np.reshape(contact.detail, (-1, 4))[:, 1:3])
+    return lengths
+
+
+def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """(U, 6) what columns (M, U, 6) leave of innovations if bins far from the others hardly count; single precision."""
+    flat, whole = columns.reshape(len(columns), error.size).astype(np.float32), error.astype(np.float32)
+    rest = whole
+    for _ in range(REWEIGHTINGS if len(columns) else 0):
+        size = (rest**2).sum(1)
+        weight = np.repeat(1 / np.sqrt(1 + size / max(np.median(size), 6.0)), 6)
+        weighted = flat * weight
+        normal = (weighted @ weighted.T).astype(float) + np.eye(len(flat)) / PRIOR_STD**2
+        step = np.linalg.solve(normal, (weighted @ (whole.ravel() * weight)).astype(float))
+        rest = whole - (step.astype(np.float32) @ flat).reshape(error.shape)
+    return rest
+
+
+def _trimmed(problem: Problem, alone: np.ndarray, events: list[Event]) -> list[Event]:
+    """Contacts that begin and end where the data (U, 6) put it."""
+    for _ in range(TRIMS):
+        h = hyp.contact(problem, events, TRIM_HATS)
+        white = whitened_series(problem, h.shapes)
+        coefficients, _ = projection(white)(alone[None])
+        nats = ((coefficients.reshape(-1, 1, 6) * white) ** 2).sum((1, 2)) / 2
+        by_event = np.split(nats, np.cumsum(hyp.hats_of(h)))
+        trimmed = [part for event, nats in zip(events, by_event[:-1], strict=True) for part in parts_of(event, nats)]
+        if trimmed == events:
+            break
+        events = trimmed
+    return events
+
+
+def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
+    """An event without the hats that hardly matter, at its ends or between its parts.
+
+    Args:
+        event: as it was found. nats: (H,) of each of its hats.
+    """
+    log, start, end = event
+    matter = np.flatnonzero(nats > max(LEAST_HAT, LEAST_SHARE_OF_HAT * nats.max()))
+    if not len(matter):
+        return [event]
+    width, last = (end - start) / (len(nats) - 1), len(nats) - 1
+    pieces = np.split(matter, np.flatnonzero(np.diff(matter) > CLEAR_HATS) + 1)
+    least = min(LEAST_EVENT, max(nats[p].sum() for p in pieces) / 2)
+    pieces = [p for p in pieces if nats[p].sum() > least]
+    return [(log, start + max(p[0] - 1, 0) * width, start + min(p[-1] + 1, last) * width) for p in pieces]
+
+
+def _after_penalty(found: Found) -> float:
+    gain, h = found
+    return gain - hyp.penalty(h)
+
+
+def merge(events: Sequence[Event]) -> list[Event]:
+    """Overlapping events of a log as one, with room for what the pulses that found them do not cover."""
+    merged: list[Event] = []
+    for log, start, end in sorted(events):
+        margin = 0.1 + 0.6 * (end - start)
+        start, end = start - margin, end + margin
+        if merged and merged[-1][0] == log and start < merged[-1][2]:
+            merged[-1] = (log, merged[-1][1], max(end, merged[-1][2]))
+        else:
+            merged.append((log, start, end))
+    return merged

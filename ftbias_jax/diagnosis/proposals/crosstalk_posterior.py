@@ -1,0 +1,47 @@
+"""The whole crosstalk matrix, once crosstalk is named by the few entries that explain most.
+
+Entries look alike on a log that loads few combinations of axes, and a search for few of them takes one for another. So
+what is told of the matrix is its posterior: all entries together, each small a priori.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ftbias_jax.diagnosis.hypothesis import Hypothesis
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.design_matrix import PRIOR_STD, change, information, lay_out, products, scores
+from ftbias_jax.diagnosis.regression.evaluate import slopes, whitened
+from ftbias_jax.diagnosis.regression.fit import BLOCK_SECONDS, Fit
+from ftbias_jax.filtering.innovation_regression import widened_inverse
+
+ENTRY_STD = 3.0
+"""Of an entry a priori, in typical departures: 6 % of the load of another axis."""
+
+
+def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndarray, Hypothesis, np.ndarray]:
+    """Posterior of all entries, the other numbers of the fit with them.
+
+    Args:
+        problem: of the logs. found: at its best. few: its hypothesis of crosstalk.
+
+    Returns:
+        coordinates (P,), crosstalk with all its entries free, and the covariance (30, 30) of these.
+    """
+    entries = chain_model.coordinates(problem.joints, "crosstalk").tolist()
+    further = [i for i in entries if i not in few.free]
+    free = (*found.free, *further)
+    beside = whitened(problem, slopes(problem, found.z, found.link, further))
+    columns = found.columns._replace(moving=np.concatenate([found.columns.moving, beside]))
+    rows = [free.index(i) for i in entries]
+    precision = information(columns).matrix()
+    precision[rows, rows] += ENTRY_STD**-2 - PRIOR_STD**-2
+    pull = products(lay_out(columns), found.error[None])[0]
+    pull[rows] += found.z[entries] / ENTRY_STD**2
+    step = -np.linalg.solve(precision, pull)
+    z = found.z.copy()
+    z[list(free)] += step[: len(free)]
+    by_block = scores(columns, found.error + change(columns, step), problem.block(BLOCK_SECONDS))
+    spread = widened_inverse(by_block, precision)[np.ix_(rows, rows)]
+    return z, few._replace(free=tuple(entries), start=tuple(z[entries].tolist())), spread

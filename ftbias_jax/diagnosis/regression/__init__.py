@@ -1,0 +1,1 @@
+"""Least squares of effects on whitened innovations."""

@@ -1,0 +1,217 @@
+"""Fits of one or several hypotheses on whitened innovations, with bias and drift as nuisance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.hypothesis import Hypothesis
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.design_matrix import (
+    PRIOR_STD,
+    Columns,
+    best_step,
+    change,
+    channels_first,
+    information,
+    multiply,
+    scores,
+)
+from ftbias_jax.diagnosis.regression.evaluate import measured, readings, slopes, whitened, whitened_series
+from ftbias_jax.filtering.innovation_regression import widened_inverse
+
+MOST_ITERATIONS = 12
+ENOUGH = 0.3
+"""nats; a step that gains less is the last."""
+DAMPINGS = (0.0, 0.03, 1.0, 100.0)
+"""All tried at once at every step."""
+LONGEST_STEP = 20.0
+"""Typical departures."""
+BLOCK_SECONDS = 2.0
+
+
+class Fit(NamedTuple):
+    """Hypotheses together at their best. K = free coordinates, then coefficients of linear series."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    z: np.ndarray
+    """(P,) coordinates of model.blocks."""
+    link: float
+    coefficients: np.ndarray
+    """(6 E,) of the linear series, hypothesis by hypothesis."""
+    error: np.ndarray
+    """(U, 6) innovations that remain, in standard deviations."""
+    columns: Columns
+    """Their derivatives by the free coordinates and by the coefficients."""
+    free: tuple[int, ...]
+    log_likelihood: float
+    """nats, up to a constant of the logs."""
+
+    @property
+    def degrees(self) -> int:
+        """Free numbers."""
+        return self.columns.size
+
+
+def base(problem: Problem) -> Fit:
+    """The believed model."""
+    nothing = Columns(*np.zeros((2, 0, len(problem.t), 6)))
+    z = np.zeros(chain_model.size(problem.joints))
+    error = _errors(problem, z[None], 0.0)[0]
+    return Fit((), z, 0.0, np.zeros(0), error, nothing, (), _log_likelihood(error))
+
+
+def fit(
+    problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit, enough: float = 0.0, most: int = MOST_ITERATIONS
+) -> Fit:
+    """Levenberg-Marquardt over the coordinates, with the linear coefficients solved for exactly at every step.
+
+    Args:
+        problem: of the logs. hypotheses: what to fit together; those that ``start`` has too continue from there.
+        start: another fit, such as ``base``. enough: share of the whole gain; the last step gains less.
+        most: steps at most.
+    """
+    z = start.z.copy()
+    z[[*start.free, *(i for h in start.hypotheses for i, _ in h.fixed)]] = 0
+    there = {id(h) for h in start.hypotheses}
+    for h in hypotheses:
+        z[list(h.free)] = start.z[list(h.free)] if id(h) in there else h.start
+        z = keep(z, h)
+    link = next((h.link for h in hypotheses if h.effect == "cable"), 0.0)
+    free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
+    series = _series(problem, hypotheses, start)
+    project = projection(series)
+    if np.array_equal(z, start.z) and link == start.link:  # the model is as it was: no need to evaluate it
+        error = start.error - change(start.columns._replace(moving=series[:0]), start.coefficients)
+    else:
+        error = _errors(problem, z[None], link)[0]
+    (coefficients,), (error,) = project(error[None])
+    cost = _cost(error, z, free)
+    first, moving, bounds = cost, None, chain_model.bounds(problem.joints)
+    for _ in range(most if free and np.isfinite(cost) else 0):
+        moving = whitened(problem, slopes(problem, z, link, free))
+        columns = project(moving)[1]
+        trials = np.repeat(z[None], len(DAMPINGS), 0)
+        trials[:, list(free)] = _trials(columns, error, z[list(free)], *(bound[list(free)] for bound in bounds))
+        solved, errors = project(_errors(problem, trials, link))
+        costs = [_cost(e, trial, free) for e, trial in zip(errors, trials, strict=True)]
+        best = int(np.argmin(costs))
+        gained = cost - costs[best]
+        if gained > 0:
+            z, cost, coefficients, error = trials[best], costs[best], solved[best], errors[best]
+        if gained < max(ENOUGH, enough * (first - cost)):
+            break
+    if moving is None:
+        moving = whitened(problem, slopes(problem, z, link, free)) if free else series[:0]
+    # The derivatives are from before the last, short step.
+    return Fit(hypotheses, z, link, coefficients, error, Columns(moving, series), free, _log_likelihood(error))
+
+
+def keep(z: np.ndarray, h: Hypothesis) -> np.ndarray:
+    """Coordinates (P,) with those that a hypothesis keeps at its values."""
+    z = z.copy()
+    for place, value in h.fixed:
+        z[place] = value
+    return z
+
+
+def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
+    """What a fit of one more hypothesis will find, from its derivatives (F, U, 6) at the accepted fit alone."""
+    free = (*accepted.free, *h.free)
+    whole = accepted.columns._replace(moving=np.concatenate([accepted.columns.moving, columns]))
+    step = best_step(whole, accepted.error)
+    z, error = keep(accepted.z, h), accepted.error + change(whole, step)
+    z[list(free)] += step[: len(free)]
+    coefficients = accepted.coefficients + step[len(free) :]
+    hypotheses = (*accepted.hypotheses, h)
+    return Fit(hypotheses, z, accepted.link, coefficients, error, whole, free, _log_likelihood(error))
+
+
+def _errors(problem: Problem, z: np.ndarray, link: float) -> np.ndarray:
+    """(C, P) -> (C, U, 6) innovations of prediction - reading.
+
+    All NaN for a prediction that is no number, which would count as missing and look perfect.
+    """
+    predicted = readings(problem, z, np.full(len(z), link))
+    error = whitened(problem, predicted - np.nan_to_num(measured(problem)))
+    error[~np.isfinite(predicted).all((1, 2))] = np.nan
+    return error
+
+
+def _series(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) -> np.ndarray:
+    """(E, U, 6) whitened linear series; those that ``start`` has are taken from there."""
+    pieces = np.split(start.columns.series, np.cumsum([len(h.shapes) for h in start.hypotheses]))
+    there = {id(h): piece for h, piece in zip(start.hypotheses, pieces[:-1], strict=True)}
+    series = [there[id(h)] if id(h) in there else whitened_series(problem, h.shapes) for h in hypotheses]
+    return np.concatenate([start.columns.series[:0], *series])
+
+
+def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """errors (C, U, 6) -> coefficients (C, 6 E) that bring error + sum c series nearest to zero, and what remains.
+
+    Args:
+        series: (E, U, 6) whitened, each with a coefficient for every channel.
+    """
+    if not len(series):
+        return lambda errors: (np.zeros((len(errors), 0)), errors)
+    by_channel = channels_first(series)  # (6, E, U)
+    transposed = by_channel.transpose(0, 2, 1)
+    normal = multiply(by_channel, transposed)
+    ridge = 1e-9 * normal.max() + 1e-12  # for series that vanish
+    inverse = np.linalg.inv(normal + ridge * np.eye(len(series)))
+
+    def project(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        channels = channels_first(errors)  # (6, C, U)
+        coefficients = -multiply(multiply(channels, transposed), inverse)
+        left = channels + multiply(coefficients, by_channel)
+        return coefficients.transpose(1, 2, 0).reshape(len(errors), -1), left.transpose(1, 2, 0)
+
+    return project
+
+
+def _log_likelihood(error: np.ndarray) -> float:
+    return -float((error**2).sum()) / 2 if np.isfinite(error).all() else -np.inf
+
+
+def _cost(error: np.ndarray, z: np.ndarray, free: tuple[int, ...]) -> float:
+    return -_log_likelihood(error) + float((z[list(free)] ** 2).sum()) / (2 * PRIOR_STD**2)
+
+
+def _trials(columns: np.ndarray, error: np.ndarray, at: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """(len(DAMPINGS), F) next values of the coordinates ``at``, none of them outside its bounds.
+
+    Args:
+        columns: (F, U, 6) derivatives without what the series can do. error: (U, 6). at, least, most: (F,).
+    """
+    flat = columns.reshape(len(columns), -1)
+    pull = flat @ error.ravel() + at / PRIOR_STD**2
+    # What is at a bound and would leave it stays, or else the others would move as if it did.
+    able = np.where(pull > 0, at > least, at < most)
+    normal = (flat @ flat.T + np.eye(len(at)) / PRIOR_STD**2)[np.ix_(able, able)]
+    trials: np.ndarray = np.repeat(at[None], len(DAMPINGS), 0)
+    for trial, damping in zip(trials, DAMPINGS, strict=True):
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull[able])
+        trial[able] -= np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+    return np.clip(trials, least, most, out=trials)
+
+
+def block_scores(problem: Problem, fit: Fit) -> np.ndarray:
+    """nats of each block of BLOCK_SECONDS, up to a constant."""
+    return -np.bincount(problem.block(BLOCK_SECONDS), (fit.error**2).sum(1)) / 2
+
+
+def covariance(problem: Problem, fit: Fit, further: np.ndarray | None = None) -> np.ndarray:
+    """(K, K) of the free numbers, widened where the scores of whole blocks scatter more than white noise would.
+
+    Args:
+        problem: of the logs. fit: at its best. further: (M, U, 6) whitened derivatives by M numbers that were searched
+            on a grid; they come between the coordinates and the coefficients.
+    """
+    columns = fit.columns
+    if further is not None:
+        columns = columns._replace(moving=np.concatenate([columns.moving, further]))
+    by_block = scores(columns, fit.error, problem.block(BLOCK_SECONDS))
+    return widened_inverse(by_block, information(columns, len(fit.free)).matrix())

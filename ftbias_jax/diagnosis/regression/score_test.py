@@ -1,0 +1,98 @@
+"""What further columns and series would gain on top of a fit, to first order: none of them is fitted for it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.hypothesis import NATS_PER_DEGREE
+from ftbias_jax.diagnosis.regression.design_matrix import (
+    Information,
+    Layout,
+    information,
+    lay_out,
+    products,
+    step_and_gain,
+)
+from ftbias_jax.diagnosis.regression.fit import Fit
+
+
+class Gains(NamedTuple):
+    """What further columns would gain on top of a fit, all coefficients solved for again together, to first order."""
+
+    normal: np.ndarray
+    """(M, M) products of the columns, after those of the fit are taken out of them."""
+    pull: np.ndarray
+    """(M,) products with the error."""
+
+    def of(self, chosen: list[int]) -> float:
+        """nats that these columns gain together."""
+        return float(-self.pull[chosen] @ self.coefficients(chosen)) / 2
+
+    def coefficients(self, chosen: list[int]) -> np.ndarray:
+        """(len(chosen),) of these columns together."""
+        normal, pull = self.normal[np.ix_(chosen, chosen)], self.pull[chosen]
+        ridge = 1e-8 * max(np.trace(normal) / max(len(normal), 1), 1e-12)
+        solved: np.ndarray = -np.linalg.solve(normal + ridge * np.eye(len(normal)), pull)
+        return solved
+
+    def pursue(self, rows: list[int], most: int, least: float) -> tuple[float, list[int]]:
+        """Matching pursuit: the few columns that gain most together, and how much.
+
+        Args:
+            rows: columns to choose from. most: how many at most. least: share of the gain that each must add.
+        """
+        chosen: list[int] = []
+        gained = 0.0
+        while len(chosen) < min(most, len(rows)):
+            trials = {i: self.of([*chosen, i]) for i in rows if i not in chosen}
+            best = max(trials, key=lambda i: trials[i])
+            if trials[best] - gained < max(2 * NATS_PER_DEGREE, least * trials[best]):
+                break
+            chosen, gained = [*chosen, best], trials[best]
+        return gained, chosen
+
+
+class Standing(NamedTuple):
+    """A fit that further columns come beside, and what their gains need of it."""
+
+    fit: Fit
+    layout: Layout
+    """Its own columns."""
+    information: Information
+    pull: np.ndarray
+    """(K,) their products with the error."""
+
+
+def stand(fit: Fit) -> Standing:
+    """Prepare a fit for columns that come beside it."""
+    layout = lay_out(fit.columns)
+    return Standing(fit, layout, information(fit.columns), products(layout, fit.error[None])[0])
+
+
+def gains(standing: Standing, columns: np.ndarray) -> Gains:
+    """Prepare the gains of whitened columns (M, U, 6) beside a fit."""
+    flat = columns.reshape(len(columns), -1)
+    shared, taken, pull = _beside(standing, columns)
+    return Gains(flat @ flat.T - shared @ taken, pull)
+
+
+def gain_of_each(standing: Standing, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) nats that every whitened column (M, U, 6) would gain by itself, and (M,) its coefficient."""
+    shared, taken, pull = _beside(standing, columns)
+    power = np.maximum(np.einsum("muk,muk->m", columns, columns) - (shared.T * taken).sum(0), 1e-12)
+    return pull**2 / power / 2, -pull / power
+
+
+def _beside(standing: Standing, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a fit itself does of columns (M, U, 6): products (M, K), coefficients (K, M), and the pull (M,) left."""
+    shared = products(standing.layout, columns)
+    taken = standing.information.solve(shared.T)
+    return shared, taken, columns.reshape(len(columns), -1) @ standing.fit.error.ravel() - taken.T @ standing.pull
+
+
+def gain_of_series(accepted: Fit, series: np.ndarray) -> float:
+    """nats that linear series (E, U, 6) gain together, with a coefficient for every channel."""
+    whole = accepted.columns._replace(series=np.concatenate([accepted.columns.series, series]))
+    return step_and_gain(whole, accepted.error)[1]

@@ -1,0 +1,1 @@
+"""A diagnosis for readers: JSON, tables, figures and the HTML page."""

@@ -1,0 +1,220 @@
+"""A diagnosis as one HTML file that needs nothing else: no network, no scripts, no fonts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from importlib import resources
+
+import numpy as np
+
+from ftbias_jax.diagnosis.report.plots import (
+    channel_title,
+    plot_gap,
+    plot_ranking,
+    plot_regressor,
+    plot_shares,
+    plot_time,
+)
+from ftbias_jax.diagnosis.report.svg import escape
+from ftbias_jax.diagnosis.report.tables import (
+    log_lines,
+    parameter_words,
+    percent,
+    shrink_words,
+    twin_words,
+    value_words,
+    verdict_words,
+)
+from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, Series, Where
+
+MAX_LOGS = 3
+"""Logs whose time plots are drawn."""
+MAX_RANKED = 12
+APPLY = "ftbias diagnose LOG --setup SETUP.toml --apply -o FIXED.toml"
+POLICY = "default-src 'none'; style-src 'unsafe-inline'"
+"""The browser itself refuses to load anything."""
+HOW_TO_READ = (
+    "The gap is what the corrected wrench differs from the model of the setup, beyond bias, drift and the stated noise;"
+    " 1 noise sigma means that noise alone is left.",
+    "Every effect of the catalogue was fitted to a part of the data and judged on the rest: the gain says how much more"
+    " likely it makes data that it has not seen (nats per second), and a gain within two or three standard errors of"
+    " zero, or of another effect's gain, decides nothing.",
+    "Effects that this log cannot tell apart are named together, with the measurement that would separate them; an"
+    " effect that is not in the catalogue can only show as what remains unexplained.",
+)
+
+
+def to_html(diagnosis: Diagnosis, title: str) -> str:
+    """The report.
+
+    Args:
+        diagnosis: what to show. title: such as the names of the logs; any text.
+    """
+    sections = (
+        _section("Causes", _causes(diagnosis.causes)),
+        _section("The gap before and after" if diagnosis.causes else "The gap", _gap(diagnosis)),
+        _section("Log by log", "".join(f"<p>{escape(line)}</p>" for line in log_lines(diagnosis))),
+        _section("What is left, against time", _times(diagnosis)),
+        _section("What is left, against the cause", _regressor(diagnosis)),
+        _section("How well each effect explains it", _ranking(diagnosis)),
+        _section("Twins: what the data do not tell apart", _twins(diagnosis.causes)),
+        _section("What to do", _remedies(diagnosis)),
+        _section("Where the gap is", _where(diagnosis.where, diagnosis.verdict)),
+        _section("What was not tested", _table(("effect", "why"), diagnosis.not_tested)),
+        _section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
+    )
+    style = resources.files("ftbias_jax.diagnosis.report").joinpath("report.css").read_text(encoding="utf-8")
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<meta name="color-scheme" content="light dark">'
+        f"<title>{escape(title)}</title><style>{style}</style></head>\n"
+        f"<body><main>{_header(diagnosis, title)}\n{''.join(sections)}</main></body></html>\n"
+    )
+
+
+def _header(diagnosis: Diagnosis, title: str) -> str:
+    gap = diagnosis.gap
+    numbers = [("gap", f"{gap.before_sigmas:.2f} noise sigmas")]
+    if diagnosis.causes:
+        numbers += [("with the causes", f"{gap.after_sigmas:.2f} noise sigmas"), ("shrinks by", shrink_words(gap))]
+    items = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in numbers)
+    logs = f"<p class='small'>Logs: {escape(', '.join(diagnosis.logs))}</p>" if diagnosis.logs else ""
+    return (
+        f"<header><p class='small'>{escape(title)}</p>"
+        f"<h1><span class='badge'>{escape(verdict_words(diagnosis.verdict))}</span> {escape(diagnosis.sentence)}</h1>"
+        f"<dl>{items}</dl>{logs}</header>"
+    )
+
+
+def _section(title: str, content: str) -> str:
+    """A part of the page, or nothing where there is nothing to say."""
+    return f"<section><h2>{escape(title)}</h2>{content}</section>\n" if content else ""
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table whose first column names the row; empty without rows."""
+    lines = [
+        f'<tr><th scope="row">{escape(first)}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in rest)}</tr>'
+        for first, *rest in rows
+    ]
+    columns = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
+    table = f"<table><thead><tr>{columns}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+    return f'<div class="scroll">{table}</div>' if lines else ""
+
+
+def _causes(causes: Sequence[Candidate]) -> str:
+    parts = []
+    for cause in causes:
+        head = f"{escape(cause.effect)}<small>{escape(cause.stage)}, {percent(cause.shrink)} of the gap</small>"
+        parts.append(f"<h3>{head}</h3><p>{escape(_sentence(cause.explanation))}</p>")
+        parts.append(_table(("parameter", "value ± standard error"), parameter_words(cause)))
+    return "".join(parts)
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}." if text else ""
+
+
+def _legend(with_after: bool, noise: bool) -> str:
+    entries = [("before", "with the setup as it is")]
+    entries += [("after", "with the causes in the model")] if with_after else []
+    entries += [("noise", "95 % of what noise alone leaves")] if noise else []
+    keys = "".join(f"<span class='key {style}'>{words}</span>" for style, words in entries)
+    return f"<p class='legend'>{keys}</p>"
+
+
+def _gap(diagnosis: Diagnosis) -> str:
+    gap, after = diagnosis.gap, bool(diagnosis.causes)
+    columns = {"before": gap.before_rms, "after": gap.after_rms, "noise alone": gap.noise_floor}
+    shown = {name: rms for name, rms in columns.items() if after or name != "after"}
+    rows = [(channel_title(i), *(f"{rms[i]:.3g}" for rms in shown.values())) for i in range(len(CHANNELS))]
+    table = _table(("held-out rms", *shown), rows)
+    figure = f"<figure>{plot_gap(gap, after)}<figcaption>Dashed: what noise alone leaves (1).</figcaption></figure>"
+    return f"{_legend(after, noise=False)}<div class='pair'>{figure}{table}</div>"
+
+
+def _times(diagnosis: Diagnosis) -> str:
+    after = bool(diagnosis.causes)
+    parts = [_legend(after, noise=True)] if diagnosis.series else []
+    for number, series in enumerate(diagnosis.series[:MAX_LOGS]):
+        if len(diagnosis.series) > 1:
+            parts.append(f"<h3>{escape(diagnosis.logs[number])}</h3>")
+        plots = (plot_time(series, channel, f"time-{number}-{channel}", after) for channel in range(6))
+        parts.append(f"<div class='grid'>{''.join(f'<figure>{plot}</figure>' for plot in plots)}</div>")
+    if len(diagnosis.series) > MAX_LOGS:
+        parts.append(f"<p>The plots of {len(diagnosis.series) - MAX_LOGS} more logs are left out.</p>")
+    return "".join(parts)
+
+
+def _regressor(diagnosis: Diagnosis) -> str:
+    series = [one for one in diagnosis.series if np.isfinite(one.regressor).any()]
+    if not (diagnosis.causes and series):
+        return ""
+    caption = "Large markers: means of bins with their standard errors. Small dots: single values before."
+    plot = plot_regressor(series, _responsible_channel(series))
+    legend = _legend(with_after=True, noise=False)
+    return f"{legend}<figure class='wide'>{plot}<figcaption>{caption}</figcaption></figure>"
+
+
+def _responsible_channel(series: Sequence[Series]) -> int:
+    """The channel that follows the regressor most, in units of its noise."""
+    x = np.concatenate([one.regressor for one in series])[:, None]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        y = np.concatenate([one.before / one.noise for one in series])
+    seen = np.isfinite(x) & np.isfinite(y)
+    x_centred = np.where(seen, x - np.nanmean(x), 0.0)
+    return int(np.argmax(np.abs(np.sum(x_centred * np.where(seen, y, 0.0), axis=0))))
+
+
+def _ranking(diagnosis: Diagnosis) -> str:
+    ranked = [candidate for candidate in diagnosis.candidates if np.isfinite(candidate.held_out_gain)]
+    if not ranked:
+        return ""
+    plot = plot_ranking(ranked[:MAX_RANKED], [cause.effect for cause in diagnosis.causes])
+    rows = [
+        (c.effect, c.stage, value_words(c.held_out_gain, c.held_out_gain_stderr), percent(c.shrink)) for c in ranked
+    ]
+    table = _table(("effect", "stage", "held-out gain [nats/s]", "of the gap"), rows)
+    named = "● named as a cause; " if diagnosis.causes else ""
+    caption = f"{named}whiskers: one standard error. Judged on data the fit has not seen."
+    figure = f"<figure class='wide'>{plot}<figcaption>{caption}</figcaption></figure>"
+    return f"{figure}<details><summary>All {len(ranked)} as a table</summary>{table}</details>"
+
+
+def _twins(causes: Sequence[Candidate]) -> str:
+    items = "".join(
+        f"<li><b>{escape(cause.effect)}</b> could as well be <b>{escape(twin)}</b>; {escape(how)}.</li>"
+        for cause in causes
+        for twin, how in twin_words(cause)
+    )
+    return f"<ul>{items}</ul>" if items else ""
+
+
+def _remedies(diagnosis: Diagnosis) -> str:
+    if diagnosis.verdict == "none":
+        return "<p>Nothing: the setup describes these logs.</p>"
+    items = [f"<li><b>{escape(c.effect)}</b>: {escape(_sentence(c.remedy))}</li>" for c in diagnosis.causes if c.remedy]
+    if diagnosis.causes:
+        items.append(f"<li>Or let the model know: <code>{escape(APPLY)}</code></li>")
+    if diagnosis.verdict != "explained":
+        items.append("<li>For what is not explained, start with the channels, times and regimes below.</li>")
+    return f"<ul>{''.join(items)}</ul>"
+
+
+def _where(where: Where, verdict: str) -> str:
+    if verdict == "none":
+        return ""
+    stages = f"<p>Stages, most likely first: {escape(', '.join(where.stages))}.</p>" if where.stages else ""
+    caption = "Share of each channel in the gap, in noise units."
+    shares = f"<figure>{plot_shares(where.channels)}<figcaption>{caption}</figcaption></figure>"
+    regimes = [(regime.name, percent(regime.share), percent(regime.expected)) for regime in where.regimes]
+    intervals = [(f"{start:.2f}", f"{end:.2f}", f"{sigmas:.1f}") for start, end, sigmas in where.intervals]
+    bands = [(f"{low:.3g}", f"{high:.3g}", percent(share)) for low, high, share in where.bands]
+    tables = (
+        _table(("regime", "of the gap", "of the time"), regimes),
+        _table(("from [s]", "to [s]", "noise sigmas"), intervals),
+        _table(("from [Hz]", "to [Hz]", "of the gap"), bands),
+    )
+    return f"{stages}<div class='grid'>{shares if where.channels else ''}{''.join(tables)}</div>"

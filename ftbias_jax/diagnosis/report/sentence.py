@@ -1,0 +1,25 @@
+"""The verdict for a reader in a hurry."""
+
+from __future__ import annotations
+
+from ftbias_jax.diagnosis.result import Candidate, Gap
+
+MEAN_GAP = 0.01
+"""Noise sigmas by which the error must exceed noise alone for a sentence about it."""
+
+
+def sentence_of(verdict: str, gap: Gap, causes: tuple[Candidate, ...]) -> str:
+    """One sentence; errors are held-out rms over all channels."""
+    before, after = f"{gap.before_sigmas:.2f}", f"{gap.after_sigmas:.2f} noise sigmas (1 = noise alone)"
+    named = " and ".join(" or ".join((cause.effect, *cause.indistinguishable_from)) for cause in causes)
+    if verdict == "none":
+        return "The log agrees with the setup: nothing beyond the stated model is needed."
+    if verdict == "unknown":
+        return f"The error is {before} noise sigmas (1 = noise alone), and no effect of the catalogue explains it."
+    if gap.before_sigmas - 1 < MEAN_GAP:
+        return f"{named}: seen in single samples; the mean reading agrees with the setup."
+    if gap.shrink == 0:
+        return f"{named}: seen in single samples; no effect explains the mean reading's error of {after}."
+    if verdict == "explained":
+        return f"{named} explains the gap: the error falls from {before} to {after}."
+    return f"{named} explains {gap.shrink:.0%} of the gap: the error falls from {before} to {after}."

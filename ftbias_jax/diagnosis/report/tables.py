@@ -1,0 +1,201 @@
+"""A diagnosis as JSON and as a table for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, Gap, Where
+from ftbias_jax.model.effects.catalogue import CATALOGUE
+
+SCHEMA = 1
+LONGEST_LIST = 6
+"""Numbers of one parameter that a table shows; the JSON has all."""
+
+
+def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The diagnosis for programs: plain dicts, lists, strings and finite numbers; None where there is no number."""
+    where = diagnosis.where
+    content = {
+        "schema": SCHEMA,
+        "verdict": diagnosis.verdict,
+        "sentence": diagnosis.sentence,
+        "causes": [cause._asdict() for cause in diagnosis.causes],
+        "gap": _gap_json(diagnosis.gap),
+        "where": where._asdict() | {"regimes": [regime._asdict() for regime in where.regimes]},
+        "candidates": [candidate._asdict() for candidate in diagnosis.candidates],
+        "not_tested": dict(diagnosis.not_tested),
+        "logs": diagnosis.logs,
+        "by_log": [log._asdict() for log in diagnosis.by_log],
+    }
+    plain: dict[str, Any] = _plain(content)
+    return plain
+
+
+def _gap_json(gap: Gap) -> dict[str, Any]:
+    return {
+        "before": {"rms": gap.before_rms, "in_noise_sigmas": gap.before_sigmas},
+        "after": {"rms": gap.after_rms, "in_noise_sigmas": gap.after_sigmas},
+        "shrink": gap.shrink,
+        "shrink_stderr": gap.shrink_stderr,
+        "noise_floor": gap.noise_floor,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """What ``json`` can write, all the way down."""
+    match value:
+        case dict():
+            return {str(key): _plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case None | bool() | int() | str():
+            return value
+    array = np.asarray(value)
+    return _plain(array.tolist()) if array.ndim else _finite(array.item())
+
+
+def _finite(number: Any) -> Any:
+    return number if not isinstance(number, float) or np.isfinite(number) else None
+
+
+def to_table(diagnosis: Diagnosis) -> str:
+    """The diagnosis for a reader at a terminal: plain text, verdict first."""
+    parts = [
+        [one_line(f"{verdict_words(diagnosis.verdict)}: {diagnosis.sentence}")],
+        *(_cause_lines(cause) for cause in diagnosis.causes),
+        _gap_lines(diagnosis.gap),
+        log_lines(diagnosis),
+        _where_lines(diagnosis.where) if diagnosis.verdict != "none" else [],
+        [f"not tested: {one_line(effect)} ({one_line(why)})" for effect, why in diagnosis.not_tested],
+    ]
+    return "\n\n".join("\n".join(lines) for lines in parts if lines)
+
+
+def verdict_words(verdict: str) -> str:
+    """The verdict's short name for readers."""
+    return {
+        "none": "no gap",
+        "explained": "explained",
+        "partly_explained": "partly explained",
+        "unknown": "not explained",
+    }.get(verdict, verdict)
+
+
+def _cause_lines(cause: Candidate) -> list[str]:
+    gain = f"{value_words(cause.held_out_gain, cause.held_out_gain_stderr)} nats/s held out"
+    lines = [f"cause: {cause.effect} ({cause.stage}), {percent(cause.shrink)} of the gap, {gain}"]
+    lines += [f"  {name} = {value}" for name, value in parameter_words(cause)]
+    lines += [f"  or {twin}: {how}" for twin, how in twin_words(cause)]
+    return [one_line(line) for line in (*lines, f"  what to do: {cause.remedy}" if cause.remedy else "") if line]
+
+
+def parameter_words(candidate: Candidate) -> list[tuple[str, str]]:
+    """(name, value ± standard error and unit) of the parameters of a candidate."""
+    effect = CATALOGUE.get(candidate.effect)
+    units = {parameter.name: parameter.unit for parameter in effect.parameters} if effect else {}
+    return [
+        (name, f"{_numbers_words(value, candidate.stderr.get(name))} {units.get(name, '')}".rstrip())
+        for name, value in candidate.parameters.items()
+    ]
+
+
+def _numbers_words(value: object, stderr: object) -> str:
+    values = np.asarray(value, float)
+    errors = np.asarray(np.nan if stderr is None else stderr, float)
+    errors = errors if errors.shape == values.shape else np.full(values.shape, np.nan)
+    if values.size <= LONGEST_LIST:
+        return ", ".join(value_words(x, e) for x, e in zip(values.ravel(), errors.ravel(), strict=True))
+    largest = np.unravel_index(np.argmax(np.abs(np.nan_to_num(values))), values.shape)
+    place = ", ".join(str(index + 1) for index in largest)
+    return f"{values.size} numbers, the largest {value_words(values[largest], errors[largest])} at {place}"
+
+
+def value_words(value: float, stderr: float) -> str:
+    """A number with its standard error, both to the second digit of the error."""
+    if not np.isfinite(stderr) or stderr <= 0 or not np.isfinite(value):
+        return f"{value:.4g}"
+    power = int(np.floor(np.log10(stderr)))
+    if power >= -5 and max(abs(value), stderr) < 1e7:
+        return f"{value:.{max(1 - power, 0)}f} ± {stderr:.{max(1 - power, 0)}f}"
+    digits = max(int(np.floor(np.log10(max(abs(value), stderr)))) - power + 1, 1)
+    return f"{value:.{digits}e} ± {stderr:.1e}"
+
+
+def twin_words(candidate: Candidate) -> list[tuple[str, str]]:
+    """(twin, the measurement that would separate it) of a candidate."""
+    known = (*candidate.separate_by, *[""] * len(candidate.indistinguishable_from))
+    return [
+        (twin, f"to tell them apart: {how}" if how else "no measurement is known that tells them apart")
+        for twin, how in zip(candidate.indistinguishable_from, known, strict=False)
+    ]
+
+
+def _gap_lines(gap: Gap) -> list[str]:
+    before, after = (sigmas_by_channel(rms, gap.noise_floor) for rms in (gap.before_rms, gap.after_rms))
+    rows: list[tuple[str, Iterable[float]]] = [
+        ("before [N, Nm]", gap.before_rms),
+        ("after  [N, Nm]", gap.after_rms),
+        ("noise  [N, Nm]", gap.noise_floor),
+        ("before [noise sigmas]", [*before, gap.before_sigmas]),
+        ("after  [noise sigmas]", [*after, gap.after_sigmas]),
+    ]
+    head = f"{'held-out rms':22s}" + "".join(f"{name:>9s}" for name in (*CHANNELS, "all"))
+    lines = [f"{name:22s}" + "".join(f"{number:9.3g}" for number in numbers) for name, numbers in rows]
+    return [head, *lines, f"the gap shrinks by {shrink_words(gap)} (1 noise sigma = noise alone)"]
+
+
+def log_lines(diagnosis: Diagnosis) -> list[str]:
+    """One line for each of several logs: its gap, and the causes by this log alone."""
+    lines = []
+    for log in diagnosis.by_log:
+        gap = f"{log.before_sigmas:.3g} -> {log.after_sigmas:.3g} noise sigmas"
+        alone = [
+            f"{name} = {words}"
+            for cause in diagnosis.causes
+            if cause.effect in log.parameters
+            for name, words in parameter_words(
+                cause._replace(parameters=log.parameters[cause.effect], stderr=log.stderr[cause.effect])
+            )
+        ]
+        own = f"; alone it says {', '.join(alone)}, {log.own_gain:.2g} nats/s better" if alone else ""
+        lines.append(one_line(f"{log.name}: {gap}{own}"))
+    return lines
+
+
+def shrink_words(gap: Gap) -> str:
+    """How far the gap shrinks, in percent with its standard error."""
+    error = f" ± {100 * gap.shrink_stderr:.2g}" if np.isfinite(gap.shrink_stderr) else ""
+    return f"{100 * gap.shrink:.0f}{error} %" if np.isfinite(gap.shrink) else "an unknown share"
+
+
+def sigmas_by_channel(rms: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """(6,) rms in units of the noise; NaN where there is no noise to compare with."""
+    return np.asarray(rms, float) / np.where(np.asarray(noise) > 0, noise, np.nan)
+
+
+def _where_lines(where: Where) -> list[str]:
+    channels = sorted(where.channels.items(), key=lambda item: -item[1])
+    listed = {
+        "stages": list(where.stages),
+        "channels": [f"{name} {percent(share)}" for name, share in channels if share >= 0.05],
+        "times": [f"{start:.1f} to {end:.1f} s ({sigmas:.1f} sigmas)" for start, end, sigmas in where.intervals],
+        "regimes": [
+            f"{regime.name}: {percent(regime.share)} of the gap in {percent(regime.expected)} of the time"
+            for regime in where.regimes
+        ],
+        "bands": [f"{low:.3g} to {high:.3g} Hz {percent(share)}" for low, high, share in where.bands],
+    }
+    return [one_line(f"{name}: {'; '.join(entries)}") for name, entries in listed.items() if entries]
+
+
+def percent(share: float) -> str:
+    """A share in percent."""
+    return f"{100 * share:.0f} %" if np.isfinite(share) else "?"
+
+
+def one_line(text: str) -> str:
+    """The text without what would move a terminal's cursor or break the line."""
+    return "".join(character if character.isprintable() else "?" for character in text)

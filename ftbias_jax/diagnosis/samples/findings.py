@@ -1,0 +1,147 @@
+"""From measurements on samples to findings: parameters of the catalogue, their errors, the floor of each effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ftbias_jax.diagnosis.samples.exact import FlatTop, Gaps, runs
+from ftbias_jax.diagnosis.samples.jitter import Jitter
+from ftbias_jax.diagnosis.samples.noise import Noise
+from ftbias_jax.diagnosis.samples.spikes import LEAST_SPIKES, Spikes
+from ftbias_jax.diagnosis.samples.types import Finding, name_channels, surprise
+
+LEAST_RATE = 5e-4
+"""Share of samples: fewer lost or wild samples change no estimate, as they are left out or harmless."""
+LEAST_LOST = 3
+LEAST_NATS = 8.0
+"""Four standard deviations."""
+HEALTHY_RATE = 1e-4
+"""Share of samples that a sensor and driver in order may lose or spoil."""
+COARSE = 0.5
+"""Sigmas: a finer lattice adds less than 2 % to the noise variance."""
+QUIETER, LOUDER = 0.87, 1.15
+"""Noise per stated noise: data sheets and warm electronics are no better than this."""
+LOUDER_IF_COLOURED = 1.5
+"""Strong vibration leaks into all frequencies."""
+STATED_WITHIN = 0.02
+"""Relative error of a stated noise that nobody would call wrong."""
+
+
+def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
+    """Rows that repeat the one before, marked in (N,) bool, and rows that the clock lacks."""
+    samples, copies, missing = len(repeated), int(repeated.sum()), int(gaps.lost.sum())
+    total, lost = samples + missing, copies + missing
+    rate, share = lost / total, copies / lost if lost else 1.0
+    nats = surprise(lost, HEALTHY_RATE * total)
+    detected = rate >= LEAST_RATE and lost >= LEAST_LOST and nats > LEAST_NATS
+    sentence = f"{copies} of {samples} rows repeat the row before, {missing} are missing from a clock of "
+    sentence += f"{1e3 * gaps.period:.3g} ms" if gaps.period else "no steady period"
+    sentence += f"; {gaps.pauses} pauses" if gaps.pauses else ""
+    # Samples are lost in runs: the runs are independent, their samples are not.
+    square = (runs(repeated) ** 2).sum() + (gaps.lost**2).sum()
+    scatter = float(np.sqrt(max(square, 1)))
+    error = {"rate": scatter / total, "repeated": (1 + scatter * np.sqrt(share * (1 - share))) / max(lost, 1)}
+    return Finding("dropped_samples", detected, {"rate": rate, "repeated": share}, error, nats, sentence)
+
+
+def find_quantisation(step: np.ndarray, stderr: np.ndarray, on_lattice: int, noise_std: np.ndarray) -> Finding:
+    """Lattices that are coarse against the stated noise.
+
+    Args:
+        step: (6,) N, Nm, 0 = no lattice. stderr: (6,). on_lattice: samples, of the best channel. noise_std: (6,) N, Nm.
+    """
+    coarse = step >= COARSE * noise_std
+    detected = bool(coarse.any())
+    nats = surprise(on_lattice, 0.1 * on_lattice) if detected else 0.0  # a tenth would be as near by chance
+    sentence = "readings lie on no coarse lattice"
+    if detected:
+        ratio = (step / noise_std)[coarse].max()
+        sentence = f"readings of {name_channels(coarse)} are multiples of a step of up to {ratio:.2g} noise sigmas"
+    return Finding("quantisation", detected, {"step": step.tolist()}, {"step": stderr.tolist()}, nats, sentence)
+
+
+def find_saturation(tops: Sequence[Sequence[FlatTop]]) -> Finding:
+    """Flat tops on either side of six channels; the one with more samples gives the limit."""
+    limits, words, nats = [float("inf")] * 6, [], 0.0
+    for channel, found in enumerate(tops):
+        if found:
+            top = max(found, key=lambda top: top.ties)
+            limits[channel] = abs(top.value)
+            nats = max(nats, top.nats)
+            marked = name_channels(np.arange(6) == channel)
+            words += [f"{top.ties} samples of {marked} at exactly {top.value:.6g}" for top in found]
+    stderr = [1e-6 * limit if np.isfinite(limit) else 0.0 for limit in limits]  # float32
+    sentence = "; ".join(words) or "no readings pile up at an extreme value"
+    return Finding("saturation", bool(words), {"limits": limits}, {"limits": stderr}, nats, sentence)
+
+
+def find_outliers(spikes: Spikes) -> Finding:
+    """Isolated wild samples, unless they are the tail of the noise; spikes of all six channels."""
+    rows = spikes.row
+    count, samples = int(rows.sum()), len(rows)
+    by_channel = spikes.hit.mean(0)
+    rate = float(by_channel[by_channel >= by_channel.max() / 5].mean())  # of the channels that have spikes
+    nats = surprise(count, HEALTHY_RATE * samples)
+    size, stderr = np.zeros(6), np.zeros(6)
+    for channel, hit in enumerate(spikes.hit.T):
+        if hit.sum() >= 3:
+            square = spikes.off[hit, channel] ** 2 - spikes.scale[channel] ** 2
+            size[channel] = np.sqrt(max(square.mean(), 0.0))
+            error = max(square.std(), 2 * size[channel] * spikes.scale[channel]) / np.sqrt(hit.sum())
+            stderr[channel] = error / (2 * size[channel])
+    detected = count >= LEAST_SPIKES and count >= LEAST_RATE * samples and nats > LEAST_NATS and not spikes.heavy_tailed
+    sentence = f"{count} of {samples} samples are alone beyond six sigmas of both neighbours"
+    if spikes.heavy_tailed:
+        sentence += f", but {spikes.middle} more lie between them and the rest: the tail of the noise"
+    parameters: dict[str, float | list[float]] = {"rate": rate, "size": size.tolist()}
+    errors: dict[str, float | list[float]] = {"rate": _share_error(rate, samples), "size": stderr.tolist()}
+    return Finding("outliers", detected, parameters, errors, nats, sentence)
+
+
+def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray) -> Finding:
+    """White noise (6 channels) against the stated (6,) N, Nm, after the share of a lattice with steps (6,) N, Nm.
+
+    Hum must not make a channel loud, nor a filter make it quiet: the quietest band must be loud, the loudest quiet.
+    """
+
+    def ratio(std: np.ndarray) -> np.ndarray:
+        result: np.ndarray = np.sqrt(np.maximum(std**2 - step**2 / 12, 0)) / noise_std
+        return result
+
+    scale, low, high = ratio(noise.std), ratio(noise.low), ratio(noise.high)
+    stderr = np.maximum(noise.stderr / noise.std * scale, 1e-6)
+    # A step of more than two sigmas hides the noise: it passes a level seldom.
+    told = (step < 2 * noise_std) & np.isfinite(scale)
+    floor = np.where(noise.coloured, LOUDER_IF_COLOURED, LOUDER)
+    louder = told & (low > floor) & (low - 1 - STATED_WITHIN > 4 * stderr)
+    quieter = told & (high < QUIETER) & (1 - STATED_WITHIN - high > 8 * stderr)  # a band: twice the error
+    wrong = louder | quieter
+    scale, stderr = np.where(told, scale, 1.0), np.where(told, stderr, 0.0)
+    dof = 1 / (2 * np.maximum(stderr / scale, 1e-3) ** 2)
+    nats = float((dof / 2 * (scale**2 - 1 - np.log(scale**2)))[wrong].sum())
+    sentence = "the fastest part of the signal is as large as the stated noise"
+    if wrong.any():
+        words = " ".join(f"{x:.2f}" for x in scale)
+        sentence = f"white noise of {name_channels(wrong)} is not the stated: {words} times as large"
+    if noise.coloured.any():
+        sentence += f"; {name_channels(noise.coloured)} not white (hum, vibration, ringing or a filter)"
+    return Finding(
+        "noise_level", bool(wrong.any()), {"scale": scale.tolist()}, {"scale": stderr.tolist()}, nats, sentence
+    )
+
+
+def judge_jitter(jitter: Jitter) -> Finding:
+    """Scatter along the direction in which the wrench changes."""
+    sentence = "the noise does not grow with the rate of the wrench, in its direction"
+    if jitter.detected:
+        sentence = (
+            f"noise along dW/dt grows with it, by {jitter.visible:.2g} sigmas where it is fast; across it does not"
+        )
+    return Finding("stamp_jitter", jitter.detected, {"std": jitter.std}, {"std": jitter.stderr}, jitter.nats, sentence)
+
+
+def _share_error(share: float, count: int) -> float:
+    """Standard error of a share of a count, of a count of one at least."""
+    return float(np.sqrt(max(share * (1 - share), share / count, 1 / count**2) / count))

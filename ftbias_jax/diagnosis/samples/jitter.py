@@ -1,0 +1,137 @@
+"""Errors of the stamps: noise along the direction in which the wrench changes, as large as it changes.
+
+A stamp that is late by tau adds tau dW/dt to all six channels at once. Vibration and contact excite other directions
+too, so each window's noise is split into the part along dW/dt and the part across it, both in noise sigmas.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.samples.noise import TOP, robust_std
+
+LOUD = 5.0
+"""Mean square across dW/dt, in noise variances, of a window with an event."""
+ROUNDS = 20
+CONSTANT_RATE = 0.05
+"""Relative error of the result, as the rate is taken as constant during the delay."""
+ACROSS = 0.25
+"""Share of the variance along dW/dt that may be found across it and still be called jitter."""
+FEW_WINDOWS = 5
+EVEN = 0.6
+"""An unmodelled corner of the force has less than half of its variance in the upper half."""
+LEAST_NATS = 10.0
+VISIBLE = 0.3
+"""Sigmas that the jitter must add where the wrench changes fastest."""
+
+MOST_JITTER = 0.1
+"""s; stamps are not off at random by more. What looks so is vibration that grows with the motion."""
+
+
+class Jitter(NamedTuple):
+    """Scatter of the time of measurement around the stamps, independent from sample to sample."""
+
+    std: float
+    """s; 0 = none."""
+    stderr: float
+    nats: float
+    visible: float
+    """Sigmas it adds in the fastest twentieth of the log."""
+    across: float
+    """Variance across the direction of change per variance along it."""
+    even: float
+    """Variance in the upper half of the waves per variance in the lower half: 1 for jitter, less for jerky motion."""
+    noise_std: np.ndarray
+    """(k,) N, Nm, white noise without the jitter."""
+
+    @property
+    def detected(self) -> bool:
+        """It is certain, large enough to matter, and nothing but jitter."""
+        certain = self.nats > LEAST_NATS and self.visible > VISIBLE
+        return certain and self.std < MOST_JITTER and self.across < ACROSS and self.even > EVEN
+
+
+def no_jitter(noise_std: np.ndarray) -> Jitter:
+    """Nothing seen, in noise (k,) N, Nm."""
+    return Jitter(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, noise_std)
+
+
+def measure_jitter(amplitude: np.ndarray, rate: np.ndarray, noise_std: np.ndarray) -> Jitter:
+    """Jitter from the fast part of the signal.
+
+    Args:
+        amplitude: (M, 8, k) N, Nm, waves of M windows. rate: (M, k) N/s, Nm/s, dW/dt.
+        noise_std: (k,) N, Nm, for a log without jitter.
+    """
+    sigma = noise_std
+    speed = np.linalg.norm(rate / sigma, axis=1)
+    slow = speed <= np.quantile(speed, 0.3)
+    sigma = np.minimum(sigma, robust_std(amplitude[slow].reshape(-1, amplitude.shape[2])))
+    std = 0.0
+    for _ in range(ROUNDS):
+        before = std
+        spread = np.sqrt(1 + std**2 * (rate / sigma) ** 2)
+        sigma = robust_std((amplitude / spread[:, None]).reshape(-1, amplitude.shape[2]))
+        along, across, speed = _split(amplitude / sigma, rate / sigma)
+        quiet = across < LOUD
+        along, across, speed = along[quiet], across[quiet], speed[quiet]
+        if not quiet.any() or not speed.any():
+            return no_jitter(noise_std)
+        variance_across, _, _ = _fit(across, speed, np.ones_like(speed), TOP * (amplitude.shape[2] - 1))
+        ground = 1 + variance_across * speed**2
+        variance, stderr, nats = _fit(along, speed, ground, TOP)
+        std = float(np.sqrt(variance))
+        if abs(std - before) <= 1e-3 * std:
+            break
+    visible = std * float(np.quantile(speed, 0.95))
+    share = variance_across / variance if variance > 0 else 0.0
+    halves = np.split(amplitude / sigma, 2, axis=1)
+    low, high = (_fit(_split(half, rate / sigma)[0][quiet], speed, ground, TOP // 2)[0] for half in halves)
+    even = high / low if low > 0 else 1.0
+    error = float(np.hypot(stderr / (2 * std), CONSTANT_RATE * std)) if std > 0 else 0.0
+    return Jitter(std, error, nats, visible, share, even, sigma)
+
+
+def _split(amplitude: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean square (M,) of whitened waves along and across the whitened rate, and its size (M,) in sigmas per second."""
+    speed = np.linalg.norm(rate, axis=1)
+    direction = rate / np.maximum(speed, 1e-12)[:, None]
+    along = (np.einsum("mjk,mk->mj", amplitude, direction) ** 2).mean(1)
+    across = ((amplitude**2).sum(2).mean(1) - along) / (rate.shape[1] - 1)
+    return along, across, speed
+
+
+def _fit(power: np.ndarray, speed: np.ndarray, ground: np.ndarray, dof: int) -> tuple[float, float, float]:
+    """Maximum likelihood of tau^2 in E[power] = ground + tau^2 speed^2.
+
+    Args:
+        power: (M,) mean squares of ``dof`` normal numbers. ground: (M,) their expectation without jitter.
+
+    Returns:
+        tau^2 and its standard error in s^2 (robust to jitter that is not normal), and the gain in nats without the
+        windows that gain most: a jump or a corner of the motion is one event.
+    """
+    x = speed**2
+
+    def likelihood(tau2: np.ndarray) -> np.ndarray:
+        expected = ground[:, None] + tau2 * x[:, None]
+        total: np.ndarray = -dof / 2 * (np.log(expected) + power[:, None] / expected).sum(0)
+        return total
+
+    grid = np.concatenate([[0.0], np.logspace(-3, 4, 57) / np.quantile(x, 0.95)])
+    for _ in range(3):
+        values = likelihood(grid)
+        best = int(np.argmax(values))
+        low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+        grid = np.concatenate([[0.0], np.linspace(low, high, 21)])
+    values = likelihood(grid)
+    best = int(np.argmax(values))
+    expected = ground + grid[best] * x
+    score = dof / 2 * (power / expected - 1) * x / expected
+    information = dof / 2 * ((x / expected) ** 2).sum()
+    gain = dof / 2 * (power / ground - power / expected - np.log(expected / ground))
+    events = max(FEW_WINDOWS, len(gain) // 100)
+    nats = np.sort(gain)[:-events].sum() if len(gain) > events else 0.0
+    return float(grid[best]), float(np.sqrt((score**2).sum()) / information), float(max(nats, 0.0))

@@ -1,0 +1,116 @@
+"""The white noise of the sensor, from the part of the signal that no motion can cause.
+
+Windows of 16 samples are split into an orthonormal basis: a cubic in time, which takes the motion, and twelve waves
+of rising frequency that are orthogonal to it. White noise has the same standard deviation in each of the twelve.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.samples.spikes import NORMAL_MEDIAN
+
+WINDOW = 16
+CUBIC = 4
+TOP = 8
+"""First of the waves that measure the noise: half to all of the highest frequency."""
+CLIP = 3.0
+"""Sigmas; what is beyond is an event."""
+CLIPPED_STD = 0.98658
+"""Of a standard normal that is cut off there."""
+LONG_WINDOW = 256
+COLOURED = 1.25
+"""Ratio of the standard deviations of two bands: less does not matter for weights."""
+
+
+class Waves(NamedTuple):
+    """The fast part of a signal. M = windows, k = channels."""
+
+    amplitude: np.ndarray
+    """(M, 12, k) N, Nm, by rising frequency."""
+    row: np.ndarray
+    """(M, 16) rows of the signal in each window."""
+
+    @property
+    def top(self) -> np.ndarray:
+        """(M, 8, k) N, Nm: those that motion and the model's errors do not reach."""
+        return self.amplitude[:, TOP - CUBIC :]
+
+
+class Noise(NamedTuple):
+    """White noise of each channel (k,)."""
+
+    std: np.ndarray
+    """N, Nm; of noise that is not white the value nearest to the stated one within its spectrum."""
+    stderr: np.ndarray
+    low: np.ndarray
+    """N, Nm: of the quietest part of the spectrum, which hum and vibration do not raise."""
+    high: np.ndarray
+    """N, Nm: of the loudest band, which a filter in the sensor does not lower."""
+    coloured: np.ndarray
+    """bool."""
+
+
+def fast_waves(t: np.ndarray, signal: np.ndarray) -> Waves:
+    """Split a signal (N, k) with stamps (N,) s; windows with a pause in them are left out."""
+    count = len(t) // WINDOW
+    row = np.arange(count * WINDOW).reshape(count, WINDOW)
+    span = np.ptp(t[row], 1)
+    row = row[span < 3 * np.median(span)]
+    x = t[row] - t[row].mean(1, keepdims=True)
+    x /= np.abs(x).max(1, keepdims=True)
+    waves = np.cos(np.pi / WINDOW * np.outer(np.arange(WINDOW) + 0.5, np.arange(CUBIC, WINDOW)))
+    powers = x[:, :, None] ** np.arange(CUBIC)
+    columns = np.concatenate([powers, np.broadcast_to(waves, (len(row), *waves.shape))], 2)
+    basis = np.linalg.qr(columns)[0]
+    return Waves(np.einsum("mwj,mwk->mjk", basis[:, :, CUBIC:], signal[row]), row)
+
+
+def measure_noise(waves: Waves, signal: np.ndarray, stated: np.ndarray, heavy_tailed: bool) -> Noise:
+    """White noise from the fast waves, and how evenly it is spread over frequencies.
+
+    Args:
+        signal: (N, k) N, Nm, the waves' own. stated: (k,) N, Nm. heavy_tailed: its large values belong to the noise.
+    """
+    windows, k = len(waves.amplitude), signal.shape[1]
+    std = np.sqrt((waves.top**2).mean((0, 1))) if heavy_tailed else robust_std(waves.top.reshape(-1, k))
+    pairs = waves.amplitude.reshape(windows, -1, 2, k)
+    bands = np.stack([robust_std(pairs[:, j].reshape(-1, k)) for j in range(pairs.shape[1])])
+    top = bands[(TOP - CUBIC) // 2 :]
+    level, line = _spectrum(signal, std)
+    low, high = np.minimum(np.minimum(top.min(0), std), level), np.maximum(bands.max(0), std)
+    margin = np.exp(4 * 1.05 / np.sqrt(4 * windows))  # four standard errors of one band
+    loud = (std > 1.1 * low * margin) | line | (top.max(0) > COLOURED * margin * top.min(0))
+    coloured = loud | (high > COLOURED * margin * std)
+    nearest = np.clip(stated, np.where(loud, low, std), high)
+    stderr = 1.05 * std / np.sqrt(2 * TOP * windows)
+    return Noise(np.where(coloured, nearest, std), stderr, low, high, coloured)
+
+
+def robust_std(x: np.ndarray) -> np.ndarray:
+    """(k,) standard deviation of (N, k), of the normal part if there is a share of larger values."""
+    std: np.ndarray = np.median(np.abs(x), 0) / NORMAL_MEDIAN
+    for _ in range(4):
+        inside = np.abs(x) <= CLIP * std
+        std = np.sqrt((x**2 * inside).sum(0) / np.maximum(inside.sum(0), 1)) / CLIPPED_STD
+    return std
+
+
+def _spectrum(signal: np.ndarray, usual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Noise (k,) between the lines of the upper half of the spectrum, and whether there are lines (k,).
+
+    Returns:
+        ``usual`` (k,) and False for a signal too short to tell.
+    """
+    count = len(signal) // LONG_WINDOW
+    if count < 4:
+        return usual, np.zeros(signal.shape[1], bool)
+    taper = np.hanning(LONG_WINDOW)[:, None]
+    blocks = signal[: count * LONG_WINDOW].reshape(count, LONG_WINDOW, -1)
+    power = np.abs(np.fft.rfft((blocks - blocks.mean(1, keepdims=True)) * taper, axis=1)) ** 2 / (taper**2).sum()
+    upper = np.median(power[:, LONG_WINDOW // 4 : -2], 0) / np.log(2)  # the median of an exponential
+    floor = np.median(upper, 0)
+    highest = 2 + 37 / count  # the median of ``count`` exponentials exceeds it once in 3e5: 2^n exp(-n x / 2)
+    return np.sqrt(floor), upper.max(0) > floor * highest

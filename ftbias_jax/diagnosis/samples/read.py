@@ -1,0 +1,158 @@
+"""Effects that are read off the samples before anything is averaged, and the wrench without the samples they destroyed.
+
+Order: repeated rows and lattices (exact numbers), flat tops, spikes, then the white noise of what is left, and whether
+it grows with the rate of the wrench. Floors on the size of an effect say what still matters to the owner.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ftbias_jax.diagnosis.samples import exact as exact
+from ftbias_jax.diagnosis.samples import findings as findings
+from ftbias_jax.diagnosis.samples.jitter import Jitter, measure_jitter, no_jitter
+from ftbias_jax.diagnosis.samples.noise import WINDOW, Noise, fast_waves, measure_noise
+from ftbias_jax.diagnosis.samples.rows import Samples, select
+from ftbias_jax.diagnosis.samples.spikes import REACH, Spikes, find_spikes
+from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
+from ftbias_jax.types import Array, Log
+
+LEAST_WINDOWS = 8
+JITTER_SHAPE = 0.1
+"""Relative error of the part of the noise that is put down to jitter: its distribution is not known."""
+LEAST_SCATTER = 0.2
+"""Stated sigmas: in a quieter log a spike of six of its own sigmas is still within the stated noise."""
+
+
+def inspect_samples(
+    log: Log, noise_std: Array, error: Array | None = None, rate: Array | None = None
+) -> SampleFindings:
+    """Find noise_level, outliers, quantisation, saturation, dropped_samples and stamp_jitter.
+
+    Args:
+        log: as recorded, NaN = not measured.
+        noise_std: (6,) N, Nm, stated white noise of one sample.
+        error: (T, 6) N, Nm, the model's prediction less the wrench, if known. Without it jerky motion looks like
+            jitter, which is then not looked for, and in logs slower than 200 Hz like noise, which is then never louder.
+        rate: (T, 6) N/s, Nm/s, the model's dW/dt, if known; else it is taken from the wrench.
+    """
+    stated = np.asarray(noise_std, float)
+    samples = select(log, stated, error, rate)
+    if len(samples.t) < LEAST_WINDOWS * WINDOW:
+        return _nothing(log, stated, f"only {len(samples.t)} samples of the wrench")
+    lattices = [exact.find_lattice(x) for x in samples.only(~exact.repeated_rows(samples.wrench)).wrench.T]
+    step, step_stderr = (np.array([lattice[i] for lattice in lattices], float) for i in range(2))
+    on_lattice = max(lattice.on_lattice for lattice in lattices)
+    repeated = _repeated(samples, step)
+    dropped = findings.find_dropped(repeated, exact.find_gaps(samples.t))
+
+    kept = samples.only(~repeated)
+    tops = [_flat_tops(*column) for column in zip(kept.wrench.T, kept.stated, step, strict=True)]
+    saturated = np.stack([_at_top(x, found) for x, found in zip(kept.wrench.T, tops, strict=True)], 1)
+    spikes, noise, jitter = _scatter(kept, step, saturated)
+
+    def six(values: np.ndarray, neutral: float | np.ndarray = 0.0) -> np.ndarray:
+        """Channels that are not measured get a neutral value."""
+        full = np.array(np.broadcast_to(neutral, (*values.shape[:-1], 6)), values.dtype)
+        full[..., samples.channels] = values
+        return full
+
+    measured = np.flatnonzero(samples.channels).tolist()
+    all_tops = [tops[measured.index(i)] if i in measured else [] for i in range(6)]
+    std, stderr = six(noise.std, stated), six(noise.stderr)
+    noise = Noise(std, stderr, six(noise.low, stated), six(noise.high, stated), six(noise.coloured))
+    clean = np.array(log.wrench, float)
+    clean[samples.row[repeated]] = np.nan
+    clean[kept.row] = np.where(spikes.wild[:, None] | six(saturated), np.nan, clean[kept.row])
+    level = findings.judge_noise(noise, stated, six(step))
+    outliers = findings.find_outliers(
+        spikes._replace(hit=six(spikes.hit), off=six(spikes.off), scale=six(spikes.scale))
+    )
+    late = findings.judge_jitter(jitter)
+    return SampleFindings(
+        level if not samples.too_slow else _untold(level),
+        outliers if not samples.too_slow else _untold(outliers),
+        findings.find_quantisation(six(step), six(step_stderr), on_lattice, stated),
+        findings.find_saturation(all_tops),
+        dropped,
+        late if samples.modelled else _untold(late),
+        clean,
+        std,
+        stderr,
+        noise.coloured,
+        spikes.heavy_tailed,
+    )
+
+
+def _untold(finding: Finding) -> Finding:
+    """Says that motion may look the same, if nothing was found."""
+    return finding if finding.detected else finding._replace(sentence="not told from motion without the model's error")
+
+
+def _nothing(log: Log, stated: np.ndarray, reason: str) -> SampleFindings:
+    """For a log that cannot be examined."""
+    found = (Finding(name, False, {}, {}, 0.0, reason) for name in SampleFindings._fields[:6])
+    a, b, c, d, e, f = found
+    return SampleFindings(a, b, c, d, e, f, np.array(log.wrench, float), stated, np.zeros(6), np.zeros(6, bool), False)
+
+
+def _repeated(samples: Samples, step: np.ndarray) -> np.ndarray:
+    """(N,) rows that repeat the one before; on a coarse lattice (k,) equal numbers are no evidence."""
+    fine = step < findings.COARSE * samples.stated
+    return exact.repeated_rows(samples.wrench[:, fine]) & fine.any()
+
+
+def _flat_tops(x: np.ndarray, noise_std: float, step: float) -> list[exact.FlatTop]:
+    """Limits of one channel (N,), on either side."""
+    tops = (exact.find_flat_top(x, side, noise_std, step) for side in (1.0, -1.0))
+    return [top for top in tops if top]
+
+
+def _at_top(x: np.ndarray, tops: list[exact.FlatTop]) -> np.ndarray:
+    """(N,) samples that are at a limit, which may have been rounded to the log's precision."""
+    near = 8 * np.finfo(np.float32).eps
+    at = [np.sign(top.value) * (x - top.value) >= -near * abs(top.value) for top in tops]
+    return np.logical_or.reduce(at) if at else np.zeros(len(x), bool)
+
+
+def _scatter(samples: Samples, step: np.ndarray, saturated: np.ndarray) -> tuple[Spikes, Noise, Jitter]:
+    """Spikes, white noise and jitter; with jitter, spikes are what is beyond its noise.
+
+    Args:
+        step: (k,) N, Nm, of lattices. saturated: (N, k) bool.
+    """
+    least = np.maximum(step, LEAST_SCATTER * samples.stated)
+    blind = np.apply_along_axis(np.convolve, 0, saturated, np.ones(2 * REACH + 1), "same") > 0.5
+    floor = np.where(blind, np.inf, least)
+    for _ in range(2):
+        spikes = find_spikes(samples.signal, np.full_like(floor, np.inf) if samples.too_slow else floor)
+        noise, jitter = _noise(samples.only(~(spikes.wild | saturated.any(1))), step, spikes.heavy_tailed)
+        if not jitter.detected:
+            break
+        late = jitter.std * np.abs(samples.rate)
+        floor = np.where(blind, np.inf, np.maximum(np.hypot(noise.std, late), least))
+    return spikes, noise, jitter
+
+
+def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool) -> tuple[Noise, Jitter]:
+    """White noise (k,) and jitter of the rows that nothing else has spoiled; the stated noise for too few rows."""
+    stated = samples.stated
+    none = no_jitter(stated)
+    if len(samples.t) < LEAST_WINDOWS * WINDOW:
+        return Noise(stated, np.zeros_like(stated), stated, stated, np.zeros(len(stated), bool)), none
+    waves = fast_waves(samples.t, samples.signal)
+    noise = measure_noise(waves, samples.signal, stated, heavy_tailed)
+    fine = (step < stated) & (noise.std > 0)  # on a coarser lattice the error of rounding grows with the rate
+    if samples.too_slow:  # motion only adds
+        noise = noise._replace(std=np.minimum(noise.std, stated), low=np.minimum(noise.low, stated))
+    if fine.sum() < 2 or not samples.modelled:  # nothing lies across the direction of change
+        return noise, none
+    rate = samples.rate[waves.row].mean(1)
+    jitter = measure_jitter(waves.top[..., fine], rate[:, fine], noise.std[fine])
+    if jitter.detected:
+        std = noise.std.copy()
+        std[fine] = jitter.noise_std
+        stderr = np.hypot(noise.stderr, JITTER_SHAPE * (noise.std - std))
+        low, high = np.where(fine, std, noise.low), np.where(fine, std, noise.high)
+        noise = Noise(std, stderr, low, high, noise.coloured & ~fine)
+    return noise, jitter

@@ -1,0 +1,172 @@
+"""Which effects explain a log: the best one added while it earns it, pairs tried from several first causes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.candidates import LEAST_GAIN, Scored, candidates, score
+from ftbias_jax.diagnosis.evidence.cross_validation import Judge, excess_by_channel, gap_removed
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.proposals.flexibility import is_plausible
+from ftbias_jax.diagnosis.regression.dictionary import Library, make_library
+from ftbias_jax.diagnosis.regression.fit import Fit, block_scores, fit, projection
+
+LEAST_SIGMAS = 0.08
+"""Of one sample's noise: smaller effects are real, perhaps, but mean nothing to the owner."""
+LEAST_SHARE = 0.02
+"""Of the gap, that a further cause must remove."""
+STEADY = 1.3
+"""Standard errors of the gain over blocks; a single block that gains everything is one."""
+LEAST_BESIDE = 0.1
+"""Squared innovations that contacts must take away, as a share of what earlier causes did in the same time: the form
+of those is never quite the real one, and contacts take any shape."""
+MOST_CAUSES = 3
+NEARLY = 0.1
+"""Share of the gap that may be left for other pairs to be tried: none explains what is not in the catalogue."""
+MOST_JUDGED = 3
+"""Candidates of a round that are judged on blocks they have not seen, the best first."""
+BEAM = 2
+"""First causes from which pairs are tried."""
+BEAM_SHARE = 0.3
+"""Of the best first cause's gain, from which on another one is tried as the first of a pair."""
+
+
+class Bar(NamedTuple):
+    """What a cause beside those accepted so far must do."""
+
+    elsewhere: Problem
+    """The logs without the times of the accepted contacts: these dwarf all else, and their shape is never exact."""
+    least: float
+    """Mean square gap that it must remove there, in noise variances."""
+
+
+def search(
+    problem: Problem, start: Fit, hold_out: Judge, without: Collection[str] = ()
+) -> tuple[Fit, list[list[Scored]]]:
+    """Add the best effect while it explains enough; once there are two, try pairs with other first causes.
+
+    Args:
+        problem: of the logs. start: the believed model. hold_out: judges fits. without: effects that may not be named.
+
+    Returns:
+        the fit of all accepted effects, and for each of them all candidates of its round, best first; the last round
+        is the one that added nothing.
+    """
+    library = make_library(problem)
+    accepted, rounds = grow(problem, library, start, hold_out, [], without)
+    left, settled = gap_of(problem, accepted), len(accepted.hypotheses) <= 2
+    if len(accepted.hypotheses) > 1 and (LEAST_SIGMAS**2 if settled else 0) < left < NEARLY * gap_of(problem, start):
+        for other in _other_firsts(rounds[0], accepted):
+            first = [other, *(s for s in rounds[0] if s is not other)]
+            trial, trial_rounds = grow(problem, library, start, hold_out, [first], without, most=2)
+            if score(trial, accepted) > LEAST_GAIN:
+                accepted, rounds = trial, trial_rounds
+    return accepted, rounds
+
+
+def grow(
+    problem: Problem,
+    library: Library,
+    start: Fit,
+    hold_out: Judge,
+    rounds: list[list[Scored]],
+    without: Collection[str],
+    most: int = MOST_CAUSES,
+) -> tuple[Fit, list[list[Scored]]]:
+    """Greedy addition.
+
+    Args:
+        start: the believed model. rounds: candidates of earlier rounds, the first of each being accepted.
+        most: causes.
+    """
+    accepted, rounds = (rounds[-1][0].fit if rounds else start), list(rounds)
+    while len(accepted.hypotheses) < most:
+        bar = _bar(problem, start, accepted)
+        if rounds and gap_of(bar.elsewhere, accepted) <= bar.least:
+            break
+        scored = candidates(problem, library, accepted, without)
+        best = next((s for s in scored[:MOST_JUDGED] if _earned(problem, hold_out, bar, start, accepted, s)), None)
+        rounds.append([best, *(s for s in scored if s is not best)] if best else scored)
+        if best is None:
+            break
+        accepted = best.fit
+        spare = _spare(problem, accepted)
+        if spare is not None:
+            accepted = spare
+            kept = {h.effect for h in accepted.hypotheses}
+            rounds = [r for r in rounds if r[0].hypothesis.effect in kept]
+    return accepted, rounds
+
+
+def gap_of(problem: Problem, found: Fit) -> float:
+    """Mean square gap over the channels, in units of one sample's noise variance."""
+    return float(np.maximum(excess_by_channel(problem, found.error), 0).mean())
+
+
+def _bar(problem: Problem, start: Fit, accepted: Fit) -> Bar:
+    elsewhere = _elsewhere(problem, accepted)
+    if not accepted.hypotheses:
+        return Bar(elsewhere, LEAST_SIGMAS**2)
+    local = np.repeat([h.local for h in accepted.hypotheses], [len(h.shapes) for h in accepted.hypotheses])
+    _, (untouched,) = projection(accepted.columns.series[local])(start.error[None])
+    gap = gap_of(elsewhere, start._replace(error=untouched))
+    return Bar(elsewhere, max(LEAST_SIGMAS**2, LEAST_SHARE * gap))
+
+
+def _elsewhere(problem: Problem, accepted: Fit) -> Problem:
+    return problem._replace(samples=np.where(_touched(problem, accepted)[:, None], 0, problem.samples))
+
+
+def _touched(problem: Problem, found: Fit) -> np.ndarray:
+    """(U,) bins of the contacts of a fit."""
+    shapes = [shape for h in found.hypotheses if h.local for shape in h.shapes]
+    touched: np.ndarray = np.any([shape != 0 for shape in shapes], axis=0) if shapes else np.zeros(len(problem.t), bool)
+    return touched
+
+
+def _earned(problem: Problem, hold_out: Judge, bar: Bar, start: Fit, accepted: Fit, trial: Scored) -> bool:
+    """Whether one more cause is possible, gains enough, steadily, and removes enough on blocks it has not seen."""
+    if not (trial.gain > LEAST_GAIN and _is_steady(problem, trial, accepted)):
+        return False
+    if not is_plausible(problem, accepted, trial.fit):
+        return False
+    if trial.hypothesis.local and not _stands_out(problem, start, accepted, trial.fit):
+        return False
+    held = hold_out(trial.fit, accepted.error)
+    return gap_removed(bar.elsewhere, accepted.error, held.error) > bar.least
+
+
+def _stands_out(problem: Problem, start: Fit, accepted: Fit, trial: Fit) -> bool:
+    """Whether contacts explain much of what happens in their own time, and not just what the causes before left."""
+    inside = _touched(problem, trial)
+    first, now, then = ((one.error[inside] ** 2).sum() for one in (start, accepted, trial))
+    return bool(now - then > LEAST_BESIDE * (first - now))
+
+
+def _is_steady(problem: Problem, trial: Scored, accepted: Fit) -> bool:
+    """Whether all blocks share in the gain; what is sudden gains in few of them."""
+    sudden = trial.hypothesis.local or trial.hypothesis.effect == "bias_jump"
+    return sudden or _z_of_gain(problem, trial.fit, accepted) > STEADY
+
+
+def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:
+    difference = block_scores(problem, better) - block_scores(problem, worse)
+    return float(difference.sum() / max(np.sqrt(len(difference)) * difference.std(), 1e-12))
+
+
+def _spare(problem: Problem, accepted: Fit) -> Fit | None:
+    """The fit without an earlier cause that the later ones made needless, if there is one."""
+    for h in accepted.hypotheses[:-1]:
+        rest = fit(problem, tuple(other for other in accepted.hypotheses if other is not h), accepted)
+        if score(accepted, rest) < LEAST_GAIN:
+            return rest
+    return None
+
+
+def _other_firsts(first: list[Scored], accepted: Fit) -> list[Scored]:
+    """Strong candidates of the first round that are not among the causes."""
+    named = {h.effect for h in accepted.hypotheses}
+    return [s for s in first[1:BEAM] if s.gain > BEAM_SHARE * first[0].gain and s.hypothesis.effect not in named]

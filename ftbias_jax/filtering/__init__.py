@@ -1,0 +1,1 @@
+"""The joint filter, the bias filter, and the pipeline that combines them."""

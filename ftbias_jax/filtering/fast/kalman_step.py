@@ -1,0 +1,184 @@
+"""One sample of many small Kalman filters at once, forward, and its adjoint for the reverse pass.
+
+States have two or three entries, of which the first m are measured with independent noise: a joint (position, velocity,
+acceleration) or one axis of the bias (bias, drift). Entries of the small matrices are separate arrays over a batch
+(joints, axes, logs), so a step is a few vectorised operations instead of many small matrix products; measured entries
+are taken one at a time, which is exact for independent noise.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from ftbias_jax.filtering.process_models import ProcessModel
+from ftbias_jax.runtime.compiled_loops import compile_whole
+from ftbias_jax.runtime.lanes import (
+    Rows,
+    Vector,
+    add_at,
+    add_column,
+    congruence,
+    dot,
+    joseph,
+    plus,
+    times,
+    total,
+    transpose,
+)
+from ftbias_jax.types import Array
+
+
+class Record(NamedTuple):
+    """What the reverse pass needs of one step."""
+
+    column: Rows
+    """For each measured entry j: column P[:, j] before its correction."""
+    weight: Vector
+    """1 / s of each measured entry, 0 where missing."""
+    innovation: Vector
+    """Of each measured entry given those before it, 0 where missing."""
+    lost: Array
+    """Whether the filter started again."""
+
+
+class Step(NamedTuple):
+    """One sample of a filter, entries kept apart."""
+
+    mean: Vector
+    covariance: Rows
+    prediction: Vector
+    """Of the measured entries."""
+    prediction_variance: Vector
+    record: Record
+
+
+def filter_step(
+    model: ProcessModel,
+    density: Array,
+    restart: Vector,
+    state: tuple[Vector, Rows],
+    dt: Array,
+    y: Vector,
+    variance: Vector,
+) -> Step:
+    """Predict, start again where too little is known, correct by one measured entry after the other."""
+    m = len(y)
+    x, P, lost = compile_whole(partial(_predict, model))(density, restart, state, dt)
+    prediction, spread = x[:m], [P[j][j] for j in range(m)]
+    columns: Rows = []
+    weights: Vector = []
+    innovations: Vector = []
+    for j, (measurement, r) in enumerate(zip(y, variance, strict=True)):
+        columns = [*columns, [row[j] for row in P]]
+        x, P, weight, innovation = compile_whole(partial(_correct, j))(x, P, measurement, r)
+        weights, innovations = [*weights, weight], [*innovations, innovation]
+    return Step(x, P, prediction, spread, Record(columns, weights, innovations, lost))
+
+
+def _predict(
+    model: ProcessModel, density: Array, restart: Vector, state: tuple[Vector, Rows], dt: Array
+) -> tuple[Vector, Rows, Array]:
+    """The state before the sample's correction, and whether the filter started again."""
+    x, P = state
+    k = len(x)
+    A, Q = model(dt, density)
+    rest = _at_rest(x)
+    x, P = times(A, x), plus(congruence(A, P), Q)
+    lost = (P[0][0] > restart[0]) & (P[1][1] > restart[1])
+    x = [jnp.where(lost, still, moved) for still, moved in zip(rest, x, strict=True)]
+    return x, [[jnp.where(lost, restart[a] if a == b else 0, P[a][b]) for b in range(k)] for a in range(k)], lost
+
+
+def _correct(j: int, x: Vector, P: Rows, measurement: Array, r: Array) -> tuple[Vector, Rows, Array, Array]:
+    """The state after the correction by entry j; 1 / s and the innovation, 0 where missing."""
+    measured = jnp.isfinite(measurement)
+    weight = jnp.where(measured, 1 / (P[j][j] + r), 0)
+    innovation = jnp.where(measured, measurement - x[j], 0)
+    gain = [row[j] * weight for row in P]
+    x = [entry + k * innovation for entry, k in zip(x, gain, strict=True)]
+    return x, joseph(P, gain, j, jnp.where(measured, r, 0), weight), weight, innovation
+
+
+class Cotangent(NamedTuple):
+    """Of a Track at one sample, entries kept apart."""
+
+    mean: Vector
+    covariance: Rows
+    innovation: Vector
+    innovation_variance: Vector
+    nis: Array
+    log_likelihood: Array
+
+
+class Slopes(NamedTuple):
+    """Derivatives by what one step was given, entries kept apart."""
+
+    state: tuple[Vector, Rows]
+    density: Array
+    restart: Vector
+    y: Vector
+    variance: Vector
+
+
+def step_back(
+    model: ProcessModel, density: Array, dt: Array, record: Record, bar: Cotangent, state: tuple[Vector, Rows]
+) -> Slopes:
+    """Adjoint of ``filter_step``.
+
+    Args:
+        model, density, dt: as there. record: what it kept. bar: derivatives by what is told of the sample.
+        state: derivatives by the state after the sample, by way of later samples.
+    """
+    # x, P: the derivatives dL/dmean and dL/dcovariance, after the sample's correction, then before it.
+    x, P, y, variance = _before_corrections(record, bar, *state)
+    return compile_whole(partial(_before_prediction, model))(density, dt, record.lost, x, P, y, variance)
+
+
+def _before_corrections(record: Record, bar: Cotangent, x: Vector, P: Rows) -> tuple[Vector, Rows, Vector, Vector]:
+    """Adjoint of the corrections of one sample: of the predicted mean and covariance, of y and of its variance."""
+    m = len(record.weight)
+    x, P = total(x, bar.mean), plus(P, bar.covariance)
+    y_bar, r_bar = [bar.nis] * m, [bar.nis] * m
+    for j in reversed(range(m)):
+        correction = (record.column[j], record.weight[j], record.innovation[j])
+        x, P, y_bar[j], r_bar[j] = compile_whole(partial(_before_correction, j))(
+            *correction, bar.nis, bar.log_likelihood, x, P
+        )
+    for j in range(m):  # the innovations that are reported, all taken from the prediction
+        seen = jnp.where(record.weight[j] > 0, bar.innovation[j], 0)
+        x = add_at(x, j, -seen)
+        P[j] = add_at(P[j], j, bar.innovation_variance[j])
+        y_bar[j], r_bar[j] = y_bar[j] + seen, r_bar[j] + bar.innovation_variance[j]
+    return x, P, y_bar, r_bar
+
+
+def _before_correction(
+    j: int, p: Vector, w: Array, v: Array, nis_bar: Array, log_bar: Array, x: Vector, P: Rows
+) -> tuple[Vector, Rows, Array, Array]:
+    """Adjoint of one correction: p = P[:, j], w = 1 / s and v its innovation, x and P the slopes after it."""
+    Pp, px = times(P, p), dot(p, x)
+    y_bar = w * (px + (2 * nis_bar - log_bar) * v)
+    r_bar = -(w**2) * (px * v - dot(p, Pp)) - nis_bar * (v * w) ** 2 - log_bar * (w - (v * w) ** 2) / 2
+    p_bar = [w * (x_a * v - 2 * Pp_a) for x_a, Pp_a in zip(x, Pp, strict=True)]
+    return add_at(x, j, -y_bar), add_column(P, j, p_bar, r_bar), y_bar, r_bar
+
+
+def _before_prediction(
+    model: ProcessModel, density: Array, dt: Array, lost: Array, x: Vector, P: Rows, y: Vector, variance: Vector
+) -> Slopes:
+    k = len(x)
+    restart = [jnp.where(lost, P[a][a], 0) for a in range(k)]
+    P = [[jnp.where(lost, 0, entry) for entry in row] for row in P]
+    (A, _), (_, slope) = jax.jvp(partial(model, dt), (density,), (jnp.ones_like(density),))
+    back = transpose(A)
+    density_slope = sum((dot(P[a], slope[a]) for a in range(1, k)), dot(P[0], slope[0]))
+    x = [jnp.where(lost, rest, moved) for rest, moved in zip(_at_rest(x), times(back, x), strict=True)]
+    return Slopes((x, congruence(back, P)), density_slope, restart, y, variance)
+
+
+def _at_rest(x: Vector) -> Vector:
+    return [x[0], *(jnp.zeros_like(entry) for entry in x[1:])]

@@ -1,0 +1,87 @@
+"""The Rauch-Tung-Striebel smoother (1965) of many small filters at once, without a subtraction of covariances.
+
+With Q' = A^-1 Q A^-T, the process noise seen from before the step, the smoother's gain times A is I - K with
+K = Q' (P + Q')^-1, and
+
+    x_smooth = x + (I - K) (A^-1 x_next - x)
+    P_smooth = K P K^T + (I - K) (Q' + A^-1 P_next A^-T) (I - K)^T
+
+K is small where little happens in a step, and it is computed as such: textbooks take it as the difference of two
+matrices that are nearly equal. So covariances are sums of squares, right in float32 too.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track
+from ftbias_jax.filtering.process_models import ProcessModel
+from ftbias_jax.runtime.lanes import Rows, Vector, congruence, dot, plus, times, transpose
+from ftbias_jax.types import Array
+
+
+def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
+    """States given all measurements, from the filtered ones.
+
+    Args:
+        model, inputs: of ``recursion.filter_scan``. track: what it returned.
+    """
+    k = track.mean.shape[1]
+
+    def body(after: tuple[Vector, Rows], sample: tuple[Array, Array, Array]) -> Any:
+        dt_after, mean, covariance = sample
+        x, P = list(mean), [list(row) for row in covariance]
+        A, Q = model(dt_after, inputs.density)
+        ahead = plus(congruence(A, P), Q)
+        # A filter that started again at the next sample learned nothing of its past.
+        apart = (ahead[0][0] > inputs.restart_variance[0]) & (ahead[1][1] > inputs.restart_variance[1])
+        smoothed = jax.tree.map(lambda new, old: jnp.where(apart, old, new), _step(A, Q, x, P, *after), (x, P))
+        return smoothed, (jnp.stack(smoothed[0]), jnp.stack([jnp.stack(row) for row in smoothed[1]]))
+
+    last = (list(track.mean[-1]), [list(track.covariance[-1, a]) for a in range(k)])
+    before = (inputs.dt[1:], track.mean[:-1], track.covariance[:-1])
+    mean, covariance = jax.lax.scan(body, last, before, reverse=True)[1]
+    return Smoothed(jnp.concatenate([mean, track.mean[-1:]]), jnp.concatenate([covariance, track.covariance[-1:]]))
+
+
+def _step(A: Rows, Q: Rows, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:
+    """One step back; arguments as in the head of the module."""
+    k = len(x)
+    back = _inverse(A)
+    noise = congruence(back, Q)
+    K = transpose(_solve(plus(P, noise), noise))  # (Q' (P + Q')^-1)^T = (P + Q')^-1 Q'
+    keep = [[(1 if a == b else 0) - K[a][b] for b in range(k)] for a in range(k)]
+    moved = [new - old for new, old in zip(times(back, x_after), x, strict=True)]
+    shift = times(keep, moved)
+    spread = plus(noise, congruence(back, P_after))
+    return [old + by for old, by in zip(x, shift, strict=True)], plus(congruence(K, P), congruence(keep, spread))
+
+
+def _inverse(A: Rows) -> Rows:
+    """Of an upper triangular matrix with ones on its diagonal."""
+    k = len(A)
+    inverse = [[A[a][b] if a == b else jnp.zeros_like(A[a][b]) for b in range(k)] for a in range(k)]
+    for b in range(k):
+        for a in reversed(range(b)):
+            inverse[a][b] = -dot(A[a][a + 1 : b + 1], [inverse[c][b] for c in range(a + 1, b + 1)])
+    return inverse
+
+
+def _solve(S: Rows, right: Rows) -> Rows:
+    """S^-1 M for a positive definite S, by Cholesky's method without roots."""
+    k = len(S)
+    lower, pivot = [[S[a][b] for b in range(k)] for a in range(k)], []
+    rows = [list(row) for row in right]
+    for c in range(k):
+        pivot.append(lower[c][c])
+        for a in range(c + 1, k):
+            factor = lower[a][c] / pivot[c]
+            lower[a] = [entry - factor * top for entry, top in zip(lower[a], lower[c], strict=True)]
+            rows[a] = [entry - factor * top for entry, top in zip(rows[a], rows[c], strict=True)]
+    for c in reversed(range(k)):
+        known = [[lower[c][a] * entry for entry in rows[a]] for a in range(c + 1, k)]
+        rows[c] = [(rows[c][b] - sum(row[b] for row in known)) / pivot[c] for b in range(len(rows[c]))]
+    return rows

@@ -1,0 +1,180 @@
+"""The pipeline in three stages: all joints in one scan, kinematics over many samples at once, six axes in one scan.
+
+Equal to ``pipeline.run`` to round-off and several times faster, forward and in reverse. It holds while the axes of the
+bias filter are independent, that is unless the joint uncertainty is "full": B Sigma_D B^T is diagonal when Sigma_D is,
+for the columns of B are multiples of unit vectors. The kinematics have no memory, so effects that need the whole log
+act between the stages; without them a log passes in chunks of time.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from ftbias_jax.filtering.fast.associative_scan import filter_parallel
+from ftbias_jax.filtering.fast.scan import Inputs, Track, filter_scan
+from ftbias_jax.filtering.process_models import JOINT_MODELS, ProcessModel, drift_noise
+from ftbias_jax.filtering.samples import pad
+from ftbias_jax.filtering.step import Options, State, predict_wrench
+from ftbias_jax.model.effects import compose
+from ftbias_jax.model.effects.types import Model, Signals
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody
+from ftbias_jax.model.params import Params
+from ftbias_jax.model.wrench.batch import PIECE, wrenches
+from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
+from ftbias_jax.runtime.compiled_loops import on_cpu
+from ftbias_jax.types import Array, Gaussian, Sample
+
+CHUNK = 1024
+"""Samples that pass through all stages together: what goes from one stage to the next stays in the cache."""
+
+
+class Staged(NamedTuple):
+    """The pipeline at every sample."""
+
+    joint: Track
+    """Of the joints: states (T, 3, n)."""
+    wrench: Track
+    """Of the axes of the bias: states (bias, drift) (T, 2, 6)."""
+    wrench_tool: Array
+    """(T, 6) D theta, N and Nm, sensor frame; with the known effects, if there are any."""
+
+
+def applies(options: Options) -> bool:
+    """Whether the axes are independent, so that this route equals ``pipeline.run``; structure decides, not values."""
+    return options.joint_uncertainty != "full" and options.gate is None
+
+
+@partial(jax.jit, static_argnames="options")
+def run(params: Params, state: State, samples: Sample, options: Options) -> tuple[State, Staged]:
+    """Filter a whole log; arguments as for ``pipeline.run``.
+
+    Returns:
+        the last state and the track of every sample.
+    """
+    stages = partial(_run_stages, params, options)
+    length = samples.dt.shape[0]
+    if length <= CHUNK or params.effects is not None or not on_cpu():
+        return stages(state, (samples, length))
+    count = -(-length // CHUNK)
+    size = PIECE * -(-length // (PIECE * count))
+    padded = pad(samples, count * size)
+    chunks = jax.tree.map(lambda x: x.reshape(count, size, *x.shape[1:]), padded)
+    measured = jnp.minimum(length - size * jnp.arange(count), size)
+    state, tracks = jax.lax.scan(stages, state, (chunks, measured))
+    return state, jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:length], tracks)
+
+
+def _run_stages(
+    params: Params, options: Options, state: State, chunk: tuple[Sample, int | Array]
+) -> tuple[State, Staged]:
+    """All stages over a chunk whose first samples, so many, are of the log."""
+    samples, measured = chunk
+    joint = run_filters(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
+    wrench_tool, variance = predict_wrenches(params, joint_states(joint), samples, options)
+    wrench = run_filters(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
+    return _state_after(joint, wrench, measured - 1), Staged(joint, wrench, wrench_tool)
+
+
+def run_filters(model: ProcessModel, inputs: Inputs) -> Track:
+    """``recursion.filter_scan``, or on an accelerator in double precision the same parallel in time.
+
+    In single precision the parallel form costs sharp encoders most of a standard deviation (parallel.py).
+    """
+    if on_cpu() or inputs.y.dtype != jnp.float64:
+        return filter_scan(model, inputs)
+    return filter_parallel(model, inputs)
+
+
+def joint_inputs(params: Params, state: State, samples: Sample) -> Inputs:
+    """The joint filters as a recursion: n filters of three states and two measurements."""
+    noise = params.joint
+    y = jnp.stack([samples.q, samples.dq], 1)
+    variance = jnp.stack([noise.position_std, noise.velocity_std]) ** 2
+    restart = jnp.broadcast_to((noise.prior_std**2)[:, None], (3, y.shape[2]))
+    mean, covariance = state.joint.mean.T, jnp.moveaxis(state.joint.covariance, 0, -1)
+    return Inputs(samples.dt, noise.process_density, y, jnp.broadcast_to(variance, y.shape), mean, covariance, restart)
+
+
+def bias_inputs(params: Params, state: State, samples: Sample, wrench_tool: Array, variance: Array) -> Inputs:
+    """The bias filter as a recursion: six filters of two states and one measurement, y = D theta - W.
+
+    Args:
+        params, state, samples: of the pipeline. wrench_tool: (T, 6) D theta. variance: (T, 6) diagonal of R.
+    """
+    y = (wrench_tool - samples.wrench)[:, None]
+    axis = jnp.arange(6)
+    blocks = state.bias.covariance.reshape(2, 6, 2, 6)[:, axis, :, axis]  # (6, 2, 2): axes do not mix
+    never = jnp.full((2, 6), jnp.inf, y.dtype)
+    mean, covariance = state.bias.mean.reshape(2, 6), jnp.moveaxis(blocks, 0, -1)
+    return Inputs(samples.dt, params.bias.density, y, variance[:, None], mean, covariance, never)
+
+
+def joint_states(track: Track) -> Gaussian:
+    """States of the joints with the axes in the pipeline's order: mean (T, n, 3), covariance (T, n, 3, 3)."""
+    return Gaussian(jnp.swapaxes(track.mean, 1, 2), jnp.moveaxis(track.covariance, -1, 1))
+
+
+def predict_wrenches(params: Params, joints: Gaussian, samples: Sample, options: Options) -> tuple[Array, Array]:
+    """What the sensor should read without bias and noise (T, 6), and the diagonal of R (T, 6).
+
+    Args:
+        params, options: of the pipeline; without effects the reading is D theta. joints: states with leading axis T.
+        samples: of the log, for time and temperature.
+    """
+    R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
+    stated = jnp.diagonal(R)
+
+    known_exactly = options.joint_uncertainty == "none"
+    if isinstance(params.arm, FreeBody):
+        wrench_tool, from_joints = jax.vmap(partial(_of_free_body, params, known_exactly))(*joints)
+    else:
+        mean = jnp.swapaxes(joints.mean, 1, 2)
+        covariance = None if known_exactly else jnp.moveaxis(joints.covariance, 1, -1)
+        wrench_tool, from_joints = wrenches(Model(params.arm, params.gravity, params.theta), mean, covariance)
+    variance = from_joints + stated[None]
+    if params.effects is None:
+        return wrench_tool, variance
+    signals = signals_of(params, joints.mean, samples)
+    reading = compose.predict(signals, params.effects)
+    dt = samples.dt[1:, None]
+    rate = jnp.diff(reading, axis=0) / jnp.where(dt > 0, dt, jnp.inf)
+    rate = jnp.concatenate([rate[:1], rate])
+    return reading, variance - stated[None] + compose.noise_variance(stated, rate, signals.model, params.effects)
+
+
+def _of_free_body(params: Params, known_exactly: bool, mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Wrench of the tool (6,) and the variance that the pose adds (6,), for one sample of a recorded pose."""
+    motion, wrench_tool = predict_wrench(params, mean)
+    if known_exactly:
+        return wrench_tool, jnp.zeros_like(wrench_tool)
+    G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
+    return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal"))
+
+
+def predict_readings(params: Params, joints: Array, samples: Sample) -> Array:
+    """The reading alone, (T, 6), for joint states (T, n, 3)."""
+    return compose.predict(signals_of(params, joints, samples), params.effects or {})
+
+
+def signals_of(params: Params, joints: Array, samples: Sample) -> Signals:
+    """What the effects of the catalogue see of a log; joints (T, n, 3)."""
+    t = jnp.cumsum(samples.dt)
+    temperature = jnp.zeros_like(t) if samples.temperature is None else samples.temperature
+    q, dq, ddq = jnp.moveaxis(joints, 2, 0)
+    return Signals(t, q, dq, ddq, temperature, Model(params.arm, params.gravity, params.theta))
+
+
+def _state_after(joint: Track, wrench: Track, i: int | Array) -> State:
+    """State after sample i."""
+    joint_mean, joint_covariance, mean, blocks = (
+        x[i] for x in (joint.mean, joint.covariance, wrench.mean, wrench.covariance)
+    )
+    bias_covariance = jnp.block([[jnp.diag(entry) for entry in row] for row in blocks])
+    return State(
+        Gaussian(joint_mean.T, jnp.moveaxis(joint_covariance, -1, 0)),
+        Gaussian(mean.reshape(-1), bias_covariance),
+    )

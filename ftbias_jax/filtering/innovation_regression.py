@@ -1,0 +1,89 @@
+"""Parameters of the wrench model by least squares on whitened innovations, with bias and drift as nuisance.
+
+For fixed noise this is the exact maximum of the likelihood: the bias filter is linear, so it turns the error of the
+model and its derivatives into white series alike (likelihood.whiten).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.filtering.likelihood import WrenchProblem, whiten
+from ftbias_jax.types import Array
+
+Predict = Callable[[Array], Array]
+"""(P,) parameters -> (T, 6) wrench the sensor should read without bias and noise."""
+
+BLOCK_SECONDS = 4.0
+"""Errors of the model hang together over a motion, not over a sample: standard errors take such blocks as units."""
+
+
+class Prior(NamedTuple):
+    """Independent normal prior of the parameters; a wide one keeps what the motion does not excite where it started."""
+
+    mean: np.ndarray
+    std: np.ndarray
+
+
+class Linear(NamedTuple):
+    """A model linearised at given parameters, whitened; of y = prediction - reading."""
+
+    at: np.ndarray
+    """(P,) the parameters."""
+    columns: np.ndarray
+    """(P, T, 6) innovations of the derivatives, in standard deviations."""
+    residual: np.ndarray
+    """(T, 6) innovations of the error; 0 where nothing was measured."""
+    information: np.ndarray
+    """(P, P) for noise of the stated size."""
+
+
+def linearise(problem: WrenchProblem, predict: Predict) -> Callable[[np.ndarray], Linear]:
+    """A compiled function that linearises a model at given parameters.
+
+    Args:
+        problem: the bias filter of the log. predict: the model, differentiable.
+    """
+
+    @jax.jit
+    def compiled(values: Array) -> tuple[Array, Array, Array]:
+        slopes = jnp.moveaxis(jax.jacfwd(predict)(values), -1, 0)
+        error = (predict(values) - problem.wrench)[None]
+        white = whiten(problem, jnp.concatenate([slopes, error]))
+        flat = white[:-1].reshape(len(values), -1)
+        return white[:-1], white[-1], flat @ flat.T
+
+    def at(values: np.ndarray) -> Linear:
+        return Linear(values, *(np.asarray(x) for x in compiled(jnp.asarray(values))))
+
+    return at
+
+
+def excess(linear: Linear, problem: WrenchProblem) -> float:
+    """Mean square of the residual innovations; 1 if the model and the stated noise are right."""
+    return float((linear.residual**2).sum() / np.isfinite(np.asarray(problem.wrench)).sum())
+
+
+def covariance(linear: Linear, dt: Array, normal: np.ndarray) -> np.ndarray:
+    """(P, P) inverse information, widened where the scores of whole blocks scatter more than white noise would.
+
+    Args:
+        linear: the model at its optimum. dt: (T,) s. normal: (P, P) information, with that of a prior if there is one.
+    """
+    scores = np.einsum("ptc,tc->pt", linear.columns, linear.residual)
+    block = (np.cumsum(np.asarray(dt)) / BLOCK_SECONDS).astype(int)
+    return widened_inverse(np.stack([np.bincount(block, score) for score in scores], -1), normal)
+
+
+def widened_inverse(scores: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(P, P) inverse of a normal matrix (P, P), widened by the scatter of the scores of whole blocks (blocks, P)."""
+    inverse = np.linalg.inv(normal)
+    sandwich = inverse @ (scores.T @ scores) @ inverse
+    widen = np.sqrt(np.maximum(1, np.diag(sandwich) / np.diag(inverse)))
+    widened: np.ndarray = inverse * widen[:, None] * widen
+    return widened

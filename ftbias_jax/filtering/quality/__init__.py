@@ -1,0 +1,1 @@
+"""How good a filtered log is: consistency, summary, observability, plots."""

@@ -1,0 +1,73 @@
+"""What a log cannot tell from the bias: errors of the tool's weight, where gravity does not turn in the sensor's frame.
+
+The weight reads m g and m c x g. What of that is constant looks like a bias, so an error of the stated mass m or centre
+of mass c shows only as far as g turns, as seen from the sensor: mass by any turning, c along a direction n by that part
+of it which is perpendicular to n.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from ftbias_jax.filtering.pipeline import predict_wrench
+from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.model.params import Params
+from ftbias_jax.types import Array
+
+POSES = 64
+"""Poses that are looked at in each part of a log."""
+LEAST_TURN = np.radians(3.0)
+"""rad, rms: what turns less is not told from a bias that drifts."""
+
+
+class Turning(NamedTuple):
+    """Sums over the direction of gravity in the sensor's frame."""
+
+    poses: int
+    total: Array
+    """(3,)."""
+    squares: Array
+    """(3, 3)."""
+
+
+def start() -> Turning:
+    """Before the first part."""
+    return Turning(0, np.zeros(3), np.zeros((3, 3)))
+
+
+def add(turning: Turning, params: Params, part: Filtered) -> Turning:
+    """Take in poses of the next part."""
+    if not len(part.t):
+        return turning
+    rows = np.linspace(0, len(part.t) - 1, POSES).astype(int)
+    joints = np.stack([part.q[rows], part.dq[rows], part.ddq[rows]], 2)
+    down = np.asarray(_down(params, joints), np.float64)
+    return Turning(turning.poses + POSES, turning.total + down.sum(0), turning.squares + down.T @ down)
+
+
+def unobservable(turning: Turning) -> list[str]:
+    """What of the tool cannot be told from the bias, in words; [] if the sensor turns about two axes."""
+    mean = turning.total / turning.poses
+    spread = turning.squares / turning.poses - np.outer(mean, mean)
+    if np.trace(spread) < LEAST_TURN**2:
+        return ["mass", "center_of_mass"]
+    variance, directions = np.linalg.eigh(spread)
+    if variance[0] + variance[1] < LEAST_TURN**2:
+        along = directions[:, 2] * np.sign(directions[np.abs(directions[:, 2]).argmax(), 2])
+        return [f"center_of_mass along ({', '.join(f'{x:.2f}' for x in np.round(along, 2) + 0.0)})"]
+    return []
+
+
+@jax.jit
+def _down(params: Params, joints: Array) -> Array:
+    """(N, 3) unit vectors along gravity, sensor frame, for joint states (N, n, 3)."""
+
+    def one(joint: Array) -> Array:
+        motion, _ = predict_wrench(params, joint)
+        return motion.R_base_sensor.T @ params.gravity
+
+    down = jax.vmap(one)(joints)
+    return down / jax.numpy.linalg.norm(params.gravity)

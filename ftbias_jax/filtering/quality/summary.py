@@ -1,0 +1,150 @@
+"""How well the tool model and the bias explain a filtered log, summed up while its parts go by."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.types import Array
+
+AHEAD = 1.0
+"""s: how far ahead the reading is predicted."""
+FAR = 8.0
+"""Standard deviations: noise does not do that."""
+
+
+class Moments(NamedTuple):
+    """Count, mean and sum of squares about the mean of numbers by axis; each (6,)."""
+
+    count: Array
+    mean: Array
+    squares: Array
+
+
+class Tally(NamedTuple):
+    """Sums over the samples so far."""
+
+    raw: Moments
+    """Of the wrench as read."""
+    residual: Moments
+    """Of the corrected wrench minus the tool model."""
+    ahead: Moments
+    """Of the error of predicting the reading AHEAD."""
+    nis: float
+    used: int
+    """Measured axes of all samples that the filter took in."""
+    samples: int
+    gated: int
+    """Samples of which the filter took in nothing."""
+    far: int
+    """Samples with an axis FAR off its prediction that it did take in."""
+    first: float
+    """s, the first stamp."""
+    recent: tuple[Array, Array, Array] | None
+    """t (R,), bias and drift (R, 6) of the last samples, back to one at least AHEAD before the last."""
+    last: Filtered | None
+    """The last part."""
+
+
+class Summary(NamedTuple):
+    """How well the tool model and the bias explain a log; (6,) N, Nm unless stated. NaN for axes never measured."""
+
+    samples: int
+    gated: int
+    """Of them, not used."""
+    far: int
+    """Of them, used with an axis FAR standard deviations off its prediction or farther."""
+    seconds: float
+    bias: Array
+    """At the end, with drift N/s, Nm/s and standard deviations."""
+    bias_std: Array
+    drift: Array
+    drift_std: Array
+    raw_std: Array
+    """Standard deviation of the wrench as read."""
+    residual_std: Array
+    """Standard deviation of corrected wrench minus tool model; a fast bias process makes it small by itself."""
+    one_second_rms: Array
+    """Error of predicting the reading from the state one second earlier, which a bias process cannot make small."""
+    mean_nis: float
+    """Mean normalised innovation squared per measured axis; 1 for a right model."""
+
+
+def start() -> Tally:
+    """Before the first part."""
+    nothing = Moments(np.zeros(6), np.zeros(6), np.zeros(6))
+    return Tally(nothing, nothing, nothing, 0.0, 0, 0, 0, 0, np.nan, None, None)
+
+
+def add(tally: Tally, part: Filtered) -> Tally:
+    """Take in the next part; parts without a wrench change nothing."""
+    if not len(part.t):
+        return tally
+    raw = part.wrench_unbiased - part.bias
+    # One-second-ahead errors use the newest state at least one second old.
+    states = (part.t, part.bias, part.drift)
+    recent = states if tally.recent is None else tuple(map(np.concatenate, zip(tally.recent, states, strict=True)))
+    t, bias, drift = recent
+    past = np.searchsorted(t, part.t - AHEAD, side="right") - 1
+    known = past >= 0
+    past = past[known]
+    elapsed = (part.t[known] - t[past])[:, None]
+    predicted = part.wrench_tool[known] - bias[past] - elapsed * drift[past]
+    keep = max(np.searchsorted(t, t[-1] - AHEAD, side="right") - 1, 0)
+    return Tally(
+        _merge(tally.raw, raw),
+        _merge(tally.residual, part.wrench_unbiased - part.wrench_tool),
+        _merge(tally.ahead, raw[known] - predicted),
+        tally.nis + float(part.nis.sum()),
+        tally.used + int(np.isfinite(part.innovation).sum()),
+        tally.samples + len(part.t),
+        tally.gated + int(np.isnan(part.innovation).all(1).sum()),
+        tally.far + int((np.abs(part.innovation) > FAR * part.innovation_std).any(1).sum()),
+        float(part.t[0]) if tally.recent is None else tally.first,
+        (t[keep:], bias[keep:], drift[keep:]),
+        part,
+    )
+
+
+def finish(tally: Tally) -> Summary:
+    """The summary of what was added; at least one sample."""
+    last = tally.last
+    assert last is not None
+    with np.errstate(invalid="ignore"):
+        raw_std, residual_std = (np.sqrt(x.squares / x.count) for x in (tally.raw, tally.residual))
+        one_second_rms = np.sqrt(tally.ahead.squares / tally.ahead.count + tally.ahead.mean**2)
+    bias, bias_std, drift, drift_std = (x[-1] for x in (last.bias, last.bias_std, last.drift, last.drift_std))
+    return Summary(
+        samples=tally.samples,
+        gated=tally.gated,
+        far=tally.far,
+        seconds=float(last.t[-1]) - tally.first,
+        bias=bias,
+        bias_std=bias_std,
+        drift=drift,
+        drift_std=drift_std,
+        raw_std=raw_std,
+        residual_std=residual_std,
+        one_second_rms=one_second_rms,
+        mean_nis=tally.nis / tally.used if tally.used else np.nan,
+    )
+
+
+def summarise(filtered: Filtered) -> Summary:
+    """The summary of a result that is whole."""
+    return finish(add(start(), filtered))
+
+
+def _merge(sums: Moments, values: Array) -> Moments:
+    """Moments with more values (T, 6), NaN = none (Chan, Golub and LeVeque 1979)."""
+    seen = np.isfinite(values)
+    more = seen.sum(0)
+    count = sums.count + more
+    total = np.where(seen, values, 0).sum(0)
+    mean = total / np.maximum(more, 1)
+    squares = (np.where(seen, values - mean, 0) ** 2).sum(0)
+    shift = mean - sums.mean
+    share = more / np.maximum(count, 1)
+    return Moments(count, sums.mean + shift * share, sums.squares + squares + shift**2 * sums.count * share)

@@ -1,0 +1,41 @@
+"""A log as the filters' input, and padding that makes logs of equal length."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.model.effects.compose import fill_temperature
+from ftbias_jax.model.params import as_array
+from ftbias_jax.types import Array, Log, Sample
+
+
+def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:
+    """A log as filter input: leaves with a leading time axis. dt is taken in float64 before any rounding to dtype.
+
+    Args:
+        log: a whole log, or a part of one. dtype: of the arrays. before: s, stamp of the sample before the part.
+    """
+    dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0] if before is None else before)
+    temperature = fill_temperature(log.t, log.temperature) if np.isfinite(log.temperature).any() else None
+    columns = (dt, log.q, log.dq, log.wrench, temperature)
+    return Sample(*(None if x is None else as_array(x, dtype) for x in columns))
+
+
+@partial(jax.jit, static_argnames="length")
+def pad(samples: Sample, length: int) -> Sample:
+    """Lengthen a log by samples that change nothing (dt = 0, all NaN), so that logs stack for vmap."""
+    missing = length - samples.dt.shape[0]
+    if missing < 0:
+        raise ValueError(f"cannot pad {samples.dt.shape[0]} samples to {length}")
+
+    def lengthen(x: Array, value: float) -> Array:
+        return jnp.concatenate([x, jnp.full((missing, *x.shape[1:]), value, x.dtype)])
+
+    q, dq, wrench = (lengthen(x, jnp.nan) for x in samples[1:4])
+    temperature = None if samples.temperature is None else jnp.pad(samples.temperature, (0, missing), mode="edge")
+    return Sample(lengthen(samples.dt, 0.0), q, dq, wrench, temperature)

@@ -1,0 +1,68 @@
+"""The bias given the whole log, past and future: Rauch-Tung-Striebel over the pipeline's output."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+
+from ftbias_jax.filtering import gaussian
+from ftbias_jax.filtering.fast.rts import smooth_track
+from ftbias_jax.filtering.fast.scan import Inputs, filter_scan
+from ftbias_jax.filtering.fast.stages import bias_inputs, joint_inputs, predict_wrenches
+from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, State
+from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_drift_noise, drift_noise
+from ftbias_jax.model.params import Params
+from ftbias_jax.types import Array, Gaussian, Sample
+
+
+@jax.jit
+def smooth_bias(params: Params, filtered: Gaussian, dt: Array) -> Gaussian:
+    """Smoothed bias and drift from the filtered states of ``pipeline.run``; any R.
+
+    Args:
+        params: of the filter. filtered: mean (T, 12), covariance (T, 12, 12). dt: (T,) s.
+    """
+
+    def back(after: Gaussian, sample: tuple[Gaussian, Array]) -> tuple[Gaussian, Gaussian]:
+        here, dt_after = sample
+        transition, process_noise = bias_drift_noise(dt_after, params.bias.density)
+        predicted = gaussian.predict(here, transition, process_noise)
+        smoothed = gaussian.rts_step(here, predicted, after, transition)
+        return smoothed, smoothed
+
+    last = jax.tree.map(lambda x: x[-1], filtered)
+    before = jax.tree.map(lambda x: x[:-1], filtered)
+    _, smoothed = jax.lax.scan(back, last, (before, dt[1:]), reverse=True)
+    return Gaussian(*(jnp.concatenate([x, end[None]]) for x, end in zip(smoothed, last, strict=True)))
+
+
+@jax.jit
+def smooth_axes(inputs: Inputs) -> tuple[Array, Array]:
+    """The same for independent axes, from ``staged.bias_inputs``: means and standard deviations (T, 2, 6)."""
+    smoothed = smooth_track(drift_noise, inputs, filter_scan(drift_noise, inputs))
+    return smoothed.mean, jnp.sqrt(jnp.swapaxes(jnp.diagonal(smoothed.covariance, axis1=1, axis2=2), 1, 2))
+
+
+@partial(jax.jit, static_argnames="options")
+def smooth_joints(params: Params, state: State, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Gaussian:
+    """Joint states given the whole log: mean (T, n, 3) and covariance (T, n, 3, 3)."""
+    model, inputs = JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples)
+    smoothed = smooth_track(model, inputs, filter_scan(model, inputs))
+    return Gaussian(jnp.swapaxes(smoothed.mean, 1, 2), jnp.moveaxis(smoothed.covariance, -1, 1))
+
+
+@partial(jax.jit, static_argnames="options")
+def smooth_log(
+    params: Params, state: State, samples: Sample, options: Options = DEFAULT_OPTIONS
+) -> tuple[Gaussian, Array, Array]:
+    """Joints smoothed first, then the bias smoothed on the wrench they predict: no lag of the acceleration is left.
+
+    Returns:
+        joint states as of ``smooth_joints``, and mean and standard deviation (T, 2, 6) of bias and drift.
+    """
+    joints = smooth_joints(params, state, samples, options)
+    wrench_tool, variance = predict_wrenches(params, joints, samples, options)
+    mean, std = smooth_axes(bias_inputs(params, state, samples, wrench_tool, variance))
+    return joints, mean, std

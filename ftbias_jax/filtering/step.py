@@ -1,0 +1,111 @@
+"""The whole method as one pure step: joint filter, sensor kinematics, bias filter.
+
+``step`` is the single definition; ``run`` is ``lax.scan`` of it, online use is calling it, and every faster route is
+tested equal to it. Arrays decide the precision: float32 in, float32 through; float64 needs JAX's x64 mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+
+from ftbias_jax.filtering import bias_filter, joint_filter
+from ftbias_jax.filtering.gaussian import Innovation
+from ftbias_jax.model.kinematics.screws import Motion
+from ftbias_jax.model.params import Params
+from ftbias_jax.model.wrench.tool_wrench import (
+    covariance_of_joints,
+    joint_sensitivity,
+    measurement_covariance,
+    motion_and_wrench,
+)
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array, Gaussian, Sample
+
+
+class Options(NamedTuple):
+    """Choices that change the program, not its numbers: static under jit."""
+
+    joint_model: str = "integrated_jerk"
+    """Key of noise.JOINT_MODELS."""
+    joint_uncertainty: str = "diagonal"
+    """Whether the joint filter's covariance, pushed through D theta, is added to R at every sample: "none" (the report
+    to the letter: error bars are far too small while the arm accelerates), "full", or "diagonal", which keeps each
+    axis' variance and leaves out the correlation between axes, so that the axes stay independent filters."""
+    gate: float | None = None
+    """A wrench with any axis this many standard deviations off its prediction is not used (bias_filter); None = all
+    are."""
+
+
+DEFAULT_OPTIONS = Options()
+
+
+class State(NamedTuple):
+    """State of the pipeline between two samples."""
+
+    joint: Gaussian
+    """mean (n, 3) of (q, dq, ddq), covariance (n, 3, 3)."""
+    bias: Gaussian
+    """mean (12,) of (bias, drift), covariance (12, 12)."""
+
+
+class Info(NamedTuple):
+    """What a step learned; smoothing, tuning and diagnosis read only this."""
+
+    joint: Innovation
+    """of (q, dq), with a leading joint axis."""
+    wrench: Innovation
+    """of y = D theta - W."""
+    wrench_tool: Array
+    """(6,) D theta, N and Nm, sensor frame."""
+    log_likelihood: Array
+    """() increment: all joints and the wrench."""
+
+
+Emit = Callable[[State, Info], Any]
+
+
+def options_from_setup(setup: Setup) -> Options:
+    """The choices that a setup makes."""
+    return Options(joint_model=setup.joints.model, gate=setup.bias.gate)
+
+
+@jax.jit
+def init(params: Params, samples: Sample) -> State:
+    """State before the first sample of a log; every joint starts at its first measured position."""
+    start = joint_filter.first_measured(samples.q)
+    return State(joint_filter.init(params.joint, start), bias_filter.init(params.bias))
+
+
+def step(params: Params, state: State, sample: Sample, options: Options = DEFAULT_OPTIONS) -> tuple[State, Info]:
+    """One sample through the pipeline (report, sections 1 to 3).
+
+    Args:
+        params, options: beliefs and choices. state: after the previous sample.
+        sample: dt (), q and dq (n,), wrench (6,); NaN = not measured, a whole sample, one stream or one axis.
+
+    Returns:
+        the state after the sample, and what it said.
+    """
+    if params.effects is not None:
+        raise ValueError("effects act on whole logs, not on single samples: use staged.run")
+    joint, joint_innovation = joint_filter.step(
+        params.joint, state.joint, sample.dt, sample.q, sample.dq, options.joint_model
+    )
+    motion, wrench_tool = predict_wrench(params, joint.mean)
+    R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
+    if options.joint_uncertainty != "none":
+        G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
+        R = R + covariance_of_joints(G, joint.covariance, options.joint_uncertainty)
+    bias, wrench_innovation = bias_filter.step(
+        params.bias, state.bias, sample.dt, wrench_tool, sample.wrench, R, options.gate
+    )
+    log_likelihood = joint_innovation.log_likelihood.sum() + wrench_innovation.log_likelihood
+    return State(joint, bias), Info(joint_innovation, wrench_innovation, wrench_tool, log_likelihood)
+
+
+def predict_wrench(params: Params, joint_mean: Array) -> tuple[Motion, Array]:
+    """Motion of the sensor and the wrench D theta (6,) of the tool, sensor frame, from joint states (n, 3)."""
+    return motion_and_wrench(params.arm, params.gravity, params.theta, *joint_mean.T)

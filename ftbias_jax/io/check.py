@@ -1,0 +1,150 @@
+"""What every log must be before it is filtered, whatever its format; the one place where signs and stamps change."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.pose import pose_entries
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array, Log
+
+LOWEST_RATE, HIGHEST_RATE = 1.5, 5e4
+"""Hz: a log of 1000 Hz has 1 Hz if its ms are taken for s, one of 50 Hz has 50 kHz if its us are taken for ns."""
+
+
+def check_log(
+    t: Array,
+    q: Array,
+    wrench: Array,
+    dq: Array | None = None,
+    temperature: Array | None = None,
+    *,
+    setup: Setup,
+    file: str = "",
+) -> Log:
+    """A log that can be filtered, from arrays as they were recorded.
+
+    Args:
+        t: (T,) stamps: floating point in s, or integers in ns; any origin.
+        q: (T, n) rad. wrench: (T, 6) N, Nm, as the sensor reports it.
+        dq: (T, n) rad/s, or None. If the setup has a sensor_pose: both as for ``pose_entries``.
+        temperature: (T,) deg C, or None. NaN = not measured.
+        setup: the joints, and the sign in which the sensor reports. file: the name in messages.
+
+    Returns:
+        float64 arrays: t relative to the first stamp (``start``), the wrench on the tool, NaN for what is None.
+
+    Raises:
+        LogError: shapes disagree, time does not increase, a value is infinite, or there is no motion or no wrench.
+    """
+    t, start = relative_seconds(t, file=file)
+    if setup.pose is not None:
+        q, dq = pose_entries(q, dq, t, setup, file)
+    nothing = np.full(np.shape(q), np.nan) if dq is None else dq
+    unknown = np.full(len(t), np.nan) if temperature is None else temperature
+    log = check_samples(Log(t, q, nothing, wrench, unknown, start), setup, file=file)
+    check_content(~np.isnan(log.q).all(0), t[~np.isnan(log.wrench).all(1)], setup, file=file)
+    return log
+
+
+def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> Log:
+    """Samples as recorded, or the part of them from sample ``first`` on, as float64 with the sign of the report.
+
+    Raises:
+        LogError: shapes disagree, or a value is infinite.
+    """
+    length, n = len(log.t), len(setup.robot.joint_names)
+    shapes = {"q": (length, n), "dq": (length, n), "wrench": (length, 6), "temperature": (length,)}
+    floats = {name: _floats(getattr(log, name), shape, name, file, first) for name, shape in shapes.items()}
+    if setup.sensor.reports == "wrench_on_sensor":
+        floats["wrench"] = -floats["wrench"]
+    return log._replace(**floats)
+
+
+def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "") -> None:
+    """What a whole log must have.
+
+    Args:
+        joints: (n,) whether each was ever measured. wrench_t: (W,) s, stamps at which any axis of the wrench was.
+
+    Raises:
+        LogError: there is no motion or no wrench, or its rate is implausible.
+    """
+    for name, measured in zip(setup.robot.joint_names, joints, strict=True):
+        if not measured:
+            remedy = "record its position, or correct the joints of the setup"
+            raise LogError(f"no motion data: joint {name!r} is never measured", file=file, field="q", remedy=remedy)
+    if not len(wrench_t):
+        remedy = "record the sensor's wrench"
+        raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
+    _check_rate(wrench_t, file)
+
+
+def relative_seconds(t: Array, *, file: str = "", field: str = "t") -> tuple[Array, float]:
+    """Stamps in s since the first, and the first.
+
+    Args:
+        t: (T,) floating point in s, or integers in ns. file, field: where they come from, for messages.
+
+    Returns:
+        (T,) float64 s from 0, and the first stamp in s.
+
+    Raises:
+        LogError: the stamps are fewer than two, not a number, or do not increase.
+    """
+    t = check_stamps(t, file=file, field=field)
+    if len(t) < 2:
+        raise LogError(f"has {len(t)} samples", file=file, field=field, remedy="a log needs at least 2")
+    # Integers are subtracted as integers: nanoseconds since 1970 do not fit the 53 bits of a float.
+    unit = 1e-9 if t.dtype.kind == "i" else 1.0
+    return (t - t[0]) * unit, float(t[0]) * unit
+
+
+def check_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
+    """The (T,) stamps themselves, as float64 or int64, if they are finite and strictly increasing."""
+    t = np.asarray(t)
+    if t.ndim != 1 or t.dtype.kind not in "fiu":
+        message = f"has shape {t.shape} and type {t.dtype}"
+        raise LogError(message, file=file, field=field, remedy="time is one list of numbers: s, or ns if integer")
+    t = t.astype(np.float64 if t.dtype.kind == "f" else np.int64)
+    bad = np.flatnonzero(~np.isfinite(t))
+    if bad.size:
+        message = f"NaN time: {field}[{bad[0]}] is {t[bad[0]]}"
+        raise LogError(message, file=file, field=field, remedy="give every sample a finite stamp")
+    back = np.flatnonzero(t[1:] <= t[:-1])
+    if back.size:
+        i = back[0] + 1
+        message = f"time does not increase: {field}[{i}] = {t[i]} after {field}[{i - 1}] = {t[i - 1]}"
+        raise LogError(message, file=file, field=field, remedy="sort the samples and remove repeated stamps")
+    return t
+
+
+def _check_rate(t: Array, file: str) -> None:
+    """Refuse rates that no wrench is recorded at: the unit of the (W,) stamps is wrong then."""
+    rate = 1 / np.median(np.diff(t)) if len(t) > 1 else LOWEST_RATE
+    if not LOWEST_RATE <= rate <= HIGHEST_RATE:
+        message = f"the wrench has a rate of {rate:.4g} Hz, which is implausible"
+        raise LogError(message, file=file, field="t", remedy="give floating-point time in s, integer time in ns")
+
+
+def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first: int) -> Array:
+    """The values, from sample ``first`` on, as float64 of this shape.
+
+    Infinities are refused, because they would poison what NaN only skips.
+    """
+    values = np.asarray(values)
+    if values.dtype.kind not in "fiu":
+        message = f"has type {values.dtype}"
+        raise LogError(message, file=file, field=field, remedy="give real numbers, NaN where not measured")
+    if values.shape != shape:
+        words = "(samples, joints)" if field in ("q", "dq") else "samples first"
+        message = f"has shape {values.shape}, expected {shape}"
+        raise LogError(message, file=file, field=field, remedy=f"{words}; the setup has the number of joints")
+    values = values.astype(np.float64)
+    infinite = np.argwhere(np.isinf(values))
+    if infinite.size:
+        index = ", ".join(str(i) for i in (first + infinite[0][0], *infinite[0][1:]))
+        remedy = "mark missing samples as NaN"
+        raise LogError(f"{field}[{index}] is infinite", file=file, field=field, remedy=remedy)
+    return values

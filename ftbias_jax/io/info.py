@@ -1,0 +1,186 @@
+"""What is in a log, and what can be filtered from it; needs no setup."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io import is_ros, read_log_with_repairs
+from ftbias_jax.io.health import gaps, sample_rate, saturation, stuck_seconds
+from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.repairs import Repair
+from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
+from ftbias_jax.io.ros.read import log_of, skew
+from ftbias_jax.io.ros.record import Stream, Topic, read_recording
+from ftbias_jax.io.tables.arrays import ARRAYS
+from ftbias_jax.io.tables.hdf5 import load_hdf5
+from ftbias_jax.io.tables.parquet import column_names
+from ftbias_jax.setup.parse import parse_setup
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import AXES, Array, Log
+
+POSE_LABELS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+class StreamInfo(NamedTuple):
+    """One stream of samples."""
+
+    name: str
+    """The topic, or "joints" and "wrench"."""
+    kind: str
+    names: tuple[str, ...]
+    """Of the joints; of a wrench, its frame if known."""
+    samples: int
+    first: float
+    """s, as stamped."""
+    last: float
+    rate: float
+    """Hz."""
+    gaps: tuple[tuple[float, float], ...]
+    """Start, in s after the first stamp, and length in s."""
+    trouble: tuple[str, ...]
+    """A line each: stuck, saturated or missing axes; a recorder's clock that is off."""
+
+
+class LogInfo(NamedTuple):
+    """A whole log."""
+
+    streams: tuple[StreamInfo, ...]
+    topics: tuple[Topic, ...]
+    """Other topics of a recording."""
+    repairs: tuple[Repair, ...]
+    verdict: str
+    """One line: what can be filtered from it, or why nothing."""
+    usable: bool
+
+
+def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvage: bool = False) -> LogInfo:
+    """Look into a log.
+
+    Args:
+        path: the log. setup: judge whether the log can be filtered with it; None = take joints as they come.
+        salvage: of a damaged recording, read what is whole.
+
+    Raises:
+        LogError: the file cannot be read.
+    """
+    if is_ros(path):
+        return _describe_ros(path, setup, salvage)
+    log, repairs = read_log_with_repairs(path, setup or _setup_for(_joint_names(path)))
+    joints = ~np.isnan(np.column_stack([log.q, log.dq])).all(1)
+    names = setup.robot.joint_names if setup else tuple(_joint_names(path))
+    streams = (
+        _stream_info("joints", "q, dq", names, log.start, log.t[joints], log.q[joints], names),
+        _wrench_info(log),
+    )
+    return LogInfo(streams, (), repairs, "can be filtered" if setup else f"has {len(names)} joints and a wrench", True)
+
+
+def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bool) -> LogInfo:
+    has_pose = setup is not None and setup.pose is not None
+    recording = read_recording(path, salvage=salvage, poses=has_pose)
+    streams = tuple(map(_recorded_info, recording.streams))
+    used = {stream.topic for stream in recording.streams}
+    others = tuple(topic for topic in recording.topics if topic.name not in used)
+    repairs = tuple(Repair(damage, lost=True) for damage in recording.damage)
+    kinds = {stream.message_type for stream in recording.streams}
+    needed = {WRENCH_STAMPED: "a wrench"} if has_pose else {JOINT_STATE: "joints", WRENCH_STAMPED: "a wrench"}
+    missing = [f"{words} ({kind})" for kind, words in needed.items() if kind not in kinds]
+    if missing:
+        return LogInfo(streams, others, repairs, f"nothing can be filtered without {' and '.join(missing)}", False)
+    if setup is None:
+        return LogInfo(streams, others, repairs, "has joints and a wrench: --setup tells whether they fit", True)
+    try:
+        _, repairs = log_of(recording, setup, os.fspath(path))
+    except LogError as error:
+        return LogInfo(streams, others, repairs, f"nothing can be filtered: {error.message} ({error.remedy})", False)
+    return LogInfo(streams, others, repairs, "can be filtered", True)
+
+
+def _recorded_info(stream: Stream) -> StreamInfo:
+    known = stream.stamps != 0
+    t = np.sort(stream.stamps[known] if known.any() else stream.logged)
+    seconds, start = (t - t[0]) * 1e-9, float(t[0]) * 1e-9
+    order = np.argsort(stream.stamps[known] if known.any() else stream.logged, kind="stable")
+    values = stream.values[known if known.any() else slice(None)][order]
+    sensor = stream.message_type == WRENCH_STAMPED
+    labels: Sequence[str] = AXES if sensor else POSE_LABELS
+    if stream.message_type == JOINT_STATE:
+        labels = [*stream.names, *(f"velocity of {name}" for name in stream.names)]
+    info = _stream_info(stream.topic, stream.message_type, stream.names, start, seconds, values, labels, sensor)
+    return info._replace(trouble=(*info.trouble, skew(stream)))
+
+
+def _wrench_info(log: Log) -> StreamInfo:
+    rows = ~np.isnan(log.wrench).all(1)
+    return _stream_info("wrench", "N, Nm", (), log.start, log.t[rows], log.wrench[rows], AXES, sensor=True)
+
+
+def _stream_info(
+    name: str,
+    kind: str,
+    names: Sequence[str],
+    start: float,
+    t: Array,
+    values: Array,
+    labels: Sequence[str],
+    sensor: bool = False,
+) -> StreamInfo:
+    """What there is to say about samples (T, k) at t (T,) s after ``start``; only a sensor may not stand still."""
+    trouble = []
+    for label, column in zip(labels, values.T, strict=True):
+        missing = np.isnan(column).mean() if len(column) else 1.0
+        limits = saturation(column)
+        if missing:
+            trouble.append(f"{label}: {100 * missing:.3g} % not measured")
+        if sensor and (seconds := stuck_seconds(t, column)):
+            trouble.append(f"{label}: stuck for {seconds:.3g} s")
+        if sensor and not np.isnan(limits).all():
+            ends = " and ".join(f"{end:.6g}" for end in limits if not np.isnan(end))
+            trouble.append(f"{label}: saturated at {ends}")
+    first, last = (start + t[0], start + t[-1]) if len(t) else (np.nan, np.nan)
+    found = tuple((at - t[0], length) for at, length in gaps(t))
+    return StreamInfo(name, kind, tuple(names), len(t), first, last, sample_rate(t), found, tuple(trouble))
+
+
+def _joint_names(path: str | os.PathLike[str]) -> list[str]:
+    """Names for the joints of a log of a native format, from the log alone."""
+    suffix = Path(path).suffix.lower()
+    if suffix in (".csv", ".parquet"):
+        header = column_names(path) if suffix == ".parquet" else _header(path)
+        counted = [name for name in header if re.fullmatch(r"q\d+", name)]
+        return counted or [name.removeprefix("position_") for name in header if name.startswith("position_")]
+    arrays: Mapping[str, Array] = {}
+    if suffix == ".npz":
+        arrays = load_arrays(path, ARRAYS)
+    elif suffix in (".h5", ".hdf5"):
+        arrays = load_hdf5(path)
+    shape = np.shape(arrays.get("q", ()))
+    return [f"q{i}" for i in range(shape[1])] if len(shape) == 2 else []
+
+
+def _header(path: str | os.PathLike[str]) -> list[str]:
+    try:
+        with open(path, encoding="utf-8-sig", errors="replace") as stream:
+            return [name.strip() for name in next(csv.reader([stream.readline().removeprefix("#")]), [])]
+    except (OSError, csv.Error):
+        return []  # the reader says it better
+
+
+def _setup_for(joint_names: Sequence[str]) -> Setup:
+    """A setup of that many joints, which reads a log and means nothing else."""
+    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in joint_names or ["q0"]]
+    return parse_setup(
+        {
+            "robot": {"joints": joints, "flange": {"translation": [0, 0, 0]}},
+            "sensor": {"noise_std": 1.0},
+            "tool": {"mass": 1.0, "center_of_mass": [0, 0, 0]},
+        }
+    )

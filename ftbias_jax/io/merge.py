@@ -1,0 +1,71 @@
+"""Two time-stamped streams on one merged timeline, without interpolation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.check import check_stamps
+from ftbias_jax.types import Array, Log
+
+
+def merge_streams(
+    joint_t: Array,
+    q: Array,
+    wrench_t: Array,
+    wrench: Array,
+    dq: Array | None = None,
+    temperature: Array | None = None,
+    *,
+    file: str = "",
+) -> Log:
+    """Joint states and wrenches with their own stamps, as one log: NaN where a stream has no sample.
+
+    Samples share a row where their stamps are equal, to the last bit.
+
+    Args:
+        joint_t: (J,) stamps of q (J, n) rad and dq (J, n) rad/s.
+        wrench_t: (W,) stamps of wrench (W, 6) N, Nm and temperature (W,) deg C.
+        file: the name in messages.
+
+    Returns:
+        a log as recorded: stamps and sign unchanged, for ``check_log``.
+
+    Raises:
+        LogError: stamps do not increase, do not match their arrays, or belong to different clocks.
+    """
+    joint_t = check_stamps(joint_t, file=file, field="t_joints")
+    wrench_t = check_stamps(wrench_t, file=file, field="t_wrench")
+    if (joint_t.dtype.kind == "f") != (wrench_t.dtype.kind == "f"):
+        message = f"types {joint_t.dtype} and {wrench_t.dtype} differ"
+        raise LogError(message, file=file, field="t_joints, t_wrench", remedy="give both in s, or both in integer ns")
+    if not len(joint_t) or not len(wrench_t) or joint_t[-1] < wrench_t[0] or wrench_t[-1] < joint_t[0]:
+        message = f"the streams do not overlap in time: joints {_span(joint_t)}, wrench {_span(wrench_t)}"
+        raise LogError(message, file=file, field="t_joints, t_wrench", remedy="stamp both with one clock")
+    t = np.union1d(joint_t, wrench_t)
+    joint_rows, wrench_rows = np.searchsorted(t, joint_t), np.searchsorted(t, wrench_t)
+
+    def place(values: Array, rows: Array, field: str) -> Array:
+        return _place(np.asarray(values), rows, len(t), field, file)
+
+    return Log(
+        t,
+        place(q, joint_rows, "q"),
+        place(np.full(np.shape(q), np.nan) if dq is None else dq, joint_rows, "dq"),
+        place(wrench, wrench_rows, "wrench"),
+        place(np.full(len(wrench_t), np.nan) if temperature is None else temperature, wrench_rows, "temperature"),
+    )
+
+
+def _place(values: Array, rows: Array, length: int, field: str, file: str) -> Array:
+    """The samples of a stream at their rows of the merged timeline, (length, ...) float64."""
+    if values.ndim == 0 or len(values) != len(rows) or values.dtype.kind not in "fiu":
+        message = f"has shape {values.shape} and type {values.dtype} for {len(rows)} stamps"
+        raise LogError(message, file=file, field=field, remedy="give one sample of real numbers per stamp")
+    merged = np.full((length, *values.shape[1:]), np.nan)
+    merged[rows] = values
+    return merged
+
+
+def _span(t: Array) -> str:
+    return f"{t[0]} to {t[-1]}" if len(t) else "none"

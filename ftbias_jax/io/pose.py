@@ -1,0 +1,141 @@
+"""Recorded poses as what the joint filter follows: quaternions without jumps of sign, positions, rates by an IMU."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.setup.sensor_pose import pose_columns
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
+
+TOLERANCE = 0.05
+"""Of the length of a quaternion and the entries of a matrix: rounded numbers pass, other quantities do not."""
+
+
+def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file: str = "") -> tuple[Array, Array]:
+    """Entries of the pose and their rates, as if they were joints (``free_body``).
+
+    Args:
+        pose: (T, k) orientation in the order the setup states, then position m, base frame, if the setup says so.
+        rates: (T, 3 or 6) angular velocity rad/s and specific force m/s^2 (a - g), sensor frame, or None. NaN = not
+            measured. t: (T,) s. setup: has a sensor_pose. file: the name in messages.
+
+    Returns:
+        q and dq (T, 4 or 7). A specific force becomes the velocity that it adds up to, and the position is left open:
+        the wrench feels neither, only the acceleration that the filter finds from them.
+
+    Raises:
+        LogError: an array has another width, or a row is no rotation.
+    """
+    stated = setup.pose
+    assert stated is not None
+    pose = _columns(pose, pose_columns(stated)[0], "pose", file)
+    split = 9 if stated.orientation == "matrix" else 4
+    quaternion = continuous(_quaternions(pose[:, :split], stated.orientation, file))
+    dq = np.full((len(t), len(setup.robot.joint_names)), np.nan)
+    q = dq.copy()
+    q[:, :4] = quaternion
+    if stated.linear == "position":
+        q[:, 4:] = pose[:, split:]
+    recorded = rates is not None and np.isfinite(rates).any()
+    if not recorded and stated.linear == "specific_force":
+        raise LogError(
+            "there is no specific force", file=file, field="specific_force", remedy='record it, or set linear = "none"'
+        )
+    if recorded and np.isfinite(quaternion).all(1).any():
+        rates = _columns(rates, pose_columns(stated)[1], "rates", file)
+        at_imu = _interpolated(quaternion, t)
+        turn = rates[:, :3] @ setup.sensor.rotation.T
+        dq[:, :4] = product(at_imu, np.column_stack([np.zeros(len(t)), turn])) / 2
+        if stated.linear == "specific_force":
+            q[0, 4:] = 0
+            dq[:, 4:] = _velocity(at_imu, rates[:, 3:], t, setup)
+    return q, dq
+
+
+def continuous(quaternion: Array) -> Array:
+    """Quaternions (T, 4) with the sign that lies next to the one before, for q and -q are one rotation; NaN stays."""
+    result = quaternion.copy()
+    rows = np.flatnonzero(np.isfinite(quaternion).all(1))
+    dots = (quaternion[rows[1:]] * quaternion[rows[:-1]]).sum(1)
+    result[rows[1:]] *= np.cumprod(np.where(dots < 0, -1.0, 1.0))[:, None]
+    return result
+
+
+def product(left: Array, right: Array) -> Array:
+    """Quaternions (..., 4) in the order w, x, y, z: first the right turn, then the left one."""
+    w, v, s, u = left[..., :1], left[..., 1:], right[..., :1], right[..., 1:]
+    scalar = w * s - (v * u).sum(-1, keepdims=True)
+    return np.concatenate([scalar, w * u + s * v + np.cross(v, u)], -1)
+
+
+def rotate(quaternion: Array, vectors: Array) -> Array:
+    """Vectors (T, 3) turned by quaternions (T, 4) of length one."""
+    w, v = quaternion[:, :1], quaternion[:, 1:]
+    twice = 2 * np.cross(v, vectors)
+    return vectors + w * twice + np.cross(v, twice)
+
+
+def quaternions_of(matrices: Array) -> Array:
+    """(T, 3, 3) rotation matrices -> (T, 4) w, x, y, z; by the largest entry, which loses no digits (Shepperd 1978)."""
+    R = matrices
+    trace = R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2]
+    diagonal = np.stack([R[:, 0, 0], R[:, 1, 1], R[:, 2, 2]], 1)
+    squares = np.concatenate([1 + trace[:, None], 1 + 2 * diagonal - trace[:, None]], 1)  # 4 w^2, 4 x^2, ...
+    pairs = np.empty((len(R), 4, 4))  # 4 times the products of the entries
+    pairs[:, range(4), range(4)] = squares
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        pairs[:, 0, 1 + i] = pairs[:, 1 + i, 0] = R[:, k, j] - R[:, j, k]
+        pairs[:, 1 + i, 1 + j] = pairs[:, 1 + j, 1 + i] = R[:, i, j] + R[:, j, i]
+    rows = np.arange(len(R))
+    best = np.nan_to_num(squares).argmax(1)
+    quaternion = pairs[rows, best]
+    return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+
+
+def _quaternions(orientation: Array, order: str, file: str) -> Array:
+    """(T, 4) w, x, y, z of length one; NaN for rows that were not measured."""
+    if order == "matrix":
+        matrices = orientation.reshape(-1, 3, 3)
+        off = np.abs(np.einsum("tij,tkj->tik", matrices, matrices) - np.eye(3)).max((1, 2))
+        off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1))
+        _refuse(off > TOLERANCE, "is no rotation matrix", file)
+        return quaternions_of(matrices)
+    quaternion = orientation[:, [3, 0, 1, 2]] if order == "quaternion_xyzw" else orientation
+    length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    length[length == 0] = np.nan  # recorders write zeros for "not known"
+    _refuse(np.abs(length[:, 0] - 1) > TOLERANCE, "is no quaternion of length one", file)
+    return quaternion / length
+
+
+def _refuse(bad: Array, what: str, file: str) -> None:
+    if bad.any():
+        remedy = "record rotations, and state their order in the setup: sensor_pose.orientation"
+        raise LogError(f"sample {np.flatnonzero(bad)[0]} {what}", file=file, field="orientation", remedy=remedy)
+
+
+def _interpolated(quaternion: Array, t: Array) -> Array:
+    """Quaternions (T, 4) of length one at all stamps, between the measured ones."""
+    known = np.isfinite(quaternion).all(1)
+    between = np.stack([np.interp(t, t[known], column[known]) for column in quaternion.T], 1)
+    return between / np.linalg.norm(between, axis=1, keepdims=True)
+
+
+def _velocity(quaternion: Array, specific_force: Array, t: Array, setup: Setup) -> Array:
+    """(T, 3) m/s of the sensor, base frame, from rest: what the measured specific force and gravity add up to."""
+    rows = np.flatnonzero(np.isfinite(specific_force).all(1))
+    force = rotate(quaternion[rows], specific_force[rows] @ setup.sensor.rotation.T)
+    acceleration = force + setup.robot.gravity
+    steps = (acceleration[1:] + acceleration[:-1]) / 2 * np.diff(t[rows])[:, None]
+    velocity = np.full((len(t), 3), np.nan)
+    velocity[rows] = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, 0)])[: len(rows)]
+    return velocity
+
+
+def _columns(values: Array, count: int, field: str, file: str) -> Array:
+    values = np.asarray(values)
+    if values.ndim != 2 or values.shape[1] != count or values.dtype.kind not in "fiu":
+        message = f"has shape {values.shape} and type {values.dtype}, expected {count} columns of numbers"
+        raise LogError(message, file=file, field=field, remedy="record what sensor_pose of the setup says")
+    return values.astype(np.float64)

@@ -1,0 +1,1 @@
+"""Logs as recordings of ROS 1 and ROS 2."""

@@ -1,0 +1,122 @@
+"""The pose of the sensor's mount in a recording of ROS: a topic of PoseStamped, or frames of TF."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import reduce
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.pose import product, rotate
+from ftbias_jax.io.ros.messages import POSE_STAMPED, TF
+from ftbias_jax.io.ros.record import Recording, Stream
+from ftbias_jax.setup.fields import nearest
+from ftbias_jax.setup.types import PoseSetup
+from ftbias_jax.types import Array
+
+
+def pose_streams(recording: Recording, pose: PoseSetup, file: str) -> list[Stream]:
+    """Streams with position (m) and orientation (x, y, z, w), (T, 7), to choose one from.
+
+    Raises:
+        LogError: there is none, or the frames are not connected.
+    """
+    if pose.frame:
+        return [_follow_frames(recording, pose, file)]
+    found = [stream for stream in recording.streams if stream.message_type == POSE_STAMPED]
+    if not found:
+        message = f"no motion data: no topic has the type {POSE_STAMPED}"
+        remedy = "record it, or name a frame of TF in the setup: sensor_pose.frame"
+        raise LogError(message, file=file, field="pose", remedy=remedy)
+    return found
+
+
+def _follow_frames(recording: Recording, pose: PoseSetup, file: str) -> Stream:
+    """The pose of a frame in its base, wherever all moving transforms between them share a stamp."""
+    links = {stream.names[1]: stream for stream in recording.streams if stream.message_type == TF}
+    to_frame = _from_root(links, pose.frame, file)
+    to_base = _from_root(links, pose.base, file) if pose.base else []
+    if pose.base and _root(to_frame, pose.frame) != _root(to_base, pose.base):
+        message = f"the frames {pose.base!r} and {pose.frame!r} of TF are not connected"
+        raise LogError(message, file=file, field="sensor_pose.base", remedy="name frames of one tree")
+    shared = sum(one is other for one, other in zip(to_frame, to_base, strict=False))
+    down, back = to_frame[shared:], to_base[shared:]
+    moving = [link for link in (*back, *down) if len(np.unique(link.stamps)) > 1]
+    if not moving:
+        message = f"nothing moves between {pose.frame!r} and its base"
+        raise LogError(message, file=file, field="sensor_pose.frame", remedy="name another")
+    stamps = reduce(np.intersect1d, [link.stamps for link in moving])
+    if not len(stamps):
+        frames = ", ".join(repr(link.names[1]) for link in moving)
+        message = f"the moving frames {frames} share no stamp"
+        raise LogError(message, file=file, field="sensor_pose.frame", remedy="record the pose as PoseStamped")
+    nowhere = np.tile([0.0, 0, 0, 0, 0, 0, 1], (len(stamps), 1))
+    in_root, base_in_root = (reduce(_compose, [_at(link, stamps) for link in chain], nowhere) for chain in (down, back))
+    rows = _rows_at(moving[-1], stamps)
+    logged, order = moving[-1].logged[rows], moving[-1].order[rows]
+    values = _compose(_inverse(base_in_root), in_root)
+    return moving[-1]._replace(stamps=stamps, logged=logged, order=order, values=values)
+
+
+def _from_root(links: Mapping[str, Stream], frame: str, file: str) -> list[Stream]:
+    """The transforms from the root of a tree of frames to one of them."""
+    names = {name for link in links.values() for name in link.names}
+    if frame not in names:
+        message = f"there is no frame {frame!r} in TF"
+        raise LogError(message, file=file, field="sensor_pose", remedy=nearest(frame, names))
+    chain: list[Stream] = []
+    while frame in links:
+        if links[frame] in chain:
+            raise LogError("the frames of TF go in a circle", file=file, field="sensor_pose", remedy="mend TF")
+        chain.insert(0, links[frame])
+        frame = links[frame].names[0]
+    return chain
+
+
+def _root(chain: Sequence[Stream], frame: str) -> str:
+    return chain[0].names[0] if chain else frame
+
+
+def _inverse(values: Array) -> Array:
+    """Poses (T, 7) of the base in the frame."""
+    back = np.concatenate([-values[:, 3:6], values[:, 6:]], 1)
+    return np.concatenate([-rotate(back[:, [3, 0, 1, 2]], values[:, :3]), back], 1)
+
+
+def _at(link: Stream, stamps: Array) -> Array:
+    """(T, 7) of a link at stamps that it has, or anywhere if it never moves."""
+    if len(np.unique(link.stamps)) == 1:
+        return np.broadcast_to(link.values[-1], (len(stamps), 7))
+    return link.values[_rows_at(link, stamps)]
+
+
+def _rows_at(link: Stream, stamps: Array) -> Array:
+    order = np.argsort(link.stamps, kind="stable")
+    return order[np.searchsorted(link.stamps[order], stamps)]
+
+
+def _compose(outer: Array, inner: Array) -> Array:
+    """Pose of the inner frame in the base of the outer one; (T, 7) each."""
+    first, second = (x[:, [6, 3, 4, 5]] for x in (outer, inner))
+    position = outer[:, :3] + rotate(first, inner[:, :3])
+    return np.concatenate([position, product(first, second)[:, [1, 2, 3, 0]]], 1)
+
+
+def in_setup_order(values: Array, pose: PoseSetup) -> Array:
+    """(T, 7) position and orientation (x, y, z, w) -> the columns of ``pose.pose_entries``."""
+    orientation = values[:, 3:] if pose.orientation == "quaternion_xyzw" else values[:, [6, 3, 4, 5]]
+    return np.concatenate([orientation, values[:, : 3 * (pose.linear == "position")]], 1)
+
+
+def as_one(streams: Sequence[Stream], file: str) -> Stream:
+    """The only stream of a topic.
+
+    Raises:
+        LogError: its poses are in several frames.
+    """
+    if len(streams) > 1:
+        frames = ", ".join(repr(stream.names[0]) for stream in streams[:8])
+        message = f"the poses of {streams[0].topic} are in several frames: {frames}"
+        raise LogError(message, file=file, field="pose", remedy="record one body on a topic")
+    return streams[0]

@@ -1,0 +1,72 @@
+"""ROS 2 bags in SQLite (``.db3``): a table of topics, a table of messages."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+from ftbias_jax.io.ros.raw import OnDamage, RawMessage, plain_type
+from ftbias_jax.io.unpack import UnpackError, unpack_message
+
+MAGIC = b"SQLite format 3\x00"
+MAX_STEP = 1 << 20
+"""Messages skipped at once at most in the search for readable ones; the step doubles with every failure."""
+
+_SELECT = "SELECT id, topic_id, timestamp, data FROM messages WHERE id > ? ORDER BY id"
+_WANTED = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
+
+
+def scan_sqlite(path: str | os.PathLike[str], on_damage: OnDamage) -> Iterator[RawMessage]:
+    """All messages of a bag; what is damaged is told to ``on_damage`` and skipped.
+
+    Raises:
+        LogError: messages are compressed, and the decompressor is not installed.
+    """
+    # A recorder that was killed leaves its last messages in a file beside; without that, nothing else may write.
+    mode = "ro" if Path(f"{os.fspath(path)}-wal").exists() else "ro&immutable=1"
+    try:
+        with closing(sqlite3.connect(f"{Path(path).absolute().as_uri()}?mode={mode}", uri=True)) as database:
+            database.execute("PRAGMA trusted_schema = OFF")
+            database.execute("PRAGMA writable_schema = ON")  # opens a cut database; nothing is written
+            database.text_factory = bytes  # names may be damaged: they are decoded here
+            if database.execute(_WANTED).fetchone() != (2,):  # a view of that name could compute without end
+                on_damage("has no tables topics and messages")
+                return
+            topics = _topics(database)
+            for topic_id, logged, data in _rows(database, on_damage):
+                topic = topics.get(topic_id)
+                if topic is None or not isinstance(logged, int) or not isinstance(data, bytes):
+                    on_damage("a message has no topic, no time or no data")
+                    continue
+                try:
+                    yield RawMessage(*topic, logged, unpack_message(data))
+                except UnpackError as error:
+                    on_damage(f"a message {error}")
+    except (sqlite3.Error, sqlite3.Warning, UnicodeDecodeError, OverflowError) as error:
+        on_damage(f"is not a whole SQLite database: {error}")
+
+
+def _topics(database: sqlite3.Connection) -> dict[object, tuple[str, str, str]]:
+    """Name, type and encoding by identity."""
+    rows = database.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
+    texts = {row[0]: [bytes(text).decode() for text in row[1:]] for row in rows if None not in row}
+    return {identity: (name, plain_type(kind), encoding) for identity, (name, kind, encoding) in texts.items()}
+
+
+def _rows(database: sqlite3.Connection, on_damage: OnDamage) -> Iterator[tuple[object, object, object]]:
+    """Topic, time and data of the messages in the order of their numbers."""
+    last, step = -1, 0
+    while step <= MAX_STEP:
+        try:
+            for number, *row in database.execute(_SELECT, (last,)):
+                last, step = number, 0
+                yield row[0], row[1], row[2]
+            return
+        except sqlite3.DatabaseError as error:
+            step = 2 * step or 1
+            if step == 1:
+                on_damage(f"cannot be read after message {last}: {error}")
+            last += step

@@ -1,0 +1,1 @@
+"""Logs as tables and named arrays: NPZ, CSV, Parquet and HDF5."""

@@ -1,0 +1,64 @@
+"""Logs as named arrays, whatever file they come from: the names of the native format."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.check import check_log
+from ftbias_jax.io.merge import merge_streams
+from ftbias_jax.setup.types import PoseSetup, Setup
+from ftbias_jax.types import Array, Log
+
+ARRAYS = ("t", "t_joints", "t_wrench", "q", "dq", "wrench", "temperature")
+POSE_ARRAYS = ("orientation", "position", "angular_velocity", "specific_force")
+"""Instead of q and dq, where the setup has a sensor_pose."""
+
+
+def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> Log:
+    """A log of t (T,), q (T, n), wrench (T, 6), and if there dq (T, n) and temperature (T,).
+
+    Instead of t, t_joints (J,) may stamp q and dq, and t_wrench (W,) the wrench and the temperature.
+
+    Raises:
+        LogError: an array is missing, or the log cannot be filtered (see ``check_log``).
+    """
+    if setup.pose is not None:
+        arrays = _with_pose(arrays, setup.pose, file)
+    q = _get(arrays, "q", "no motion data: there is no array q (T, n) rad", file)
+    wrench = _get(arrays, "wrench", "no wrench data: there is no array wrench (T, 6) N, Nm", file)
+    dq, temperature = arrays.get("dq"), arrays.get("temperature")
+    if "t" in arrays:
+        if {"t_joints", "t_wrench"} & arrays.keys():
+            message = "stands beside t_joints or t_wrench"
+            raise LogError(message, file=file, field="t", remedy="keep t, or the stamps of the two streams")
+        return check_log(arrays["t"], q, wrench, dq, temperature, setup=setup, file=file)
+    t_joints = _get(arrays, "t_joints", "there is no time: neither t (T,) s, nor t_joints with t_wrench", file)
+    t_wrench = _get(arrays, "t_wrench", "there is t_joints, but no t_wrench", file)
+    merged = merge_streams(t_joints, q, t_wrench, wrench, dq, temperature, file=file)
+    return check_log(merged.t, merged.q, merged.wrench, merged.dq, merged.temperature, setup=setup, file=file)
+
+
+def _with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[str, Array]:
+    """The arrays with those of the pose side by side as q and dq."""
+    wanted = {"q": ["orientation"], "dq": ["angular_velocity"]}
+    if pose.linear != "none":
+        wanted["q" if pose.linear == "position" else "dq"].append(pose.linear)
+    joined = {name: values for name, values in arrays.items() if name not in POSE_ARRAYS}
+    for name, parts in wanted.items():
+        if name == "q" or any(part in arrays for part in parts):
+            columns = [_get(arrays, part, f"there is no array {part}", file) for part in parts]
+            flat = [np.reshape(column, (len(column), -1)) for column in columns]
+            if len({len(column) for column in flat}) > 1:
+                message = f"have {' and '.join(str(len(column)) for column in flat)} samples"
+                raise LogError(message, file=file, field=", ".join(parts), remedy="give one of each a stamp")
+            joined[name] = np.concatenate(flat, 1)
+    return joined
+
+
+def _get(arrays: Mapping[str, Array], name: str, message: str, file: str) -> Array:
+    if name not in arrays:
+        raise LogError(message, file=file, field=name, remedy=f"name the arrays of a log {', '.join(ARRAYS)}")
+    return arrays[name]

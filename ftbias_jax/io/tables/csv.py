@@ -1,0 +1,103 @@
+"""Logs as CSV files: a header line of names, then one line of numbers a sample; an empty cell = not measured."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Sequence
+from typing import TextIO
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.check import check_log
+from ftbias_jax.io.tables.csv_columns import choose_columns
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array, Log
+
+BLOCK = 1 << 22  # characters read at once: large enough to be fast, small beside the numbers of a log
+_EMPTY = re.compile(r",[ \t]*(?=,|$)", re.MULTILINE)  # all but the first cell of a line, which would cost much more
+_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|nan|inf(inity)?)\s*", re.I | re.ASCII)
+
+
+def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
+    """Read a log whose stamps are in s; lines may have joints only or a wrench only: the log is a merged timeline.
+
+    Args:
+        path: the file, UTF-8, cells separated by commas. setup: [log.columns] names the columns, where the header does
+            not use the usual names (see ``csv_columns.usual_names``).
+
+    Raises:
+        LogError: the file cannot be read, a column is missing, a cell is not a number (the line is named), or the log
+            cannot be filtered (see ``check_log``).
+    """
+    file = os.fspath(path)
+    try:
+        with open(file, encoding="utf-8-sig") as stream:
+            header = _header(stream.readline())
+            columns = choose_columns(header, setup, file)
+            used = [header.index(name) for names in columns for name in names]
+            values = _read_numbers(stream, header, used, file)
+    except OSError as error:
+        raise LogError(f"cannot be read: {error.strerror}", file=file, remedy="check the path") from error
+    except UnicodeDecodeError as error:
+        raise LogError("is not UTF-8 text", file=file, remedy="give a CSV file") from error
+    except csv.Error as error:
+        raise LogError(f"is not CSV text: {error}", file=file, remedy="give a CSV file") from error
+    ends = np.cumsum([len(names) for names in columns])
+    t, q, dq, wrench, temperature = np.split(values, ends[:-1], axis=1)
+    return check_log(
+        t[:, 0],
+        q,
+        wrench,
+        dq if columns.velocity else None,
+        temperature[:, 0] if columns.temperature else None,
+        setup=setup,
+        file=file,
+    )
+
+
+def _header(line: str) -> list[str]:
+    # numpy.savetxt marks its header as a comment.
+    return [name.strip() for name in next(csv.reader([line.removeprefix("#")]), [])]
+
+
+def _read_numbers(stream: TextIO, header: Sequence[str], used: Sequence[int], file: str) -> Array:
+    """The used columns of all lines after the header, (lines, len(used)) float64."""
+    blocks, line_number = [np.empty((0, len(used)))], 2
+    while lines := stream.readlines(BLOCK):
+        blocks.append(_read_block(lines, line_number, header, used, file))
+        line_number += len(lines)
+    return np.concatenate(blocks)
+
+
+def _read_block(lines: list[str], line_number: int, header: Sequence[str], used: Sequence[int], file: str) -> Array:
+    text = "".join(lines)
+    cells = {line.count(",") + 1 for line in lines if not line.isspace()}
+    if cells == {len(header)} and '"' not in text:
+        filled = _EMPTY.sub(",nan", text).split("\n")
+        try:
+            return np.loadtxt(filled, delimiter=",", comments=None, usecols=used, ndmin=2)
+        except ValueError:
+            pass  # the careful reading below says which cell
+    rows = [_read_line(line, i, header, used, file) for i, line in enumerate(lines, line_number) if not line.isspace()]
+    return np.array(rows).reshape(len(rows), len(used))
+
+
+def _read_line(line: str, line_number: int, header: Sequence[str], used: Sequence[int], file: str) -> list[float]:
+    cells = next(csv.reader([line]))
+    if len(cells) != len(header):
+        message = f"{len(cells)} cells, the header has {len(header)}"
+        raise LogError(message, file=file, field=f"line {line_number}", remedy="write one cell per column")
+    return [_number(cells[i], f"line {line_number}, column {header[i]}", file) for i in used]
+
+
+def _number(cell: str, field: str, file: str) -> float:
+    if not cell.strip():
+        return float("nan")
+    if not _NUMBER.fullmatch(cell):  # float() alone would also take 1_000 and digits of other scripts
+        shown = repr(cell[:40])
+        remedy = "write a number, or leave the cell empty where nothing was measured"
+        raise LogError(f"{shown} is not a number", file=file, field=field, remedy=remedy)
+    return float(cell)

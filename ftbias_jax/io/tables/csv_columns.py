@@ -1,0 +1,111 @@
+"""Which column of a CSV log is which quantity: as the setup names them, or by the usual names in the header."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.setup.fields import nearest
+from ftbias_jax.setup.types import PoseSetup, Setup
+
+Names = tuple[str, ...]
+
+
+class Columns(NamedTuple):
+    """Column names of every quantity; () = the log does not have it."""
+
+    time: Names
+    """1."""
+    position: Names
+    """n, in the order of the setup's joints."""
+    velocity: Names
+    """n or 0."""
+    wrench: Names
+    """6."""
+    temperature: Names
+    """1 or 0."""
+
+
+def choose_columns(header: Sequence[str], setup: Setup, file: str = "") -> Columns:
+    """Find the columns of a log.
+
+    Args:
+        header: the names of all columns. setup: names of the joints, and [log.columns], which comes first.
+
+    Raises:
+        LogError: a quantity that every log needs has no columns, or a name is not there or not unique.
+    """
+    usual = usual_names(setup.robot.joint_names)
+    if setup.pose is not None:
+        usual |= pose_names(setup.pose)
+    chosen = [_choose(quantity, usual[quantity], header, setup, file) for quantity in Columns._fields]
+    for name in sum(chosen, ()):
+        if header.count(name) > 1:
+            raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
+    return Columns(*chosen)
+
+
+def usual_names(joint_names: Sequence[str]) -> dict[str, list[Names]]:
+    """Sets of column names that need no declaration, by quantity, the first that is complete wins."""
+    n = len(joint_names)
+
+    def joints(letter: str, quantity: str) -> list[Names]:
+        counted = [tuple(f"{letter}{i}" for i in range(first, first + n)) for first in (0, 1)]
+        return [*counted, tuple(f"{quantity}_{name}" for name in joint_names)]
+
+    return {
+        "time": [("t",), ("time",)],
+        "position": [*joints("q", "position"), tuple(joint_names)],
+        "velocity": joints("dq", "velocity"),
+        "wrench": [("fx", "fy", "fz", "tx", "ty", "tz"), ("fx", "fy", "fz", "mx", "my", "mz")],
+        "temperature": [("temperature",)],
+    }
+
+
+def pose_names(pose: PoseSetup) -> dict[str, list[Names]]:
+    """The same for a recorded pose: positions are orientation and position, velocities what an IMU says."""
+    matrix = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
+    orders = {"quaternion_xyzw": ("qx", "qy", "qz", "qw"), "quaternion_wxyz": ("qw", "qx", "qy", "qz")}
+    position = ("x", "y", "z") if pose.linear == "position" else ()
+    force = ("ax", "ay", "az") if pose.linear == "specific_force" else ()
+    return {
+        "position": [(*orders.get(pose.orientation, matrix), *position)],
+        "velocity": [("wx", "wy", "wz", *force)],
+    }
+
+
+def _choose(quantity: str, usual: Sequence[Names], header: Sequence[str], setup: Setup, file: str) -> Names:
+    declared = setup.log.columns.get(quantity, ())
+    names = (declared,) if isinstance(declared, str) else declared
+    for name in names:
+        if name not in header:
+            message = f"log.columns.{quantity} of the setup names this column, but it is not there"
+            raise LogError(message, file=file, field=name, remedy=nearest(name, header))
+    if names:
+        return names
+    present = next((candidate for candidate in usual if set(candidate) <= set(header)), ())
+    if present and not _one_more(present, header):
+        return present
+    some = any(name in header for candidate in usual for name in candidate)
+    if quantity in ("velocity", "temperature") and not some:  # some, but not all, is a mistake to report
+        return ()
+    raise _not_found(quantity, usual, header, file)
+
+
+def _one_more(names: Names, header: Sequence[str]) -> bool:
+    """Whether counted columns go on, q0..q7 for 7 joints: then the log is of another robot, or has a gripper."""
+    letter, last = names[-1].rstrip("0123456789"), names[-1]
+    return last != letter and letter in ("q", "dq") and f"{letter}{int(last[len(letter) :]) + 1}" in header
+
+
+def _not_found(quantity: str, usual: Sequence[Names], header: Sequence[str], file: str) -> LogError:
+    wanted = " or ".join(" ".join(names) for names in usual)
+    found = ", ".join(header[:40]) + (", ..." if len(header) > 40 else "")
+    example = '"..."' if quantity == "time" else '["...", ...]'
+    return LogError(
+        f"no columns for the {quantity}: looked for {wanted}; the header has {found}",
+        file=file,
+        field=quantity,
+        remedy=f"separate columns by commas; name them in the setup: [log.columns] {quantity} = {example}",
+    )

@@ -1,0 +1,68 @@
+"""Logs as HDF5 files: datasets with the names of the native format, at the root."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.npz_archive import MAX_BYTES, MAX_RATIO, SMALL
+from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, log_from_arrays
+from ftbias_jax.io.unpack import need
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array, Log
+
+
+def read_hdf5(path: str | os.PathLike[str], setup: Setup) -> Log:
+    """Read the arrays of ``log_from_arrays``; other datasets are ignored.
+
+    Raises:
+        LogError: as for ``load_hdf5``, or the log cannot be filtered (see ``check_log``).
+    """
+    return log_from_arrays(load_hdf5(path), setup, os.fspath(path))
+
+
+def load_hdf5(path: str | os.PathLike[str]) -> dict[str, Array]:
+    """The datasets of a log by name.
+
+    Raises:
+        LogError: h5py is not installed, the file cannot be read, or a dataset lies outside of it or is too large.
+    """
+    file = os.fspath(path)
+    h5py = need("h5py", "hdf5", file)
+    try:
+        with open(file, "rb"):  # the system's own words for a missing file
+            pass
+        with h5py.File(file, "r") as root:
+            datasets = {name: _dataset(h5py, root, name, file) for name in (*ARRAYS, *POSE_ARRAYS) if name in root}
+            total = sum(dataset.size * 8 for dataset in datasets.values())
+            if total > MAX_BYTES:
+                remedy = f"the limit is {MAX_BYTES} bytes; split the log"
+                raise LogError(f"declares {total} bytes of arrays", file=file, remedy=remedy)
+            return {name: np.asarray(dataset[()]) for name, dataset in datasets.items()}
+    except LogError:
+        raise
+    except OSError as error:
+        words = error.strerror or str(error).partition("(")[2].rstrip(")") or error
+        raise LogError(f"cannot be read: {words}", file=file, remedy="check the path and the file") from error
+    except Exception as error:  # h5py turns what the C library reports into many types, RuntimeError among them
+        raise LogError(f"is damaged: {error}", file=file, remedy="write it again") from error
+
+
+def _dataset(h5py: Any, root: Any, name: str, file: str) -> Any:
+    """The dataset of this name, if its numbers are in this very file and as many as it has room for."""
+    if not isinstance(root.get(name, getlink=True), h5py.HardLink):
+        raise LogError("is a link", file=file, field=name, remedy="store the dataset itself at the root")
+    dataset = root[name]
+    if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiu" or dataset.shape is None:
+        raise LogError("is no dataset of numbers", file=file, field=name, remedy="store arrays of real numbers")
+    if dataset.is_virtual or dataset.external:
+        raise LogError("is stored in another file", file=file, field=name, remedy="store the dataset itself")
+    stored = dataset.id.get_storage_size()
+    if dataset.nbytes > max(SMALL, MAX_RATIO * stored):
+        message = f"declares {dataset.nbytes} bytes, of which {stored} are stored"
+        remedy = f"more than {MAX_RATIO} times looks like a decompression bomb; write it again"
+        raise LogError(message, file=file, field=name, remedy=remedy)
+    return dataset

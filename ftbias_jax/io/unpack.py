@@ -1,0 +1,95 @@
+"""Decompression that never yields more bytes than were declared, and refuses declarations that no log needs."""
+
+from __future__ import annotations
+
+import bz2
+import importlib
+from typing import Any
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.npz_archive import MAX_RATIO, SMALL
+
+MAX_UNPACKED = 1 << 30
+"""Bytes of one chunk or message; recorders write chunks of about a megabyte."""
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+
+class UnpackError(Exception):
+    """The bytes are damaged, or unpack to another size than declared; the message is a clause for ours."""
+
+
+def unpack(compression: str, packed: bytes, size: int) -> bytes:
+    """Decompress one chunk.
+
+    Args:
+        compression: "", "none", "bz2", "lz4" or "zstd". packed: the chunk. size: the bytes it declares to unpack to.
+
+    Raises:
+        UnpackError: it does not, or declares more than a log needs. LogError: the decompressor is not installed.
+    """
+    if compression in ("", "none"):
+        unpacked = packed
+    elif size > min(MAX_UNPACKED, max(SMALL, MAX_RATIO * len(packed))):
+        raise UnpackError(f"declares {size} bytes in {len(packed)}, which looks like a decompression bomb")
+    else:
+        unpacked = _bounded(compression, packed, size + 1)
+    if len(unpacked) != size:
+        raise UnpackError(f"unpacks to {_count(len(unpacked), size)} bytes, but declares {size}")
+    return unpacked
+
+
+def unpack_cut(compression: str, packed: bytes, size: int) -> bytes:
+    """What can be had of a chunk whose end is missing, at most the bytes it declares.
+
+    Raises:
+        UnpackError: nothing. LogError: the decompressor is not installed.
+    """
+    return packed[:size] if compression in ("", "none") else _bounded(compression, packed, min(size, MAX_UNPACKED))
+
+
+def unpack_message(data: bytes, limit: int = MAX_RATIO) -> bytes:
+    """The message itself, which rosbag2 may have compressed alone without saying so; CDR never starts like zstd.
+
+    Raises:
+        UnpackError, LogError: as for ``unpack``; it may unpack to ``limit`` times its size.
+    """
+    if not data.startswith(ZSTD_MAGIC):
+        return data
+    most = min(MAX_UNPACKED, limit * len(data))
+    message = _bounded("zstd", data, most + 1)
+    if len(message) > most:
+        raise UnpackError(f"unpacks to more than {most} bytes, which looks like a decompression bomb")
+    return message
+
+
+def need(module: str, extra: str, file: str = "") -> Any:
+    """An optional dependency, imported.
+
+    Raises:
+        LogError: it is not installed; the remedy names the extra that brings it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        message = f"reading it needs the package {module.partition('.')[0]}"
+        raise LogError(message, file=file, remedy=f"pip install 'ftbias-jax[{extra}]'") from error
+
+
+def _bounded(compression: str, packed: bytes, limit: int) -> bytes:
+    """At most ``limit`` bytes of what is packed."""
+    try:
+        if compression == "bz2":
+            return bz2.BZ2Decompressor().decompress(packed, limit)
+        if compression == "lz4":
+            return bytes(need("lz4.frame", "ros").LZ4FrameDecompressor().decompress(packed, limit))
+        if compression == "zstd":
+            return bytes(need("zstandard", "ros").ZstdDecompressor().stream_reader(packed).read(limit))
+    except LogError:
+        raise
+    except Exception as error:  # the three packages have an exception each, and lz4 raises plain RuntimeError
+        raise UnpackError(f"cannot be unpacked: {error}") from error
+    raise UnpackError(f"has the unknown compression {compression[:40]!r}")
+
+
+def _count(count: int, size: int) -> str:
+    return f"more than {size}" if count > size else str(count)

@@ -1,0 +1,95 @@
+"""Results on disk: named arrays in an uncompressed NPZ file."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from math import prod
+from typing import IO, BinaryIO
+
+import numpy as np
+
+from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.types import Array
+
+COPY = 1 << 20
+"""Bytes copied at once."""
+
+
+def save_npz(path: str | os.PathLike[str], arrays: Mapping[str, Array]) -> None:
+    """Write named arrays; the same arrays give the same bytes.
+
+    Raises:
+        OutputError: the file cannot be written. ValueError: an array holds Python objects.
+    """
+    plain = {name: np.asarray(array) for name, array in arrays.items()}
+    objects = [name for name, array in plain.items() if array.dtype.hasobject]
+    if objects:
+        raise ValueError(f"not plain numbers: {', '.join(objects)}")
+
+    def write(file: BinaryIO) -> None:
+        np.savez(file, **plain)  # type: ignore[arg-type]
+
+    write_atomic(path, write)
+
+
+def save_npz_parts(path: str | os.PathLike[str], parts: Iterable[Mapping[str, Array]]) -> None:
+    """Write named arrays that come in parts, each array the parts one after the other; of () arrays the sum.
+
+    What comes is kept in files beside ``path`` that have no name, so that they are gone with this process, until all of
+    it is there: the folder needs room for the result twice.
+
+    Args:
+        path: the file. parts: at least one, with the same names, types and shapes behind the first axis.
+
+    Raises:
+        OutputError: the file cannot be written. What ``parts`` raises passes through.
+    """
+
+    folder = os.path.dirname(os.path.realpath(path))
+
+    def write(file: BinaryIO) -> None:
+        with ExitStack() as stack:
+            first: dict[str, Array] = {}
+            sums: dict[str, Array] = {}
+            spools: dict[str, IO[bytes]] = {}
+            for part in parts:
+                for name, array in part.items():
+                    array = np.asarray(array)
+                    if name not in first:
+                        first[name] = array[:0] if array.ndim else array
+                        spools[name] = stack.enter_context(tempfile.TemporaryFile(dir=folder))
+                    sums[name] = sums.get(name, 0) + array if array.ndim == 0 else 0
+                    spools[name].write(np.ascontiguousarray(array).data if array.ndim else b"")
+            with zipfile.ZipFile(file, "w") as archive:
+                for name, like in first.items():
+                    with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
+                        _write_array(member, like, sums[name], spools[name])
+
+    write_atomic(path, write)
+
+
+def _write_array(member: IO[bytes], like: Array, total: Array, rows: IO[bytes]) -> None:
+    """An array in NPY format: the total if it is a scalar, otherwise the rows in a file."""
+    if like.ndim == 0:
+        np.lib.format.write_array(member, np.asarray(total, like.dtype))
+        return
+    count = rows.tell() // (prod(like.shape[1:]) * like.dtype.itemsize)
+    header = {"descr": like.dtype.str, "fortran_order": False, "shape": (count, *like.shape[1:])}
+    np.lib.format.write_array_header_1_0(member, header)
+    rows.seek(0)
+    shutil.copyfileobj(rows, member, COPY)
+
+
+def load_npz(path: str | os.PathLike[str]) -> dict[str, Array]:
+    """Read what ``save_npz`` wrote.
+
+    Raises:
+        LogError: the file cannot be read.
+    """
+    return load_arrays(path)

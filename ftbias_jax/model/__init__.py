@@ -1,0 +1,1 @@
+"""What the sensor should read: parameters, kinematics, the wrench of the tool, effects, simulation."""

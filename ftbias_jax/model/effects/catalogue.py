@@ -1,0 +1,178 @@
+"""The table of all effects, in the order in which they act, and the values their parameters may have.
+
+Adding an effect is adding one entry where it acts: simulator, fit, report and tests read this table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.errors import FtbiasError, SetupError
+from ftbias_jax.model.effects import bias, environment, kinematics, sampling, sensor, timing, tool
+from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Values
+from ftbias_jax.setup.fields import nearest, show
+from ftbias_jax.types import Array
+
+Catalogue = Mapping[str, Effect]
+
+CATALOGUE: Catalogue = {
+    effect.name: effect
+    for effect in (
+        *tool.EFFECTS,
+        *kinematics.EFFECTS,
+        *environment.FLEXIBILITY,
+        *environment.EFFECTS,
+        *kinematics.MOUNTING,
+        *sensor.EFFECTS,
+        *bias.EFFECTS,
+        *sensor.DELAY,
+        *timing.JITTER,
+        *sampling.EFFECTS,
+        *timing.DROPS,
+    )
+}
+"""Name -> effect; the order is physical, from what acts at the tool to what acts on single samples."""
+
+MakeError = Callable[..., FtbiasError]
+"""(message, field=..., remedy=...) -> the error to raise."""
+
+
+def neutral_values(effect: Effect, model: Model, events: int = 1) -> EffectValues:
+    """Values at which the effect does nothing.
+
+    Args:
+        effect: of the catalogue. model: what the setup states. events: length of the axes of any length.
+    """
+    return {parameter.name: _neutral(parameter, model, events) for parameter in effect.parameters}
+
+
+def typical_values(effect: Effect, model: Model) -> EffectValues:
+    """Values of typical size: neutral plus scale, and the scale itself where neutral is infinite."""
+
+    def typical(parameter: Parameter) -> Array:
+        neutral = _neutral(parameter, model, 1)
+        return jnp.where(jnp.isfinite(neutral), neutral, 0) + jnp.asarray(parameter.scale, neutral.dtype)
+
+    return {parameter.name: typical(parameter) for parameter in effect.parameters}
+
+
+def complete(effect: Effect, values: EffectValues, model: Model) -> EffectValues:
+    """The values with what was left out at neutral, all in the precision of the model."""
+    dtype = model.theta.dtype
+    given = {name: jnp.asarray(value, dtype) for name, value in values.items()}
+    events = [given[p.name].shape[0] for p in effect.parameters if p.name in given and -1 in p.shape]
+    return neutral_values(effect, model, events[0] if events else 1) | given
+
+
+def check_values(
+    raw: Mapping[str, Mapping[str, Any]],
+    error: MakeError = SetupError,
+    prefix: str = "",
+    catalogue: Catalogue = CATALOGUE,
+) -> Values:
+    """Numbers as read from a file or typed, checked against the catalogue.
+
+    Args:
+        raw: effect -> parameter -> number or (nested) list of numbers. One number stands for all of a channel's six,
+            two for three forces and three torques; lists of any length may be flat or nested.
+        error: makes the error to raise. prefix: of the field in messages. catalogue: the table.
+
+    Returns:
+        float64 arrays of the catalogue's shapes, in the catalogue's order; optional parameters may be missing.
+    """
+    for name in raw:
+        if name not in catalogue:
+            raise error(f"unknown effect {name!r}", field=f"{prefix}{name}", remedy=nearest(name, catalogue))
+    return {
+        name: _check_effect(effect, raw[name], partial(_at, error, f"{prefix}{name}"))
+        for name, effect in catalogue.items()
+        if name in raw
+    }
+
+
+def values_from_setup(effects: Mapping[str, Mapping[str, Any]], file: str = "") -> Values:
+    """The ``[effects.NAME]`` sections of a setup.
+
+    Args:
+        effects: ``Setup.effects``. file: its path, for messages.
+
+    Raises:
+        SetupError: an unknown effect or parameter, a wrong shape, a value out of bounds.
+    """
+    return check_values(effects, partial(SetupError, file=file), "effects.")
+
+
+def _at(error: MakeError, section: str, message: str, field: str = "", remedy: str = "") -> FtbiasError:
+    return error(message, field=f"{section}.{field}" if field else section, remedy=remedy)
+
+
+def _check_effect(effect: Effect, raw: Mapping[str, Any], error: MakeError) -> EffectValues:
+    known = {parameter.name: parameter for parameter in effect.parameters}
+    for key in raw:
+        if key not in known:
+            raise error("unknown key", field=key, remedy=nearest(key, known))
+    for name, parameter in known.items():
+        if name not in raw and not parameter.optional:
+            raise error("missing key", field=name, remedy=f"give {_describe(parameter)}")
+    values = {name: _check_parameter(parameter, raw[name], error) for name, parameter in known.items() if name in raw}
+    _check_events(effect, values, error)
+    return values
+
+
+def _check_parameter(parameter: Parameter, raw: Any, error: MakeError) -> Array:
+    remedy = f"give {_describe(parameter)}"
+    try:
+        value = np.asarray(raw)
+        numeric = value.dtype.kind in "iuf"
+    except ValueError:  # lists of unequal lengths
+        numeric = False
+    if not numeric:
+        raise error(f"expected numbers, got {show(raw)}", field=parameter.name, remedy=remedy)
+    shaped = _shape(parameter, value.astype(float))
+    if shaped is None:
+        raise error(f"has the wrong number of values: {show(raw)}", field=parameter.name, remedy=remedy)
+    if not ((shaped >= parameter.lower) & (shaped <= parameter.upper)).all():  # NaN fails too
+        raise error(f"got {show(raw)}", field=parameter.name, remedy=remedy)
+    return shaped
+
+
+def _shape(parameter: Parameter, value: Array) -> Array | None:
+    """The value in the parameter's shape, or None if it has another number of values."""
+    shape = parameter.shape
+    if shape == (6,) and value.size in (1, 2) and value.ndim < 2:
+        return np.repeat(value.ravel(), 6 // value.size)
+    nested = value.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, value.shape, strict=True))
+    size = abs(int(np.prod(shape)))
+    counted = value.size % size == 0 if -1 in shape else value.size == size
+    flat = value.ndim < 2 and counted
+    return value.reshape(shape) if value.size and (nested or flat) else None
+
+
+def _check_events(effect: Effect, values: EffectValues, error: MakeError) -> None:
+    lengths = {p.name: len(values[p.name]) for p in effect.parameters if p.name in values and -1 in p.shape}
+    if len(set(lengths.values())) > 1:
+        shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise error(f"different numbers of events: {shown}", remedy="give every event all parameters")
+    message = effect.check(values) if effect.check else ""
+    if message:
+        raise error(message, remedy="correct the values")
+
+
+def _describe(parameter: Parameter) -> str:
+    """What a parameter is, in words: ``mass [kg], one number from 0.001 to 1000 (mass of ...)``."""
+    shape = parameter.shape
+    count = "x".join("n" if size == -1 else str(size) for size in shape)
+    kind = f"{count} numbers" if shape else "one number"
+    lower, upper = np.min(parameter.lower), np.max(parameter.upper)
+    return f"{parameter.name} [{parameter.unit}], {kind} from {lower:g} to {upper:g}: {parameter.meaning}"
+
+
+def _neutral(parameter: Parameter, model: Model, events: int) -> Array:
+    value = parameter.neutral(model) if callable(parameter.neutral) else parameter.neutral
+    shape = tuple(events if size == -1 else size for size in parameter.shape)
+    return jnp.broadcast_to(jnp.asarray(value, model.theta.dtype), shape)

@@ -1,0 +1,136 @@
+"""Effects of the kinematics stage: gravity, mounting or joint angles are not what the setup and the encoders say."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
+from ftbias_jax.model.kinematics.screws import rotation_from_vector
+from ftbias_jax.model.wrench.inertia import turned
+from ftbias_jax.types import Array
+
+
+def turn_wrench(rotation: Array, wrench: Array) -> Array:
+    """R^T force and R^T torque: wrenches (T, 6) in coordinates that are turned by R (3, 3)."""
+    return (wrench.reshape(-1, 2, 3) @ rotation).reshape(-1, 6)
+
+
+def gravity_tilt(values: EffectValues, signals: Signals) -> Signals:
+    """Gravity in another direction of the base frame; its size stays, whatever the length of the parameter."""
+    model = signals.model
+    direction = values["gravity"]
+    size = jnp.sqrt((model.gravity @ model.gravity) / (direction @ direction))
+    return signals._replace(model=model._replace(gravity=size * direction))
+
+
+def encoder_offset(values: EffectValues, signals: Signals) -> Signals:
+    """One encoder reads too much by the offset: recorded angle = true angle + offset."""
+    return subtract_offsets(offset_vector(values["joint"], values["offset"], signals.q.shape[1]), signals)
+
+
+def offset_vector(joint: Array, offset: Array, n: int) -> Array:
+    """(n,) rad, the offset () at one joint () counted from 1, zero elsewhere."""
+    return jnp.where(jnp.arange(1, n + 1) == jnp.round(joint), offset, 0)
+
+
+def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
+    """True joint angles from the recorded ones, with an offset (n,) rad at every joint."""
+    return signals._replace(q=signals.q - offsets[None], motion=None)
+
+
+def motion_of(signals: Signals) -> ArmMotion:
+    """How the arm moves, as it was worked out before or else now."""
+    if signals.motion is not None:
+        return signals.motion
+    return arm_motion(signals.model.arm, signals.q.T, signals.dq.T, signals.ddq.T)
+
+
+def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+    """The sensor's axes are the believed ones turned by the rotation vector r: reading = exp([r])^T W."""
+    return turn_wrench(rotation_from_vector(values["rotation"]), wrench)
+
+
+def tool_turns(values: EffectValues, signals: Signals) -> Signals:
+    """The tool as it is in the believed axes: the stated one if it stays, turned by r if it is bolted to the sensor."""
+    rotation, model = rotation_from_vector(values["tool_turns"] * values["rotation"]), signals.model
+    return signals._replace(model=model._replace(theta=turned(model.theta, rotation)))
+
+
+def _check_gravity(values: EffectValues) -> str:
+    return "" if values["gravity"].any() else "gravity without a direction"
+
+
+def _gravity(model: Model) -> Array:
+    return model.gravity
+
+
+EFFECTS = (
+    Effect(
+        "gravity_tilt",
+        "kinematics",
+        (
+            Parameter(
+                "gravity", "m/s^2", "gravity in the base frame; only its direction counts", (3,), -30, 30, _gravity, 0.1
+            ),
+        ),
+        "the robot's base is not level as the setup says",
+        "level the base, or correct robot.gravity in the setup",
+        transform=gravity_tilt,
+        check=_check_gravity,
+        twins=(
+            Twin("encoder_offset", False, "move joint 1 through half a turn: an offset of joint 2 turns with it"),
+            Twin("mount_rotation", False, "turn the wrist: gravity stays in the world, the mounting in the sensor"),
+        ),
+    ),
+    Effect(
+        "encoder_offset",
+        "kinematics",
+        (
+            Parameter("joint", "1", "number of the joint, from 1", (), 1, 64, 2.0, 0.0, search=True),
+            Parameter("offset", "rad", "recorded minus true angle of the joint", (), -3.2, 3.2, 0.0, 0.0087),
+        ),
+        "an encoder's zero is shifted, so the arm is not in the pose the log says",
+        "re-master the joint, or add the offset to its angles",
+        transform=encoder_offset,
+        twins=(
+            Twin("none", True, "an offset of a joint whose axis is vertical cannot be seen in the wrench"),
+            Twin("encoder_offset", False, "move the wrist: offsets of joints 4 and 6 or 2 and 4 look alike"),
+            Twin("gravity_tilt", False, "move joint 1 through half a turn"),
+            Twin("mount_rotation", True, "the last joint, when the sensor's and tool's axis is that joint's"),
+        ),
+    ),
+)
+
+MOUNTING = (
+    Effect(
+        "mount_rotation",
+        "kinematics",
+        (
+            Parameter(
+                "rotation", "rad", "rotation vector from believed to true axes, sensor frame", (3,), -3.2, 3.2, 0, 0.017
+            ),
+            Parameter(
+                "tool_turns",
+                "1",
+                "1 if the tool is turned with the sensor, 0 if it stays",
+                (),
+                0,
+                1,
+                0,
+                0,
+                optional=True,
+            ),
+        ),
+        "the sensor is mounted turned against what the setup says",
+        "re-measure the mounting and correct sensor.rotation_rpy in the setup",
+        transform=tool_turns,
+        reading=mount_rotation,
+        twins=(
+            Twin("encoder_offset", True, "about the last joint's axis, when sensor and tool are on that axis"),
+            Twin("gravity_tilt", False, "turn the wrist through several directions of gravity"),
+            Twin("crosstalk", False, "load single axes: a rotation mixes force with force only"),
+        ),
+    ),
+)
+"""Acts on the reading, after everything that happens at the tool."""

@@ -1,0 +1,107 @@
+"""Responses with memory, exact for a signal that is a straight line between its samples, at any sample times.
+
+Stamps increase; a log may end in repeated ones (padding). Each function returns its signal at zero strength.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from ftbias_jax.runtime.compiled_loops import compile_whole
+from ftbias_jax.types import Array
+
+
+def lagged(t: Array, signal: Array, cutoff: Array) -> Array:
+    """First-order low-pass, settled at the first sample; inf Hz passes everything.
+
+    With u the input and tau = 1 / (2 pi cutoff), the lag e = y - u obeys e' = -e / tau - u', so over a step of
+    x = dt / tau: e <- exp(-x) e - (u_new - u_old) (1 - exp(-x)) / x.
+
+    Args:
+        t: (T,) s. signal: (T, k). cutoff: () Hz, where the gain is 1 / sqrt(2).
+    """
+    dt = jnp.diff(t, prepend=t[:1])
+    x = jnp.where(dt > 0, 2 * jnp.pi * cutoff * dt, 0)
+    safe = jnp.where(x > 0, x, 1)
+    passed = jnp.where(x > 0, -jnp.expm1(-safe) / safe, 1)
+    step = jnp.diff(signal, axis=0, prepend=signal[:1])
+    return signal + _lag(jnp.exp(-x), -passed[:, None] * step)
+
+
+@compile_whole
+def _lag(decay: Array, kick: Array) -> Array:
+    """Decay (T,) by the sample before, and what a sample adds (T, k) -> (T, k)."""
+
+    def body(lag: Array, inputs: tuple[Array, Array]) -> tuple[Array, Array]:
+        decay, kick = inputs
+        lag = decay * lag + kick
+        return lag, lag
+
+    return jax.lax.scan(body, jnp.zeros_like(kick[0]), (decay, kick))[1]
+
+
+def rung(t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Array:
+    """Response (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2): what comes through a spring and a damper.
+
+    The deviation e = y - u obeys e'' + 2 zeta w e' + w^2 e = -u'': between samples it rings freely, at a sample its
+    rate falls by the change of the input's slope. It is at rest until the first change. inf Hz passes everything.
+
+    Args:
+        t: (T,) s. signal: (T, k). frequency: () Hz, undamped. damping_ratio: (), from 0 to below 1.
+    """
+    rigid = ~jnp.isfinite(frequency)
+    w = 2 * jnp.pi * jnp.where(rigid, 1, frequency)
+    damped = w * jnp.sqrt(1 - damping_ratio**2)
+    dt = jnp.diff(t)
+    slope = jnp.diff(signal, axis=0) / jnp.where(dt > 0, dt, jnp.inf)[:, None]
+    # The kick at the start of an interval; none at the first one, whose slope is taken to have been there before.
+    kick = -jnp.diff(slope, axis=0, prepend=slope[:1])
+    envelope = jnp.exp(-damping_ratio * w * dt)
+    cosine, sine = envelope * jnp.cos(damped * dt), envelope * jnp.sin(damped * dt) / damped
+    deviation = _ring(w, damping_ratio, cosine, sine, kick)
+    return signal + jnp.where(rigid, 0, jnp.concatenate([jnp.zeros_like(signal[:1]), deviation]))
+
+
+@compile_whole
+def _ring(w: Array, damping_ratio: Array, cosine: Array, sine: Array, kick: Array) -> Array:
+    """Deviation (T, k) at the end of every interval, for kicks (T, k) at their starts; cosine, sine (T,)."""
+
+    def body(state: tuple[Array, Array], inputs: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
+        deviation, rate = state
+        cosine, sine, kick = inputs
+        rate = rate + kick
+        next_deviation = cosine * deviation + sine * (rate + damping_ratio * w * deviation)
+        next_rate = cosine * rate - sine * (w**2 * deviation + damping_ratio * w * rate)
+        return (next_deviation, next_rate), next_deviation
+
+    zero = jnp.zeros_like(kick[0])
+    return jax.lax.scan(body, (zero, zero), (cosine, sine, kick))[1]
+
+
+@compile_whole
+def played(signal: Array, width: Array) -> Array:
+    """Play operator: the output follows only when the input has crossed a gap of the given width.
+
+    Args:
+        signal: (T, k); the output starts in the middle of the gap. width: (k,), unit of the signal.
+    """
+
+    def body(output: Array, value: Array) -> tuple[Array, Array]:
+        output = jnp.clip(output, value - width / 2, value + width / 2)
+        return output, output
+
+    return jax.lax.scan(body, signal[0], signal)[1]
+
+
+def delayed(t: Array, signal: Array, delay: Array) -> Array:
+    """The signal at t - delay by straight lines between samples; outside the log its first or last value.
+
+    Args:
+        t: (T,) s. signal: (T, k). delay: () or (T,) s, negative = advance.
+    """
+    when = t - delay
+    before = jnp.clip(jnp.searchsorted(t, when, side="right") - 1, 0, t.shape[0] - 2)
+    length = t[before + 1] - t[before]
+    share = jnp.clip((when - t[before]) / jnp.where(length > 0, length, 1), 0, 1)[:, None]
+    return (1 - share) * signal[before] + share * signal[before + 1]

@@ -1,0 +1,132 @@
+"""Effects of the sensor stage on single samples: range, lattice, noise, spikes."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Record
+from ftbias_jax.types import Array
+
+_NEWTON = np.array([1.0] * 3 + [0.1] * 3)
+
+
+def noise_level(values: EffectValues, key: Array, record: Record) -> Record:
+    """The noise is a multiple of the stated one."""
+    noise = values["scale"][None] * record.noise
+    return record._replace(wrench=record.wrench + (noise - record.noise), noise=noise)
+
+
+def widen_noise(values: EffectValues, variance: Array, rate: Array) -> Array:
+    """Variance of the scaled noise."""
+    return values["scale"][None] ** 2 * variance
+
+
+def saturation(values: EffectValues, key: Array, record: Record) -> Record:
+    """Readings, bias included, stop at a limit of either sign."""
+    return record._replace(wrench=jnp.clip(record.wrench, -values["limits"][None], values["limits"][None]))
+
+
+def screen_saturated(values: EffectValues, wrench: Array) -> Array:
+    """A reading at its limit says only that the wrench is larger."""
+    margin = 1 - 8 * np.finfo(wrench.dtype).eps  # limits may have been rounded to the log's precision
+    return jnp.where(jnp.abs(wrench) >= margin * values["limits"][None], jnp.nan, wrench)
+
+
+def quantisation(values: EffectValues, key: Array, record: Record) -> Record:
+    """Readings are multiples of a step; a step of 0 leaves a channel alone."""
+    step = values["step"][None]
+    safe = jnp.where(step > 0, step, 1)
+    return record._replace(wrench=jnp.where(step > 0, safe * jnp.round(record.wrench / safe), record.wrench))
+
+
+def widen_quantised(values: EffectValues, variance: Array, rate: Array) -> Array:
+    """Rounding is uniform over a step: variance step^2 / 12."""
+    return variance + values["step"][None] ** 2 / 12
+
+
+def outliers(values: EffectValues, key: Array, record: Record) -> Record:
+    """Some samples are off by a fixed size, with a random sign in every channel."""
+    which, sign = jax.random.split(key)
+    hit = jax.random.bernoulli(which, values["rate"], record.t.shape)
+    spike = values["size"][None] * jax.random.rademacher(sign, record.wrench.shape, record.wrench.dtype)
+    return record._replace(wrench=record.wrench + jnp.where(hit[:, None], spike, 0))
+
+
+def screen_outliers(values: EffectValues, wrench: Array) -> Array:
+    """A sample that is off both neighbours by more than half a spike, to the same side, in any channel with spikes."""
+    before, after = wrench[:-2], wrench[2:]
+    low, high = jnp.minimum(before, after), jnp.maximum(before, after)
+    outside = jnp.maximum(low - wrench[1:-1], wrench[1:-1] - high)
+    size = values["size"][None]
+    spike = ((outside > size / 2) & (size > 0)).any(1) & (values["rate"] > 0)
+    spike = jnp.pad(spike, 1)  # the ends have one neighbour and are trusted
+    return jnp.where(spike[:, None], jnp.nan, wrench)
+
+
+EFFECTS = (
+    Effect(
+        "noise_level",
+        "sensor",
+        (Parameter("scale", "1", "noise per stated noise, channel by channel", (6,), 0.0, 1e3, 1.0, 1.0, search=True),),
+        "the sensor's noise is not as large as the setup says",
+        "correct sensor.noise_std in the setup: ftbias tune",
+        recording=noise_level,
+        widen=widen_noise,
+    ),
+    Effect(
+        "saturation",
+        "sensor",
+        (
+            Parameter(
+                "limits",
+                "N, Nm",
+                "largest reading of either sign, channel by channel",
+                (6,),
+                1e-3,
+                float("inf"),
+                float("inf"),
+                10 * _NEWTON,
+                search=True,
+            ),
+        ),
+        "readings stop at the end of the sensor's range",
+        "tare the sensor or use one with a larger range; these samples are left out",
+        recording=saturation,
+        screen=screen_saturated,
+    ),
+    Effect(
+        "quantisation",
+        "sensor",
+        (
+            Parameter(
+                "step",
+                "N, Nm",
+                "distance of neighbouring readings, channel by channel",
+                (6,),
+                0.0,
+                1e3,
+                0.0,
+                0.01 * _NEWTON,
+                search=True,
+            ),
+        ),
+        "readings lie on a coarse lattice",
+        "log more digits, or choose a smaller range in the sensor's settings",
+        recording=quantisation,
+        widen=widen_quantised,
+    ),
+    Effect(
+        "outliers",
+        "sensor",
+        (
+            Parameter("rate", "1", "share of samples that are hit", (), 0.0, 0.5, 0.0, 0.005, search=True),
+            Parameter("size", "N, Nm", "size of the spikes, channel by channel", (6,), 0, 1e5, 0, 5 * _NEWTON),
+        ),
+        "single samples are far off",
+        "check cable, shielding and driver; these samples are left out",
+        recording=outliers,
+        screen=screen_outliers,
+    ),
+)

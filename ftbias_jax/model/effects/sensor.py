@@ -1,0 +1,135 @@
+"""Effects of the sensor stage that change its mean reading: gains, leaks between channels, hysteresis, lag."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.model.effects.responses import delayed, lagged, played
+from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin
+from ftbias_jax.types import Array
+
+_OFF_DIAGONAL = 1 - np.eye(6)
+# Force read per torque (N/Nm) is large and torque read per force (Nm/N) small: a lever of 0.1 m relates the two.
+_LEVER = np.where(np.arange(6) < 3, 1.0, 0.1)
+_LEAK = _LEVER[:, None] / _LEVER[None, :]
+
+
+def gain(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+    """Every channel reads a multiple of its load."""
+    return values["gain"][None] * wrench
+
+
+def crosstalk(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+    """A channel reads a part of the others: reading = M W; the diagonal of M counts as ones, the rest is ``gain``."""
+    matrix = values["matrix"]
+    leak = matrix * jnp.asarray(_OFF_DIAGONAL, matrix.dtype)
+    return wrench + wrench @ leak.T
+
+
+def hysteresis(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+    """Backlash of each channel (play operator): the reading depends on the direction of the load change."""
+    return played(wrench, values["width"])
+
+
+def low_pass(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+    """First-order low-pass of every channel."""
+    return lagged(signals.t, wrench, values["cutoff"])
+
+
+def time_delay(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+    """The sample with stamp t shows the wrench of t - delay."""
+    return delayed(signals.t, wrench, values["delay"])
+
+
+EFFECTS = (
+    Effect(
+        "gain",
+        "sensor",
+        (Parameter("gain", "1", "reading per load, channel by channel", (6,), 0.01, 100.0, 1.0, 0.02),),
+        "the sensor's channels read a few per cent too much or too little",
+        "have the sensor recalibrated, or keep this correction",
+        reading=gain,
+        twins=(
+            Twin("tool_mass", True, "equal gains are a scaling of the whole tool: hang a known weight on it"),
+            Twin("tool_com", False, "hang a known weight at a known lever"),
+        ),
+    ),
+    Effect(
+        "crosstalk",
+        "sensor",
+        (
+            Parameter(
+                "matrix",
+                "1, N/Nm, Nm/N",
+                "reading per load, row by column, with ones on the diagonal",
+                (6, 6),
+                np.where(_OFF_DIAGONAL > 0, -10 * _LEAK, 1.0),
+                np.where(_OFF_DIAGONAL > 0, 10 * _LEAK, 1.0),
+                np.eye(6),
+                0.02 * _OFF_DIAGONAL * _LEAK,
+            ),
+        ),
+        "one channel of the sensor leaks into another",
+        "have the sensor recalibrated, or keep this correction",
+        reading=crosstalk,
+        twins=(
+            Twin("tool_com", False, "load single axes by hand"),
+            Twin("mount_rotation", False, "load single axes by hand: a rotation mixes force with force only"),
+        ),
+    ),
+    Effect(
+        "hysteresis",
+        "sensor",
+        (
+            Parameter(
+                "width", "N, Nm", "width of the loop, channel by channel", (6,), 0.0, 1e4, 0.0, [0.1] * 3 + [5e-3] * 3
+            ),
+        ),
+        "the reading depends on whether the load rises or falls",
+        "check the mounting bolts; otherwise it is the sensor's hysteresis class",
+        reading=hysteresis,
+        twins=(Twin("low_pass", False, "repeat a motion at another speed: hysteresis does not depend on it"),),
+    ),
+    Effect(
+        "low_pass",
+        "sensor",
+        (
+            Parameter(
+                "cutoff",
+                "Hz",
+                "frequency where the gain is 1/sqrt(2)",
+                (),
+                0.01,
+                float("inf"),
+                float("inf"),
+                10.0,
+                search=True,
+            ),
+        ),
+        "the wrench is smoothed by a filter in sensor or driver",
+        "raise the cutoff or switch the filter off in the sensor's settings",
+        reading=low_pass,
+        twins=(Twin("time_delay", False, "move fast: a low-pass attenuates, a delay does not"),),
+    ),
+)
+
+DELAY = (
+    Effect(
+        "time_delay",
+        "sensor",
+        (
+            Parameter(
+                "delay", "s", "age of the wrench at its stamp; negative = the joints are late", (), -1, 2, 0, 0.01
+            ),
+        ),
+        "wrench and joint states are not stamped at the same time",
+        "use the hardware's stamps or shift the stamps of one stream",
+        reading=time_delay,
+        twins=(
+            Twin("low_pass", False, "move fast: a low-pass attenuates, a delay does not"),
+            Twin("tool_flexibility", False, "accelerate sharply: a flexible tool rings"),
+        ),
+    ),
+)
+"""Acts on everything the sensor measures."""

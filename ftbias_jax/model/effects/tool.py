@@ -1,0 +1,92 @@
+"""Effects of the tool stage: the tool is not what the setup says. Data-sheet values replace those of theta."""
+
+from __future__ import annotations
+
+from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
+from ftbias_jax.model.wrench.inertia import about_center_of_mass
+from ftbias_jax.model.wrench.tool_wrench import tool_parameters
+from ftbias_jax.types import Array
+
+REMEDY = "weigh or re-measure the tool: ftbias identify"
+
+
+def tool_mass(values: EffectValues, signals: Signals) -> Signals:
+    """Another mass at the same centre, with the same inertia about it."""
+    _, center_of_mass, inertia = about_center_of_mass(signals.model.theta)
+    return _with_theta(signals, tool_parameters(values["mass"], center_of_mass, inertia))
+
+
+def tool_com(values: EffectValues, signals: Signals) -> Signals:
+    """Another centre of mass, with the same mass and inertia about it."""
+    mass, _, inertia = about_center_of_mass(signals.model.theta)
+    return _with_theta(signals, tool_parameters(mass, values["center_of_mass"], inertia))
+
+
+def tool_inertia(values: EffectValues, signals: Signals) -> Signals:
+    """Another inertia about the same centre of mass."""
+    mass, center_of_mass, _ = about_center_of_mass(signals.model.theta)
+    return _with_theta(signals, tool_parameters(mass, center_of_mass, values["inertia"]))
+
+
+def _with_theta(signals: Signals, theta: Array) -> Signals:
+    return signals._replace(model=signals.model._replace(theta=theta))
+
+
+def _mass(model: Model) -> Array:
+    return about_center_of_mass(model.theta)[0]
+
+
+def _center_of_mass(model: Model) -> Array:
+    return about_center_of_mass(model.theta)[1]
+
+
+def _inertia(model: Model) -> Array:
+    return about_center_of_mass(model.theta)[2]
+
+
+EFFECTS = (
+    Effect(
+        "tool_mass",
+        "tool",
+        (Parameter("mass", "kg", "mass of everything distal of the sensor", (), 1e-3, 1e3, _mass, 0.05),),
+        "the tool is heavier or lighter than the setup says",
+        REMEDY,
+        transform=tool_mass,
+        twins=(
+            Twin("gain", False, "hang a known weight on the tool: a gain scales it too, a wrong mass does not"),
+            Twin("tool_com", False, "turn the wrist through all directions of gravity"),
+        ),
+    ),
+    Effect(
+        "tool_com",
+        "tool",
+        (Parameter("center_of_mass", "m", "centre of mass, sensor frame", (3,), -10.0, 10.0, _center_of_mass, 0.006),),
+        "the tool's centre of mass is not where the setup says",
+        REMEDY,
+        transform=tool_com,
+        twins=(
+            Twin("none", True, "a torque bias when the wrist does not turn: turn it about two axes"),
+            Twin("gain", False, "turn the wrist: a gain changes the forces too"),
+        ),
+    ),
+    Effect(
+        "tool_inertia",
+        "tool",
+        (
+            Parameter(
+                "inertia",
+                "kg m^2",
+                "Ixx Ixy Ixz Iyy Iyz Izz about the centre of mass, sensor axes",
+                (6,),
+                -100.0,
+                100.0,
+                _inertia,
+                5e-4,
+            ),
+        ),
+        "the tool's inertia is not what the setup says",
+        "identify it from fast wrist motion: ftbias identify",
+        transform=tool_inertia,
+        twins=(Twin("tool_flexibility", False, "accelerate the wrist at several frequencies"),),
+    ),
+)

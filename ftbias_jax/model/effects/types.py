@@ -1,0 +1,135 @@
+"""What an effect is: a name, its parameters, a pure function, and what to tell the robot's owner.
+
+The believed model is: joint states -> sensor kinematics -> wrench of the known tool. An effect is a parametric reason
+why a real sensor reads something else. Signs are those of the report: reading = D theta - b + noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.model.wrench.tool_wrench import Model as Model
+from ftbias_jax.types import Array
+
+EffectValues = dict[str, Array]
+"""Parameters of one effect: name -> array of floats."""
+Values = dict[str, EffectValues]
+"""Parameters of several effects: effect -> parameters. A pytree: differentiate or map ``predict`` over it."""
+
+
+class Signals(NamedTuple):
+    """The motion of one log and the model that turns it into a wrench."""
+
+    t: Array
+    """(T,) s since the first sample, never decreasing."""
+    q: Array
+    """(T, n) rad."""
+    dq: Array
+    """(T, n) rad/s."""
+    ddq: Array
+    """(T, n) rad/s^2."""
+    temperature: Array
+    """(T,) deg C, without gaps (``chain.fill_temperature``); any constant where it was not recorded."""
+    model: Model
+    motion: ArmMotion | None = None
+    """Of the arm, if it was worked out before; effects get it by ``kinematics.motion_of``."""
+
+
+class Record(NamedTuple):
+    """A simulated recording, on its way from the sensing element to the file."""
+
+    t: Array
+    """(T,) s, the stamps."""
+    wrench: Array
+    """(T, 6) N, Nm, with bias and noise; NaN = no sample."""
+    noise: Array
+    """(T, 6) N, Nm, the white noise in ``wrench``."""
+
+
+Neutral = float | Array | Callable[[Model], Array]
+
+
+class Parameter(NamedTuple):
+    """One parameter of an effect."""
+
+    name: str
+    unit: str
+    """Unit of each number; "N, Nm" for three forces and three torques."""
+    meaning: str
+    shape: tuple[int, ...] = ()
+    """-1 for an axis of any length, the same in all parameters of the effect (the events of ``contact``)."""
+    lower: float | Array = float("-inf")
+    upper: float | Array = float("inf")
+    """Smallest and largest value allowed; both are allowed themselves."""
+    neutral: Neutral = 0.0
+    """Value at which the effect does nothing; a function for what the setup states."""
+    scale: float | Array = 1.0
+    """Typical departure from neutral, the standard deviation of a prior; 0 = not to be fitted."""
+    search: bool = False
+    """At zero strength the derivative by it says nothing (a time, a time constant, a threshold): try several starts."""
+    optional: bool = False
+    """May be left out of a setup, and is then neutral."""
+
+
+class Twin(NamedTuple):
+    """Another effect that the data cannot always tell apart."""
+
+    effect: str
+    """Its name, or "none" for an invisible effect."""
+    exact: bool
+    """No motion separates them in the case that ``separate_by`` names."""
+    separate_by: str
+    """The measurement that would tell them apart, or the case in which none does."""
+
+
+Transform = Callable[[EffectValues, Signals], Signals]
+"""Changes the model or the motion the model sees."""
+Reading = Callable[[EffectValues, Signals, Array], Array]
+"""Changes the noise-free reading (T, 6)."""
+Recording = Callable[[EffectValues, Array, Record], Record]
+"""Changes recorded samples; the array is a JAX key."""
+Screen = Callable[[EffectValues, Array], Array]
+"""(T, 6) recorded wrench -> the same with NaN where a sample says nothing."""
+Widen = Callable[[EffectValues, Array, Array], Array]
+"""(T, 6) noise variance, (T, 6) rate of the reading -> (T, 6) noise variance with the effect."""
+
+
+class Effect(NamedTuple):
+    """One entry of the catalogue. ``recording``, or one or both of ``transform`` and ``reading``."""
+
+    name: str
+    stage: str
+    """tool, kinematics, sensor, bias, environment or timing."""
+    parameters: tuple[Parameter, ...]
+    explanation: str
+    """One line: what is different from the setup's belief."""
+    remedy: str
+    """One line: what the owner can do about it."""
+    transform: Transform | None = None
+    reading: Reading | None = None
+    recording: Recording | None = None
+    screen: Screen | None = None
+    """For a recording effect that destroys samples: which ones a filter should not use."""
+    widen: Widen | None = None
+    """For a recording effect that acts like noise: how much."""
+    twins: tuple[Twin, ...] = ()
+    check: Callable[[EffectValues], str] | None = None
+    """What is wrong with values that are within their bounds, or ""."""
+    needs: tuple[str, ...] = ()
+    """Columns a log must have for the effect to be visible, beyond t, q and wrench."""
+
+    @property
+    def hook(self) -> str:
+        """Where it acts: "model", "wrench" or "record"."""
+        return "model" if self.transform else "wrench" if self.reading else "record"
+
+    @property
+    def smooth(self) -> bool:
+        """Whether ``jax.jvp`` of the prediction at zero strength gives all regressors of the effect."""
+        return self.hook != "record" and not any(parameter.search for parameter in self.parameters)
+
+    def parameter(self, name: str) -> Parameter:
+        """The parameter of that name."""
+        return next(parameter for parameter in self.parameters if parameter.name == name)

@@ -1,0 +1,1 @@
+"""Pose, twist and acceleration of the sensor."""

@@ -1,0 +1,66 @@
+"""Kinematics of a sensor whose pose is recorded, instead of the joints of an arm that carries it.
+
+The numbers that the joint filter follows are the four entries of the quaternion and the three of the position, each as
+if it were a joint. A quaternion of any length q = n u stands for the turn of u = q/n, so the filter need not know that
+it has length one, there is no singular orientation, and rates are linear in the rates of the entries:
+
+    u' u* = w/2,  vec(q' q*) = n^2 w/2,  vec(q'' q*) = n n' w + n^2 w'/2
+
+with * the conjugate, w the angular velocity and w' the angular acceleration, both in base coordinates.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from ftbias_jax.model.kinematics.screws import Arm, Motion, sensor_motion, skew
+from ftbias_jax.types import Array
+
+
+class FreeBody(NamedTuple):
+    """A body whose pose is recorded, with the sensor mounted on it."""
+
+    zero_position: Array
+    """(3,) m, sensor origin in the body's frame."""
+    zero_rotation: Array
+    """(3, 3) sensor axes in the body's frame: R v_sensor = v_body."""
+
+
+def motion_of(carrier: Arm | FreeBody, q: Array, dq: Array, ddq: Array) -> Motion:
+    """Motion of the sensor, carried by an arm (``screws.sensor_motion``) or recorded (``body_motion``)."""
+    return body_motion(carrier, q, dq, ddq) if isinstance(carrier, FreeBody) else sensor_motion(carrier, q, dq, ddq)
+
+
+def body_motion(body: FreeBody, q: Array, dq: Array, ddq: Array) -> Motion:
+    """Motion of the sensor from the body's pose and its rates.
+
+    Args:
+        body: the body. q: (7,) quaternion (w, x, y, z) of the body in the base, of any length but zero, and position
+            (3,) m, base frame; or (4,) without position, whose acceleration is then zero. dq, ddq: rates of q.
+
+    Returns:
+        the motion; columns of the Jacobian belong to the entries of q.
+    """
+    n2 = q[:4] @ q[:4]
+    w, v = q[0], q[1:4]
+    rotation = jnp.eye(3, dtype=q.dtype) + 2 / n2 * (w * skew(v) + skew(v) @ skew(v))
+    rate = 2 / n2 * jnp.concatenate([-v[:, None], w * jnp.eye(3, dtype=q.dtype) + skew(v)], 1)
+    angular_velocity = rate @ dq[:4]
+    angular_acceleration = rate @ ddq[:4] - 2 * (q[:4] @ dq[:4]) / n2 * angular_velocity
+    lever = rotation @ body.zero_position
+    position, velocity, acceleration = (x[4:] if x.shape[0] > 4 else jnp.zeros(3, q.dtype) for x in (q, dq, ddq))
+    linear_velocity = velocity + jnp.cross(angular_velocity, lever)
+    turning = jnp.cross(angular_velocity, linear_velocity - velocity)
+    linear = jnp.concatenate([-skew(lever) @ rate, jnp.eye(3, q.shape[0] - 4, dtype=q.dtype)], 1)
+    angular = jnp.concatenate([rate, jnp.zeros((3, q.shape[0] - 4), q.dtype)], 1)
+    return Motion(
+        rotation @ body.zero_rotation,
+        position + lever,
+        linear_velocity,
+        angular_velocity,
+        acceleration + jnp.cross(angular_acceleration, lever) + turning,
+        angular_acceleration,
+        jnp.concatenate([linear, angular]),
+    )

@@ -1,0 +1,120 @@
+"""Everything the filter believes about robot, tool, sensor and noise, as one differentiable bundle of arrays."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.model.effects.catalogue import values_from_setup
+from ftbias_jax.model.effects.types import Values
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody
+from ftbias_jax.model.kinematics.screws import Arm, make_arm
+from ftbias_jax.model.wrench.tool_wrench import tool_parameters
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
+
+
+class JointNoise(NamedTuple):
+    """Noise of the joint filter."""
+
+    process_density: Array
+    """(n,) strength of the process noise, units of the chosen model in noise.py (rad/s^2.5 for integrated jerk)."""
+    position_std: Array
+    """(n,) eta_q, rad."""
+    velocity_std: Array
+    """(n,) eta_dq, rad/s."""
+    prior_std: Array
+    """(3,) rad, rad/s, rad/s^2: square root of P_0; wide enough for a log that starts in motion (errata 15)."""
+
+
+class BiasNoise(NamedTuple):
+    """Noise and prior of the bias filter."""
+
+    density: Array
+    """(6,) sigma_Q, N/s^1.5 and Nm/s^1.5: white noise on the rate of the drift, one per axis."""
+    data_variance: Array | None
+    """(36,) diagonal of Sigma_D over the live entries of vec(D), column-major (wrench.LIVE_ENTRIES); None = zeros."""
+    wrench_variance: Array
+    """(6,) diagonal of Sigma_W, N^2 and Nm^2."""
+    prior_mean: Array
+    """(12,) x_0: bias, then drift; a previously estimated bias or zeros."""
+    prior_std: Array
+    """(12,) square root of the diagonal of P_0."""
+
+
+class Params(NamedTuple):
+    """Everything the filter believes; a pytree, differentiable in every leaf."""
+
+    arm: Any
+    """What carries the sensor: a screws.Arm, or where the sensor's pose is recorded a free_body.FreeBody."""
+    gravity: Array
+    """(3,) m/s^2, base frame, pointing down."""
+    theta: Array
+    """(10,) inertial parameters of the tool (wrench.py)."""
+    joint: JointNoise
+    bias: BiasNoise
+    effects: Values | None = None
+    """Known effects of the catalogue. They may need the whole log, so ``staged.run`` has them and ``step`` refuses."""
+
+
+def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
+    """Parameters of the filter as the robot's owner states them.
+
+    Args:
+        setup: what ``load_setup`` read; a joint process noise it leaves open becomes 1 here (batch.params_for_log
+            chooses it from the log). dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
+    """
+    sensor, n = setup.sensor, len(setup.robot.screws)
+    tool = (as_array(x, dtype) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))
+    params = Params(
+        _sensor_base(setup, dtype),
+        setup.robot.gravity,
+        jax.jit(tool_parameters)(*tool),
+        JointNoise(
+            np.ones(n) if setup.joints.process_noise_density is None else setup.joints.process_noise_density,
+            setup.joints.position_noise_std,
+            setup.joints.velocity_noise_std,
+            setup.joints.initial_std,
+        ),
+        BiasNoise(
+            setup.bias.noise_density,
+            None,
+            sensor.noise_std**2 + _unknown_acceleration(setup),
+            np.concatenate([setup.bias.initial, setup.bias.initial_drift]),
+            np.concatenate([setup.bias.initial_std, setup.bias.initial_drift_std]),
+        ),
+    )
+    params = params._replace(effects=values_from_setup(setup.effects, setup.path) or None)
+    converted: Params = jax.tree.map(partial(as_array, dtype=dtype), params)
+    return converted
+
+
+def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:
+    """What carries the sensor."""
+    robot, sensor = setup.robot, setup.sensor
+    if setup.pose is not None:
+        # An accelerometer's path is that of the sensor itself.
+        translation = np.zeros(3) if setup.pose.linear == "specific_force" else sensor.translation
+        return FreeBody(translation, sensor.rotation)
+    rotation = robot.flange_rotation @ sensor.rotation
+    position = robot.flange_translation + robot.flange_rotation @ sensor.translation
+    arm: Arm = jax.jit(make_arm)(as_array(robot.screws, dtype), as_array(position, dtype), as_array(rotation, dtype))
+    return arm
+
+
+def _unknown_acceleration(setup: Setup) -> Array:
+    """(6,) N^2, Nm^2: variance of the tool's wrench by accelerations that nobody recorded, the same in all axes."""
+    if setup.pose is None or setup.pose.linear != "none":
+        return np.zeros(6)
+    center = setup.tool.center_of_mass
+    arm = center @ center - center**2  # squares of the distances of the centre of mass from the axes
+    return (setup.tool.mass * setup.pose.acceleration_std) ** 2 * np.concatenate([np.ones(3), arm])
+
+
+def as_array(x: Any, dtype: Any = None) -> Array:
+    """An array of this dtype; None = JAX's default."""
+    return jnp.asarray(x, dtype if dtype is not None else jnp.result_type(float))

@@ -1,0 +1,1 @@
+"""The wrench that a tool with known inertial parameters exerts on the sensor."""

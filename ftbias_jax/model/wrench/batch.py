@@ -1,0 +1,127 @@
+"""The wrench of the tool over many samples at once: ``pipeline.predict_wrench`` with time as the last axis.
+
+Time is cut into pieces that stay in the processor's fastest cache, and the loop over them is compiled as a whole
+(whole_loops.py); the reverse pass works each piece out again instead of storing it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion, sensor_pose
+from ftbias_jax.model.wrench.adjoint import PoseSlopes, Slopes, slopes_of_piece
+from ftbias_jax.model.wrench.piece import felt_of, wrench_of, wrench_piece
+from ftbias_jax.model.wrench.tool_wrench import Model
+from ftbias_jax.runtime.compiled_loops import compile_whole, on_cpu, one_at_a_time
+from ftbias_jax.runtime.lanes import Vector
+from ftbias_jax.types import Array
+
+PIECE = 64
+"""Samples worked out together."""
+
+Columns = tuple[Array, ...]
+"""q, dq, ddq, and covariances if any, in pieces: (pieces, n, C)."""
+
+
+def wrenches(model: Model, mean: Array, covariance: Array | None) -> tuple[Array, Array]:
+    """D theta, and the diagonal of sum_j G_j P_j G_j^T (wrench.covariance_of_joints).
+
+    Args:
+        model: arm, gravity and tool. mean: (T, 3, n) joint states. covariance: (T, 3, 3, n), or None for zeros.
+
+    Returns:
+        wrench (T, 6) N, Nm, sensor frame, and the variance that the joints' uncertainty adds to it (T, 6).
+    """
+    length = mean.shape[0]
+    size = min(PIECE, length) if on_cpu() else length
+    upper = () if covariance is None else (covariance[:, 0, 0], covariance[:, 0, 2], covariance[:, 2, 2])
+    columns = tuple(_cut(x, size) for x in (mean[:, 0], mean[:, 1], mean[:, 2], *upper))
+    wrench, variance = _pieces(model, columns)
+    return _join(wrench, length), _join(variance, length)
+
+
+def wrenches_in_motion(gravity: Array, theta: Array, motion: ArmMotion) -> Array:
+    """D theta (T, 6) as above, of a motion that was worked out before.
+
+    For derivatives in forward mode, which the hand-written reverse pass does not allow. Reverse mode works too, but
+    takes long to compile.
+    """
+    R_sensor_base = [list(column) for column in jnp.swapaxes(motion.sensor_rotation, 0, 1)]
+    rates = (list(x) for x in (motion.acceleration, motion.angular_velocity, motion.angular_acceleration))
+    return jnp.stack(wrench_of(list(theta), felt_of(list(gravity), R_sensor_base, *rates)), 1)
+
+
+def _cut(x: Array, size: int) -> Array:
+    """(T, n) -> (pieces, n, size)."""
+    x = jnp.pad(x, ((0, -x.shape[0] % size), (0, 0)))
+    return jnp.swapaxes(x.reshape(-1, size, x.shape[1]), 1, 2)
+
+
+def _join(x: Array, length: int) -> Array:
+    """(pieces, 6, size) -> (T, 6)."""
+    return jnp.swapaxes(x, 1, 2).reshape(-1, x.shape[1])[:length]
+
+
+@jax.custom_vjp
+def _pieces(model: Model, columns: Columns) -> tuple[Array, Array]:
+    """Wrench and variance (pieces, 6, C)."""
+    return _forward(model, columns)[0]
+
+
+def _forward(model: Model, columns: Columns) -> tuple[tuple[Array, Array], tuple[Model, Columns]]:
+    return one_at_a_time(_all_wrenches)(model, columns), (model, columns)
+
+
+def _backward(residual: tuple[Model, Columns], bars: tuple[Array, Array]) -> tuple[Model, Columns]:
+    model, columns = residual
+    joints: Columns = one_at_a_time(_joint_slopes)(model, columns, bars)
+    # Few ask for the slopes in the model: they are worked out apart, or not at all.
+    gravity, theta, pose = one_at_a_time(_model_slopes)(model, columns, bars)
+    arm = one_at_a_time(_arm_slopes)(model, columns[0], pose)
+    gravity, theta = (jnp.stack([entry.sum() for entry in entries]) for entries in (gravity, theta))
+    return Model(arm, gravity, theta), joints
+
+
+_pieces.defvjp(_forward, _backward)
+
+
+@compile_whole
+def _all_wrenches(model: Model, columns: Columns) -> tuple[Array, Array]:
+    def one(piece: Columns) -> tuple[Array, Array]:
+        wrench, variance = wrench_piece(model, *piece)
+        return jnp.stack(wrench), jnp.stack(variance)
+
+    found: tuple[Array, Array] = jax.lax.map(one, columns)
+    return found
+
+
+@compile_whole
+def _joint_slopes(model: Model, columns: Columns, bars: tuple[Array, Array]) -> Columns:
+    found: Columns = jax.lax.map(lambda piece: _slopes(model, *piece).joints, (columns, bars))
+    return found
+
+
+@compile_whole
+def _model_slopes(model: Model, columns: Columns, bars: tuple[Array, Array]) -> tuple[Vector, Vector, PoseSlopes]:
+    found: tuple[Vector, Vector, PoseSlopes]
+    found = jax.lax.map(lambda piece: _slopes(model, *piece)[1:], (columns, bars))
+    return found
+
+
+def _slopes(model: Model, columns: Columns, bars: tuple[Array, Array]) -> Slopes:
+    wrench, variance = bars
+    return slopes_of_piece(model, columns, list(wrench), list(variance))
+
+
+def _arm_slopes(model: Model, q: Array, bars: PoseSlopes) -> Any:
+    """Slopes in the arm's constants; few ask for them."""
+
+    def one(sums: Any, piece: tuple[Array, PoseSlopes]) -> tuple[Any, None]:
+        q, bar = piece
+        (slopes,) = jax.vjp(lambda arm: sensor_pose(arm, q), model.arm)[1](tuple(bar))
+        return jax.tree.map(jnp.add, sums, slopes), None
+
+    return jax.lax.scan(one, jax.tree.map(jnp.zeros_like, model.arm), (q, bars))[0]

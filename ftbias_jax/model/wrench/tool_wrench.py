@@ -1,0 +1,175 @@
+"""The wrench of a known tool, W = D theta, and how its uncertainty reaches the measurement.
+
+Sign (report): W is the force and torque the sensor exerts on the tool, sensor frame, torque about the sensor origin.
+The sensor reads W = D theta - b + noise, so the bias b is *minus* the offset people usually speak of, and the
+corrected wrench is reading + b (errata 9).
+theta = (m, m c, Ixx, Ixy, Ixz, Iyy, Iyz, Izz): mass, first moment, inertia about the sensor origin, sensor axes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody, motion_of
+from ftbias_jax.model.kinematics.screws import Arm, Motion, skew
+from ftbias_jax.types import Array
+
+_DEAD_ROWS = {0: (3, 4, 5), 1: (3,), 2: (4,), 3: (5,)} | dict.fromkeys(range(4, 10), (0, 1, 2))
+
+LIVE_ENTRIES: np.ndarray = np.array(
+    [6 * column + row for column in range(10) for row in range(6) if row not in _DEAD_ROWS[column]]
+)
+"""(36,) where vec(D), column-major, is not always zero."""
+
+
+class Model(NamedTuple):
+    """What the setup states about robot and tool."""
+
+    arm: Arm
+    """The robot with the sensor frame mounted."""
+    gravity: Array
+    """(3,) m/s^2, base frame."""
+    theta: Array
+    """(10,) inertial parameters of the tool, as above."""
+
+
+def vec(matrix: Array) -> Array:
+    """Stack the columns: vec(X Y Z) = (Z^T kron X) vec(Y) holds for this order, not for a row-major reshape."""
+    return matrix.T.reshape(-1)
+
+
+def tool_parameters(mass: Array, center_of_mass: Array, inertia: Array) -> Array:
+    """Inertial parameters theta (10,) from what a data sheet states.
+
+    Args:
+        mass: () kg. center_of_mass: (3,) m, sensor frame.
+        inertia: (6,) kg m^2, Ixx Ixy Ixz Iyy Iyz Izz about the centre of mass, sensor axes (matrix elements).
+    """
+    x, y, z = center_of_mass
+    steiner = mass * jnp.stack([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+    return jnp.concatenate([jnp.stack([mass, mass * x, mass * y, mass * z]), inertia + steiner])
+
+
+def data_matrix(specific_force: Array, angular_velocity: Array, angular_acceleration: Array) -> Array:
+    """Data matrix D (6, 10) with W = D theta (report, section 3), with gravity (errata 2) and frames (errata 3).
+
+    Args:
+        specific_force: (3,) m/s^2, a - g of the sensor origin, sensor frame.
+        angular_velocity: (3,) rad/s, sensor frame. angular_acceleration: (3,) rad/s^2, sensor frame.
+    """
+    wx, wy, wz = angular_velocity
+    ax, ay, az = angular_acceleration
+    turning = skew(angular_velocity) @ skew(angular_velocity) + skew(angular_acceleration)
+    inertia_columns = jnp.stack(
+        [
+            jnp.stack([ax, ay - wx * wz, az + wx * wy, -wy * wz, wy**2 - wz**2, wy * wz]),
+            jnp.stack([wx * wz, ax + wy * wz, wz**2 - wx**2, ay, az - wx * wy, -wx * wz]),
+            jnp.stack([-wx * wy, wx**2 - wy**2, ax - wy * wz, wx * wy, ay + wx * wz, az]),
+        ]
+    )
+    force_rows = jnp.concatenate([specific_force[:, None], turning, jnp.zeros_like(inertia_columns)], 1)
+    no_mass = jnp.zeros_like(specific_force)[:, None]
+    torque_rows = jnp.concatenate([no_mass, -skew(specific_force), inertia_columns], 1)
+    return jnp.concatenate([force_rows, torque_rows])
+
+
+def observation_matrix(theta: Array) -> Array:
+    """B = theta^T kron I_6 (6, 60): W = B vec(D)."""
+    return jnp.kron(theta[None, :], jnp.eye(6, dtype=theta.dtype))
+
+
+def reduced_observation_matrix(theta: Array) -> Array:
+    """The 36 columns of B (6, 36) that meet an entry of D which is not always zero, in the order LIVE_ENTRIES."""
+    return observation_matrix(theta)[:, LIVE_ENTRIES]
+
+
+def measurement_covariance(theta: Array, data_variance: Array | None, wrench_variance: Array) -> Array:
+    """R = B Sigma_D B^T + Sigma_W (6, 6), the noise of y = D theta - W; n_D is in it once (errata 6).
+
+    Args:
+        theta: (10,). data_variance: (36,) diagonal of Sigma_D, live entries of vec(D), or None for zeros.
+        wrench_variance: (6,) diagonal of Sigma_W, N^2 and Nm^2.
+    """
+    if data_variance is None:
+        return jnp.diag(wrench_variance)
+    B = reduced_observation_matrix(theta)
+    return (B * data_variance[None]) @ B.T + jnp.diag(wrench_variance)
+
+
+def joint_sensitivity(theta: Array, R_base_sensor: Array, jacobian: Array, gravity: Array) -> tuple[Array, Array]:
+    """How the predicted wrench W = D theta moves with joint positions and accelerations.
+
+    The acceleration part is exact; the position part keeps the turning of gravity and leaves out terms of the size of
+    the motion's own acceleration, so it is exact at rest. Velocity enters through products of rates only and is left
+    out: with a filter's 1e-3 rad/s it is thousands of times smaller than the acceleration part.
+
+    Args:
+        theta: (10,). R_base_sensor: (3, 3). jacobian: (6, n) sensor Jacobian, base frame. gravity: (3,) m/s^2, base.
+
+    Returns:
+        dW/dq (6, n) in N/rad, Nm/rad and dW/dddq (6, n) in N s^2/rad, Nm s^2/rad; sensor frame.
+    """
+    linear, angular = R_base_sensor.T @ jacobian[:3], R_base_sensor.T @ jacobian[3:]
+    gravity_in_sensor = R_base_sensor.T @ gravity
+    falling = jnp.cross(angular.T, gravity_in_sensor).T
+    return _inertial_wrench(theta, falling, jnp.zeros_like(angular)), _inertial_wrench(theta, linear, angular)
+
+
+def covariance_of_joints(sensitivity: tuple[Array, Array], covariance: Array, kind: str) -> Array:
+    """sum_j G_j P_j G_j^T (6, 6) with G_j = (dW/dq_j, 0, dW/dddq_j), or its diagonal.
+
+    Args:
+        sensitivity: dW/dq and dW/dddq (6, n), of ``joint_sensitivity``. covariance: (n, 3, 3) of the joint filter.
+        kind: "full" or "diagonal".
+    """
+    G, P = jnp.stack(sensitivity, -1), covariance[:, ::2, ::2]
+    if kind == "diagonal":
+        return jnp.diag(jnp.einsum("ind,nde,ine->i", G, P, G))
+    return jnp.einsum("ind,nde,jne->ij", G, P, G)
+
+
+def _inertial_wrench(theta: Array, linear: Array, angular: Array) -> Array:
+    """D theta at zero angular velocity, for columns (3, n) of linear and angular acceleration."""
+    mass, first_moment = theta[0], theta[1:4]
+    xx, xy, xz, yy, yz, zz = theta[4:]
+    inertia = jnp.stack([jnp.stack([xx, xy, xz]), jnp.stack([xy, yy, yz]), jnp.stack([xz, yz, zz])])
+    force = mass * linear - skew(first_moment) @ angular
+    return jnp.concatenate([force, skew(first_moment) @ linear + inertia @ angular])
+
+
+def unbias(wrench: Array, bias_and_drift: Array, elapsed: Array) -> Array:
+    """Corrected wrench, biased + [I, I dT] x (report, last equation).
+
+    Args:
+        wrench: (6,) N, Nm, as read. bias_and_drift: (12,) filter mean. elapsed: () s since that mean was computed.
+    """
+    return wrench + bias_and_drift[:6] + elapsed * bias_and_drift[6:]
+
+
+def motion_and_wrench(
+    arm: Arm | FreeBody, gravity: Array, theta: Array, q: Array, dq: Array, ddq: Array
+) -> tuple[Motion, Array]:
+    """Motion of the sensor, and the wrench W = D theta that it exerts on the tool.
+
+    Args:
+        arm, gravity, theta: as in ``Model``. q, dq, ddq: (n,) states of the joints.
+
+    Returns:
+        the motion, base frame, and (6,) N, Nm, sensor frame.
+    """
+    motion = motion_of(arm, q, dq, ddq)
+    R_sensor_base = motion.R_base_sensor.T
+    D = data_matrix(
+        R_sensor_base @ (motion.linear_acceleration - gravity),
+        R_sensor_base @ motion.angular_velocity,
+        R_sensor_base @ motion.angular_acceleration,
+    )
+    return motion, D @ theta
+
+
+def tool_wrench(arm: Arm | FreeBody, gravity: Array, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
+    """The wrench (6,) of ``motion_and_wrench`` alone."""
+    return motion_and_wrench(arm, gravity, theta, q, dq, ddq)[1]

@@ -1,0 +1,1 @@
+"""What programs run on: compiled loops, settings of JAX, processes and progress."""

@@ -1,0 +1,50 @@
+"""Reading and writing setups: what the robot's owner believes, in TOML."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+
+from ftbias_jax.errors import SetupError
+from ftbias_jax.setup.dump import dump_setup
+from ftbias_jax.setup.parse import parse_setup
+from ftbias_jax.setup.types import BiasSetup, JointSetup, LogSetup, RobotSetup, SensorSetup, Setup, ToolSetup
+
+__all__ = [
+    "BiasSetup",
+    "JointSetup",
+    "LogSetup",
+    "RobotSetup",
+    "SensorSetup",
+    "Setup",
+    "ToolSetup",
+    "dump_setup",
+    "load_setup",
+    "parse_setup",
+]
+
+MAX_BYTES = 1 << 20  # a setup is a page of text; anything larger is another kind of file
+
+
+def load_setup(path: str | os.PathLike[str]) -> Setup:
+    """Read a setup file.
+
+    Raises:
+        SetupError: the file cannot be read, is not TOML, or says something impossible (see ``parse_setup``).
+    """
+    file = os.fspath(path)
+    try:
+        with open(file, "rb") as stream:
+            content = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise SetupError(
+            f"cannot be read: {error.strerror}", file=file, remedy="give the path of a setup.toml"
+        ) from error
+    if len(content) > MAX_BYTES:
+        remedy = "give a setup.toml, not a log"
+        raise SetupError(f"is larger than {MAX_BYTES >> 20} MiB", file=file, remedy=remedy)
+    try:
+        mapping = tomllib.loads(content.decode())
+    except (ValueError, RecursionError) as error:  # broken UTF-8, broken TOML (says where), arrays nested without end
+        raise SetupError(f"is not valid TOML: {error}", file=file, remedy="correct the syntax") from error
+    return parse_setup(mapping, file)

@@ -1,0 +1,229 @@
+"""The sections of a setup: TOML tables -> frozen dataclasses. Every key is known, every value checked."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ftbias_jax.setup.fields import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Range,
+    Section,
+    check_keys,
+    names,
+    require,
+    scalar,
+    show,
+    subsection,
+    table,
+    text,
+    vector,
+)
+from ftbias_jax.setup.robots import BUILT_IN, STANDARD_GRAVITY, built_in_robot, prismatic_screw, revolute_screw
+from ftbias_jax.setup.rotations import rotation_from_rpy
+from ftbias_jax.setup.sensor_pose import parse_pose, pose_columns, pose_robot
+from ftbias_jax.setup.types import (
+    JOINT_MODELS,
+    REPORTS,
+    BiasSetup,
+    JointSetup,
+    LogSetup,
+    PoseSetup,
+    RobotSetup,
+    SensorSetup,
+    Setup,
+    ToolSetup,
+)
+from ftbias_jax.setup.urdf import Pose, Urdf, load_urdf
+from ftbias_jax.setup.urdf_robot import urdf_robot, urdf_tool
+from ftbias_jax.types import Array
+
+AXIS_TOLERANCE = 1e-4  # an axis rounded to four digits still means a unit axis; more is a mistake
+INERTIA_TOLERANCE = 1e-6  # relative to the largest principal moment: inertias printed with seven digits pass
+AT_LEAST_ONE = Range("1 or more", 1.0)  # standard deviations: a narrower gate would keep good samples out
+MAX_GRAVITY = 30.0  # m/s^2: above every planet a robot stands on, below cm/s^2 or mistyped units
+
+
+def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
+    """A setup from the tables of its TOML text.
+
+    Args:
+        mapping: what ``tomllib.loads`` returns. file: the name in messages.
+
+    Raises:
+        SetupError: a key is missing, unknown, of the wrong type or shape, or physically impossible.
+    """
+    top = check_keys(
+        Section(mapping, "", file), ("robot", "sensor", "sensor_pose", "tool", "bias", "joints", "log", "effects")
+    )
+    pose = parse_pose(top)
+    robot = _robot(top) if pose is None else pose_robot(top, pose)
+    n = len(robot.joint_names)
+    sensor = _sensor(top)
+    joints, log = _joints(top, n, pose), _log(top, n, pose)
+    return Setup(robot, sensor, _tool(top, sensor), _bias(top), joints, log, _effects(top), pose, file)
+
+
+def _robot(top: Section) -> RobotSetup:
+    known = ("model", "urdf", "base_link", "tip_link", "joints", "joint_names", "flange", "gravity")
+    section = subsection(top, "robot", known, required=True)
+    gravity = vector(section, "gravity", 3, STANDARD_GRAVITY)
+    if np.linalg.norm(gravity) > MAX_GRAVITY:
+        remedy = f"give m/s^2 in the base frame, at most {MAX_GRAVITY:g} long, such as [0, 0, -9.81]"
+        raise section.error("gravity", f"has length {np.linalg.norm(gravity):.4g} m/s^2", remedy)
+    if "urdf" in section.values:
+        return _urdf_robot(section, gravity)
+    for key in ("base_link", "tip_link"):
+        if key in section.values:
+            raise section.error(key, "belongs to robot.urdf", "remove it, or give robot.urdf")
+    if "model" not in section.values:
+        return _screw_robot(section, gravity)
+    model = text(section, "model", "", BUILT_IN)
+    for key in ("joints", "flange"):
+        if key in section.values:
+            raise section.error(key, f"excluded by robot.model = {model!r}", "remove one of the two")
+    robot = built_in_robot(model, gravity)
+    if "joint_names" not in section.values:
+        return robot
+    return built_in_robot(model, gravity, names(section, "joint_names", len(robot.joint_names)))
+
+
+def _urdf_robot(section: Section, gravity: Array) -> RobotSetup:
+    for key in ("model", "joints", "joint_names", "flange"):
+        if key in section.values:
+            raise section.error(key, "excluded by robot.urdf", "remove one of the two")
+    require(section, "tip_link", "name the link that is the flange")
+    return urdf_robot(_load_urdf(section), text(section, "base_link", ""), text(section, "tip_link", ""), gravity)
+
+
+def _load_urdf(robot: Section) -> Urdf:
+    """The file that robot.urdf names, from the setup's folder if the path is relative."""
+    return load_urdf(os.path.join(os.path.dirname(robot.file), text(robot, "urdf", "")))
+
+
+def _screw_robot(section: Section, gravity: Array) -> RobotSetup:
+    entries = require(section, "joints", f"give [[robot.joints]], or robot.model: {', '.join(BUILT_IN)}")
+    if not isinstance(entries, list) or not entries or not all(isinstance(entry, Mapping) for entry in entries):
+        raise section.error("joints", f"expected tables, got {show(entries)}", "write one [[robot.joints]] per joint")
+    if "joint_names" in section.values:
+        raise section.error("joint_names", "belongs to robot.model", "write name = ... in each [[robot.joints]]")
+    joints = [Section(entry, section.path(f"joints[{i}]"), section.file) for i, entry in enumerate(entries)]
+    screws = np.stack([_screw(joint) for joint in joints])
+    screws.setflags(write=False)
+    joint_names = tuple(text(joint, "name", f"joint{i}") for i, joint in enumerate(joints, 1))
+    for joint, name in zip(joints, joint_names, strict=True):
+        if joint_names.count(name) > 1:
+            raise joint.error("name", f"the name {show(name)} is there twice", "give every joint its own name")
+    flange = subsection(section, "flange", ("translation", "rotation_rpy"), required=True)
+    return RobotSetup(screws, joint_names, vector(flange, "translation", 3), _rotation(flange), gravity)
+
+
+def _screw(joint: Section) -> Array:
+    check_keys(joint, ("axis", "point", "type", "name"))
+    axis = vector(joint, "axis", 3)
+    length = float(np.linalg.norm(axis))
+    if abs(length - 1) > AXIS_TOLERANCE:
+        raise joint.error("axis", f"has length {length:.6g}", "scale it to length 1")
+    kind = text(joint, "type", "revolute", ("revolute", "prismatic"))
+    point = vector(joint, "point", 3, (0.0, 0.0, 0.0) if kind == "prismatic" else None)
+    return prismatic_screw(axis / length) if kind == "prismatic" else revolute_screw(axis / length, point)
+
+
+def _rotation(section: Section) -> Array:
+    rotation = rotation_from_rpy(vector(section, "rotation_rpy", 3, (0.0, 0.0, 0.0)))
+    rotation.setflags(write=False)
+    return rotation
+
+
+def _sensor(top: Section) -> SensorSetup:
+    section = subsection(top, "sensor", ("translation", "rotation_rpy", "noise_std", "reports"), required=True)
+    return SensorSetup(
+        translation=vector(section, "translation", 3, (0.0, 0.0, 0.0)),
+        rotation=_rotation(section),
+        noise_std=vector(section, "noise_std", 6, within=POSITIVE, expand=True),
+        reports=text(section, "reports", REPORTS[0], REPORTS),
+    )
+
+
+def _tool(top: Section, sensor: SensorSetup) -> ToolSetup:
+    section = subsection(top, "tool", ("mass", "center_of_mass", "inertia", "from_urdf_link"), required=True)
+    if "from_urdf_link" in section.values:
+        return _urdf_tool(section, table(top, "robot"), sensor)
+    inertia = vector(section, "inertia", 6, (0.0,) * 6)
+    _check_inertia(inertia, section, "inertia")
+    return ToolSetup(scalar(section, "mass", within=POSITIVE), vector(section, "center_of_mass", 3), inertia)
+
+
+def _check_inertia(inertia: Array, section: Section, key: str) -> None:
+    xx, xy, xz, yy, yz, zz = inertia
+    moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    # The largest moment may not exceed the sum of the others; that also makes all three non-negative.
+    if moments[2] - moments[1] - moments[0] > INERTIA_TOLERANCE * np.abs(moments).max():
+        shown = ", ".join(f"{moment:.4g}" for moment in moments)
+        remedy = "no body has them: none may exceed the sum of the others; all zeros = point mass"
+        message = f"{show(inertia.tolist())} has the principal moments {shown} kg m^2"
+        raise section.error(key, message, remedy)
+
+
+def _urdf_tool(section: Section, robot: Section, sensor: SensorSetup) -> ToolSetup:
+    for key in ("mass", "center_of_mass", "inertia"):
+        if key in section.values:
+            raise section.error(key, "excluded by tool.from_urdf_link", "remove one of the two")
+    if "urdf" not in robot.values:
+        raise section.error("from_urdf_link", "there is no robot.urdf", "give tool.mass and center_of_mass instead")
+    pose = Pose(sensor.translation, sensor.rotation)
+    tool = urdf_tool(_load_urdf(robot), text(robot, "tip_link", ""), text(section, "from_urdf_link", ""), pose)
+    _check_inertia(tool.inertia, section, "from_urdf_link")
+    return tool
+
+
+def _bias(top: Section) -> BiasSetup:
+    keys = ("noise_density", "initial_std", "initial_drift_std", "initial", "initial_drift", "gate")
+    section = subsection(top, "bias", keys)
+    gate = scalar(section, "gate", within=AT_LEAST_ONE) if "gate" in section.values else None
+    if gate is not None and "effects" in top.values:
+        raise section.error("gate", "does not go with [effects]", "remove one of the two")
+    return BiasSetup(
+        noise_density=vector(section, "noise_density", 6, (2e-4, 1e-5), within=POSITIVE, expand=True),
+        initial_std=vector(section, "initial_std", 6, (5.0, 0.5), within=POSITIVE, expand=True),
+        initial_drift_std=vector(section, "initial_drift_std", 6, (0.01, 5e-4), within=NOT_NEGATIVE, expand=True),
+        initial=vector(section, "initial", 6, (0.0, 0.0), expand=True),
+        initial_drift=vector(section, "initial_drift", 6, (0.0, 0.0), expand=True),
+        gate=gate,
+    )
+
+
+def _joints(top: Section, n: int, pose: PoseSetup | None) -> JointSetup:
+    keys = ("model", "process_noise_density", "position_noise_std", "velocity_noise_std", "initial_std")
+    section = subsection(top, "joints", keys)
+    position_std, velocity_std = (pose.position_noise_std, pose.velocity_noise_std) if pose else (2e-5, 1e-3)
+    key = "process_noise_density"
+    density = vector(section, key, n, within=POSITIVE, expand=True) if key in section.values else None
+    return JointSetup(
+        model=text(section, "model", JOINT_MODELS[0], JOINT_MODELS),
+        process_noise_density=density,
+        position_noise_std=vector(section, "position_noise_std", n, position_std, within=POSITIVE, expand=True),
+        velocity_noise_std=vector(section, "velocity_noise_std", n, velocity_std, within=POSITIVE, expand=True),
+        initial_std=vector(section, "initial_std", 3, (1.0, 1.0, 10.0), within=NOT_NEGATIVE),
+    )
+
+
+def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
+    position, velocity = pose_columns(pose) if pose else (n, n)
+    sizes = {"time": 0, "position": position, "velocity": velocity, "wrench": 6, "temperature": 0}
+    log = subsection(top, "log", ("columns", "topics"))
+    columns = subsection(log, "columns", tuple(sizes))
+    topics = subsection(log, "topics", ("joints", "pose", "wrench"))
+    return LogSetup(
+        {key: names(columns, key, sizes[key]) if sizes[key] else text(columns, key, "") for key in columns.values},
+        {key: text(topics, key, "") for key in topics.values},
+    )
+
+
+def _effects(top: Section) -> dict[str, dict[str, Any]]:
+    section = table(top, "effects")
+    return {name: dict(table(section, name).values) for name in section.values}

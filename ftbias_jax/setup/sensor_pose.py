@@ -1,0 +1,66 @@
+"""The section [sensor_pose] of a setup: the sensor's pose is recorded instead of the joints of an arm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ftbias_jax.setup.fields import NOT_NEGATIVE, POSITIVE, Section, check_keys, require, subsection, text, vector
+from ftbias_jax.setup.robots import STANDARD_GRAVITY
+from ftbias_jax.setup.types import LINEAR, ORIENTATIONS, POSE, PoseSetup, RobotSetup
+from ftbias_jax.types import Array
+
+_STD = {"orientation": 1e-4, "position": 1e-4, "angular_velocity": 1e-2, "linear_velocity": 1e-2}
+NAMES = ("orientation w", "orientation x", "orientation y", "orientation z", "position x", "position y", "position z")
+
+
+def parse_pose(top: Section) -> PoseSetup | None:
+    """The section, if it is there."""
+    if "sensor_pose" not in top.values:
+        return None
+    known = ("orientation", "linear", "acceleration_std", "frame", "base", *(f"{name}_noise_std" for name in _STD))
+    section = subsection(top, "sensor_pose", known)
+    if "effects" in top.values:
+        raise section.error("", "does not go with [effects], which are of an arm", "remove one of the two")
+    linear = text(section, "linear", LINEAR[0], LINEAR)
+    if "acceleration_std" in section.values and linear != "none":
+        raise section.error("acceleration_std", f"excluded by linear = {linear!r}", "remove one of the two")
+    if "frame" in section.values and section.values.get("orientation") == "matrix":
+        raise section.error("frame", "TF has quaternions", "leave orientation out")
+    if "base" in section.values:
+        require(section, "frame", "name the frame of TF that the sensor is mounted on")
+    orientation_std, position_std, turn_std, slide_std = (
+        float(vector(section, f"{name}_noise_std", 1, std, within=POSITIVE)[0]) for name, std in _STD.items()
+    )
+    # An angle moves the quaternion by half of it.
+    return PoseSetup(
+        orientation=text(section, "orientation", ORIENTATIONS[0], ORIENTATIONS),
+        linear=linear,
+        position_noise_std=_entries(orientation_std / 2, position_std, linear),
+        velocity_noise_std=_entries(turn_std / 2, slide_std, linear),
+        acceleration_std=float(vector(section, "acceleration_std", 1, 0.3, within=NOT_NEGATIVE)[0]),
+        frame=text(section, "frame", ""),
+        base=text(section, "base", ""),
+    )
+
+
+def pose_columns(pose: PoseSetup) -> tuple[int, int]:
+    """How many columns the recorded pose has, and the recorded rates if there are any."""
+    orientation = 9 if pose.orientation == "matrix" else 4
+    return orientation + 3 * (pose.linear == "position"), 3 + 3 * (pose.linear == "specific_force")
+
+
+def pose_robot(top: Section, pose: PoseSetup) -> RobotSetup:
+    """A robot without joints: the entries of the pose take their place."""
+    section = check_keys(subsection(top, "robot", ("gravity",)), ("gravity",))
+    count = 4 if pose.linear == "none" else 7
+    arrays = (np.zeros((count, 6)), np.zeros(3), np.eye(3))
+    for array in arrays:
+        array.setflags(write=False)
+    gravity = vector(section, "gravity", 3, STANDARD_GRAVITY)
+    return RobotSetup(arrays[0], NAMES[:count], *arrays[1:], gravity, POSE)
+
+
+def _entries(turn: float, slide: float, linear: str) -> Array:
+    values = np.array([turn] * 4 + [slide] * (0 if linear == "none" else 3))
+    values.setflags(write=False)
+    return values

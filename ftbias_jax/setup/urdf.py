@@ -1,0 +1,172 @@
+"""URDF files: links and the joints between them (wiki.ros.org/urdf/XML).
+
+The reader is strict: the standard library's parser, no document type, no entities, and every number finite.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from typing import NamedTuple
+from xml.parsers import expat
+
+import numpy as np
+
+from ftbias_jax.errors import SetupError
+from ftbias_jax.setup.fields import nearest
+from ftbias_jax.setup.rotations import rotation_from_rpy
+from ftbias_jax.types import Array
+
+MAX_BYTES = 4 << 20
+MAX_DEPTH = 32  # of nested elements; a URDF needs six
+TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)
+
+
+class Pose(NamedTuple):
+    """A frame in another."""
+
+    translation: Array
+    """(3,) m."""
+    rotation: Array
+    """(3, 3)."""
+
+    def then(self, inner: Pose) -> Pose:
+        """The frame that ``inner`` gives in this one."""
+        return Pose(self.translation + self.rotation @ inner.translation, self.rotation @ inner.rotation)
+
+
+class Joint(NamedTuple):
+    """How a link hangs on its parent."""
+
+    name: str
+    kind: str
+    parent: str
+    origin: Pose
+    """Joint frame in the parent's."""
+    axis: Array
+    """(3,) unit, joint frame."""
+    mimic: str
+    """The joint it follows, or ""."""
+
+
+class Urdf(NamedTuple):
+    """What a URDF says about motion and mass."""
+
+    file: str
+    joints: Mapping[str, Joint]
+    """By the link that hangs on it."""
+    links: Mapping[str, ET.Element]
+
+    def error(self, field: str, message: str, remedy: str) -> SetupError:
+        """The error to raise about this file."""
+        return SetupError(message, file=self.file, field=field, remedy=remedy)
+
+
+def load_urdf(path: str | os.PathLike[str]) -> Urdf:
+    """Read a URDF file.
+
+    Raises:
+        SetupError: it cannot be read, is larger than MAX_BYTES, no URDF, or contradicts itself.
+    """
+    file = os.fspath(path)
+    try:
+        with open(file, "rb") as stream:
+            content = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise SetupError(f"cannot be read: {error.strerror}", file=file, remedy="give the path of a URDF") from error
+    if len(content) > MAX_BYTES:
+        raise SetupError(f"is larger than {MAX_BYTES >> 20} MiB", file=file, remedy="give a URDF, not a mesh")
+    root = _parse(content, file)
+    if root.tag != "robot":
+        raise SetupError(f"is no URDF: it is a <{root.tag}>", file=file, remedy="give a file with a <robot>")
+    if any(element.tag.startswith("{http://") and "xacro" in element.tag for element in root):
+        raise SetupError("has macros", file=file, remedy="expand it: xacro arm.urdf.xacro > arm.urdf")
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    urdf = Urdf(file, {}, links)
+    return urdf._replace(joints=_joints(root, urdf))
+
+
+def _parse(content: bytes, file: str) -> ET.Element:
+    """The root element; a first pass refuses what could grow or nest without end."""
+    depth = 0
+
+    def refuse(*_: object) -> None:
+        raise SetupError("has a document type, which may define entities", file=file, remedy="remove the <!DOCTYPE>")
+
+    def enter(*_: object) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > MAX_DEPTH:
+            raise SetupError(f"nests more than {MAX_DEPTH} elements", file=file, remedy="give a URDF")
+
+    def leave(_: object) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler, parser.StartElementHandler, parser.EndElementHandler = refuse, enter, leave
+    try:
+        parser.Parse(content, True)
+        return ET.fromstring(content)
+    except (expat.ExpatError, ET.ParseError, ValueError, LookupError) as error:  # the last two: odd encodings
+        raise SetupError(f"is not valid XML: {error}", file=file, remedy="give a URDF") from error
+
+
+def _joints(root: ET.Element, urdf: Urdf) -> dict[str, Joint]:
+    joints: dict[str, Joint] = {}
+    for element in root.findall("joint"):
+        name = element.get("name", "")
+        field = f"joint {name!r}"
+        parent, child = (_attribute(element.find(tag), "link") for tag in ("parent", "child"))
+        for link in (parent, child):
+            if link not in urdf.links:
+                raise urdf.error(field, f"joins the link {link!r}, which is not there", nearest(link, urdf.links))
+        if child in joints:
+            remedy = "a serial arm has no loops: give every link one parent"
+            raise urdf.error(field, f"is the second that the link {child!r} hangs on", remedy)
+        given = element.find("axis")
+        axis = np.array([1.0, 0, 0]) if given is None else numbers_of(given, "xyz", 3, (1.0, 0, 0), urdf, field)
+        length = np.linalg.norm(axis)
+        if not 1e-6 < length < 1e6 and element.get("type") not in FIXED:
+            raise urdf.error(field, f"has an axis of length {length:g}", "scale it to length 1")
+        unit = axis / length if length else axis
+        mimic = _attribute(element.find("mimic"), "joint")
+        joints[child] = Joint(name, element.get("type", ""), parent, origin_of(element, urdf, field), unit, mimic)
+    return joints
+
+
+def origin_of(element: ET.Element, urdf: Urdf, field: str) -> Pose:
+    """The pose in an element's <origin>."""
+    origin = element.find("origin")
+    if origin is None:
+        return Pose(np.zeros(3), np.eye(3))
+    zero = (0.0, 0.0, 0.0)
+    rotation = rotation_from_rpy(numbers_of(origin, "rpy", 3, zero, urdf, field))
+    return Pose(numbers_of(origin, "xyz", 3, zero, urdf, field), rotation)
+
+
+def _attribute(element: ET.Element | None, name: str) -> str:
+    return "" if element is None else element.get(name, "")
+
+
+def numbers_of(
+    element: ET.Element, name: str, count: int, default: tuple[float, ...] | None, urdf: Urdf, field: str
+) -> Array:
+    """The (count,) numbers of an attribute.
+
+    Raises:
+        SetupError: they are not that many, or not finite.
+    """
+    text = element.get(name)
+    if text is None and default is not None:
+        return np.array(default)
+    try:
+        numbers = np.array([float(word) for word in (text or "").split()])
+    except ValueError:
+        numbers = np.array([np.nan])
+    if len(numbers) != count or not np.isfinite(numbers).all() or np.abs(numbers).max() > 1e9:
+        shown = repr((text or "")[:40])
+        remedy = f"give {count} finite numbers"
+        raise urdf.error(field, f"<{element.tag} {name}={shown}>", remedy)
+    return numbers

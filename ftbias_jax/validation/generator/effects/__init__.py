@@ -1,0 +1,1 @@
+"""What is done to a log, by physics of its own."""

@@ -1,0 +1,47 @@
+"""Logs in bundles of equal shape: nothing is lost, and what fills them up measured nothing."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.calibration.batching import cut, equal_parts, stack
+from ftbias_jax.types import Sample
+
+
+def log_of(length, seed=0):
+    rng = np.random.default_rng(seed)
+    dt = np.r_[0.0, rng.uniform(0.001, 0.003, length - 1)]
+    return Sample(dt, *(rng.normal(size=(length, width)) for width in (3, 3, 6)))
+
+
+@pytest.mark.parametrize("length", [0, 7, 9])
+def test_a_bundle_holds_every_log_and_is_padded_by_nothing(length):
+    logs = [log_of(5), log_of(7, seed=1)]
+    bundle = stack(logs, length)
+    for i, log in enumerate(logs):
+        for whole, leaf, filler in zip(bundle[:4], log[:4], (0, np.nan, np.nan, np.nan), strict=True):
+            assert whole.shape[:2] == (2, max(length, 7))
+            np.testing.assert_array_equal(whole[i, : len(leaf)], leaf)
+            np.testing.assert_array_equal(whole[i, len(leaf) :], filler)
+
+
+@pytest.mark.parametrize("length", [1, 4, 10, 11])
+def test_pieces_are_the_log_and_start_anew(length):
+    log = log_of(10)
+    pieces = cut(log, length)
+    assert [len(piece.dt) for piece in pieces[:-1]] == [length] * (len(pieces) - 1)
+    assert {piece.dt[0] for piece in pieces} == {0}
+    for whole, leaves in zip(log[1:4], zip(*(piece[1:4] for piece in pieces), strict=True), strict=True):
+        np.testing.assert_array_equal(np.concatenate(leaves), whole)
+
+
+@pytest.mark.parametrize(
+    ("count", "at_once", "expected"), [(3, 2, [2, 2]), (4, 4, [4]), (5, 2, [2, 2, 2]), (1, 3, [1])]
+)
+def test_parts_are_equally_many_logs(count, at_once, expected):
+    logs = [log_of(4, seed) for seed in range(count)]
+    parts = equal_parts(logs, at_once)
+    assert [len(part) for part in parts] == expected
+    found = [log for part in parts for log in part]
+    assert all(sum(log is other for other in found) == 1 for log in logs)
+    fillers = [log for log in found if not any(log is other for other in logs)]
+    assert all(np.isnan(leaf).all() for log in fillers for leaf in log[1:4])

@@ -1,0 +1,119 @@
+"""Newton's iterations on problems whose optimum is known."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.calibration import newton
+
+LANES = 4
+WHOLE = [None]  # the data, in one part
+EACH = np.array([[0, 1, 2, 3], [4, 5, 6, 7]])
+BENT = np.array([[40.0, 10.0], [10.0, 20.0]])
+
+
+def quadratic(x, part=None):
+    """Best at (lane, -lane), with the same curvature in every lane."""
+    miss = x - jnp.arange(float(LANES))[None] * jnp.array([[1.0], [-1.0]])
+    return -(miss * (BENT @ miss)).sum(0) / 2
+
+
+def banana(x, part=None):
+    """Far from quadratic: an exponential valley; best at (1, 1)."""
+    return -jnp.cosh(x[0] - 1) - 10 * (jnp.exp(x[1] - x[0]) - 1) ** 2
+
+
+def test_a_quadratic_is_solved():
+    best = newton.maximise(quadratic, WHOLE, np.full(8, 0.5)[None], EACH)
+    assert best.converged
+    np.testing.assert_allclose(best.logs, [0, 1, 2, 3, 0, -1, -2, -3], atol=1e-4)
+    np.testing.assert_allclose(best.value, 0, atol=1e-8)
+    np.testing.assert_allclose(best.information, np.kron(BENT, np.eye(LANES)), atol=1e-5)
+    np.testing.assert_allclose(best.stderr[[0, 4]], np.sqrt(np.diag(np.linalg.inv(BENT))), rtol=1e-6)
+
+
+def test_tied_lanes_share_their_best_compromise():
+    """All lanes share the first value, pairs of lanes the second."""
+    index = np.array([[0, 0, 0, 0], [1, 1, 2, 2]])
+    best = newton.maximise(quadratic, WHOLE, np.zeros(3)[None], index)
+    # Least squares over the lanes, each weighted by BENT.
+    spread = np.zeros((LANES, 2, 3))
+    for lane in range(LANES):
+        spread[lane, [0, 1], index[:, lane]] = 1
+    information = np.einsum("lki,km,lmj->ij", spread, BENT, spread)
+    target = np.stack([np.arange(LANES), -np.arange(LANES)], 1)
+    expected = np.linalg.solve(information, np.einsum("lki,km,lm->i", spread, BENT, target))
+    np.testing.assert_allclose(best.logs, expected, atol=1e-4)
+    np.testing.assert_allclose(best.information, information, atol=1e-5)
+
+
+@pytest.mark.parametrize("start", [-8.0, 0.0, 5.0])
+def test_any_start_reaches_the_optimum_and_never_goes_down(start):
+    seen = []
+    best = newton.maximise(
+        banana, WHOLE, np.full(2, start)[None], EACH[:, :1] // 4, lambda _, value: seen.append(value)
+    )
+    assert best.converged
+    np.testing.assert_allclose(best.logs, 1, atol=0.01)
+    assert (np.diff([banana(np.full(2, start)), *seen]) >= 0).all()
+    assert best.value == seen[-1]
+
+
+def test_parts_of_the_data_lead_to_the_optimum_of_all():
+    """The parts pull to different places; the likelihood of all is best at their mean."""
+    pulls = [jnp.full((1, 1), float(pull)) for pull in np.random.default_rng(0).normal(3.0, 0.3, 40)]
+
+    def score(x, pull):
+        return -2 * jnp.cosh(x - pull)[0]
+
+    best = newton.maximise(score, pulls, np.array([-5.0])[None], np.array([[0]]))
+    centre = np.log(np.sum(np.exp(pulls)) / np.sum(np.exp(-np.array(pulls)))) / 2
+    assert best.converged
+    assert best.iterations <= 3
+    np.testing.assert_allclose(best.logs, centre, atol=1e-4)
+    np.testing.assert_allclose(best.value, -2 * np.cosh(centre - np.array(pulls)).sum(), atol=newton.SMALL_GAIN)
+    np.testing.assert_allclose(best.information, [[2 * np.cosh(centre - np.array(pulls)).sum()]], rtol=1e-3)
+
+
+def test_the_best_of_several_starts_and_how_many_agree():
+    """Two hills; the higher one is at 4."""
+
+    def score(x, part):
+        return jnp.logaddexp(-2 * x[0] ** 2, 3 - 2 * (x[0] - 4) ** 2)
+
+    best = newton.maximise(score, WHOLE, np.array([[-0.5], [3.9], [4.2]]), np.array([[0]]))
+    np.testing.assert_allclose(best.logs, 4, atol=1e-3)
+    np.testing.assert_allclose(best.value, 3, atol=newton.SMALL_GAIN)
+    assert (best.agreeing, best.starts) == (2, 3)
+
+
+def test_a_step_into_nonsense_is_shortened():
+    """The likelihood is NaN beyond 2, where a Newton step from the start would end."""
+
+    def score(x, part):
+        return jnp.where(x[0] < 2, -jnp.cosh(x[0] - 1.8), jnp.nan)
+
+    best = newton.maximise(score, WHOLE, np.array([0.6])[None], np.array([[0]]))
+    np.testing.assert_allclose(best.logs, 1.8, atol=0.01)
+
+
+def test_too_few_iterations_are_told(monkeypatch):
+    monkeypatch.setattr(newton, "MAX_ITERATIONS", 2)
+    assert not newton.maximise(banana, WHOLE, np.full(2, -8.0)[None], EACH[:, :1] // 4).converged
+
+
+def test_a_combination_that_changes_nothing_is_named():
+    """Only the product of the first two values matters."""
+
+    def score(x, part):
+        return -50 * ((x[0] + x[1] - 3) ** 2 + (x[2] - 1) ** 2)
+
+    best = newton.maximise(score, WHOLE, np.zeros(3)[None], np.arange(3)[:, None])
+    assert best.converged
+    np.testing.assert_allclose(best.logs, [1.5, 1.5, 1], atol=1e-4)
+    np.testing.assert_array_equal(np.isinf(best.stderr), [True, True, False])
+    np.testing.assert_allclose(best.stderr[2], 0.1, rtol=1e-6)
+    (phrase,) = newton.undetermined(best.information, ["a", "b", "c"])
+    assert sorted(phrase.replace("+", "").replace("-", "").split(" * ")) == ["a^0.71", "b^0.71"]
+    assert phrase.count("+") == 1
+    assert newton.undetermined(np.eye(3) * 100, ["a", "b", "c"]) == []

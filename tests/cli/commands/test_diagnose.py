@@ -1,0 +1,104 @@
+import json
+import sys
+import tomllib
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from ftbias_jax.cli.main import main
+from ftbias_jax.setup import load_setup
+
+SETUP = """
+[robot]
+model = "panda"
+[sensor]
+noise_std = [0.1, 0.1, 0.1, 0.004, 0.004, 0.004]
+[tool]
+mass = 0.73
+center_of_mass = [0.0, 0.0, 0.06]
+inertia = [0.002, 0.0, 0.0, 0.002, 0.0, 0.001]
+[effects.time_delay]
+delay = 0.01
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A setup and a log to stand in; caches stay in the folder."""
+    (tmp_path / "setup.toml").write_text(SETUP)
+    count = 50
+    wrench = np.ones((count, 6))
+    np.savez(tmp_path / "log.npz", t=0.01 * np.arange(count), q=np.zeros((count, 7)), wrench=wrench)
+    wrench[:, 5] = np.nan
+    np.savez(tmp_path / "lame.npz", t=0.01 * np.arange(count), q=np.zeros((count, 7)), wrench=wrench)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ftbias_jax.runtime.jax_config.prepare_jax", lambda: None)
+    return tmp_path
+
+
+@pytest.fixture
+def calls(make_diagnosis, monkeypatch):
+    """What ``diagnose`` was called with; it answers with a made-up diagnosis."""
+    kept = []
+
+    def diagnose(setup, logs, names, without=()):
+        kept.append((setup, logs, names, without))
+        return make_diagnosis()
+
+    module = ModuleType("ftbias_jax.diagnosis.diagnose")
+    module.diagnose = diagnose
+    monkeypatch.setitem(sys.modules, "ftbias_jax.diagnosis.diagnose", module)
+    return kept
+
+
+def test_it_prints_and_writes_what_was_asked_for(folder, calls, capsys):
+    command = "diagnose log.npz log.npz --setup setup.toml --without gain --without cable"
+    assert main([*command.split(), "--json", "out.json", "--html", "out.html", "--apply", "-o", "fixed.toml"]) == 0
+    ((_, logs, names, without),) = calls
+    assert len(logs) == 2
+    assert names == ["log.npz", "log.npz"]
+    assert without == ("gain", "cable")
+    out = capsys.readouterr().out
+    assert out.startswith("explained: The tool weighs 0.81 kg.")
+    assert out.endswith("wrote out.json, out.html, fixed.toml\n")
+    assert json.loads((folder / "out.json").read_text())["schema"] == 1
+    assert (folder / "out.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_the_fixed_setup_has_the_old_effects_and_the_causes(folder, calls):
+    assert main(["diagnose", "log.npz", "--setup", "setup.toml", "--apply", "-o", "fixed.toml"]) == 0
+    text = (folder / "fixed.toml").read_text(encoding="utf-8")
+    assert tomllib.loads(text)["effects"] == {"time_delay": {"delay": 0.01}, "tool_mass": {"mass": 0.8134}}
+    assert "# ftbias diagnose: 0.8134 ± 0.0041 kg" in text
+    assert load_setup("fixed.toml").tool.mass == 0.73
+
+
+def test_without_outputs_nothing_is_written(folder, calls, capsys):
+    before = set(folder.iterdir())
+    assert main(["diagnose", "log.npz", "--setup", "setup.toml"]) == 0
+    assert set(folder.iterdir()) == before
+    assert "wrote" not in capsys.readouterr().out
+
+
+def test_an_axis_that_was_never_measured_is_told(folder, calls, capsys):
+    assert main(["diagnose", "log.npz", "lame.npz", "--setup", "setup.toml"]) == 3
+    assert capsys.readouterr().err == "ftbias: lame.npz: never measured: tz\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        ("--apply", 2, "--apply: needs the name of the setup to write (add -o FIXED.toml)"),
+        ("-o fixed.toml", 2, "--output: is the setup that --apply writes (add --apply)"),
+        ("--apply -o fixed.json", 2, "end the name in .toml"),
+        ("--json out.html", 2, "--json: cannot write 'out.html' (end the name in .json)"),
+        ("--html out", 2, "--html: cannot write 'out' (end the name in .html)"),
+        ("--html missing/out.html", 1, "missing/out.html: the folder does not exist"),
+        ("--without tool_mas", 2, "--without: unknown effect 'tool_mas' (did you mean 'tool_mass'?)"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_the_work(folder, calls, capsys, options, code, words):
+    assert main(["diagnose", "log.npz", "--setup", "setup.toml", *options.split()]) == code
+    assert words in capsys.readouterr().err
+    assert calls == []

@@ -1,0 +1,281 @@
+"""The command line: what it writes, what it refuses in one line, and the exit codes."""
+
+import contextlib
+import io
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ftbias_jax.cli.commands.demo import TRUE_MASS
+from ftbias_jax.cli.main import main
+from ftbias_jax.io.write import npz
+from ftbias_jax.setup import dump_setup
+
+JOINTS, DURATION, RATE = 7, 2, 100
+OUTPUT = {
+    **dict.fromkeys(["bias", "drift", "bias_std", "drift_std", "wrench_unbiased", "wrench_tool", "innovation"], 6),
+    **dict.fromkeys(["q", "dq", "ddq", "ddq_std"], JOINTS),
+    **dict.fromkeys(["t", "nis"], None),
+}
+SMOOTHED = ["bias_smooth", "drift_smooth", "bias_smooth_std", "drift_smooth_std"]
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """The folder of a demonstration and what it printed. Its diagnosis is told the answer; not so in test_demo.py."""
+    folder, printed = tmp_path_factory.mktemp("demo") / "new" / "folder", io.StringIO()
+    with contextlib.redirect_stdout(printed), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ftbias_jax.cli.commands.demo._diagnose", knowing_diagnosis)
+        code = main(["demo", "-o", str(folder), "--duration", str(DURATION), "--rate", str(RATE)])
+    assert code == 0
+    return folder, printed.getvalue()
+
+
+def knowing_diagnosis(setup, log, folder):
+    (folder / "report.html").write_text("")
+    (folder / "fixed.toml").write_text(dump_setup(replace(setup, effects={"tool_mass": {"mass": TRUE_MASS}})))
+    return SimpleNamespace(sentence="the tool is heavy", causes=())
+
+
+@pytest.fixture
+def copy(demo, tmp_path):
+    """The demonstration's log as arrays and its setup as text, to be changed; and how to filter them."""
+    arrays, text = npz.load_npz(demo[0] / "log.npz"), (demo[0] / "setup.toml").read_text()
+
+    def run(arrays, text, *more):
+        np.savez(tmp_path / "log.npz", **arrays)
+        (tmp_path / "setup.toml").write_text(text)
+        return filter_log(tmp_path, tmp_path / "log.npz", tmp_path / "setup.toml", *more)
+
+    return arrays, text, run
+
+
+def filter_log(folder, log, setup, *more):
+    return main(["filter", str(log), "--setup", str(setup), "-o", str(folder / "out.npz"), *map(str, more)])
+
+
+def assert_one_line(capsys, *words):
+    """On standard error, and nothing on standard output."""
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("ftbias: ")
+    assert printed.err.count("\n") == 1
+    assert printed.err.endswith("\n")
+    for word in words:
+        assert word in printed.err
+
+
+def assert_decodes(path):
+    from matplotlib.image import imread
+
+    assert imread(path).std() > 0.01
+
+
+def test_help_and_usage_errors_come_before_jax():
+    program = """if True:
+        import sys
+        from ftbias_jax.cli import main
+        for arguments in ("--help", "filter --help", "demo --help", "--version", "", "filter log.npz"):
+            try:
+                main(arguments.split())
+            except SystemExit as end:
+                print("code", end.code)
+        print("jax" in sys.modules)"""
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    lines = run.stdout.splitlines()
+    assert [line for line in lines if line.startswith("code")] == ["code 0"] * 4 + ["code 2"] * 2
+    assert lines[-1] == "False"
+    assert "Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with data loss." in run.stdout
+    assert "the following arguments are required: --setup, -o/--output" in run.stderr
+
+
+def test_demo_writes_logs_setups_results_and_figures(demo):
+    folder, printed = demo
+    names = "after.npz after.png before.npz before.png fixed.toml log.npz report.html setup.toml"
+    assert sorted(os.listdir(folder)) == names.split()
+    for name in ("before.png", "after.png"):
+        assert_decodes(folder / name)
+    for words in ("1 filter ", "2 diagnose  the tool is heavy", "3 filter ", "the truth ", "inside 2 sigma after"):
+        assert words in printed
+
+
+def test_filter_writes_what_the_formats_say(demo, tmp_path, capsys):
+    """The demonstration's log, filtered again, with a figure and smoothing."""
+    folder, plot = demo[0], tmp_path / "out.svg"
+    more = ["--plot", plot, "--smooth", "--check"]
+    assert filter_log(tmp_path, folder / "log.npz", folder / "setup.toml", *more) == 0
+    result, log = npz.load_npz(tmp_path / "out.npz"), npz.load_npz(folder / "log.npz")
+    for name, width in {**OUTPUT, **dict.fromkeys(SMOOTHED, 6)}.items():
+        assert result[name].shape == (DURATION * RATE, width)[: 1 if width is None else 2], name
+        assert np.isfinite(result[name]).all(), name
+        assert result[name].dtype == np.float64
+    assert result["log_likelihood"].shape == ()
+    np.testing.assert_array_equal(result["t"], log["t"])
+    np.testing.assert_allclose(result["wrench_unbiased"], log["wrench"] + result["bias"])
+    assert (result["bias_smooth_std"] <= result["bias_std"] * (1 + 1e-9)).all()
+    for name, values in npz.load_npz(folder / "before.npz").items():
+        np.testing.assert_array_equal(result[name], values)
+    printed = capsys.readouterr()
+    assert all(": 100% after" in line for line in printed.err.splitlines())  # progress, on a slow machine
+    assert f"{DURATION * RATE} wrench samples" in printed.out
+    assert "consistency of the innovations" in printed.out
+    assert f"wrote {tmp_path / 'out.npz'} and {plot}" in printed.out
+    assert plot.read_bytes().startswith(b"<?xml")
+
+
+def test_a_csv_log_gives_the_same_result(demo, tmp_path):
+    folder = demo[0]
+    log = npz.load_npz(folder / "log.npz")
+    names = [
+        "t",
+        *(f"{letter}{i}" for letter in ("q", "dq") for i in range(JOINTS)),
+        "fx",
+        "fy",
+        "fz",
+        "tx",
+        "ty",
+        "tz",
+    ]
+    columns = np.column_stack([log["t"], log["q"], log["dq"], log["wrench"]])
+    np.savetxt(tmp_path / "log.csv", columns, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
+    assert filter_log(tmp_path, tmp_path / "log.csv", folder / "setup.toml") == 0
+    result = npz.load_npz(tmp_path / "out.npz")
+    for name, values in npz.load_npz(folder / "before.npz").items():
+        np.testing.assert_array_equal(result[name], values)
+
+
+@pytest.mark.parametrize(("reports", "sign"), [("wrench_on_tool", 1), ("wrench_on_sensor", -1)])
+def test_offsets_are_what_is_added_to_the_reading(copy, tmp_path, capsys, reports, sign):
+    """For both signs: the last reading plus the offsets is the last corrected wrench, in the sensor's own sign."""
+    arrays, text, run = copy
+    text = text.replace("wrench_on_tool", reports)
+    arrays["wrench"] *= sign
+    assert run(arrays, text, "--offsets", tmp_path / "offsets.yaml") == 0
+    numbers = re.findall(r"[xyz]: ([-+.\de]+)", (tmp_path / "offsets.yaml").read_text())
+    corrected = arrays["wrench"][-1] + np.array(numbers, float)
+    np.testing.assert_allclose(sign * corrected, npz.load_npz(tmp_path / "out.npz")["wrench_unbiased"][-1])
+    assert "offsets that the broadcaster adds to each reading" in capsys.readouterr().out
+
+
+def test_an_axis_that_was_never_measured_is_data_loss(copy, tmp_path, capsys):
+    arrays, text, run = copy
+    arrays["wrench"][:, 4] = np.nan
+    assert run(arrays, text) == 3
+    assert "never measured: ty (bias = prior)" in capsys.readouterr().err
+    assert np.isnan(npz.load_npz(tmp_path / "out.npz")["innovation"][:, 4]).all()
+
+
+def with_time(change):
+    def spoil(arrays, text):
+        t = arrays["t"].copy()
+        change(t)
+        return {**arrays, "t": t}, text
+
+    return spoil
+
+
+def with_array(name, change):
+    return lambda arrays, text: ({**arrays, name: change(arrays[name])}, text)
+
+
+def without(name):
+    return lambda arrays, text: ({key: x for key, x in arrays.items() if key != name}, text)
+
+
+def with_line(key, line):
+    """The setup with the line of a key replaced."""
+
+    def spoil(arrays, text):
+        lines = [line if old.startswith(f"{key} = ") else old for old in text.splitlines()]
+        assert lines != text.splitlines()
+        return arrays, "\n".join(lines)
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (with_line("mass", "masss = 0.9"), ["setup.toml: tool.masss", "did you mean 'mass'?"]),
+        (with_line("mass", ""), ["setup.toml: tool.mass", "missing"]),
+        (with_line("mass", "mass = -0.9"), ["setup.toml: tool.mass", "-0.9"]),
+        (
+            with_line("inertia", "inertia = [1, 0, 0, 1, 0, 9]"),
+            ["tool.inertia", "none may exceed the sum of the others"],
+        ),
+        (with_line("noise_std", "noise_std = 0"), ["setup.toml: sensor.noise_std"]),
+        (with_line("noise_std", "noise_std = ["), ["setup.toml", "is not valid TOML", "correct the syntax"]),
+        (with_array("q", lambda q: q[:, :3]), ["log.npz: q", "has shape (200, 3), expected (200, 7)"]),
+        (with_array("wrench", lambda w: w[:50]), ["log.npz: wrench", "has shape (50, 6), expected (200, 6)"]),
+        (with_array("q", lambda q: q * np.nan), ["log.npz: q", "no motion data", "record its position"]),
+        (without("q"), ["log.npz: q"]),
+        (without("wrench"), ["log.npz: wrench"]),
+        (with_array("wrench", lambda w: w * np.nan), ["log.npz: wrench", "no wrench data"]),
+        (
+            with_time(lambda t: t.__setitem__(7, t[6])),
+            ["log.npz: t", "time does not increase: t[7]", "sort the samples"],
+        ),
+        (with_time(lambda t: t.__setitem__(7, np.nan)), ["log.npz: t", "NaN time: t[7]", "finite stamp"]),
+        (with_array("dq", lambda dq: dq * np.inf), ["log.npz: dq", "is infinite", "mark missing samples as NaN"]),
+    ],
+)
+def test_bad_input_ends_in_one_line_and_writes_nothing(copy, tmp_path, capsys, spoil, words):
+    arrays, text, run = copy
+    assert run(*spoil(arrays, text)) == 1
+    assert_one_line(capsys, str(tmp_path), *words)
+    assert sorted(os.listdir(tmp_path)) == ["log.npz", "setup.toml"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "code", "words"),
+    [
+        ({"log": "absent.npz"}, 1, ["absent.npz", "check the path"]),
+        ({"log": "log.bag7"}, 1, ["unknown format '.bag7'"]),
+        ({"--setup": "absent.toml"}, 1, ["absent.toml", "give the path of a setup.toml"]),
+        ({"-o": "out.txt"}, 2, ["--output: cannot write", "end the name in .npz"]),
+        ({"-o": "absent/out.npz"}, 1, ["absent/out.npz", "the folder does not exist"]),
+        ({"--plot": "absent/out.png"}, 1, ["absent/out.png", "the folder does not exist"]),
+        ({"--plot": "out.bmp"}, 1, ["out.bmp", "cannot draw a '.bmp' file"]),
+    ],
+)
+def test_bad_paths_end_in_one_line_and_write_nothing(demo, tmp_path, monkeypatch, capsys, changed, code, words):
+    monkeypatch.chdir(tmp_path)
+    files = {"log": demo[0] / "log.npz", "--setup": demo[0] / "setup.toml", "-o": "out.npz", **changed}
+    log = str(files.pop("log"))
+    assert main(["filter", log, *(str(x) for pair in files.items() for x in pair)]) == code
+    assert_one_line(capsys, *words)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_demo_without_samples_is_refused(tmp_path, capsys):
+    assert main(["demo", "-o", str(tmp_path / "new"), "--duration", "0.001"]) == 2
+    assert_one_line(capsys, "--duration: 0 samples are no log")
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "long"])
+def test_a_duration_is_positive(capsys, text):
+    with pytest.raises(SystemExit) as end:
+        main(["demo", "--duration", text])
+    assert end.value.code == 2
+    assert f"must be a positive number, not '{text}'" in capsys.readouterr().err
+
+
+def test_an_interrupted_write_leaves_the_old_result(copy, tmp_path, monkeypatch, capsys):
+    arrays, text, run = copy
+    (tmp_path / "out.npz").write_bytes(b"an older result")
+
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupted)  # written to the temporary file, not yet renamed
+    assert run(arrays, text) == 1
+    assert_one_line(capsys, "interrupted, nothing more was written")
+    assert (tmp_path / "out.npz").read_bytes() == b"an older result"
+    assert sorted(os.listdir(tmp_path)) == ["log.npz", "out.npz", "setup.toml"]

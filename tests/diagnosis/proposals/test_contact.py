@@ -1,0 +1,46 @@
+"""Where contacts are, on made-up innovations."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.diagnosis.proposals.contact import parts_of, robust_rest
+
+BINS = 400
+
+
+@pytest.mark.parametrize(
+    ("matter", "expected"),
+    [
+        ([4, 5, 6], [(3.0, 7.0)]),
+        ([0, 1], [(0.0, 2.0)]),
+        ([3, 4, 6], [(2.0, 7.0)]),  # one quiet hat is still contact
+        ([2, 3, 8], [(1.0, 4.0), (7.0, 9.0)]),
+        ([], [(0.0, 10.0)]),
+    ],
+)
+def test_an_event_is_what_matters_of_it(matter, expected):
+    nats = np.zeros(11)
+    nats[matter] = 5000.0
+    parts = parts_of((2, 0.0, 10.0), nats)
+    assert [log for log, *_ in parts] == [2] * len(expected)
+    np.testing.assert_allclose([part[1:] for part in parts], expected)
+
+
+def test_what_columns_leave_shows_the_bins_they_cannot_explain():
+    """Least squares would spread the contact over the whole log; counted little, it stays where it is."""
+    rng = np.random.default_rng(0)
+    columns, noise = rng.normal(size=(8, BINS, 6)), rng.normal(size=(BINS, 6))
+    contact = np.zeros((BINS, 6))
+    contact[100:120] = 80.0 * rng.normal(size=6)
+    columns[:, 100:120] += 2.0  # what the columns could take of it
+    error = np.tensordot(rng.normal(size=8) * 20, columns, 1) + noise + contact
+    rest = robust_rest(columns, error)
+    np.testing.assert_allclose(rest, noise + contact, atol=1.0)
+    flat = columns.reshape(8, -1).T
+    plain = error - (flat @ np.linalg.lstsq(flat, error.ravel(), rcond=None)[0]).reshape(error.shape)
+    assert np.abs(plain - noise - contact).max() > 2.0
+
+
+def test_without_columns_the_innovations_stay():
+    error = np.ones((BINS, 6))
+    np.testing.assert_array_equal(robust_rest(np.zeros((0, BINS, 6)), error), error)

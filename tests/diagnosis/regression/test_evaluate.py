@@ -1,0 +1,74 @@
+"""Evaluation in pieces, with the arm's motion worked out apart: as if it were done at once."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.diagnosis.problem import Part, Problem
+from ftbias_jax.diagnosis.regression.chain_model import coordinates, size, to_values
+from ftbias_jax.diagnosis.regression.evaluate import in_pieces, readings, slopes
+from ftbias_jax.model.effects import compose
+from ftbias_jax.model.effects.kinematics import subtract_offsets
+from ftbias_jax.model.effects.types import Model, Signals
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 5, 11])
+def test_pieces_are_put_together_in_order(count):
+    rng = np.random.default_rng(count)
+    x, y = rng.normal(size=(count, 7, 2)), rng.normal(size=count)
+    sizes = []
+
+    def function(x, y):
+        sizes.append(len(x))
+        return jnp.asarray(x) * jnp.asarray(y)[:, None, None]
+
+    np.testing.assert_array_equal(in_pieces(function, 4, x, y), x * y[:, None, None])
+    assert set(sizes) == {4}  # one shape, one compiled program
+
+
+@pytest.fixture(scope="module")
+def problem(params):
+    """Half a second of a small arm, whose setup knows of a gain and of an encoder; the last 10 samples are padding."""
+    t = np.arange(60) / 100
+    angle = 4 * t[:, None] + np.arange(3)
+    signals = Signals(
+        t, np.sin(angle), 4 * np.cos(angle), -16 * np.sin(angle), 0 * t, Model(params.arm, params.gravity, params.theta)
+    )
+    known = {"gain": {"gain": np.full(6, 1.1)}, "encoder_offset": {"joint": np.array(2.0), "offset": np.array(0.03)}}
+    nothing = np.zeros(50)
+    part = Part(jax.tree.map(jnp.asarray, signals), None, 50)
+    return Problem((part,), t[:50], nothing, nothing, nothing, nothing, (0.5,), np.ones(6), known)
+
+
+@pytest.fixture(scope="module")
+def direct(problem):
+    """(P,) coordinates, () link -> (50, 6) reading."""
+    signals = problem.parts[0].signals
+
+    @jax.jit
+    def reading(z, link):
+        values, offsets = to_values(signals, z, link)
+        return compose.predict(subtract_offsets(offsets, signals), values | problem.known)[:50]
+
+    return reading
+
+
+def test_readings_are_those_of_the_chain(problem, direct):
+    """At several poses in one piece, and with cables on several links."""
+    z = np.random.default_rng(0).uniform(0.1, 0.5, (5, size(3)))
+    z[:3, coordinates(3, "encoder_offset")] = z[0, coordinates(3, "encoder_offset")]
+    link = np.array([0.0, 1.0, 1.0, 2.0, 3.0])
+    expected = [direct(*one) for one in zip(z, link, strict=True)]
+    np.testing.assert_allclose(readings(problem, z, link), expected, rtol=1e-11, atol=1e-11)
+
+
+def test_slopes_are_those_of_the_chain(problem, direct):
+    """Along coordinates that move joints and others, mixed."""
+    z = np.random.default_rng(1).uniform(0.1, 0.5, size(3))
+    names = ("encoder_offset", "tool_mass", "gravity_tilt", "cable", "mount_rotation", "tool_flexibility")
+    places = np.random.default_rng(2).permutation(np.concatenate([coordinates(3, name) for name in names]))
+    step = 1e-6 * np.eye(len(z))[places]
+    expected = np.array([direct(z + d, 1.0) - direct(z - d, 1.0) for d in step]) / 2e-6
+    got = slopes(problem, z, 1.0, places)
+    np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())

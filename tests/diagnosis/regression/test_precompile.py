@@ -1,0 +1,77 @@
+"""Programs compiled ahead are those that the search calls, and what goes wrong with them is told."""
+
+import time
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis.problem import make_problem
+from ftbias_jax.diagnosis.regression import precompile
+from ftbias_jax.diagnosis.regression.precompile import compiled_ahead, outline, padded_bins
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.setup import parse_setup
+from ftbias_jax.types import Log
+
+
+@pytest.fixture(scope="module")
+def setup():
+    known = {"gain": {"gain": [1.1, 1, 1, 1, 1, 1]}, "low_pass": {"cutoff": 20}}
+    return parse_setup(SETUP | {"effects": known}, "believed.toml")
+
+
+@pytest.fixture(scope="module")
+def log():
+    """10 s of sines."""
+    rng = np.random.default_rng(0)
+    t = np.arange(2000) / 200.0
+    q = np.sin(t[:, None] + np.arange(7.0))
+    return Log(t, q, np.cos(t[:, None] + np.arange(7.0)), rng.normal(size=(2000, 6)), np.full(2000, np.nan))
+
+
+def test_an_outline_is_like_the_problem(setup, log):
+    """Down to weak types: with anything else JAX would compile every program twice."""
+    problem, _ = make_problem(setup, [log])
+    (part,) = problem.parts
+    expected = (part.signals, part.wrench, problem.known)
+    got = outline(params_from_setup(setup), padded_bins(log))
+    assert jax.tree.structure(got) == jax.tree.structure(expected)
+    for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(expected), strict=True):
+        assert (a.shape, a.dtype, a.weak_type) == (b.shape, b.dtype, b.weak_type)
+
+
+def test_what_was_compiled_ahead_is_not_compiled_again(caplog):
+    """JAX keeps it in memory."""
+    double = jax.jit(lambda x: 2 * x)
+    with jax.log_compiles():
+        double.lower(jax.ShapeDtypeStruct((3,), np.dtype(float))).compile()
+        assert "Finished XLA compilation" in caplog.text
+        caplog.clear()
+        double(jnp.zeros(3))
+    assert "Finished XLA compilation of jit(<lambda>)" not in caplog.text
+
+
+def test_an_error_of_the_compiler_is_told(monkeypatch):
+    def fail():
+        raise RuntimeError("out of memory")
+
+    monkeypatch.setattr(precompile, "lower_search", lambda setup, logs: iter([SimpleNamespace(compile=fail)]))
+    with pytest.raises(RuntimeError, match="out of memory"), compiled_ahead(None, []):
+        pass
+
+
+def test_after_an_error_in_the_block_nothing_more_is_compiled(monkeypatch):
+    """What has begun is waited for; what waits is given up."""
+    compiled = []
+
+    def slowly():
+        time.sleep(0.3)
+        compiled.append(1)
+
+    monkeypatch.setattr(precompile, "lower_search", lambda setup, logs: iter([SimpleNamespace(compile=slowly)] * 5))
+    with pytest.raises(ValueError, match="log"), compiled_ahead(None, []):
+        raise ValueError("log")
+    assert len(compiled) < 5

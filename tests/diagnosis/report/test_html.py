@@ -1,0 +1,173 @@
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from ftbias_jax.diagnosis.report.html import to_html
+from ftbias_jax.diagnosis.report.plots import binned_means, thin
+from ftbias_jax.diagnosis.report.svg import data_range, escape, tick_words, ticks
+from ftbias_jax.diagnosis.result import Where
+
+VOID = {"meta", "line", "rect", "circle", "path"}
+
+
+class Page(HTMLParser):
+    """Elements and texts of a page; every element must be closed in order."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags, self.attributes, self.headings, self.text, self._open = [], [], [], "", []
+        self.feed(html)
+        assert self._open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+        if self._open and self._open[-1] == "h2":
+            self.headings.append(data)
+
+
+def test_the_verdict_comes_first_and_the_sections_in_order(make_diagnosis):
+    page = Page(to_html(make_diagnosis(), "a log"))
+    assert page.tags.index("h1") < page.tags.index("h2")
+    assert page.headings == [
+        "Causes",
+        "The gap before and after",
+        "What is left, against time",
+        "What is left, against the cause",
+        "How well each effect explains it",
+        "Twins: what the data do not tell apart",
+        "What to do",
+        "Where the gap is",
+        "What was not tested",
+        "How to read this",
+    ]
+    assert page.tags.count("svg") == 1 + 6 + 1 + 1 + 1
+    for words in ("The tool weighs 0.81 kg.", "0.8134 ± 0.0041 kg", "98 ± 1 %", "turn the wrist", "Weigh the tool."):
+        assert words in page.text
+
+
+def test_nothing_is_loaded_and_no_script_runs(make_diagnosis):
+    html = to_html(make_diagnosis(), "a log")
+    page = Page(html)
+    assert not {"script", "link", "img", "iframe", "object", "use", "image"} & set(page.tags)
+    assert not [name for name, _ in page.attributes if name.startswith("on") or name in ("src", "href", "xlink:href")]
+    assert "url(" not in html
+    assert "@import" not in html
+    assert "http:" not in html
+    assert "https:" not in html
+    assert "default-src 'none'" in html
+
+
+def test_hostile_text_stays_text_everywhere(make_diagnosis, make_candidate):
+    evil = "\"'><script>alert(1)</script>&\x00\x1b\udcff"
+    cause = make_candidate(
+        evil,
+        stage=evil,
+        parameters={evil: 1.0},
+        explanation=evil,
+        remedy=evil,
+        indistinguishable_from=(evil,),
+        separate_by=(evil,),
+    )
+    base = make_diagnosis(logs=2)
+    series = tuple(one._replace(regressor_name=evil) for one in base.series)
+    where = Where((evil,), {evil: 1.0}, (), (), ())
+    diagnosis = base._replace(
+        sentence=evil,
+        causes=(cause,),
+        candidates=(cause,),
+        where=where,
+        not_tested=((evil, evil),),
+        logs=(evil, evil),
+        series=series,
+    )
+    html = to_html(diagnosis, evil)
+    assert "script" not in Page(html).tags
+    assert "<script" not in html
+    assert "\x00" not in html
+    html.encode()
+
+
+@pytest.mark.parametrize("verdict", ["none", "unknown"])
+def test_without_a_cause_there_is_no_after(make_diagnosis, verdict):
+    page = Page(to_html(make_diagnosis(verdict=verdict, causes=()), "a log"))
+    assert "Causes" not in page.headings
+    assert "What is left, against the cause" not in page.headings
+    assert not [value for _, value in page.attributes if value in ("line-after", "key after")]
+    assert ("Where the gap is" in page.headings) == (verdict == "unknown")
+
+
+def test_drawings_speak_to_screen_readers(make_diagnosis):
+    page = Page(to_html(make_diagnosis(logs=2), "a log"))
+    ids = [value for name, value in page.attributes if name == "id"]
+    assert len(ids) == len(set(ids))
+    named = [value for name, value in page.attributes if name == "aria-labelledby"]
+    assert len(named) == page.tags.count("svg")
+    assert {part for names in named for part in names.split()} == set(ids)
+
+
+@pytest.mark.parametrize(("logs", "bins"), [(1, 100_000), (8, 3000)])
+def test_the_file_stays_small(make_diagnosis, make_candidate, logs, bins):
+    candidates = tuple(make_candidate(f"effect_{i}", 2.0 - 0.1 * i) for i in range(30))
+    html = to_html(make_diagnosis(logs=logs, bins=bins, candidates=candidates), "a log")
+    assert len(html.encode()) < 400_000
+
+
+@pytest.mark.parametrize("bins", [0, 1, 3])
+def test_short_empty_and_unmeasured_series_still_make_a_page(make_diagnosis, bins):
+    base = make_diagnosis(bins=5)
+    series = base.series[0]._replace(
+        **{name: getattr(base.series[0], name)[:bins] for name in ("t", "before", "after", "noise", "regressor")}
+    )
+    nothing = np.full(6, np.nan)
+    gap = base.gap._replace(before_rms=nothing, noise_floor=np.zeros(6), before_sigmas=float("nan"))
+    html = to_html(base._replace(series=(series,), gap=gap, candidates=()), "a log")
+    assert "nan," not in re.sub(r"<desc.*?</desc>", "", html)
+    Page(html)
+
+
+def test_thinning_keeps_every_peak():
+    t = np.arange(10_000.0)
+    y = np.zeros(10_000)
+    y[[17, 5003]] = [8.0, -9.0]
+    y[600:900] = np.nan
+    thin_t, thin_y = thin(t, y, 100)
+    assert len(thin_t) <= 200
+    assert (np.diff(thin_t) > 0).all()
+    assert np.nanmax(thin_y) == 8
+    assert np.nanmin(thin_y) == -9
+    assert np.isnan(thin_y).any()
+
+
+def test_binned_means_follow_the_line():
+    rng = np.random.default_rng(1)
+    x = rng.uniform(-1, 1, 4000)
+    y = 3 * x + rng.normal(size=4000)
+    y[::7] = np.nan
+    middles, means, errors = binned_means(x, y, 10)
+    assert len(middles) == 10
+    assert (np.abs(means - 3 * middles) < 4 * errors).all()
+
+
+def test_ticks_are_round_inside_and_readable():
+    assert np.allclose(ticks(-0.31, 0.52, 5), [-0.2, 0.0, 0.2, 0.4])
+    assert [tick_words(x, [-0.2, 0.0, 0.2]) for x in (-0.2, 0.0, 0.2)] == ["\N{MINUS SIGN}0.2", "0", "0.2"]
+    assert tick_words(2e-7, [0.0, 2e-7]) == "2e\N{MINUS SIGN}07"
+    assert data_range(np.array([np.nan, np.inf])) == (-1, 1)
+    low, high = data_range(np.array([5.0, 5.0]))
+    assert low < 5 < high
+    assert escape("<a\x07") == "&lt;a\N{REPLACEMENT CHARACTER}"

@@ -1,0 +1,233 @@
+"""Logs simulated here, with one effect each; the model's error is known exactly unless a test says otherwise."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.diagnosis.samples.exact import find_gaps, find_lattice
+from ftbias_jax.diagnosis.samples.read import inspect_samples
+from ftbias_jax.types import Log
+
+STATED = np.array([0.1, 0.1, 0.1, 0.004, 0.004, 0.004])
+EFFECTS = ("noise_level", "outliers", "quantisation", "saturation", "dropped_samples", "stamp_jitter")
+SIZE = np.array([5.0, 5.0, 5.0, 0.3, 0.3, 0.3])
+
+
+def smooth_wrench(t, rng):
+    frequency, phase = rng.uniform(0.1, 0.6, (4, 6)), rng.uniform(0, 6, (4, 6))
+    return SIZE * np.sin(2 * np.pi * frequency * t[:, None, None] + phase).sum(1)
+
+
+class Recording:
+    def __init__(self, seed=0, rate=250.0, duration=20.0, stated_error=0.0):
+        self.rng = np.random.default_rng(seed)
+        self.t = np.arange(int(rate * duration)) / rate
+        self.model = smooth_wrench(self.t, self.rng)
+        self.noise = STATED * (1 + stated_error) * self.rng.normal(size=self.model.shape)
+
+    def inspect(self, wrench=None, known=True, keep=slice(None)):
+        wrench = self.model + self.noise if wrench is None else wrench
+        wrench = np.asarray(wrench, np.float32).astype(float)[keep]
+        t, model = self.t[keep], self.model[keep]
+        unknown = np.full((len(t), 2), np.nan)
+        log = Log(t, unknown, unknown, wrench, unknown[:, 0])
+        prediction = (model - wrench, np.gradient(model, t, axis=0)) if known else ()
+        return inspect_samples(log, STATED, *prediction)
+
+
+def names(found):
+    return tuple(finding.effect for finding in found.detected)
+
+
+def agrees(finding, name, truth, errors=3.0):
+    value, stderr = np.array(finding.parameters[name]), np.array(finding.stderr[name])
+    np.testing.assert_array_less(np.abs(value - truth), errors * stderr + 1e-12)
+
+
+def test_clean_logs_raise_no_alarm():
+    for seed in range(200):
+        recording = Recording(seed, 125.0, 20.0, stated_error=0.02 * (-1) ** seed)
+        found = recording.inspect(known=seed % 4 > 0)
+        assert names(found) == (), seed
+        assert not found.coloured.any()
+        assert not found.heavy_tailed
+        assert np.isfinite(found.clean_wrench).mean() > 0.999
+        np.testing.assert_allclose(found.noise_std, STATED, rtol=0.12)
+
+
+@pytest.mark.parametrize("rate", [25.0, 1000.0])
+def test_clean_at_other_rates(rate):
+    assert names(Recording(1, rate, 60.0 if rate < 100 else 10.0).inspect()) == ()
+
+
+def test_slow_log_without_a_model_blames_no_noise():
+    assert names(Recording(1, 25.0, 60.0).inspect(known=False)) == ()
+
+
+@pytest.mark.parametrize("scale", [np.full(6, 2.3), np.full(6, 0.6), np.array([1, 1, 1.5, 1, 3.0, 1])])
+def test_noise_level(scale):
+    recording = Recording(2)
+    found = recording.inspect(recording.model + scale * recording.noise)
+    assert names(found) == ("noise_level",)
+    agrees(found.noise_level, "scale", scale, 3.5)  # the worst of six
+    np.testing.assert_allclose(found.noise_std, scale * STATED, rtol=0.06)
+
+
+def test_heavy_tails_are_noise_and_no_outliers():
+    recording = Recording(3)
+    tails = STATED * recording.rng.standard_t(4, size=recording.model.shape) / np.sqrt(2)
+    found = recording.inspect(recording.model + 3 * tails)
+    assert names(found) == ("noise_level",)
+    assert found.heavy_tailed
+    np.testing.assert_allclose(found.noise_level.parameters["scale"], 3.0, rtol=0.15)
+
+
+@pytest.mark.parametrize("form", ["whole sample", "single channels", "spread"])
+def test_outliers(form):
+    recording, rate = Recording(4, duration=40.0), 0.01
+    rng, shape = recording.rng, recording.model.shape
+    hit = rng.random(shape) < rate if form != "whole sample" else np.repeat(rng.random((shape[0], 1)) < rate, 6, 1)
+    size = 25 * STATED * (rng.uniform(0.6, 1.4, shape) if form == "spread" else 1)
+    spike = hit * size * rng.choice([-1, 1], shape)
+    found = recording.inspect(recording.model + recording.noise + spike)
+    assert names(found) == ("outliers",)
+    agrees(found.outliers, "rate", rate)
+    agrees(found.outliers, "size", np.sqrt((size**2).mean(0) if form == "spread" else size**2), 4.0)
+    assert not np.isfinite(found.clean_wrench[hit]).any()
+    assert np.isnan(found.clean_wrench).any(1).mean() < 1.02 * hit.any(1).mean()
+
+
+def test_contact_and_steps_are_no_outliers():
+    recording = Recording(5)
+    force = np.zeros_like(recording.model)
+    for start, length, peak in ((2.0, 0.012, 20.0), (5.0, 0.3, 3.0), (9.0, 0.1, 40.0), (13.0, 0.02, -6.0)):
+        phase = (recording.t - start) / length
+        force[:, 1] += np.where((phase > 0) & (phase < 1), peak * np.sin(np.pi * phase), 0)
+    force[15 * 250 :, 4] += 0.5
+    found = recording.inspect(recording.model + recording.noise + force)
+    assert names(found) == ()
+
+
+@pytest.mark.parametrize("rounding", [np.round, np.floor])
+@pytest.mark.parametrize("sigmas", [1.0, 8.0])
+def test_quantisation(rounding, sigmas):
+    recording = Recording(6)
+    step = sigmas * STATED * np.array([1, 1.1, 1.2, 1, 1, 1])
+    found = recording.inspect(step * rounding((recording.model + recording.noise) / step))
+    assert names(found) == ("quantisation",)
+    agrees(found.quantisation, "step", step)
+
+
+def test_quantised_force_alone_and_fine_digits():
+    recording = Recording(7)
+    wrench = recording.model + recording.noise
+    wrench[:, :3] = 0.5 * np.round(wrench[:, :3] / 0.5)
+    wrench[:, 3:] = 1e-4 * np.round(wrench[:, 3:] / 1e-4)
+    found = recording.inspect(wrench)
+    assert names(found) == ("quantisation",)
+    np.testing.assert_allclose(found.quantisation.parameters["step"][:3], 0.5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("side", ["both", "above"])
+def test_saturation(side):
+    recording = Recording(8)
+    wrench = recording.model + recording.noise
+    limit = 0.95 * np.abs(wrench).max(0) if side == "both" else 0.9 * wrench.max(0)
+    clipped = np.clip(wrench, -limit, limit) if side == "both" else np.minimum(wrench, limit)
+    clipped[:, 3:] = wrench[:, 3:]
+    found = recording.inspect(clipped)
+    assert names(found) == ("saturation",)
+    np.testing.assert_allclose(found.saturation.parameters["limits"][:3], limit[:3], rtol=1e-5)
+    assert np.isinf(found.saturation.parameters["limits"][3:]).all()
+    np.testing.assert_array_equal(np.isnan(found.clean_wrench), clipped != wrench)
+
+
+@pytest.mark.parametrize("form", ["rows", "NaN", "repeats"])
+def test_dropped_samples(form):
+    recording, rate = Recording(9), 0.1
+    wrench = recording.model + recording.noise
+    lost = recording.rng.random(len(wrench)) < rate
+    lost[[0, -1]] = False
+    if form == "repeats":
+        last = np.maximum.accumulate(np.where(lost, 0, np.arange(len(lost))))
+        wrench = wrench[last]
+    if form == "NaN":
+        wrench[lost] = np.nan
+    found = recording.inspect(wrench, keep=~lost if form == "rows" else slice(None))
+    assert names(found) == ("dropped_samples",)
+    agrees(found.dropped_samples, "rate", lost.mean())
+    assert found.dropped_samples.parameters["repeated"] == (form == "repeats")
+    if form == "repeats":
+        np.testing.assert_array_equal(np.isnan(found.clean_wrench).all(1), lost)
+
+
+def test_merged_timeline_is_not_a_drop():
+    recording = Recording(10, 1000.0)
+    wrench = recording.model + recording.noise
+    wrench[np.arange(len(wrench)) % 4 != 1] = np.nan
+    assert names(recording.inspect(wrench)) == ()
+
+
+def test_uneven_stamps_are_not_a_drop():
+    t = np.arange(4000) * 0.004
+    late = t + np.random.default_rng(0).uniform(0, 0.0038, len(t))
+    assert find_gaps(late).lost.sum() == 0
+    assert find_gaps(np.delete(t, [10, 11, 500])).lost.tolist() == [2, 1]
+    assert find_gaps(np.concatenate([t, t + 20])).pauses == 1
+
+
+@pytest.mark.parametrize("form", ["gaussian", "latency"])
+def test_stamp_jitter(form):
+    recording, std = Recording(11, duration=40.0), 0.008
+    rng = recording.rng
+    late = std * (rng.normal(size=len(recording.t)) if form == "gaussian" else rng.exponential(size=len(recording.t)))
+    moved = np.stack([np.interp(recording.t - late, recording.t, x) for x in recording.model.T], 1)
+    found = recording.inspect(moved + recording.noise)
+    assert names(found) == ("stamp_jitter",)
+    agrees(found.stamp_jitter, "std", std)
+    np.testing.assert_allclose(found.noise_std, STATED, rtol=0.1)
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("frequency", [23.0, 50.0, 93.0])
+def test_hum_and_vibration_are_not_white(frequency, known):
+    recording = Recording(12)
+    hum = 4 * STATED * np.sin(2 * np.pi * frequency * recording.t)[:, None]
+    found = recording.inspect(recording.model + recording.noise + hum, known)
+    assert names(found) == ()
+    assert found.coloured.all()
+
+
+def test_filtered_noise_is_not_white():
+    recording = Recording(13)
+    noise = recording.noise.copy()
+    for i in range(1, len(noise)):
+        noise[i] = 0.5 * noise[i - 1] + np.sqrt(0.75) * noise[i]
+    found = recording.inspect(recording.model + noise)
+    assert names(found) == ()
+    assert found.coloured.all()
+
+
+def test_two_effects():
+    recording = Recording(14)
+    wrench = recording.model + 2 * recording.noise
+    wrench[::101] += 40 * STATED
+    found = recording.inspect(np.minimum(wrench, [6.0, *[np.inf] * 5]))
+    assert names(found) == ("noise_level", "outliers", "saturation")
+    agrees(found.noise_level, "scale", 2.0, 4.0)
+
+
+def test_missing_channels_and_short_logs():
+    recording = Recording(15)
+    wrench = recording.model + recording.noise
+    wrench[:, 3:] = np.nan
+    found = recording.inspect(wrench)
+    assert names(found) == ()
+    np.testing.assert_array_equal(found.noise_std[3:], STATED[3:])
+    assert names(recording.inspect(keep=slice(0, 20))) == ()
+    assert names(recording.inspect(np.full_like(wrench, np.nan))) == ()
+
+
+def test_lattice_of_a_few_digits_and_none():
+    x = np.random.default_rng(0).normal(size=3000)
+    assert find_lattice(x.astype(np.float32)).step == 0
+    assert find_lattice(np.round(x, 1) + 0.03).step == pytest.approx(0.1, rel=1e-6)

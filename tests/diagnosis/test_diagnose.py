@@ -1,0 +1,167 @@
+"""The whole diagnosis on simulated logs: the cause by name, nothing where nothing is, and honesty without the cause."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from demo_logs import recorder
+
+from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis.diagnose import diagnose
+from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, contact
+from ftbias_jax.diagnosis.problem import make_problem
+from ftbias_jax.diagnosis.proposals.contact import merge
+from ftbias_jax.diagnosis.regression.chain_model import blocks, coordinates, size
+from ftbias_jax.diagnosis.regression.fit import base, fit
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.setup import parse_setup
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return parse_setup(SETUP, "believed.toml")
+
+
+@pytest.fixture(scope="module")
+def record(setup):
+    """(effects or None) -> a log of 20 s."""
+    return recorder(params_from_setup(setup), 3)
+
+
+@pytest.mark.slow
+def test_a_log_of_the_model_has_no_cause(setup, record):
+    diagnosis = diagnose(setup, [record(None)], ["plain"])
+    assert diagnosis.verdict == "none"
+    assert diagnosis.causes == ()
+    assert diagnosis.gap.before_sigmas < 1.01
+
+
+@pytest.mark.slow
+def test_a_wrong_mass_is_named_measured_and_removed(setup, record):
+    diagnosis = diagnose(setup, [record({"tool_mass": {"mass": jnp.array(0.96)}})], ["heavy"])
+    assert diagnosis.verdict == "explained"
+    (cause,) = diagnosis.causes
+    assert cause.effect == "tool_mass"
+    assert set(cause.indistinguishable_from) <= {"gain"}
+    assert abs(cause.parameters["mass"] - 0.96) < 3 * cause.stderr["mass"]
+    assert cause.held_out_gain > 5 * cause.held_out_gain_stderr > 0
+    assert diagnosis.gap.shrink > 0.95
+    assert diagnosis.candidates[0].effect in ("tool_mass", "gain")
+
+
+@pytest.mark.slow
+def test_a_tool_on_one_hinge_is_named_with_its_share(setup, record):
+    share = np.array([0, 0, 0, 0.7, 0, 0])
+    loose = {"frequency": jnp.array(5.0), "damping_ratio": jnp.array(0.04), "share": share, "sagging": jnp.array(1.0)}
+    diagnosis = diagnose(setup, [record({"tool_flexibility": loose})], ["loose"])
+    assert diagnosis.verdict == "explained"
+    (cause,) = diagnosis.causes
+    assert cause.effect == "tool_flexibility"
+    for name, true in loose.items():
+        off = np.abs(np.asarray(cause.parameters[name]) - np.asarray(true))
+        assert (off <= 3 * np.asarray(cause.stderr[name]) + 0.02).all(), name
+    assert diagnosis.gap.shrink > 0.95
+
+
+@pytest.mark.slow
+def test_all_of_a_crosstalk_matrix_is_within_its_errors(setup, record):
+    """The entries that look alike on this motion have wide errors; a few entries alone would be told far too surely."""
+    matrix = np.eye(6)
+    matrix[0, 2], matrix[2, 4], matrix[4, 0] = 0.04, -0.3, 0.003
+    diagnosis = diagnose(setup, [record({"crosstalk": {"matrix": jnp.array(matrix)}})], ["leaking"])
+    cause = diagnosis.causes[0]
+    assert cause.effect == "crosstalk"
+    off, stderr = np.array(cause.parameters["matrix"]) - matrix, np.array(cause.stderr["matrix"])
+    assert (np.abs(off) <= 3 * stderr).all()
+    assert stderr[0, 2] < 0.01
+    assert (stderr[~np.eye(6, dtype=bool)] > 0).all()
+
+
+@pytest.mark.slow
+def test_a_contact_beside_a_wrong_tool_is_told_apart(setup, record):
+    """Two presses 1.2 s apart: what the tool does between them is no contact."""
+    effects = {
+        "tool_com": {"center_of_mass": jnp.array([0.02, -0.01, 0.07])},
+        "contact": {
+            "start": jnp.array([6.0, 8.2]),
+            "end": jnp.array([7.0, 9.0]),
+            "force": jnp.array([[3.0, 0.0, 2.0], [0.0, 4.0, 0.0]]),
+        },
+    }
+    diagnosis = diagnose(setup, [record(effects)], ["touched"])
+    assert diagnosis.verdict == "explained"
+    named = {cause.effect: cause for cause in diagnosis.causes}
+    assert set(named) == {"tool_com", "contact"}
+    assert len(named["contact"].parameters["start"]) == 2
+
+
+@pytest.mark.slow
+def test_without_its_name_in_the_catalogue_the_gap_is_not_explained_away(setup, record):
+    log = record({"tool_mass": {"mass": jnp.array(0.96)}})
+    withheld = ("tool_mass", "gain", "crosstalk")
+    diagnosis = diagnose(setup, [log], ["heavy"], without=withheld)
+    assert diagnosis.verdict in ("unknown", "partly_explained")
+    assert not {cause.effect for cause in diagnosis.causes} & set(withheld)
+    assert {name for name, _ in diagnosis.not_tested} >= set(withheld)
+
+
+def test_coordinates_are_a_partition():
+    """Every coordinate belongs to exactly one effect."""
+    effects = {block.effect for block in blocks(7)}
+    places = np.concatenate([coordinates(7, effect) for effect in effects])
+    np.testing.assert_array_equal(np.sort(places), np.arange(size(7)))
+
+
+def test_overlapping_events_are_one():
+    """Within a log."""
+    events = [(0, 5.0, 6.0), (0, 1.0, 1.4), (0, 5.5, 6.5), (1, 6.0, 7.0)]
+    np.testing.assert_allclose(merge(events), [(0, 0.66, 1.74), (0, 4.3, 7.2), (1, 5.3, 7.7)])
+    assert merge([]) == []
+
+
+@pytest.mark.slow
+def test_a_contact_of_any_shape_ends(setup, record):
+    """Its series vanish outside the events, and every channel has its own."""
+    problem, _ = make_problem(setup, [record(None)])
+    t = problem.t
+    shapes = contact(problem, [(0, 2.0, 3.0), (0, 6.0, 6.5)], 8).shapes
+    inside = ((t >= 2) & (t < 3)) | ((t >= 6) & (t < 6.5))
+    assert all((shape[~inside] == 0).all() and shape.max() > 0.8 for shape in shapes)
+
+
+@pytest.mark.slow
+def test_a_prediction_that_is_no_number_is_not_a_perfect_one(setup, record):
+    """NaN counts as missing in a filter; in a fit it must count as impossible."""
+    problem, _ = make_problem(setup, [record(None)])
+    place = coordinates(7, "tool_mass")[0]
+    broken = Hypothesis("tool_mass", (int(place),), (float("nan"),))
+    believed = base(problem)
+    assert fit(problem, (broken,), believed).log_likelihood == -np.inf
+    assert np.isfinite(believed.log_likelihood)
+
+
+def test_a_stated_bias_is_taken_off_before_the_fits(setup, record):
+    """A filter that starts at the stated bias sees the same innovations whatever the bias is."""
+    level, drift = np.arange(1.0, 7.0), np.full(6, 0.1)
+    log = record(None)
+    stated = replace(setup, bias=replace(setup.bias, initial=level, initial_drift=drift))
+    biased = log._replace(wrench=log.wrench - level - drift * log.t[:, None])
+    one, other = (base(make_problem(*pair)[0]).error for pair in ((setup, [log]), (stated, [biased])))
+    np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_two_logs_of_one_robot_share_the_tool(setup, record):
+    """The mass is wrong in both, and is told once, with the error of both; each log is told beside it."""
+    log = record({"tool_mass": {"mass": jnp.array(0.96)}})
+    diagnosis = diagnose(setup, [log, log], ["one", "other"])
+    assert diagnosis.causes[0].effect == "tool_mass"
+    assert [one.name for one in diagnosis.by_log] == ["one", "other"]
+    shared = diagnosis.causes[0]
+    assert abs(shared.parameters["mass"] - 0.96) < 3 * shared.stderr["mass"]
+    for one in diagnosis.by_log:
+        assert abs(one.parameters["tool_mass"]["mass"] - 0.96) < 3 * one.stderr["tool_mass"]["mass"]
+        assert one.stderr["tool_mass"]["mass"] > shared.stderr["mass"] > FORM_ERROR * (0.96 - 0.9)
+        assert one.after_sigmas < 1.05 < one.before_sigmas

@@ -1,0 +1,51 @@
+"""Logs in bins: noise of coarse readings, and blocks that keep logs apart."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ftbias_jax.diagnosis.problem import BINS, Problem, _mean, bins_of, noise_on_lattice
+
+STATED = np.full(6, 0.1)
+
+
+def findings(step, noise_std):
+    return SimpleNamespace(quantisation=SimpleNamespace(parameters={"step": step}), noise_std=noise_std)
+
+
+def test_a_fine_lattice_leaves_the_noise_as_measured():
+    noise, coherent = noise_on_lattice(findings([0.05] * 6, np.full(6, 0.12)), STATED)
+    np.testing.assert_array_equal(noise, 0.12)
+    np.testing.assert_array_equal(coherent, 0)
+
+
+@pytest.mark.parametrize("ratio", [1.5, 2.0, 4.0, 8.0])
+def test_noise_of_a_coarse_lattice_is_that_of_rounding(ratio):
+    """Against rounding itself: the scatter of one sample, and of means over many at one place of a slow signal."""
+    step = ratio * STATED[0]
+    noise, coherent = noise_on_lattice(findings([step] * 6, np.full(6, 1e-9)), STATED)
+    rng = np.random.default_rng(0)
+    signal = rng.uniform(0, 100 * step, 400)[:, None]
+    read = step * np.round((signal + STATED[0] * rng.normal(size=(400, 2000))) / step)
+    assert noise[0] == pytest.approx((read - signal).std(), rel=0.05)
+    means = (read.mean(1) - signal[:, 0]).std()
+    # The first harmonic of the saw tooth has six tenths of its variance: the estimate is on the safe side.
+    assert 0.8 * means < np.sqrt(coherent[0] + noise[0] ** 2 / 2000) < 1.4 * means
+
+
+def test_blocks_do_not_reach_over_two_logs():
+    log, t = np.array([0, 0, 0, 1, 1]), np.array([0.5, 1.5, 2.5, 0.1, 2.2])
+    problem = Problem((), t, log, *[np.zeros(0)] * 3, (3.0, 3.0), np.ones(6), {})
+    np.testing.assert_array_equal(problem.block(2.0), [0, 0, 1, 2, 3])
+
+
+def test_bins_hold_the_mean_of_what_is_known():
+    """Of the samples of each hundredth of a second; one without a sample is left out, one without a reading is NaN."""
+    t = np.array([0.001, 0.004, 0.012, 0.018, 0.031, 0.039, 0.04])
+    x = np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0], [7.0, 9.0], [8.0, np.nan], [4.0, np.nan], [2.0, 1.0]])
+    index, used, padded = bins_of(t, 0.04)
+    np.testing.assert_array_equal(index, [0, 0, 1, 1, 2, 2, 3])
+    assert (used, padded) == (4, BINS[0])
+    np.testing.assert_array_equal(_mean(index, x), [[2, 2], [6, 7.5], [6, np.nan], [2, 1]])
+    np.testing.assert_allclose(_mean(index, t), [0.0025, 0.015, 0.035, 0.04])

@@ -1,0 +1,191 @@
+"""The bias filter against a textbook filter, against one big normal distribution, and over a million samples."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ftbias_jax.filtering import bias_filter
+from ftbias_jax.filtering.process_models import bias_drift_noise
+from ftbias_jax.model.params import BiasNoise
+from ftbias_jax.model.wrench.tool_wrench import unbias
+
+COUNT = 30
+
+
+@jax.jit
+def run(noise, dt, wrench_tool, wrench, covariance):
+    """States and innovations of a whole log; covariance (T, 6, 6)."""
+
+    def body(state, sample):
+        state, innovation = bias_filter.step(noise, state, *sample)
+        return state, (state, innovation)
+
+    return jax.lax.scan(body, bias_filter.init(noise), (dt, wrench_tool, wrench, covariance))[1]
+
+
+def random_log(seed):
+    """Irregular stamps, wrenches with missing axes and missing samples, and a correlated R that varies."""
+    rng = np.random.default_rng(seed)
+    dt = np.r_[0.0, rng.uniform(0.01, 2.0, COUNT - 1)]
+    wrench_tool, wrench = rng.normal(size=(2, COUNT, 6))
+    wrench[rng.uniform(size=wrench.shape) < 0.2] = np.nan
+    wrench[rng.uniform(size=COUNT) < 0.1] = np.nan
+    root = rng.normal(size=(COUNT, 6, 6))
+    return dt, wrench_tool, wrench, 0.1 * np.eye(6) + 0.1 * root @ root.swapaxes(1, 2)
+
+
+def reference(linear_gaussian, noise, dt, covariance):
+    pairs = [bias_drift_noise(jnp.asarray(interval), noise.density) for interval in dt]
+    A, Q = (np.stack(part) for part in zip(*pairs, strict=True))
+    return linear_gaussian(A, Q, np.eye(6, 12), covariance, np.asarray(noise.prior_mean), np.diag(noise.prior_std**2))
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_equals_the_textbook_filter(linear_gaussian, params, seed):
+    dt, wrench_tool, wrench, covariance = random_log(seed)
+    states, _ = run(params.bias, dt, wrench_tool, wrench, covariance)
+    mean, covariance = reference(linear_gaussian, params.bias, dt, covariance).filtered(wrench_tool - wrench)
+    np.testing.assert_allclose(states.mean, mean, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(states.covariance, covariance, rtol=1e-9, atol=1e-10)
+
+
+def test_erratum_13_the_likelihood_is_that_of_the_whole_log(linear_gaussian, params):
+    dt, wrench_tool, wrench, covariance = random_log(0)
+    innovation = run(params.bias, dt, wrench_tool, wrench, covariance)[1]
+    expected = reference(linear_gaussian, params.bias, dt, covariance).log_density(wrench_tool - wrench)
+    np.testing.assert_allclose(innovation.log_likelihood.sum(), expected, rtol=1e-9)
+    assert innovation.count.sum() == np.isfinite(wrench).sum()
+
+
+def test_an_axis_that_is_never_measured_is_a_filter_without_it(params):
+    """With independent axes the other five do not notice, and the missing one keeps its prior mean."""
+    dt, wrench_tool, wrench, _ = random_log(1)
+    R = np.tile(np.diag(params.bias.wrench_variance), (COUNT, 1, 1))
+    without = wrench.copy()
+    without[:, 2] = np.nan
+    states, _ = run(params.bias, dt, wrench_tool, wrench, R)
+    fewer, _ = run(params.bias, dt, wrench_tool, without, R)
+    kept = np.delete(np.arange(12), [2, 8])
+    np.testing.assert_allclose(fewer.mean[:, kept], states.mean[:, kept], rtol=1e-12)
+    expected = params.bias.prior_mean[2] + np.cumsum(dt) * params.bias.prior_mean[8]
+    np.testing.assert_allclose(fewer.mean[:, 2], expected, rtol=1e-12)
+
+
+def test_erratum_09_the_bias_is_minus_the_offset_that_people_speak_of(params):
+    """A sensor that reads 2 N too much in every axis has a bias of -2 N, and reading + bias is the tool's wrench."""
+    offset = 2.0
+    dt, wrench_tool, _, _ = random_log(2)
+    R = np.tile(1e-6 * np.eye(6), (COUNT, 1, 1))
+    steady = params.bias._replace(density=jnp.zeros(6), prior_mean=jnp.zeros(12), prior_std=jnp.ones(12))
+    states, _ = run(steady, dt, wrench_tool, wrench_tool + offset, R)
+    np.testing.assert_allclose(states.mean[-1, :6], -offset, atol=1e-3)
+    np.testing.assert_allclose(unbias(wrench_tool[-1] + offset, states.mean[-1], 0.0), wrench_tool[-1], atol=1e-3)
+
+
+def test_the_first_sample_is_a_correction_without_a_prediction(params):
+    dt, wrench_tool, wrench, covariance = random_log(3)
+    innovation = run(params.bias, dt, wrench_tool, wrench, covariance)[1]
+    expected = wrench_tool[0] - wrench[0] - params.bias.prior_mean[:6]
+    np.testing.assert_allclose(innovation.value[0], expected, rtol=1e-12)
+    S = np.diag(params.bias.prior_std[:6] ** 2) + covariance[0]
+    np.testing.assert_allclose(innovation.covariance[0], S, rtol=1e-12)
+
+
+@partial(jax.jit, static_argnames="gate")
+def run_gated(noise, dt, wrench_tool, wrench, covariance, gate):
+    def body(state, sample):
+        state, innovation = bias_filter.step(noise, state, *sample, gate)
+        return state, (state, innovation)
+
+    return jax.lax.scan(body, bias_filter.init(noise), (dt, wrench_tool, wrench, covariance))[1]
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_gate_is_its_formulas_in_a_loop(params, seed):
+    dt, wrench_tool, wrench, R = random_log(seed)
+    wrench[::5] += 10
+    gate = 3.0
+    states, innovations = run_gated(params.bias, dt, wrench_tool, wrench, R, gate)
+    x, P = np.array(params.bias.prior_mean), np.diag(np.array(params.bias.prior_std) ** 2)
+    closed = []
+    for i in range(COUNT):
+        A, Q = (np.array(part) for part in bias_drift_noise(jnp.asarray(dt[i]), params.bias.density))
+        x, P = A @ x, A @ P @ A.T + Q
+        y = wrench_tool[i] - wrench[i]
+        far = [abs(y[k] - x[k]) > gate * np.sqrt(P[k, k] + R[i, k, k]) for k in range(6)]  # not if y is NaN
+        closed.append(any(far))
+        if any(far):
+            for k in range(6):
+                P[k, k] *= np.exp(2 * dt[i] / bias_filter.FORGET)
+        else:
+            seen = np.isfinite(y)
+            C = np.eye(6, 12)[seen]
+            K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R[i][np.ix_(seen, seen)])
+            x, P = x + K @ (y[seen] - x[:6][seen]), (np.eye(12) - K @ C) @ P
+        np.testing.assert_allclose(states.mean[i], x, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(states.covariance[i], P, rtol=1e-9, atol=1e-10)
+    assert any(closed)
+    assert np.isnan(np.asarray(innovations.value)[closed]).all()
+    assert (np.asarray(innovations.log_likelihood)[closed] == 0).all()
+
+
+def test_a_wide_gate_is_none(params):
+    log = random_log(5)
+    for gated, plain in zip(
+        jax.tree.leaves(run_gated(params.bias, *log, 1e6)), jax.tree.leaves(run(params.bias, *log)), strict=True
+    ):
+        np.testing.assert_array_equal(gated, plain)
+
+
+def test_gradients_through_the_gate_are_finite(params):
+    dt, wrench_tool, wrench, R = random_log(6)
+    wrench[::5] += 10
+
+    def score(noise, wrench_tool):
+        return run_gated(noise, dt, wrench_tool, wrench, R, 3.0)[1].log_likelihood.sum()
+
+    gradients = jax.grad(score, (0, 1))(params.bias._replace(data_variance=None), jnp.asarray(wrench_tool))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
+    assert np.abs(gradients[0].density).max() > 0
+
+
+@partial(jax.jit, static_argnames="count")
+def covariances_at_1_khz(noise, count):
+    """The last state, and whether its covariance was symmetric positive definite at every one of the samples."""
+    zero = jnp.zeros_like(noise.wrench_variance)
+    R, interval = jnp.diag(noise.wrench_variance), jnp.asarray(1e-3, zero.dtype)
+
+    def body(state, _):
+        state, _ = bias_filter.step(noise, state, interval, zero, zero, R)
+        P = state.covariance
+        positive = jnp.isfinite(jnp.linalg.cholesky(P)).all()
+        return state, positive & (jnp.swapaxes(P, 0, 1) == P).all() & jnp.isfinite(state.mean).all()
+
+    last, healthy = jax.lax.scan(body, bias_filter.init(noise), None, length=count)
+    return last, healthy.all()
+
+
+def setup_defaults(dtype):
+    """The prior and process noise that a setup has by default, with the noise of a good and a poor sensor."""
+    force_torque = np.repeat([1.0, 0.05], 3)
+    values = (2e-4 * force_torque, 0.1 * force_torque, np.zeros(12), np.repeat([5.0, 0.5, 0.01, 5e-4], 3))
+    density, noise_std, mean, std = (jnp.asarray(x, dtype) for x in values)
+    return BiasNoise(density, None, noise_std**2, mean, std)
+
+
+@pytest.mark.slow
+def test_covariance_is_positive_definite_for_a_million_samples_in_float32():
+    last, healthy = covariances_at_1_khz(setup_defaults("float32"), 1_000_000)
+    assert healthy
+    assert last.covariance.dtype == jnp.float32
+
+
+def test_float32_has_the_standard_deviations_of_float64():
+    narrow, wide = (covariances_at_1_khz(setup_defaults(dtype), 50_000)[0] for dtype in ("float32", "float64"))
+    stds = [np.sqrt(np.diagonal(state.covariance)) for state in (narrow, wide)]
+    np.testing.assert_allclose(*stds, rtol=0.02)

@@ -1,0 +1,203 @@
+"""Whole logs in and out: chunks, merged timelines, summaries, and the recorded logs with their known truth."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ftbias_jax.filtering import filter_log, pipeline, smoother
+from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.process_models import integrated_jerk_noise
+from ftbias_jax.filtering.quality.summary import summarise
+from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.io import read_log
+from ftbias_jax.setup import load_setup, parse_setup
+from ftbias_jax.types import Log
+
+START = 100.0
+OPTIONS = [Options(), Options(joint_uncertainty="full"), Options(gate=40.0)]
+SETUP = {
+    "robot": {
+        "joints": [
+            {"axis": [0, 0, 1], "point": [0, 0, 0], "name": "base"},
+            {"axis": [0, 1, 0], "point": [0, 0, 0.5], "name": "elbow"},
+            {"axis": [1, 0, 0], "point": [0, 0, 0.9], "name": "wrist"},
+        ],
+        "flange": {"translation": [0, 0, 1]},
+    },
+    "sensor": {"noise_std": [0.1, 0.004]},
+    "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]},
+    "joints": {"position_noise_std": 1e-4, "velocity_noise_std": 1e-3},
+}
+
+
+@pytest.fixture(scope="module")
+def log(samples):
+    """The log of 40 samples, as if it had been read from a file."""
+    t = np.cumsum(samples.dt)
+    return Log(t, *map(np.asarray, samples[1:4]), np.full(len(t), np.nan), START)
+
+
+def rows_of(tree, rows):
+    return jax.tree.map(lambda x: x[rows], tree)
+
+
+def assert_same(got, expected, rtol=1e-9):
+    for name in Filtered._fields:
+        one, other = getattr(got, name), getattr(expected, name)
+        np.testing.assert_allclose(one, other, rtol=rtol, atol=rtol * np.nanmax(np.abs(other)), err_msg=name)
+
+
+@pytest.fixture(scope="module", params=OPTIONS, ids=["diagonal", "full", "gated"])
+def whole(request, params, samples):
+    """Options, and state and info of every sample by one run over the whole log."""
+    return request.param, pipeline.run(params, pipeline.init(params, samples), samples, request.param)[1]
+
+
+@pytest.mark.parametrize("chunk", [16, filter_log.CHUNK])
+def test_chunks_are_one_run_at_the_stamps_of_the_wrench(params, log, whole, monkeypatch, chunk):
+    options, (states, infos) = whole
+    monkeypatch.setattr(filter_log, "CHUNK", chunk)
+    done = []
+    got = filter_log.filter_log(params, log, options, done.append)
+    rows = np.isfinite(log.wrench).any(1)
+    std = np.sqrt(np.diagonal(states.bias.covariance, axis1=1, axis2=2))[rows]
+    bias, wrench = states.bias.mean[rows], infos.wrench
+    joint = states.joint.mean[rows]
+    expected = Filtered(
+        t=log.t[rows] + START,
+        bias=bias[:, :6],
+        drift=bias[:, 6:],
+        bias_std=std[:, :6],
+        drift_std=std[:, 6:],
+        wrench_unbiased=log.wrench[rows] + bias[:, :6],
+        q=joint[:, :, 0],
+        dq=joint[:, :, 1],
+        ddq=joint[:, :, 2],
+        ddq_std=np.sqrt(states.joint.covariance[rows][:, :, 2, 2]),
+        wrench_tool=infos.wrench_tool[rows],
+        innovation=wrench.value[rows],
+        nis=wrench.nis[rows],
+        log_likelihood=infos.log_likelihood.sum(),
+        innovation_std=np.sqrt(np.diagonal(wrench.covariance, axis1=1, axis2=2))[rows],
+    )
+    assert 0 < rows.sum() < len(log.t)
+    assert_same(got, expected)
+    assert done == ([16, 32, 40] if chunk == 16 else [40])
+
+
+def test_the_past_does_not_depend_on_the_future(params, log):
+    """Nor on the length that the log is padded to."""
+    part = filter_log.filter_log(params, Log(*rows_of(log[:5], slice(35)), START))
+    whole = filter_log.filter_log(params, log)
+    kept = rows_of(whole._replace(log_likelihood=np.zeros(40)), slice(len(part.t)))
+    assert_same(part._replace(log_likelihood=kept.log_likelihood), kept, rtol=1e-13)
+
+
+def test_samples_without_measurements_change_nothing(params, log):
+    """As in a merged timeline, where another stream has a stamp."""
+    before = np.arange(1, 21)
+    stamps = (log.t[before] + log.t[before - 1]) / 2
+    more = Log(*(np.insert(x, before, np.nan, axis=0) for x in log[:5]), START)
+    more = more._replace(t=np.insert(log.t, before, stamps))
+    assert_same(filter_log.filter_log(params, more), filter_log.filter_log(params, log), rtol=1e-6)
+
+
+def test_smoothing_at_the_stamps_of_the_wrench(params, samples, log, whole):
+    options, (states, infos) = whole
+    rows = np.isfinite(log.wrench).any(1)
+    if options.joint_uncertainty == "full":
+        smoothed = smoother.smooth_bias(params, states.bias, samples.dt)
+        mean, std = smoothed.mean, np.sqrt(np.diagonal(smoothed.covariance, axis1=1, axis2=2))
+    else:
+        used = samples._replace(wrench=jnp.where(jnp.isfinite(infos.wrench.value), samples.wrench, jnp.nan))
+        assert (np.isnan(used.wrench) != np.isnan(samples.wrench)).any() == (options.gate is not None)
+        _, mean, std = smoother.smooth_log(params, pipeline.init(params, samples), used, options._replace(gate=None))
+    got_mean, got_std = filter_log.smooth_log(params, log, options)
+    np.testing.assert_allclose(got_mean, mean.reshape(-1, 2, 6)[rows], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(got_std, std.reshape(-1, 2, 6)[rows], rtol=1e-6)
+
+
+def csv_text(log, names, order):
+    """The log with its columns in some order; missing values are empty cells."""
+    header = ["t", *(f"{what}_{name}" for what in ("position", "velocity") for name in names)]
+    header += ["fx", "fy", "fz", "tx", "ty", "tz"]
+    values = np.concatenate([log.t[:, None], log.q, log.dq, log.wrench], 1)[:, order]
+    lines = [[header[i] for i in order], *([repr(float(x)).replace("nan", "") for x in row] for row in values)]
+    return "\n".join(map(",".join, lines))
+
+
+@given(order=st.permutations(range(13)), names=st.permutations(["base", "elbow", "wrist"]))
+def test_permuting_the_names_and_columns_of_the_joints_changes_nothing(tmp_path_factory, log, order, names):
+    """The filter sees the same numbers to the last bit."""
+    joints = [{**joint, "name": name} for joint, name in zip(SETUP["robot"]["joints"], names, strict=True)]
+    setup = parse_setup({**SETUP, "robot": {**SETUP["robot"], "joints": joints}})
+    path = tmp_path_factory.mktemp("csv") / "log.csv"
+    path.write_text(csv_text(log, names, order))
+    read = read_log(path, setup)
+    for name in ("t", "q", "dq", "wrench"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(log, name))
+
+
+def test_a_stated_density_is_kept_to_smooth_and_guarded_to_filter(samples):
+    setup = parse_setup({**SETUP, "joints": {**SETUP["joints"], "process_noise_density": [1, 2, 3]}})
+    np.testing.assert_array_equal(filter_log.likeliest_params(setup, samples).joint.process_density, [1, 2, 3])
+    guarded = filter_log.params_for_log(setup, samples).joint.process_density
+    np.testing.assert_array_equal(guarded, filter_log.LAG_GUARD * np.array([1, 2, 3]))
+
+
+def test_a_density_left_open_is_the_true_one_times_the_guard():
+    """White noise on the jerk, 0.3, 3 and 30 rad/s^2.5; the velocities come at half the rate."""
+    rng = np.random.default_rng(1)
+    truth, dt, count = np.array([0.3, 3.0, 30.0]), 0.01, 400
+    A, Q = (np.array(rows) for rows in integrated_jerk_noise(np.float64(dt), np.float64(1.0)))
+    states = [np.zeros((3, 3))]
+    for shock in np.linalg.cholesky(Q) @ rng.normal(size=(count - 1, 3, 3)) * truth:
+        states.append(A @ states[-1] + shock)
+    q, dq, _ = np.stack(states, 1)
+    q = q + 1e-4 * rng.normal(size=(count, 3))
+    dq = dq + 1e-3 * rng.normal(size=(count, 3))
+    dq[::2] = np.nan
+    nothing = np.full(count, np.nan)
+    log = Log(dt * np.arange(count), q, dq, np.zeros((count, 6)), nothing)
+    found = filter_log.params_for_log(parse_setup(SETUP), samples_from_log(log)).joint.process_density
+    assert (np.abs(np.log(found / filter_log.LAG_GUARD / truth)) < np.log(3)).all()
+
+
+def filtered(path):
+    setup = load_setup(path.with_suffix(".toml"))
+    log = read_log(path, setup)
+    return log, filter_log.filter_log(filter_log.params_for_log(setup, samples_from_log(log)), log)
+
+
+@pytest.mark.slow
+def test_logs_of_foreign_physics_without_a_gap(shared_data):
+    """Errors within three of the filter's own sigmas, and far below those of a tare in the first second."""
+    truth = json.loads((shared_data / "gap_dev" / "truth.json").read_text())
+    inside, better = [], []
+    for name in (name for name, facts in truth.items() if "none" in facts["effects"]):
+        log, result = filtered(shared_data / "gap_dev" / f"{name}.npz")
+        bias = np.array(truth[name]["bias_1hz"])
+        rows = np.minimum(np.searchsorted(log.t, np.arange(len(bias))), len(log.t) - 1)
+        error = result.bias[rows] - bias
+        inside.append(np.abs(error) < 3 * result.bias_std[rows])
+        tare = (result.wrench_tool - log.wrench)[log.t < 1].mean(0)
+        better.append(np.abs(tare - bias[-1]) / np.abs(error[-1]))
+    assert len(inside) == 6
+    assert np.mean(inside) >= 0.99
+    assert np.median(better) >= 5
+
+
+@pytest.mark.slow
+def test_a_recorded_arm(shared_data):
+    """ABB FRIDA: what is left of the wrench, and how well it is predicted one second ahead."""
+    _, result = filtered(shared_data / "real" / "abb_frida.npz")
+    summary = summarise(result)
+    assert (summary.residual_std[:3] <= 0.09).all()
+    assert (summary.residual_std[3:] <= 3.2e-3).all()
+    assert (summary.raw_std[:3] / summary.one_second_rms[:3] >= 8).all()

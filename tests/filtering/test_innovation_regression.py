@@ -1,0 +1,96 @@
+"""Least squares on whitened innovations: linearisation, and standard errors that know of correlated errors."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.filtering import innovation_regression, likelihood
+from ftbias_jax.filtering.likelihood import WrenchProblem
+
+COUNT, DT = 2000, 0.05
+T = DT * np.arange(COUNT)
+WAVES = np.stack([np.sin(3 * T), np.cos(5 * T), np.sin(7 * T)])[:, :, None] * np.ones(6)  # (3, T, 6)
+STD = np.array([0.1, 0.2, 0.1, 0.01, 0.02, 0.01])
+
+
+def problem_of(wrench):
+    """Constant bias, as good as unknown."""
+    variance = np.broadcast_to(STD**2, (COUNT, 6))
+    arrays = (np.r_[0.0, np.full(COUNT - 1, DT)], wrench, variance, np.full(6, 1e-9), np.repeat([10.0, 1e-9], 6))
+    return WrenchProblem(*map(jnp.asarray, arrays))
+
+
+def curved(values):
+    """A model that bends: (2,) -> (T, 6)."""
+    return jnp.tensordot(jnp.stack([values[0], values[0] * values[1], values[1] ** 2]), jnp.asarray(WAVES), 1)
+
+
+def test_a_model_is_linearised_where_it_stands():
+    rng = np.random.default_rng(0)
+    wrench = rng.normal(size=(COUNT, 6))
+    wrench[100:200, 2] = np.nan
+    problem, at = problem_of(wrench), np.array([0.7, -0.4])
+    linear = innovation_regression.linearise(problem, curved)(at)
+    slopes = np.stack([WAVES[0] + at[1] * WAVES[1], at[0] * WAVES[1] + 2 * at[1] * WAVES[2]])
+    error = np.asarray(curved(at)) - wrench
+    expected = np.asarray(likelihood.whiten(problem, jnp.asarray(np.concatenate([slopes, error[None]]))))
+    np.testing.assert_array_equal(linear.at, at)
+    np.testing.assert_allclose(linear.columns, expected[:2], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(linear.residual, expected[2], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(linear.information, np.einsum("atc,btc->ab", expected[:2], expected[:2]), rtol=1e-9)
+    assert (linear.residual[100:200, 2] == 0).all()
+
+
+def noisy(scale, seed, hold=1):
+    """Readings of the model at (0.7, -0.4): noise ``scale`` times the stated, constant over ``hold`` samples."""
+    noise = np.random.default_rng(seed).normal(size=(-(-COUNT // hold), 6)).repeat(hold, 0)[:COUNT]
+    return np.asarray(curved(np.array([0.7, -0.4]))) + scale * STD * noise
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_excess_is_how_much_larger_the_noise_is_than_stated(scale):
+    problem = problem_of(noisy(scale, 1))
+    linear = innovation_regression.linearise(problem, curved)(np.array([0.7, -0.4]))
+    np.testing.assert_allclose(innovation_regression.excess(linear, problem), scale**2, rtol=0.05)
+
+
+def estimates_and_errors(scale, hold):
+    """Of one Newton step from the truth, for 30 logs, with the standard errors that are stated, (30, 2) each."""
+    at, found = np.array([0.7, -0.4]), []
+    for seed in range(30):
+        problem = problem_of(noisy(scale, seed, hold))
+        linear = linear_at(problem, at)
+        normal = linear.information
+        step = -np.linalg.solve(normal, np.einsum("ptc,tc->p", linear.columns, linear.residual))
+        found.append((step, np.sqrt(np.diag(innovation_regression.covariance(linear, problem.dt, normal)))))
+    return map(np.array, zip(*found, strict=True))
+
+
+def linear_at(problem, at):
+    """linearise without compiling for each log."""
+    slopes = np.stack([WAVES[0] + at[1] * WAVES[1], at[0] * WAVES[1] + 2 * at[1] * WAVES[2]])
+    error = np.asarray(curved(at)) - np.asarray(problem.wrench)
+    white = np.asarray(likelihood.whiten(problem, jnp.asarray(np.concatenate([slopes, error[None]]))))
+    return innovation_regression.Linear(at, white[:2], white[2], np.einsum("atc,btc->ab", white[:2], white[:2]))
+
+
+def test_standard_errors_of_white_noise_are_those_of_the_information():
+    step, stderr = estimates_and_errors(1.0, 1)
+    spread = np.sqrt((step**2).mean(0))
+    np.testing.assert_allclose(spread, np.median(stderr, 0), rtol=0.4)
+
+
+def test_standard_errors_grow_with_errors_that_hang_together():
+    """Noise that is constant over ten samples: a tenth of the independent ones the information believes in."""
+    step, stderr = estimates_and_errors(1.0, 10)
+    naive = estimates_and_errors(1.0, 1)
+    spread = np.sqrt((step**2).mean(0))
+    assert (spread > 1.5 * np.median(list(naive)[1], 0)).all()
+    np.testing.assert_allclose(np.median(stderr, 0), spread, rtol=0.4)
+
+
+def test_covariance_never_gets_narrower_than_the_information_allows():
+    problem = problem_of(noisy(0.1, 3))
+    linear = innovation_regression.linearise(problem, curved)(np.array([0.7, -0.4]))
+    got = innovation_regression.covariance(linear, problem.dt, linear.information)
+    np.testing.assert_allclose(got, np.linalg.inv(linear.information), rtol=1e-9)

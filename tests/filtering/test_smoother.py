@@ -1,0 +1,111 @@
+"""Smoothing against the Rauch-Tung-Striebel formulas as textbooks print them, in NumPy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.cli.commands import demo
+from ftbias_jax.filtering import pipeline, smoother
+from ftbias_jax.filtering.fast import stages
+from ftbias_jax.filtering.process_models import bias_drift_noise
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.setup import parse_setup
+from ftbias_jax.types import Gaussian, Sample
+
+
+@pytest.fixture(scope="module")
+def bias_model(linear_gaussian, params, samples):
+    """The bias process of the log, without a measurement noise yet."""
+    A, Q = map(np.asarray, jax.vmap(bias_drift_noise, in_axes=(0, None))(samples.dt, params.bias.density))
+    return linear_gaussian(
+        A, Q, np.eye(6, 12), None, np.asarray(params.bias.prior_mean), np.diag(params.bias.prior_std**2)
+    )
+
+
+def rauch_tung_striebel(model, means, covariances):
+    """Smoothed means and covariances from filtered ones."""
+    means, covariances = means.copy(), covariances.copy()
+    for i in reversed(range(len(means) - 1)):
+        A, P = model.A[i + 1], covariances[i]
+        predicted = A @ P @ A.T + model.Q[i + 1]
+        G = P @ A.T @ np.linalg.inv(predicted)
+        means[i] += G @ (means[i + 1] - A @ means[i])
+        covariances[i] = P + G @ (covariances[i + 1] - predicted) @ G.T
+    return means, covariances
+
+
+def test_bias_with_noise_that_mixes_the_axes(params, samples, bias_model):
+    root = 0.1 * np.random.default_rng(0).normal(size=(len(samples.dt), 6, 6))
+    model = bias_model._replace(R=root @ np.swapaxes(root, 1, 2) + 0.01 * np.eye(6))
+    filtered = model.filtered(-np.asarray(samples.wrench))
+    expected = rauch_tung_striebel(model, *filtered)
+    smoothed = smoother.smooth_bias(params, Gaussian(*map(jnp.asarray, filtered)), samples.dt)
+    np.testing.assert_allclose(smoothed.mean, expected[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(smoothed.covariance, expected[1], rtol=1e-9, atol=1e-9)
+
+
+def test_independent_axes_are_the_same_axis_by_axis(params, samples, bias_model):
+    variance = np.random.default_rng(1).uniform(0.01, 0.1, (len(samples.dt), 6)) ** 2
+    model = bias_model._replace(R=variance[:, :, None] * np.eye(6))
+    mean, covariance = rauch_tung_striebel(model, *model.filtered(-np.asarray(samples.wrench)))
+    start = pipeline.init(params, samples)
+    inputs = stages.bias_inputs(params, start, samples, jnp.zeros_like(variance), jnp.asarray(variance))
+    got_mean, got_std = smoother.smooth_axes(inputs)
+    np.testing.assert_allclose(got_mean.reshape(-1, 12), mean, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(got_std.reshape(-1, 12) ** 2, np.diagonal(covariance, axis1=1, axis2=2), rtol=1e-9)
+
+
+def test_the_whole_log_knows_more_than_its_past(params, samples):
+    """Of the joints and of the bias, at every sample; the last of the joints has no future."""
+    start = pipeline.init(params, samples)
+    _, filtered = stages.run(params, start, samples, pipeline.DEFAULT_OPTIONS)
+    joints, bias, bias_std = smoother.smooth_log(params, start, samples)
+    past = stages.joint_states(filtered.joint)
+    variance, past_variance = (np.diagonal(x.covariance, axis1=2, axis2=3) for x in (joints, past))
+    assert (variance > 0).all()
+    assert (variance <= past_variance * (1 + 1e-6)).all()
+    np.testing.assert_allclose(joints.mean[-1], past.mean[-1], rtol=1e-9, atol=1e-12)
+    past_std = np.sqrt(np.moveaxis(np.diagonal(filtered.wrench.covariance, axis1=1, axis2=2), -1, 1))
+    assert (bias_std <= past_std.reshape(bias_std.shape) * (1 + 1e-6)).all()
+    assert np.isfinite(bias).all()
+
+
+def test_smoothed_accelerations_have_no_lag(params, samples):
+    """The log's joints follow sines of 2 rad/s."""
+    t = np.cumsum(np.asarray(samples.dt))[:, None]
+    truth = -2 * np.sin(2 * t + [0, 1, 2])
+    start = pipeline.init(params, samples)
+    joints = smoother.smooth_joints(params, start, samples)
+    error = joints.mean[:, :, 2] - truth
+    assert (np.abs(error) < 4 * np.sqrt(joints.covariance[:, :, 2, 2])).all()
+
+
+def drifting(dtype):
+    """A Panda log of 600 samples at 500 Hz whose first samples measured nothing: wide priors, slow bias."""
+    t = np.arange(600) / 500
+    rng = np.random.default_rng(0)
+    q = 0.5 * np.sin(t[:, None] + np.arange(7)) + 2e-5 * rng.normal(size=(600, 7))
+    dq = 0.5 * np.cos(t[:, None] + np.arange(7)) + 1e-3 * rng.normal(size=(600, 7))
+    wrench = 1 + 0.1 * rng.normal(size=(600, 6))
+    dq[:5] = q[1:5] = wrench[:5] = wrench[200:300] = np.nan
+    samples = Sample(*(jnp.asarray(x, dtype) for x in (np.diff(t, prepend=0.0), q, dq, wrench)))
+    return params_from_setup(parse_setup(demo.SETUP), dtype), samples
+
+
+def test_single_precision_keeps_its_digits():
+    """P_0 is up to 1e10 times the smoothed variance: a difference of covariances would have no digit left."""
+    results = []
+    for dtype in (jnp.float32, jnp.float64):
+        params, samples = drifting(dtype)
+        joints, mean, std = smoother.smooth_log(params, pipeline.init(params, samples), samples)
+        assert {x.dtype for x in (*joints, mean, std)} == {jnp.dtype(dtype)}
+        results.append([np.asarray(x, float) for x in (*joints, mean, std)])
+    (q, P, bias, std), (exact_q, exact_P, exact_bias, exact_std) = results
+    assert (np.linalg.eigvalsh(exact_P) > 0).all()
+    variance, exact = (np.diagonal(x, axis1=2, axis2=3) for x in (P, exact_P))
+    np.testing.assert_allclose(variance[10:], exact[10:], rtol=1e-3)
+    np.testing.assert_allclose(variance, exact, rtol=0.1)  # while next to nothing is known
+    np.testing.assert_allclose(std, exact_std, rtol=1e-3)
+    assert (np.abs(bias - exact_bias) < 0.5 * exact_std).all()
+    assert (np.abs(q - exact_q) < 0.2 * np.sqrt(exact)).all()

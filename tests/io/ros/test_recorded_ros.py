@@ -1,0 +1,119 @@
+"""Recorded bags of real robots, from file to file; the logs are not part of this repository."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.cli.main import main
+from ftbias_jax.io.ros.read import log_of, read_recording
+from ftbias_jax.io.write.npz import load_npz
+from ftbias_jax.model.kinematics.screws import make_arm, sensor_pose
+from ftbias_jax.setup import load_setup
+
+JOINTS = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
+# Denavit and Hartenberg's parameters of the UR10e as Universal Robots publishes them: d m, a m, alpha rad.
+UR10E = [
+    (0.1807, 0.0, np.pi / 2),
+    (0.0, -0.6127, 0.0),
+    (0.0, -0.57155, 0.0),
+    (0.17415, 0.0, np.pi / 2),
+    (0.11985, 0.0, -np.pi / 2),
+    (0.11655, 0.0, 0.0),
+]
+SETUP = """
+[robot]
+urdf = "ur10e.urdf"
+base_link = "base"
+tip_link = "tool0"
+
+[sensor]
+noise_std = [0.5, 0.02]
+
+[tool]  # assumed: nobody has written down the gripper
+mass = 1.0
+center_of_mass = [0, 0, 0.06]
+"""
+
+
+def urdf():
+    """Every joint turns about the z axis of a frame that the parameters of the joint before it place."""
+    lines, link, origin = ['<robot name="ur10e"><link name="base"/>'], "base", 'xyz="0 0 0"'
+    for i, (name, (d, a, alpha)) in enumerate(zip(JOINTS, UR10E, strict=True), 1):
+        lines.append(
+            f'<link name="link{i}"/><joint name="{name}" type="revolute"><parent link="{link}"/><child link="link{i}"/>'
+            f'<origin {origin}/><axis xyz="0 0 1"/><limit lower="-6.3" upper="6.3" effort="1" velocity="1"/></joint>'
+        )
+        link, origin = f"link{i}", f'xyz="{a} 0 {d}" rpy="{alpha} 0 0"'
+    lines.append(
+        f'<link name="tool0"/><joint name="flange" type="fixed"><parent link="{link}"/><child link="tool0"/>'
+        f"<origin {origin}/></joint></robot>"
+    )
+    return "\n".join(lines)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ur10e.urdf").write_text(urdf())
+    (tmp_path / "setup.toml").write_text(SETUP)
+    return tmp_path
+
+
+def test_the_urdf_is_the_published_table(folder):
+    """Against the product of the six matrices of Denavit and Hartenberg."""
+    robot = load_setup("setup.toml").robot
+    q = np.random.default_rng(0).uniform(-3, 3, 6)
+    expected = np.eye(4)
+    for angle, (d, a, alpha) in zip(q, UR10E, strict=True):
+        (c, s), (ca, sa) = (np.cos(angle), np.sin(angle)), (np.cos(alpha), np.sin(alpha))
+        expected = expected @ [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+    rotation, position = sensor_pose(make_arm(robot.screws, robot.flange_translation, robot.flange_rotation), q)
+    np.testing.assert_allclose(rotation, expected[:3, :3], atol=1e-9)
+    np.testing.assert_allclose(position, expected[:3, 3], atol=1e-9)
+
+
+def test_a_ur10e_that_picks(folder, shared_data, capsys):
+    bag = shared_data / "real" / "ur10e_pick.bag"
+    assert main(["info", str(bag), "--setup", "setup.toml"]) == 0
+    told = capsys.readouterr().out
+    assert "/wrench: geometry_msgs/WrenchStamped, 1346 samples, 500" in told
+    assert "joints: elbow_joint, shoulder_lift_joint" in told
+    assert "joints: left_finger_joint, right_finger_joint" in told
+    assert "can be filtered" in told
+
+    assert main(["filter", str(bag), "--setup", "setup.toml", "-o", "out.npz", "--gate", "5"]) == 0
+    result = load_npz("out.npz")
+    assert len(result["t"]) == 1346
+    for name in ("bias", "drift", "bias_std", "q", "dq", "ddq", "wrench_unbiased"):
+        assert np.isfinite(result[name]).all(), name
+    assert np.abs(result["q"]).max() < 2 * np.pi
+
+
+def test_frames_of_tf_give_the_bias_that_the_joints_give(folder, shared_data):
+    """The chain from base to tool0, with a static frame beside it, at 50 Hz instead of the joints' 500."""
+    bag = str(shared_data / "real" / "ur10e_pick.bag")
+    pose = '[sensor_pose]\nframe = "tool0"\nbase = "base"\n' + SETUP[SETUP.index("[sensor]") :]
+    (folder / "pose.toml").write_text(pose)
+    results = []
+    for setup in ("setup.toml", "pose.toml"):
+        assert main(["filter", bag, "--setup", setup, "-o", "out.npz"]) == 0
+        results.append(load_npz("out.npz")["bias"][-1])
+    np.testing.assert_allclose(*results, atol=2e-3)
+
+
+def test_the_gripper_s_joints_do_not_disturb_the_arm_s(folder, shared_data):
+    setup = load_setup("setup.toml")
+    recording = read_recording(shared_data / "real" / "ur10e_pick.bag")
+    of_arm = tuple(stream for stream in recording.streams if "left_finger_joint" not in stream.names)
+    assert len(of_arm) == len(recording.streams) - 1
+    with_gripper, without = (log_of(r, setup).log for r in (recording, recording._replace(streams=of_arm)))
+    rows = np.isfinite(with_gripper.q).any(1) | np.isfinite(with_gripper.wrench).any(1)
+    for name in ("q", "dq", "wrench"):
+        np.testing.assert_array_equal(getattr(with_gripper, name)[rows], getattr(without, name))
+
+
+def test_a_wrench_without_joints_is_one_clear_line(folder, shared_data, capsys):
+    bag = shared_data / "real" / "rokubi_wrench_only.bag"
+    assert main(["filter", str(bag), "--setup", "setup.toml", "-o", "out.npz"]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    assert "no motion data: no topic has the type sensor_msgs/JointState (record it; there is" in printed.err

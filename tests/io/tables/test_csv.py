@@ -1,0 +1,196 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io import read_log
+from ftbias_jax.io.tables import csv as csv_log
+from ftbias_jax.io.tables.csv_columns import choose_columns
+
+HEADER = "t,q0,q1,dq0,dq1,fx,fy,fz,tx,ty,tz,temperature"
+LINE = "0.{i},1,2,3,4,5,6,7,8,9,10,25"
+
+
+def write(tmp_path, text):
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    return path
+
+
+def lines(count=3, header=HEADER, line=LINE):
+    return [header, *(line.format(i=i) for i in range(count))]
+
+
+def fails(path, setup, *words):
+    with pytest.raises(LogError) as caught:
+        read_log(path, setup)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    for word in words:
+        assert word in message
+    assert caught.value.remedy
+    assert "\n" not in message
+
+
+def test_plain_log(tmp_path, setup):
+    log = read_log(write(tmp_path, "\n".join(lines())), setup)
+    np.testing.assert_array_equal(log.t, [0, 0.1, 0.2])
+    np.testing.assert_array_equal(log.q, [[1, 2]] * 3)
+    np.testing.assert_array_equal(log.dq, [[3, 4]] * 3)
+    np.testing.assert_array_equal(log.wrench, [[5, 6, 7, 8, 9, 10]] * 3)
+    np.testing.assert_array_equal(log.temperature, [25] * 3)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: "\ufeff" + text,
+        lambda text: "# " + text,
+        lambda text: text + "\n\n  \n",
+        lambda text: text.replace("\n", "\n\n"),
+        lambda text: text.replace(",", " , "),
+        lambda text: text.replace(",q0", ',"q0"').replace("0.1,", '"0.1",'),
+    ],
+    ids=["windows", "byte order mark", "savetxt", "blank end", "blank lines", "spaces", "quotes"],
+)
+def test_the_usual_variants_of_csv_read_the_same(tmp_path, setup, change):
+    plain = read_log(write(tmp_path, "\n".join(lines())), setup)
+    varied = read_log(write(tmp_path, change("\n".join(lines()))), setup)
+    for a, b in zip(plain, varied, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "time,q1,q2,dq1,dq2,fx,fy,fz,mx,my,mz,temperature",
+        "t,base,elbow,velocity_base,velocity_elbow,fx,fy,fz,tx,ty,tz,temperature",
+        "t,position_base,position_elbow,dq0,dq1,fx,fy,fz,tx,ty,tz,temperature",
+    ],
+)
+def test_usual_names_need_no_declaration(tmp_path, setup, header):
+    plain = read_log(write(tmp_path, "\n".join(lines())), setup)
+    named = read_log(write(tmp_path, "\n".join(lines(header=header))), setup)
+    for a, b in zip(plain, named, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_columns_in_any_order_beside_others_as_the_setup_names_them(tmp_path, make_setup):
+    columns = {"time": "stamp", "position": ["elbow angle", "b"], "velocity": ["v1", "v0"], "wrench": list("UVWXYZ")}
+    setup = make_setup(log={"columns": columns})
+    header = "state,stamp,b,elbow angle,v0,v1,U,V,W,X,Y,Z"
+    log = read_log(write(tmp_path, "\n".join(lines(header=header, line="idle,0.{i},1,2,3,4,5,6,7,8,9,10"))), setup)
+    np.testing.assert_array_equal(log.q, [[2, 1]] * 3)
+    np.testing.assert_array_equal(log.dq, [[4, 3]] * 3)
+    assert np.isnan(log.temperature).all()
+
+
+def test_empty_cells_are_a_merged_timeline(tmp_path, setup):
+    text = "\n".join([HEADER, "0,1,2,,,,,,,,,", "0.5,,, ,\t,5,6,7,8,9,10,", "1,3,4,NaN,nan,,,,,,,25"])
+    log = read_log(write(tmp_path, text), setup)
+    np.testing.assert_array_equal(log.q, [[1, 2], [np.nan, np.nan], [3, 4]])
+    assert np.isnan(log.dq).all()
+    np.testing.assert_array_equal(log.wrench[:, 0], [np.nan, 5, np.nan])
+    np.testing.assert_array_equal(log.temperature, [np.nan, np.nan, 25])
+
+
+def test_an_empty_first_cell_is_missing_too(tmp_path, setup):
+    header = "temperature,t,q0,q1,fx,fy,fz,tx,ty,tz"
+    text = "\n".join(lines(header=header, line=",0.{i},1,2,5,6,7,8,9,10"))
+    log = read_log(write(tmp_path, text), setup)
+    assert np.isnan(log.temperature).all()
+    np.testing.assert_array_equal(log.q, [[1, 2]] * 3)
+
+
+numbers = arrays(np.float64, (6, 8), elements=st.floats(-1e300, 1e300) | st.just(np.nan))
+
+
+@given(numbers)
+def test_written_numbers_come_back_to_the_last_bit(tmp_path_factory, setup, values):
+    values[0] = 1  # at least one sample of everything
+    rows = [f"{i / 10}," + ",".join("" if np.isnan(v) else repr(float(v)) for v in row) for i, row in enumerate(values)]
+    path = write(tmp_path_factory.mktemp("csv"), "\n".join(["t,base,elbow,fx,fy,fz,tx,ty,tz", *rows]))
+    log = read_log(path, setup)
+    np.testing.assert_array_equal(np.hstack([log.q, log.wrench]), values)
+
+
+def test_blocks_join(tmp_path, setup, monkeypatch):
+    path = write(tmp_path, "\n".join(lines(9)))
+    whole = read_log(path, setup)
+    monkeypatch.setattr(csv_log, "BLOCK", 40)
+    for a, b in zip(whole, read_log(path, setup), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("block", [40, 1 << 22])
+@pytest.mark.parametrize("cell", ["abc", "1_000", "0x10", "1,5", "--1", "1e", "٣", "1 2"])
+def test_bad_cells_are_named_with_their_line(tmp_path, setup, monkeypatch, cell, block):
+    monkeypatch.setattr(csv_log, "BLOCK", block)
+    content = lines(5)
+    content[3] = content[3].replace(",5,", f",{cell},")
+    if cell == "1,5":
+        fails(write(tmp_path, "\n".join(content)), setup, "line 4: 13 cells, the header has 12", "one cell per column")
+    else:
+        where = f"line 4, column fx: {cell!r} is not a number"
+        fails(write(tmp_path, "\n".join(content)), setup, where, "leave the cell empty")
+
+
+def test_the_line_of_a_bad_cell_counts_blank_lines(tmp_path, setup):
+    content = "\n\n".join(lines(3)).replace("0.2,", "now,")
+    fails(write(tmp_path, content), setup, "line 7, column t: 'now'")
+
+
+@pytest.mark.parametrize(
+    ("header", "what", "remedy"),
+    [
+        (
+            "s,q0,q1,fx,fy,fz,tx,ty,tz",
+            "time: no columns for the time: looked for t or time; the header has s, q0",
+            "= ",
+        ),
+        ("t,a,b,fx,fy,fz,tx,ty,tz", "looked for q0 q1 or q1 q2 or position_base", "[log.columns] position = "),
+        ("t,q0,q1,q2,fx,fy,fz,tx,ty,tz", "position: no columns for the position", "[log.columns] position = "),
+        ("t,q0,q1,dq0,dq1,dq2,fx,fy,fz,tx,ty,tz", "velocity: no columns", "[log.columns] velocity = "),
+        ("t,q0,q1,dq1,fx,fy,fz,tx,ty,tz", "velocity: no columns", "[log.columns] velocity = "),
+        ("t,q0,q1,fx,fy,fz", "looked for fx fy fz tx ty tz or fx fy fz mx my mz", "[log.columns] wrench = "),
+        ("t;q0;q1", "the header has t;q0;q1", "separate columns by commas"),
+        ("", "the header has ", "[log.columns] time = "),
+        ("t,q0,q1,fx,fy,fz,tx,ty,tz,fx", "fx: two columns have this name", "rename one of them"),
+    ],
+)
+def test_columns_that_are_not_there_are_named(tmp_path, setup, header, what, remedy):
+    fails(write(tmp_path, header + "\n"), setup, what, remedy)
+
+
+def test_a_declared_column_that_is_not_there_names_the_nearest(tmp_path, make_setup):
+    setup = make_setup(log={"columns": {"time": "stanp"}})
+    path = write(tmp_path, "stamp,q0,q1,fx,fy,fz,tx,ty,tz\n")
+    fails(path, setup, "stanp: log.columns.time of the setup", "did you mean 'stamp'?")
+
+
+def test_counted_joints_go_on_without_being_mistaken(setup):
+    columns = choose_columns(["t", "q1", "q2", "fx", "fy", "fz", "tx", "ty", "tz"], setup)
+    assert columns.position == ("q1", "q2")
+    assert columns.velocity == ()
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (HEADER.encode() + b"\n\xff\xfe", "is not UTF-8 text"),
+        (HEADER.encode() + b"\n" + b"1" * 200_000 + b'"\n', "is not CSV text"),
+        (HEADER.encode() + b"\n", "t: has 0 samples"),
+    ],
+    ids=["encoding", "endless cell", "no lines"],
+)
+def test_files_that_are_no_csv_are_named(tmp_path, setup, content, what):
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    fails(path, setup, what)
+
+
+def test_absent_file(tmp_path, setup):
+    fails(tmp_path / "log.csv", setup, "cannot be read: No such file", "check the path")

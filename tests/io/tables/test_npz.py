@@ -1,0 +1,204 @@
+import io
+import struct
+import zipfile
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io import npz_archive, read_log
+from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.setup import load_setup
+
+T = 5
+
+
+def arrays():
+    values = np.random.default_rng(0)
+    return {
+        "t": np.arange(T) * 0.01,
+        "q": values.normal(size=(T, 2)),
+        "dq": values.normal(size=(T, 2)),
+        "wrench": values.normal(size=(T, 6)),
+        "temperature": np.full(T, 25.0),
+    }
+
+
+def member(shape, data=b""):
+    """Bytes of an NPY file whose header promises a shape."""
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return stream.getvalue() + data
+
+
+def write_zip(path, members, compression=zipfile.ZIP_DEFLATED):
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return path
+
+
+def fails(call, path, *words):
+    with pytest.raises(LogError) as caught:
+        call()
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    for word in words:
+        assert word in message
+    assert caught.value.remedy
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_native_log_reads_back(tmp_path, setup, save):
+    save(tmp_path / "log.npz", **arrays(), segment=np.zeros(T, np.int16), note=np.array("free arrays are ignored"))
+    log = read_log(tmp_path / "log.npz", setup)
+    for name, values in arrays().items():
+        np.testing.assert_array_equal(getattr(log, name), values)
+
+
+def test_velocity_and_temperature_are_optional(tmp_path, setup):
+    given = arrays()
+    np.savez(tmp_path / "log.npz", t=given["t"], q=np.asfortranarray(given["q"]), wrench=given["wrench"])
+    log = read_log(tmp_path / "log.npz", setup)
+    np.testing.assert_array_equal(log.q, given["q"])
+    assert np.isnan(log.dq).all()
+    assert np.isnan(log.temperature).all()
+
+
+def test_streams_with_their_own_stamps_are_merged(tmp_path, setup):
+    given = arrays()
+    wrench_t = given["t"][1:4] + 0.005
+    streams = {"t_joints": given["t"], "t_wrench": wrench_t, "q": given["q"], "wrench": given["wrench"][:3]}
+    np.savez(tmp_path / "log.npz", **streams)
+    log = read_log(tmp_path / "log.npz", setup)
+    assert log.q.shape == (T + 3, 2)
+    assert np.isfinite(log.q[:, 0]).sum() == T
+    np.testing.assert_array_equal(log.wrench[np.isin(log.t, wrench_t)], given["wrench"][:3])
+
+
+@pytest.mark.parametrize(
+    ("remove", "add", "field", "what"),
+    [
+        ("q", {}, "q", "no motion data"),
+        ("wrench", {}, "wrench", "no wrench data"),
+        ("t", {}, "t_joints", "there is no time"),
+        ("t", {"t_joints": np.arange(T)}, "t_wrench", "but no t_wrench"),
+        ("dq", {"t_joints": np.arange(T)}, "t", "stands beside t_joints"),
+    ],
+)
+def test_missing_or_contradicting_arrays_are_named(tmp_path, setup, remove, add, field, what):
+    path = tmp_path / "log.npz"
+    np.savez(path, **{name: value for name, value in arrays().items() if name != remove}, **add)
+    fails(lambda: read_log(path, setup), path, f": {field}: ", what)
+
+
+def test_unknown_formats_and_absent_files_are_named(tmp_path, setup):
+    fails(lambda: read_log(tmp_path / "log.mat", setup), tmp_path / "log.mat", "'.mat'", ".npz, .csv")
+    fails(lambda: read_log(tmp_path / "log.npz", setup), tmp_path / "log.npz", "No such file", "check the path")
+
+
+def test_other_files_are_refused(tmp_path):
+    path = tmp_path / "log.npz"
+    path.write_bytes(b"t,q0,q1\n0,1,2\n")
+    fails(lambda: load_arrays(path), path, "is not an NPZ file", "numpy.savez")
+
+
+@pytest.mark.parametrize("name", ["../t.npy", "a/t.npy", "a\\t.npy", "..npy"])
+def test_names_that_leave_the_file_are_refused(tmp_path, name):
+    path = write_zip(tmp_path / "log.npz", {name: member((0,))})
+    fails(lambda: load_arrays(path), path, "unsafe array name", "without slashes")
+
+
+def test_object_arrays_are_refused_only_where_they_are_read(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, t=np.zeros(2), extra=np.array([None, {}], object))
+    assert load_arrays(path, ["t"]).keys() == {"t"}
+    fails(lambda: load_arrays(path), path, ": extra: holds Python objects", "plain arrays")
+
+
+@pytest.mark.parametrize("shape", [(10**12,), (2**40, 2**40), (3,), (5,), (-1,), (2**70, 0)])
+def test_headers_that_promise_other_sizes_are_refused_before_memory_is_taken(tmp_path, shape):
+    path = write_zip(tmp_path / "log.npz", {"t.npy": member(shape, data=bytes(8 * 4))})
+    fails(lambda: load_arrays(path), path)
+
+
+def test_bombs_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(npz_archive, "SMALL", 1 << 16)
+    path = write_zip(tmp_path / "log.npz", {"t.npy": member((1 << 20,), data=bytes(8 << 20))})
+    fails(lambda: load_arrays(path), path, ": t.npy: unpacks to", "decompression bomb")
+
+
+def test_constant_arrays_of_ordinary_logs_pass(tmp_path):
+    np.savez_compressed(tmp_path / "log.npz", dq=np.full((1 << 17, 7), np.nan))
+    assert np.isnan(load_arrays(tmp_path / "log.npz")["dq"]).all()
+
+
+def test_files_beyond_the_limit_are_refused(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, q=np.zeros(1000), other=np.zeros(1000))
+    fails(lambda: load_arrays(path, ["q"], max_bytes=10_000), path, "bytes of arrays", "the limit is 10000 bytes")
+
+
+def test_members_that_claim_more_than_the_file_are_refused(tmp_path):
+    path = write_zip(tmp_path / "log.npz", {"t.npy": member((4,), data=bytes(32))}, zipfile.ZIP_STORED)
+    content = bytearray(path.read_bytes())
+    directory = content.index(b"PK\x01\x02")
+    content[directory + 20 : directory + 24] = struct.pack("<I", 1 << 24)  # the compressed size
+    path.write_bytes(content)
+    fails(lambda: load_arrays(path), path, ": t.npy: is larger than the file it is in", "numpy.savez")
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_two_arrays_of_one_name_are_refused(tmp_path):
+    path = tmp_path / "log.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        for _ in range(2):
+            archive.writestr("t.npy", member((0,)))
+    fails(lambda: load_arrays(path), path, "two arrays of one name", "numpy.savez")
+
+
+def test_newer_array_versions_are_refused(tmp_path):
+    content = bytearray(member((0,)))
+    content[6] = 3
+    path = write_zip(tmp_path / "log.npz", {"t.npy": bytes(content)})
+    fails(lambda: load_arrays(path), path, ": t: has NPY version (3, 0)", "plain arrays")
+
+
+def test_damaged_files_end_in_an_error_of_ours(tmp_path):
+    """Every cut, and a thousand flipped bytes: an array or a LogError, nothing else."""
+    good = tmp_path / "good.npz"
+    np.savez_compressed(good, t=np.arange(4.0), q=np.ones((4, 2)))
+    content = good.read_bytes()
+    path = tmp_path / "log.npz"
+    for length in range(0, len(content), 7):
+        path.write_bytes(content[:length])
+        fails(lambda: load_arrays(path), path)
+    flips = np.random.default_rng(0)
+    for _ in range(1000):
+        changed = bytearray(content)
+        changed[flips.integers(len(content))] ^= 1 << flips.integers(8)
+        path.write_bytes(changed)
+        with suppress(LogError):
+            load_arrays(path)
+
+
+def test_damaged_headers_end_in_an_error_of_ours(tmp_path):
+    """As above inside one array's header, where no checksum helps."""
+    content = member((4,), data=bytes(32))
+    flips = np.random.default_rng(1)
+    for _ in range(1000):
+        changed = bytearray(content)
+        changed[flips.integers(len(content) - 32)] = flips.integers(256)
+        path = write_zip(tmp_path / "log.npz", {"t.npy": bytes(changed)}, zipfile.ZIP_STORED)
+        with suppress(LogError):
+            load_arrays(path)
+
+
+def test_recorded_logs(shared_data):
+    setup = load_setup(shared_data / "real" / "abb_frida.toml")
+    log = read_log(shared_data / "real" / "abb_frida.npz", setup)
+    assert log.q.shape == (13802, 7)
+    recorded = load_arrays(shared_data / "real" / "abb_frida.npz", ["wrench"])["wrench"]
+    np.testing.assert_array_equal(log.wrench, -recorded.astype(np.float64))

@@ -1,0 +1,106 @@
+import os
+import stat
+
+import numpy as np
+import pytest
+
+from ftbias_jax.errors import OutputError
+from ftbias_jax.io.atomic import make_folder, write_atomic
+from ftbias_jax.io.write.npz import load_npz, save_npz
+
+
+def fails(call, path, *words):
+    with pytest.raises(OutputError) as caught:
+        call()
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    for word in words:
+        assert word in message
+    assert "\n" not in message
+
+
+def test_a_new_file_has_the_content_and_the_mode_of_any_new_file(tmp_path):
+    write_atomic(tmp_path / "new", lambda file: file.write(b"content") and None)
+    (tmp_path / "plain").touch()
+    assert (tmp_path / "new").read_bytes() == b"content"
+    modes = {stat.S_IMODE(os.stat(tmp_path / name).st_mode) for name in ("new", "plain")}
+    assert len(modes) == 1
+    assert sorted(os.listdir(tmp_path)) == ["new", "plain"]
+
+
+def test_an_old_file_is_replaced_through_a_link(tmp_path):
+    (tmp_path / "old").write_bytes(b"old, and longer")
+    (tmp_path / "link").symlink_to("old")
+    write_atomic(tmp_path / "link", lambda file: file.write(b"new") and None)
+    assert (tmp_path / "old").read_bytes() == b"new"
+    assert (tmp_path / "link").is_symlink()
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), ValueError("bug"), KeyboardInterrupt()])
+def test_on_failure_the_old_file_stands_and_nothing_else(tmp_path, error):
+    path = tmp_path / "result"
+    path.write_bytes(b"old")
+
+    def write(file):
+        file.write(b"half")
+        raise error
+
+    if isinstance(error, OSError):
+        fails(lambda: write_atomic(path, write), path, "cannot be written: No space left", "has room")
+    else:
+        with pytest.raises(type(error)):
+            write_atomic(path, write)
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["result"]
+
+
+def test_a_failing_rename_leaves_nothing(tmp_path, monkeypatch):
+    def replace(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "replace", replace)
+    path = tmp_path / "result"
+    fails(lambda: write_atomic(path, lambda file: None), path, "cannot be written: Permission denied", "may be written")
+    assert os.listdir(tmp_path) == []
+
+
+def test_the_content_is_on_disk_before_the_name_is(tmp_path, monkeypatch):
+    calls = []
+    fsync, replace = os.fsync, os.replace
+    monkeypatch.setattr(os, "fsync", lambda *args: calls.append("fsync") or fsync(*args))
+    monkeypatch.setattr(os, "replace", lambda *args: calls.append("replace") or replace(*args))
+    write_atomic(tmp_path / "result", lambda file: None)
+    assert calls[:2] == ["fsync", "replace"]
+
+
+def test_places_that_cannot_hold_a_file_are_named(tmp_path):
+    missing = tmp_path / "missing" / "result"
+    fails(lambda: write_atomic(missing, lambda file: None), missing, "No such file", "check that the folder exists")
+    fails(lambda: write_atomic(tmp_path, lambda file: None), tmp_path, "is not a regular file", "path of a file")
+    fails(lambda: write_atomic(os.devnull, lambda file: None), os.devnull, "is not a regular file", "path of a file")
+
+
+def test_arrays_read_back_and_the_same_arrays_give_the_same_bytes(tmp_path):
+    arrays = {"t": np.arange(3.0), "q": np.ones((3, 2), np.float32), "log_likelihood": np.float64(-1.5)}
+    save_npz(tmp_path / "a.npz", arrays)
+    save_npz(tmp_path / "b.npz", arrays)
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    read = load_npz(tmp_path / "a.npz")
+    assert list(read) == list(arrays)
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(read[name], array)
+        assert read[name].dtype == array.dtype
+
+
+def test_objects_are_not_written(tmp_path):
+    with pytest.raises(ValueError, match="not plain numbers: b"):
+        save_npz(tmp_path / "a.npz", {"a": np.zeros(2), "b": np.array([None])})
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_folder_is_made_with_those_above_it_or_told(tmp_path):
+    make_folder(tmp_path / "a" / "b")
+    make_folder(tmp_path / "a" / "b")
+    assert (tmp_path / "a" / "b").is_dir()
+    (tmp_path / "file").touch()
+    fails(lambda: make_folder(tmp_path / "file"), tmp_path / "file", "cannot make the folder", "name another")

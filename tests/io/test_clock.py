@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.clock import JUMP, PAUSE, choose_clock, continue_after_jumps, jumps, tidy
+
+STEP = 10_000_000
+
+
+def steady(start=10**9, samples=20):
+    return start + STEP * np.arange(samples)
+
+
+def test_stamps_of_one_clock_are_kept():
+    clock = choose_clock([steady(), steady(10**9 + 5)], [steady(), steady()])
+    assert not clock.complaint
+    np.testing.assert_array_equal(clock.stamps[1], steady(10**9 + 5))
+
+
+@pytest.mark.parametrize(
+    ("stamps", "complaint"),
+    [
+        ([np.zeros(20, int), steady()], "no stamps"),
+        ([steady(), steady(10**15)], "different clocks"),
+        ([np.r_[steady(), steady()], steady()], "jumps back"),
+    ],
+)
+def test_other_stamps_give_way_to_the_times_of_the_recorder(stamps, complaint):
+    logged = [steady(5, len(t)) for t in stamps]
+    clock = choose_clock(stamps, logged)
+    assert complaint in clock.complaint
+    np.testing.assert_array_equal(clock.stamps[0], logged[0])
+
+
+def test_a_few_missing_stamps_do_not_condemn_the_others():
+    stamps = steady()
+    stamps[3] = 0
+    assert not choose_clock([stamps, steady()], [steady(), steady()]).complaint
+
+
+def test_segments_follow_each_other_and_stay_together():
+    """Two streams, whose clock is set back by 0.15 s at the same moment."""
+    first, second = np.r_[steady(), steady() + 50], np.r_[steady() + 3, steady() + 60]
+    (a, b), count = continue_after_jumps([first, second])
+    assert count == 1
+    np.testing.assert_array_equal(a[:20], first[:20])
+    assert a[20] - b[19] == PAUSE  # the second stream ended last, the first starts first
+    np.testing.assert_array_equal(b[20:] - a[20:], second[20:] - first[20:])
+    assert not len(jumps(a))
+
+
+def test_streams_that_disagree_about_jumps_are_refused():
+    with pytest.raises(LogError, match="jumps back 1 and 0 times") as caught:
+        continue_after_jumps([np.r_[steady(), steady()], steady()], "log.bag")
+    assert str(caught.value).startswith("log.bag: t_joints, t_wrench: ")
+
+
+def test_late_samples_are_no_jump():
+    t = steady()
+    t[10] = t[9] - JUMP + 1
+    assert not len(jumps(t))
+
+
+@given(st.lists(st.tuples(st.integers(0, 8), st.floats(-9, 9) | st.just(np.nan)), min_size=1, max_size=30))
+def test_tidy_against_the_plain_loop(samples):
+    t, values = np.array([s[0] for s in samples]), np.array([[s[1], 1.0] for s in samples])
+    expected = {}
+    for stamp, row in zip(t.tolist(), values, strict=True):
+        kept = expected.setdefault(stamp, np.full(2, np.nan))
+        kept[:] = np.where(np.isnan(kept), row, kept)
+    result = tidy(t, values)
+    assert result.t.tolist() == sorted(expected)
+    np.testing.assert_array_equal(result.values, [expected[stamp] for stamp in result.t.tolist()])
+    assert result.repeated == len(t) - len(expected)  # the second column collides in every repeated row
+    assert result.late == sum(stamp < max(t[: i + 1]) for i, stamp in enumerate(t))

@@ -1,0 +1,165 @@
+"""The same log through every format, and what only HDF5 and Parquet can do."""
+
+import sys
+
+import numpy as np
+import pytest
+import recordings
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io import read_log
+from ftbias_jax.io.tables import hdf5, parquet
+from ftbias_jax.types import Log
+
+h5py = pytest.importorskip("h5py")
+arrow = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+
+
+def columns(log):
+    names = ["t", "q0", "q1", "dq0", "dq1", "fx", "fy", "fz", "tx", "ty", "tz"]
+    return dict(zip(names, np.column_stack([log.t, log.q, log.dq, log.wrench]).T, strict=True))
+
+
+def write_csv(path, log):
+    table = columns(log)
+    np.savetxt(path, np.column_stack(list(table.values())), "%.17g", ",", header=",".join(table), comments="")
+
+
+def write_parquet(path, log):
+    pq.write_table(arrow.table(columns(log)), path)
+
+
+def write_hdf5(path, log):
+    with h5py.File(path, "w") as root:
+        for name in ("t", "q", "dq", "wrench"):
+            root.create_dataset(name, data=getattr(log, name), compression="gzip")
+
+
+def write_npz(path, log):
+    np.savez_compressed(path, t=log.t, q=log.q, dq=log.dq, wrench=log.wrench)
+
+
+WRITERS = {"log.csv": write_csv, "log.parquet": write_parquet, "log.h5": write_hdf5, "log.npz": write_npz}
+
+
+@pytest.fixture(scope="session")
+def original(tmp_path_factory, setup) -> Log:
+    """A log as it comes from a recording: two streams, merged."""
+    folder = tmp_path_factory.mktemp("ros")
+    return read_log(recordings.write(folder, "ros1", recordings.messages()), setup)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_gives_the_same_log(tmp_path, setup, original, name):
+    WRITERS[name](tmp_path / name, original)
+    log = read_log(tmp_path / name, setup)
+    for field in ("t", "q", "dq", "wrench", "temperature"):
+        np.testing.assert_allclose(getattr(log, field), getattr(original, field), rtol=0, atol=1e-12)
+
+
+def fails(path, setup, *words):
+    with pytest.raises(LogError) as caught:
+        read_log(path, setup)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    for word in words:
+        assert word in message
+    assert caught.value.remedy
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(("name", "module"), [("log.h5", "h5py"), ("log.parquet", "pyarrow")])
+def test_a_missing_package_is_named_with_its_extra(tmp_path, setup, original, monkeypatch, name, module):
+    WRITERS[name](tmp_path / name, original)
+    monkeypatch.setitem(sys.modules, module, None)
+    fails(tmp_path / name, setup, f"needs the package {module}", "pip install 'ftbias-jax[")
+
+
+@pytest.mark.parametrize("name", ["log.h5", "log.parquet"])
+def test_other_files_are_refused(tmp_path, setup, name):
+    fails(tmp_path / name, setup, "cannot be read: ", "No such file")
+    for content in (b"", b"t,q0,q1\n0,1,2\n", bytes(100)):
+        (tmp_path / name).write_bytes(content)
+        fails(tmp_path / name, setup)
+    fails(tmp_path, setup)
+
+
+def test_parquet_stamps_may_be_integers_or_timestamps(tmp_path, setup, original):
+    start = 1_700_000_000 * 10**9
+    t = start + np.rint(original.t * 1e9).astype(np.int64)
+    for kind in (arrow.int64(), arrow.timestamp("ns"), arrow.timestamp("us")):
+        times = arrow.array(t // 1000 if kind == arrow.timestamp("us") else t).cast(kind)
+        pq.write_table(arrow.table({**columns(original), "t": times}), tmp_path / "log.parquet")
+        log = read_log(tmp_path / "log.parquet", setup)
+        np.testing.assert_allclose(log.t, original.t, atol=1e-9)
+        assert log.start == pytest.approx(start * 1e-9)
+
+
+def test_parquet_nulls_are_not_measured(tmp_path, setup, original):
+    table = {name: arrow.array(values, from_pandas=True) for name, values in columns(original).items()}
+    assert table["q0"].null_count
+    pq.write_table(arrow.table(table), tmp_path / "log.parquet")
+    np.testing.assert_array_equal(read_log(tmp_path / "log.parquet", setup).q, original.q)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"q1": None}, ["position: no columns for the position"]),
+        ({"fx": ["a"]}, ["fx: has the type string", "real numbers"]),
+        ({"fx": [True]}, ["fx: has the type bool", "real numbers"]),
+        ({"t": [None]}, ["t: has 60 nulls", "every sample a stamp"]),
+    ],
+)
+def test_parquet_columns_that_cannot_be_read_are_named(tmp_path, setup, original, changes, words):
+    table = {**columns(original), **{name: v and v * len(original.t) for name, v in changes.items()}}
+    pq.write_table(arrow.table({name: v for name, v in table.items() if v is not None}), tmp_path / "log.parquet")
+    fails(tmp_path / "log.parquet", setup, *words)
+
+
+def test_parquet_of_too_many_rows_is_refused_before_memory_is_taken(tmp_path, setup, original, monkeypatch):
+    write_parquet(tmp_path / "log.parquet", original)
+    monkeypatch.setattr(parquet, "MAX_BYTES", 100)
+    fails(tmp_path / "log.parquet", setup, "declares 5280 bytes of numbers", "the limit is 100 bytes")
+
+
+def test_hdf5_streams_with_their_own_stamps_are_merged(tmp_path, setup, original):
+    with h5py.File(tmp_path / "log.hdf5", "w") as root:
+        for name, values in recordings.arrays().items():
+            root[name] = values
+        root["notes/anything"] = "other datasets are ignored"
+    np.testing.assert_array_equal(read_log(tmp_path / "log.hdf5", setup).q, original.q)
+
+
+def hdf5_log(path, original, name, change):
+    write_hdf5(path, original)
+    with h5py.File(path, "a") as root:
+        del root[name]
+        change(root)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda root: root.__setitem__("q", h5py.ExternalLink("other.h5", "/q")), "q: is a link"),
+        (lambda root: root.__setitem__("q", h5py.SoftLink("/wrench")), "q: is a link"),
+        (lambda root: root.create_group("q"), "q: is no dataset of numbers"),
+        (lambda root: root.__setitem__("q", "text"), "q: is no dataset of numbers"),
+        (lambda root: root.__setitem__("q", h5py.Empty("f8")), "q: is no dataset of numbers"),
+        (lambda root: root.create_dataset("q", (60, 2), "f4", external=[("raw", 0, 480)]), "q: is stored in another"),
+        (lambda root: root.create_virtual_dataset("q", h5py.VirtualLayout((60, 2), "f4")), "q: is stored in another"),
+        (lambda root: root.create_dataset("q", (10**12, 2), "f4", chunks=(1000, 2)), "q: declares 8000000000000 bytes"),
+        (lambda root: root.create_dataset("q", (10**7, 2), "f4", chunks=(1000, 2)), "q: has shape (10000000, 2)"),
+        (lambda root: None, "q: no motion data"),
+    ],
+)  # fmt: skip
+def test_hdf5_datasets_that_cannot_be_read_are_named(tmp_path, setup, original, change, words):
+    fails(hdf5_log(tmp_path / "log.h5", original, "q", change), setup, words)
+
+
+def test_hdf5_of_too_many_bytes_is_refused_before_memory_is_taken(tmp_path, setup, original, monkeypatch):
+    write_hdf5(tmp_path / "log.h5", original)
+    monkeypatch.setattr(hdf5, "MAX_BYTES", 100)
+    fails(tmp_path / "log.h5", setup, "declares 5280 bytes of arrays", "the limit is 100 bytes")

@@ -1,0 +1,124 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ftbias_jax.io.health import (
+    Extremes,
+    Held,
+    Still,
+    extend,
+    gaps,
+    hold,
+    mask,
+    sample_rate,
+    saturation,
+    stuck,
+    stuck_seconds,
+)
+
+T = np.arange(1000) * 0.01
+NOISE = np.random.default_rng(0).normal(size=1000)
+
+
+def test_rate_and_gaps():
+    t = np.r_[T[:300], T[300:] + 5.0]
+    assert sample_rate(t) == pytest.approx(100)
+    ((start, length),) = gaps(t)
+    assert start == pytest.approx(2.99)
+    assert length == pytest.approx(5.01)
+    assert gaps(T) == gaps(T[:1]) == gaps(T[:0]) == []
+    assert np.isnan(sample_rate(T[:1]))
+
+
+def test_a_noisy_axis_has_no_trouble():
+    assert stuck_seconds(T, NOISE) == 0
+    assert np.isnan(saturation(NOISE)).all()
+
+
+def test_a_stuck_axis_is_timed():
+    values = NOISE.copy()
+    values[400:700] = values[400]
+    values[500] = np.nan  # a missing sample does not set it free
+    assert stuck_seconds(T, values) == pytest.approx(2.99)
+    assert stuck_seconds(T, np.zeros(1000)) == pytest.approx(9.99)
+    assert stuck_seconds(T[:0], NOISE[:0]) == 0
+
+
+def test_a_clipped_axis_is_found_with_its_limits():
+    wave = 3 * np.sin(T) + 0.01 * NOISE
+    low, high = saturation(np.clip(wave, -9, 2.5))
+    assert np.isnan(low)
+    assert high == 2.5
+    assert saturation(np.clip(wave, -2.5, 2.5)) == (-2.5, 2.5)
+
+
+@pytest.mark.parametrize(
+    "values", [np.zeros(1000), np.round(NOISE), np.round(3 * np.sin(T)), NOISE[:0], np.full(9, np.nan)]
+)
+def test_resting_and_coarse_axes_are_not_taken_for_clipped(values):
+    assert np.isnan(saturation(values)).all()
+
+
+@given(
+    values=st.lists(st.sampled_from([0.0, 1.0, np.nan]), max_size=9),
+    runs=st.lists(st.integers(1, 300), min_size=9, max_size=9),
+    cuts=st.lists(st.integers(0, 3000), max_size=5),
+)
+def test_stretches_that_stand_still_do_not_depend_on_parts(values, runs, cuts):
+    values = np.repeat(values, runs[: len(values)])
+    t = 0.01 * np.arange(len(values))
+    seen = Held()
+    for part, stamps in zip(np.split(values, sorted(cuts)), np.split(t, sorted(cuts)), strict=True):
+        seen = hold(seen, stamps, part)
+    assert stuck(seen) == stuck(hold(Held(), t, values))
+    assert (seen.stretches, seen.samples) == hold(Held(), t, values)[2:]
+    expected, start = [], None  # a loop over the measured samples
+    measured = np.flatnonzero(~np.isnan(values))
+    for place, i in enumerate(measured):
+        start = place if start is None or values[i] != values[measured[place - 1]] else start
+        if place + 1 == len(measured) or values[measured[place + 1]] != values[i]:
+            still = Still(values[i], t[measured[start]], t[i], place - start + 1)
+            expected += [still] * bool(still.long)
+    assert [*seen.long, *([seen.now] if seen.now.long else [])] == expected
+
+
+def test_coarse_axes_are_not_taken_for_stuck():
+    coarse = np.round(np.r_[0.2 * NOISE[:500], 3 + NOISE[:500]])
+    assert hold(Held(), T, coarse).long
+    assert stuck_seconds(T, coarse) == 0
+
+
+@given(
+    values=st.lists(st.sampled_from([-2.0, -1.0, 0.0, 0.5, 2.0, np.nan]), max_size=60),
+    runs=st.lists(st.integers(1, 12), min_size=60, max_size=60),
+    cuts=st.lists(st.integers(0, 300), max_size=5),
+)
+def test_cutting_an_axis_into_parts_changes_nothing(values, runs, cuts):
+    values = np.repeat(values, runs[: len(values)])
+    seen = Extremes()
+    for part in np.split(values, sorted(cuts)):
+        seen = extend(seen, part)
+    whole = extend(Extremes(), values)
+    np.testing.assert_array_equal(seen, whole)
+    if len(measured := values[~np.isnan(values)]):
+        assert (seen.low, seen.high) == (measured.min(), measured.max())
+        assert (seen.low_count, seen.high_count) == tuple((measured == end).sum() for end in seen[:2])
+
+
+def test_clipped_samples_are_masked():
+    wrench = np.tile(NOISE[:, None], (1, 6))
+    wrench[:, 2] = np.clip(3 * np.sin(T) + 0.01 * NOISE, -2.5, 9)
+    masked = mask(T, wrench, [saturation(axis) for axis in wrench.T], [()] * 6)
+    clipped = wrench == np.where(np.arange(6) == 2, -2.5, np.nan)
+    assert clipped.sum() > 50
+    np.testing.assert_array_equal(masked, np.where(clipped, np.nan, wrench))
+
+
+def test_stuck_axes_are_masked_while_they_are_stuck():
+    wrench = np.random.default_rng(1).normal(size=(1000, 6))
+    wrench[300:600, 1] = 0.25
+    held = [stuck(hold(Held(), T, axis)) for axis in wrench.T]
+    masked = mask(T, wrench, [saturation(axis) for axis in wrench.T], held)
+    wrench[300:600, 1] = np.nan
+    np.testing.assert_array_equal(masked, wrench)

@@ -1,0 +1,111 @@
+import numpy as np
+import pytest
+import recordings
+from recordings import FORMATS, Joints, Wrench
+
+from ftbias_jax.cli.main import main
+from ftbias_jax.io.info import describe
+from ftbias_jax.setup import dump_setup
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_recordings(tmp_path, setup, kind):
+    info = describe(recordings.write(tmp_path, kind, recordings.messages()), setup)
+    streams = {stream.name: stream for stream in info.streams}
+    assert streams["/wrench"].rate == pytest.approx(100)
+    assert streams["/joint_states"].rate == pytest.approx(50)
+    assert streams["/joint_states"].names == ("base", "elbow")
+    assert info.verdict == "can be filtered"
+    assert info.usable
+
+
+def write_native(path):
+    log = recordings.arrays()
+    if path.suffix == ".npz":
+        np.savez(path, **log)
+        return
+    table = {f"q{i}": log["q"][:, i] for i in range(2)}
+    table |= {name: log["wrench"][::2, i] for i, name in enumerate(["fx", "fy", "fz", "tx", "ty", "tz"])}
+    table["t"] = (log["t_joints"] - log["t_joints"][0]) * 1e-9
+    if path.suffix == ".csv":
+        np.savetxt(path, np.column_stack(list(table.values())), "%.17g", ",", header=",".join(table), comments="")
+    elif path.suffix == ".parquet":
+        pytest.importorskip("pyarrow.parquet").write_table(pytest.importorskip("pyarrow").table(table), path)
+    else:
+        with pytest.importorskip("h5py").File(path, "w") as root:
+            for name, values in log.items():
+                root[name] = values
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.csv", "log.parquet", "log.h5"])
+def test_native_formats_need_no_setup(tmp_path, setup, name):
+    write_native(tmp_path / name)
+    info = describe(tmp_path / name)
+    joints, wrench = info.streams
+    assert joints.names == ("q0", "q1")
+    assert joints.rate == pytest.approx(50)
+    assert wrench.samples in (30, 60)
+    assert info.verdict == "has 2 joints and a wrench"
+    assert describe(tmp_path / name, setup).verdict == "can be filtered"
+
+
+def test_trouble_is_named(tmp_path):
+    published, t = [], recordings.START
+    rng = np.random.default_rng(0)
+    for i in range(900):
+        t += 10_000_000 if i != 600 else 5_000_000_000
+        force = (1.0, min(np.sin(i / 99), 0.9), *rng.normal(size=3), np.nan)
+        published += [Wrench(t, force), Joints(t, ("base", "elbow"), (0.0, 0.0))]
+    wrench, joints = describe(recordings.write(tmp_path, "ros1", published)).streams
+    trouble = "; ".join(wrench.trouble)
+    assert "fx: stuck for " in trouble
+    assert "fy: saturated at 0.9" in trouble
+    assert "tz: 100 % not measured" in trouble
+    assert "/wrench was recorded 1e-06 s after its stamps" in trouble
+    ((at, length),) = wrench.gaps
+    assert at == pytest.approx(5.99)
+    assert length == pytest.approx(5.0)
+    assert "velocity of base: 100 % not measured" in joints.trouble
+    assert not any("stuck" in line for line in joints.trouble)  # joints may rest
+
+
+def test_what_cannot_be_filtered_says_why(tmp_path, setup, make_setup):
+    only_wrench = [m for m in recordings.messages() if isinstance(m, Wrench)]
+    info = describe(recordings.write(tmp_path, "ros1", only_wrench), setup)
+    assert info.verdict == "nothing can be filtered without joints (sensor_msgs/JointState)"
+    assert not info.usable
+    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": "other"}]
+    other = make_setup(robot={"joints": joints, "flange": {"translation": [0, 0, 1]}})
+    (tmp_path / "b").mkdir()
+    path = recordings.write(tmp_path / "b", "ros1", recordings.messages())
+    assert (
+        "none of the setup's joints other is recorded (/joint_states has base, elbow)" in describe(path, other).verdict
+    )
+    assert describe(path).verdict == "has joints and a wrench: --setup tells whether they fit"
+
+
+def test_the_command(tmp_path, setup, capsys):
+    published = [m._replace(frame="\x1b[31mred") if isinstance(m, Wrench) else m for m in recordings.messages()]
+    path = recordings.write(tmp_path, "ros1", published)
+    (tmp_path / "setup.toml").write_text(dump_setup(setup))
+    assert main(["info", str(path), "--setup", str(tmp_path / "setup.toml")]) == 0
+    printed = capsys.readouterr().out
+    assert "\x1b" not in printed
+    assert "of: ?[31mred" in printed
+    assert "60 samples, 100 Hz, 0.59 s from 2023-11-14T22:13:20.123Z" in printed
+    assert printed.endswith(f"{path}: can be filtered\n")
+    path.write_bytes(path.read_bytes()[:-2000])
+    assert main(["info", str(path)]) == 3
+    assert "repaired: is cut short" in capsys.readouterr().out
+    assert main(["info", str(tmp_path / "none.bag")]) == 1
+    assert "cannot be read: No such file" in capsys.readouterr().err
+
+
+def test_the_real_recordings(shared_data):
+    info = describe(shared_data / "real" / "ur10e_pick.bag")
+    assert [stream.samples for stream in info.streams] == [1346, 1320, 133]
+    assert [round(stream.rate) for stream in info.streams] == [500, 500, 50]
+    assert len(info.topics) == 29
+    info = describe(shared_data / "real" / "rokubi_wrench_only.bag")
+    assert info.streams[0].samples == 2337
+    assert not info.usable

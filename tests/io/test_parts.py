@@ -1,0 +1,111 @@
+"""Logs read in parts are the logs read whole, and say the same of what is wrong with them."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io import parts, read_log
+from ftbias_jax.io.health import saturation
+from ftbias_jax.io.parts import open_log
+from ftbias_jax.types import Log
+
+T = 500
+
+
+@pytest.fixture(autouse=True)
+def _everything_is_long(monkeypatch):
+    monkeypatch.setattr(parts, "LONG", 64)
+
+
+def arrays(seed=0):
+    rng = np.random.default_rng(seed)
+    q, dq, wrench = rng.normal(size=(T, 2)), rng.normal(size=(T, 2)), rng.normal(size=(T, 6))
+    q[:100, 1] = np.nan
+    wrench[::2] = np.nan
+    wrench[:, 4] = np.nan
+    return {"t": 5.0 + np.cumsum(rng.uniform(0.005, 0.02, T)), "q": q, "dq": dq, "wrench": wrench}
+
+
+def joined(log, size):
+    pieces = list(log.parts(size))
+    return Log(*(np.concatenate(x) for x in zip(*(piece[:5] for piece in pieces), strict=True)), log.start)
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+@pytest.mark.parametrize("size", [1, 7, T, 2 * T])
+def test_parts_are_the_log(tmp_path, setup, save, size):
+    save(tmp_path / "log.npz", **arrays(), notes=np.zeros(3))
+    log, whole = open_log(tmp_path / "log.npz", setup), read_log(tmp_path / "log.npz", setup)
+    for got, expected in zip(joined(log, size), whole, strict=True):
+        np.testing.assert_array_equal(got, expected)
+    for got, expected in zip(log.whole(), whole, strict=True):
+        np.testing.assert_array_equal(got, expected)
+    assert (log.length, log.repairs) == (T, ())
+
+
+def test_types_orders_and_absent_arrays_do_not_matter(tmp_path, make_setup):
+    setup = make_setup(sensor={"noise_std": 0.1, "reports": "wrench_on_sensor"})
+    log = arrays()
+    del log["dq"]
+    log |= {"q": np.asfortranarray(log["q"], np.float32), "wrench": np.float32(log["wrench"]), "temperature": log["t"]}
+    np.savez(tmp_path / "log.npz", **log)
+    whole = read_log(tmp_path / "log.npz", setup)
+    for got, expected in zip(joined(open_log(tmp_path / "log.npz", setup), 64), whole, strict=True):
+        np.testing.assert_array_equal(got, expected)
+
+
+def test_facts_of_the_whole_log(tmp_path, setup):
+    log = arrays()
+    log["wrench"][:, 2] = np.where(np.arange(T) % 2 == 0, np.nan, np.clip(9 * np.sin(np.arange(T) / 50), -20, 5))
+    np.savez(tmp_path / "log.npz", **log)
+    opened = open_log(tmp_path / "log.npz", setup)
+    facts, clipped = opened.facts, log["wrench"][:, 2] == 5
+    np.testing.assert_array_equal(facts.first_q, [log["q"][0, 0], log["q"][100, 1]])
+    np.testing.assert_array_equal(facts.measured, [1, 1, 1, 1, 0, 1])
+    np.testing.assert_allclose(facts.wrench_t, log["t"][1::2] - log["t"][0])
+    np.testing.assert_array_equal(facts.clipped, [saturation(axis) for axis in log["wrench"].T])
+    assert clipped.sum() > 50
+    assert [repair.what for repair in opened.repairs] == [
+        f"samples at the end of the sensor's range left out: {clipped.sum()} of fz"
+    ]
+    np.testing.assert_array_equal(np.isnan(joined(opened, 9).wrench[1::2, 2]), clipped[1::2])
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("q", lambda q: np.where(np.arange(T)[:, None] == 321, np.inf, q), r"q: q\[321, 0\] is infinite"),
+        ("q", lambda q: np.full_like(q, np.nan), "joint 'joint1' is never measured|joint 'base' is never measured"),
+        ("q", lambda q: q[:300], r"q: has shape \(300, 2\) for 500 stamps"),
+        ("q", lambda q: q[:, :1], r"q: has shape \(\d+, 1\), expected \(\d+, 2\)"),
+        ("wrench", lambda w: np.full_like(w, np.nan), "no wrench data"),
+        ("wrench", lambda w: w.astype(complex), "wrench: has type complex128"),
+        ("t", lambda t: t * 1000, "implausible"),
+        ("t", lambda t: t[::-1], "time does not increase"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path, setup, name, change, words):
+    log = arrays()
+    np.savez(tmp_path / "log.npz", **{**log, name: change(log[name])})
+    with pytest.raises(LogError, match=words):
+        open_log(tmp_path / "log.npz", setup)
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_damage_anywhere_in_a_file_is_an_error_of_ours(tmp_path, setup, save):
+    save(tmp_path / "log.npz", **arrays())
+    content = (tmp_path / "log.npz").read_bytes()
+    refused = 0
+    for at in range(40, len(content), len(content) // 60):
+        (tmp_path / "log.npz").write_bytes(content[:at] + bytes([content[at] ^ 0x40]) + content[at + 1 :])
+        try:
+            open_log(tmp_path / "log.npz", setup).whole()
+        except LogError:
+            refused += 1
+    assert refused > 50
+
+
+def test_two_clocks_are_merged_in_memory(tmp_path, setup):
+    log = arrays()
+    np.savez(tmp_path / "log.npz", t_joints=log["t"], t_wrench=log["t"], q=log["q"], wrench=log["wrench"])
+    np.testing.assert_array_equal(open_log(tmp_path / "log.npz", setup).whole().q, log["q"])

@@ -1,0 +1,183 @@
+"""Recorded poses: signs, lengths, missing rows, rates of an IMU, and the same pose in every format."""
+
+import h5py
+import numpy as np
+import pyarrow
+import pyarrow.parquet
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ftbias_jax.errors import LogError, SetupError
+from ftbias_jax.io import read_log
+from ftbias_jax.io.pose import continuous, pose_entries, product, quaternions_of, rotate
+from ftbias_jax.setup import parse_setup
+
+COUNT = 50
+
+
+def setup_of(sensor=(), log=(), **section):
+    return parse_setup(
+        {
+            "sensor_pose": section,
+            "sensor": {"noise_std": 0.1, **dict(sensor)},
+            "tool": {"mass": 1.0, "center_of_mass": [0, 0, 0.1]},
+            "log": dict(log),
+        }
+    )
+
+
+def turning(count=COUNT, rate=3.0):
+    """Quaternions w, x, y, z of a steady turn about a slanted axis, past a whole turn, 0.1 s apart."""
+    angle = 0.1 * rate * np.arange(count)[:, None]
+    return np.hstack([np.cos(angle / 2), np.sin(angle / 2) * [0.6, 0.0, 0.8]])
+
+
+@given(signs=st.lists(st.booleans(), min_size=COUNT, max_size=COUNT), missing=st.sets(st.integers(0, COUNT - 1)))
+def test_signs_and_gaps_leave_one_smooth_path(signs, missing):
+    expected = turning(rate=0.5)
+    quaternion = np.where(np.array(signs)[:, None], -expected, expected)
+    quaternion[sorted(missing)] = np.nan
+    got = continuous(quaternion)
+    known = np.isfinite(got).all(1)
+    assert known.sum() == COUNT - len(missing)
+    if known.any():
+        sign = np.sign((got[known][0] * expected[known][0]).sum())
+        np.testing.assert_allclose(sign * got[known], expected[known])
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_products_and_turns_are_those_of_matrices(seed):
+    matrices, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(8, 3, 3)))
+    matrices *= np.linalg.det(matrices)[:, None, None]
+    one, other = quaternions_of(matrices[:4]), quaternions_of(matrices[4:])
+    vectors = np.random.default_rng(seed).normal(size=(4, 3))
+    np.testing.assert_allclose(rotate(one, vectors), np.einsum("tij,tj->ti", matrices[:4], vectors), atol=1e-12)
+    both = np.einsum("tij,tjk->tik", matrices[:4], matrices[4:])
+    np.testing.assert_allclose(np.abs((product(one, other) * quaternions_of(both)).sum(1)), 1, atol=1e-12)
+
+
+def test_angular_velocity_is_the_rate_of_the_quaternion():
+    """In the sensor's axes, which are mounted askew; the IMU has other stamps than the pose."""
+    setup = setup_of({"rotation_rpy": [0.3, -0.4, 1.0]}, linear="none", orientation="quaternion_wxyz")
+    t = 0.01 * np.arange(10 * COUNT)
+    angle = 0.3 * 10 * t[:, None]
+    quaternion = np.hstack([np.cos(angle / 2), np.sin(angle / 2) * [0.6, 0.0, 0.8]])
+    rates = np.tile(3.0 * setup.sensor.rotation.T @ [0.6, 0.0, 0.8], (len(t), 1))
+    pose = quaternion.copy()
+    pose[1::2] = np.nan
+    rates[::2] = np.nan
+    q, dq = pose_entries(pose, rates, t, setup)
+    np.testing.assert_array_equal(np.isnan(q[:, 0]), np.arange(len(t)) % 2 == 1)
+    expected = 1.5 * np.hstack([-np.sin(angle / 2), np.cos(angle / 2) * [0.6, 0.0, 0.8]])
+    np.testing.assert_allclose(dq[1:-1:2], expected[1:-1:2], atol=1e-3)
+    assert np.isnan(dq[::2]).all()
+
+
+def test_specific_force_adds_up_to_the_velocity():
+    """A sensor that turns and swings along x; what it feels has gravity in it."""
+    setup = setup_of({"rotation_rpy": [0.3, -0.4, 1.0]}, linear="specific_force", orientation="quaternion_wxyz")
+    t = 0.002 * np.arange(5000)
+    angle = 0.7 * t[:, None]
+    quaternion = np.hstack([np.cos(angle / 2), np.sin(angle / 2) * [0.6, 0.0, 0.8]])
+    acceleration = np.outer(2 * np.cos(3 * t), [1, 0, 0])
+    inverse = quaternion * [1, -1, -1, -1]
+    felt = rotate(inverse, acceleration - setup.robot.gravity) @ setup.sensor.rotation
+    q, dq = pose_entries(quaternion, np.hstack([np.zeros_like(felt), felt]), t, setup)
+    np.testing.assert_allclose(dq[:, 4:], np.outer(2 / 3 * np.sin(3 * t), [1, 0, 0]), atol=1e-4)
+    assert (q[0, 4:] == 0).all()
+    assert np.isnan(q[1:, 4:]).all()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda q: q.__setitem__((7, slice(None)), q[7] * 2), "orientation: sample 7 is no quaternion of length one"),
+        (lambda q: q.__setitem__((7, 0), np.inf), "orientation: sample 7 is no quaternion of length one"),
+    ],
+)
+def test_rows_that_are_no_rotation_are_named(tmp_path, spoil, words):
+    quaternion = turning()
+    spoil(quaternion)
+    np.savez(tmp_path / "log.npz", t=0.1 * np.arange(COUNT), orientation=quaternion, wrench=np.ones((COUNT, 6)))
+    with pytest.raises(LogError, match=words):
+        read_log(tmp_path / "log.npz", setup_of(linear="none", orientation="quaternion_wxyz"))
+
+
+def test_matrices_that_turn_nothing_are_named(tmp_path):
+    matrices = np.tile(np.diag([1.0, 1, -1]), (COUNT, 1, 1))
+    np.savez(tmp_path / "log.npz", t=0.1 * np.arange(COUNT), orientation=matrices, wrench=np.ones((COUNT, 6)))
+    with pytest.raises(LogError, match="orientation: sample 0 is no rotation matrix"):
+        read_log(tmp_path / "log.npz", setup_of(linear="none", orientation="matrix"))
+
+
+def test_arrays_that_are_missing_are_named(tmp_path):
+    stamps = {"t": 0.1 * np.arange(COUNT), "wrench": np.ones((COUNT, 6))}
+    np.savez(tmp_path / "log.npz", **stamps, orientation=turning())
+    for linear, words in (("position", "position: there is no array position"), ("specific_force", "specific force")):
+        with pytest.raises(LogError, match=words):
+            read_log(tmp_path / "log.npz", setup_of(linear=linear, orientation="quaternion_wxyz"))
+    np.savez(tmp_path / "log.npz", **stamps, orientation=turning(), position=np.ones((3, 3)))
+    with pytest.raises(LogError, match="orientation, position: have 50 and 3 samples"):
+        read_log(tmp_path / "log.npz", setup_of(orientation="quaternion_wxyz"))
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "h5"])
+def test_every_format_has_poses(tmp_path, kind):
+    rng = np.random.default_rng(0)
+    arrays = {
+        "t": 0.1 * np.arange(COUNT),
+        "orientation": turning()[:, [1, 2, 3, 0]],
+        "position": rng.normal(size=(COUNT, 3)),
+        "angular_velocity": rng.normal(size=(COUNT, 3)),
+        "wrench": rng.normal(size=(COUNT, 6)),
+    }
+    setup = setup_of()
+    np.savez(tmp_path / "log.npz", **arrays)
+    names = ["t", "qx", "qy", "qz", "qw", "x", "y", "z", "wx", "wy", "wz", "fx", "fy", "fz", "tx", "ty", "tz"]
+    table = dict(zip(names, np.column_stack(list(arrays.values())).T, strict=True))
+    path = tmp_path / f"log.{kind}"
+    if kind == "csv":
+        rows = np.column_stack(list(table.values()))
+        np.savetxt(path, rows, "%.17g", ",", header=",".join(names), comments="")
+    elif kind == "parquet":
+        pyarrow.parquet.write_table(pyarrow.table(table), path)
+    else:
+        with h5py.File(path, "w") as root:
+            for name, values in arrays.items():
+                root[name] = values
+    for got, expected in zip(read_log(path, setup), read_log(tmp_path / "log.npz", setup), strict=True):
+        np.testing.assert_allclose(got, expected, rtol=1e-12)
+
+
+def test_pose_and_wrench_may_have_their_own_stamps(tmp_path):
+    t = 10**9 + 10**7 * np.arange(COUNT)
+    np.savez(tmp_path / "log.npz", t_joints=t, t_wrench=t[::2] + 10**6, orientation=turning(), wrench=np.ones((25, 6)))
+    log = read_log(tmp_path / "log.npz", setup_of(linear="none", orientation="quaternion_wxyz"))
+    assert np.isfinite(log.q).all(1).sum() == COUNT
+    assert np.isfinite(log.wrench).all(1).sum() == 25
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        ({"orientation": "euler"}, "unknown value 'euler'"),
+        ({"linear": "speed"}, "unknown value 'speed'"),
+        ({"orientatoin": "matrix"}, "did you mean 'orientation'"),
+        ({"acceleration_std": 0.1}, "excluded by linear = 'position'"),
+        ({"base": "world"}, "name the frame of TF"),
+        ({"frame": "tool0", "orientation": "matrix"}, "TF has quaternions"),
+        ({"orientation_noise_std": 0.0}, "greater than 0"),
+    ],
+)
+def test_setups_that_make_no_sense_are_named(section, words):
+    with pytest.raises(SetupError, match=words):
+        setup_of(**section)
+
+
+def test_an_arm_beside_a_pose_is_refused():
+    tables = {"sensor_pose": {}, "sensor": {"noise_std": 0.1}, "tool": {"mass": 1.0, "center_of_mass": [0, 0, 0.1]}}
+    with pytest.raises(SetupError, match=r"robot\.model: unknown key"):
+        parse_setup({**tables, "robot": {"model": "panda"}})
+    with pytest.raises(SetupError, match=r"sensor_pose.*does not go with \[effects\]"):
+        parse_setup({**tables, "effects": {"gain": {}}})

@@ -1,0 +1,121 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.errors import SetupError, UsageError
+from ftbias_jax.model.effects.catalogue import CATALOGUE, check_values, complete, typical_values, values_from_setup
+
+NAMES = """
+tool_mass tool_com tool_inertia gravity_tilt mount_rotation encoder_offset gain crosstalk time_delay low_pass saturation
+quantisation hysteresis noise_level outliers warmup bias_jump temperature_drift cable contact tool_flexibility
+stamp_jitter dropped_samples
+"""
+PARAMETERS = [(name, parameter) for name, effect in CATALOGUE.items() for parameter in effect.parameters]
+IDS = [f"{name}.{parameter.name}" for name, parameter in PARAMETERS]
+
+
+def raw_values(name, model):
+    """Typical values as a setup would state them."""
+    return {key: np.asarray(value).tolist() for key, value in typical_values(CATALOGUE[name], model).items()}
+
+
+def test_every_effect_that_a_diagnosis_must_name_is_there():
+    assert sorted(CATALOGUE) == sorted(NAMES.split())
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_an_entry_is_complete(name):
+    effect = CATALOGUE[name]
+    assert effect.name == name
+    assert effect.stage in ("tool", "kinematics", "sensor", "bias", "environment", "timing")
+    assert effect.hook in ("model", "wrench", "record")
+    assert bool(effect.recording) != bool(effect.transform or effect.reading)
+    assert all(twin.effect in CATALOGUE or twin.effect == "none" for twin in effect.twins)
+    for text in (effect.explanation, effect.remedy, *(parameter.meaning for parameter in effect.parameters)):
+        assert text
+        assert "\n" not in text
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_typical_values_are_allowed(name, model):
+    raw = raw_values(name, model)
+    (checked,) = values_from_setup({name: raw}).values()
+    for parameter in CATALOGUE[name].parameters:
+        np.testing.assert_array_equal(checked[parameter.name], np.array(raw[parameter.name], float))
+
+
+@pytest.mark.parametrize(("name", "parameter"), PARAMETERS, ids=IDS)
+def test_values_outside_their_bounds_are_refused(name, parameter, model):
+    raw = raw_values(name, model)
+    like = np.array(raw[parameter.name], float)
+    for bad in (parameter.lower - np.abs(parameter.lower) - 1, parameter.upper + np.abs(parameter.upper) + 1, np.nan):
+        if np.all(np.isinf(bad)):
+            continue
+        value = np.broadcast_to(bad, like.shape).tolist()
+        with pytest.raises(SetupError) as caught:
+            values_from_setup({name: raw | {parameter.name: value}}, "setup.toml")
+        assert caught.value.file == "setup.toml"
+        assert caught.value.field == f"effects.{name}.{parameter.name}"
+        assert f"{np.max(parameter.upper):g}" in caught.value.remedy
+        assert f"{np.min(parameter.lower):g}" in caught.value.remedy
+
+
+@pytest.mark.parametrize(("name", "parameter"), PARAMETERS, ids=IDS)
+def test_values_of_another_kind_are_refused(name, parameter, model):
+    raw = raw_values(name, model)
+    for bad in ("0.1", None, True, [[1.0], [2.0, 3.0]], [], [1.0] * 7, {"x": 1.0}):
+        if -1 in parameter.shape and bad == [1.0] * 7 and parameter.shape == (-1,):
+            continue
+        with pytest.raises(SetupError, match=rf"effects\.{name}\.{parameter.name}"):
+            values_from_setup({name: raw | {parameter.name: bad}})
+    without = {key: value for key, value in raw.items() if key != parameter.name}
+    if parameter.optional:
+        assert parameter.name not in values_from_setup({name: without})[name]
+    else:
+        with pytest.raises(SetupError, match="missing key"):
+            values_from_setup({name: without})
+
+
+def test_misspelt_names_are_answered_with_the_nearest():
+    with pytest.raises(SetupError, match=r"effects\.tool_mas: unknown effect .*did you mean 'tool_mass'"):
+        values_from_setup({"tool_mas": {"mass": 1.0}})
+    with pytest.raises(SetupError, match=r"effects\.tool_mass\.masses: unknown key .*did you mean 'mass'"):
+        values_from_setup({"tool_mass": {"masses": 1.0}})
+
+
+def test_six_channels_may_be_one_number_or_force_and_torque():
+    checked = values_from_setup({"gain": {"gain": 1.02}, "hysteresis": {"width": [0.2, 0.01]}})
+    np.testing.assert_array_equal(checked["gain"]["gain"], np.full(6, 1.02))
+    np.testing.assert_array_equal(checked["hysteresis"]["width"], [0.2] * 3 + [0.01] * 3)
+
+
+def test_events_may_be_nested_or_flat_and_must_be_complete():
+    nested = {"start": [1, 3], "end": [2, 4], "force": [[1, 2, 3], [4, 5, 6]]}
+    flat = nested | {"force": [1, 2, 3, 4, 5, 6]}
+    for raw in (nested, flat):
+        np.testing.assert_array_equal(values_from_setup({"contact": raw})["contact"]["force"], nested["force"])
+    with pytest.raises(SetupError, match="different numbers of events"):
+        values_from_setup({"contact": nested | {"start": [1]}})
+    with pytest.raises(SetupError, match="ends before it starts"):
+        values_from_setup({"contact": nested | {"end": [2, 2.5]}})
+    with pytest.raises(SetupError, match="without a direction"):
+        values_from_setup({"gravity_tilt": {"gravity": [0, 0, 0]}})
+
+
+def test_the_diagonal_of_crosstalk_belongs_to_gain():
+    with pytest.raises(SetupError, match="crosstalk"):
+        values_from_setup({"crosstalk": {"matrix": (1.01 * np.eye(6)).tolist()}})
+
+
+def test_the_error_is_the_callers():
+    with pytest.raises(UsageError, match=r"^--effect: gain\.gain: got"):
+        check_values({"gain": {"gain": -1.0}}, lambda *a, **k: UsageError(*a, file="--effect", **k))
+
+
+def test_omitted_values_are_neutral(model, panda):
+    contact = complete(CATALOGUE["contact"], {"start": [1, 3], "end": [2, 4], "force": np.ones((2, 3))}, model)
+    np.testing.assert_allclose(contact["point"], np.tile(model.theta[1:4] / model.theta[0], (2, 1)))
+    cable = complete(CATALOGUE["cable"], {}, model._replace(arm=panda))
+    assert cable["link"] == 4  # the forearm of a seven-joint arm
+    assert cable["stiffness"] == 0
+    assert all(value.dtype == jnp.float64 for value in cable.values())

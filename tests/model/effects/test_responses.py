@@ -1,0 +1,74 @@
+from itertools import pairwise
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import integrate
+
+from ftbias_jax.model.effects.responses import delayed, lagged, played, rung
+
+T = np.sort(np.random.default_rng(1).uniform(0, 2, 300))
+SIGNAL = np.stack([np.sin(5 * T), np.cos(3 * T) - T], 1)
+
+
+def solved(derivative, start):
+    """Output of a linear system, integrated by an adaptive method between the corners of its input."""
+    states = [start]
+    for a, b in pairwise(T):
+        states.append(integrate.solve_ivp(derivative, (a, b), states[-1], rtol=1e-9, atol=1e-12).y[:, -1])
+    return np.array(states)
+
+
+def test_low_pass_is_the_solution_of_its_equation_at_irregular_stamps():
+    cutoff = 2.0
+    for channel in range(2):
+        x = SIGNAL[:, channel]
+        expected = solved(lambda t, y, x=x: 2 * np.pi * cutoff * (np.interp(t, T, x) - y), x[:1])
+        np.testing.assert_allclose(lagged(T, SIGNAL, jnp.array(cutoff))[:, channel], expected[:, 0], atol=1e-7)
+
+
+def test_ringing_is_the_solution_of_its_equation_at_irregular_stamps():
+    w, zeta = 2 * np.pi * 4.0, 0.1
+    slopes = np.diff(SIGNAL, axis=0) / np.diff(T)[:, None]
+    for channel in range(2):
+        x, slope = SIGNAL[:, channel], slopes[:, channel]
+
+        def derivative(t, state, x=x, slope=slope):
+            i = np.clip(np.searchsorted(T, t, side="right") - 1, 0, len(slope) - 1)
+            spring = w**2 * (np.interp(t, T, x) - state[0])
+            return [state[1], spring + 2 * zeta * w * (slope[i] - state[1])]
+
+        expected = solved(derivative, np.array([x[0], slope[0]]))
+        got = rung(T, SIGNAL, jnp.array(w / (2 * np.pi)), jnp.array(zeta))[:, channel]
+        np.testing.assert_allclose(got, expected[:, 0], atol=2e-5)  # the solver steps over corners of the slope
+
+
+@pytest.mark.parametrize("respond", [lambda t, x: lagged(t, x, jnp.inf), lambda t, x: rung(t, x, jnp.inf, 0.1)])
+def test_an_infinite_frequency_passes_everything(respond):
+    np.testing.assert_array_equal(respond(T, SIGNAL), SIGNAL)
+
+
+def test_repeated_stamps_at_the_end_do_no_harm():
+    t, signal = np.r_[T, T[-1], T[-1]], np.concatenate([SIGNAL, np.zeros((2, 2))])
+    for respond in (
+        lambda t, x: lagged(t, x, jnp.array(2.0)),
+        lambda t, x: rung(t, x, jnp.array(2.0), jnp.array(0.1)),
+        lambda t, x: delayed(t, x, jnp.array(0.1)),
+    ):
+        np.testing.assert_allclose(respond(t, signal)[: len(T)], respond(T, SIGNAL), atol=1e-12)
+        assert jnp.isfinite(respond(t, signal)).all()
+
+
+def test_play_leaves_a_loop_of_its_width():
+    x = np.concatenate([np.linspace(0, 1, 50), np.linspace(1, -1, 100), np.linspace(-1, 1, 100)])[:, None]
+    y = np.asarray(played(x, jnp.array([0.2])))
+    rising, falling = np.interp(0.0, x[150:, 0], y[150:, 0]), np.interp(0.0, x[149:50:-1, 0], y[149:50:-1, 0])
+    assert falling - rising == pytest.approx(0.2)
+
+
+def test_delay_reads_the_past_and_holds_the_first_value():
+    got = delayed(T, np.stack([T, 2 * T], 1), jnp.array(0.3))
+    np.testing.assert_allclose(got[:, 0], np.maximum(T - 0.3, T[0]), atol=1e-12)
+    np.testing.assert_allclose(got[:, 1], 2 * got[:, 0], atol=1e-12)
+    ahead = delayed(T, T[:, None], jnp.array(-0.3))
+    np.testing.assert_allclose(ahead[:, 0], np.minimum(T + 0.3, T[-1]), atol=1e-12)

@@ -1,0 +1,91 @@
+"""Kinematics of a recorded pose against those of the arm that made it, and against a pinned-down rotation."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.io.pose import quaternions_of
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motion
+from ftbias_jax.model.kinematics.screws import Motion, rotation_from_vector, sensor_motion, sensor_pose
+
+
+def entries(arm, q):
+    """Quaternion and position of the sensor; smooth in q, whatever the branch."""
+    rotation, position = sensor_pose(arm, q)
+    w = jnp.sqrt(1 + jnp.trace(rotation)) / 2
+    x = jnp.stack([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    return jnp.concatenate([w[None], x / (4 * w), position])
+
+
+def rates(of, q, dq, ddq):
+    """Value, first and second time derivative of a function of the joints."""
+
+    def at(t):
+        return of(q + t * dq + t**2 / 2 * ddq)
+
+    first = jax.jacfwd(at)
+    return at(0.0), first(0.0), jax.jacfwd(first)(0.0)
+
+
+@pytest.mark.parametrize("length", [1.0, 0.98, -3.0])
+def test_motion_is_that_of_the_arm(moving, length):
+    """For quaternions of any length and sign, and lengths that change on the way."""
+    arm, q, dq, ddq = moving
+    mount = FreeBody(jnp.array([0.03, -0.05, 0.1]), rotation_from_vector(jnp.array([0.4, -0.2, 0.9])))
+
+    def stretched(q):
+        pose = entries(arm, q)
+        return pose.at[:4].multiply(length * (1 + 0.1 * jnp.sin(q).sum()))
+
+    expected = sensor_motion(
+        arm._replace(
+            zero_position=arm.zero_position + arm.zero_rotation @ mount.zero_position,
+            zero_rotation=arm.zero_rotation @ mount.zero_rotation,
+        ),
+        q,
+        dq,
+        ddq,
+    )
+    got = body_motion(mount, *rates(stretched, jnp.asarray(q), dq, ddq))
+    for name in Motion._fields:
+        if name != "jacobian":
+            np.testing.assert_allclose(getattr(got, name), getattr(expected, name), rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+def test_the_jacobian_maps_rates_of_entries_to_the_twist():
+    rng = np.random.default_rng(1)
+    q, dq, ddq = rng.normal(size=(3, 7))
+    motion = body_motion(FreeBody(rng.normal(size=3), np.eye(3)), *map(jnp.asarray, (q, dq, ddq)))
+    twist = np.concatenate([motion.linear_velocity, motion.angular_velocity])
+    np.testing.assert_allclose(motion.jacobian @ dq, twist, rtol=1e-12)
+
+
+def test_without_a_position_the_body_turns_about_its_origin():
+    rng = np.random.default_rng(2)
+    body = FreeBody(rng.normal(size=3), np.eye(3))
+    q, dq, ddq = rng.normal(size=(3, 4))
+    still = np.zeros(3)
+    short = body_motion(body, *map(jnp.asarray, (q, dq, ddq)))
+    full = body_motion(body, *(jnp.asarray(np.r_[x, still]) for x in (q, dq, ddq)))
+    assert short.jacobian.shape == (6, 4)
+    for name in set(Motion._fields) - {"jacobian"}:
+        np.testing.assert_allclose(getattr(short, name), getattr(full, name), rtol=1e-12, atol=1e-15)
+
+
+def test_gradients_are_finite_at_rest():
+    q = jnp.array([1.0, 0, 0, 0, 0, 0, 0])
+    zero = jnp.zeros(7)
+    body = FreeBody(jnp.zeros(3), jnp.eye(3))
+    gradients = jax.grad(lambda *rates: sum(x.sum() for x in body_motion(body, *rates)), (0, 1, 2))(q, zero, zero)
+    assert all(np.isfinite(x).all() for x in gradients)
+
+
+def test_a_quaternion_means_its_matrix():
+    rng = np.random.default_rng(3)
+    matrices, _ = np.linalg.qr(rng.normal(size=(200, 3, 3)))
+    matrices *= np.linalg.det(matrices)[:, None, None]
+    matrices[0] = np.diag([1, -1, -1])  # half a turn
+    for matrix, quaternion in zip(matrices, quaternions_of(matrices), strict=True):
+        motion = body_motion(FreeBody(jnp.zeros(3), jnp.eye(3)), jnp.asarray(quaternion), jnp.zeros(4), jnp.zeros(4))
+        np.testing.assert_allclose(motion.R_base_sensor, matrix, atol=1e-14)

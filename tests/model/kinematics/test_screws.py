@@ -1,0 +1,243 @@
+"""Kinematics against the matrix exponential, derivatives by JAX and differences of poses."""
+
+from typing import NamedTuple
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from jax.flatten_util import ravel_pytree
+
+from ftbias_jax.model.kinematics import screws
+from ftbias_jax.model.kinematics.screws import Motion, make_arm
+from ftbias_jax.types import Array
+
+CLOSE = {"rtol": 1e-10, "atol": 1e-12}
+
+
+class Kinematics(NamedTuple):
+    """Everything the module computes of one state, compiled once for all arms of seven joints."""
+
+    exponentials: tuple[Array, Array]
+    products: tuple[Array, Array]
+    space_jacobian: Array
+    pose: tuple[Array, Array]
+    jacobian: Array
+    hessian: Array
+    twist: Array
+    acceleration: Array
+    motion: Motion
+
+
+@jax.jit
+def kinematics(arm, q, dq, ddq):
+    return Kinematics(
+        screws.exponentials(arm, q),
+        screws.product_of_exponentials(arm, q),
+        screws.space_jacobian(arm, q),
+        screws.sensor_pose(arm, q),
+        screws.sensor_jacobian(arm, q),
+        screws.sensor_hessian(arm, q),
+        screws.sensor_twist(arm, q, dq),
+        screws.sensor_acceleration(arm, q, dq, ddq),
+        screws.sensor_motion(arm, q, dq, ddq),
+    )
+
+
+@jax.jit
+def rates(arm, q, dq, ddq):
+    """Time derivatives of everything along a motion, the acceleration held."""
+    state = (q, dq, ddq)
+    return jax.jvp(lambda *state: kinematics(arm, *state), state, (dq, ddq, jnp.zeros_like(ddq)))[1]
+
+
+rotation_and_slope = jax.jit(lambda v: (screws.rotation_from_vector(v), jax.jacfwd(screws.rotation_from_vector)(v)))
+
+
+def pose_at(moving, q):
+    return kinematics(moving.arm, q, moving.dq, moving.ddq).pose
+
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def random_state(seed, arm):
+    return np.random.default_rng(seed).uniform(-3, 3, (3, arm.linear.shape[0]))
+
+
+def homogeneous(rotation, position):
+    return np.block([[np.asarray(rotation), np.asarray(position)[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
+
+
+def vector_of(skewed):
+    """w from [w]; (..., 3, 3) -> (..., 3)."""
+    return np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], -1)
+
+
+def angular_rate(rotation, rotation_rate):
+    """w of R' = [w] R."""
+    return vector_of(rotation_rate @ rotation.T)
+
+
+def series_exponential(matrix):
+    """exp of a small matrix by scaling and squaring of its power series."""
+    scaled = matrix / 2**10
+    total = term = np.eye(4)
+    for k in range(1, 12):
+        term = term @ scaled / k
+        total = total + term
+    for _ in range(10):
+        total = total @ total
+    return total
+
+
+@given(seed=seeds)
+def test_exponentials_equal_the_matrix_exponential(arm, seed):
+    q, dq, ddq = random_state(seed, arm)
+    rotations, positions = kinematics(arm, q, dq, ddq).exponentials
+    for j, angle in enumerate(q):
+        twist = np.block([[np.asarray(arm.skew[j]), np.asarray(arm.linear[j])[:, None]], [np.zeros((1, 4))]])
+        expected = series_exponential(twist * angle)
+        np.testing.assert_allclose(homogeneous(rotations[j], positions[j]), expected, atol=1e-11)
+
+
+@given(seed=seeds, scale=st.sampled_from([0.0, 1e-9, 1e-5, 1e-4, 1e-3, 1.0]))
+def test_rotation_from_vector_is_the_matrix_exponential(seed, scale):
+    vector = scale * np.random.default_rng(seed).normal(size=3)
+    rotation, slope = rotation_and_slope(vector)
+    expected = series_exponential(homogeneous(screws.skew(vector), np.zeros(3)) - np.diag([0, 0, 0, 1]))[:3, :3]
+    np.testing.assert_allclose(rotation, expected, atol=1e-13)
+    # R(v + v dt) = R(v) R(v dt): along v itself the derivative is R [v].
+    np.testing.assert_allclose(slope @ vector, expected @ screws.skew(vector), rtol=1e-9, atol=1e-11)
+
+
+def test_erratum_08_one_joint_transforms_are_not_the_cumulative_ones(moving):
+    arm, q, dq, ddq = moving
+    now = kinematics(arm, q, dq, ddq)
+    single, cumulative = now.exponentials, now.products
+    expected = np.eye(4)
+    for j in range(len(q)):
+        expected = expected @ homogeneous(single[0][j], single[1][j])
+        np.testing.assert_allclose(homogeneous(cumulative[0][j + 1], cumulative[1][j + 1]), expected, **CLOSE)
+    moved = kinematics(arm, q + np.eye(len(q))[0], dq, ddq).exponentials
+    np.testing.assert_array_equal(moved[0][1:], single[0][1:])
+    np.testing.assert_array_equal(moved[1][1:], single[1][1:])
+
+
+def test_a_joint_does_not_move_its_own_screw(moving):
+    """Ad(T_j) S_j = Ad(T_{j-1}) S_j: the report's column and the usual one are the same."""
+    arm = moving.arm
+    now = kinematics(*moving)
+    rotations, positions = now.products
+    for j in range(len(moving.q)):
+        screw = jnp.concatenate([arm.linear[j], arm.angular[j]])
+        for k in (j, j + 1):
+            np.testing.assert_allclose(
+                screws.adjoint(rotations[k], positions[k]) @ screw, now.space_jacobian[:, j], **CLOSE
+            )
+
+
+@given(seed=seeds)
+def test_twist_is_the_derivative_of_the_pose(arm, seed):
+    state = random_state(seed, arm)
+    now, (rotation_rate, velocity) = kinematics(arm, *state), rates(arm, *state).pose
+    expected = np.concatenate([velocity, angular_rate(now.pose[0], rotation_rate)])
+    np.testing.assert_allclose(now.twist, expected, rtol=1e-10, atol=1e-11)
+
+
+@given(seed=seeds)
+def test_erratum_01_acceleration_is_the_derivative_of_the_twist(arm, seed):
+    state = random_state(seed, arm)
+    expected = rates(arm, *state).twist
+    np.testing.assert_allclose(kinematics(arm, *state).acceleration, expected, rtol=1e-10, atol=1e-10)
+
+
+@given(seed=seeds)
+def test_hessian_is_the_derivative_of_the_jacobian(arm, seed):
+    """Along any direction dq, which is as good as every column on its own."""
+    state = random_state(seed, arm)
+    expected = np.tensordot(state[1], kinematics(arm, *state).hessian, 1)
+    np.testing.assert_allclose(rates(arm, *state).jacobian, expected, rtol=1e-10, atol=1e-11)
+
+
+def test_erratum_01_the_angular_hessian_is_not_symmetric(moving):
+    """An axis does not move with the joints after it; filled symmetrically, the angular acceleration is wrong."""
+    hessian = np.asarray(kinematics(*moving).hessian)
+    np.testing.assert_allclose(hessian[:, :3], hessian[:, :3].T, **CLOSE)
+    j, k = np.indices(hessian.shape[::2])
+    assert not hessian[:, 3:].swapaxes(1, 2)[j >= k].any()
+    assert hessian[:, 3:].swapaxes(1, 2)[j < k].any()
+
+
+def test_jacobian_is_the_difference_of_poses(moving):
+    h = 1e-6
+    now = kinematics(*moving)
+    columns = []
+    for direction in np.eye(len(moving.q)):
+        (R_high, p_high), (R_low, p_low) = (pose_at(moving, moving.q + sign * h * direction) for sign in (1, -1))
+        columns.append(np.r_[(p_high - p_low) / (2 * h), angular_rate(now.pose[0], (R_high - R_low) / (2 * h))])
+    np.testing.assert_allclose(now.jacobian, np.stack(columns, 1), atol=1e-8)
+
+
+def test_erratum_01_acceleration_is_the_second_difference_of_the_pose(moving):
+    h = 1e-4
+    poses = [pose_at(moving, moving.q + moving.dq * t + moving.ddq * t**2 / 2) for t in (-h, 0, h)]
+    R, p = (np.stack(part) for part in zip(*poses, strict=True))
+    linear, turning = ((x[2] - 2 * x[1] + x[0]) / h**2 for x in (p, R))
+    second = turning @ R[1].T  # R'' R^T = [alpha] + [w]^2, whose skew part is [alpha]
+    expected = np.r_[linear, vector_of(second - second.T) / 2]
+    np.testing.assert_allclose(kinematics(*moving).acceleration, expected, rtol=1e-6, atol=3e-6)
+
+
+@given(seed=seeds)
+def test_recursion_equals_the_jacobian_and_hessian_form(arm, seed):
+    now = kinematics(arm, *random_state(seed, arm))
+    motion = now.motion
+    np.testing.assert_allclose(motion.R_base_sensor, now.pose[0], **CLOSE)
+    np.testing.assert_allclose(motion.p_base_sensor, now.pose[1], **CLOSE)
+    np.testing.assert_allclose(motion.jacobian, now.jacobian, **CLOSE)
+    twist = np.r_[motion.linear_velocity, motion.angular_velocity]
+    np.testing.assert_allclose(twist, now.twist, rtol=1e-10, atol=1e-11)
+    acceleration = np.r_[motion.linear_acceleration, motion.angular_acceleration]
+    np.testing.assert_allclose(acceleration, now.acceleration, rtol=1e-10, atol=1e-10)
+
+
+def test_a_gantry_of_prismatic_joints_only_translates():
+    axes = np.array([[1, 0, 0], [0, 0.6, 0.8], [0, 0, 1]], float)
+    gantry = make_arm(np.hstack([axes, np.zeros((3, 3))]), np.array([0.1, 0.2, 0.3]), np.diag([1.0, -1.0, -1.0]))
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 3))
+    motion = screws.sensor_motion(gantry, q, dq, ddq)
+    np.testing.assert_array_equal(motion.R_base_sensor, np.diag([1, -1, -1]))
+    np.testing.assert_allclose(motion.p_base_sensor, [0.1, 0.2, 0.3] + q @ axes, **CLOSE)
+    np.testing.assert_allclose(motion.linear_velocity, dq @ axes, **CLOSE)
+    np.testing.assert_allclose(motion.linear_acceleration, ddq @ axes, **CLOSE)
+    assert not motion.angular_velocity.any()
+    assert not motion.angular_acceleration.any()
+
+
+@jax.jit
+def slopes(arm, q, dq, ddq):
+    """Gradient of a sum in which every component of the motion has its own weight."""
+
+    def weighted(*inputs):
+        flat, _ = ravel_pytree(screws.sensor_motion(*inputs))
+        return flat @ jnp.cos(jnp.arange(flat.size))
+
+    return jax.grad(weighted, argnums=(0, 1, 2, 3))(arm, q, dq, ddq)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-160, 1e-8, np.pi])
+def test_gradients_are_finite_where_sines_vanish(arm, angle):
+    zero = jnp.zeros(len(arm.linear))
+    flat, _ = ravel_pytree(slopes(arm, zero + angle, zero, zero))
+    assert jnp.isfinite(flat).all()
+    assert flat.any()
+
+
+def test_float32_stays_float32_and_is_close(moving):
+    narrow = kinematics(*jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), moving))
+    assert {x.dtype for x in jax.tree.leaves(narrow)} == {jnp.dtype("float32")}
+    chex.assert_trees_all_close(narrow, kinematics(*moving), rtol=1e-4, atol=1e-4)

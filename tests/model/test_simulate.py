@@ -1,0 +1,249 @@
+import json
+import time
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.cli.main import main
+from ftbias_jax.io.write.npz import load_npz
+from ftbias_jax.model.effects.catalogue import CATALOGUE, typical_values
+from ftbias_jax.model.effects.types import Model
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.model.simulate import simulate, temperature_course
+from ftbias_jax.model.trajectories import excitation_sines
+from ftbias_jax.model.wrench.tool_wrench import tool_parameters, tool_wrench
+from ftbias_jax.setup import parse_setup
+
+T = jnp.arange(500) / 100
+SETUP = """
+[robot]
+[[robot.joints]]
+axis = [0.0, 1.0, 0.0]
+point = [0.0, 0.0, 0.3]
+[[robot.joints]]
+axis = [1.0, 0.0, 0.0]
+point = [0.0, 0.0, 0.5]
+[robot.flange]
+translation = [0.0, 0.0, 0.7]
+[sensor]
+noise_std = [0.1, 0.004]
+[tool]
+mass = 0.9
+center_of_mass = [0.01, -0.005, 0.06]
+"""
+
+
+@pytest.fixture(scope="module")
+def trajectory(params):
+    return excitation_sines(jax.random.key(1), T, jnp.zeros(3), jnp.array([1.5, 0.3, 1.5]), base_frequency=0.2)
+
+
+@pytest.fixture(scope="module")
+def model(params):
+    return Model(params.arm, params.gravity, params.theta)
+
+
+def test_the_log_is_tool_minus_bias_plus_noise(params, trajectory):
+    log = simulate(jax.random.key(2), params, trajectory)
+    noise = np.asarray(log.wrench - log.wrench_tool + log.bias)
+    std = np.sqrt(np.asarray(params.bias.wrench_variance))
+    np.testing.assert_allclose(noise.std(0), std, rtol=0.15)
+    np.testing.assert_allclose(noise.mean(0), 0, atol=4 * std.max() / np.sqrt(len(T)))
+    np.testing.assert_array_equal(log.wrench_clean, log.wrench_tool)
+
+
+def test_the_same_key_gives_the_same_log(params, trajectory):
+    first, again = (simulate(jax.random.key(2), params, trajectory) for _ in range(2))
+    other = simulate(jax.random.key(3), params, trajectory)
+    jax.tree.map(np.testing.assert_array_equal, first, again)
+    assert not np.array_equal(first.wrench, other.wrench)
+
+
+def test_effects_change_the_reading_and_nothing_that_is_drawn(params, trajectory, model):
+    plain = simulate(jax.random.key(2), params, trajectory)
+    names = ("tool_mass", "bias_jump", "temperature_drift", "quantisation")
+    effects = {name: typical_values(CATALOGUE[name], model) for name in names}
+    log = simulate(jax.random.key(2), params, trajectory, effects, temperature_course(T))
+    np.testing.assert_array_equal(log.q, plain.q)
+    np.testing.assert_array_equal(log.wrench_tool, plain.wrench_tool)
+    step = effects["quantisation"]["step"]
+    moved = log.wrench_clean - plain.wrench_clean
+    assert (jnp.abs(log.wrench - plain.wrench - moved) <= step[None] / 2 + 1e-9).all()
+    # The bias of effects is part of the true bias, in the report's sign.
+    no_bias = {name: effects[name] for name in ("tool_mass",)}
+    tool_only = simulate(jax.random.key(2), params, trajectory, no_bias)
+    np.testing.assert_allclose(log.bias - plain.bias, tool_only.wrench_clean - log.wrench_clean, atol=1e-9)
+
+
+def test_simulation_maps_over_seeds_and_parameters(params, trajectory):
+    keys = jax.random.split(jax.random.key(4), 3)
+    masses = jnp.array([0.8, 0.9, 1.0])
+
+    def one(key, mass):
+        return simulate(key, params, trajectory, {"tool_mass": {"mass": mass}})
+
+    many = jax.vmap(one)(keys, masses)
+    for i in range(3):
+        for of_many, of_one in zip(many, one(keys[i], masses[i]), strict=True):
+            np.testing.assert_allclose(of_many[i], of_one, atol=1e-12)
+
+
+def test_simulation_keeps_single_precision(params, trajectory):
+    single = jax.tree.map(lambda x: x.astype(jnp.float32), (params, trajectory))
+    log = simulate(jax.random.key(2), *single)
+    assert all(x.dtype == jnp.float32 for x in log)
+    assert all(jnp.isfinite(x).all() for x in log)
+
+
+# MuJoCo computes the same wrench by its own equations.
+
+
+def mujoco_model(mujoco, arm, gravity, mass, center_of_mass, inertia):
+    """The arm as MuJoCo bodies whose frames all coincide with the base at q = 0."""
+
+    def numbers(values):
+        return " ".join(f"{float(x):.17g}" for x in np.ravel(values))
+
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.asarray(arm.zero_rotation).ravel())
+    joints = []
+    for v, s in zip(np.asarray(arm.linear), np.asarray(arm.angular), strict=True):
+        kind, axis = ("hinge", s) if np.any(s) else ("slide", v)
+        joints.append(f'<joint type="{kind}" axis="{numbers(axis)}" pos="{numbers(np.cross(s, v))}"/>')
+    link = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    xx, xy, xz, yy, yz, zz = inertia
+    tool = (
+        f'<body pos="{numbers(arm.zero_position)}" quat="{numbers(quaternion)}"><site name="sensor"/>'
+        f'<inertial pos="{numbers(center_of_mass)}" mass="{mass}" '
+        f'fullinertia="{numbers([xx, yy, zz, xy, xz, yz])}"/></body>'
+    )
+    bodies = tool
+    for joint in reversed(joints):
+        bodies = f"<body>{link}{joint}{bodies}</body>"
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><option gravity="{numbers(gravity)}"/><worldbody>{bodies}</worldbody>'
+        '<sensor><force site="sensor"/><torque site="sensor"/></sensor></mujoco>'
+    )
+
+
+@pytest.mark.parametrize("which", ["panda", "random"])
+def test_the_wrench_is_that_of_mujocos_sensors(which, panda, params):
+    mujoco = pytest.importorskip("mujoco")
+    arm = panda if which == "panda" else params.arm
+    gravity = jnp.array([0.3, -0.5, -9.7])
+    sheet = (0.9, np.array([0.01, -0.02, 0.06]), np.array([2.5e-3, 1e-4, -2e-4, 2.2e-3, 3e-4, 1.9e-3]))
+    theta = tool_parameters(*(jnp.asarray(x) for x in sheet))
+    model = mujoco_model(mujoco, arm, gravity, *sheet)
+    data = mujoco.MjData(model)
+    n = arm.linear.shape[0]
+    motion = excitation_sines(jax.random.key(5), jnp.linspace(0, 8, 60), jnp.zeros(n), jnp.full(n, 1.5))
+    ours = np.asarray(jax.vmap(partial(tool_wrench, arm, gravity, theta))(motion.q, motion.dq, motion.ddq))
+    theirs = []
+    for q, dq, ddq in zip(motion.q, motion.dq, motion.ddq, strict=True):
+        data.qpos, data.qvel = np.asarray(q), np.asarray(dq)
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        data.qacc = np.asarray(ddq)
+        mujoco.mj_rnePostConstraint(model, data)
+        mujoco.mj_sensorAcc(model, data)
+        theirs.append(np.array(data.sensordata))
+    theirs = np.array(theirs)
+    for rows in (slice(0, 3), slice(3, 6)):
+        scale = np.abs(theirs[:, rows]).max()
+        np.testing.assert_allclose(ours[:, rows] / scale, theirs[:, rows] / scale, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_thousand_logs_take_less_than_twenty_seconds_of_two_cores():
+    mapping = {"robot": {"model": "panda"}, "sensor": {"noise_std": 0.1}}
+    tool = {"mass": 0.9, "center_of_mass": [0.0, 0.0, 0.06]}
+    params = params_from_setup(parse_setup(mapping | {"tool": tool}))
+    t = jnp.arange(5000) / 500
+
+    def one(key):
+        motion_key, log_key = jax.random.split(key)
+        return simulate(log_key, params, excitation_sines(motion_key, t, jnp.zeros(7), jnp.ones(7)))
+
+    run = jax.jit(lambda keys: jax.lax.map(one, keys))
+    start = time.process_time()
+    for keys in jax.random.split(jax.random.key(1), (20, 50)):
+        jax.block_until_ready(run(keys))
+    assert time.process_time() - start < 2 * 20  # of CPU, so that other work on the machine does not count
+
+
+# The command.
+
+
+@pytest.fixture
+def setup_file(tmp_path):
+    path = tmp_path / "setup.toml"
+    path.write_text(SETUP)
+    return path
+
+
+def command(setup_file, *arguments):
+    log = setup_file.parent / "log.npz"
+    return main(
+        ["simulate", "--setup", str(setup_file), "--duration", "2", "--rate", "100", "-o", str(log), *arguments]
+    )
+
+
+def test_the_command_writes_log_and_truth(setup_file, capsys):
+    warming = "temperature_drift:per_kelvin=0.1/0.2/0.3/0.01/0.02/0.03"
+    assert command(setup_file, "--effect", "tool_mass:mass=0.8", "--effect", warming) == 0
+    log, truth = load_npz(setup_file.parent / "log.npz"), load_npz(setup_file.parent / "log_truth.npz")
+    assert set(log) == {"t", "q", "dq", "wrench", "temperature"}
+    assert log["q"].shape == (200, 2)
+    assert truth["effects.tool_mass.mass"] == 0.8
+    warmer = log["temperature"] - log["temperature"][0]
+    assert warmer.max() > 5
+    # The temperature's part is in both, the clean reading and the true bias.
+    process = truth["bias"] - np.outer(warmer, truth["effects.temperature_drift.per_kelvin"])
+    noise = log["wrench"] - truth["wrench_clean"] + process
+    np.testing.assert_allclose(noise.std(0), [0.1] * 3 + [0.004] * 3, rtol=0.2)
+    assert "effects: tool_mass, temperature_drift" in capsys.readouterr().out
+
+
+def test_the_command_replays_a_log_and_summarises_the_truth(setup_file):
+    assert command(setup_file, "--motion", "moves") == 0
+    folder = setup_file.parent
+    again = ["--setup", str(setup_file), "-o", str(folder / "again.npz"), "--truth", str(folder / "truth.json")]
+    assert main(["simulate", *again, "--motion", str(folder / "log.npz"), "--effect", "time_delay"]) == 0
+    first, second = load_npz(folder / "log.npz"), load_npz(folder / "again.npz")
+    np.testing.assert_allclose(second["q"], first["q"], atol=3e-4)
+    truth = json.loads((folder / "truth.json").read_text())
+    assert truth["effects"] == {"time_delay": {"delay": 0.01}}
+    assert len(truth["bias_1hz"]) == 2
+
+
+def test_effects_of_the_setup_are_in_the_log_and_the_sensors_sign_is_kept(setup_file):
+    assert command(setup_file) == 0
+    plain = load_npz(setup_file.parent / "log.npz")
+    setup_file.write_text(
+        SETUP.replace("[tool]", 'reports = "wrench_on_sensor"\n[tool]') + "[effects.gain]\ngain = 1.5\n"
+    )
+    assert command(setup_file) == 0
+    log, truth = load_npz(setup_file.parent / "log.npz"), load_npz(setup_file.parent / "log_truth.npz")
+    np.testing.assert_allclose(-log["wrench"] - plain["wrench"], truth["wrench_tool"] / 2, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
+        ("tool_mas", "unknown effect 'tool_mas' (did you mean 'tool_mass'?)"),
+        ("tool_mass:mass=-1", "tool_mass.mass: got [-1.0]"),
+        ("tool_mass:mass=x", "cannot read 'mass=x'"),
+        ("tool_mass:mass", "cannot read 'mass'"),
+        ("bias_jump:time=1", "bias_jump.amplitude: missing key"),
+        ("contact:start=1,end=2/3,force=1/2/3", "different numbers of events"),
+    ],
+)
+def test_wrong_effects_are_one_line_and_exit_code_2(setup_file, capsys, effect, message):
+    assert command(setup_file, "--effect", effect) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (setup_file.parent / "log.npz").exists()

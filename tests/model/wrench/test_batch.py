@@ -1,0 +1,74 @@
+"""Wrenches of many samples at once are those of each, with their slopes, in pieces and under vmap."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.filtering import pipeline
+from ftbias_jax.model.kinematics.arm_batch import arm_motion
+from ftbias_jax.model.wrench.batch import PIECE, wrenches, wrenches_in_motion
+from ftbias_jax.model.wrench.tool_wrench import Model, covariance_of_joints, joint_sensitivity
+
+COUNT = PIECE + 9  # a whole piece and a part
+
+
+@pytest.fixture(scope="module")
+def joints(params):
+    rng = np.random.default_rng(1)
+    n = params.arm.linear.shape[0]
+    root = rng.normal(size=(COUNT, n, 3, 3))
+    covariance = np.moveaxis(root @ np.swapaxes(root, 2, 3), 1, -1)
+    return jnp.asarray(rng.normal(size=(COUNT, 3, n))), jnp.asarray(covariance)
+
+
+def one_by_one(params, model, mean, covariance):
+    params = params._replace(arm=model.arm, gravity=model.gravity, theta=model.theta)
+
+    def one(mean, covariance):
+        motion, wrench = pipeline.predict_wrench(params, mean.T)
+        G = joint_sensitivity(model.theta, motion.R_base_sensor, motion.jacobian, model.gravity)
+        return wrench, jnp.diagonal(covariance_of_joints(G, jnp.moveaxis(covariance, -1, 0), "diagonal"))
+
+    return jax.vmap(one)(mean, covariance)
+
+
+@partial(jax.jit, static_argnums=0)
+def with_slopes(function, weights, *arguments):
+    found, pull = jax.vjp(function, *arguments)
+    return found, pull(weights)
+
+
+def test_they_are_those_of_each_sample_with_their_slopes(params, joints):
+    model = Model(params.arm, params.gravity, params.theta)
+    rng = np.random.default_rng(2)
+    weights = tuple(jnp.asarray(rng.normal(size=(COUNT, 6))) for _ in range(2))
+    got = with_slopes(wrenches, weights, model, *joints)
+    expected = with_slopes(partial(one_by_one, params), weights, model, *joints)
+    # P_qa stands for P_aq too, so its slope has both.
+    slope = expected[1][2]
+    slope = slope.at[:, 0, 2].add(slope[:, 2, 0]).at[:, 2, 0].set(0)
+    expected = (expected[0], (*expected[1][:2], slope))
+    for (path, one), other in zip(jax.tree.leaves_with_path(expected), jax.tree.leaves(got), strict=True):
+        atol = 1e-11 * np.abs(one).max()
+        np.testing.assert_allclose(other, one, rtol=1e-10, atol=atol, err_msg=jax.tree_util.keystr(path))
+
+
+def test_forward_mode_and_vmap(params, joints):
+    model = Model(params.arm, params.gravity, params.theta)
+    mean, covariance = joints
+    expected = jax.jit(wrenches)(model, mean, None)[0]
+
+    def forward(mean):
+        return wrenches_in_motion(model.gravity, model.theta, arm_motion(model.arm, *jnp.moveaxis(mean, 0, 2)))
+
+    got, slope = jax.jit(lambda mean: jax.jvp(forward, (mean,), (mean,)))(mean)
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-12)
+    step = 1e-6
+    difference = forward((1 + step) * mean) - forward((1 - step) * mean)
+    np.testing.assert_allclose(slope, difference / (2 * step), rtol=1e-6, atol=1e-6 * np.abs(slope).max())
+    many = jax.jit(jax.vmap(partial(wrenches, model)))(jnp.stack([mean, -mean]), jnp.stack([covariance] * 2))
+    np.testing.assert_allclose(many[0][0], expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(many[0][1], jax.jit(wrenches)(model, -mean, None)[0], rtol=1e-12, atol=1e-12)

@@ -1,0 +1,62 @@
+"""Loops compiled as a whole give what they give otherwise, whatever surrounds them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
+
+RNG = np.random.default_rng(0)
+X = RNG.normal(size=(50, 3))
+FACTOR = np.array([0.5, -0.9, 0.2])
+
+
+def smoothed(factor, x):
+    """Sums that forget, and their squares."""
+
+    def body(state, x):
+        state = compile_whole(lambda state, x: factor * state + x)(state, x)
+        return state, (state, state**2)
+
+    return jax.lax.scan(body, jnp.zeros(3), x)
+
+
+def expected(factor, x):
+    state, states = np.zeros(3), []
+    for row in x:
+        state = factor * state + row
+        states.append(state)
+    return state, (np.stack(states), np.stack(states) ** 2)
+
+
+def assert_close(got, wanted):
+    for one, other in zip(jax.tree.leaves(got), jax.tree.leaves(wanted), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-13, atol=1e-13)
+
+
+def test_a_loop_with_a_part_that_is_worked_out_once():
+    assert_close(jax.jit(compile_whole(smoothed))(FACTOR, X), expected(FACTOR, X))
+
+
+def test_arguments_that_are_constants_of_the_program():
+    """XLA moves constants into calls, and ends the process if the call is a marked one."""
+
+    def of_measured(factor, x):
+        return smoothed(factor, jnp.where(jnp.isfinite(x[:, 0]), x[:, 0], 0))
+
+    wanted = expected(FACTOR, X)
+    constant = jnp.asarray(X[:, None])
+    assert_close(jax.jit(lambda factor: compile_whole(of_measured)(factor, constant))(FACTOR), wanted)
+    assert_close(jax.jit(lambda x: compile_whole(smoothed)(jnp.asarray(FACTOR), x))(X), wanted)
+
+
+def test_what_is_not_used_may_be_missing():
+    last = jax.jit(lambda factor, x: compile_whole(smoothed)(factor, x)[0])
+    assert_close(last(FACTOR, X), expected(FACTOR, X)[0])
+
+
+def test_one_at_a_time_under_vmap():
+    many = np.stack([X, 2 * X, X**2])
+    got = jax.jit(jax.vmap(one_at_a_time(compile_whole(smoothed)), (None, 0)))(FACTOR, many)
+    for i, x in enumerate(many):
+        assert_close(jax.tree.map(lambda leaf, i=i: leaf[i], got), expected(FACTOR, x))

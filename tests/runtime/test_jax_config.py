@@ -1,0 +1,44 @@
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from ftbias_jax.runtime import jax_config
+from ftbias_jax.runtime.jax_config import cache_folder, prepare_jax
+
+CACHE = "jax_compilation_cache_dir"
+
+
+@pytest.fixture
+def updates(monkeypatch):
+    """The settings that would be made; the process keeps its own."""
+    made = {}
+    # A command that ran in this process before may have chosen a cache already.
+    config = SimpleNamespace(update=lambda name, value: made.update({name: value}), jax_compilation_cache_dir=None)
+    monkeypatch.setattr(jax_config, "jax", SimpleNamespace(config=config))
+    return made
+
+
+def test_the_cache_is_the_user_s(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert cache_folder() == tmp_path / "xdg" / "ftbias"
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for not_a_place in ("", "relative"):  # to be ignored, says the XDG specification
+        monkeypatch.setenv("XDG_CACHE_HOME", not_a_place)
+        assert cache_folder() == Path(tmp_path) / ".cache" / "ftbias"
+
+
+def test_double_precision_and_a_cache_are_set(tmp_path, monkeypatch, updates):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    prepare_jax()
+    assert updates["jax_enable_x64"] is True
+    assert updates[CACHE] == str(tmp_path / "ftbias" / "jax")
+    assert Path(updates[CACHE]).is_dir()
+    assert updates["jax_persistent_cache_min_compile_time_secs"] == jax_config.MIN_COMPILE_SECONDS
+
+
+def test_where_no_folder_can_be_made_there_is_no_cache(tmp_path, monkeypatch, updates):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    prepare_jax()
+    assert updates == {"jax_enable_x64": True}

@@ -1,0 +1,199 @@
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ftbias_jax.errors import SetupError
+from ftbias_jax.model.kinematics.screws import make_arm, sensor_jacobian, sensor_pose
+from ftbias_jax.setup import dump_setup, load_setup, parse_setup
+
+ARM = """<?xml version="1.0"?>
+<robot name="two">
+  <link name="base"/><link name="upper"/><link name="lower"/><link name="flange"/>
+  <link name="hand"><inertial><origin xyz="0 0 0.05" rpy="0 0 1.5707963267948966"/><mass value="0.7"/>
+    <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.0025"/></inertial></link>
+  <link name="empty"/><link name="finger"/>
+  <joint name="pan" type="continuous"><parent link="base"/><child link="upper"/>
+    <origin xyz="0 0 0.3"/><axis xyz="0 0 2"/></joint>
+  <joint name="lift" type="prismatic"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.1 0 0" rpy="1.5707963267948966 0 0"/><axis xyz="0 1 0"/></joint>
+  <joint name="end" type="fixed"><parent link="lower"/><child link="flange"/><origin xyz="0 0 0.2"/></joint>
+  <joint name="grip" type="fixed"><parent link="flange"/><child link="hand"/><origin xyz="0 0 0.1"/></joint>
+  <joint name="nothing" type="fixed"><parent link="flange"/><child link="empty"/></joint>
+  <joint name="squeeze" type="prismatic"><parent link="hand"/><child link="finger"/><mimic joint="lift"/></joint>
+</robot>
+"""
+
+# Folder and file in the package example-robot-data, base link, tip link.
+REAL = [
+    ("panda_description/urdf/panda.urdf", "panda_link0", "panda_link8"),
+    ("panda_description/urdf/panda.urdf", "panda_link0", "panda_hand_tcp"),
+    ("ur_description/urdf/ur3_robot.urdf", "base_link", "tool0"),
+    ("ur_description/urdf/ur5_robot.urdf", "base_link", "tool0"),
+    ("ur_description/urdf/ur10_robot.urdf", "base_link", "ee_link"),
+    ("kinova_description/robots/kinova.urdf", "j2s6s200_link_base", "j2s6s200_end_effector"),
+    ("xarm_description/urdf/xarm7.urdf", "link_base", "link_eef"),
+    ("z1_description/urdf/z1.urdf", "link00", "link06"),
+    ("tiago_description/robots/tiago.urdf", "torso_fixed_link", "wrist_ft_link"),
+    ("pr2_description/urdf/pr2.urdf", "torso_lift_link", "r_wrist_roll_link"),
+    ("baxter_description/urdf/baxter.urdf", "torso", "left_hand_link"),
+]
+
+
+def parse(path, tip_link="flange", tool=None, **robot):
+    return parse_setup(
+        {
+            "robot": {"urdf": str(path), "tip_link": tip_link, **robot},
+            "sensor": {"noise_std": [0.1, 0.004], "translation": [0, 0, 0.04], "rotation_rpy": [0, 0, np.pi]},
+            "tool": tool or {"mass": 0.7, "center_of_mass": [0, 0, 0.06]},
+        },
+        str(path.with_name("setup.toml")),
+    )
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM)
+    return path
+
+
+def test_the_chain_as_screws(urdf):
+    robot = parse(urdf).robot
+    assert robot.joint_names == ("pan", "lift")
+    np.testing.assert_allclose(robot.screws, [[0, 0, 0, 0, 0, 1], [0, 0, 1, 0, 0, 0]], atol=1e-15)
+    np.testing.assert_allclose(robot.flange_translation, [0.1, -0.2, 0.3], atol=1e-15)
+    np.testing.assert_allclose(robot.flange_rotation, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
+    np.testing.assert_array_equal(robot.gravity, [0, 0, -9.81])
+
+
+def test_a_relative_path_starts_at_the_setup(urdf):
+    setup = parse(urdf)
+    text = dump_setup(setup).split("\n\n[sensor]")[1]
+    file = urdf.with_name("setup.toml")
+    file.write_text(f'[robot]\nurdf = "arm.urdf"\ntip_link = "flange"\n\n[sensor]{text}')
+    np.testing.assert_array_equal(load_setup(file).robot.screws, setup.robot.screws)
+
+
+def test_a_setup_from_a_urdf_is_written_with_its_screws(urdf):
+    robot = parse(urdf).robot
+    again = parse_setup(tomllib.loads(dump_setup(parse(urdf)))).robot
+    assert again.joint_names == robot.joint_names
+    np.testing.assert_allclose(again.screws, robot.screws, atol=1e-15)
+
+
+def test_the_tool_of_a_link_in_the_sensor_frame(urdf):
+    tool = parse(urdf, tool={"from_urdf_link": "hand"}).tool
+    assert tool.mass == 0.7
+    # 0.1 m to the hand, 0.05 m to its centre, the sensor 0.04 m above the flange.
+    np.testing.assert_allclose(tool.center_of_mass, [0, 0, 0.11], atol=1e-15)
+    np.testing.assert_allclose(tool.inertia, [0.002, 0, 0, 0.001, 0, 0.0025], atol=1e-15)
+
+
+@pytest.mark.parametrize(("name", "base_link", "tip_link"), REAL)
+def test_real_arms_against_pinocchio(name, base_link, tip_link):
+    pinocchio = pytest.importorskip("pinocchio")
+    path = Path(sys.prefix) / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}" / "site-packages"
+    path = path / "cmeel.prefix" / "share" / "example-robot-data" / "robots" / name
+    if not path.is_file():
+        pytest.skip("no URDF: pip install example-robot-data")
+    robot = parse(path, tip_link, base_link=base_link).robot
+    model = pinocchio.buildModelFromUrdf(str(path))
+    data = model.createData()
+    rng = np.random.default_rng(0)
+    arm = make_arm(robot.screws, robot.flange_translation, robot.flange_rotation)
+    for _ in range(3):
+        q = rng.uniform(-2, 2, len(robot.joint_names))
+        full, columns = pinocchio.neutral(model), []
+        for joint_name, angle in zip(robot.joint_names, q, strict=True):
+            joint = model.joints[model.getJointId(joint_name)]
+            # Pinocchio keeps a continuous joint as the cosine and sine of its angle.
+            full[joint.idx_q : joint.idx_q + joint.nq] = angle if joint.nq == 1 else [np.cos(angle), np.sin(angle)]
+            columns.append(joint.idx_v)
+        pinocchio.computeJointJacobians(model, data, full)
+        pinocchio.updateFramePlacements(model, data)
+        base, tip = model.getFrameId(base_link), model.getFrameId(tip_link)
+        expected = data.oMf[base].inverse() * data.oMf[tip]
+        rotation, position = sensor_pose(arm, q)
+        np.testing.assert_allclose(rotation, expected.rotation, atol=1e-10)
+        np.testing.assert_allclose(position, expected.translation, atol=1e-10)
+        aligned = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        jacobian = pinocchio.getFrameJacobian(model, data, tip, aligned)[:, columns]
+        turn = np.kron(np.eye(2), data.oMf[base].rotation.T)
+        np.testing.assert_allclose(sensor_jacobian(arm, q), turn @ jacobian, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("<robot", '<!DOCTYPE robot [<!ENTITY a "b">]><robot', ["document type", "remove the <!DOCTYPE>"]),
+        ("<robot name", "<robot><robot name", ["is not valid XML"]),
+        ('<link name="base"/>', "<a>" * 40 + "</a>" * 40, ["nests more than 32 elements"]),
+        (
+            '<robot name="two">',
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:x/>',
+            ["has macros", "xacro arm"],
+        ),
+        ('xyz="0 0 2"', 'xyz="0 0 0"', ["joint 'pan'", "axis of length 0"]),
+        ('xyz="0 0 2"', 'xyz="0 nan 1"', ["joint 'pan'", "<axis xyz='0 nan 1'>", "3 finite numbers"]),
+        ('xyz="0 0 2"', 'xyz="0 1"', ["joint 'pan'", "<axis xyz='0 1'>"]),
+        ('xyz="0 0 0.3"', 'xyz="0 0 1e99"', ["joint 'pan'", "<origin xyz='0 0 1e99'>"]),
+        (
+            'type="continuous"',
+            'type="planar"',
+            ["joint 'pan'", "type 'planar'", "revolute, continuous, prismatic, fixed"],
+        ),
+        ('<axis xyz="0 1 0"/>', '<mimic joint="pan"/>', ["joint 'lift'", "follows the joint 'pan'", "before it"]),
+        ('<child link="upper"/>', '<child link="uper"/>', ["joint 'pan'", "'uper'", "did you mean 'upper'"]),
+        ('<child link="upper"/>', '<child link="lower"/>', ["joint 'lift'", "second", "no loops"]),
+        ('<parent link="base"/>', '<parent link="hand"/>', ["link 'flange'", "does not hang on 'base'", "known links"]),
+        ('<link name="base"/>', '<link name="base"/><link name="else"/>', ["base_link", "2 links", "name base_link"]),
+    ],
+)
+def test_mistakes_are_named_with_their_remedy(urdf, old, new, words):
+    assert old in ARM
+    urdf.write_text(ARM.replace(old, new, 1))
+    with pytest.raises(SetupError) as caught:
+        parse(urdf)
+    message = str(caught.value)
+    assert message.startswith(f"{urdf}: ")
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"tip_link": "flage"}, ["link 'flage': is not there", "did you mean 'flange'?"]),
+        ({"base_link": "hand"}, ["link 'flange': does not hang on 'hand'"]),
+        ({"base_link": "lower"}, ["no joint moves between 'lower' and 'flange'"]),
+        ({"tool": {"from_urdf_link": "finger"}}, ["link 'finger': moves against 'flange' by the joint 'squeeze'"]),
+        ({"tool": {"from_urdf_link": "empty"}}, ["link 'empty': has no mass", "give tool.mass"]),
+        ({"joint_names": ["a", "b"]}, ["robot.joint_names: excluded by robot.urdf"]),
+    ],
+)
+def test_what_the_setup_asks_for_must_be_there(urdf, changes, words):
+    with pytest.raises(SetupError) as caught:
+        parse(urdf, **changes)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_files_that_are_no_urdf_are_refused(tmp_path):
+    for content, words in (
+        (None, "No such file"),
+        (b"", "is not valid XML"),
+        (b"\x00\x01", "is not valid XML"),
+        (b"<sdf/>", "is no URDF: it is a <sdf>"),
+        (b'<?xml version="1.0" encoding="no-such"?><robot/>', "is not valid XML"),
+        (b"<robot>" + b" " * (4 << 20) + b"</robot>", "is larger than 4 MiB"),
+    ):
+        path = tmp_path / "arm.urdf"
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(SetupError, match=r"arm\.urdf: ") as caught:
+            parse(path)
+        assert words in str(caught.value)
