@@ -42,8 +42,10 @@ def maximise(score: Score, start: Any, iterations: int = 100, small: float = 1e-
     """L-BFGS with a zoom line search (optax) on the logarithms.
 
     Args:
-        score: log-likelihood, differentiable. start: pytree of positive arrays, such as a dict of leaves of Params.
-        iterations: at most. small: nats; stops when an iteration gains less.
+        score: log-likelihood, differentiable.
+        start: pytree of positive arrays, such as a dict of leaves of Params.
+        iterations: at most.
+        small: nats; stops when an iteration gains less.
     """
     flat, unravel = jax.flatten_util.ravel_pytree(jax.tree.map(jnp.log, start))
 

@@ -38,7 +38,7 @@ class Identified(NamedTuple):
     """An identified tool, and optionally how the sensor is mounted."""
 
     theta: np.ndarray
-    """(10,) inertial parameters (wrench.py)."""
+    """(10,) inertial parameters (tool_wrench.py)."""
     values: np.ndarray
     """(10,) as NAMES, inertia about the centre of mass."""
     stderr: np.ndarray
@@ -69,8 +69,11 @@ def identify(
     """Fit theta to the wrench's likelihood, physically consistent.
 
     Args:
-        params: of the pipeline; params.theta is where to start. samples: of one log. options: of the pipeline.
-        mounting: also fit the sensor's rotation. gravity: also fit its direction (its size is kept).
+        params: of the pipeline; params.theta is where to start.
+        samples: of one log.
+        options: of the pipeline.
+        mounting: also fit the sensor's rotation.
+        gravity: also fit its direction (its size is kept).
     """
     joints = smooth_joints(params, pipeline.init(params, samples), samples, options)
     problem, _ = likelihood.wrench_problem(params, samples, joints, options)

@@ -128,10 +128,14 @@ def tune_joints(
     """Fit the noise of the joint filter.
 
     Args:
-        params: what is not fitted, and where to start. logs: samples of one robot.
-        ties: key of TIES for each of JOINT_NAMES that is to be fitted. options: of the pipeline.
-        burn_in: s that do not count at the start of every piece. restarts: further starts, each value off by a random
-            factor (10 or 1/10 is usual); Fit.optimum tells how many agree. report: told (iteration, nats).
+        params: what is not fitted, and where to start.
+        logs: samples of one robot.
+        ties: key of TIES for each of JOINT_NAMES that is to be fitted.
+        options: of the pipeline.
+        burn_in: s that do not count at the start of every piece.
+        restarts: further starts, each value off by a random factor (10 or 1/10 is usual); Fit.optimum tells how many
+            agree.
+        report: told (iteration, nats).
         total: adds up the processes that tune together, see ``newton.maximise``.
 
     Returns:

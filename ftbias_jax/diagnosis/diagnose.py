@@ -54,7 +54,9 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
     """Diagnose one log, or several of one robot together: an effect then has the same parameters in all of them.
 
     Args:
-        setup: what the robot's owner believes. logs, names: the logs and their names.
+        setup: what the robot's owner believes.
+        logs: the logs and their names.
+        names: the logs and their names.
         without: effects that may not be named, to see what the answer would be without them.
     """
     with compiled_ahead(setup, logs):

@@ -98,7 +98,8 @@ def grid_hypotheses(problem: Problem, span: np.ndarray) -> list[Hypothesis]:
     """Starting points of the effects that need a search.
 
     Args:
-        problem: of the log. span: (6,) N, Nm, range of the predicted load.
+        problem: of the log.
+        span: (6,) N, Nm, range of the predicted load.
     """
     found = [at_values(problem, "time_delay", ("delay", delay)) for delay in DELAYS]
     found += [at_values(problem, "low_pass", ("lag", lag)) for lag in LAGS]
@@ -195,7 +196,9 @@ def contact(problem: Problem, events: list[Event], hats: int) -> Hypothesis:
     """Contacts of any shape, which may begin and end suddenly: hat functions, each with a wrench of its own.
 
     Args:
-        problem: of the logs. events: when. hats: of each contact at most; there are BINS_A_HAT bins for every one.
+        problem: of the logs.
+        events: when.
+        hats: of each contact at most; there are BINS_A_HAT bins for every one.
     """
     series: list[np.ndarray] = []
     detail: tuple[float, ...] = ()

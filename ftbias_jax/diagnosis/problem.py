@@ -82,7 +82,8 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
     """Smooth the joints, examine the samples, and average what is left over short bins.
 
     Args:
-        setup: beliefs. logs: as read, of one robot.
+        setup: beliefs.
+        logs: as read, of one robot.
 
     Returns:
         the problem of the effects that change the mean reading, and what was read off each log's single samples.
@@ -144,7 +145,8 @@ def bins_of(t: np.ndarray, duration: float) -> tuple[np.ndarray, int, int]:
     """The bin (T,) of every sample with a measurement, how many bins there are, and how many with their padding.
 
     Args:
-        t: (T,) s, stamps of the samples. duration: s, of the log.
+        t: (T,) s, stamps of the samples.
+        duration: s, of the log.
     """
     width = max(SHORTEST_BIN, np.nextafter(duration / MOST_BINS, np.inf))  # so that the last sample is in the last bin
     # Bins without a sample are left out: a bin of a slow log is a sample.
@@ -171,8 +173,12 @@ def _bin(
     """Average a log over short bins, work out their noise, take off the stated bias, and pad.
 
     Args:
-        params: the beliefs. log: as read. states: (T, n, 3) of its joints. found: its cleaned wrench and its noise.
-        joint_variance: (T, 6) N^2, Nm^2, that hangs together over a bin. jitter_variance: (T, 6) that does not.
+        params: the beliefs.
+        log: as read.
+        states: (T, n, 3) of its joints.
+        found: its cleaned wrench and its noise.
+        joint_variance: (T, 6) N^2, Nm^2, that hangs together over a bin.
+        jitter_variance: (T, 6) that does not.
 
     Returns:
         the bins, and (U, 6) how many samples are in each.

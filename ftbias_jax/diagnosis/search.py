@@ -49,7 +49,10 @@ def search(
     """Add the best effect while it explains enough; once there are two, try pairs with other first causes.
 
     Args:
-        problem: of the logs. start: the believed model. hold_out: judges fits. without: effects that may not be named.
+        problem: of the logs.
+        start: the believed model.
+        hold_out: judges fits.
+        without: effects that may not be named.
 
     Returns:
         the fit of all accepted effects, and for each of them all candidates of its round, best first; the last round
@@ -79,7 +82,8 @@ def grow(
     """Greedy addition.
 
     Args:
-        start: the believed model. rounds: candidates of earlier rounds, the first of each being accepted.
+        start: the believed model.
+        rounds: candidates of earlier rounds, the first of each being accepted.
         most: causes.
     """
     accepted, rounds = (rounds[-1][0].fit if rounds else start), list(rounds)

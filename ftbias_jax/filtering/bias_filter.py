@@ -16,7 +16,7 @@ FORGET = 10.0
 
 def init(noise: BiasNoise) -> Gaussian:
     """State before the first sample: mean (12,) and covariance (12, 12)."""
-    return Gaussian(noise.prior_mean, jnp.diag(noise.prior_std**2))
+    return Gaussian(process_models.prior_mean, jnp.diag(process_models.prior_std**2))
 
 
 def step(
@@ -31,8 +31,12 @@ def step(
     """Predict by dt, then correct by y = D theta - W (report, section 3).
 
     Args:
-        noise: of the filter. state: mean (12,), covariance (12, 12). dt: () s since the previous sample.
-        wrench_tool: (6,) D theta. wrench: (6,) W as read, NaN = not measured. covariance: (6, 6) R of y.
+        noise: of the filter.
+        state: mean (12,), covariance (12, 12).
+        dt: () s since the previous sample.
+        wrench_tool: (6,) D theta.
+        wrench: (6,) W as read, NaN = not measured.
+        covariance: (6, 6) R of y.
         gate: a sample with any axis this many standard deviations off its prediction is not used, see ``_gated``.
 
     Returns:

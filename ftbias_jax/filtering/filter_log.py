@@ -61,7 +61,10 @@ def filter_log(
     """Filter a log in chunks that carry the state; equal to one ``pipeline.run`` over the whole log.
 
     Args:
-        params, options: of the pipeline. log: one merged timeline, (T, ...). progress: told the samples done so far.
+        params: of the pipeline.
+        options: of the pipeline.
+        log: one merged timeline, (T, ...).
+        progress: told the samples done so far.
     """
     # Effects with a memory need the whole log at once.
     size = CHUNK if params.effects is None else len(log.t)
@@ -77,11 +80,13 @@ def filter_log(
 def filter_parts(
     params: Params, first_q: Array, parts: Iterable[Log], options: Options = DEFAULT_OPTIONS
 ) -> Iterator[Filtered]:
-    """Filter a log that comes in parts; ``filtered.join`` makes them one result.
+    """Filter a log that comes in parts; ``result.join`` makes them one result.
 
     Args:
-        params, options: of the pipeline; known effects need the whole log as one part. first_q: (n,) rad, the first
-            measured position of every joint. parts: in the order of time, CHUNK samples each but the last.
+        params: of the pipeline; known effects need the whole log as one part.
+        options: of the pipeline; known effects need the whole log as one part.
+        first_q: (n,) rad, the first measured position of every joint.
+        parts: in the order of time, CHUNK samples each but the last.
 
     Yields:
         the result of every part; its log_likelihood is that of the part.

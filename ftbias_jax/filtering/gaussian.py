@@ -40,7 +40,9 @@ def rts_step(filtered: Gaussian, predicted: Gaussian, smoothed: Gaussian, transi
     """One step back of the Rauch-Tung-Striebel smoother (1965), its covariance as a sum of squares.
 
     Args:
-        filtered: state at i. predicted: state at i + 1 before its measurement. smoothed: state at i + 1 given all.
+        filtered: state at i.
+        predicted: state at i + 1 before its measurement.
+        smoothed: state at i + 1 given all.
         transition: (k, k) A from i to i + 1.
 
     Returns:
@@ -62,7 +64,10 @@ def update(state: Gaussian, measurement: Array, observation: Array, noise: Array
     dropped exactly: its row of C, its gain and its share of the likelihood are zero.
 
     Args:
-        state: mean (k,), covariance (k, k). measurement: (m,). observation: (m, k) C. noise: (m, m) R.
+        state: mean (k,), covariance (k, k).
+        measurement: (m,).
+        observation: (m, k) C.
+        noise: (m, m) R.
 
     Returns:
         the corrected state and the innovation.

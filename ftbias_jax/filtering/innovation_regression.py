@@ -47,7 +47,8 @@ def linearise(problem: WrenchProblem, predict: Predict) -> Callable[[np.ndarray]
     """A compiled function that linearises a model at given parameters.
 
     Args:
-        problem: the bias filter of the log. predict: the model, differentiable.
+        problem: the bias filter of the log.
+        predict: the model, differentiable.
     """
 
     @jax.jit
@@ -73,7 +74,9 @@ def covariance(linear: Linear, dt: Array, normal: np.ndarray) -> np.ndarray:
     """(P, P) inverse information, widened where the scores of whole blocks scatter more than white noise would.
 
     Args:
-        linear: the model at its optimum. dt: (T,) s. normal: (P, P) information, with that of a prior if there is one.
+        linear: the model at its optimum.
+        dt: (T,) s.
+        normal: (P, P) information, with that of a prior if there is one.
     """
     scores = np.einsum("ptc,tc->pt", linear.columns, linear.residual)
     block = (np.cumsum(np.asarray(dt)) / BLOCK_SECONDS).astype(int)

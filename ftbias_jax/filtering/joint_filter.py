@@ -16,7 +16,7 @@ def init(noise: JointNoise, q: Array) -> Gaussian:
     """State before the first sample: (first measured position, 0, 0) with covariance P_0; q (n,), NaN = unknown."""
     position = jnp.where(jnp.isfinite(q), q, 0)
     mean = jnp.stack([position, jnp.zeros_like(position), jnp.zeros_like(position)], -1)
-    return Gaussian(mean, jnp.broadcast_to(jnp.diag(noise.prior_std**2), (*q.shape, 3, 3)))
+    return Gaussian(mean, jnp.broadcast_to(jnp.diag(process_models.prior_std**2), (*q.shape, 3, 3)))
 
 
 def step(
@@ -25,8 +25,11 @@ def step(
     """Predict by dt, then correct by the measured positions and velocities.
 
     Args:
-        noise: of the filter. state: mean (n, 3), covariance (n, 3, 3).
-        dt: () s since the previous sample. q, dq: (n,) rad and rad/s, NaN = not measured.
+        noise: of the filter.
+        state: mean (n, 3), covariance (n, 3, 3).
+        dt: () s since the previous sample.
+        q: (n,) rad and rad/s, NaN = not measured.
+        dq: (n,) rad and rad/s, NaN = not measured.
         model: key of process_models.JOINT_MODELS.
 
     Returns:

@@ -1,6 +1,6 @@
 """Log-likelihood of a log in innovations form, and what regressing innovations on innovations says about parameters.
 
-The likelihood is differentiable in every parameter, and its gradient costs one more pass (recursion.py).
+The likelihood is differentiable in every parameter, and its gradient costs one more pass (scan.py).
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ def log_likelihood(
     """Log-likelihood of a log (errata 13), by the fastest exact route.
 
     Args:
-        params, options: of the pipeline. samples: leaves with a leading time axis; padding counts nothing.
+        params: of the pipeline.
+        options: of the pipeline.
+        samples: leaves with a leading time axis; padding counts nothing.
         burn_in: s at the start of the log that do not count, for the first innovations measure P_0 and little else.
     """
     weight = counted(samples.dt, burn_in)
@@ -124,7 +126,8 @@ def whiten(problem: WrenchProblem, columns: Array) -> Array:
     W: least squares on whitened columns is the exact likelihood with bias and drift as nuisance.
 
     Args:
-        problem: the filter. columns: (C, T, 6) N, Nm, sensor frame.
+        problem: the filter.
+        columns: (C, T, 6) N, Nm, sensor frame.
 
     Returns:
         (C, T, 6), 0 where the wrench was not measured.
@@ -145,8 +148,11 @@ def wrench_problem(
     """Freeze everything before the bias filter.
 
     Args:
-        params, samples, options: of the pipeline. joints: states (T, n, 3) with covariance (T, n, 3, 3), filtered
-            (``staged.joint_states``) or smoothed (``smooth.smooth_joints``).
+        params: of the pipeline.
+        samples: of the pipeline.
+        options: of the pipeline.
+        joints: states (T, n, 3) with covariance (T, n, 3, 3), filtered (``stages.joint_states``) or smoothed
+            (``smoother.smooth_joints``).
 
     Returns:
         the problem of the wrench, and the wrench of the tool D theta (T, 6) of these parameters.

@@ -46,7 +46,10 @@ def run(
     """Filter a whole log: ``lax.scan`` of ``step``.
 
     Args:
-        params, state, options: as for ``step``. samples: leaves with a leading time axis (T, ...).
+        params: as for ``step``.
+        state: as for ``step``.
+        options: as for ``step``.
+        samples: leaves with a leading time axis (T, ...).
         emit: what to keep of every sample, (state, info) -> pytree; all of both by default.
 
     Returns:

@@ -3,7 +3,7 @@
 The dt of a step is the time since the previous sample, and both A and Q use it (errata 7). dt = 0 gives A = I, Q = 0.
 
 Each model is written once, as nested rows of entries: the textbook filter stacks them into matrices, the fast routes
-(recursion.py) keep the entries apart.
+(scan.py) keep the entries apart.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ def acceleration_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
     Q does not scale with dt, so results depend on the sampling rate (errata 14); it is kept for comparison.
 
     Args:
-        dt: () s. density: () rad/s^2, standard deviation that the acceleration gains at every step.
+        dt: () s.
+        density: () rad/s^2, standard deviation that the acceleration gains at every step.
 
     Returns:
         A and Q (3 x 3) for the state (position, velocity, acceleration).
@@ -43,7 +44,8 @@ def integrated_acceleration_noise(dt: Array, density: Array) -> tuple[Rows, Rows
     The gain of the acceleration therefore decays to nothing (errata 14); it is kept for comparison.
 
     Args:
-        dt: () s. density: () rad/s^1.5, square root of the spectral density.
+        dt: () s.
+        density: () rad/s^1.5, square root of the spectral density.
     """
     zero = jnp.zeros_like(dt)
     (pp, pv), (_, vv) = drift_noise(dt, density)[1]
@@ -54,7 +56,8 @@ def integrated_jerk_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
     """Model 3, integrated jerk noise: white noise on the jerk, integrated three times (Barfoot 2024). The default.
 
     Args:
-        dt: () s. density: () rad/s^2.5, square root of the spectral density.
+        dt: () s.
+        density: () rad/s^2.5, square root of the spectral density.
     """
     variance = density**2
     pp, pv, pa = dt**5 / 20 * variance, dt**4 / 8 * variance, dt**3 / 6 * variance
@@ -66,7 +69,8 @@ def drift_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
     """One axis of the bias: its rate is integrated white noise (report, eq. of Q_i in section 3).
 
     Args:
-        dt: () s. density: () sigma_Q, N/s^1.5 or Nm/s^1.5.
+        dt: () s.
+        density: () sigma_Q, N/s^1.5 or Nm/s^1.5.
 
     Returns:
         A and Q (2 x 2) for the state (bias, drift).
@@ -88,7 +92,8 @@ def bias_drift_noise(dt: Array, density: Array) -> tuple[Array, Array]:
     """The bias model of all six axes as the report writes it.
 
     Args:
-        dt: () s. density: (6,) sigma_Q in N/s^1.5 and Nm/s^1.5, one per axis (errata 12).
+        dt: () s.
+        density: (6,) sigma_Q in N/s^1.5 and Nm/s^1.5, one per axis (errata 12).
 
     Returns:
         A (12, 12) and Q (12, 12) for the state (bias, drift).

@@ -18,7 +18,9 @@ def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -
     """A log as filter input: leaves with a leading time axis. dt is taken in float64 before any rounding to dtype.
 
     Args:
-        log: a whole log, or a part of one. dtype: of the arrays. before: s, stamp of the sample before the part.
+        log: a whole log, or a part of one.
+        dtype: of the arrays.
+        before: s, stamp of the sample before the part.
     """
     dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0] if before is None else before)
     temperature = fill_temperature(log.t, log.temperature) if np.isfinite(log.temperature).any() else None

@@ -22,7 +22,9 @@ def smooth_bias(params: Params, filtered: Gaussian, dt: Array) -> Gaussian:
     """Smoothed bias and drift from the filtered states of ``pipeline.run``; any R.
 
     Args:
-        params: of the filter. filtered: mean (T, 12), covariance (T, 12, 12). dt: (T,) s.
+        params: of the filter.
+        filtered: mean (T, 12), covariance (T, 12, 12).
+        dt: (T,) s.
     """
 
     def back(after: Gaussian, sample: tuple[Gaussian, Array]) -> tuple[Gaussian, Gaussian]:
@@ -40,7 +42,7 @@ def smooth_bias(params: Params, filtered: Gaussian, dt: Array) -> Gaussian:
 
 @jax.jit
 def smooth_axes(inputs: Inputs) -> tuple[Array, Array]:
-    """The same for independent axes, from ``staged.bias_inputs``: means and standard deviations (T, 2, 6)."""
+    """The same for independent axes, from ``stages.bias_inputs``: means and standard deviations (T, 2, 6)."""
     smoothed = smooth_track(drift_noise, inputs, filter_scan(drift_noise, inputs))
     return smoothed.mean, jnp.sqrt(jnp.swapaxes(jnp.diagonal(smoothed.covariance, axis1=1, axis2=2), 1, 2))
 

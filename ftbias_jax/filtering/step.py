@@ -29,7 +29,7 @@ class Options(NamedTuple):
     """Choices that change the program, not its numbers: static under jit."""
 
     joint_model: str = "integrated_jerk"
-    """Key of noise.JOINT_MODELS."""
+    """Key of process_models.JOINT_MODELS."""
     joint_uncertainty: str = "diagonal"
     """Whether the joint filter's covariance, pushed through D theta, is added to R at every sample: "none" (the report
     to the letter: error bars are far too small while the arm accelerates), "full", or "diagonal", which keeps each
@@ -83,7 +83,9 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     """One sample through the pipeline (report, sections 1 to 3).
 
     Args:
-        params, options: beliefs and choices. state: after the previous sample.
+        params: beliefs and choices.
+        options: beliefs and choices.
+        state: after the previous sample.
         sample: dt (), q and dq (n,), wrench (6,); NaN = not measured, a whole sample, one stream or one axis.
 
     Returns:

@@ -23,7 +23,8 @@ def read_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     """Read a log in the format that its suffix names, or a ROS 2 bag's folder.
 
     Args:
-        path: the file. setup: gives the number and names of the joints, the sensor's sign, and column names.
+        path: the file.
+        setup: gives the number and names of the joints, the sensor's sign, and column names.
         salvage: of a damaged ROS recording, read what is whole.
 
     Raises:

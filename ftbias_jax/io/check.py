@@ -27,10 +27,12 @@ def check_log(
 
     Args:
         t: (T,) stamps: floating point in s, or integers in ns; any origin.
-        q: (T, n) rad. wrench: (T, 6) N, Nm, as the sensor reports it.
+        q: (T, n) rad.
+        wrench: (T, 6) N, Nm, as the sensor reports it.
         dq: (T, n) rad/s, or None. If the setup has a sensor_pose: both as for ``pose_entries``.
         temperature: (T,) deg C, or None. NaN = not measured.
-        setup: the joints, and the sign in which the sensor reports. file: the name in messages.
+        setup: the joints, and the sign in which the sensor reports.
+        file: the name in messages.
 
     Returns:
         float64 arrays: t relative to the first stamp (``start``), the wrench on the tool, NaN for what is None.
@@ -66,7 +68,8 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
     """What a whole log must have.
 
     Args:
-        joints: (n,) whether each was ever measured. wrench_t: (W,) s, stamps at which any axis of the wrench was.
+        joints: (n,) whether each was ever measured.
+        wrench_t: (W,) s, stamps at which any axis of the wrench was.
 
     Raises:
         LogError: there is no motion or no wrench, or its rate is implausible.
@@ -85,7 +88,9 @@ def relative_seconds(t: Array, *, file: str = "", field: str = "t") -> tuple[Arr
     """Stamps in s since the first, and the first.
 
     Args:
-        t: (T,) floating point in s, or integers in ns. file, field: where they come from, for messages.
+        t: (T,) floating point in s, or integers in ns.
+        file: where they come from, for messages.
+        field: where they come from, for messages.
 
     Returns:
         (T,) float64 s from 0, and the first stamp in s.

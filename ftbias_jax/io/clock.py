@@ -30,7 +30,8 @@ def choose_clock(stamps: Sequence[Array], logged: Sequence[Array]) -> Clock:
     """The headers' stamps if all streams have them on one clock, otherwise the times at which they were logged.
 
     Args:
-        stamps, logged: (T,) int64 ns for each stream, in the order in which they were stored; a stamp of 0 = not set.
+        stamps: (T,) int64 ns for each stream, in the order in which they were stored; a stamp of 0 = not set.
+        logged: (T,) int64 ns for each stream, in the order in which they were stored; a stamp of 0 = not set.
     """
     if any(np.mean(times == 0) > 0.5 for times in stamps):
         return Clock(tuple(logged), "the headers have no stamps")
@@ -50,7 +51,8 @@ def continue_after_jumps(streams: Sequence[Array], file: str = "") -> tuple[tupl
     """Stamps that go on PAUSE after the clock was set back, and how often it was; segments stay together.
 
     Args:
-        streams: (T,) int64 ns for each stream, in the order in which they were stored. file: the name in messages.
+        streams: (T,) int64 ns for each stream, in the order in which they were stored.
+        file: the name in messages.
 
     Raises:
         LogError: the streams do not agree on how often the clock was set back.
@@ -90,7 +92,8 @@ def tidy(t: Array, values: Array) -> Tidy:
     """Sort samples by their stamps; samples of one stamp become one, each column from the first that has it.
 
     Args:
-        t: (T,) int64 ns. values: (T, k), NaN = not measured.
+        t: (T,) int64 ns.
+        values: (T, k), NaN = not measured.
     """
     late = int((t[1:] < np.maximum.accumulate(t)[:-1]).sum()) if len(t) else 0
     unique, place = np.unique(t, return_inverse=True)

@@ -73,7 +73,9 @@ def hold(seen: Held, t: Array, values: Array) -> Held:
     """Take in the next samples of an axis; the same however a log is cut into parts.
 
     Args:
-        seen: of the samples before. t: (T,) s. values: (T,), NaN = not measured.
+        seen: of the samples before.
+        t: (T,) s.
+        values: (T,), NaN = not measured.
     """
     measured = ~np.isnan(values)
     t, values = t[measured], values[measured]
@@ -108,7 +110,8 @@ def stuck_seconds(t: Array, values: Array) -> float:
     """The longest time in s for which one axis is stuck; 0 if it is not.
 
     Args:
-        t: (T,) s. values: (T,), NaN = not measured.
+        t: (T,) s.
+        values: (T,), NaN = not measured.
     """
     return max((still.last - still.first for still in stuck(hold(Held(), t, values))), default=0.0)
 

@@ -65,7 +65,8 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     """Look into a log.
 
     Args:
-        path: the log. setup: judge whether the log can be filtered with it; None = take joints as they come.
+        path: the log.
+        setup: judge whether the log can be filtered with it; None = take joints as they come.
         salvage: of a damaged recording, read what is whole.
 
     Raises:

@@ -38,7 +38,8 @@ def load_arrays(
     """The arrays of an NPZ file by name.
 
     Args:
-        path: the file. wanted: read only these, where they are there; None = all.
+        path: the file.
+        wanted: read only these, where they are there; None = all.
         max_bytes: refuse files that declare more.
 
     Raises:

@@ -62,7 +62,9 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     """Open a log of any format; samples at the end of the sensor's range or of a stuck axis are left out, and counted.
 
     Args:
-        path, setup, salvage: as for ``read_log``.
+        path: as for ``read_log``.
+        setup: as for ``read_log``.
+        salvage: as for ``read_log``.
 
     Raises:
         LogError: it cannot be read, or cannot be filtered (``check_log``).

@@ -19,7 +19,10 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
     Args:
         pose: (T, k) orientation in the order the setup states, then position m, base frame, if the setup says so.
         rates: (T, 3 or 6) angular velocity rad/s and specific force m/s^2 (a - g), sensor frame, or None. NaN = not
-            measured. t: (T,) s. setup: has a sensor_pose. file: the name in messages.
+            measured.
+        t: (T,) s.
+        setup: has a sensor_pose.
+        file: the name in messages.
 
     Returns:
         q and dq (T, 4 or 7). A specific force becomes the velocity that it adds up to, and the position is left open:

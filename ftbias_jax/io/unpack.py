@@ -22,7 +22,9 @@ def unpack(compression: str, packed: bytes, size: int) -> bytes:
     """Decompress one chunk.
 
     Args:
-        compression: "", "none", "bz2", "lz4" or "zstd". packed: the chunk. size: the bytes it declares to unpack to.
+        compression: "", "none", "bz2", "lz4" or "zstd".
+        packed: the chunk.
+        size: the bytes it declares to unpack to.
 
     Raises:
         UnpackError: it does not, or declares more than a log needs. LogError: the decompressor is not installed.

@@ -22,7 +22,7 @@ class JointNoise(NamedTuple):
     """Noise of the joint filter."""
 
     process_density: Array
-    """(n,) strength of the process noise, units of the chosen model in noise.py (rad/s^2.5 for integrated jerk)."""
+    """(n,) strength of the process noise, units of the chosen model in process_models.py (rad/s^2.5 for integrated jerk)."""
     position_std: Array
     """(n,) eta_q, rad."""
     velocity_std: Array
@@ -37,7 +37,7 @@ class BiasNoise(NamedTuple):
     density: Array
     """(6,) sigma_Q, N/s^1.5 and Nm/s^1.5: white noise on the rate of the drift, one per axis."""
     data_variance: Array | None
-    """(36,) diagonal of Sigma_D over the live entries of vec(D), column-major (wrench.LIVE_ENTRIES); None = zeros."""
+    """(36,) diagonal of Sigma_D over the live entries of vec(D), column-major (tool_wrench.LIVE_ENTRIES); None = zeros."""
     wrench_variance: Array
     """(6,) diagonal of Sigma_W, N^2 and Nm^2."""
     prior_mean: Array
@@ -54,19 +54,20 @@ class Params(NamedTuple):
     gravity: Array
     """(3,) m/s^2, base frame, pointing down."""
     theta: Array
-    """(10,) inertial parameters of the tool (wrench.py)."""
+    """(10,) inertial parameters of the tool (tool_wrench.py)."""
     joint: JointNoise
     bias: BiasNoise
     effects: Values | None = None
-    """Known effects of the catalogue. They may need the whole log, so ``staged.run`` has them and ``step`` refuses."""
+    """Known effects of the catalogue. They may need the whole log, so ``stages.run`` has them and ``step`` refuses."""
 
 
 def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     """Parameters of the filter as the robot's owner states them.
 
     Args:
-        setup: what ``load_setup`` read; a joint process noise it leaves open becomes 1 here (batch.params_for_log
-            chooses it from the log). dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
+        setup: what ``load_setup`` read; a joint process noise it leaves open becomes 1 here (filter_log.params_for_log
+            chooses it from the log).
+        dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
     """
     sensor, n = setup.sensor, len(setup.robot.screws)
     tool = (as_array(x, dtype) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))

@@ -49,7 +49,7 @@ class Simulation(NamedTuple):
     drift: Array
     """(T, 6) N/s, Nm/s, of the bias process."""
     wrench_clean: Array
-    """(T, 6) N, Nm, what the sensor would read without bias process and noise: ``chain.predict``."""
+    """(T, 6) N, Nm, what the sensor would read without bias process and noise: ``compose.predict``."""
     temperature: Array
     """(T,) deg C."""
 
@@ -58,7 +58,11 @@ def bias_process(key: Array, t: Array, density: Array, initial: Array, initial_d
     """A sample path of the bias model: the drift is integrated white noise, exact at the stamps.
 
     Args:
-        key: JAX key. t: (T,) s. density: (6,) N/s^1.5, Nm/s^1.5. initial: (6,) N, Nm. initial_drift: (6,) N/s, Nm/s.
+        key: JAX key.
+        t: (T,) s.
+        density: (6,) N/s^1.5, Nm/s^1.5.
+        initial: (6,) N, Nm.
+        initial_drift: (6,) N/s, Nm/s.
 
     Returns:
         bias (T, 6) and drift (T, 6).
@@ -93,8 +97,11 @@ def simulate(
     with ``encoder_offset`` the arm is elsewhere.
 
     Args:
-        key: JAX key; the same key gives the same bias and noise with any effects. params: what the setup states.
-        trajectory: (T, ...). effects: effect -> parameters; None = none. temperature: (T,) deg C; None = constant.
+        key: JAX key; the same key gives the same bias and noise with any effects.
+        params: what the setup states.
+        trajectory: (T, ...).
+        effects: effect -> parameters; None = none.
+        temperature: (T,) deg C; None = constant.
     """
     t, q, dq, ddq = trajectory
     effects = {} if effects is None else effects

@@ -31,8 +31,12 @@ def excitation_sines(
     """Sums of sines around a pose, random in phase and weight; every joint moves, velocity and acceleration are exact.
 
     Args:
-        key: JAX key. t: (T,) s. center: (n,) rad. amplitude: (n,) rad, an upper bound of each joint's excursion.
-        harmonics: sines per joint. base_frequency: Hz, lowest frequency; the others are its multiples.
+        key: JAX key.
+        t: (T,) s.
+        center: (n,) rad.
+        amplitude: (n,) rad, an upper bound of each joint's excursion.
+        harmonics: sines per joint.
+        base_frequency: Hz, lowest frequency; the others are its multiples.
     """
     weight_key, phase_key = jax.random.split(key)
     n = center.shape[0]
@@ -71,8 +75,12 @@ def minimum_jerk_moves(
     Each move follows 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985); all joints start and stop together.
 
     Args:
-        key: JAX key. t: (T,) s from 0. center: (n,) rad. amplitude: (n,) rad; poses are within center +- amplitude.
-        move: s from pose to pose. dwell: s at rest after each.
+        key: JAX key.
+        t: (T,) s from 0.
+        center: (n,) rad.
+        amplitude: (n,) rad; poses are within center +- amplitude.
+        move: s from pose to pose.
+        dwell: s at rest after each.
     """
 
     def pose(number: Array) -> Array:
@@ -95,7 +103,9 @@ def replay(log: Log, t: Array | None = None, spacing: float = 0.05) -> Trajector
     than its knots, encoder noise above all, is left out. Host code in NumPy, float64.
 
     Args:
-        log: recorded joints. t: (T,) s, times within the log; None = its own. spacing: s between knots.
+        log: recorded joints.
+        t: (T,) s, times within the log; None = its own.
+        spacing: s between knots.
 
     Raises:
         LogError: a joint has too few positions.

@@ -19,7 +19,8 @@ def run_each(work: Callable[[Task], Result], tasks: Iterable[Task], jobs: int) -
     """Every task with its result as it gets ready, or with None if its process was killed.
 
     Args:
-        work: what to do; for several processes it can be pickled. tasks: each once.
+        work: what to do; for several processes it can be pickled.
+        tasks: each once.
         jobs: how many at a time; 1 = in this process, where JAX is as the caller prepared it.
     """
     if jobs == 1:

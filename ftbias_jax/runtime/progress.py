@@ -11,7 +11,9 @@ class Progress:
     """Call it with the amount done; nothing is shown for tasks shorter than two seconds.
 
     Args:
-        label: what is being done. total: the amount that is everything. stream: where to write.
+        label: what is being done.
+        total: the amount that is everything.
+        stream: where to write.
     """
 
     def __init__(self, label: str, total: float, stream: TextIO | None = None) -> None:

@@ -120,7 +120,10 @@ def vector(
     """Numbers as a read-only (size,) float64 array.
 
     Args:
-        section, key: where the value is. size: of the result. default: the value if the key is absent; None = required.
+        section: where the value is.
+        key: where the value is.
+        size: of the result.
+        default: the value if the key is absent; None = required.
         within: the range of every number.
         expand: one number stands for all; of six, two stand for three forces and three torques.
     """

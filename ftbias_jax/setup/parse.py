@@ -52,7 +52,8 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
     """A setup from the tables of its TOML text.
 
     Args:
-        mapping: what ``tomllib.loads`` returns. file: the name in messages.
+        mapping: what ``tomllib.loads`` returns.
+        file: the name in messages.
 
     Raises:
         SetupError: a key is missing, unknown, of the wrong type or shape, or physically impossible.

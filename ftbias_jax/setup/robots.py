@@ -37,7 +37,9 @@ def built_in_robot(model: str, gravity: Array = STANDARD_GRAVITY, joint_names: t
     """A robot of ``BUILT_IN``.
 
     Args:
-        model: its name. gravity: (3,) m/s^2, base frame. joint_names: seven, or none for ``MODEL_joint1`` and so on.
+        model: its name.
+        gravity: (3,) m/s^2, base frame.
+        joint_names: seven, or none for ``MODEL_joint1`` and so on.
 
     Raises:
         KeyError: there is no robot of this name.

@@ -15,8 +15,10 @@ def urdf_robot(urdf: Urdf, base_link: str, tip_link: str, gravity: Array) -> Rob
     """The serial arm between two links.
 
     Args:
-        urdf: the file. base_link: whose frame is the base frame; "" = the link that hangs on no joint.
-        tip_link: whose frame is the flange. gravity: (3,) m/s^2, base frame.
+        urdf: the file.
+        base_link: whose frame is the base frame; "" = the link that hangs on no joint.
+        tip_link: whose frame is the flange.
+        gravity: (3,) m/s^2, base frame.
 
     Raises:
         SetupError: a link is not there, does not hang on the base, or a joint of the chain cannot be modelled.
@@ -50,7 +52,10 @@ def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: Pose) -> ToolSetup:
     """The mass and inertia of one link that is fixed to the tip.
 
     Args:
-        urdf: the file. tip_link: the flange. link: the tool. sensor: the sensor in the flange's frame.
+        urdf: the file.
+        tip_link: the flange.
+        link: the tool.
+        sensor: the sensor in the flange's frame.
 
     Raises:
         SetupError: the link is not there, moves against the tip, or has no mass.

@@ -28,7 +28,10 @@ def withheld(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> Score:
     """Diagnose every log with its setup alone; then open the labels, and score.
 
     Args:
-        folder: of the set. logs: of it. out: folder of the verdicts. jobs: processes.
+        folder: of the set.
+        logs: of it.
+        out: folder of the verdicts.
+        jobs: processes.
 
     Raises:
         LogError: labels or verdicts cannot be read. OutputError: a verdict cannot be written.

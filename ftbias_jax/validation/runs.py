@@ -52,7 +52,9 @@ def diagnose_all(tasks: Sequence[Task], jobs: int, report: Callable[[int], None]
     Several logs in one process share its compiled programs, so the first is slow and the others are not.
 
     Args:
-        tasks: what to do. jobs: processes; 1 = this one. report: called with the number of tasks that are done.
+        tasks: what to do.
+        jobs: processes; 1 = this one.
+        report: called with the number of tasks that are done.
 
     Returns:
         Name of a log -> why there is no diagnosis of it.

@@ -106,7 +106,8 @@ def fixed_setup(setup: Setup, causes: Sequence[Candidate]) -> str:
     """The setup as TOML text with the causes among its effects; the same setup if there are none.
 
     Args:
-        setup: of the diagnosis. causes: their values replace those the setup has for the same effect.
+        setup: of the diagnosis.
+        causes: their values replace those the setup has for the same effect.
     """
     from ftbias_jax.diagnosis.report.tables import parameter_words
     from ftbias_jax.model.effects.catalogue import values_from_setup

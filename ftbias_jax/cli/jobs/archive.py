@@ -53,7 +53,9 @@ def find_logs(arguments: Sequence[str], folder: str, suffix: str) -> list[Task]:
     """The logs that paths, folders and patterns name, sorted; each has its own result.
 
     Args:
-        arguments: as given to the command. folder: of the results, which is not searched. suffix: of the results.
+        arguments: as given to the command.
+        folder: of the results, which is not searched.
+        suffix: of the results.
 
     Raises:
         UsageError: an argument names no log, or two logs would have one result.

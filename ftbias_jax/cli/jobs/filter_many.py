@@ -23,7 +23,11 @@ def filter_task(task: Task, setup: Setup, folder: str, choices: Choices, salvage
     """Filter one log of an archive; what goes wrong is in the entry, because the other logs go on.
 
     Args:
-        task: the log. setup: of all logs. folder: of the results. choices, salvage: as of the command.
+        task: the log.
+        setup: of all logs.
+        folder: of the results.
+        choices: as of the command.
+        salvage: as of the command.
     """
     made_from = provenance(task, setup, {**choices._asdict(), "salvage": salvage})
     entry = Entry(*task, status=FAILED, made_from=made_from)
@@ -47,7 +51,9 @@ def run_tasks(work: Work, tasks: Iterable[Task], jobs: int) -> Iterator[Entry]:
     """Entries as they get ready, from this process (``jobs`` = 1) or from several.
 
     Args:
-        work: what to do; it can be pickled. tasks: each once. jobs: how many at a time.
+        work: what to do; it can be pickled.
+        tasks: each once.
+        jobs: how many at a time.
     """
     if jobs == 1:
         prepare_jax()

@@ -61,8 +61,12 @@ def filter_file(
     A long NPZ log into an NPZ file takes memory for its stamps and for a few chunks; everything else is held whole.
 
     Args:
-        log, setup: what to filter. output: the file; its suffix names the format. choices: see there.
-        progress: told the share that is done. keep: also return the result.
+        log: what to filter.
+        setup: what to filter.
+        output: the file; its suffix names the format.
+        choices: see there.
+        progress: told the share that is done.
+        keep: also return the result.
 
     Raises:
         LogError: the log is damaged. OutputError, UsageError: the result cannot be written.

@@ -20,8 +20,11 @@ def compare(
     """What each log says by itself; nothing for a single log.
 
     Args:
-        problem: of the logs. names: theirs. accepted: the causes, fitted to all logs together.
-        before, after: held-out errors without and with the causes.
+        problem: of the logs.
+        names: theirs.
+        accepted: the causes, fitted to all logs together.
+        before: held-out errors without and with the causes.
+        after: held-out errors without and with the causes.
     """
     if len(problem.parts) < 2:
         return ()
@@ -48,7 +51,8 @@ def _alone(accepted: Fit, own: np.ndarray) -> tuple[Fit, float]:
     """The causes fitted to one log, to first order around the fit to all, and the nats that this gains there.
 
     Args:
-        accepted: the fit to all logs. own: (U,) bins of the log.
+        accepted: the fit to all logs.
+        own: (U,) bins of the log.
     """
     columns, error = Columns(*(x * own[:, None] for x in accepted.columns)), accepted.error * own[:, None]
     step, gain = step_and_gain(columns, error)

@@ -57,8 +57,11 @@ def locate(
     """Where in the log the gap is.
 
     Args:
-        residual: (B, 6) N, Nm, means of bins; NaN = not measured. noise: (B, 6) their standard deviation by noise.
-        t: (B,) s, increasing. motion: at the bins. stages: of the named causes, passed through.
+        residual: (B, 6) N, Nm, means of bins; NaN = not measured.
+        noise: (B, 6) their standard deviation by noise.
+        t: (B,) s, increasing.
+        motion: at the bins.
+        stages: of the named causes, passed through.
 
     Returns:
         Shares of the channels always; intervals, regimes and bands only where they are significant.
@@ -82,7 +85,8 @@ def channel_shares(white: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """(6,) shares of the mean square gap; sums to 1, equal where there is no gap.
 
     Args:
-        white: (B, 6) residual in units of its noise, 0 = not measured. seen: (B, 6) whether it was measured.
+        white: (B, 6) residual in units of its noise, 0 = not measured.
+        seen: (B, 6) whether it was measured.
     """
     mean_excess = np.sum(white**2 - seen, axis=0) / np.maximum(seen.sum(axis=0), 1)
     positive = np.maximum(mean_excess, 0.0)
@@ -94,7 +98,9 @@ def find_intervals(excess: np.ndarray, count: np.ndarray, t: np.ndarray) -> tupl
     """(start s, end s, gap in noise sigmas) of the times that stand out, in the order of time; the largest few.
 
     Args:
-        excess: (B,) sum of the channels' squares less their expectation. count: (B,) channels measured. t: (B,) s.
+        excess: (B,) sum of the channels' squares less their expectation.
+        count: (B,) channels measured.
+        t: (B,) s.
     """
     if not count.any():
         return ()
@@ -127,7 +133,9 @@ def find_regimes(excess: np.ndarray, count: np.ndarray, t: np.ndarray, motion: M
     """Regimes that hold significantly more of the gap than of the time, the most telling first.
 
     Args:
-        excess: (B,) sum of the channels' squares less their expectation. count: (B,) channels measured. t: (B,) s.
+        excess: (B,) sum of the channels' squares less their expectation.
+        count: (B,) channels measured.
+        t: (B,) s.
         motion: at the bins.
     """
     total = float(excess.sum())
@@ -155,7 +163,8 @@ def regimes(t: np.ndarray, motion: Motion) -> Iterator[tuple[str, np.ndarray]]:
     """(name, (B,) whether a bin belongs to it) of the regimes that this motion has.
 
     Args:
-        t: (B,) s. motion: at the bins.
+        t: (B,) s.
+        motion: at the bins.
     """
     yield from _outer_thirds(
         motion.speed, "fast motion (joint speed over {:.2g} rad/s)", "slow motion (under {:.2g} rad/s)"
@@ -197,7 +206,8 @@ def find_bands(white: np.ndarray, seen: np.ndarray, t: np.ndarray) -> tuple[tupl
     """(low Hz, high Hz, share of the gap) of the bands with more power than white noise of the stated size.
 
     Args:
-        white: (B, 6) residual in units of its noise, 0 = not measured. seen: (B, 6) whether it was measured.
+        white: (B, 6) residual in units of its noise, 0 = not measured.
+        seen: (B, 6) whether it was measured.
         t: (B,) s; what is missing between the bins counts as not measured.
     """
     if len(t) < 16 or not seen.any():

@@ -31,7 +31,10 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     That an effect has more free numbers does not count against it here: the data do not separate the two.
 
     Args:
-        problem: of the logs. base: the believed model. accepted: all causes together. cause: one of them.
+        problem: of the logs.
+        base: the believed model.
+        accepted: all causes together.
+        cause: one of them.
         scored: the candidates of the round in which it was found.
     """
     rest = tuple(h for h in accepted.hypotheses if h is not cause)

@@ -70,7 +70,9 @@ def refine(
     """The best of ever finer grids around a value that a series depends on.
 
     Args:
-        make: values -> one hypothesis each. at: the best so far. reach: how far from it the best may be.
+        make: values -> one hypothesis each.
+        at: the best so far.
+        reach: how far from it the best may be.
     """
     for _ in range(2):
         values = at + reach * np.linspace(-1, 1, FINE)

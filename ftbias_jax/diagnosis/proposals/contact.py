@@ -37,8 +37,8 @@ def contacts(
     """The contacts that stand out, as one hypothesis with wrenches of any shape, and its gain.
 
     Args:
-        smooth: (M, U, 6) whitened derivatives by what else could be there. Contacts are looked for, but not judged,
-            in what these leave.
+        smooth: (M, U, 6) whitened derivatives by what else could be there. Contacts are looked for, but not judged, in
+            what these leave.
     """
     if "contact" in taken or not library.events:
         return []
@@ -112,7 +112,8 @@ def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
     """An event without the hats that hardly matter, at its ends or between its parts.
 
     Args:
-        event: as it was found. nats: (H,) of each of its hats.
+        event: as it was found.
+        nats: (H,) of each of its hats.
     """
     log, start, end = event
     matter = np.flatnonzero(nats > max(LEAST_HAT, LEAST_SHARE_OF_HAT * nats.max()))

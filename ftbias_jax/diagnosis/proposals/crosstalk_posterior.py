@@ -24,7 +24,9 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndar
     """Posterior of all entries, the other numbers of the fit with them.
 
     Args:
-        problem: of the logs. found: at its best. few: its hypothesis of crosstalk.
+        problem: of the logs.
+        found: at its best.
+        few: its hypothesis of crosstalk.
 
     Returns:
         coordinates (P,), crosstalk with all its entries free, and the covariance (30, 30) of these.

@@ -106,7 +106,9 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
     """Catalogue values of all chained effects, and encoder offsets (n,) rad.
 
     Args:
-        signals: of the log. z: (P,) coordinates. link: () which link carries the anchor of a cable, 0 = world.
+        signals: of the log.
+        z: (P,) coordinates.
+        link: () which link carries the anchor of a cable, 0 = world.
     """
     n, model = signals.q.shape[1], signals.model
     places, units = slices(n), {(b.effect, b.parameter): jnp.asarray(b.unit) for b in blocks(n)}
@@ -174,8 +176,11 @@ def readings(signals: Signals, known: Values, moving: tuple[ArmMotion, ...], z: 
     """(C, B, 6) N, Nm: noise-free readings at several coordinates at once.
 
     Args:
-        signals: of the log. known: effects that the setup knows of. moving: C times ``motion`` at z.
-        z: (C, P) coordinates. link: (C,) which link carries the anchor of a cable.
+        signals: of the log.
+        known: effects that the setup knows of.
+        moving: C times ``motion`` at z.
+        z: (C, P) coordinates.
+        link: (C,) which link carries the anchor of a cable.
     """
     return jax.vmap(partial(_reading, signals, known))(_stack(moving), z, link)
 
@@ -193,7 +198,12 @@ def slopes(
     """(D, B, 6) N, Nm: derivatives of the reading.
 
     Args:
-        signals, known: as above. moving: ``motion`` at z. z: (P,) coordinates. link: (). directions: (D, P).
+        signals: as above.
+        known: as above.
+        moving: ``motion`` at z.
+        z: (P,) coordinates.
+        link: ().
+        directions: (D, P).
         changes: of the motion along each direction; zeros if it moves no joint.
     """
 

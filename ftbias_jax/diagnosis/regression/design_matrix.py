@@ -108,7 +108,8 @@ def information(columns: Columns, coordinates: int | None = None) -> Information
     """What the data say of all numbers, with the prior.
 
     Args:
-        columns: at the fit. coordinates: how many of the moving columns have the prior; all if not given.
+        columns: at the fit.
+        coordinates: how many of the moving columns have the prior; all if not given.
     """
     own, F = lay_out(columns), len(columns.moving)
     transposed = own.series.transpose(0, 2, 1)

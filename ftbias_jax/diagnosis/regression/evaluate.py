@@ -27,7 +27,9 @@ def lower_programs(signals: Signals, wrench: WrenchProblem, known: Values) -> It
     """The programs that the functions below call, ready to be compiled, the longest first.
 
     Args:
-        signals, wrench: of one log; of series, shapes are enough. known: effects that the setup knows of.
+        signals: of one log; of series, shapes are enough.
+        wrench: of one log; of series, shapes are enough.
+        known: effects that the setup knows of.
     """
     bins, n = signals.q.shape
 

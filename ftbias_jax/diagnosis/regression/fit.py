@@ -70,8 +70,10 @@ def fit(
     """Levenberg-Marquardt over the coordinates, with the linear coefficients solved for exactly at every step.
 
     Args:
-        problem: of the logs. hypotheses: what to fit together; those that ``start`` has too continue from there.
-        start: another fit, such as ``base``. enough: share of the whole gain; the last step gains less.
+        problem: of the logs.
+        hypotheses: what to fit together; those that ``start`` has too continue from there.
+        start: another fit, such as ``base``.
+        enough: share of the whole gain; the last step gains less.
         most: steps at most.
     """
     z = start.z.copy()
@@ -184,7 +186,11 @@ def _trials(columns: np.ndarray, error: np.ndarray, at: np.ndarray, least: np.nd
     """(len(DAMPINGS), F) next values of the coordinates ``at``, none of them outside its bounds.
 
     Args:
-        columns: (F, U, 6) derivatives without what the series can do. error: (U, 6). at, least, most: (F,).
+        columns: (F, U, 6) derivatives without what the series can do.
+        error: (U, 6).
+        at: (F,).
+        least: (F,).
+        most: (F,).
     """
     flat = columns.reshape(len(columns), -1)
     pull = flat @ error.ravel() + at / PRIOR_STD**2
@@ -207,8 +213,10 @@ def covariance(problem: Problem, fit: Fit, further: np.ndarray | None = None) ->
     """(K, K) of the free numbers, widened where the scores of whole blocks scatter more than white noise would.
 
     Args:
-        problem: of the logs. fit: at its best. further: (M, U, 6) whitened derivatives by M numbers that were searched
-            on a grid; they come between the coordinates and the coefficients.
+        problem: of the logs.
+        fit: at its best.
+        further: (M, U, 6) whitened derivatives by M numbers that were searched on a grid; they come between the
+            coordinates and the coefficients.
     """
     columns = fit.columns
     if further is not None:

@@ -31,7 +31,8 @@ def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
     """While the block runs, compile the programs of a search on these logs; at its end, wait until that is done.
 
     Args:
-        setup: beliefs. logs: as read.
+        setup: beliefs.
+        logs: as read.
 
     Raises:
         Exception: what XLA says of a program that it cannot compile, at the end of the block.

@@ -41,7 +41,9 @@ class Gains(NamedTuple):
         """Matching pursuit: the few columns that gain most together, and how much.
 
         Args:
-            rows: columns to choose from. most: how many at most. least: share of the gain that each must add.
+            rows: columns to choose from.
+            most: how many at most.
+            least: share of the gain that each must add.
         """
         chosen: list[int] = []
         gained = 0.0

@@ -48,7 +48,8 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
     """The report.
 
     Args:
-        diagnosis: what to show. title: such as the names of the logs; any text.
+        diagnosis: what to show.
+        title: such as the names of the logs; any text.
     """
     sections = (
         _section("Causes", _causes(diagnosis.causes)),

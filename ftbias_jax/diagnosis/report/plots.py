@@ -44,7 +44,8 @@ def plot_gap(gap: Gap, with_after: bool) -> str:
     """Bars of the held-out rms by channel in units of the noise.
 
     Args:
-        gap: of the diagnosis. with_after: whether there is a cause, and so an after.
+        gap: of the diagnosis.
+        with_after: whether there is a cause, and so an after.
     """
     before, after = (sigmas_by_channel(rms, gap.noise_floor) for rms in (gap.before_rms, gap.after_rms))
     rows = [*zip(CHANNELS, before, after, strict=True), ("all", gap.before_sigmas, gap.after_sigmas)]
@@ -73,7 +74,10 @@ def plot_time(series: Series, channel: int, name: str, with_after: bool) -> str:
     """One channel against time, before and after, over the band that noise alone would fill.
 
     Args:
-        series: of one log. channel: 0 to 5. name: of the drawing, unique in the page. with_after: draw the after too.
+        series: of one log.
+        channel: 0 to 5.
+        name: of the drawing, unique in the page.
+        with_after: draw the after too.
     """
     before, after, noise = (part[:, channel] for part in (series.before, series.after, series.noise))
     shown = [("before", before), ("after", after)] if with_after else [("before", before)]
@@ -93,7 +97,8 @@ def plot_regressor(series: Sequence[Series], channel: int) -> str:
     """What is left in one channel against the quantity that the first cause acts through, with means of bins.
 
     Args:
-        series: of all logs. channel: 0 to 5.
+        series: of all logs.
+        channel: 0 to 5.
     """
     x = np.concatenate([one.regressor for one in series])
     before, after = (np.concatenate([part[:, channel] for part in parts]) for parts in _before_and_after(series))
@@ -120,7 +125,8 @@ def plot_ranking(candidates: Sequence[Candidate], causes: Sequence[str]) -> str:
     """Held-out gain of each candidate with its standard error as horizontal bars, best first.
 
     Args:
-        candidates: in order, with finite gains. causes: names of those that are named as causes.
+        candidates: in order, with finite gains.
+        causes: names of those that are named as causes.
     """
     gains = np.array([candidate.held_out_gain for candidate in candidates])
     errors = np.nan_to_num(np.array([candidate.held_out_gain_stderr for candidate in candidates]))
@@ -172,7 +178,9 @@ def thin(t: np.ndarray, y: np.ndarray, buckets: int) -> tuple[np.ndarray, np.nda
     """At most two points a bucket: its smallest and its largest value, in the order of time; NaN where all is NaN.
 
     Args:
-        t, y: (B,). buckets: how many.
+        t: (B,).
+        y: (B,).
+        buckets: how many.
     """
     if len(t) <= 2 * buckets:
         return t, y
@@ -187,7 +195,9 @@ def binned_means(x: np.ndarray, y: np.ndarray, bins: int) -> tuple[np.ndarray, n
     """Middles, means of y and their standard errors, in bins of x that hold equally many points.
 
     Args:
-        x, y: (N,). bins: at most how many.
+        x: (N,).
+        y: (N,).
+        bins: at most how many.
     """
     kept = np.isfinite(x) & np.isfinite(y)
     order = np.argsort(x[kept], kind="stable")

@@ -44,7 +44,10 @@ def drawing(name: str, height: float, title: str, description: str, parts: Itera
     """A whole drawing with what a screen reader says about it.
 
     Args:
-        name: unique in the page; letters, digits and hyphens. height: drawing units. title, description: plain text.
+        name: unique in the page; letters, digits and hyphens.
+        height: drawing units.
+        title: plain text.
+        description: plain text.
         parts: SVG elements, already escaped.
     """
     return (
@@ -149,7 +152,8 @@ def data_range(*series: np.ndarray, zero: bool = False) -> tuple[float, float]:
     """A range that holds all finite values with a small margin; never empty.
 
     Args:
-        series: arrays of any shape. zero: whether 0 must be inside.
+        series: arrays of any shape.
+        zero: whether 0 must be inside.
     """
     values = np.concatenate([np.ravel(part) for part in series] + [np.zeros(int(zero))])
     values = values[np.isfinite(values)]

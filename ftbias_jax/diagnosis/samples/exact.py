@@ -91,8 +91,9 @@ def find_flat_top(x: np.ndarray, side: float, noise_std: float, step: float) -> 
     Noise scatters the samples of a pose around it, so few share the extreme value, and more lie just inside of it.
 
     Args:
-        noise_std: N or Nm. step: of the lattice the samples lie on, 0 = none; beyond two sigmas noise no longer
-            carries samples from level to level, and a pose at rest looks like a limit.
+        noise_std: N or Nm.
+        step: of the lattice the samples lie on, 0 = none; beyond two sigmas noise no longer carries samples from level
+            to level, and a pose at rest looks like a limit.
     """
     if step > 2 * noise_std:
         return None

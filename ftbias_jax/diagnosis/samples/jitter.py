@@ -62,7 +62,8 @@ def measure_jitter(amplitude: np.ndarray, rate: np.ndarray, noise_std: np.ndarra
     """Jitter from the fast part of the signal.
 
     Args:
-        amplitude: (M, 8, k) N, Nm, waves of M windows. rate: (M, k) N/s, Nm/s, dW/dt.
+        amplitude: (M, 8, k) N, Nm, waves of M windows.
+        rate: (M, k) N/s, Nm/s, dW/dt.
         noise_std: (k,) N, Nm, for a log without jitter.
     """
     sigma = noise_std
@@ -107,7 +108,8 @@ def _fit(power: np.ndarray, speed: np.ndarray, ground: np.ndarray, dof: int) -> 
     """Maximum likelihood of tau^2 in E[power] = ground + tau^2 speed^2.
 
     Args:
-        power: (M,) mean squares of ``dof`` normal numbers. ground: (M,) their expectation without jitter.
+        power: (M,) mean squares of ``dof`` normal numbers.
+        ground: (M,) their expectation without jitter.
 
     Returns:
         tau^2 and its standard error in s^2 (robust to jitter that is not normal), and the gain in nats without the

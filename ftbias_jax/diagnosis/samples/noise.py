@@ -72,7 +72,9 @@ def measure_noise(waves: Waves, signal: np.ndarray, stated: np.ndarray, heavy_ta
     """White noise from the fast waves, and how evenly it is spread over frequencies.
 
     Args:
-        signal: (N, k) N, Nm, the waves' own. stated: (k,) N, Nm. heavy_tailed: its large values belong to the noise.
+        signal: (N, k) N, Nm, the waves' own.
+        stated: (k,) N, Nm.
+        heavy_tailed: its large values belong to the noise.
     """
     windows, k = len(waves.amplitude), signal.shape[1]
     std = np.sqrt((waves.top**2).mean((0, 1))) if heavy_tailed else robust_std(waves.top.reshape(-1, k))

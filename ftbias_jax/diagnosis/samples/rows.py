@@ -49,7 +49,9 @@ def select(log: Log, stated: np.ndarray, error: Array | None, rate: Array | None
     """The rows with all channels that share the clock of the most frequent one, and a prediction if there is any.
 
     Args:
-        stated: (6,) N, Nm, noise. error: (T, 6) N, Nm. rate: (T, 6) N/s, Nm/s.
+        stated: (6,) N, Nm, noise.
+        error: (T, 6) N, Nm.
+        rate: (T, 6) N/s, Nm/s.
     """
     wrench = np.asarray(log.wrench, float)
     finite = np.isfinite(wrench)

@@ -1,4 +1,4 @@
-"""The recursion of recursion.py parallel in time, for accelerators: log2(T) rounds instead of T steps.
+"""The recursion of scan.py parallel in time, for accelerators: log2(T) rounds instead of T steps.
 
 A stretch of samples is an element (A, b, C, eta, J): given the state x before it, its measurements have the information
 J and eta about x, and the state after it is normal with mean A x + b and covariance C. Elements of neighbouring
@@ -39,10 +39,11 @@ class Element(NamedTuple):
 
 
 def filter_parallel(model: ProcessModel, inputs: Inputs) -> Track:
-    """Equal to ``recursion.filter_scan``; differentiable by autodiff, but slopes do not pass through a restart.
+    """Equal to ``scan.filter_scan``; differentiable by autodiff, but slopes do not pass through a restart.
 
     Args:
-        model: noise.drift_noise or one of noise.JOINT_MODELS.values(). inputs: of the filters.
+        model: process_models.drift_noise or one of process_models.JOINT_MODELS.values().
+        inputs: of the filters.
     """
     length, m, lanes = inputs.y.shape
     y, variance = ([x[:, j] for j in range(m)] for x in (inputs.y, inputs.variance))

@@ -130,7 +130,11 @@ def step_back(
     """Adjoint of ``filter_step``.
 
     Args:
-        model, density, dt: as there. record: what it kept. bar: derivatives by what is told of the sample.
+        model: as there.
+        density: as there.
+        dt: as there.
+        record: what it kept.
+        bar: derivatives by what is told of the sample.
         state: derivatives by the state after the sample, by way of later samples.
     """
     # x, P: the derivatives dL/dmean and dL/dcovariance, after the sample's correction, then before it.

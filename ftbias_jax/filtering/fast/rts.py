@@ -27,7 +27,9 @@ def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
     """States given all measurements, from the filtered ones.
 
     Args:
-        model, inputs: of ``recursion.filter_scan``. track: what it returned.
+        model: of ``scan.filter_scan``.
+        inputs: of ``scan.filter_scan``.
+        track: what it returned.
     """
     k = track.mean.shape[1]
 

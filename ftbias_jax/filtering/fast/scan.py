@@ -1,7 +1,7 @@
 """The Kalman recursion of many small independent filters over a log, with a hand-written reverse pass.
 
-It computes what ``gaussian.predict`` and ``gaussian.update`` compute for the filters of filter_step.py. The loop over
-the samples is compiled as a whole (whole_loops.py).
+It computes what ``gaussian.predict`` and ``gaussian.update`` compute for the filters of kalman_step.py. The loop over
+the samples is compiled as a whole (compiled_loops.py).
 
 The reverse pass is the adjoint of the filter. For the log-likelihood it is the Bryson-Frazier smoother (Bierman 1973):
 with L the log-likelihood of the present and future, x_smooth = x_pred + P_pred dL/dx_pred. So gradients cost about as
@@ -74,7 +74,8 @@ def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
     """Run the filters over a log; differentiable in all inputs but dt.
 
     Args:
-        model: noise.drift_noise or one of noise.JOINT_MODELS.values(). inputs: see there.
+        model: process_models.drift_noise or one of process_models.JOINT_MODELS.values().
+        inputs: see there.
     """
     return track_of(inputs, _steps(model, inputs))
 

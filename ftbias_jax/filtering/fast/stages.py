@@ -80,9 +80,9 @@ def _run_stages(
 
 
 def run_filters(model: ProcessModel, inputs: Inputs) -> Track:
-    """``recursion.filter_scan``, or on an accelerator in double precision the same parallel in time.
+    """``scan.filter_scan``, or on an accelerator in double precision the same parallel in time.
 
-    In single precision the parallel form costs sharp encoders most of a standard deviation (parallel.py).
+    In single precision the parallel form costs sharp encoders most of a standard deviation (associative_scan.py).
     """
     if on_cpu() or inputs.y.dtype != jnp.float64:
         return filter_scan(model, inputs)
@@ -94,7 +94,7 @@ def joint_inputs(params: Params, state: State, samples: Sample) -> Inputs:
     noise = params.joint
     y = jnp.stack([samples.q, samples.dq], 1)
     variance = jnp.stack([noise.position_std, noise.velocity_std]) ** 2
-    restart = jnp.broadcast_to((noise.prior_std**2)[:, None], (3, y.shape[2]))
+    restart = jnp.broadcast_to((process_models.prior_std**2)[:, None], (3, y.shape[2]))
     mean, covariance = state.joint.mean.T, jnp.moveaxis(state.joint.covariance, 0, -1)
     return Inputs(samples.dt, noise.process_density, y, jnp.broadcast_to(variance, y.shape), mean, covariance, restart)
 
@@ -103,7 +103,11 @@ def bias_inputs(params: Params, state: State, samples: Sample, wrench_tool: Arra
     """The bias filter as a recursion: six filters of two states and one measurement, y = D theta - W.
 
     Args:
-        params, state, samples: of the pipeline. wrench_tool: (T, 6) D theta. variance: (T, 6) diagonal of R.
+        params: of the pipeline.
+        state: of the pipeline.
+        samples: of the pipeline.
+        wrench_tool: (T, 6) D theta.
+        variance: (T, 6) diagonal of R.
     """
     y = (wrench_tool - samples.wrench)[:, None]
     axis = jnp.arange(6)
@@ -122,7 +126,9 @@ def predict_wrenches(params: Params, joints: Gaussian, samples: Sample, options:
     """What the sensor should read without bias and noise (T, 6), and the diagonal of R (T, 6).
 
     Args:
-        params, options: of the pipeline; without effects the reading is D theta. joints: states with leading axis T.
+        params: of the pipeline; without effects the reading is D theta.
+        options: of the pipeline; without effects the reading is D theta.
+        joints: states with leading axis T.
         samples: of the log, for time and temperature.
     """
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)

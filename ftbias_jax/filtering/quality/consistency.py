@@ -44,7 +44,8 @@ def mean_chi_square(squares: Array, dof: int) -> Average:
     """Average of independent normalised squares over samples (NIS) or runs (NEES), and its 95 % bounds.
 
     Args:
-        squares: (N,) chi-square variables. dof: degrees of freedom of each.
+        squares: (N,) chi-square variables.
+        dof: degrees of freedom of each.
     """
     squares = np.asarray(squares, float)
     total = len(squares) * dof
@@ -70,7 +71,8 @@ def check(innovation: Array, nis_of_axes: Array) -> Consistency:
     """Consistency of a filtered log.
 
     Args:
-        innovation: (T, 6) N, Nm; NaN = not measured. nis_of_axes: (T, 6) innovation squared over its variance.
+        innovation: (T, 6) N, Nm; NaN = not measured.
+        nis_of_axes: (T, 6) innovation squared over its variance.
     """
     measured = np.isfinite(innovation)
     squares = np.where(measured, nis_of_axes, np.nan)

@@ -27,7 +27,9 @@ def plot_filtered(filtered: Filtered, title: str, true_bias: Array | None = None
     """Bias with its 2 sigma band, and what the corrected wrench leaves beyond the tool model.
 
     Args:
-        filtered: result of batch.filter_log. title: above the figure. true_bias: (T, 6) N, Nm if it is known.
+        filtered: result of batch.filter_log.
+        title: above the figure.
+        true_bias: (T, 6) N, Nm if it is known.
     """
     figure = new_figure()
     axes = figure.subplots(2, 2, sharex=True)

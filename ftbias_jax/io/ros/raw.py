@@ -45,7 +45,9 @@ def scan_records(
     """The records from a position on; what makes no sense is told and skipped.
 
     Args:
-        data, position: where they start. record_at: the record at a position, or None if it makes no sense.
+        data: where they start.
+        position: where they start.
+        record_at: the record at a position, or None if it makes no sense.
         next_whole: where, from a position on, the next record starts that holds together, or the end of the data.
         on_damage: see there.
     """

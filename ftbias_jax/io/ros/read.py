@@ -31,7 +31,9 @@ def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     geometry_msgs/WrenchStamped; messages about other joints, such as a gripper's, are ignored.
 
     Args:
-        path: the recording. setup: [log.topics] chooses where there are several. salvage: skip what is damaged.
+        path: the recording.
+        setup: [log.topics] chooses where there are several.
+        salvage: skip what is damaged.
 
     Raises:
         LogError: it cannot be read, has no or several topics to choose from, or cannot be filtered (``check_log``).

@@ -80,7 +80,8 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, poses
     """Read joint states and wrenches of a ROS 1 bag, a ROS 2 bag (a folder, or its .db3 or .mcap file).
 
     Args:
-        path: the file or folder. salvage: skip what is damaged, instead of refusing the recording.
+        path: the file or folder.
+        salvage: skip what is damaged, instead of refusing the recording.
         poses: also read poses and transforms.
 
     Raises:

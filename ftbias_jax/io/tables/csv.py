@@ -25,8 +25,9 @@ def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
     """Read a log whose stamps are in s; lines may have joints only or a wrench only: the log is a merged timeline.
 
     Args:
-        path: the file, UTF-8, cells separated by commas. setup: [log.columns] names the columns, where the header does
-            not use the usual names (see ``csv_columns.usual_names``).
+        path: the file, UTF-8, cells separated by commas.
+        setup: [log.columns] names the columns, where the header does not use the usual names (see
+            ``csv_columns.usual_names``).
 
     Raises:
         LogError: the file cannot be read, a column is missing, a cell is not a number (the line is named), or the log

@@ -31,7 +31,8 @@ def choose_columns(header: Sequence[str], setup: Setup, file: str = "") -> Colum
     """Find the columns of a log.
 
     Args:
-        header: the names of all columns. setup: names of the joints, and [log.columns], which comes first.
+        header: the names of all columns.
+        setup: names of the joints, and [log.columns], which comes first.
 
     Raises:
         LogError: a quantity that every log needs has no columns, or a name is not there or not unique.

@@ -26,7 +26,9 @@ def save_results(path: str | os.PathLike[str], arrays: Mapping[str, Array], star
     """Write what a filter computed, in the format that the suffix names.
 
     Args:
-        path: the file. arrays: ``Filtered._asdict()`` and what was added. start: s, ``Log.start``, for absolute stamps.
+        path: the file.
+        arrays: ``Filtered._asdict()`` and what was added.
+        start: s, ``Log.start``, for absolute stamps.
 
     Raises:
         UsageError: no format has this suffix. OutputError: the file cannot be written, or a package is missing.

@@ -36,8 +36,10 @@ def save_mcap(
     """Write the corrected wrench, the bias and what else is there as topics.
 
     Args:
-        path: the file. arrays: t (T,) s, and (T, 6) arrays of TOPICS, N and Nm, signs as in the report.
-        start: s, added to t. frame: of the sensor, for the headers.
+        path: the file.
+        arrays: t (T,) s, and (T, 6) arrays of TOPICS, N and Nm, signs as in the report.
+        start: s, added to t.
+        frame: of the sensor, for the headers.
 
     Raises:
         OutputError: the file cannot be written, the package mcap is not installed, or a stamp is not within 0 and the
@@ -71,7 +73,9 @@ def wrench_message(stamp: int, frame: str, wrench: Array) -> bytes:
     """The bytes (CDR, little endian) of a geometry_msgs/msg/WrenchStamped.
 
     Args:
-        stamp: ns. frame: its name. wrench: (6,) N, Nm.
+        stamp: ns.
+        frame: its name.
+        wrench: (6,) N, Nm.
     """
     seconds, nanoseconds = divmod(stamp, 10**9)
     name = frame.encode() + b"\x00"

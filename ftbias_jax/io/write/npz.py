@@ -45,7 +45,8 @@ def save_npz_parts(path: str | os.PathLike[str], parts: Iterable[Mapping[str, Ar
     it is there: the folder needs room for the result twice.
 
     Args:
-        path: the file. parts: at least one, with the same names, types and shapes behind the first axis.
+        path: the file.
+        parts: at least one, with the same names, types and shapes behind the first axis.
 
     Raises:
         OutputError: the file cannot be written. What ``parts`` raises passes through.

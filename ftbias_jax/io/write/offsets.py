@@ -19,7 +19,8 @@ def dump_offsets(bias: Array, reports: str = REPORTS[0], controller: str = BROAD
     the opposite sign, and so its offset is minus the bias.
 
     Args:
-        bias: (6,) N and Nm, the report's sign: unbiased = measured + bias. reports: one of REPORTS, as in the setup.
+        bias: (6,) N and Nm, the report's sign: unbiased = measured + bias.
+        reports: one of REPORTS, as in the setup.
         controller: the broadcaster's name.
 
     Raises:

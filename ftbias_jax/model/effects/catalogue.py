@@ -46,7 +46,9 @@ def neutral_values(effect: Effect, model: Model, events: int = 1) -> EffectValue
     """Values at which the effect does nothing.
 
     Args:
-        effect: of the catalogue. model: what the setup states. events: length of the axes of any length.
+        effect: of the catalogue.
+        model: what the setup states.
+        events: length of the axes of any length.
     """
     return {parameter.name: _neutral(parameter, model, events) for parameter in effect.parameters}
 
@@ -80,7 +82,9 @@ def check_values(
     Args:
         raw: effect -> parameter -> number or (nested) list of numbers. One number stands for all of a channel's six,
             two for three forces and three torques; lists of any length may be flat or nested.
-        error: makes the error to raise. prefix: of the field in messages. catalogue: the table.
+        error: makes the error to raise.
+        prefix: of the field in messages.
+        catalogue: the table.
 
     Returns:
         float64 arrays of the catalogue's shapes, in the catalogue's order; optional parameters may be missing.
@@ -99,7 +103,8 @@ def values_from_setup(effects: Mapping[str, Mapping[str, Any]], file: str = "") 
     """The ``[effects.NAME]`` sections of a setup.
 
     Args:
-        effects: ``Setup.effects``. file: its path, for messages.
+        effects: ``Setup.effects``.
+        file: its path, for messages.
 
     Raises:
         SetupError: an unknown effect or parameter, a wrong shape, a value out of bounds.

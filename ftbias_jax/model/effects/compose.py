@@ -27,7 +27,8 @@ def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) 
     Pure in ``signals`` and ``values``: ``jax.jvp`` with respect to values gives regressors, ``vmap`` maps over either.
 
     Args:
-        signals: motion and believed model of one log. values: effect -> parameters; {} = the believed model.
+        signals: motion and believed model of one log.
+        values: effect -> parameters; {} = the believed model.
 
     Returns:
         (T, 6) N, Nm, sensor frame, wrench on the tool; biases of effects are subtracted, as the report's are.
@@ -58,7 +59,9 @@ def read(signals: Signals, values: Values, wrench: Array, catalogue: Catalogue =
     """What the sensor makes of the tool's wrench; (T, 6) -> (T, 6).
 
     Args:
-        signals: after ``transform``. values: effect -> parameters. wrench: (T, 6) D theta.
+        signals: after ``transform``.
+        values: effect -> parameters.
+        wrench: (T, 6) D theta.
     """
     for name, effect in catalogue.items():
         if name in values and effect.reading:
@@ -76,7 +79,10 @@ def record(key: Array, recorded: Record, model: Model, values: Values, catalogue
     """What becomes of the samples on the way to the file. Each effect has random numbers of its own.
 
     Args:
-        key: JAX key. recorded: samples with bias and noise. model: what the setup states. values: of the effects.
+        key: JAX key.
+        recorded: samples with bias and noise.
+        model: what the setup states.
+        values: of the effects.
     """
     for i, (name, effect) in enumerate(catalogue.items()):
         if name in values and effect.recording:
@@ -100,8 +106,10 @@ def noise_variance(
     """Variance of the reading's noise with the known effects that act like noise.
 
     Args:
-        variance: (6,) or (T, 6) N^2, Nm^2, as the setup states it. rate: (T, 6) N/s, Nm/s, of the noise-free reading.
-        model: what the setup states. values: of the effects.
+        variance: (6,) or (T, 6) N^2, Nm^2, as the setup states it.
+        rate: (T, 6) N/s, Nm/s, of the noise-free reading.
+        model: what the setup states.
+        values: of the effects.
 
     Returns:
         (T, 6) N^2, Nm^2.
@@ -117,7 +125,8 @@ def fill_temperature(t: Array, temperature: Array) -> Array:
     """(T,) deg C without gaps: straight lines between the recorded values; zeros if there are none.
 
     Args:
-        t: (T,) s. temperature: (T,) deg C, NaN = not recorded.
+        t: (T,) s.
+        temperature: (T,) deg C, NaN = not recorded.
     """
     known = np.isfinite(temperature)
     if not known.any():

@@ -19,7 +19,9 @@ def lagged(t: Array, signal: Array, cutoff: Array) -> Array:
     x = dt / tau: e <- exp(-x) e - (u_new - u_old) (1 - exp(-x)) / x.
 
     Args:
-        t: (T,) s. signal: (T, k). cutoff: () Hz, where the gain is 1 / sqrt(2).
+        t: (T,) s.
+        signal: (T, k).
+        cutoff: () Hz, where the gain is 1 / sqrt(2).
     """
     dt = jnp.diff(t, prepend=t[:1])
     x = jnp.where(dt > 0, 2 * jnp.pi * cutoff * dt, 0)
@@ -48,7 +50,10 @@ def rung(t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Arr
     rate falls by the change of the input's slope. It is at rest until the first change. inf Hz passes everything.
 
     Args:
-        t: (T,) s. signal: (T, k). frequency: () Hz, undamped. damping_ratio: (), from 0 to below 1.
+        t: (T,) s.
+        signal: (T, k).
+        frequency: () Hz, undamped.
+        damping_ratio: (), from 0 to below 1.
     """
     rigid = ~jnp.isfinite(frequency)
     w = 2 * jnp.pi * jnp.where(rigid, 1, frequency)
@@ -84,7 +89,8 @@ def played(signal: Array, width: Array) -> Array:
     """Play operator: the output follows only when the input has crossed a gap of the given width.
 
     Args:
-        signal: (T, k); the output starts in the middle of the gap. width: (k,), unit of the signal.
+        signal: (T, k); the output starts in the middle of the gap.
+        width: (k,), unit of the signal.
     """
 
     def body(output: Array, value: Array) -> tuple[Array, Array]:
@@ -98,7 +104,9 @@ def delayed(t: Array, signal: Array, delay: Array) -> Array:
     """The signal at t - delay by straight lines between samples; outside the log its first or last value.
 
     Args:
-        t: (T,) s. signal: (T, k). delay: () or (T,) s, negative = advance.
+        t: (T,) s.
+        signal: (T, k).
+        delay: () or (T,) s, negative = advance.
     """
     when = t - delay
     before = jnp.clip(jnp.searchsorted(t, when, side="right") - 1, 0, t.shape[0] - 2)

@@ -31,7 +31,7 @@ class Signals(NamedTuple):
     ddq: Array
     """(T, n) rad/s^2."""
     temperature: Array
-    """(T,) deg C, without gaps (``chain.fill_temperature``); any constant where it was not recorded."""
+    """(T,) deg C, without gaps (``compose.fill_temperature``); any constant where it was not recorded."""
     model: Model
     motion: ArmMotion | None = None
     """Of the arm, if it was worked out before; effects get it by ``kinematics.motion_of``."""

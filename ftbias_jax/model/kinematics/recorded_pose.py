@@ -37,8 +37,11 @@ def body_motion(body: FreeBody, q: Array, dq: Array, ddq: Array) -> Motion:
     """Motion of the sensor from the body's pose and its rates.
 
     Args:
-        body: the body. q: (7,) quaternion (w, x, y, z) of the body in the base, of any length but zero, and position
-            (3,) m, base frame; or (4,) without position, whose acceleration is then zero. dq, ddq: rates of q.
+        body: the body.
+        q: (7,) quaternion (w, x, y, z) of the body in the base, of any length but zero, and position (3,) m, base
+            frame; or (4,) without position, whose acceleration is then zero.
+        dq: rates of q.
+        ddq: rates of q.
 
     Returns:
         the motion; columns of the Jacobian belong to the entries of q.

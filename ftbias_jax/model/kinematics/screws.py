@@ -188,7 +188,10 @@ def sensor_motion(arm: Arm, q: Array, dq: Array, ddq: Array) -> Motion:
     spatial acceleration is sum_j J_j ddq_j + ad(V_{j-1}) J_j dq_j (Featherstone 2008, section 2.9).
 
     Args:
-        arm: the arm. q, dq, ddq: (n,) joint positions, velocities, accelerations.
+        arm: the arm.
+        q: (n,) joint positions, velocities, accelerations.
+        dq: (n,) joint positions, velocities, accelerations.
+        ddq: (n,) joint positions, velocities, accelerations.
     """
     rotation, position, jacobian = _pose_and_space_jacobian(arm, q)
     v, w = jacobian[:3].T, jacobian[3:].T

@@ -1,4 +1,4 @@
-"""The adjoint of wrench_piece.py by hand: about twice the work of the wrench, and quick to compile.
+"""The adjoint of piece.py by hand: about twice the work of the wrench, and quick to compile.
 
 ``x_bar`` is the slope in x. Slopes pass along the triple product: a x b . c = b x c . a = c x a . b. A joint moves
 everything behind it, so its slope is its screw times the moment and the force of all slopes behind it.
@@ -143,8 +143,10 @@ def _joint_slopes(
     """From the last joint to the first.
 
     Args:
-        joints: columns of the Jacobian, dq, ddq, and the velocity before each joint. bar: slopes in the last link's
-            motion. columns_bar: slopes in the columns so far. load: moment and force of the slopes behind the last one.
+        joints: columns of the Jacobian, dq, ddq, and the velocity before each joint.
+        bar: slopes in the last link's motion.
+        columns_bar: slopes in the columns so far.
+        load: moment and force of the slopes behind the last one.
 
     Returns:
         slopes in q, dq and ddq (n, C), and all slopes in the columns.

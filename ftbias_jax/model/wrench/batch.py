@@ -1,7 +1,7 @@
 """The wrench of the tool over many samples at once: ``pipeline.predict_wrench`` with time as the last axis.
 
 Time is cut into pieces that stay in the processor's fastest cache, and the loop over them is compiled as a whole
-(whole_loops.py); the reverse pass works each piece out again instead of storing it.
+(compiled_loops.py); the reverse pass works each piece out again instead of storing it.
 """
 
 from __future__ import annotations
@@ -27,10 +27,12 @@ Columns = tuple[Array, ...]
 
 
 def wrenches(model: Model, mean: Array, covariance: Array | None) -> tuple[Array, Array]:
-    """D theta, and the diagonal of sum_j G_j P_j G_j^T (wrench.covariance_of_joints).
+    """D theta, and the diagonal of sum_j G_j P_j G_j^T (tool_wrench.covariance_of_joints).
 
     Args:
-        model: arm, gravity and tool. mean: (T, 3, n) joint states. covariance: (T, 3, 3, n), or None for zeros.
+        model: arm, gravity and tool.
+        mean: (T, 3, n) joint states.
+        covariance: (T, 3, 3, n), or None for zeros.
 
     Returns:
         wrench (T, 6) N, Nm, sensor frame, and the variance that the joints' uncertainty adds to it (T, 6).

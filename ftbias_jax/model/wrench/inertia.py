@@ -17,7 +17,7 @@ _ROWS, _COLUMNS = np.array([0, 1, 0, 0, 1, 2]), np.array([1, 2, 2, 3, 3, 3])
 
 
 def pseudo_inertia(theta: Array) -> Array:
-    """(10,) inertial parameters (wrench.py) -> (4, 4) pseudo-inertia, kg m^2, kg m, kg."""
+    """(10,) inertial parameters (tool_wrench.py) -> (4, 4) pseudo-inertia, kg m^2, kg m, kg."""
     mass, moment = theta[0], theta[1:4]
     xx, xy, xz, yy, yz, zz = theta[4:]
     inertia = jnp.stack([jnp.stack([xx, xy, xz]), jnp.stack([xy, yy, yz]), jnp.stack([xz, yz, zz])])

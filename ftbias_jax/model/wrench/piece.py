@@ -1,6 +1,6 @@
 """The wrench of the tool, and what the joints' uncertainty adds to its variance, for a piece of a log.
 
-The equations are those of ``pipeline.predict_wrench`` and ``wrench.joint_sensitivity``; vectors are lists of entries,
+The equations are those of ``pipeline.predict_wrench`` and ``tool_wrench.joint_sensitivity``; vectors are lists of entries,
 each an array over samples (C,), as in arm_batch.py, and theta is the list of its ten numbers.
 """
 
@@ -39,8 +39,11 @@ def wrench_piece(model: Model, q: Array, dq: Array, ddq: Array, *covariance: Arr
     """Wrench and variance, six entries (C,) each.
 
     Args:
-        model: arm, gravity and tool. q, dq, ddq: (n, C) joint states. covariance: P_qq, P_qa and P_aa (n, C), or none
-            for zeros; velocities are left out (wrench.joint_sensitivity).
+        model: arm, gravity and tool.
+        q: (n, C) joint states.
+        dq: (n, C) joint states.
+        ddq: (n, C) joint states.
+        covariance: P_qq, P_qa and P_aa (n, C), or none for zeros; velocities are left out (tool_wrench.joint_sensitivity).
     """
     theta, gravity = list(model.theta), list(model.gravity)
     R, p, columns = sensor_pose(model.arm, q)
@@ -69,7 +72,7 @@ def felt_of(gravity: Vector, R_sensor_base: Rows, acceleration: Vector, velocity
 
 
 def wrench_of(theta: Vector, felt: Felt) -> Vector:
-    """D theta (wrench.data_matrix)."""
+    """D theta (tool_wrench.data_matrix)."""
     f, w, w_rate = felt
     c = theta[1:4]
     force, torque = inertial(theta, f, w_rate)
@@ -95,7 +98,7 @@ def turned_by(R_sensor_base: Rows, p: Vector, g: Vector, column: Columns) -> Tur
 
 
 def sensitivity(theta: Vector, turned: Turned) -> tuple[Vector, Vector]:
-    """Wrench per q and per ddq of one joint, six entries each (wrench.joint_sensitivity)."""
+    """Wrench per q and per ddq of one joint, six entries each (tool_wrench.joint_sensitivity)."""
     falling_torque = cross(theta[1:4], turned.falling)
     force, torque = inertial(theta, turned.linear, turned.angular)
     return [*scale(theta[0], turned.falling), *falling_torque], [*force, *torque]

@@ -45,7 +45,8 @@ def tool_parameters(mass: Array, center_of_mass: Array, inertia: Array) -> Array
     """Inertial parameters theta (10,) from what a data sheet states.
 
     Args:
-        mass: () kg. center_of_mass: (3,) m, sensor frame.
+        mass: () kg.
+        center_of_mass: (3,) m, sensor frame.
         inertia: (6,) kg m^2, Ixx Ixy Ixz Iyy Iyz Izz about the centre of mass, sensor axes (matrix elements).
     """
     x, y, z = center_of_mass
@@ -58,7 +59,8 @@ def data_matrix(specific_force: Array, angular_velocity: Array, angular_accelera
 
     Args:
         specific_force: (3,) m/s^2, a - g of the sensor origin, sensor frame.
-        angular_velocity: (3,) rad/s, sensor frame. angular_acceleration: (3,) rad/s^2, sensor frame.
+        angular_velocity: (3,) rad/s, sensor frame.
+        angular_acceleration: (3,) rad/s^2, sensor frame.
     """
     wx, wy, wz = angular_velocity
     ax, ay, az = angular_acceleration
@@ -90,7 +92,8 @@ def measurement_covariance(theta: Array, data_variance: Array | None, wrench_var
     """R = B Sigma_D B^T + Sigma_W (6, 6), the noise of y = D theta - W; n_D is in it once (errata 6).
 
     Args:
-        theta: (10,). data_variance: (36,) diagonal of Sigma_D, live entries of vec(D), or None for zeros.
+        theta: (10,).
+        data_variance: (36,) diagonal of Sigma_D, live entries of vec(D), or None for zeros.
         wrench_variance: (6,) diagonal of Sigma_W, N^2 and Nm^2.
     """
     if data_variance is None:
@@ -107,7 +110,10 @@ def joint_sensitivity(theta: Array, R_base_sensor: Array, jacobian: Array, gravi
     out: with a filter's 1e-3 rad/s it is thousands of times smaller than the acceleration part.
 
     Args:
-        theta: (10,). R_base_sensor: (3, 3). jacobian: (6, n) sensor Jacobian, base frame. gravity: (3,) m/s^2, base.
+        theta: (10,).
+        R_base_sensor: (3, 3).
+        jacobian: (6, n) sensor Jacobian, base frame.
+        gravity: (3,) m/s^2, base.
 
     Returns:
         dW/dq (6, n) in N/rad, Nm/rad and dW/dddq (6, n) in N s^2/rad, Nm s^2/rad; sensor frame.
@@ -122,7 +128,8 @@ def covariance_of_joints(sensitivity: tuple[Array, Array], covariance: Array, ki
     """sum_j G_j P_j G_j^T (6, 6) with G_j = (dW/dq_j, 0, dW/dddq_j), or its diagonal.
 
     Args:
-        sensitivity: dW/dq and dW/dddq (6, n), of ``joint_sensitivity``. covariance: (n, 3, 3) of the joint filter.
+        sensitivity: dW/dq and dW/dddq (6, n), of ``joint_sensitivity``.
+        covariance: (n, 3, 3) of the joint filter.
         kind: "full" or "diagonal".
     """
     G, P = jnp.stack(sensitivity, -1), covariance[:, ::2, ::2]
@@ -144,7 +151,9 @@ def unbias(wrench: Array, bias_and_drift: Array, elapsed: Array) -> Array:
     """Corrected wrench, biased + [I, I dT] x (report, last equation).
 
     Args:
-        wrench: (6,) N, Nm, as read. bias_and_drift: (12,) filter mean. elapsed: () s since that mean was computed.
+        wrench: (6,) N, Nm, as read.
+        bias_and_drift: (12,) filter mean.
+        elapsed: () s since that mean was computed.
     """
     return wrench + bias_and_drift[:6] + elapsed * bias_and_drift[6:]
 
@@ -155,7 +164,12 @@ def motion_and_wrench(
     """Motion of the sensor, and the wrench W = D theta that it exerts on the tool.
 
     Args:
-        arm, gravity, theta: as in ``Model``. q, dq, ddq: (n,) states of the joints.
+        arm: as in ``Model``.
+        gravity: as in ``Model``.
+        theta: as in ``Model``.
+        q: (n,) states of the joints.
+        dq: (n,) states of the joints.
+        ddq: (n,) states of the joints.
 
     Returns:
         the motion, base frame, and (6,) N, Nm, sensor frame.

@@ -132,8 +132,12 @@ def make_set(
     """Write a set of logs, their setups and, when all are there, truth.json.
 
     Args:
-        folder: an existing one. asked: effects, as ``plan.groups`` reads them. count: logs. seed: the same makes the
-            same logs, whatever ``jobs`` is. limits: durations, rates, streams. jobs: processes.
+        folder: an existing one.
+        asked: effects, as ``plan.groups`` reads them.
+        count: logs.
+        seed: the same makes the same logs, whatever ``jobs`` is.
+        limits: durations, rates, streams.
+        jobs: processes.
         report: called with the number of logs that are finished.
 
     Raises:

@@ -20,7 +20,10 @@ def random_motion(kind: str, arm: Arm, duration: float, pace: float, rng: np.ran
     """A motion of one of ``KINDS`` around the arm's home.
 
     Args:
-        kind: which. arm: limits. duration: s of the log. pace: 1 = ordinary; scales speeds and frequencies.
+        kind: which.
+        arm: limits.
+        duration: s of the log.
+        pace: 1 = ordinary; scales speeds and frequencies.
         rng: source of the draw.
     """
     return {"sines": _sines, "moves": _moves, "trapezoids": _trapezoids, "scan": _scan}[kind](arm, duration, pace, rng)
@@ -96,8 +99,12 @@ def _via_points(
     """Times (K,) s and poses (K, n) rad: move, dwell, move, ... The first dwell starts at 0.
 
     Args:
-        arm: home and span. duration: s. rng: source. speed: rad/s, acceleration: rad/s^2, limits of the fastest joint.
-        peak: speed and acceleration of the profile for unit distance in unit time. mask: share of span used by joint.
+        arm: home and span.
+        duration: s.
+        rng: source.
+        speed: rad/s, acceleration: rad/s^2, limits of the fastest joint.
+        peak: speed and acceleration of the profile for unit distance in unit time.
+        mask: share of span used by joint.
         dwell: s, the longest.
     """
     times, poses = [0.0], [arm.home + mask * arm.span * rng.uniform(-0.5, 0.5, len(arm.home))]

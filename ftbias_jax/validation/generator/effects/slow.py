@@ -16,7 +16,9 @@ def bias_path(stamps: Floats, density: Floats, rng: np.random.Generator) -> Floa
     """A bias (T, 6) N, Nm: random start, straight drift, and a drift that wanders.
 
     Args:
-        stamps: (T,) s. density: (6,) N/s^1.5, Nm/s^1.5, of the white noise that drives the drift. rng: source.
+        stamps: (T,) s.
+        density: (6,) N/s^1.5, Nm/s^1.5, of the white noise that drives the drift.
+        rng: source.
     """
     start = rng.uniform(-5, 5, 6) * np.repeat([1.0, 0.06], 3)
     dt = np.diff(stamps, prepend=stamps[0])[:, None]

@@ -82,7 +82,10 @@ def swing(
     that would be needed there; without it, M a = -r. M, the part's own mass matrix, is taken at its rest position.
 
     Args:
-        model: arm, tool and part. n: joints of the arm. sprung: the part. arm_motion: true joints at given times.
+        model: arm, tool and part.
+        n: joints of the arm.
+        sprung: the part.
+        arm_motion: true joints at given times.
         t: s, evenly spaced by a multiple of SUBSTEP.
     """
     every = round((t[1] - t[0]) / SUBSTEP)
