@@ -16,7 +16,7 @@ FORGET = 10.0
 
 def init(noise: BiasNoise) -> Gaussian:
     """State before the first sample: mean (12,) and covariance (12, 12)."""
-    return Gaussian(process_models.prior_mean, jnp.diag(process_models.prior_std**2))
+    return Gaussian(noise.prior_mean, jnp.diag(noise.prior_std**2))
 
 
 def step(

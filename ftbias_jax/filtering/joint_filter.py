@@ -16,7 +16,7 @@ def init(noise: JointNoise, q: Array) -> Gaussian:
     """State before the first sample: (first measured position, 0, 0) with covariance P_0; q (n,), NaN = unknown."""
     position = jnp.where(jnp.isfinite(q), q, 0)
     mean = jnp.stack([position, jnp.zeros_like(position), jnp.zeros_like(position)], -1)
-    return Gaussian(mean, jnp.broadcast_to(jnp.diag(process_models.prior_std**2), (*q.shape, 3, 3)))
+    return Gaussian(mean, jnp.broadcast_to(jnp.diag(noise.prior_std**2), (*q.shape, 3, 3)))
 
 
 def step(

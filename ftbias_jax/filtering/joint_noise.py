@@ -47,7 +47,7 @@ def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densitie
     start = init(noise, first_measured(q))
     y = jnp.stack([q, dq], 1)
     variance = jnp.broadcast_to((jnp.stack([noise.position_std, noise.velocity_std]) ** 2)[None], y.shape)
-    restart = jnp.broadcast_to((process_models.prior_std**2)[:, None], start.mean.T.shape)
+    restart = jnp.broadcast_to((noise.prior_std**2)[:, None], start.mean.T.shape)
     joints = (y, variance, start.mean.T, jnp.moveaxis(start.covariance, 0, -1), restart)
     lanes = (jnp.concatenate([x] * len(densities), -1) for x in joints)
     track = filter_scan(JOINT_MODELS[model], Inputs(dt, densities.reshape(-1), *lanes))

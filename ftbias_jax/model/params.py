@@ -22,7 +22,7 @@ class JointNoise(NamedTuple):
     """Noise of the joint filter."""
 
     process_density: Array
-    """(n,) strength of the process noise, units of the chosen model in process_models.py (rad/s^2.5 for integrated jerk)."""
+    """(n,) strength of the process noise, units of the process model (rad/s^2.5 for integrated jerk)."""
     position_std: Array
     """(n,) eta_q, rad."""
     velocity_std: Array
@@ -37,7 +37,7 @@ class BiasNoise(NamedTuple):
     density: Array
     """(6,) sigma_Q, N/s^1.5 and Nm/s^1.5: white noise on the rate of the drift, one per axis."""
     data_variance: Array | None
-    """(36,) diagonal of Sigma_D over the live entries of vec(D), column-major (tool_wrench.LIVE_ENTRIES); None = zeros."""
+    """(36,) diagonal of Sigma_D over LIVE_ENTRIES of vec(D), column-major (tool_wrench.py); None = 0."""
     wrench_variance: Array
     """(6,) diagonal of Sigma_W, N^2 and Nm^2."""
     prior_mean: Array

@@ -113,11 +113,11 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray) -> Findin
         result: np.ndarray = np.sqrt(np.maximum(std**2 - step**2 / 12, 0)) / noise_std
         return result
 
-    scale, low, high = ratio(process_models.std), ratio(process_models.low), ratio(process_models.high)
-    stderr = np.maximum(process_models.stderr / noise.std * scale, 1e-6)
+    scale, low, high = ratio(noise.std), ratio(noise.low), ratio(noise.high)
+    stderr = np.maximum(noise.stderr / noise.std * scale, 1e-6)
     # A step of more than two sigmas hides the noise: it passes a level seldom.
     told = (step < 2 * noise_std) & np.isfinite(scale)
-    floor = np.where(process_models.coloured, LOUDER_IF_COLOURED, LOUDER)
+    floor = np.where(noise.coloured, LOUDER_IF_COLOURED, LOUDER)
     louder = told & (low > floor) & (low - 1 - STATED_WITHIN > 4 * stderr)
     quieter = told & (high < QUIETER) & (1 - STATED_WITHIN - high > 8 * stderr)  # a band: twice the error
     wrong = louder | quieter
@@ -129,7 +129,7 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray) -> Findin
         words = " ".join(f"{x:.2f}" for x in scale)
         sentence = f"white noise of {name_channels(wrong)} is not the stated: {words} times as large"
     if noise.coloured.any():
-        sentence += f"; {name_channels(process_models.coloured)} not white (hum, vibration, ringing or a filter)"
+        sentence += f"; {name_channels(noise.coloured)} not white (hum, vibration, ringing or a filter)"
     return Finding(
         "noise_level", bool(wrong.any()), {"scale": scale.tolist()}, {"scale": stderr.tolist()}, nats, sentence
     )

@@ -59,10 +59,8 @@ def inspect_samples(
 
     measured = np.flatnonzero(samples.channels).tolist()
     all_tops = [tops[measured.index(i)] if i in measured else [] for i in range(6)]
-    std, stderr = six(process_models.std, stated), six(process_models.stderr)
-    noise = Noise(
-        std, stderr, six(process_models.low, stated), six(process_models.high, stated), six(process_models.coloured)
-    )
+    std, stderr = six(noise.std, stated), six(noise.stderr)
+    noise = Noise(std, stderr, six(noise.low, stated), six(noise.high, stated), six(noise.coloured))
     clean = np.array(log.wrench, float)
     clean[samples.row[repeated]] = np.nan
     clean[kept.row] = np.where(spikes.wild[:, None] | six(saturated), np.nan, clean[kept.row])
@@ -133,7 +131,7 @@ def _scatter(samples: Samples, step: np.ndarray, saturated: np.ndarray) -> tuple
         if not jitter.detected:
             break
         late = jitter.std * np.abs(samples.rate)
-        floor = np.where(blind, np.inf, np.maximum(np.hypot(process_models.std, late), least))
+        floor = np.where(blind, np.inf, np.maximum(np.hypot(noise.std, late), least))
     return spikes, noise, jitter
 
 
@@ -145,9 +143,9 @@ def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool) -> tuple[Nois
         return Noise(stated, np.zeros_like(stated), stated, stated, np.zeros(len(stated), bool)), none
     waves = fast_waves(samples.t, samples.signal)
     noise = measure_noise(waves, samples.signal, stated, heavy_tailed)
-    fine = (step < stated) & (process_models.std > 0)  # on a coarser lattice the error of rounding grows with the rate
+    fine = (step < stated) & (noise.std > 0)  # on a coarser lattice the error of rounding grows with the rate
     if samples.too_slow:  # motion only adds
-        noise = noise._replace(std=np.minimum(process_models.std, stated), low=np.minimum(process_models.low, stated))
+        noise = noise._replace(std=np.minimum(noise.std, stated), low=np.minimum(noise.low, stated))
     if fine.sum() < 2 or not samples.modelled:  # nothing lies across the direction of change
         return noise, none
     rate = samples.rate[waves.row].mean(1)
@@ -155,7 +153,7 @@ def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool) -> tuple[Nois
     if jitter.detected:
         std = noise.std.copy()
         std[fine] = jitter.noise_std
-        stderr = np.hypot(process_models.stderr, JITTER_SHAPE * (process_models.std - std))
+        stderr = np.hypot(noise.stderr, JITTER_SHAPE * (noise.std - std))
         low, high = np.where(fine, std, noise.low), np.where(fine, std, noise.high)
         noise = Noise(std, stderr, low, high, noise.coloured & ~fine)
     return noise, jitter

@@ -94,7 +94,7 @@ def joint_inputs(params: Params, state: State, samples: Sample) -> Inputs:
     noise = params.joint
     y = jnp.stack([samples.q, samples.dq], 1)
     variance = jnp.stack([noise.position_std, noise.velocity_std]) ** 2
-    restart = jnp.broadcast_to((process_models.prior_std**2)[:, None], (3, y.shape[2]))
+    restart = jnp.broadcast_to((noise.prior_std**2)[:, None], (3, y.shape[2]))
     mean, covariance = state.joint.mean.T, jnp.moveaxis(state.joint.covariance, 0, -1)
     return Inputs(samples.dt, noise.process_density, y, jnp.broadcast_to(variance, y.shape), mean, covariance, restart)
 

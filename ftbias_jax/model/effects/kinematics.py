@@ -13,7 +13,7 @@ from ftbias_jax.types import Array
 
 def turn_wrench(rotation: Array, wrench: Array) -> Array:
     """R^T force and R^T torque: wrenches (T, 6) in coordinates that are turned by R (3, 3)."""
-    return (tool_wrench.reshape(-1, 2, 3) @ rotation).reshape(-1, 6)
+    return (wrench.reshape(-1, 2, 3) @ rotation).reshape(-1, 6)
 
 
 def gravity_tilt(values: EffectValues, signals: Signals) -> Signals:

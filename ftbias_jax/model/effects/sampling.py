@@ -30,7 +30,7 @@ def saturation(values: EffectValues, key: Array, record: Record) -> Record:
 
 def screen_saturated(values: EffectValues, wrench: Array) -> Array:
     """A reading at its limit says only that the wrench is larger."""
-    margin = 1 - 8 * np.finfo(tool_wrench.dtype).eps  # limits may have been rounded to the log's precision
+    margin = 1 - 8 * np.finfo(wrench.dtype).eps  # limits may have been rounded to the log's precision
     return jnp.where(jnp.abs(wrench) >= margin * values["limits"][None], jnp.nan, wrench)
 
 

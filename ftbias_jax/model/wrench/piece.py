@@ -1,7 +1,7 @@
 """The wrench of the tool, and what the joints' uncertainty adds to its variance, for a piece of a log.
 
-The equations are those of ``pipeline.predict_wrench`` and ``tool_wrench.joint_sensitivity``; vectors are lists of entries,
-each an array over samples (C,), as in arm_batch.py, and theta is the list of its ten numbers.
+The equations are those of ``pipeline.predict_wrench`` and ``tool_wrench.joint_sensitivity``; vectors are lists of
+entries, each an array over samples (C,), as in arm_batch.py, and theta is the list of its ten numbers.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ def wrench_piece(model: Model, q: Array, dq: Array, ddq: Array, *covariance: Arr
         q: (n, C) joint states.
         dq: (n, C) joint states.
         ddq: (n, C) joint states.
-        covariance: P_qq, P_qa and P_aa (n, C), or none for zeros; velocities are left out (tool_wrench.joint_sensitivity).
+        covariance: P_qq, P_qa and P_aa (n, C), or none for zeros; velocities are left out, as in
+            ``joint_sensitivity``.
     """
     theta, gravity = list(model.theta), list(model.gravity)
     R, p, columns = sensor_pose(model.arm, q)
