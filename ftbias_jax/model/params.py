@@ -44,6 +44,17 @@ class BiasNoise(NamedTuple):
     """(12,) x_0: bias, then drift; a previously estimated bias or zeros."""
     prior_std: Array
     """(12,) square root of the diagonal of P_0."""
+    vibration: Array | None = None
+    """(n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2: what the squared speed of each joint adds to the variance of each axis; of
+    the entries of a recorded pose, if there are no joints. None = nothing."""
+    correlated_std: Array | None = None
+    """(6,) N, Nm: noise that is correlated in time, a first-order Gauss-Markov process on each axis; None = white."""
+    correlated_time: Array | None = None
+    """(6,) s, its correlation time; None exactly where ``correlated_std`` is None."""
+    correlated_vibration: Array | None = None
+    """(6,) share of the vibration, 0 to 1, that is correlated with the same time; None = none of it."""
+    drift_time: Array | None = None
+    """(6,) s in which the drift reverts to zero; None = it never does (report, section 3)."""
 
 
 class Params(NamedTuple):
