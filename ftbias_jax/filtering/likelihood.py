@@ -16,7 +16,7 @@ from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import Inputs, filter_scan, innovations
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State
 from ftbias_jax.filtering.process_models import JOINT_MODELS, drift_noise
-from ftbias_jax.filtering.smoother import smooth_joints
+from ftbias_jax.filtering.smoother import smooth_joint_tracks
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.tool_wrench import unbias
 from ftbias_jax.types import Array, Gaussian, Sample
@@ -38,22 +38,24 @@ class LogLikelihood(NamedTuple):
 
 def log_likelihood(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
-) -> LogLikelihood:
-    """Log-likelihood of a log (errata 13), by the fastest exact route.
+) -> Array:
+    """Log-likelihood of a log (errata 13), () nats: of joints and wrench together.
 
     Args:
         params: of the pipeline.
-        options: of the pipeline.
         samples: leaves with a leading time axis; padding counts nothing.
-        burn_in: s at the start of the log that do not count, for the first innovations measure P_0 and little else.
+        options: of the pipeline.
+        burn_in: s at the start of the log that do not count, because the first innovations measure P_0 and little else.
     """
+    return log_likelihood_parts(params, samples, options, burn_in).total
+
+
+def log_likelihood_parts(
+    params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
+) -> LogLikelihood:
+    """The same, split into joints and wrench; arguments as for ``log_likelihood``."""
     weight = counted(samples.dt, burn_in)
-    state = pipeline.init(params, samples)
-    if stages.applies(options):
-        _, track = stages.run(params, state, samples, options)
-        joint, wrench = track.joint.log_likelihood.sum(1), track.wrench.log_likelihood.sum(1)
-    else:
-        _, (joint, wrench) = pipeline.run(params, state, samples, options, _increments)
+    _, (joint, wrench) = pipeline.run(params, pipeline.init(params, samples), samples, options, _increments)
     return LogLikelihood((weight * joint).sum(), (weight * wrench).sum())
 
 
@@ -76,7 +78,7 @@ def wrench_given_joints(
     ``log_likelihood`` takes the wrench given the joints' past, as a filter must. Arguments as there.
     """
     start = pipeline.init(params, samples)
-    joints = smooth_joints(params, start, samples, options)
+    joints = smooth_joint_tracks(params, start, samples, options)
     wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
     track = filter_scan(drift_noise, stages.bias_inputs(params, start, samples, wrench_tool, variance))
     return (counted(samples.dt, burn_in) * track.log_likelihood.sum(1)).sum()

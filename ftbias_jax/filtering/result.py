@@ -9,7 +9,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering.fast.stages import Staged
 from ftbias_jax.filtering.pipeline import Info, State
 from ftbias_jax.types import Array
 
@@ -57,20 +56,4 @@ def keep(state: State, info: Info) -> dict[str, Array]:
         "innovation_std": jnp.sqrt(std(info.wrench.covariance)),
         "nis": info.wrench.nis,
         "log_likelihood": info.log_likelihood,
-    }
-
-
-def keep_staged(track: Staged, wrench: Array) -> dict[str, Array]:
-    """The same of a staged run, which reports an innovation of 0 where nothing was measured."""
-    variances = [jnp.diagonal(track.covariance, axis1=1, axis2=2) for track in (track.joint, track.wrench)]
-    return {
-        "joint": jnp.swapaxes(track.joint.mean, 1, 2),
-        "ddq_std": jnp.sqrt(variances[0][:, :, 2]),
-        "bias": track.wrench.mean,
-        "bias_std": jnp.sqrt(jnp.swapaxes(variances[1], 1, 2)),
-        "wrench_tool": track.wrench_tool,
-        "innovation": jnp.where(jnp.isfinite(wrench), track.wrench.innovation[:, 0], jnp.nan),
-        "innovation_std": jnp.sqrt(track.wrench.innovation_variance[:, 0]),
-        "nis": track.wrench.nis.sum(1),
-        "log_likelihood": track.joint.log_likelihood.sum(1) + track.wrench.log_likelihood.sum(1),
     }

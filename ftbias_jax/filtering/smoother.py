@@ -9,8 +9,8 @@ import jax.numpy as jnp
 
 from ftbias_jax.filtering import gaussian
 from ftbias_jax.filtering.fast.rts import smooth_track
-from ftbias_jax.filtering.fast.scan import Inputs, filter_scan
-from ftbias_jax.filtering.fast.stages import bias_inputs, joint_inputs, predict_wrenches
+from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, filter_scan
+from ftbias_jax.filtering.fast.stages import bias_inputs, joint_inputs, joint_states, predict_wrenches
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, State
 from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_drift_noise, drift_noise
 from ftbias_jax.model.params import Params
@@ -50,9 +50,13 @@ def smooth_axes(inputs: Inputs) -> tuple[Array, Array]:
 @partial(jax.jit, static_argnames="options")
 def smooth_joints(params: Params, state: State, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Gaussian:
     """Joint states given the whole log: mean (T, n, 3) and covariance (T, n, 3, 3)."""
+    return joint_states(smooth_joint_tracks(params, state, samples, options))
+
+
+def smooth_joint_tracks(params: Params, state: State, samples: Sample, options: Options) -> Smoothed:
+    """The same with the axes of a track."""
     model, inputs = JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples)
-    smoothed = smooth_track(model, inputs, filter_scan(model, inputs))
-    return Gaussian(jnp.swapaxes(smoothed.mean, 1, 2), jnp.moveaxis(smoothed.covariance, -1, 1))
+    return smooth_track(model, inputs, filter_scan(model, inputs))
 
 
 @partial(jax.jit, static_argnames="options")
@@ -64,7 +68,7 @@ def smooth_log(
     Returns:
         joint states as of ``smooth_joints``, and mean and standard deviation (T, 2, 6) of bias and drift.
     """
-    joints = smooth_joints(params, state, samples, options)
+    joints = smooth_joint_tracks(params, state, samples, options)
     wrench_tool, variance = predict_wrenches(params, joints, samples, options)
     mean, std = smooth_axes(bias_inputs(params, state, samples, wrench_tool, variance))
-    return joints, mean, std
+    return joint_states(joints), mean, std

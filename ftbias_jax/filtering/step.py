@@ -1,7 +1,8 @@
 """The whole method as one pure step: joint filter, sensor kinematics, bias filter.
 
-``step`` is the single definition; ``run`` is ``lax.scan`` of it, online use is calling it, and every faster route is
-tested equal to it. Arrays decide the precision: float32 in, float32 through; float64 needs JAX's x64 mode.
+``step`` is the single definition; ``pipeline.scan_steps`` is ``lax.scan`` of it, online use is calling it, and every
+faster route, ``pipeline.run`` first, is tested equal to it. Arrays decide the precision: float32 in, float32 through;
+float64 needs JAX's x64 mode.
 """
 
 from __future__ import annotations
@@ -92,7 +93,10 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
         the state after the sample, and what it said.
     """
     if params.effects is not None:
-        raise ValueError("effects act on whole logs, not on single samples: use staged.run")
+        raise ValueError(
+            "known effects act on whole logs, not on single samples: use pipeline.run, without a gate and with a "
+            "joint uncertainty other than 'full'"
+        )
     joint, joint_innovation = joint_filter.step(
         params.joint, state.joint, sample.dt, sample.q, sample.dq, options.joint_model
     )

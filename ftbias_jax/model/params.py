@@ -69,7 +69,7 @@ class Params(NamedTuple):
     joint: JointNoise
     bias: BiasNoise
     effects: Values | None = None
-    """Known effects of the catalogue. They may need the whole log, so ``stages.run`` has them and ``step`` refuses."""
+    """Known effects of the catalogue. They may need the whole log: ``pipeline.run`` takes them, ``step`` refuses."""
 
 
 def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
