@@ -6,17 +6,57 @@ import jax.numpy as jnp
 
 from ftbias_jax.filtering import gaussian
 from ftbias_jax.filtering.gaussian import Innovation
-from ftbias_jax.filtering.process_models import bias_drift_noise
+from ftbias_jax.filtering.process_models import FORGET, BiasStrength, bias_noise
 from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.types import Array, Gaussian
 
-FORGET = 10.0
-"""s: time in which the standard deviation of the bias grows e-fold while the gate lets nothing through."""
-
 
 def init(noise: BiasNoise) -> Gaussian:
-    """State before the first sample: mean (12,) and covariance (12, 12)."""
-    return Gaussian(noise.prior_mean, jnp.diag(noise.prior_std**2))
+    """State before the first sample: mean (12,) and covariance (12, 12) of (bias, drift).
+
+    With correlated noise mean (18,) and covariance (18, 18) of (bias, drift, noise), the noise being stationary.
+    """
+    mean, std = noise.prior_mean, noise.prior_std
+    if noise.correlated_std is not None:
+        mean, std = jnp.concatenate([mean, jnp.zeros_like(std[:6])]), jnp.concatenate([std, noise.correlated_std])
+    return Gaussian(mean, jnp.diag(std**2))
+
+
+def strength(noise: BiasNoise, vibration: Array | None = None) -> BiasStrength | Array:
+    """What drives bias, drift and correlated noise; sigma_Q alone where the drift never reverts and all noise is white.
+
+    Args:
+        noise: of the filter.
+        vibration: (..., 6) N^2, Nm^2, variance by motion at these samples; None = nothing.
+    """
+    if noise.correlated_std is None and noise.drift_time is None:
+        return noise.density
+    rate = jnp.zeros_like(noise.density) if noise.drift_time is None else 1 / noise.drift_time
+    if noise.correlated_std is None or noise.correlated_time is None:
+        return BiasStrength(noise.density, rate)
+    return BiasStrength(noise.density, rate, 1 / noise.correlated_time, correlated_variance(noise, vibration))
+
+
+def correlated_variance(noise: BiasNoise, vibration: Array | None = None) -> Array:
+    """(..., 6) N^2, Nm^2: variance of the correlated noise, with its share of the vibration."""
+    assert noise.correlated_std is not None
+    variance = noise.correlated_std**2
+    if vibration is None or noise.correlated_vibration is None:
+        return variance
+    share, at_rest = (jnp.broadcast_to(x, vibration.shape) for x in (noise.correlated_vibration, variance))
+    return at_rest + share * vibration
+
+
+def vibration(noise: BiasNoise, velocity: Array) -> Array | None:
+    """(..., 6) N^2, Nm^2: what the motion of the joints, velocity (..., n) rad/s, adds to the noise; None = nothing."""
+    return None if noise.vibration is None else velocity**2 @ noise.vibration
+
+
+def white_share(noise: BiasNoise, vibration: Array) -> Array:
+    """The part of the vibration (..., 6) that is not correlated in time."""
+    if noise.correlated_vibration is None:
+        return vibration
+    return jnp.broadcast_to(1 - noise.correlated_vibration, vibration.shape) * vibration
 
 
 def step(
@@ -27,27 +67,36 @@ def step(
     wrench: Array,
     covariance: Array,
     gate: float | None = None,
+    vibration: Array | None = None,
 ) -> tuple[Gaussian, Innovation]:
-    """Predict by dt, then correct by y = D theta - W (report, section 3).
+    """Predict by dt, then correct by y = D theta - W (report, section 3), which is the bias plus noise.
 
     Args:
         noise: of the filter.
-        state: mean (12,), covariance (12, 12).
+        state: as of ``init``.
         dt: () s since the previous sample.
         wrench_tool: (6,) D theta.
         wrench: (6,) W as read, NaN = not measured.
         covariance: (6, 6) R of y.
         gate: a sample with any axis this many standard deviations off its prediction is not used, see ``_gated``.
+        vibration: (6,) N^2, Nm^2, variance by motion, of which the correlated noise has a share; None = nothing.
 
     Returns:
         the corrected state and the innovation y - b.
     """
-    predicted = gaussian.predict(state, *bias_drift_noise(dt, noise.density))
-    observation = jnp.eye(6, 12, dtype=state.mean.dtype)
+    predicted = gaussian.predict(state, *bias_noise(dt, strength(noise, vibration)))
+    observation = observation_of(predicted)
     measurement = wrench_tool - wrench
     if gate is not None:
         predicted, measurement = _gated(predicted, measurement, covariance, dt, gate)
     return gaussian.update(predicted, measurement, observation, covariance)
+
+
+def observation_of(state: Gaussian) -> Array:
+    """(6, k) what of the state a reading shows: the bias, plus the correlated noise if the state has it."""
+    k = state.mean.shape[0]
+    bias = jnp.eye(6, k, dtype=state.mean.dtype)
+    return bias if k == 12 else bias + jnp.eye(6, k, 12, dtype=state.mean.dtype)
 
 
 def _gated(
@@ -59,10 +108,11 @@ def _gated(
     passes, exponentially: single spikes cost nothing, a contact of seconds little, and after a jump of 1 to 50 N the
     gate opens in 20 to 70 s, because the prediction has become uncertain enough.
     """
-    variance = jnp.diagonal(predicted.covariance)[:6] + jnp.diagonal(covariance)
-    off = jnp.abs(measurement - predicted.mean[:6]) > gate * jnp.sqrt(variance)  # never where nothing was measured
+    C = observation_of(predicted)
+    variance = jnp.diagonal(C @ predicted.covariance @ C.T) + jnp.diagonal(covariance)
+    off = jnp.abs(measurement - C @ predicted.mean) > gate * jnp.sqrt(variance)  # never where nothing was measured
     closed = off.any()
     # Only the bias is forgotten: a jump is no drift.
     grown = jnp.where(closed, jnp.expm1(2 * dt / FORGET), 0) * jnp.diagonal(predicted.covariance)[:6]
-    covariance = predicted.covariance + jnp.diag(jnp.concatenate([grown, jnp.zeros_like(grown)]))
+    covariance = predicted.covariance + jnp.diag(jnp.pad(grown, (0, len(predicted.mean) - 6)))
     return predicted._replace(covariance=covariance), jnp.where(closed, jnp.nan, measurement)

@@ -9,15 +9,32 @@ Each model is written once, as nested rows of entries: the textbook filter stack
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
 from ftbias_jax.types import Array
 
+FORGET = 10.0
+"""s: time in which the standard deviation of the bias grows e-fold while the gate lets nothing through."""
 Rows = list[list[Array]]
 """A small matrix as nested lists of entries, arrays of any common shape."""
-ProcessModel = Callable[[Array, Array], tuple[Rows, Rows]]
-"""(dt, density) -> rows of A and rows of Q."""
+ProcessModel = Callable[[Array, Any], tuple[Rows, Rows]]
+"""(dt, strength) -> rows of A and rows of Q. The strength is a density, or where A depends on it, a BiasStrength."""
+
+
+class BiasStrength(NamedTuple):
+    """What drives one axis of the bias and of the noise that is correlated in time; arrays over axes, B of them."""
+
+    density: Array
+    """(B,) sigma_Q, N/s^1.5 or Nm/s^1.5."""
+    drift_rate: Array
+    """(B,) 1/s at which the drift reverts to zero; 0 = never."""
+    noise_rate: Array | None = None
+    """(B,) 1/s, one over the correlation time of the noise; None = all noise is white."""
+    noise_variance: Array | None = None
+    """(B,) N^2 or Nm^2 of the correlated noise where it is stationary; it may differ from sample to sample."""
 
 
 def acceleration_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
@@ -81,6 +98,90 @@ def drift_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
     return [[one, dt], [zero, one]], [[dt**3 / 3 * variance, cross], [cross, dt * variance]]
 
 
+def reverting_drift(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
+    """One axis of the bias whose drift is an Ornstein-Uhlenbeck process: it reverts to zero and forecasts better.
+
+    With the rate 0 it is ``drift_noise``. With a time far below the log's length the bias becomes a random walk.
+
+    Args:
+        dt: () s.
+        strength: of the axis.
+
+    Returns:
+        A and Q (2 x 2) for the state (bias, drift).
+    """
+    density, rate = strength.density, strength.drift_rate
+    dt = dt + jnp.zeros_like(density)
+    x = rate * dt
+    moved, one, zero = dt * _phi(x), jnp.ones_like(dt), jnp.zeros_like(dt)
+    variance = density**2
+    cross = moved**2 / 2 * variance
+    Q = [[dt**3 * _integrated_twice(x) * variance, cross], [cross, dt * _phi(2 * x) * variance]]
+    return [[one, moved], [zero, jnp.exp(-x)]], Q
+
+
+def correlated_bias(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
+    """``reverting_drift``, and first-order Gauss-Markov noise on top of the bias.
+
+    The state is (bias + noise, drift, noise): its first entry is what is measured.
+
+    Args:
+        dt: () s.
+        strength: of the axis, with the rate and the variance of the noise.
+
+    Returns:
+        A and Q (3 x 3).
+    """
+    assert strength.noise_rate is not None
+    assert strength.noise_variance is not None
+    ((one, moved), (zero, reverted)), ((bias, cross), (_, drift)) = reverting_drift(dt, strength)
+    forgotten = -jnp.expm1(-strength.noise_rate * dt)
+    noise = strength.noise_variance * forgotten * (2 - forgotten)
+    A = [[one, moved, -forgotten], [zero, reverted, zero], [zero, zero, 1 - forgotten]]
+    return A, [[bias + noise, cross, noise], [cross, drift, zero], [noise, zero, noise]]
+
+
+def _phi(x: Array) -> Array:
+    """(1 - exp(-x)) / x, for x >= 0; 1 at 0, with finite derivatives."""
+    small = x < 1e-4
+    safe = jnp.where(small, 1, x)
+    return jnp.where(small, 1 - x / 2 + x**2 / 6, -jnp.expm1(-safe) / safe)
+
+
+def _integrated_twice(x: Array) -> Array:
+    """(x - 2 (1 - exp(-x)) + (1 - exp(-2 x)) / 2) / x^3, for x >= 0; 1/3 at 0.
+
+    Below 1/2 by its series, because the terms cancel to the third order; the first term left out is 1e-13 there.
+    """
+    small = x < 0.5
+    safe, near = jnp.where(small, 1, x), jnp.where(small, x, 0)
+    series, factorial = jnp.zeros_like(x), 2.0
+    for n in range(3, 19):
+        factorial *= n
+        series = series + (-near) ** (n - 3) * (2 ** (n - 1) - 2) / factorial
+    return jnp.where(small, series, (safe + 2 * jnp.expm1(-safe) - jnp.expm1(-2 * safe) / 2) / safe**3)
+
+
+def bias_model(strength: BiasStrength | Array) -> ProcessModel:
+    """The process of one axis for this strength: as small as it can be."""
+    if not isinstance(strength, BiasStrength):
+        return drift_noise
+    return reverting_drift if strength.noise_rate is None else correlated_bias
+
+
+@dataclass(frozen=True)
+class Gated:
+    """A process model of the bias whose measurements pass a gate: see ``bias_filter.step``."""
+
+    model: ProcessModel
+    gate: float
+    """Standard deviations."""
+
+    def __call__(self, dt: Array, strength: Any) -> tuple[Rows, Rows]:
+        """As the model itself."""
+        return self.model(dt, strength)
+
+
 JOINT_MODELS: dict[str, ProcessModel] = {
     "acceleration": acceleration_noise,
     "integrated_acceleration": integrated_acceleration_noise,
@@ -99,11 +200,38 @@ def bias_drift_noise(dt: Array, density: Array) -> tuple[Array, Array]:
         A (12, 12) and Q (12, 12) for the state (bias, drift).
     """
     transition, noise = drift_noise(jnp.broadcast_to(dt, density.shape), density)
+    return _by_axis(transition), _by_axis(noise)
 
-    def block(rows: Rows) -> Array:
-        return jnp.block([[jnp.diag(entry) for entry in row] for row in rows])
 
-    return block(transition), block(noise)
+def bias_noise(dt: Array, strength: BiasStrength | Array) -> tuple[Array, Array]:
+    """``bias_drift_noise``, or for a BiasStrength the same with a drift that reverts and noise that is correlated.
+
+    Args:
+        dt: () s.
+        strength: arrays over the six axes.
+
+    Returns:
+        A and Q for the state (bias, drift), (12, 12), or (bias, drift, correlated noise), (18, 18).
+    """
+    if not isinstance(strength, BiasStrength):
+        return bias_drift_noise(dt, strength)
+    rows = reverting_drift(dt, strength)
+    if strength.noise_rate is not None and strength.noise_variance is not None:
+        forgotten = -jnp.expm1(-strength.noise_rate * dt)
+        variance = strength.noise_variance * forgotten * (2 - forgotten)
+        rows = (_append(rows[0], 1 - forgotten), _append(rows[1], variance))
+    return _by_axis(rows[0]), _by_axis(rows[1])
+
+
+def _append(rows: Rows, last: Array) -> Rows:
+    """A block diagonal matrix with one more entry."""
+    zero = jnp.zeros_like(last)
+    return [*([*row, zero] for row in rows), [zero] * len(rows) + [last]]
+
+
+def _by_axis(rows: Rows) -> Array:
+    """Entries over axes -> one matrix, entry by entry and in each by axis."""
+    return jnp.block([[jnp.diag(entry) for entry in row] for row in rows])
 
 
 def matrix(rows: Rows) -> Array:

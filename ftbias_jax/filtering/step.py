@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 
 from ftbias_jax.filtering import bias_filter, joint_filter
 from ftbias_jax.filtering.gaussian import Innovation
@@ -49,7 +50,7 @@ class State(NamedTuple):
     joint: Gaussian
     """mean (n, 3) of (q, dq, ddq), covariance (n, 3, 3)."""
     bias: Gaussian
-    """mean (12,) of (bias, drift), covariance (12, 12)."""
+    """mean (12,) of (bias, drift), covariance (12, 12); with correlated noise (18,) of (bias, drift, noise)."""
 
 
 class Info(NamedTuple):
@@ -105,8 +106,11 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     if options.joint_uncertainty != "none":
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
         R = R + covariance_of_joints(G, joint.covariance, options.joint_uncertainty)
+    vibration = bias_filter.vibration(params.bias, joint.mean[:, 1])
+    if vibration is not None:
+        R = R + jnp.diag(bias_filter.white_share(params.bias, vibration))
     bias, wrench_innovation = bias_filter.step(
-        params.bias, state.bias, sample.dt, wrench_tool, sample.wrench, R, options.gate
+        params.bias, state.bias, sample.dt, wrench_tool, sample.wrench, R, options.gate, vibration
     )
     log_likelihood = joint_innovation.log_likelihood.sum() + wrench_innovation.log_likelihood
     return State(joint, bias), Info(joint_innovation, wrench_innovation, wrench_tool, log_likelihood)

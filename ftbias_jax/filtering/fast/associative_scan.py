@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from ftbias_jax.filtering.fast.kalman_step import Step, filter_step
-from ftbias_jax.filtering.fast.scan import Inputs, Track, track_of
+from ftbias_jax.filtering.fast.scan import Inputs, Track, driven, track_of
 from ftbias_jax.filtering.gaussian import symmetrise
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.lanes import Rows, Vector
@@ -49,7 +49,8 @@ def filter_parallel(model: ProcessModel, inputs: Inputs) -> Track:
     y, variance = ([x[:, j] for j in range(m)] for x in (inputs.y, inputs.variance))
     dt = jnp.broadcast_to(inputs.dt[:, None], (length, lanes))
     restart = [jnp.broadcast_to(x[None], (length, lanes)) for x in inputs.restart_variance]
-    density = jnp.broadcast_to(inputs.density[None], (length, lanes))
+    strength = driven(inputs.density, inputs.drive)
+    density = jax.tree.map(lambda x: jnp.broadcast_to(x, (length, lanes)), strength)
     measured = _measurements(inputs)
 
     def step(restarts: Restarts) -> Step:

@@ -50,7 +50,8 @@ def _of_joints(track: Track, samples: Sample, covariance: Array) -> Innovation:
 
 def _of_wrench(track: Track, samples: Sample) -> Innovation:
     """Innovations of y = D theta - W; its axes are independent, so S is diagonal and the axes' shares add up."""
-    measured = jnp.isfinite(samples.wrench)
+    # What was not measured, or did not pass the gate, has no share in the likelihood: exactly zero.
+    measured = jnp.isfinite(samples.wrench) & (track.log_likelihood != 0)
     value = jnp.where(measured, track.innovation[:, 0], jnp.nan)
     covariance = diagonal_matrix(track.innovation_variance[:, 0])
     return Innovation(value, covariance, track.nis.sum(1), track.log_likelihood.sum(1), measured.sum(1))

@@ -9,12 +9,12 @@ are taken one at a time, which is exact for independent noise.
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from ftbias_jax.filtering.process_models import ProcessModel
+from ftbias_jax.filtering.process_models import FORGET, Gated, ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import (
     Rows,
@@ -25,6 +25,7 @@ from ftbias_jax.runtime.lanes import (
     dot,
     joseph,
     plus,
+    product,
     times,
     total,
     transpose,
@@ -43,6 +44,10 @@ class Record(NamedTuple):
     """Of each measured entry given those before it, 0 where missing."""
     lost: Array
     """Whether the filter started again."""
+    before: Any = ()
+    """State before the step, where the transition has parameters (``process_models.BiasStrength``)."""
+    grown: Array | None = None
+    """By which share the gate made the variance of the bias larger; None = there is no gate."""
 
 
 class Step(NamedTuple):
@@ -58,16 +63,23 @@ class Step(NamedTuple):
 
 def filter_step(
     model: ProcessModel,
-    density: Array,
+    density: Any,
     restart: Vector,
     state: tuple[Vector, Rows],
     dt: Array,
     y: Vector,
     variance: Vector,
 ) -> Step:
-    """Predict, start again where too little is known, correct by one measured entry after the other."""
+    """Predict, start again where too little is known, correct by one measured entry after the other.
+
+    For a ``Gated`` model the lanes are the axes of one sensor, one of which may close the gate for all.
+    """
     m = len(y)
     x, P, lost = compile_whole(partial(predict, model))(density, restart, state, dt)
+    grown = None
+    if isinstance(model, Gated):
+        P, passed, grown = compile_whole(partial(_screen, model.gate))(x, P, dt, y[0], variance[0])
+        y = [passed, *y[1:]]
     prediction, spread = x[:m], [P[j][j] for j in range(m)]
     columns: Rows = []
     weights: Vector = []
@@ -76,7 +88,8 @@ def filter_step(
         columns = [*columns, [row[j] for row in P]]
         x, P, weight, innovation = compile_whole(partial(_correct, j))(x, P, measurement, r)
         weights, innovations = [*weights, weight], [*innovations, innovation]
-    return Step(x, P, prediction, spread, Record(columns, weights, innovations, lost))
+    before = state if isinstance(density, tuple) else ()
+    return Step(x, P, prediction, spread, Record(columns, weights, innovations, lost, before, grown))
 
 
 def predict(
@@ -99,6 +112,29 @@ def predict(
     lost = (P[0][0] > restart[0]) & (P[1][1] > restart[1])
     x = [jnp.where(lost, still, moved) for still, moved in zip(rest, x, strict=True)]
     return x, [[jnp.where(lost, restart[a] if a == b else 0, P[a][b]) for b in range(k)] for a in range(k)], lost
+
+
+def _screen(gate: float, x: Vector, P: Rows, dt: Array, y: Array, r: Array) -> tuple[Rows, Array, Array]:
+    """``bias_filter.gated`` for lanes: the covariance, the measurement, and the share by which P_bb grew."""
+    off = jnp.abs(y - x[0]) > gate * jnp.sqrt(P[0][0] + r)  # never where nothing was measured
+    closed = jnp.broadcast_to(off.any(-1, keepdims=True), off.shape)
+    grown = jnp.where(closed, jnp.expm1(2 * dt / FORGET), 0)
+    P = [[P[0][0] + grown * _variance_of_bias(P), *P[0][1:]], *P[1:]]
+    return P, jnp.where(closed, jnp.nan, y), grown
+
+
+def _variance_of_bias(P: Rows) -> Array:
+    """Of the bias alone: the first entry is the bias plus the correlated noise, the third the noise."""
+    return P[0][0] if len(P) == 2 else P[0][0] - 2 * P[0][2] + P[2][2]
+
+
+def _before_growth(P: Rows, grown: Array) -> Rows:
+    """Adjoint of ``_screen`` on the covariance."""
+    share = P[0][0] * grown
+    P = [[P[0][0] + share, *P[0][1:]], *P[1:]]
+    if len(P) == 3:
+        P = [[P[0][0], P[0][1], P[0][2] - share], P[1], [P[2][0] - share, P[2][1], P[2][2] + share]]
+    return P
 
 
 def _correct(j: int, x: Vector, P: Rows, measurement: Array, r: Array) -> tuple[Vector, Rows, Array, Array]:
@@ -126,14 +162,14 @@ class Slopes(NamedTuple):
     """Derivatives by what one step was given, entries kept apart."""
 
     state: tuple[Vector, Rows]
-    density: Array
+    density: Any
     restart: Vector
     y: Vector
     variance: Vector
 
 
 def step_back(
-    model: ProcessModel, density: Array, dt: Array, record: Record, bar: Cotangent, state: tuple[Vector, Rows]
+    model: ProcessModel, density: Any, dt: Array, record: Record, bar: Cotangent, state: tuple[Vector, Rows]
 ) -> Slopes:
     """Adjoint of ``filter_step``.
 
@@ -147,7 +183,9 @@ def step_back(
     """
     # x, P: the derivatives dL/dmean and dL/dcovariance, after the sample's correction, then before it.
     x, P, y, variance = _before_corrections(record, bar, *state)
-    return compile_whole(partial(_beforeprediction, model))(density, dt, record.lost, x, P, y, variance)
+    if record.grown is not None:
+        P = _before_growth(P, record.grown)
+    return compile_whole(partial(_before_prediction, model))(density, dt, record.lost, record.before, x, P, y, variance)
 
 
 def _before_corrections(record: Record, bar: Cotangent, x: Vector, P: Rows) -> tuple[Vector, Rows, Vector, Vector]:
@@ -179,17 +217,44 @@ def _before_correction(
     return add_at(x, j, -y_bar), add_column(P, j, p_bar, r_bar), y_bar, r_bar
 
 
-def _beforeprediction(
-    model: ProcessModel, density: Array, dt: Array, lost: Array, x: Vector, P: Rows, y: Vector, variance: Vector
+def _before_prediction(
+    model: ProcessModel,
+    density: Any,
+    dt: Array,
+    lost: Array,
+    before: Any,
+    x: Vector,
+    P: Rows,
+    y: Vector,
+    variance: Vector,
 ) -> Slopes:
     k = len(x)
     restart = [jnp.where(lost, P[a][a], 0) for a in range(k)]
     P = [[jnp.where(lost, 0, entry) for entry in row] for row in P]
-    (A, _), (_, slope) = jax.jvp(partial(model, dt), (density,), (jnp.ones_like(density),))
+    if isinstance(density, tuple):
+        A, density_slope = _by_strength(model, density, dt, lost, before, x, P)
+    else:
+        (A, _), (_, slope) = jax.jvp(partial(model, dt), (density,), (jnp.ones_like(density),))
+        density_slope = sum((dot(P[a], slope[a]) for a in range(1, k)), dot(P[0], slope[0]))
     back = transpose(A)
-    density_slope = sum((dot(P[a], slope[a]) for a in range(1, k)), dot(P[0], slope[0]))
     x = [jnp.where(lost, rest, moved) for rest, moved in zip(_at_rest(x), times(back, x), strict=True)]
     return Slopes((x, congruence(back, P)), density_slope, restart, y, variance)
+
+
+def _by_strength(
+    model: ProcessModel, strength: Any, dt: Array, lost: Array, before: Any, x: Vector, P: Rows
+) -> tuple[Rows, Any]:
+    """A, and the derivatives with respect to the strength of a process whose transition depends on it.
+
+    With the slopes x and P after the prediction: dL/dA = x x_before^T + 2 P A P_before, dL/dQ = P.
+    """
+    x_before, P_before = before
+    (A, Q), back = jax.vjp(lambda strength: model(dt, strength), strength)
+    moved = [jnp.where(lost, 0, entry) for entry in x]
+    PAP = product(product(P, A), P_before)
+    A_bar = [[a * b + 2 * c for b, c in zip(x_before, row, strict=True)] for a, row in zip(moved, PAP, strict=True)]
+    cotangents = jax.tree.map(lambda value, slope: jnp.broadcast_to(slope, value.shape), (A, Q), (A_bar, P))
+    return A, back(cotangents)[0]
 
 
 def _at_rest(x: Vector) -> Vector:

@@ -17,9 +17,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track
+from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, driven
 from ftbias_jax.filtering.process_models import ProcessModel
-from ftbias_jax.runtime.lanes import Rows, Vector, congruence, dot, plus, times, transpose
+from ftbias_jax.runtime.lanes import Rows, Vector, congruence, dot, plus, product, times, transpose
 from ftbias_jax.types import Array
 
 
@@ -32,19 +32,21 @@ def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
         track: what it returned.
     """
     k = track.mean.shape[1]
+    step_back = _damped_step if isinstance(inputs.density, tuple) else _step
 
-    def body(after: tuple[Vector, Rows], sample: tuple[Array, Array, Array]) -> Any:
-        dt_after, mean, covariance = sample
+    def body(after: tuple[Vector, Rows], sample: tuple[Array, Array, Array, Any]) -> Any:
+        dt_after, mean, covariance, drive = sample
         x, P = list(mean), [list(row) for row in covariance]
-        A, Q = model(dt_after, inputs.density)
+        A, Q = model(dt_after, driven(inputs.density, drive))
         ahead = plus(congruence(A, P), Q)
         # A filter that started again at the next sample learned nothing of its past.
         apart = (ahead[0][0] > inputs.restart_variance[0]) & (ahead[1][1] > inputs.restart_variance[1])
-        smoothed = jax.tree.map(lambda new, old: jnp.where(apart, old, new), _step(A, Q, x, P, *after), (x, P))
+        smoothed = jax.tree.map(lambda new, old: jnp.where(apart, old, new), step_back(A, Q, x, P, *after), (x, P))
         return smoothed, (jnp.stack(smoothed[0]), jnp.stack([jnp.stack(row) for row in smoothed[1]]))
 
     last = (list(track.mean[-1]), [list(track.covariance[-1, a]) for a in range(k)])
-    before = (inputs.dt[1:], track.mean[:-1], track.covariance[:-1])
+    drive = None if inputs.drive is None else inputs.drive[1:]
+    before = (inputs.dt[1:], track.mean[:-1], track.covariance[:-1], drive)
     mean, covariance = jax.lax.scan(body, last, before, reverse=True)[1]
     return Smoothed(jnp.concatenate([mean, track.mean[-1:]]), jnp.concatenate([covariance, track.covariance[-1:]]))
 
@@ -60,6 +62,22 @@ def _step(A: Rows, Q: Rows, x: Vector, P: Rows, x_after: Vector, P_after: Rows) 
     shift = times(keep, moved)
     spread = plus(noise, congruence(back, P_after))
     return [old + by for old, by in zip(x, shift, strict=True)], plus(congruence(K, P), congruence(keep, spread))
+
+
+def _damped_step(A: Rows, Q: Rows, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:
+    """The same where A forgets and has no inverse after a gap: with the gain G = P A^T (A P A^T + Q)^-1.
+
+    x_smooth = x + G (x_next - A x),    P_smooth = (I - G A) P (I - G A)^T + G (Q + P_next) G^T
+    """
+    k = len(x)
+    G = transpose(_solve(plus(congruence(A, P), Q), product(A, P)))
+    GA = product(G, A)
+    keep = [[(1 if a == b else 0) - GA[a][b] for b in range(k)] for a in range(k)]
+    moved = [new - old for new, old in zip(x_after, times(A, x), strict=True)]
+    shift = times(G, moved)
+    return [old + by for old, by in zip(x, shift, strict=True)], plus(
+        congruence(keep, P), congruence(G, plus(Q, P_after))
+    )
 
 
 def _inverse(A: Rows) -> Rows:

@@ -29,8 +29,8 @@ class Inputs(NamedTuple):
 
     dt: Array
     """(T,) s since the previous sample. Data: its gradient is reported as zero."""
-    density: Array
-    """(B,) strength of the process noise."""
+    density: Any
+    """(B,) strength of the process noise, or a ``BiasStrength``."""
     y: Array
     """(T, m, B) measurements, NaN = not measured."""
     variance: Array
@@ -41,6 +41,8 @@ class Inputs(NamedTuple):
     """(k, k, B)."""
     restart_variance: Array
     """(k, B) a filter that knows its first two entries less well starts again from this, at rest; inf = never."""
+    drive: Array | None = None
+    """(T, B) variance of the correlated noise of a ``BiasStrength`` at every sample; None = as its own."""
 
 
 class Track(NamedTuple):
@@ -109,12 +111,14 @@ def _loop(model: ProcessModel, keep: Callable[[Step], Any]) -> Callable[[Inputs]
     def loop(inputs: Inputs) -> Any:
         restart = list(inputs.restart_variance)
 
-        def body(state: tuple[Vector, Rows], sample: tuple[Array, Vector, Vector]) -> tuple[Any, Any]:
-            step = filter_step(model, inputs.density, restart, state, *sample)
+        def body(state: tuple[Vector, Rows], sample: tuple[Array, Vector, Vector, Any]) -> tuple[Any, Any]:
+            *measured, drive = sample
+            step = filter_step(model, driven(inputs.density, drive), restart, state, *measured)
             return (step.mean, step.covariance), keep(step)
 
         start = (list(inputs.mean), [list(row) for row in inputs.covariance])
-        return jax.lax.scan(body, start, (inputs.dt, _entries(inputs.y), _entries(inputs.variance)))[1]
+        samples = (inputs.dt, _entries(inputs.y), _entries(inputs.variance), inputs.drive)
+        return jax.lax.scan(body, start, samples)[1]
 
     return loop
 
@@ -128,6 +132,7 @@ def track_of(inputs: Inputs, steps: Step) -> Track:
     logs = [
         jnp.log(jnp.where(s, w, 1)) - s * jnp.log(2 * jnp.pi).astype(w.dtype) for s, w in zip(seen, weight, strict=True)
     ]
+    # What the gate left out has an innovation of 0, like what is missing.
     raw = [jnp.where(s, inputs.y[:, j] - steps.prediction[j], 0) for j, s in enumerate(seen)]
     spread = [steps.prediction_variance[j] + inputs.variance[:, j] for j in range(m)]
     nis = sum(squares[1:], squares[0])
@@ -136,19 +141,19 @@ def track_of(inputs: Inputs, steps: Step) -> Track:
     return Track(mean, covariance, jnp.stack(raw, 1), jnp.stack(spread, 1), nis, log_likelihood)
 
 
-Residual = tuple[Array, Array, Record]
-"""dt, density and the record of every step: all that the reverse pass reads, for it is written and read once more."""
+Residual = tuple[Array, Any, Any, Record]
+"""dt, density, drive and the record of every step: all that the reverse pass reads, for it is written and read once."""
 
 
 def _forward(model: ProcessModel, inputs: Inputs) -> tuple[Track, Residual]:
     steps = _steps(model, inputs, for_reverse=True)
-    return track_of(inputs, steps), (inputs.dt, inputs.density, steps.record)
+    return track_of(inputs, steps), (inputs.dt, inputs.density, inputs.drive, steps.record)
 
 
 def _backward(model: ProcessModel, residual: Residual, bar: Track) -> tuple[Inputs]:
     """Adjoint of the filter: cotangents of the inputs."""
-    dt, density, record = residual
-    k, zero = bar.mean.shape[1], jnp.zeros_like(density)
+    dt, density, drive, record = residual
+    k, zero = bar.mean.shape[1], jnp.zeros_like(bar.mean[0, 0])
     symmetric = (bar.covariance + jnp.swapaxes(bar.covariance, 1, 2)) / 2
     bars = Cotangent(
         _entries(bar.mean),
@@ -161,23 +166,35 @@ def _backward(model: ProcessModel, residual: Residual, bar: Track) -> tuple[Inpu
 
     @one_at_a_time
     @compile_whole
-    def loop(density: Array, start: Any, samples: Any) -> Any:
-        def body(carry: tuple[tuple[Vector, Rows], Array, Vector], sample: tuple[Array, Record, Cotangent]) -> Any:
-            state, density_slope, restart = carry
-            slopes = step_back(model, density, *sample, state)
+    def loop(density: Any, start: Any, samples: Any) -> Any:
+        def body(carry: tuple[tuple[Vector, Rows], Any, Vector], sample: tuple[Array, Any, Record, Cotangent]) -> Any:
+            (state, density_slope, restart), (dt, drive, record, bar) = carry, sample
+            slopes = step_back(model, driven(density, drive), dt, record, bar, state)
             restart = [total + slope for total, slope in zip(restart, slopes.restart, strict=True)]
-            return (slopes.state, density_slope + slopes.density, restart), (slopes.y, slopes.variance)
+            own, drive_slope = undriven(slopes.density, drive)
+            density_slope = jax.tree.map(jnp.add, density_slope, own)
+            return (slopes.state, density_slope, restart), (slopes.y, slopes.variance, drive_slope)
 
         return jax.lax.scan(body, start, samples, reverse=True)
 
-    start = (([zero] * k, [[zero] * k for _ in range(k)]), zero, [zero] * k)
-    (state, density_bar, restart), (y, variance) = loop(density, start, (dt, record, bars))
+    start = (([zero] * k, [[zero] * k for _ in range(k)]), jax.tree.map(jnp.zeros_like, density), [zero] * k)
+    (state, density_bar, restart), (y, variance, drive_bar) = loop(density, start, (dt, drive, record, bars))
     prior = (jnp.stack(state[0]), jnp.stack([jnp.stack(row) for row in state[1]]))
     slopes = (density_bar, jnp.stack(y, 1), jnp.stack(variance, 1), *prior, jnp.stack(restart))
-    return (Inputs(jnp.zeros_like(dt), *slopes),)
+    return (Inputs(jnp.zeros_like(dt), *slopes, drive_bar),)
 
 
 filter_scan.defvjp(_forward, _backward)
+
+
+def driven(density: Any, drive: Array | None) -> Any:
+    """The strength of the process at one sample: with the variance of the correlated noise there, if it changes."""
+    return density if drive is None else density._replace(noise_variance=drive)
+
+
+def undriven(slope: Any, drive: Array | None) -> tuple[Any, Array | None]:
+    """Adjoint of ``driven``."""
+    return (slope, None) if drive is None else (slope._replace(noise_variance=None), slope.noise_variance)
 
 
 def _entries(x: Array) -> Vector:

@@ -14,9 +14,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.associative_scan import filter_parallel
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, filter_scan
-from ftbias_jax.filtering.process_models import JOINT_MODELS, ProcessModel, drift_noise
+from ftbias_jax.filtering.process_models import JOINT_MODELS, Gated, ProcessModel, bias_model
 from ftbias_jax.filtering.samples import pad
 from ftbias_jax.filtering.step import Options, State, predict_wrench
 from ftbias_jax.model.effects import compose
@@ -45,7 +46,7 @@ class Staged(NamedTuple):
 
 def applies(options: Options) -> bool:
     """Whether the axes are independent, so that this route equals ``pipeline.run``; structure decides, not values."""
-    return options.joint_uncertainty != "full" and options.gate is None
+    return options.joint_uncertainty != "full"
 
 
 @partial(jax.jit, static_argnames="options")
@@ -75,7 +76,8 @@ def _run_stages(
     samples, measured = chunk
     joint = run_filters(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
     wrench_tool, variance = predict_wrenches(params, joint, samples, options)
-    wrench = run_filters(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
+    inputs = bias_inputs(params, state, samples, wrench_tool, variance, joint.mean[:, 1])
+    wrench = without_noise(run_filters(gated(inputs, options), inputs))
     last = jax.tree.map(lambda x: x[measured - 1], (joint, wrench))
     return state_of(*last), Staged(joint, wrench, wrench_tool)
 
@@ -83,9 +85,10 @@ def _run_stages(
 def run_filters(model: ProcessModel, inputs: Inputs) -> Track:
     """``scan.filter_scan``, or on an accelerator in double precision the same parallel in time.
 
-    In single precision the parallel form costs sharp encoders most of a standard deviation (associative_scan.py).
+    What passes a gate depends on all that came before. In single precision the parallel form costs sharp encoders most
+    of a standard deviation (associative_scan.py).
     """
-    if on_cpu() or inputs.y.dtype != jnp.float64:
+    if on_cpu() or inputs.y.dtype != jnp.float64 or isinstance(model, Gated):
         return filter_scan(model, inputs)
     return filter_parallel(model, inputs)
 
@@ -100,8 +103,23 @@ def joint_inputs(params: Params, state: State, samples: Sample) -> Inputs:
     return Inputs(samples.dt, noise.process_density, y, jnp.broadcast_to(variance, y.shape), mean, covariance, restart)
 
 
-def bias_inputs(params: Params, state: State, samples: Sample, wrench_tool: Array, variance: Array) -> Inputs:
+def gated(inputs: Inputs, options: Options) -> ProcessModel:
+    """The process of the bias for these inputs, with the gate if there is one."""
+    model = bias_model(inputs.density)
+    return model if options.gate is None else Gated(model, options.gate)
+
+
+def bias_inputs(
+    params: Params,
+    state: State,
+    samples: Sample,
+    wrench_tool: Array,
+    variance: Array,
+    velocity: Array | None = None,
+) -> Inputs:
     """The bias filter as a recursion: six filters of two states and one measurement, y = D theta - W.
+
+    With correlated noise three states, (bias + noise, drift, noise), see ``process_models.correlated_bias``.
 
     Args:
         params: of the pipeline.
@@ -109,13 +127,40 @@ def bias_inputs(params: Params, state: State, samples: Sample, wrench_tool: Arra
         samples: of the pipeline.
         wrench_tool: (T, 6) D theta.
         variance: (T, 6) diagonal of R.
+        velocity: (T, n) rad/s of the joints, needed where vibration is correlated.
     """
+    noise = params.bias
+    density, drive = bias_filter.strength(noise), None
+    if noise.correlated_std is not None and noise.correlated_vibration is not None and noise.vibration is not None:
+        assert velocity is not None
+        drive = bias_filter.correlated_variance(noise, bias_filter.vibration(noise, velocity))
+        density = density._replace(noise_variance=None)
     y = (wrench_tool - samples.wrench)[:, None]
-    axis = jnp.arange(6)
-    blocks = state.bias.covariance.reshape(2, 6, 2, 6)[:, axis, :, axis]  # (6, 2, 2): axes do not mix
-    never = jnp.full((2, 6), jnp.inf, y.dtype)
-    mean, covariance = state.bias.mean.reshape(2, 6), jnp.moveaxis(blocks, 0, -1)
-    return Inputs(samples.dt, params.bias.density, y, variance[:, None], mean, covariance, never)
+    axis, k = jnp.arange(6), state.bias.mean.shape[0] // 6
+    blocks = state.bias.covariance.reshape(k, 6, k, 6)[:, axis, :, axis]  # (6, k, k): axes do not mix
+    never = jnp.full((k, 6), jnp.inf, y.dtype)
+    mean, covariance = add_noise(state.bias.mean.reshape(k, 6), jnp.moveaxis(blocks, 0, -1), 1)
+    return Inputs(samples.dt, density, y, variance[:, None], mean, covariance, never, drive)
+
+
+def add_noise(mean: Array, covariance: Array, sign: float) -> tuple[Array, Array]:
+    """States of the bias with the correlated noise added to the bias (sign 1), or taken off it again (sign -1).
+
+    Args:
+        mean: (..., k, 6); with k = 2 there is no such noise.
+        covariance: (..., k, k, 6).
+        sign: 1 or -1.
+    """
+    if mean.shape[-2] == 2:
+        return mean, covariance
+    T = jnp.eye(3, dtype=mean.dtype).at[0, 2].set(sign)
+    return jnp.einsum("ab,...bx->...ax", T, mean), jnp.einsum("ab,...bcx,dc->...adx", T, covariance, T)
+
+
+def without_noise(track: Track) -> Track:
+    """A track of the bias with states (bias, drift, noise)."""
+    mean, covariance = add_noise(track.mean, track.covariance, -1)
+    return track._replace(mean=mean, covariance=covariance)
 
 
 def joint_states(track: Track | Smoothed) -> Gaussian:
@@ -144,6 +189,9 @@ def predict_wrenches(
     else:
         covariance = None if known_exactly else joints.covariance
         wrench_tool, from_joints = wrenches(Model(params.arm, params.gravity, params.theta), joints.mean, covariance)
+    motion = bias_filter.vibration(params.bias, joints.mean[:, 1])
+    if motion is not None:
+        from_joints = from_joints + bias_filter.white_share(params.bias, motion)
     variance = from_joints + stated[None]
     if params.effects is None:
         return wrench_tool, variance
@@ -179,10 +227,10 @@ def signals_of(params: Params, joints: Array, samples: Sample) -> Signals:
 
 def state_of(joint: Track, wrench: Track) -> State:
     """The pipeline's state from tracks, with their leading time axis or for one sample without it."""
-    mean, blocks = wrench.mean, diagonal_matrix(wrench.covariance)  # (..., 2, 2, 6, 6)
-    time = mean.shape[:-2]
-    covariance = jnp.swapaxes(blocks, -3, -2).reshape(*time, 12, 12)
-    return State(joint_states(joint), Gaussian(mean.reshape(*time, 12), covariance))
+    mean, blocks = wrench.mean, diagonal_matrix(wrench.covariance)  # (..., k, k, 6, 6)
+    time, size = mean.shape[:-2], 6 * mean.shape[-2]
+    covariance = jnp.swapaxes(blocks, -3, -2).reshape(*time, size, size)
+    return State(joint_states(joint), Gaussian(mean.reshape(*time, size), covariance))
 
 
 def diagonal_matrix(x: Array) -> Array:
