@@ -1,0 +1,67 @@
+"""A log in blocks of a few hundredths of a second: what is slow in their means, what is fast in their scatter."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.types import Array
+
+BLOCK_SECONDS = 0.05
+"""Vibration of arms and tools, 10 Hz and above, averages out in a block; what moves the bias does not."""
+FEWEST = 4
+"""Samples of a block: fewer have no scatter worth the name."""
+
+
+class Blocks(NamedTuple):
+    """A log in N blocks of equally many samples; what is left at the end is not used."""
+
+    t: Array
+    """(N,) s, the middle of each block."""
+    size: int
+    """Samples in a block."""
+    mean: Array
+    """(N, 6) N, Nm of the measured bias D theta - W; NaN where nothing was measured."""
+    count: Array
+    """(N, 6) samples that were measured."""
+    scatter: Array
+    """(N, 6) N^2, Nm^2: variance of the samples about a straight line through the block."""
+    motion: Array
+    """(N, n) (rad/s)^2, mean squared speed of the joints."""
+    stated: Array
+    """(N, 6) N^2, Nm^2, mean variance of a sample as the setup states it, with the joints' share."""
+
+
+def in_blocks(t: Array, y: Array, velocity: Array, variance: Array) -> Blocks:
+    """Cut a log into blocks.
+
+    Args:
+        t: (T,) s.
+        y: (T, 6) N, Nm, D theta - W; NaN = not measured.
+        velocity: (T, n) rad/s.
+        variance: (T, 6) N^2, Nm^2, diagonal of R.
+    """
+    step = float(np.median(np.diff(t))) if len(t) > 1 else BLOCK_SECONDS
+    size = max(FEWEST, round(BLOCK_SECONDS / step))
+    number = len(t) // size
+
+    def cut(x: Array) -> Array:
+        return np.asarray(x[: number * size], float).reshape(number, size, *x.shape[1:])
+
+    times, values = cut(t), cut(y)
+    seen = np.isfinite(values)
+    count = seen.sum(1)
+    # A straight line through each block: slow changes are none of its scatter.
+    offset = times - times.mean(1, keepdims=True)
+    clean = np.where(seen, values, 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = clean.sum(1) / np.where(count > 0, count, np.nan)
+        x = np.where(seen, offset[:, :, None], 0)
+        x = np.where(seen, x - (x.sum(1) / np.maximum(count, 1))[:, None], 0)
+        centred = np.where(seen, values - mean[:, None], 0)
+        slope = (x * centred).sum(1) / np.where((x**2).sum(1) > 0, (x**2).sum(1), np.inf)
+        scatter = ((centred - slope[:, None] * x) ** 2).sum(1) / np.where(count > 2, count - 2, np.nan)
+    return Blocks(
+        times.mean(1), size, mean, count, scatter, (cut(velocity) ** 2).mean(1), cut(variance).mean(1)
+    )
