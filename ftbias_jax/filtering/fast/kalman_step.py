@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole
@@ -29,7 +30,6 @@ from ftbias_jax.runtime.lanes import (
     total,
     transpose,
 )
-from ftbias_jax.types import Array
 
 
 class Record(NamedTuple):

@@ -9,10 +9,11 @@ act between the stages; without them a log passes in chunks of time.
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering.fast.associative_scan import filter_parallel
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, filter_scan
@@ -26,7 +27,10 @@ from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.batch import PIECE, wrenches
 from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
 from ftbias_jax.runtime.compiled_loops import on_cpu
-from ftbias_jax.types import Array, Gaussian, Sample
+from ftbias_jax.types import Gaussian, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 CHUNK = 1024
 """Samples that pass through all stages together: what goes from one stage to the next stays in the cache."""
@@ -39,7 +43,7 @@ class Staged(NamedTuple):
     """Of the joints: states (T, 3, n)."""
     wrench: Track
     """Of the axes of the bias: states (bias, drift) (T, 2, 6)."""
-    wrench_tool: Array
+    wrench_tool: Float[Array, "T 6"]
     """(T, 6) D theta, N and Nm, sensor frame; with the known effects, if there are any."""
 
 
@@ -100,7 +104,9 @@ def joint_inputs(params: Params, state: State, samples: Sample) -> Inputs:
     return Inputs(samples.dt, noise.process_density, y, jnp.broadcast_to(variance, y.shape), mean, covariance, restart)
 
 
-def bias_inputs(params: Params, state: State, samples: Sample, wrench_tool: Array, variance: Array) -> Inputs:
+def bias_inputs(
+    params: Params, state: State, samples: Sample, wrench_tool: Float[Array, "T 6"], variance: Float[Array, "T 6"]
+) -> Inputs:
     """The bias filter as a recursion: six filters of two states and one measurement, y = D theta - W.
 
     Args:
@@ -125,7 +131,7 @@ def joint_states(track: Track | Smoothed) -> Gaussian:
 
 def predict_wrenches(
     params: Params, joints: Gaussian | Track | Smoothed, samples: Sample, options: Options
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
     """What the sensor should read without bias and noise (T, 6), and the diagonal of R (T, 6).
 
     Args:
@@ -164,12 +170,13 @@ def _of_free_body(params: Params, known_exactly: bool, mean: Array, covariance: 
     return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal"))
 
 
-def predict_readings(params: Params, joints: Array, samples: Sample) -> Array:
+def predict_readings(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Float[Array, "T 6"]:
     """The reading alone, (T, 6), for joint states (T, n, 3)."""
-    return compose.predict(signals_of(params, joints, samples), params.effects or {})
+    reading: Array = compose.predict(signals_of(params, joints, samples), params.effects or {})
+    return reading
 
 
-def signals_of(params: Params, joints: Array, samples: Sample) -> Signals:
+def signals_of(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Signals:
     """What the effects of the catalogue see of a log; joints (T, n, 3)."""
     t = jnp.cumsum(samples.dt)
     temperature = jnp.zeros_like(t) if samples.temperature is None else samples.temperature
@@ -185,7 +192,7 @@ def state_of(joint: Track, wrench: Track) -> State:
     return State(joint_states(joint), Gaussian(mean.reshape(*time, 12), covariance))
 
 
-def diagonal_matrix(x: Array) -> Array:
+def diagonal_matrix(x: Float[Array, "... k"]) -> Float[Array, "... k k"]:
     """(..., k) -> (..., k, k)."""
     k = x.shape[-1]
     one = jnp.eye(k, dtype=bool).reshape(*(1 for _ in x.shape[:-1]), k, k)
