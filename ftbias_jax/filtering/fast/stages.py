@@ -1,9 +1,9 @@
 """The pipeline in three stages: all joints in one scan, kinematics over many samples at once, six axes in one scan.
 
-Equal to ``pipeline.run`` to round-off and several times faster, forward and in reverse. It holds while the axes of the
-bias filter are independent, that is unless the joint uncertainty is "full": B Sigma_D B^T is diagonal when Sigma_D is,
-for the columns of B are multiples of unit vectors. The kinematics have no memory, so effects that need the whole log
-act between the stages; without them a log passes in chunks of time.
+The fast route of ``pipeline.run``: equal to a scan of single steps to round-off. It is exact while the axes of the
+bias filter are independent, that is unless the joint uncertainty is "full" or a wrench is gated: B Sigma_D B^T is
+diagonal when Sigma_D is, because the columns of B are multiples of unit vectors. The kinematics have no memory, so
+effects that need the whole log act between the stages; without them a log passes in chunks of time.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Staged(NamedTuple):
 
 
 def applies(options: Options) -> bool:
-    """Whether the axes are independent, so that this route equals ``pipeline.run``; structure decides, not values."""
+    """Whether the axes are independent, so that this route is exact; structure decides, not values."""
     return options.joint_uncertainty != "full" and options.gate is None
 
 
