@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering import gaussian
 from ftbias_jax.filtering.gaussian import Innovation
 from ftbias_jax.filtering.process_models import FORGET, BiasStrength, bias_noise
 from ftbias_jax.model.params import BiasNoise
-from ftbias_jax.types import Array, Gaussian
+from ftbias_jax.types import Gaussian
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 def init(noise: BiasNoise) -> Gaussian:
@@ -30,7 +36,8 @@ def strength(noise: BiasNoise, vibration: Array | None = None) -> BiasStrength |
         vibration: (..., 6) N^2, Nm^2, variance by motion at these samples; None = nothing.
     """
     if noise.correlated_std is None and noise.drift_time is None:
-        return noise.density
+        density: Array = noise.density
+        return density
     rate = jnp.zeros_like(noise.density) if noise.drift_time is None else 1 / noise.drift_time
     if noise.correlated_std is None or noise.correlated_time is None:
         return BiasStrength(noise.density, rate)
@@ -40,7 +47,7 @@ def strength(noise: BiasNoise, vibration: Array | None = None) -> BiasStrength |
 def correlated_variance(noise: BiasNoise, vibration: Array | None = None) -> Array:
     """(..., 6) N^2, Nm^2: variance of the correlated noise, with its share of the vibration."""
     assert noise.correlated_std is not None
-    variance = noise.correlated_std**2
+    variance: Array = noise.correlated_std**2
     if vibration is None or noise.correlated_vibration is None:
         return variance
     share, at_rest = (jnp.broadcast_to(x, vibration.shape) for x in (noise.correlated_vibration, variance))
@@ -62,10 +69,10 @@ def white_share(noise: BiasNoise, vibration: Array) -> Array:
 def step(
     noise: BiasNoise,
     state: Gaussian,
-    dt: Array,
-    wrench_tool: Array,
-    wrench: Array,
-    covariance: Array,
+    dt: Float[Array, ""],
+    wrench_tool: Float[Array, " 6"],
+    wrench: Float[Array, " 6"],
+    covariance: Float[Array, "6 6"],
     gate: float | None = None,
     vibration: Array | None = None,
 ) -> tuple[Gaussian, Innovation]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,9 @@ from ftbias_jax.model.effects.types import Model
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Gaussian, Log, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 CHUNK = 1 << 14
 """Samples filtered at once: one compiled program for every long log, and memory that does not grow with the log."""
@@ -78,7 +82,7 @@ def filter_log(
 
 
 def filter_parts(
-    params: Params, first_q: Array, parts: Iterable[Log], options: Options = DEFAULT_OPTIONS
+    params: Params, first_q: Float[Array, " n"], parts: Iterable[Log], options: Options = DEFAULT_OPTIONS
 ) -> Iterator[Filtered]:
     """Filter a log that comes in parts; ``result.join`` makes them one result.
 

@@ -53,8 +53,8 @@ def run(
 ) -> tuple[State, Any]:
     """Filter a whole log: equal to ``scan_steps`` to round-off, and over ten times faster.
 
-    The fast route is exact unless the options ask for a gate or for the "full" joint uncertainty; these are filtered by
-    ``scan_steps`` itself. The fast route has a hand-written reverse pass. It reports a gradient of zero with respect to
+    The fast route is exact unless the options ask for the "full" joint uncertainty, which is filtered by ``scan_steps``
+    itself. The fast route has a hand-written reverse pass. It reports a gradient of zero with respect to
     ``samples.dt``, does not support forward mode (``jax.jvp``, ``jax.jacfwd``), and ignores correlations between axes
     of the bias in the given state. Use ``scan_steps`` where that matters.
 

@@ -10,11 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax.numpy as jnp
+from jax import Array
 
-from ftbias_jax.types import Array
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 FORGET = 10.0
 """s: time in which the standard deviation of the bias grows e-fold while the gate lets nothing through."""
@@ -37,7 +40,7 @@ class BiasStrength(NamedTuple):
     """(B,) N^2 or Nm^2 of the correlated noise where it is stationary; it may differ from sample to sample."""
 
 
-def acceleration_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
+def acceleration_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
     """Model 1, non-integrated acceleration noise (Kubus et al. 2007), as printed: A without dt^2/2, constant Q.
 
     Q does not scale with dt, so results depend on the sampling rate (errata 14); it is kept for comparison.
@@ -55,7 +58,7 @@ def acceleration_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
     return [[one, dt, zero], [zero, one, dt], [zero, zero, one]], noise
 
 
-def integrated_acceleration_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
+def integrated_acceleration_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
     """Model 2, integrated acceleration noise, as printed: the noise enters the velocity, the acceleration gets none.
 
     The gain of the acceleration therefore decays to nothing (errata 14); it is kept for comparison.
@@ -69,7 +72,7 @@ def integrated_acceleration_noise(dt: Array, density: Array) -> tuple[Rows, Rows
     return _constant_acceleration(dt), [[pp, pv, zero], [pv, vv, zero], [zero, zero, zero]]
 
 
-def integrated_jerk_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
+def integrated_jerk_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
     """Model 3, integrated jerk noise: white noise on the jerk, integrated three times (Barfoot 2024). The default.
 
     Args:
@@ -82,7 +85,7 @@ def integrated_jerk_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
     return _constant_acceleration(dt), [[pp, pv, pa], [pv, vv, va], [pa, va, aa]]
 
 
-def drift_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
+def drift_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
     """One axis of the bias: its rate is integrated white noise (report, eq. of Q_i in section 3).
 
     Args:
@@ -189,7 +192,9 @@ JOINT_MODELS: dict[str, ProcessModel] = {
 }
 
 
-def bias_drift_noise(dt: Array, density: Array) -> tuple[Array, Array]:
+def bias_drift_noise(
+    dt: Float[Array, ""], density: Float[Array, " 6"]
+) -> tuple[Float[Array, "12 12"], Float[Array, "12 12"]]:
     """The bias model of all six axes as the report writes it.
 
     Args:
@@ -234,7 +239,7 @@ def _by_axis(rows: Rows) -> Array:
     return jnp.block([[jnp.diag(entry) for entry in row] for row in rows])
 
 
-def matrix(rows: Rows) -> Array:
+def matrix(rows: Rows) -> Float[Array, "k k"]:
     """Stack rows of scalar entries into a matrix (k, k)."""
     return jnp.stack([jnp.stack(row) for row in rows])
 

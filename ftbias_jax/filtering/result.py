@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering.pipeline import Info, State
 from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class Filtered(NamedTuple):
@@ -20,21 +23,21 @@ class Filtered(NamedTuple):
     setup knows of are in wrench_tool, those of the bias (warming up, temperature) in bias.
     """
 
-    t: Array
-    bias: Array
-    drift: Array
-    bias_std: Array
-    drift_std: Array
-    wrench_unbiased: Array
-    q: Array
-    dq: Array
-    ddq: Array
-    ddq_std: Array
-    wrench_tool: Array
-    innovation: Array
-    nis: Array
-    log_likelihood: Array
-    innovation_std: Array
+    t: Float[Array, " T"]
+    bias: Float[Array, "T 6"]
+    drift: Float[Array, "T 6"]
+    bias_std: Float[Array, "T 6"]
+    drift_std: Float[Array, "T 6"]
+    wrench_unbiased: Float[Array, "T 6"]
+    q: Float[Array, "T n"]
+    dq: Float[Array, "T n"]
+    ddq: Float[Array, "T n"]
+    ddq_std: Float[Array, "T n"]
+    wrench_tool: Float[Array, "T 6"]
+    innovation: Float[Array, "T 6"]
+    nis: Float[Array, " T"]
+    log_likelihood: Float[Array, ""]
+    innovation_std: Float[Array, "T 6"]
 
 
 def join(parts: Sequence[Filtered]) -> Filtered:

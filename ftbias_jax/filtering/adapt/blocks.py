@@ -62,6 +62,4 @@ def in_blocks(t: Array, y: Array, velocity: Array, variance: Array) -> Blocks:
         centred = np.where(seen, values - mean[:, None], 0)
         slope = (x * centred).sum(1) / np.where((x**2).sum(1) > 0, (x**2).sum(1), np.inf)
         scatter = ((centred - slope[:, None] * x) ** 2).sum(1) / np.where(count > 2, count - 2, np.nan)
-    return Blocks(
-        times.mean(1), size, mean, count, scatter, (cut(velocity) ** 2).mean(1), cut(variance).mean(1)
-    )
+    return Blocks(times.mean(1), size, mean, count, scatter, (cut(velocity) ** 2).mean(1), cut(variance).mean(1))

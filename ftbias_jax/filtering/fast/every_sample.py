@@ -6,7 +6,10 @@ alone does not pay for the covariances.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering.fast.kalman_step import predict
 from ftbias_jax.filtering.fast.scan import Track
@@ -15,7 +18,10 @@ from ftbias_jax.filtering.gaussian import Innovation
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.filtering.step import Info, Options, State
 from ftbias_jax.model.params import Params
-from ftbias_jax.types import Array, Sample
+from ftbias_jax.types import Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 def states_and_infos(
@@ -57,7 +63,9 @@ def _of_wrench(track: Track, samples: Sample) -> Innovation:
     return Innovation(value, covariance, track.nis.sum(1), track.log_likelihood.sum(1), measured.sum(1))
 
 
-def _joint_covariance(params: Params, state: State, samples: Sample, options: Options, track: Track) -> Array:
+def _joint_covariance(
+    params: Params, state: State, samples: Sample, options: Options, track: Track
+) -> Float[Array, "T n 2 2"]:
     """(T, n, 2, 2) covariance S of the innovation of (q, dq).
 
     Its diagonal is in the track. What position and velocity share comes from the prediction alone, because their noises

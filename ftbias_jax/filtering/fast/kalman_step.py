@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering.process_models import FORGET, Gated, ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole
@@ -30,7 +31,6 @@ from ftbias_jax.runtime.lanes import (
     total,
     transpose,
 )
-from ftbias_jax.types import Array
 
 
 class Record(NamedTuple):

@@ -1,23 +1,24 @@
 """The pipeline in three stages: all joints in one scan, kinematics over many samples at once, six axes in one scan.
 
-Equal to ``pipeline.run`` to round-off and several times faster, forward and in reverse. It holds while the axes of the
-bias filter are independent, that is unless the joint uncertainty is "full": B Sigma_D B^T is diagonal when Sigma_D is,
-for the columns of B are multiples of unit vectors. The kinematics have no memory, so effects that need the whole log
-act between the stages; without them a log passes in chunks of time.
+The fast route of ``pipeline.run``: equal to a scan of single steps to round-off. It is exact while the axes of the
+bias filter are independent, that is unless the joint uncertainty is "full" or a wrench is gated: B Sigma_D B^T is
+diagonal when Sigma_D is, because the columns of B are multiples of unit vectors. The kinematics have no memory, so
+effects that need the whole log act between the stages; without them a log passes in chunks of time.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.associative_scan import filter_parallel
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, filter_scan
-from ftbias_jax.filtering.process_models import JOINT_MODELS, Gated, ProcessModel, bias_model
+from ftbias_jax.filtering.process_models import JOINT_MODELS, BiasStrength, Gated, ProcessModel, bias_model
 from ftbias_jax.filtering.samples import pad
 from ftbias_jax.filtering.step import Options, State, predict_wrench
 from ftbias_jax.model.effects import compose
@@ -27,7 +28,10 @@ from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.batch import PIECE, wrenches
 from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
 from ftbias_jax.runtime.compiled_loops import on_cpu
-from ftbias_jax.types import Array, Gaussian, Sample
+from ftbias_jax.types import Gaussian, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 CHUNK = 1024
 """Samples that pass through all stages together: what goes from one stage to the next stays in the cache."""
@@ -40,12 +44,12 @@ class Staged(NamedTuple):
     """Of the joints: states (T, 3, n)."""
     wrench: Track
     """Of the axes of the bias: states (bias, drift) (T, 2, 6)."""
-    wrench_tool: Array
+    wrench_tool: Float[Array, "T 6"]
     """(T, 6) D theta, N and Nm, sensor frame; with the known effects, if there are any."""
 
 
 def applies(options: Options) -> bool:
-    """Whether the axes are independent, so that this route equals ``pipeline.run``; structure decides, not values."""
+    """Whether the axes are independent, so that this route is exact; structure decides, not values."""
     return options.joint_uncertainty != "full"
 
 
@@ -113,9 +117,9 @@ def bias_inputs(
     params: Params,
     state: State,
     samples: Sample,
-    wrench_tool: Array,
-    variance: Array,
-    velocity: Array | None = None,
+    wrench_tool: Float[Array, "T 6"],
+    variance: Float[Array, "T 6"],
+    velocity: Float[Array, "T n"] | None = None,
 ) -> Inputs:
     """The bias filter as a recursion: six filters of two states and one measurement, y = D theta - W.
 
@@ -134,6 +138,7 @@ def bias_inputs(
     if noise.correlated_std is not None and noise.correlated_vibration is not None and noise.vibration is not None:
         assert velocity is not None
         drive = bias_filter.correlated_variance(noise, bias_filter.vibration(noise, velocity))
+        assert isinstance(density, BiasStrength)
         density = density._replace(noise_variance=None)
     y = (wrench_tool - samples.wrench)[:, None]
     axis, k = jnp.arange(6), state.bias.mean.shape[0] // 6
@@ -170,7 +175,7 @@ def joint_states(track: Track | Smoothed) -> Gaussian:
 
 def predict_wrenches(
     params: Params, joints: Gaussian | Track | Smoothed, samples: Sample, options: Options
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
     """What the sensor should read without bias and noise (T, 6), and the diagonal of R (T, 6).
 
     Args:
@@ -212,12 +217,13 @@ def _of_free_body(params: Params, known_exactly: bool, mean: Array, covariance: 
     return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal"))
 
 
-def predict_readings(params: Params, joints: Array, samples: Sample) -> Array:
+def predict_readings(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Float[Array, "T 6"]:
     """The reading alone, (T, 6), for joint states (T, n, 3)."""
-    return compose.predict(signals_of(params, joints, samples), params.effects or {})
+    reading: Array = compose.predict(signals_of(params, joints, samples), params.effects or {})
+    return reading
 
 
-def signals_of(params: Params, joints: Array, samples: Sample) -> Signals:
+def signals_of(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Signals:
     """What the effects of the catalogue see of a log; joints (T, n, 3)."""
     t = jnp.cumsum(samples.dt)
     temperature = jnp.zeros_like(t) if samples.temperature is None else samples.temperature
@@ -233,7 +239,7 @@ def state_of(joint: Track, wrench: Track) -> State:
     return State(joint_states(joint), Gaussian(mean.reshape(*time, size), covariance))
 
 
-def diagonal_matrix(x: Array) -> Array:
+def diagonal_matrix(x: Float[Array, "... k"]) -> Float[Array, "... k k"]:
     """(..., k) -> (..., k, k)."""
     k = x.shape[-1]
     one = jnp.eye(k, dtype=bool).reshape(*(1 for _ in x.shape[:-1]), k, k)

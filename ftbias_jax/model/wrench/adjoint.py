@@ -31,12 +31,12 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.model.kinematics.arm_batch import Columns, Moving, Twist, acceleration_at, motion, sensor_pose
 from ftbias_jax.model.wrench.piece import Felt, sensitivity, turned_by, wrench_of
 from ftbias_jax.model.wrench.tool_wrench import Model
 from ftbias_jax.runtime.lanes import Rows, Vector, cross, dot, plus, scale, times, total, transpose
-from ftbias_jax.types import Array
 
 
 class PoseSlopes(NamedTuple):
@@ -90,7 +90,8 @@ def slopes_of_piece(model: Model, joints: tuple[Array, ...], wrench_bar: Vector,
     spin = total(*(cross(bar, x) for bar, x in zip(base_bar, base, strict=True)))
     rotation_bar = reduce(plus, [_outer(x, bar) for x, bar in zip(base, felt_bar, strict=True)])
     none = [jnp.zeros_like(q)] * 3
-    columns_bar, covariance_bar = Columns(none, none), ()
+    columns_bar = Columns(none, none)
+    covariance_bar: tuple[Array, ...] = ()
     if covariance:
         added = _variance_slopes(theta, (R, p, columns), times(back, gravity), tuple(covariance), variance_bar)
         falling_bar = times(R, added.gravity)
