@@ -52,7 +52,7 @@ def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_O
     return params._replace(joint=params.joint._replace(process_density=likeliest))
 
 
-def filter_log(
+def filter_with_params(
     params: Params,
     log: Log,
     options: Options = DEFAULT_OPTIONS,
@@ -141,16 +141,17 @@ def _filtered(params: Params, log: Log, samples: Sample, kept: dict[str, Array])
     )
 
 
-def smooth_log(
+def smooth_with_params(
     params: Params, log: Log, options: Options = DEFAULT_OPTIONS, progress: Callable[[int], None] = lambda done: None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bias and drift given the whole log, past and future.
 
     Args:
-        as for ``filter_log``, but best with ``likeliest_params``; the whole log is held in memory, about 2 kB a sample.
+        as for ``filter_with_params``, but best with ``likeliest_params``; the whole log is held in memory, about
+        2 kB a sample.
 
     Returns:
-        means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_log``.
+        means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_with_params``.
     """
     log = without_useless(log, params)
     samples = samples_from_log(log, params.theta.dtype)

@@ -167,7 +167,7 @@ def test_a_saturated_axis_is_left_out_and_does_not_pull_the_bias(filtered, simul
     params = params_from_setup(parse_setup(SETUP))
     log = {**simulated.log, "wrench": simulated.log["wrench"].copy()}
     fault(log)
-    unmasked = filter_log.filter_log(params, Log(**log, temperature=np.full(len(log["t"]), np.nan)))
+    unmasked = filter_log.filter_with_params(params, Log(**log, temperature=np.full(len(log["t"]), np.nan)))
     assert np.abs(errors(unmasked._asdict(), simulated)[:, 0]).max() > 20
 
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ftbias_jax.errors import OutputError, UsageError
-from ftbias_jax.io.atomic import make_folder, write_atomic
-from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
+from ftbias_jax.io.atomic import make_folder
+from ftbias_jax.setup import Setup, load_setup, parse_setup
 from ftbias_jax.types import Array, Log
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     truth = _simulate(setup, arguments.seed, count, arguments.rate)
     t, q, dq, wrench = (np.asarray(x) for x in (truth.t, truth.q, truth.dq, truth.wrench))
     log = Log(t, q, dq, wrench, np.full(count, np.nan))
-    _write(folder / "setup.toml", dump_setup(setup))
+    setup.save(folder / "setup.toml")
     save_npz(folder / "log.npz", {"t": log.t, "q": log.q, "dq": log.dq, "wrench": log.wrench})
     recorded = f"{arguments.duration:g} s at {arguments.rate:g} Hz"
     noise = "{0:g} N, {3:g} Nm".format(*setup.sensor.noise_std)
@@ -97,20 +97,18 @@ def _filter(setup: Setup, log: Log, path: Path, label: str) -> Filtered:
     from ftbias_jax.runtime.progress import Progress
 
     params = filter_log.params_for_log(setup, samples_from_log(log))
-    filtered = filter_log.filter_log(params, log, progress=Progress(label, len(log.t)))
+    filtered = filter_log.filter_with_params(params, log, progress=Progress(label, len(log.t)))
     save_npz(path, filtered._asdict())
     return filtered
 
 
 def _diagnose(setup: Setup, log: Log, folder: Path) -> Diagnosis:
     """Diagnosis, its report, and the setup with the causes it found."""
-    from ftbias_jax.cli.commands.diagnose import fixed_setup
     from ftbias_jax.diagnosis.diagnose import diagnose
-    from ftbias_jax.diagnosis.report.html import to_html
 
     diagnosis = diagnose(setup, [log], ["log.npz"])
-    _write(folder / "report.html", to_html(diagnosis, "Gap of log.npz with setup.toml"))
-    _write(folder / "fixed.toml", fixed_setup(setup, diagnosis.causes))
+    diagnosis.to_html(folder / "report.html", "Gap of log.npz with setup.toml")
+    diagnosis.apply(setup).save(folder / "fixed.toml")
     return diagnosis
 
 
@@ -169,7 +167,3 @@ def _draw(folder: Path, results: dict[str, Filtered], bias: Array) -> list[str]:
     except OutputError as error:
         print(f"no figure: {error}")
     return names
-
-
-def _write(path: Path, text: str) -> None:
-    write_atomic(path, lambda file: file.write(text.encode()))

@@ -3,48 +3,44 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ftbias_jax.cli.commands.filter import check_outputs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
-from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.setup import Setup, dump_setup, load_setup
-from ftbias_jax.types import AXES
-
-if TYPE_CHECKING:
-    from ftbias_jax.diagnosis.result import Candidate, Diagnosis
-    from ftbias_jax.types import Log
+from ftbias_jax.setup import load_setup
+from ftbias_jax.setup.sensor_pose import require_arm
+from ftbias_jax.types import AXES, Log
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose the logs; returns 3 if an axis of a wrench was never measured, else 0."""
     check_arguments(arguments)
     setup = load_setup(arguments.setup)
-    if setup.pose is not None:
-        raise UsageError("needs the joints of an arm", file=arguments.setup, field="sensor_pose", remedy="use filter")
+    require_arm(setup)
     logs = [read_log(path, setup) for path in arguments.logs]
 
     from ftbias_jax.runtime.jax_config import prepare_jax
 
     prepare_jax()
     from ftbias_jax.diagnosis.diagnose import diagnose
-    from ftbias_jax.diagnosis.report.tables import to_table
+    from ftbias_jax.model.effects.catalogue import check_names
 
-    check_effects(arguments.without)
+    check_names(arguments.without, "--without")
     names = [Path(path).name for path in arguments.logs]
     diagnosis = diagnose(setup, logs, names, without=tuple(arguments.without))
-    print(to_table(diagnosis))
-    outputs = make_outputs(arguments, setup, diagnosis)
-    for path, text in outputs.items():
-        _write(path, text)
+    print(diagnosis)
+    if arguments.json:
+        diagnosis.to_json(arguments.json)
+    if arguments.html:
+        diagnosis.to_html(arguments.html)
+    if arguments.apply:
+        diagnosis.apply(setup).save(arguments.output)
+    outputs = [path for path in (arguments.json, arguments.html, arguments.output) if path]
     if outputs:
         print(f"wrote {', '.join(outputs)}")
     return _report_unmeasured(arguments.logs, logs)
@@ -70,60 +66,6 @@ def check_arguments(arguments: argparse.Namespace) -> None:
     for path, suffix in named.values():
         if path is not None:
             check_outputs(path, suffix)
-
-
-def check_effects(names: Sequence[str]) -> None:
-    """Refuse names that are not in the catalogue.
-
-    Raises:
-        UsageError: an unknown effect.
-    """
-    from ftbias_jax.model.effects.catalogue import CATALOGUE
-    from ftbias_jax.setup.fields import nearest
-
-    for name in names:
-        if name not in CATALOGUE:
-            raise UsageError(f"unknown effect {name!r}", field="--without", remedy=nearest(name, CATALOGUE))
-
-
-def make_outputs(arguments: argparse.Namespace, setup: Setup, diagnosis: Diagnosis) -> Mapping[str, str]:
-    """Path -> content of the files that the command line asks for."""
-    from ftbias_jax.diagnosis.report.html import to_html
-    from ftbias_jax.diagnosis.report.tables import to_json
-
-    outputs = {}
-    if arguments.json:
-        outputs[arguments.json] = json.dumps(to_json(diagnosis), indent=1, allow_nan=False) + "\n"
-    if arguments.html:
-        title = f"Gap of {', '.join(diagnosis.logs)} with {Path(arguments.setup).name}"
-        outputs[arguments.html] = to_html(diagnosis, title)
-    if arguments.apply:
-        outputs[arguments.output] = fixed_setup(setup, diagnosis.causes)
-    return outputs
-
-
-def fixed_setup(setup: Setup, causes: Sequence[Candidate]) -> str:
-    """The setup as TOML text with the causes among its effects; the same setup if there are none.
-
-    Args:
-        setup: of the diagnosis.
-        causes: their values replace those the setup has for the same effect.
-    """
-    from ftbias_jax.diagnosis.report.tables import parameter_words
-    from ftbias_jax.model.effects.catalogue import values_from_setup
-
-    effects = {**setup.effects, **{cause.effect: cause.parameters for cause in causes}}
-    values_from_setup(effects)  # what is written can be read
-    comments = {
-        f"effects.{cause.effect}.{name}": f"ftbias diagnose: {words}"
-        for cause in causes
-        for name, words in parameter_words(cause)
-    }
-    return dump_setup(replace(setup, effects=effects), comments)
-
-
-def _write(path: str, text: str) -> None:
-    write_atomic(path, lambda file: file.write(text.encode()))
 
 
 def _report_unmeasured(paths: Sequence[str], logs: Sequence[Log]) -> int:
