@@ -148,3 +148,10 @@ class Setup:
     """Set if the sensor's pose is recorded; robot and joints then speak of the entries of the pose."""
     path: str = ""
     """The file it was read from, for messages; "" = from memory."""
+    urdf: str = ""
+    """The URDF file that it refers to; "" = none."""
+
+    @property
+    def files(self) -> tuple[str, str]:
+        """What it was read from, which no result may replace; "" = nothing."""
+        return self.path, self.urdf

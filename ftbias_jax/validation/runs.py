@@ -46,6 +46,11 @@ def find_logs(folder: Path) -> list[Path]:
     return logs
 
 
+def verdict_path(out: Path, log: Path) -> Path:
+    """The file of a log's verdict in the folder of the verdicts."""
+    return out / f"{log.stem}.json"
+
+
 def diagnose_all(tasks: Sequence[Task], jobs: int, report: Callable[[int], None]) -> dict[str, str]:
     """Diagnose all that have no verdict yet.
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ftbias_jax.cli.commands.filter import check_outputs
 from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.outputs import check_outputs, output_of_setup
 from ftbias_jax.setup import dump_setup, load_setup
 from ftbias_jax.setup.types import Setup
 
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify the tool and write a setup that has it."""
-    check_outputs(arguments.output, ".toml")
+    output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
     setup = load_setup(arguments.setup)
+    check_outputs({"--output": output}, (arguments.log, *kept, setup.urdf))
     log = read_log(arguments.log, setup)
 
     from ftbias_jax.runtime.jax_config import prepare_jax
@@ -58,8 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.gravity:
         comments["robot.gravity"] = f"identified ± {_plain(found.gravity_stderr)}"
     text = dump_setup(_with_tool(setup, found), comments)
-    write_atomic(arguments.output, lambda file: file.write(text.encode()))
-    print(f"wrote {arguments.output}")
+    write_atomic(output, lambda file: file.write(text.encode()))
+    print(f"wrote {output}")
     return 0 if found.converged else 1
 
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ftbias_jax.cli.commands.filter import check_outputs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import write_json
+from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.setup import Setup, load_setup
 from ftbias_jax.types import Array
 
@@ -22,6 +21,8 @@ if TYPE_CHECKING:
     from ftbias_jax.model.simulate import Simulation
     from ftbias_jax.model.trajectories import Trajectory
 
+GENERATED = ("sines", "moves")
+"""Motions that are not read from a log."""
 FRANKA_CENTER = (0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8)  # rad, a pose with the tool in front of the arm
 FRANKA_EXCURSION = (0.8, 0.5, 0.8, 0.5, 1.2, 1.0, 1.5)  # rad, within the joint limits around it
 EXCURSION = (0.8, 0.1)  # rad, m: of the joints of any other arm, around zero
@@ -29,12 +30,12 @@ EXCURSION = (0.8, 0.1)  # rad, m: of the joints of any other arm, around zero
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate one log; returns 0."""
-    check_outputs(arguments.output, ".npz")
+    check_writable(arguments.output, ".npz")
     truth_path = arguments.truth or f"{arguments.output.removesuffix('.npz')}_truth.npz"
-    check_outputs(truth_path, ".json" if truth_path.endswith(".json") else ".npz")
-    if Path(truth_path).resolve() == Path(arguments.output).resolve():
-        raise UsageError("log and truth have the same name", field="--truth", remedy="give them different ones")
+    check_writable(truth_path, ".json" if truth_path.endswith(".json") else ".npz", "--truth")
     setup = load_setup(arguments.setup)
+    replayed = () if arguments.motion in GENERATED else (arguments.motion,)
+    check_outputs({"--output": arguments.output, "--truth": truth_path}, (*replayed, *setup.files))
     if setup.pose is not None:
         raise UsageError("needs the joints of an arm", file=arguments.setup, field="sensor_pose", remedy="use filter")
 
@@ -90,7 +91,7 @@ def make_motion(arguments: argparse.Namespace, setup: Setup, key: Array) -> Traj
 
     from ftbias_jax.model import trajectories
 
-    if arguments.motion not in ("sines", "moves"):
+    if arguments.motion not in GENERATED:
         return trajectories.replay(read_log(arguments.motion, setup))
     center, excursion = working_range(setup)
     t = jnp.arange(max(round(arguments.duration * arguments.rate), 2)) / arguments.rate

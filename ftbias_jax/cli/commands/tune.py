@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ftbias_jax.cli.commands.filter import check_outputs
 from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.outputs import check_outputs, output_of_setup
 from ftbias_jax.setup import dump_setup, load_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Sample
@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune and write a setup; 1 if a fit did not converge. Of several processes, the first one speaks and writes."""
-    check_outputs(arguments.output, ".toml")
+    output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
     setup = load_setup(arguments.setup)
+    check_outputs({"--output": output}, (*arguments.logs, *kept, setup.urdf))
     first = read_log(arguments.logs[0], setup)  # every process starts from its noise
 
     import jax
@@ -84,8 +85,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 0 if converged else 1
     print("\n".join(lines))
     text = dump_setup(_with_noise(setup, params, fits), _comments(fits))
-    write_atomic(arguments.output, lambda file: file.write(text.encode()))
-    print(f"wrote {arguments.output}")
+    write_atomic(output, lambda file: file.write(text.encode()))
+    print(f"wrote {output}")
     if not converged:
         print("ftbias: a fit did not converge; its values are the best so far", file=sys.stderr)
     return 0 if converged else 1

@@ -10,6 +10,7 @@ from types import ModuleType
 
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.io.atomic import make_folder, write_json
+from ftbias_jax.io.outputs import check_outputs
 from ftbias_jax.runtime.progress import Progress
 
 
@@ -46,13 +47,16 @@ def score(arguments: argparse.Namespace) -> int:
 
     prepare_jax()
     from ftbias_jax.validation.protocols import leave_one_out, withheld
-    from ftbias_jax.validation.runs import find_logs
+    from ftbias_jax.validation.runs import find_logs, verdict_path
 
     folder = Path(arguments.folder)
     protocol, verdicts = (leave_one_out, "verdicts_without") if arguments.leave_one_out else (withheld, "verdicts")
     out = Path(arguments.out or folder / verdicts)
-    result = protocol(folder, find_logs(folder), out, arguments.jobs)
     path = arguments.json or str(out / "score.json")
+    logs = find_logs(folder)
+    outputs = {"--json": path, **{f"the verdict on {log.name!r}": verdict_path(out, log) for log in logs}}
+    check_outputs(outputs, (*logs, *(log.with_suffix(".toml") for log in logs), folder / "truth.json"))
+    result = protocol(folder, logs, out, arguments.jobs)
     print(result.text)
     write_json(path, result.content)
     print(f"wrote {path}; verdicts in {out} are kept, delete them to diagnose anew")
