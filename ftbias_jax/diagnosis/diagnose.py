@@ -29,9 +29,10 @@ from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Gap
 from ftbias_jax.diagnosis.samples.types import Finding, together
 from ftbias_jax.diagnosis.search import search
+from ftbias_jax.io.clean import clean
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Log
 
 SILENT = 0.12
 """Gap in noise sigmas below which nothing is missing: the joints' own error reaches half of it."""
@@ -55,10 +56,12 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
 
     Args:
         setup: what the robot's owner believes.
-        logs: the logs and their names.
-        names: the logs and their names.
+        logs: as recorded (``read_log(..., raw=True)``), because clipped samples are evidence. Samples of axes that
+            stand still are left out here, and told in ``repairs``.
+        names: of the logs.
         without: effects that may not be named, to see what the answer would be without them.
     """
+    logs = [clean(log, clipped=False) for log in logs]
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)
     base, hold_out = fits.base(problem), Judge(problem)
@@ -86,6 +89,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
         not_tested=_not_tested(problem, logs, without),
         series=show(problem, base, accepted, before, after),
         logs=tuple(names),
+        repairs=tuple(log.repairs for log in logs),
         by_log=compare(problem, names, accepted if causes else base, before, after),
     )
 

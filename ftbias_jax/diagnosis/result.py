@@ -6,6 +6,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from ftbias_jax.io.log import Repairs
+
 VERDICTS = ("none", "explained", "partly_explained", "unknown")
 CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -123,3 +125,11 @@ class Diagnosis(NamedTuple):
     """Names of the logs."""
     by_log: tuple[LogGap, ...] = ()
     """Each of several logs by itself; empty for a single one."""
+    repairs: tuple[Repairs, ...] = ()
+    """One a log: what was mended or left out to diagnose it, such as the samples of an axis that stands still."""
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """One line for every kind of samples that were left out of the logs."""
+        pairs = zip(self.logs, self.repairs, strict=False)
+        return tuple(f"{log}: {repair.what}" for log, repairs in pairs for repair in repairs if repair.lost)

@@ -22,6 +22,8 @@ class Score(NamedTuple):
     """The same and more for programs."""
     troubles: Mapping[str, str]
     """Log -> why it has no diagnosis."""
+    losses: tuple[str, ...] = ()
+    """What was left out of the logs, a line each."""
 
 
 def withheld(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> Score:
@@ -40,7 +42,7 @@ def withheld(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> Score:
     said, troubles = _diagnosed(tasks, jobs)
     labels = read_labels(folder, [log.stem for log in logs])
     pairs = {name: (label, said.get(name, dict(FAILED))) for name, label in labels.items()}
-    return Score(tables.withheld_text(pairs), tables.withheld_content(pairs), troubles)
+    return Score(tables.withheld_text(pairs), tables.withheld_content(pairs), troubles, _losses(said))
 
 
 def leave_one_out(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> Score:
@@ -58,7 +60,11 @@ def leave_one_out(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> S
     pairs: dict[str, tuple[Label, dict[str, Any]]] = {
         log.stem: (label, said.get(log.stem, dict(FAILED))) for log, label in asked.items()
     }
-    return Score(tables.left_out_text(pairs), tables.left_out_content(pairs), troubles)
+    return Score(tables.left_out_text(pairs), tables.left_out_content(pairs), troubles, _losses(said))
+
+
+def _losses(said: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    return tuple(str(loss) for verdict in said.values() for loss in verdict.get("losses", ()))
 
 
 def _diagnosed(tasks: Sequence[Task], jobs: int) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:

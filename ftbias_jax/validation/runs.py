@@ -83,7 +83,7 @@ def diagnose_one(task: Task) -> str:
     start = time.perf_counter()
     try:
         setup = load_setup(task.setup)
-        diagnosis = diagnose(setup, [read_log(task.log, setup)], [task.log.name], without=task.without)
+        diagnosis = diagnose(setup, [read_log(task.log, setup, raw=True)], [task.log.name], without=task.without)
         write_json(task.verdict, to_json(diagnosis) | {"seconds": time.perf_counter() - start})
     except Exception as error:  # one bad log must not cost the others
         last = traceback.extract_tb(error.__traceback__)[-1]

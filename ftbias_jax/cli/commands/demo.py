@@ -10,9 +10,10 @@ import numpy as np
 
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.io.atomic import make_folder, write_atomic
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import check_outputs
 from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from ftbias_jax.diagnosis.result import Diagnosis
@@ -59,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     setup = parse_setup(SETUP, "the demonstration's setup")
     truth = _simulate(setup, arguments.seed, count, arguments.rate)
     t, q, dq, wrench = (np.asarray(x) for x in (truth.t, truth.q, truth.dq, truth.wrench))
-    log = Log(t, q, dq, wrench, np.full(count, np.nan))
+    log = Log.from_arrays(setup, t, q, wrench, dq)
     _write(folder / "setup.toml", dump_setup(setup))
     save_npz(folder / "log.npz", {"t": log.t, "q": log.q, "dq": log.dq, "wrench": log.wrench})
     recorded = f"{arguments.duration:g} s at {arguments.rate:g} Hz"

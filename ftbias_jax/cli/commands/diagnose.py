@@ -4,32 +4,28 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_writable, output_of_setup
 from ftbias_jax.setup import Setup, dump_setup, load_setup
-from ftbias_jax.types import AXES
 
 if TYPE_CHECKING:
     from ftbias_jax.diagnosis.result import Candidate, Diagnosis
-    from ftbias_jax.types import Log
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Diagnose the logs; returns 3 if an axis of a wrench was never measured, else 0."""
+    """Diagnose the logs; returns 3 if samples of a log were lost, else 0."""
     setup = check_arguments(arguments)
     if setup.pose is not None:
         raise UsageError("needs the joints of an arm", file=arguments.setup, field="sensor_pose", remedy="use filter")
-    logs = [read_log(path, setup) for path in arguments.logs]
+    logs = [read_log(path, setup, raw=True) for path in arguments.logs]
 
     from ftbias_jax.runtime.jax_config import prepare_jax
 
@@ -46,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
         _write(path, text)
     if outputs:
         print(f"wrote {', '.join(outputs)}")
-    return _report_unmeasured(arguments.logs, logs)
+    return tell_repairs(zip(arguments.logs, diagnosis.repairs, strict=True))
 
 
 def check_arguments(arguments: argparse.Namespace) -> Setup:
@@ -128,14 +124,3 @@ def fixed_setup(setup: Setup, causes: Sequence[Candidate]) -> str:
 
 def _write(path: str, text: str) -> None:
     write_atomic(path, lambda file: file.write(text.encode()))
-
-
-def _report_unmeasured(paths: Sequence[str], logs: Sequence[Log]) -> int:
-    """Exit code, and a line on standard error for each log that lacks an axis of the wrench."""
-    code = 0
-    for path, log in zip(paths, logs, strict=True):
-        unmeasured = [name for name, axis in zip(AXES, np.isfinite(log.wrench).any(0), strict=True) if not axis]
-        if unmeasured:
-            print(f"ftbias: {path}: never measured: {' '.join(unmeasured)}", file=sys.stderr)
-            code = 3
-    return code

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,8 @@ import numpy as np
 
 from ftbias_jax.cli.commands import filter_archive
 from ftbias_jax.cli.commands.filter_archive import with_gate
-from ftbias_jax.errors import UsageError, printable
+from ftbias_jax.cli.repairs import tell_repairs
+from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_writable
@@ -70,9 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.check:
         innovation = outcome.filtered.innovation
         print(format_check(consistency.check(innovation, (innovation / outcome.filtered.innovation_std) ** 2)))
-    for repair in outcome.repairs:
-        print(printable(f"ftbias: {path}: {repair.what}"), file=sys.stderr)
-    return 3 if outcome.lost else 0
+    return tell_repairs([(path, outcome.repairs)])
 
 
 def _is_folder(output: str) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, output_of_setup
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Identify the tool and write a setup that has it."""
+    """Identify the tool and write a setup that has it; returns 1 if it did not converge, else 3 if samples were lost."""
     output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
     setup = load_setup(arguments.setup)
     check_outputs({"--output": output}, (arguments.log, *kept, setup.urdf))
@@ -61,7 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
     text = dump_setup(_with_tool(setup, found), comments)
     write_atomic(output, lambda file: file.write(text.encode()))
     print(f"wrote {output}")
-    return 0 if found.converged else 1
+    code = tell_repairs([(arguments.log, log.repairs)])
+    return code if found.converged else 1
 
 
 def _with_tool(setup: Setup, found: Identified) -> Setup:

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import write_json
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.setup import Setup, load_setup
 from ftbias_jax.types import Array
@@ -29,7 +31,7 @@ EXCURSION = (0.8, 0.1)  # rad, m: of the joints of any other arm, around zero
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate one log; returns 0."""
+    """Simulate one log; returns 3 if samples of the log to replay were lost, else 0."""
     check_writable(arguments.output, ".npz")
     truth_path = arguments.truth or f"{arguments.output.removesuffix('.npz')}_truth.npz"
     check_writable(truth_path, ".json" if truth_path.endswith(".json") else ".npz", "--truth")
@@ -38,6 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs({"--output": arguments.output, "--truth": truth_path}, (*replayed, *setup.files))
     if setup.pose is not None:
         raise UsageError("needs the joints of an arm", file=arguments.setup, field="sensor_pose", remedy="use filter")
+
+    recorded = {path: read_log(path, setup) for path in replayed}
 
     import jax
 
@@ -52,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     params = params_from_setup(setup)
     effects = parse_effects(arguments.effect, setup, Model(params.arm, params.gravity, params.theta))
     motion_key, log_key = jax.random.split(jax.random.key(arguments.seed))
-    trajectory = make_motion(arguments, setup, motion_key)
+    trajectory = make_motion(arguments, setup, motion_key, *recorded.values())
     measured = "temperature_drift" in effects
     temperature = temperature_course(trajectory.t) if measured else None
     simulated = simulate(log_key, params, trajectory, effects, temperature)
@@ -66,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     names = ", ".join(effects) or "none"
     print(f"{len(simulated.t)} samples, {float(simulated.t[-1]):.1f} s, effects: {names}")
     print(f"wrote {arguments.output} and {truth_path}")
-    return 0
+    return tell_repairs((path, log.repairs) for path, log in recorded.items())
 
 
 def parse_effects(texts: Sequence[str], setup: Setup, model: Model) -> Values:
@@ -85,14 +89,14 @@ def parse_effects(texts: Sequence[str], setup: Setup, model: Model) -> Values:
     return {name: complete(CATALOGUE[name], values[name], model) for name in CATALOGUE if name in values}
 
 
-def make_motion(arguments: argparse.Namespace, setup: Setup, key: Array) -> Trajectory:
+def make_motion(arguments: argparse.Namespace, setup: Setup, key: Array, recorded: Log | None = None) -> Trajectory:
     """The motion that the command line asks for: sines, moves, or the joints of a recorded log."""
     import jax.numpy as jnp
 
     from ftbias_jax.model import trajectories
 
-    if arguments.motion not in GENERATED:
-        return trajectories.replay(read_log(arguments.motion, setup))
+    if recorded is not None:
+        return trajectories.replay(recorded)
     center, excursion = working_range(setup)
     t = jnp.arange(max(round(arguments.duration * arguments.rate), 2)) / arguments.rate
     generate = trajectories.excitation_sines if arguments.motion == "sines" else trajectories.minimum_jerk_moves

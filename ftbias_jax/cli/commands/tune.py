@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, output_of_setup
@@ -25,7 +26,10 @@ if TYPE_CHECKING:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune and write a setup; 1 if a fit did not converge. Of several processes, the first one speaks and writes."""
+    """Tune and write a setup; 1 if a fit did not converge, else 3 if samples were lost.
+
+    Of several processes, the first one speaks and writes.
+    """
     output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
     setup = load_setup(arguments.setup)
     check_outputs({"--output": output}, (*arguments.logs, *kept, setup.urdf))
@@ -50,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     speaks = jax.process_index() == 0
     start = params = filter_log.likeliest_params(setup, samples_from_log(first), options)
     logs = [first if path == arguments.logs[0] else read_log(path, setup) for path in paths]
+    code = tell_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
     samples = [samples_from_log(filter_log.without_useless(log, params)) for log in logs]
     seen = [_part(log, 0, 1 - arguments.hold_out) for log in samples]
     fits: dict[str, Fit] = {}
@@ -82,14 +87,14 @@ def run(arguments: argparse.Namespace) -> int:
             lines.append(f"held-out {name} score: {before:.1f} -> {after:.1f} nats/s ({after - before:+.1f})")
     converged = all(fit.optimum.converged for fit in fits.values())
     if not speaks:
-        return 0 if converged else 1
+        return code if converged else 1
     print("\n".join(lines))
     text = dump_setup(_with_noise(setup, params, fits), _comments(fits))
     write_atomic(output, lambda file: file.write(text.encode()))
     print(f"wrote {output}")
     if not converged:
         print("ftbias: a fit did not converge; its values are the best so far", file=sys.stderr)
-    return 0 if converged else 1
+    return code if converged else 1
 
 
 def _part(samples: Sample, begin: float, end: float) -> Sample:

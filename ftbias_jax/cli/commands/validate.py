@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from ftbias_jax.errors import OutputError, UsageError
+from ftbias_jax.errors import OutputError, UsageError, printable
 from ftbias_jax.io.atomic import make_folder, write_json
 from ftbias_jax.io.outputs import check_outputs
 from ftbias_jax.runtime.progress import Progress
@@ -42,7 +42,11 @@ def make(arguments: argparse.Namespace) -> int:
 
 
 def score(arguments: argparse.Namespace) -> int:
-    """Diagnose every log of a set, then open its labels and score; returns 1 if a diagnosis failed, else 0."""
+    """Diagnose every log of a set, then open its labels and score.
+
+    Returns:
+        1 if a diagnosis failed, else 3 if samples were lost, else 0.
+    """
     from ftbias_jax.runtime.jax_config import prepare_jax
 
     prepare_jax()
@@ -62,7 +66,9 @@ def score(arguments: argparse.Namespace) -> int:
     print(f"wrote {path}; verdicts in {out} are kept, delete them to diagnose anew")
     for log, trouble in result.troubles.items():
         print(f"ftbias: {log}: no diagnosis: {trouble}", file=sys.stderr)
-    return 1 if result.troubles else 0
+    for loss in result.losses:
+        print(printable(f"ftbias: {loss}"), file=sys.stderr)
+    return 1 if result.troubles else 3 if result.losses else 0
 
 
 def _generator() -> ModuleType:
