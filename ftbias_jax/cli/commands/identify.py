@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Identify the tool and write a setup that has it; returns 1 if it did not converge, else 3 if samples were lost."""
+    """Identify the tool and write a setup that has it; 1 if it did not converge, else 3 if samples were lost."""
     output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
     setup = load_setup(arguments.setup)
     check_outputs({"--output": output}, (arguments.log, *kept, setup.urdf))
