@@ -37,10 +37,11 @@ if TYPE_CHECKING:
     from ftbias_jax.filtering.verbs.from_setup import filter_log, log_likelihood, params_for_log, smooth_log
     from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
     from ftbias_jax.io import read_log
+    from ftbias_jax.io.log import Log, Repair
     from ftbias_jax.model.params import Params
     from ftbias_jax.model.simulate_log import SimulationResult, Truth, simulate
     from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
-    from ftbias_jax.types import Log, Sample
+    from ftbias_jax.types import Sample
 
 __version__ = "0.1.0"
 
@@ -56,6 +57,7 @@ __all__ = [
     "Options",
     "OutputError",
     "Params",
+    "Repair",
     "Sample",
     "Setup",
     "SetupError",
@@ -92,10 +94,11 @@ _MODULES = {
     "filtering.verbs.from_setup": "filter_log log_likelihood params_for_log smooth_log",
     "filtering.verbs.results": "FilterResult SmoothResult",
     "io": "read_log",
+    "io.log": "Log Repair",
     "model.params": "Params",
     "model.simulate_log": "SimulationResult Truth simulate",
     "setup": "Setup dump_setup load_setup parse_setup",
-    "types": "Log Sample",
+    "types": "Sample",
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
 

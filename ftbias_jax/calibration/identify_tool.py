@@ -11,10 +11,10 @@ from ftbias_jax.calibration.identify import NAMES, UNITS, Identified, identify
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Log
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,10 +18,11 @@ from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_joints
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Log, Sample
+from ftbias_jax.types import Sample
 
 FIT = ("joints", "bias", "sensor")
 """What can be fitted: joint noise, sigma_Q, sensor noise."""

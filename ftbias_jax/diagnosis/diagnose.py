@@ -31,11 +31,12 @@ from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Gap
 from ftbias_jax.diagnosis.samples.types import Finding, together
 from ftbias_jax.diagnosis.search import search
 from ftbias_jax.errors import UsageError
+from ftbias_jax.io.clean import clean
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE, check_names
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.sensor_pose import require_arm
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Log
 
 SILENT = 0.12
 """Gap in noise sigmas below which nothing is missing: the joints' own error reaches half of it."""
@@ -63,7 +64,9 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str] = (), witho
 
     Args:
         setup: what the robot's owner believes.
-        logs: of free motion with the same robot, sensor and tool, as ``read_log`` gives them.
+        logs: of free motion with the same robot, sensor and tool, best as recorded (``read_log(..., raw=True)``),
+            because clipped samples are evidence. Samples of axes that stand still are left out here, and told in
+            ``repairs``.
         names: of the logs, one each, for the report; () = "log 1", "log 2", ...
         without: effects that may not be named, to see what the answer would be without them.
 
@@ -73,10 +76,10 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str] = (), witho
     require_arm(setup)
     names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
     if not logs or len(names) != len(logs):
-        raise UsageError(
-            f"got {len(logs)} logs and {len(names)} names", field="logs", remedy="name each of one or more"
-        )
+        message = f"got {len(logs)} logs and {len(names)} names"
+        raise UsageError(message, field="logs", remedy="give one log or more, and a name for each or none")
     check_names(without, "without")
+    logs = [clean(log, clipped=False) for log in logs]
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)
     base, hold_out = fits.base(problem), Judge(problem)
@@ -104,6 +107,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str] = (), witho
         not_tested=_not_tested(problem, logs, without),
         series=show(problem, base, accepted, before, after),
         logs=tuple(names),
+        repairs=tuple(log.repairs for log in logs),
         by_log=compare(problem, names, accepted if causes else base, before, after),
         setup_name=Path(setup.path).name,
     )

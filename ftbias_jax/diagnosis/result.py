@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ftbias_jax.io.atomic import write_atomic, write_json
+from ftbias_jax.io.log import Repairs
 from ftbias_jax.setup.types import Setup
 
 VERDICTS = ("none", "explained", "partly_explained", "unknown")
@@ -127,8 +128,16 @@ class Diagnosis(NamedTuple):
     """Names of the logs."""
     by_log: tuple[LogGap, ...] = ()
     """Each of several logs by itself; empty for a single one."""
+    repairs: tuple[Repairs, ...] = ()
+    """One a log: what was mended or left out to diagnose it, such as the samples of an axis that stands still."""
     setup_name: str = ""
     """The file name of the setup, for titles; "" = from memory."""
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """One line for every kind of samples that were left out of the logs."""
+        pairs = zip(self.logs, self.repairs, strict=False)
+        return tuple(f"{log}: {repair.what}" for log, repairs in pairs for repair in repairs if repair.lost)
 
     # Reports and setups are made of what this module defines, so they are imported when they are asked for.
 

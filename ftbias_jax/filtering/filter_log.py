@@ -15,11 +15,12 @@ from ftbias_jax.filtering.joint_noise import likeliest_density
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State
 from ftbias_jax.filtering.result import Filtered, join, keep, keep_staged
 from ftbias_jax.filtering.samples import pad, samples_from_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Gaussian, Log, Sample
+from ftbias_jax.types import Array, Gaussian, Sample
 
 CHUNK = 1 << 14
 """Samples filtered at once: one compiled program for every long log, and memory that does not grow with the log."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import write_json
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.npz import save_npz
 from ftbias_jax.model import trajectories
 from ftbias_jax.model.effects.catalogue import (
@@ -31,7 +32,7 @@ from ftbias_jax.model.trajectories import Trajectory
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.sensor_pose import require_arm
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Array
 
 FRANKA_CENTER = (0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8)  # rad, a pose with the tool in front of the arm
 FRANKA_EXCURSION = (0.8, 0.5, 0.8, 0.5, 1.2, 1.0, 1.5)  # rad, within the joint limits around it

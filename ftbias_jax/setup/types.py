@@ -149,8 +149,15 @@ class Setup:
     """Set if the sensor's pose is recorded; robot and joints then speak of the entries of the pose."""
     path: str = ""
     """The file it was read from, for messages; "" = from memory."""
+    urdf: str = ""
+    """The URDF file that it refers to; "" = none."""
     comments: Mapping[str, str] = field(default_factory=dict)
     """Remarks on full keys such as ``tool.mass``, which ``save`` writes on their lines: how a value was found."""
+
+    @property
+    def files(self) -> tuple[str, str]:
+        """What it was read from, which no result may replace; "" = nothing."""
+        return self.path, self.urdf
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as TOML that ``load_setup`` reads back, whole or not at all.

@@ -16,8 +16,8 @@ from ftbias_jax.filtering.quality.summary import summarise
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io import read_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.setup import load_setup, parse_setup
-from ftbias_jax.types import Log
 
 START = 100.0
 OPTIONS = [Options(), Options(joint_uncertainty="full"), Options(gate=40.0)]

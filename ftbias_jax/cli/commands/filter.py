@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from pathlib import Path
 
 from ftbias_jax.cli.commands import filter_archive
 from ftbias_jax.cli.commands.filter_archive import with_gate
-from ftbias_jax.errors import OutputError, UsageError, printable
+from ftbias_jax.cli.repairs import tell_repairs
+from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
 from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.parts import open_log
 from ftbias_jax.io.write import writer
 from ftbias_jax.io.write.offsets import dump_offsets
@@ -28,16 +29,15 @@ def run(arguments: argparse.Namespace) -> int:
         remedy = "give -o a folder's name, without a suffix"
         raise UsageError(f"{len(arguments.logs)} logs for the one file {arguments.output!r}", field="-o", remedy=remedy)
     (path,) = arguments.logs
-    inputs = (path, arguments.setup)
-    check_folders(arguments.output, arguments.plot)
-    if arguments.offsets:
-        check_folders(arguments.offsets, None)
-    for output in filter(None, (arguments.output, arguments.plot, arguments.offsets)):
-        if Path(output).resolve() in [Path(file).resolve() for file in inputs]:
-            raise UsageError(f"{output!r} is an input", field="-o", remedy="give the result its own name")
+    outputs = {"--output": arguments.output, "--plot": arguments.plot, "--offsets": arguments.offsets}
+    for option, output in outputs.items():
+        if output:
+            check_writable(output, option=option)
     if arguments.plot:
+        figure_format(arguments.plot)
         new_figure()  # a missing package is told before minutes are spent
     setup = with_gate(load_setup(arguments.setup), arguments.gate)
+    check_outputs(outputs, (path, *setup.files))
     log = open_log(path, setup, salvage=arguments.salvage)
 
     from ftbias_jax.runtime.jax_config import prepare_jax
@@ -64,27 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
         filtered = outcome.filtered
         checked = consistency.check(filtered.innovation, (filtered.innovation / filtered.innovation_std) ** 2)
         print(consistency.format_check(checked))
-    for repair in outcome.repairs:
-        print(printable(f"ftbias: {path}: {repair.what}"), file=sys.stderr)
-    return 3 if outcome.lost else 0
+    return tell_repairs([(path, outcome.repairs)])
 
 
 def _is_folder(output: str) -> bool:
     """Whether an output is meant to be a folder: it is one, or has no suffix."""
     return output.endswith(("/", os.sep)) or Path(output).is_dir() or not Path(output).suffix
-
-
-def check_outputs(output: str, suffix: str) -> None:
-    """Refuse an output that cannot be written before minutes are spent on computing it."""
-    if not output.endswith(suffix):
-        raise UsageError(f"cannot write {output!r}", field="--output", remedy=f"end the name in {suffix}")
-    check_folders(output, None)
-
-
-def check_folders(output: str, plot: str | None) -> None:
-    """Refuse folders that do not exist, and figures that cannot be drawn."""
-    for path in filter(None, (output, plot)):
-        if not Path(path).absolute().parent.is_dir():
-            raise OutputError("the folder does not exist", file=path, remedy="create it, or name another")
-    if plot:
-        figure_format(plot)

@@ -5,15 +5,17 @@ from __future__ import annotations
 import argparse
 import sys
 
-from ftbias_jax.cli.commands.filter import check_outputs
+from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.io import read_log
+from ftbias_jax.io.outputs import check_outputs, output_of_setup
 from ftbias_jax.setup import load_setup
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Identify the tool and write a setup that has it; 1 if the search did not converge, else 0."""
-    check_outputs(arguments.output, ".toml")
+    """Identify the tool and write a setup that has it; 1 if it did not converge, else 3 if samples were lost."""
+    output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
     setup = load_setup(arguments.setup)
+    check_outputs({"--output": output}, (arguments.log, *kept, setup.urdf))
     log = read_log(arguments.log, setup)
 
     from ftbias_jax.runtime.jax_config import prepare_jax
@@ -25,6 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(found)
     if not found.converged:
         print("ftbias: the search did not converge; the values are the best so far", file=sys.stderr)
-    found.save(arguments.output)
-    print(f"wrote {arguments.output}")
-    return 0 if found.converged else 1
+    found.save(output)
+    print(f"wrote {output}")
+    code = tell_repairs([(arguments.log, log.repairs)])
+    return code if found.converged else 1

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-from ftbias_jax.cli.commands.filter import check_outputs
+from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
+from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.sensor_pose import require_arm
 
+GENERATED = ("sines", "moves")
+"""Motions that are not read from a log."""
+
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate one log; returns 0."""
-    check_outputs(arguments.output, ".npz")
+    """Simulate one log; returns 3 if samples of the log to replay were lost, else 0."""
+    check_writable(arguments.output, ".npz")
     truth_path = arguments.truth or f"{arguments.output.removesuffix('.npz')}_truth.npz"
-    check_outputs(truth_path, ".json" if truth_path.endswith(".json") else ".npz")
-    if Path(truth_path).resolve() == Path(arguments.output).resolve():
-        raise UsageError("log and truth have the same name", field="--truth", remedy="give them different ones")
+    check_writable(truth_path, ".json" if truth_path.endswith(".json") else ".npz", "--truth")
     setup = load_setup(arguments.setup)
+    replayed = () if arguments.motion in GENERATED else (arguments.motion,)
+    check_outputs({"--output": arguments.output, "--truth": truth_path}, (*replayed, *setup.files))
     require_arm(setup)
+    recorded = {path: read_log(path, setup) for path in replayed}
 
     from ftbias_jax.runtime.jax_config import prepare_jax
 
@@ -31,19 +35,18 @@ def run(arguments: argparse.Namespace) -> int:
 
     effects = dict(map(split_effect, arguments.effect))
     check_effects(effects, partial(UsageError, file="--effect"))
-    stated = arguments.motion in ("sines", "moves")
     simulated = simulate(
         setup,
         effects,
         duration=arguments.duration,
         rate=arguments.rate,
-        motion=arguments.motion if stated else read_log(arguments.motion, setup),
+        motion=recorded.get(arguments.motion, arguments.motion),
         seed=arguments.seed,
     )
     simulated.save(arguments.output, truth_path)
     print(simulated)
     print(f"wrote {arguments.output} and {truth_path}")
-    return 0
+    return tell_repairs((path, log.repairs) for path, log in recorded.items())
 
 
 def split_effect(text: str) -> tuple[str, dict[str, Any]]:

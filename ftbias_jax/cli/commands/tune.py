@@ -6,15 +6,20 @@ import argparse
 import sys
 import time
 
-from ftbias_jax.cli.commands.filter import check_outputs
+from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.io import read_log
+from ftbias_jax.io.outputs import check_outputs, output_of_setup
 from ftbias_jax.setup import load_setup
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune and write a setup; 1 if a fit did not converge. Of several processes, the first one speaks and writes."""
-    check_outputs(arguments.output, ".toml")
+    """Tune and write a setup; 1 if a fit did not converge, else 3 if samples were lost.
+
+    Of several processes, the first one speaks and writes.
+    """
+    output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
     setup = load_setup(arguments.setup)
+    check_outputs({"--output": output}, (*arguments.logs, *kept, setup.urdf))
     first = read_log(arguments.logs[0], setup)  # every process starts from its noise
 
     import jax
@@ -30,9 +35,11 @@ def run(arguments: argparse.Namespace) -> int:
         distributed.start(*arguments.distributed)
         paths, total = distributed.share(paths), distributed.total
     speaks = jax.process_index() == 0
+    logs = [first if path == arguments.logs[0] else read_log(path, setup) for path in paths]
+    code = tell_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
     tuned = tune(
         setup,
-        [first if path == arguments.logs[0] else read_log(path, setup) for path in paths],
+        logs,
         fit=arguments.fit,
         tie=arguments.tie,
         restarts=arguments.restarts,
@@ -43,11 +50,11 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if speaks:
         print(tuned)
-        tuned.save(arguments.output)
-        print(f"wrote {arguments.output}")
+        tuned.save(output)
+        print(f"wrote {output}")
         if not tuned.converged:
             print("ftbias: a fit did not converge; its values are the best so far", file=sys.stderr)
-    return 0 if tuned.converged else 1
+    return code if tuned.converged else 1
 
 
 class Reporter:

@@ -12,8 +12,8 @@ from ftbias_jax.filtering.quality import observability, summary
 from ftbias_jax.filtering.quality.summary import Summary
 from ftbias_jax.filtering.result import Filtered, join
 from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog
-from ftbias_jax.io.repairs import Repairs
 from ftbias_jax.io.write import save_results
 from ftbias_jax.io.write.npz import save_npz_parts
 from ftbias_jax.model.params import Params
@@ -95,5 +95,5 @@ def filter_file(
         save_npz_parts(output, (part._asdict() for part in results()))
         assert tally.last is not None  # no log is empty
         filtered = tally.last
-    repairs = (*log.repairs, *observability.remarks(turning, log.facts.measured))
+    repairs = (*log.repairs, *observability.remarks(turning))
     return Outcome(summary.finish(tally), params, repairs, filtered)

@@ -14,9 +14,9 @@ import numpy as np
 
 from ftbias_jax.filtering.pipeline import predict_wrench
 from ftbias_jax.filtering.result import Filtered
-from ftbias_jax.io.repairs import Repair, Repairs
+from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.model.params import Params
-from ftbias_jax.types import AXES, Array
+from ftbias_jax.types import Array
 
 POSES = 64
 """Poses that are looked at in each part of a log."""
@@ -62,20 +62,12 @@ def unobservable(turning: Turning) -> list[str]:
     return []
 
 
-def remarks(turning: Turning, measured: Array) -> Repairs:
-    """What the owner of a log should know of its result: axes without a reading, and motion that shows too little.
-
-    Args:
-        turning: of the whole log.
-        measured: (6,) whether the axis ever was.
-    """
-    told = []
-    if never := [name for name, seen in zip(AXES, measured, strict=True) if not seen]:
-        told.append(Repair(f"never measured: {' '.join(never)} (bias = prior)", lost=True))
+def remarks(turning: Turning) -> Repairs:
+    """What the owner of a log should know of its motion; () if it shows enough."""
     if hidden := unobservable(turning):
         what = f"the sensor turns too little: errors of the tool's {' and '.join(hidden)} would look like bias"
-        told.append(Repair(what))
-    return tuple(told)
+        return (Repair(what),)
+    return ()
 
 
 @jax.jit

@@ -13,10 +13,11 @@ from ftbias_jax.filtering.quality import observability
 from ftbias_jax.filtering.quality.summary import summarise
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Log, Sample
+from ftbias_jax.types import Array, Sample
 
 
 def _nobody(done: int) -> None:
@@ -56,7 +57,7 @@ def filter_log(
         **filtered._asdict(),
         params=params,
         joint_model=setup.joints.model,
-        repairs=getattr(log, "repairs", ()) + observability.remarks(turning, np.isfinite(log.wrench).any(0)),
+        repairs=(*log.repairs, *observability.remarks(turning)),
         start=log.start,
         summary=summarise(filtered),
         **extra,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ftbias_jax.filtering.quality.consistency import Consistency, check
 from ftbias_jax.filtering.quality.summary import Summary, format_summary
-from ftbias_jax.io.repairs import Repairs
+from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write import save_results
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array
