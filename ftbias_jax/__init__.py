@@ -32,9 +32,10 @@ if TYPE_CHECKING:
     from ftbias_jax.diagnosis.diagnose import diagnose
     from ftbias_jax.diagnosis.result import Candidate, Diagnosis
     from ftbias_jax.errors import FtbiasError, LogError, OutputError, SetupError, UsageError
+    from ftbias_jax.filtering.likelihood import log_likelihood
     from ftbias_jax.filtering.pipeline import Options, options_from_setup
     from ftbias_jax.filtering.samples import samples_from_log
-    from ftbias_jax.filtering.verbs.from_setup import filter_log, log_likelihood, params_for_log, smooth_log
+    from ftbias_jax.filtering.verbs.from_setup import filter_log, params_for_log, smooth_log
     from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
     from ftbias_jax.io import read_log
     from ftbias_jax.io.log import Log, Repair
@@ -89,9 +90,10 @@ _MODULES = {
     "diagnosis.diagnose": "diagnose",
     "diagnosis.result": "Candidate Diagnosis",
     "errors": "FtbiasError LogError OutputError SetupError UsageError",
+    "filtering.likelihood": "log_likelihood",
     "filtering.pipeline": "Options options_from_setup",
     "filtering.samples": "samples_from_log",
-    "filtering.verbs.from_setup": "filter_log log_likelihood params_for_log smooth_log",
+    "filtering.verbs.from_setup": "filter_log params_for_log smooth_log",
     "filtering.verbs.results": "FilterResult SmoothResult",
     "io": "read_log",
     "io.log": "Log Repair",

@@ -6,9 +6,13 @@ Nothing here computes, and nothing here imports JAX.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-Array = Any  # a numpy or jax array; the functions' docstrings state shapes, units and frames
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+Array = Any
+"""A numpy or a JAX array: bundles hold either. What computes says ``jax.Array``, and annotations state shapes."""
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Of a wrench: N, N, N, Nm, Nm, Nm."""
@@ -17,22 +21,22 @@ AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 class Sample(NamedTuple):
     """What one filter step sees; a whole log is the same bundle with a leading time axis. NaN = not measured."""
 
-    dt: Array
-    """() s since the previous sample; 0 for the first, which is then a correction without a prediction."""
-    q: Array
+    dt: Float[Array, " ..."]
+    """s since the previous sample; 0 for the first, which is then a correction without a prediction."""
+    q: Float[Array, "... n"]
     """(n,) rad."""
-    dq: Array
+    dq: Float[Array, "... n"]
     """(n,) rad/s."""
-    wrench: Array
+    wrench: Float[Array, "... 6"]
     """(6,) N, Nm, sensor frame, wrench on the tool."""
-    temperature: Array | None = None
-    """() deg C, for effects that follow it; without gaps. None = not recorded."""
+    temperature: Float[Array, " ..."] | None = None
+    """deg C, for effects that follow it; without gaps. None = not recorded."""
 
 
 class Gaussian(NamedTuple):
     """A normal distribution: the state of a Kalman filter."""
 
-    mean: Array
+    mean: Float[Array, "... k"]
     """(..., k)."""
-    covariance: Array
+    covariance: Float[Array, "... k k"]
     """(..., k, k), symmetric positive definite."""

@@ -102,7 +102,7 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
         t=join([part.signals.t for part in parts]),
         log=np.repeat(np.arange(len(parts)), used),
         samples=join([count for _, count, _, _ in prepared]),
-        variance=join([part.wrench.variance for part in parts]),
+        variance=join([np.asarray(part.wrench.variance) for part in parts]),
         temperature=join([part.signals.temperature for part in parts]),
         durations=tuple(float(log.t[-1]) for log in logs),
         noise_std=np.sqrt(np.mean([one.noise_std**2 for one in found], axis=0)),

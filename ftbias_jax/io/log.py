@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class Repair(NamedTuple):
@@ -26,15 +29,15 @@ class Log(NamedTuple):
     The wrench has the sign of the report: what the sensor exerts on the tool (at rest, z up, it reads +m g in z).
     """
 
-    t: Array
+    t: Float[Array, " T"]
     """(T,) s, increasing, relative to the first sample."""
-    q: Array
+    q: Float[Array, "T n"]
     """(T, n) rad (m for prismatic joints), in the order of the setup's joints."""
-    dq: Array
+    dq: Float[Array, "T n"]
     """(T, n) rad/s (m/s)."""
-    wrench: Array
+    wrench: Float[Array, "T 6"]
     """(T, 6) N and Nm: force, then torque about the sensor origin, sensor frame."""
-    temperature: Array
+    temperature: Float[Array, " T"]
     """(T,) deg C."""
     start: float = 0.0
     """s, the log's own stamp of the first sample: t + start are the stamps as recorded."""

@@ -55,7 +55,9 @@ def first_of(tree):
 
 
 def test_run_is_a_loop_of_step(params, samples):
-    assert_close(run(params, samples), loop(params, samples))
+    expected = loop(params, samples)
+    assert_close(run(params, samples), expected)
+    assert_close(pipeline.scan_steps(params, pipeline.init(params, samples), samples), expected)
 
 
 def test_padded_logs_of_unequal_length_run_as_one_batch(params, samples):

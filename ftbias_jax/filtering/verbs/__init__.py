@@ -1,1 +1,1 @@
-"""What a user calls: a log filtered or smoothed from a setup alone, and the likelihood of its parameters."""
+"""What a user calls: a log filtered or smoothed from a setup alone."""

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ftbias_jax.filtering import filter_log as chunks
-from ftbias_jax.filtering import likelihood
-from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, options_from_setup
+from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
 from ftbias_jax.filtering.quality.summary import summarise
 from ftbias_jax.filtering.samples import samples_from_log
@@ -17,7 +16,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Sample
+from ftbias_jax.types import Sample
 
 
 def _nobody(done: int) -> None:
@@ -105,22 +104,3 @@ def params_for_log(setup: Setup, log: Log | Sample) -> Params:
     """
     samples = samples_from_log(log) if isinstance(log, Log) else log
     return chunks.params_for_log(setup, samples, options_from_setup(setup))
-
-
-def log_likelihood(
-    params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
-) -> Array:
-    """Log density of all measurements of a log, () nats, by the fastest exact route: to be differentiated or mapped.
-
-    It runs in the precision of its arrays, for it is part of your own program: set ``jax_enable_x64`` for float64.
-
-    Args:
-        params: as ``params_for_log`` gives; differentiable in every leaf.
-        samples: as ``samples_from_log`` gives, leaves with a leading time axis; padding counts nothing.
-        options: choices that change the program; ``options_from_setup`` of a setup that states any.
-        burn_in: s at the start of the log that do not count, because the first innovations measure the prior.
-
-    Returns:
-        () joints and wrench together.
-    """
-    return likelihood.log_likelihood(params, samples, options, burn_in).total
