@@ -18,26 +18,6 @@ AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Of a wrench: N, N, N, Nm, Nm, Nm."""
 
 
-class Log(NamedTuple):
-    """One recorded log on one merged timeline; NaN = not measured at that time.
-
-    The wrench has the sign of the report: what the sensor exerts on the tool (at rest, z up, it reads +m g in z).
-    """
-
-    t: Float[Array, " T"]
-    """(T,) s, increasing, relative to the first sample."""
-    q: Float[Array, "T n"]
-    """(T, n) rad (m for prismatic joints), in the order of the setup's joints."""
-    dq: Float[Array, "T n"]
-    """(T, n) rad/s (m/s)."""
-    wrench: Float[Array, "T 6"]
-    """(T, 6) N and Nm: force, then torque about the sensor origin, sensor frame."""
-    temperature: Float[Array, " T"]
-    """(T,) deg C."""
-    start: float = 0.0
-    """s, the log's own stamp of the first sample: t + start are the stamps as recorded."""
-
-
 class Sample(NamedTuple):
     """What one filter step sees; a whole log is the same bundle with a leading time axis. NaN = not measured."""
 

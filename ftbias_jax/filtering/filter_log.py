@@ -16,11 +16,12 @@ from ftbias_jax.filtering.joint_noise import likeliest_density
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State
 from ftbias_jax.filtering.result import Filtered, join, keep
 from ftbias_jax.filtering.samples import pad, samples_from_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Gaussian, Log, Sample
+from ftbias_jax.types import Array, Gaussian, Sample
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -56,7 +57,7 @@ def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_O
     return params._replace(joint=params.joint._replace(process_density=likeliest))
 
 
-def filter_log(
+def filter_with_params(
     params: Params,
     log: Log,
     options: Options = DEFAULT_OPTIONS,
@@ -141,16 +142,17 @@ def _filtered(log: Log, kept: dict[str, Array]) -> Filtered:
     )
 
 
-def smooth_log(
+def smooth_with_params(
     params: Params, log: Log, options: Options = DEFAULT_OPTIONS, progress: Callable[[int], None] = lambda done: None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bias and drift given the whole log, past and future.
 
     Args:
-        as for ``filter_log``, but best with ``likeliest_params``; the whole log is held in memory, about 2 kB a sample.
+        as for ``filter_with_params``, but best with ``likeliest_params``; the whole log is held in memory, about
+        2 kB a sample.
 
     Returns:
-        means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_log``.
+        means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_with_params``.
     """
     log = without_useless(log, params)
     samples = samples_from_log(log, params.theta.dtype)

@@ -43,12 +43,14 @@ class LogLikelihood(NamedTuple):
 def log_likelihood(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
 ) -> Float[Array, ""]:
-    """Log-likelihood of a log (errata 13), () nats: of joints and wrench together.
+    """Log-likelihood of a log (errata 13), () nats: of joints and wrench together, to be differentiated or mapped.
+
+    It has the precision of its arrays, because it is part of the caller's own program.
 
     Args:
-        params: of the pipeline.
-        samples: leaves with a leading time axis; padding counts nothing.
-        options: of the pipeline.
+        params: as ``params_for_log`` gives them; differentiable in every leaf.
+        samples: as ``samples_from_log`` gives them, leaves with a leading time axis; padding counts nothing.
+        options: of the pipeline, as ``options_from_setup`` gives them where a setup states any.
         burn_in: s at the start of the log that do not count, because the first innovations measure P_0 and little else.
     """
     return log_likelihood_parts(params, samples, options, burn_in).total
