@@ -105,7 +105,7 @@ def filter_parts(
             samples = samples._replace(temperature=None)
         if state is None:
             state = pipeline.init(params, samples._replace(q=jnp.asarray(first_q, dtype)[None]))
-        length = max(length, _whole(len(log.t)))  # a short last part runs the program of the others
+        length = max(length, padded_length(len(log.t)))  # a short last part runs the program of the others
         state, kept = _run(params, state, pad(samples, length), options)
         yield _filtered(log, {name: np.asarray(x)[: len(log.t)] for name, x in kept.items()})
         before = log.t[-1]
@@ -157,7 +157,7 @@ def smooth_with_params(
     log = without_useless(log, params)
     samples = samples_from_log(log, params.theta.dtype)
     length = samples.dt.shape[0]
-    padded = pad(samples, _whole(length))
+    padded = pad(samples, padded_length(length))
     state = pipeline.init(params, padded)
     if options.gate is not None:  # smoothed is what passed the gate
         _, used = pipeline.run(params, state, padded, options, _used)
@@ -194,7 +194,7 @@ def without_useless(log: Log, params: Params) -> Log:
     return log._replace(wrench=np.asarray(compose.correct_record(jnp.asarray(log.wrench), model, params.effects)))
 
 
-def _whole(length: int) -> int:
+def padded_length(length: int) -> int:
     """Length to pad a log to that is filtered at once."""
     return _bucket(length) * -(-length // _bucket(length))
 

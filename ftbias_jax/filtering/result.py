@@ -13,7 +13,7 @@ from ftbias_jax.filtering.pipeline import Info, State
 from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
+    from jaxtyping import Bool, Float
 
 
 class Filtered(NamedTuple):
@@ -38,11 +38,26 @@ class Filtered(NamedTuple):
     nis: Float[Array, " T"]
     log_likelihood: Float[Array, ""]
     innovation_std: Float[Array, "T 6"]
+    used: Bool[Array, " T"] | None = None
+    """Whether the sample passed the gate, and nothing touched the tool."""
+    reading_std: Float[Array, "T 6"] | None = None
+    """N, Nm: how far a reading is off wrench_tool - bias, by all its noise, white and correlated. With bias_std it tells
+    how well a later reading can be predicted."""
+    contact_wrench: Float[Array, "T 6"] | None = None
+    """N, Nm, sensor frame: what the environment exerts on the tool, wrench_tool - wrench_unbiased; its standard
+    deviation is that of bias and reading together."""
 
 
 def join(parts: Sequence[Filtered]) -> Filtered:
     """The results of consecutive parts as one."""
-    whole = Filtered(*(x[0] if x[0].ndim == 0 else np.concatenate(x) for x in zip(*parts, strict=True)))
+
+    def joined(values: Sequence[Array | None]) -> Array | None:
+        present = [x for x in values if x is not None]
+        if not present:
+            return None
+        return present[0] if present[0].ndim == 0 else np.concatenate(present)
+
+    whole = Filtered(*(joined(x) for x in zip(*parts, strict=True)))
     return whole._replace(log_likelihood=np.sum([part.log_likelihood for part in parts]))
 
 
@@ -52,8 +67,8 @@ def keep(state: State, info: Info) -> dict[str, Array]:
     return {
         "joint": state.joint.mean,
         "ddq_std": jnp.sqrt(std(state.joint.covariance)[:, 2]),
-        "bias": state.bias.mean.reshape(2, 6),
-        "bias_std": jnp.sqrt(std(state.bias.covariance)).reshape(2, 6),
+        "bias": state.bias.mean[:12].reshape(2, 6),
+        "bias_std": jnp.sqrt(std(state.bias.covariance)[:12]).reshape(2, 6),
         "wrench_tool": info.wrench_tool,
         "innovation": info.wrench.value,
         "innovation_std": jnp.sqrt(std(info.wrench.covariance)),

@@ -12,9 +12,9 @@ from jax import Array
 from ftbias_jax.filtering import gaussian
 from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, filter_scan
-from ftbias_jax.filtering.fast.stages import bias_inputs, joint_inputs, joint_states, predict_wrenches
+from ftbias_jax.filtering.fast.stages import add_noise, bias_inputs, joint_inputs, joint_states, predict_wrenches
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, State
-from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_drift_noise, drift_noise
+from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_drift_noise, bias_model
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Gaussian, Sample
 
@@ -48,8 +48,10 @@ def smooth_bias(params: Params, filtered: Gaussian, dt: Float[Array, " T"]) -> G
 @jax.jit
 def smooth_axes(inputs: Inputs) -> tuple[Float[Array, "T 2 6"], Float[Array, "T 2 6"]]:
     """The same for independent axes, from ``stages.bias_inputs``: means and standard deviations (T, 2, 6)."""
-    smoothed = smooth_track(drift_noise, inputs, filter_scan(drift_noise, inputs))
-    return smoothed.mean, jnp.sqrt(jnp.swapaxes(jnp.diagonal(smoothed.covariance, axis1=1, axis2=2), 1, 2))
+    model = bias_model(inputs.density)
+    smoothed = smooth_track(model, inputs, filter_scan(model, inputs))
+    mean, covariance = add_noise(smoothed.mean, smoothed.covariance, -1)
+    return mean[:, :2], jnp.sqrt(jnp.swapaxes(jnp.diagonal(covariance, axis1=1, axis2=2), 1, 2))[:, :2]
 
 
 @partial(jax.jit, static_argnames="options")
@@ -75,5 +77,5 @@ def smooth_log(
     """
     joints = smooth_joint_tracks(params, state, samples, options)
     wrench_tool, variance = predict_wrenches(params, joints, samples, options)
-    mean, std = smooth_axes(bias_inputs(params, state, samples, wrench_tool, variance))
+    mean, std = smooth_axes(bias_inputs(params, state, samples, wrench_tool, variance, joints.mean[:, 1]))
     return joint_states(joints), mean, std

@@ -10,8 +10,8 @@ from ftbias_jax.types import Array
 
 BLOCK_SECONDS = 0.05
 """Vibration of arms and tools, 10 Hz and above, averages out in a block; what moves the bias does not."""
-FEWEST = 4
-"""Samples of a block: fewer have no scatter worth the name."""
+FEWEST = 10
+"""Samples of a block: the scatter of fewer about a line tells neighbours apart more than it tells noise."""
 
 
 class Blocks(NamedTuple):
@@ -63,3 +63,11 @@ def in_blocks(t: Array, y: Array, velocity: Array, variance: Array) -> Blocks:
         slope = (x * centred).sum(1) / np.where((x**2).sum(1) > 0, (x**2).sum(1), np.inf)
         scatter = ((centred - slope[:, None] * x) ** 2).sum(1) / np.where(count > 2, count - 2, np.nan)
     return Blocks(times.mean(1), size, mean, count, scatter, (cut(velocity) ** 2).mean(1), cut(variance).mean(1))
+
+
+def join_blocks(parts: list[Blocks]) -> Blocks:
+    """The blocks of consecutive parts as one."""
+    columns = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in Blocks._fields if name != "size"
+    }
+    return Blocks(size=parts[0].size, **columns)

@@ -7,6 +7,7 @@ blocks: fast noise averages out there, and a log is a few hundred numbers.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -51,7 +52,7 @@ def fit_slow_noise(t: Array, y: Array, variance: Array, density: Array, prior_st
         density: (6,) sigma_Q of the bias.
         prior_std: (12,) square root of P_0.
     """
-    t, y, variance = _coarser(t, y, variance)
+    t, y, variance = coarser(t, y, variance)
     span, step = t[-1] - t[0], float(np.median(np.diff(t)))
     unit = np.sqrt(np.nanmedian(np.where(np.isfinite(y), variance, np.nan), axis=0))
     times = np.geomspace(2 * step, max(span / 6, 4 * step), 7)
@@ -75,7 +76,17 @@ def fit_slow_noise(t: Array, y: Array, variance: Array, density: Array, prior_st
 
 
 def log_likelihoods(t: Array, y: Array, variance: Array, grid: Grid, prior_std: Array, density: Array) -> Array:
-    """(G, 6) nats of the means of blocks, for every set of parameters.
+    """(G, 6) nats of the means of blocks, for every set of parameters; arguments as for ``innovations``."""
+    total = np.zeros(grid.std.shape)
+    for v, s in innovations(t, y, variance, grid, prior_std, density):
+        total = total - np.where(np.isfinite(v), np.log(s) + np.nan_to_num(v) ** 2 / s, 0) / 2
+    return total
+
+
+def innovations(
+    t: Array, y: Array, variance: Array, grid: Grid, prior_std: Array, density: Array
+) -> Iterator[tuple[Array, Array]]:
+    """Innovation (G, 6), NaN = not measured, and its variance, block by block.
 
     The Kalman filter of ``process_models.correlated_bias`` without a drift that reverts, over all sets at once.
 
@@ -93,7 +104,6 @@ def log_likelihoods(t: Array, y: Array, variance: Array, grid: Grid, prior_std: 
     stationary = grid.std**2
     zz, zd, zg = prior_std[0] ** 2 + stationary, zero, stationary
     dd, dg, gg = prior_std[1] ** 2 + zero, zero, stationary
-    total = np.zeros(shape)
     q = density**2
     for k, h in enumerate(np.diff(t, prepend=t[0])):
         f = np.exp(-h / grid.time)
@@ -104,21 +114,24 @@ def log_likelihoods(t: Array, y: Array, variance: Array, grid: Grid, prior_std: 
         zz = row_z[0] + h * row_z[1] + e * row_z[2] + h**3 / 3 * q + noise
         zd, zg = row_z[1] + h**2 / 2 * q, f * row_z[2] + noise
         dd, dg, gg = dd + h * q, f * dg, f**2 * gg + noise
-        if not np.isfinite(y[k]).any():
-            continue
         seen = np.isfinite(y[k])[None]
-        s = zz + grid.white * variance[k]
-        v = np.where(seen, y[k] - z, 0)
-        w = np.where(seen, 1 / s, 0)
-        total = total - np.where(seen, np.log(s) + v**2 * w, 0) / 2
+        s = zz + grid.white * np.nan_to_num(variance[k])
+        v = np.where(seen, y[k] - z, np.nan)
+        yield v, s
+        w, v = np.where(seen, 1 / s, 0), np.where(seen, v, 0)
         a, b, c = zz * w, zd * w, zg * w
         z, d, g = z + a * v, d + b * v, g + c * v
         zz, zd, zg, dd, dg, gg = zz - a * zz, zd - a * zd, zg - a * zg, dd - b * zd, dg - b * zg, gg - c * zg
-    return total
 
 
-def _coarser(t: Array, y: Array, variance: Array) -> tuple[Array, Array, Array]:
-    """Neighbouring blocks joined until they are few enough."""
+def coarser(t: Array, y: Array, variance: Array) -> tuple[Array, Array, Array]:
+    """Neighbouring blocks joined until there are at most MOST_BLOCKS.
+
+    Args:
+        t: (N,) s.
+        y: (N, 6) means of blocks; NaN = not measured.
+        variance: (N, 6) of them.
+    """
     join = -(-len(t) // MOST_BLOCKS)
     if join == 1:
         return t, y, variance

@@ -233,14 +233,18 @@ def signals_of(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -
 
 def state_of(joint: Track, wrench: Track) -> State:
     """The pipeline's state from tracks, with their leading time axis or for one sample without it."""
+    return State(joint_states(joint), bias_state(wrench))
+
+
+def bias_state(wrench: Track | Smoothed) -> Gaussian:
+    """The state of the bias filter, as ``state_of``."""
     mean, blocks = wrench.mean, diagonal_matrix(wrench.covariance)  # (..., k, k, 6, 6)
     time, size = mean.shape[:-2], 6 * mean.shape[-2]
     covariance = jnp.swapaxes(blocks, -3, -2).reshape(*time, size, size)
-    return State(joint_states(joint), Gaussian(mean.reshape(*time, size), covariance))
+    return Gaussian(mean.reshape(*time, size), covariance)
 
 
 def diagonal_matrix(x: Float[Array, "... k"]) -> Float[Array, "... k k"]:
     """(..., k) -> (..., k, k)."""
-    k = x.shape[-1]
-    one = jnp.eye(k, dtype=bool).reshape(*(1 for _ in x.shape[:-1]), k, k)
+    one = jnp.eye(x.shape[-1], dtype=bool).reshape(*(1 for _ in x.shape[:-1]), x.shape[-1], x.shape[-1])
     return jnp.where(one, x[..., None], 0)

@@ -1,0 +1,146 @@
+"""The noise of one log, where the setup leaves it open: contact, vibration, slow errors, and what is left."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.filtering.adapt.blocks import Blocks
+from ftbias_jax.filtering.adapt.contact import Contact, find_contacts, in_contact
+from ftbias_jax.filtering.adapt.slow_noise import Grid, SlowNoise, coarser, fit_slow_noise, innovations
+from ftbias_jax.filtering.adapt.vibration import Vibration, fit_vibration
+from ftbias_jax.model.params import Params
+from ftbias_jax.types import AXES, Array
+
+BATCHES = (1.0, 5.0)
+"""s: means of the innovations over so long must scatter as the filter says."""
+FEWEST_BATCHES = 8
+SETTLED = 2.0
+"""s at the start that do not count: the prior shows there."""
+LEAST_BLOCKS = 40
+"""A shorter log says nothing of its noise."""
+
+
+class LogNoise(NamedTuple):
+    """What a log shows beyond its setup."""
+
+    contacts: tuple[Contact, ...]
+    vibration: Vibration | None
+    """None = as the setup states."""
+    slow: SlowNoise | None
+    """None = as the setup states."""
+    inflation: Array
+    """(6,) factor, 1 or more, of the standard deviations of bias and drift: what the innovations still contradict."""
+
+
+def nothing() -> LogNoise:
+    """A log that is as its setup says."""
+    return LogNoise((), None, None, np.ones(6))
+
+
+def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
+    """Contact, vibration and slow errors of a log; what ``params`` states of them already is kept.
+
+    Args:
+        blocks: of the whole log, for these parameters.
+        params: of the filter.
+    """
+    if len(blocks.t) < LEAST_BLOCKS:
+        return nothing()
+    contacts = tuple(find_contacts(blocks))
+    block = blocks.t[1] - blocks.t[0]
+    free = ~in_contact(blocks.t, list(contacts), block)
+    white, vibration, slow = blocks.stated, None, None
+    if params.bias.vibration is None:
+        vibration = fit_vibration(blocks, free)
+        white = white + vibration.rest + blocks.motion @ vibration.per_speed
+    y = np.where(free[:, None], blocks.mean, np.nan)
+    variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
+    bias = params.bias
+    prior_std, density = np.asarray(bias.prior_std, float), np.asarray(bias.density, float)
+    if bias.correlated_std is None or bias.correlated_time is None:
+        slow = fit_slow_noise(blocks.t, y, variance, density, prior_std)
+        std, time = slow.std, slow.time
+    else:
+        std, time = np.asarray(bias.correlated_std, float), np.asarray(bias.correlated_time, float)
+    t, y, variance = coarser(blocks.t, y, variance)
+    start = (prior_std.reshape(2, 6), density)
+    grid = Grid(np.ones((1, 6)), std[None], time[None])
+    found = [(v[0] / np.sqrt(s[0])) for v, s in innovations(t, y, variance, grid, *start)]
+    return LogNoise(contacts, vibration, slow, inflation(t, np.array(found)))
+
+
+def inflation(t: Array, white: Array) -> Array:
+    """(6,) by how much means of innovations scatter more than the filter says; 1 where chance explains it.
+
+    Args:
+        t: (N,) s.
+        white: (N, 6) innovations in their standard deviations; NaN = not measured.
+    """
+    factor = np.ones(6)
+    for length in BATCHES:
+        batch = ((t - t[0] - SETTLED) // length).astype(int)
+        number = batch.max() + 1 if len(t) else 0
+        if number < FEWEST_BATCHES:
+            continue
+        rows, seen = batch >= 0, np.isfinite(white)
+        sums, counts = np.zeros((number, 6)), np.zeros((number, 6))
+        np.add.at(sums, batch[rows], np.where(seen, white, 0)[rows])
+        np.add.at(counts, batch[rows], seen[rows].astype(float))
+        squares = np.where(counts > 0, sums**2 / np.maximum(counts, 1), np.nan)
+        with np.errstate(invalid="ignore"):
+            ratio = np.nanmean(squares, 0)
+        chance = 1 + 2 * np.sqrt(2 / np.maximum((counts > 0).sum(0), 1))  # of a chi-square, to two standard deviations
+        factor = np.fmax(factor, np.where(ratio > chance, np.sqrt(ratio), 1))
+    return factor
+
+
+def with_noise(params: Params, noise: LogNoise) -> Params:
+    """Parameters of the filter with what the log shows."""
+    bias, dtype = params.bias, params.theta.dtype
+    if noise.vibration is not None:
+        bias = bias._replace(wrench_variance=bias.wrench_variance + jnp.asarray(noise.vibration.rest, dtype))
+        if noise.vibration.per_speed.any():
+            bias = bias._replace(vibration=jnp.asarray(noise.vibration.per_speed, dtype))
+    if noise.slow is not None and noise.slow.std.any():
+        bias = bias._replace(
+            correlated_std=jnp.asarray(noise.slow.std, dtype), correlated_time=jnp.asarray(noise.slow.time, dtype)
+        )
+    return params._replace(bias=bias)
+
+
+def useless(t: Array, noise: LogNoise) -> Array:
+    """(T,) samples in contact, and next to it, which say nothing of the bias."""
+    return in_contact(t, list(noise.contacts), MARGIN)
+
+
+MARGIN = 0.05
+"""s beside a contact that are left out with it."""
+
+
+def describe(noise: LogNoise) -> list[str]:
+    """Lines that tell a reader what the log shows beyond its setup; none if nothing."""
+    lines = []
+    for contact in noise.contacts:
+        size = np.linalg.norm(contact.force[:3])
+        lines.append(f"contact from {contact.start:.2f} to {contact.end:.2f} s, up to {size:.2g} N: not used")
+    if noise.vibration is not None and noise.vibration.per_speed.any():
+        lines.append("the noise grows with the speed of the joints; the filter takes what the scatter of the log shows")
+    if noise.vibration is not None and (noise.vibration.rest > 0).any():
+        louder = " ".join(
+            f"{name} {np.sqrt(x):.2g}" for name, x in zip(AXES, noise.vibration.rest, strict=True) if x > 0
+        )
+        lines.append(f"at rest the noise is larger than stated, by: {louder} N, Nm")
+    if noise.slow is not None and noise.slow.std.any():
+        words = ", ".join(
+            f"{name} {std:.2g} over {time:.2g} s"
+            for name, std, time in zip(AXES, noise.slow.std, noise.slow.time, strict=True)
+            if std > 0
+        )
+        lines.append(f"errors that vary slowly (N, Nm and correlation time): {words}")
+    if (noise.inflation > 1).any():
+        words = " ".join(f"{name} {x:.2g}" for name, x in zip(AXES, noise.inflation, strict=True) if x > 1)
+        lines.append(f"standard deviations of the bias are enlarged, by what the innovations still contradict: {words}")
+    return lines

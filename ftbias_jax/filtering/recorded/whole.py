@@ -1,0 +1,65 @@
+"""Filter a recorded log: joints smoothed, then the noise that the log shows, then the bias, sample by sample.
+
+A recording has the joints' future as well as their past. Smoothed joints have no lag, so the wrench of the tool is
+right while the arm accelerates, and their process noise needs no guard. The bias is still filtered: at every sample it
+is what the wrench so far says. The log is worked through in parts, so memory does not grow with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
+
+from ftbias_jax.filtering.adapt.blocks import Blocks, in_blocks, join_blocks
+from ftbias_jax.filtering.adapt.log_noise import LogNoise, noise_of_log, with_noise
+from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.recorded.bias import filter_prepared
+from ftbias_jax.filtering.recorded.prepare import Prepared, prepare
+from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.params import Params
+from ftbias_jax.types import Array
+
+MOST_KEPT = 1 << 19
+"""Samples of a log whose joints are kept between the two passes; those of a longer one are smoothed twice."""
+Parts = Callable[[], Iterable[Log]]
+"""Reads the log once more, in parts of CHUNK samples but for the last."""
+
+
+class Recorded(NamedTuple):
+    """A log ready to be filtered: what it shows of its noise, and its results part by part."""
+
+    params: Params
+    """With the noise of the log."""
+    noise: LogNoise
+    results: Callable[[], Iterator[Filtered]]
+
+
+def filter_recorded(params: Params, first_q: Array, parts: Parts, length: int, options: Options) -> Recorded:
+    """Look at a whole log, then filter it.
+
+    Args:
+        params: with the likeliest process noise of the joints (``filter_log.likeliest_params``).
+        first_q: (n,) rad, the first measured position of every joint.
+        parts: reads the log; called once or, for a log of more than MOST_KEPT samples, twice.
+        length: samples of the log.
+        options: of the pipeline.
+    """
+
+    def again() -> Iterator[Prepared]:
+        return prepare(params, first_q, parts(), options)
+
+    kept = list(again()) if length <= MOST_KEPT else None
+    noise = noise_of_log(blocks_of(again() if kept is None else kept), params)
+    tuned = with_noise(params, noise)
+    return Recorded(tuned, noise, lambda: filter_prepared(tuned, again() if kept is None else kept, options, noise))
+
+
+def blocks_of(parts: Iterable[Prepared]) -> Blocks:
+    """The whole log in blocks."""
+    return join_blocks(
+        [
+            in_blocks(part.log.t, part.wrench_tool - part.log.wrench, part.joints.mean[:, 1], part.variance)
+            for part in parts
+        ]
+    )
