@@ -41,7 +41,7 @@ class Filtered(NamedTuple):
     used: Bool[Array, " T"] | None = None
     """Whether the sample passed the gate, and nothing touched the tool."""
     reading_std: Float[Array, "T 6"] | None = None
-    """N, Nm: how far a reading is off wrench_tool - bias, by all its noise, white and correlated. With bias_std it tells
+    """N, Nm: how far a reading is off wrench_tool - bias by all its noise, white and correlated. With bias_std it tells
     how well a later reading can be predicted."""
     contact_wrench: Float[Array, "T 6"] | None = None
     """N, Nm, sensor frame: what the environment exerts on the tool, wrench_tool - wrench_unbiased; its standard
