@@ -44,8 +44,8 @@ def log_likelihood(
     Args:
         params: of the pipeline.
         options: of the pipeline.
-        samples: leaves with a leading time axis; padding counts nothing.
-        burn_in: s at the start of the log that do not count, for the first innovations measure P_0 and little else.
+        samples: leaves with a leading time axis (T, ...); padding counts nothing.
+        burn_in: s at the start of the log that do not count, because the first innovations measure P_0 and little else.
     """
     weight = counted(samples.dt, burn_in)
     state = pipeline.init(params, samples)
@@ -83,7 +83,7 @@ def wrench_given_joints(
 
 
 def counted(dt: Array, burn_in: float | Array) -> Array:
-    """(T,) 1 for samples after the burn-in, 0 before."""
+    """(T,) 1 for samples after the burn-in of so many s, 0 before; dt (T,) s."""
     return (jnp.cumsum(dt) >= burn_in).astype(dt.dtype)
 
 
@@ -108,7 +108,7 @@ class WrenchProblem(NamedTuple):
 
 
 def bias_recursion(problem: WrenchProblem, y: Array) -> Inputs:
-    """The bias filter on measurements y (T, 6) of the bias, started at its prior with mean zero."""
+    """The bias filter on measurements y (T, 6) N, Nm of the bias, started at its prior with mean zero."""
     y = jnp.where(jnp.isfinite(problem.wrench), y, jnp.nan)
     std = problem.prior_std.reshape(2, 6)
     zero = jnp.zeros_like(std[0])
@@ -155,7 +155,7 @@ def wrench_problem(
             (``smoother.smooth_joints``).
 
     Returns:
-        the problem of the wrench, and the wrench of the tool D theta (T, 6) of these parameters.
+        the problem of the wrench, and the wrench of the tool D theta (T, 6) N, Nm of these parameters.
     """
     wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
     bias = params.bias

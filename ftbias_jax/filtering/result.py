@@ -45,7 +45,7 @@ def join(parts: Sequence[Filtered]) -> Filtered:
 
 
 def keep(state: State, info: Info) -> dict[str, Array]:
-    """What the output needs of one step."""
+    """What the output needs of one step: arrays (n, 3), (2, 6) and (6,) in the units of ``Filtered``, rad, N, Nm."""
     std = partial(jnp.diagonal, axis1=-2, axis2=-1)
     return {
         "joint": state.joint.mean,
@@ -61,7 +61,7 @@ def keep(state: State, info: Info) -> dict[str, Array]:
 
 
 def keep_staged(track: Staged, wrench: Array) -> dict[str, Array]:
-    """The same of a staged run, which reports an innovation of 0 where nothing was measured."""
+    """The same of a staged run with wrench (T, 6) N, Nm; it reports an innovation of 0 where nothing was measured."""
     variances = [jnp.diagonal(track.covariance, axis1=1, axis2=2) for track in (track.joint, track.wrench)]
     return {
         "joint": jnp.swapaxes(track.joint.mean, 1, 2),
