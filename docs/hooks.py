@@ -1,11 +1,12 @@
 """Pages that MkDocs gets from the code's own tables when it builds the site, so that they cannot disagree with it.
 
-The setup's keys come from the parser, their defaults and units from the writer of setups; setup_keys.toml adds what a key
-means, and the build fails if it lacks a key or has one too many.
+The setup's keys come from the parser, their defaults and units from the writer of setups; setup_keys.toml adds what a
+key means, and the build fails if it lacks a key or has one too many.
 """
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import tomllib
@@ -22,7 +23,6 @@ MINIMAL: dict[str, dict[str, Any]] = {
     "tool": {"mass": 0.7, "center_of_mass": [0.0, 0.0, 0.06]},
 }
 """The shortest setup: what it leaves out shows its default."""
-SECTIONS = ("robot", "sensor", "tool", "bias", "joints", "log", "sensor_pose")
 UNKNOWN = "?"
 
 
@@ -43,9 +43,10 @@ def effects_page() -> str:
     for effect in CATALOGUE.values():
         stages.setdefault(effect.stage, []).append(effect)
     parts = [
-        f"# Effects\n\nThe {len(CATALOGUE)} reasons why a real log differs from the model. `ftbias simulate --effect NAME`",
-        "adds one to a simulated log, `ftbias diagnose` looks for them, and a section `[effects.NAME]` in a setup makes",
-        "every command take one into account. Typical sizes are departures from the value that does nothing.\n",
+        f"# Effects\n\nThe {len(CATALOGUE)} reasons why a real log differs from the model.",
+        "`ftbias simulate --effect NAME` adds one to a simulated log, `ftbias diagnose` looks for them, and a section",
+        "`[effects.NAME]` in a setup makes every command take one into account. Typical sizes are departures from the",
+        "value that does nothing.\n",
     ]
     for stage, effects in stages.items():
         parts.append(f"\n## {stage.capitalize()}\n")
@@ -74,7 +75,7 @@ def _effect(effect: Any) -> str:
     if effect.needs:
         lines.append(f"Needs in the log: {', '.join(effect.needs)}.\n")
     for twin in effect.twins:
-        name = "Cannot be seen" if twin.effect == "none" else f"Looks like [{twin.effect}](#{twin.effect})"
+        name = "Invisible" if twin.effect == "none" else f"Looks like [{twin.effect}](#{twin.effect})"
         lines.append(f"- {name}{' (exactly)' if twin.exact else ''}: {twin.separate_by}")
     return "\n".join(lines) + "\n"
 
@@ -90,16 +91,21 @@ def setup_page() -> str:
     meanings = tomllib.loads((HERE / "setup_keys.toml").read_text())
     defaults = _written_defaults()
     parts = [
-        "# Setup keys\n\nWhat the robot's owner states, in TOML. An unknown or misspelt key is an error that names the nearest known one.\n"
+        "# Setup keys\n\nWhat the robot's owner states, in TOML. An unknown or misspelt key is an error that names the",
+        "nearest known one.\n",
     ]
-    if set(meanings) != set(SECTIONS):
-        raise ValueError(f"setup_keys.toml has the sections {sorted(meanings)}, not {sorted(SECTIONS)}")
-    for section in SECTIONS:
+    if set(known_keys("")) != {*meanings, "effects"}:
+        raise ValueError(f"setup_keys.toml has the sections {sorted(meanings)}, the parser {known_keys('')}")
+    for section in meanings:
         known, told = known_keys(section), meanings[section].get("keys", {})
         if set(known) != set(told):
             raise ValueError(f"setup_keys.toml [{section}] and the parser differ in {sorted(set(known) ^ set(told))}")
         rows = [(f"`{key}`", *_default(section, key, told[key], defaults), told[key]["meaning"]) for key in told]
-        parts += [f"## [{section}]\n", f"{meanings[section]['about']}\n", _table(("key", "default", "unit", "meaning"), rows)]
+        parts += [
+            f"## `[{section}]` {{ #{section} }}\n",
+            f"{meanings[section]['about']}\n",
+            _table(("key", "default", "unit", "meaning"), rows),
+        ]
     parts.append("## [effects.NAME]\n\nParameters of an effect, as on the page of [effects](effects.md).\n")
     parts.append("## The shortest setup, written out\n\nWith every default, as `ftbias` writes it:\n")
     parts.append(f"```toml\n{_minimal_text()}```\n")
@@ -107,14 +113,14 @@ def setup_page() -> str:
 
 
 def known_keys(section: str) -> list[str]:
-    """The keys of a section, as the parser's own error lists them."""
+    """The keys of a section, or with "" the sections, as the parser's own error lists them."""
     from ftbias_jax.errors import SetupError
     from ftbias_jax.setup import parse_setup
 
-    tables = {name: dict(table) for name, table in MINIMAL.items()}
+    tables: dict[str, Any] = {name: dict(table) for name, table in MINIMAL.items()}
     if section == "sensor_pose":
         tables["robot"] = {}
-    tables.setdefault(section, {})[UNKNOWN] = 0
+    (tables.setdefault(section, {}) if section else tables)[UNKNOWN] = 0
     try:
         parse_setup(tables)
     except SetupError as error:
@@ -141,7 +147,9 @@ def _written_defaults() -> dict[str, tuple[str, str]]:
     return found
 
 
-def _default(section: str, key: str, told: Mapping[str, str], defaults: Mapping[str, tuple[str, str]]) -> tuple[str, str]:
+def _default(
+    section: str, key: str, told: Mapping[str, str], defaults: Mapping[str, tuple[str, str]]
+) -> tuple[str, str]:
     written, unit = defaults.get(f"{section}.{key}", ("", ""))
     if key in MINIMAL.get(section, {}):
         return "required" if told.get("required", True) else "", unit
@@ -159,7 +167,9 @@ def command_line_page() -> str:
     os.environ["COLUMNS"], os.environ["NO_COLOR"] = "100", "1"
     from ftbias_jax.cli.main import build_parser
 
-    parts = ["# Command line\n\nEvery command answers `--help`. The [exit codes](exit-codes.md) are the same for all.\n"]
+    parts = [
+        "# Command line\n\nEvery command answers `--help`. The [exit codes](exit-codes.md) are the same for all.\n"
+    ]
     parts += [f"## {name}\n\n```text\n{text}```\n" for name, text in _helps("ftbias", build_parser())]
     return "\n".join(parts)
 
@@ -173,20 +183,45 @@ def _helps(name: str, parser: Any) -> Iterable[tuple[str, str]]:
 
 
 def verbs_page() -> str:
-    """What ``import ftbias_jax as ft`` offers, each documented where it is defined."""
+    """What ``import ftbias_jax as ft`` offers: a table of all names, and what no other page documents."""
     import ftbias_jax
 
-    parts = [
-        "# Verbs\n\n```python\nimport ftbias_jax as ft\n```\n",
-        "Importing costs milliseconds, because JAX is imported when a verb first needs it. The rooms below, such as",
-        "`ftbias_jax.filtering`, have everything else.\n",
-    ]
+    elsewhere = _documented()
+    rows, rest = [], []
     for name in getattr(ftbias_jax, "__all__", ()):
         thing = getattr(ftbias_jax, name)
-        if not callable(thing):
-            continue
-        parts.append(f"::: {thing.__module__}.{thing.__qualname__}\n    options:\n      heading: ft.{name}\n")
-    return "\n".join(parts)
+        path = elsewhere.get(id(thing), f"{thing.__module__}.{thing.__qualname__}")
+        summary = (thing.__doc__ or "").strip().splitlines()[0]
+        rows.append((f"[`ft.{name}`][{path}]", summary))
+        if id(thing) not in elsewhere:
+            rest.append(f"::: {path}\n    options:\n      heading: ft.{name}\n      toc_label: {name}\n")
+    functions_first = sorted(rows, key=lambda row: row[0][len("[`ft.")].isupper())
+    return "\n".join(
+        [
+            "# Verbs\n\n```python\nimport ftbias_jax as ft\n```\n",
+            "Importing costs milliseconds, because names are imported when they are first used. The other pages of",
+            "this section have what lies below.\n",
+            _table(("name", "what it is or does"), functions_first),
+            *rest,
+        ]
+    )
+
+
+def _documented() -> dict[int, str]:
+    """id of an object -> its path, for what the other pages of the API document."""
+    found = {}
+    for page in sorted((HERE / "pages" / "api").glob("*.md")):
+        for path in re.findall(r"^::: (\S+)", page.read_text(), re.MULTILINE):
+            try:
+                module = importlib.import_module(path)
+            except ModuleNotFoundError:  # a member
+                above, _, name = path.rpartition(".")
+                found[id(getattr(importlib.import_module(above), name))] = path
+                continue
+            for name, thing in vars(module).items():
+                if name in getattr(module, "__all__", ()) or getattr(thing, "__module__", "") == path:
+                    found[id(thing)] = f"{path}.{name}"
+    return found
 
 
 def _sentence(words: str) -> str:

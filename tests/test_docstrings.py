@@ -61,12 +61,15 @@ def told(member):
 def public(package):
     """The functions of the modules on the pages of the API."""
     names = [name for page in sorted(PAGES.glob("*.md")) for name in re.findall(r"^::: (\S+)", page.read_text(), re.M)]
-    for name in names:
+    for name in ("ftbias_jax", *names):
         documented = package.modules_collection[name]
-        functions = [documented] if documented.is_function else documented.members.values()
-        for member in functions:
-            if not member.is_alias and member.is_function and not member.name.startswith("_"):
-                yield member
+        if documented.is_function:
+            yield documented
+            continue
+        for member in documented.members.values():
+            listed = member.name in (documented.exports or ())
+            if (listed or not member.is_alias) and member.is_function and not member.name.startswith("_"):
+                yield member.final_target if member.is_alias else member
 
 
 def raised(member):
