@@ -66,6 +66,11 @@ def test_every_page_is_in_the_navigation(hooks):
     assert set(re.findall(r": (\S+\.md)$", text, re.MULTILINE)) == there
 
 
+def test_the_example_on_the_page_of_python_is_the_script_that_is_run():
+    """Formatters that know Markdown break the line that includes it, unless its fence is none of theirs."""
+    assert '```{ .python }\n--8<-- "examples/likelihood.py"\n```' in (PAGES / "howto" / "python.md").read_text()
+
+
 def test_links_of_the_readme_lead_somewhere():
     links = re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / "README.md").read_text())
     assert links
