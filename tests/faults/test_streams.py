@@ -9,19 +9,19 @@ import recordings
 from recordings import SECOND, START, Joints, Wrench
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import read_log, read_log_with_repairs
+from ftbias_jax.io import read_log
 from ftbias_jax.io.health import stuck_seconds
+from ftbias_jax.io.log import Repair
 from ftbias_jax.io.parts import open_log
-from ftbias_jax.io.repairs import Repair
 
 N = 60
 
 
 def read(tmp_path, setup, published, kind="ros1"):
-    log, repairs = read_log_with_repairs(recordings.write(tmp_path, kind, published), setup)
+    log = read_log(recordings.write(tmp_path, kind, published), setup)
     assert not np.isinf(np.column_stack([log.q, log.dq, log.wrench])).any()
     assert (np.diff(log.t) > 0).all()
-    return log, [repair.what for repair in repairs], any(repair.lost for repair in repairs)
+    return log, [repair.what for repair in log.repairs], any(repair.lost for repair in log.repairs)
 
 
 def changed(change, kind=(Joints, Wrench)):
@@ -197,7 +197,7 @@ def test_a_stuck_axis_is_found(tmp_path, setup):
     wrench = np.random.default_rng(0).normal(size=(500, 6))
     wrench[100:400, 4] = 0.5
     np.savez(tmp_path / "log.npz", t=t, q=np.zeros((500, 2)), wrench=wrench)
-    log = read_log(tmp_path / "log.npz", setup)
+    log = read_log(tmp_path / "log.npz", setup, raw=True)
     assert [stuck_seconds(log.t, axis) > 2.9 for axis in log.wrench.T] == [False, False, False, False, True, False]
 
 
@@ -233,8 +233,8 @@ def test_messages_of_unequal_lengths_are_refused_or_counted(tmp_path, setup, vel
     published = changed(lambda i, m: m._replace(velocity=velocity) if i == 4 else m, Joints)
     with pytest.raises(LogError, match=r"message 5 of /joint_states has 2 names, but \d numbers \(--salvage"):
         read(tmp_path, setup, published)
-    reading = read_log_with_repairs(tmp_path / "log.bag", setup, salvage=True)
-    assert measured(reading.log) == (N, N // 2 - 1)
+    reading = read_log(tmp_path / "log.bag", setup, salvage=True)
+    assert measured(reading) == (N, N // 2 - 1)
     assert [repair.lost for repair in reading.repairs] == [True, False]
 
 

@@ -14,8 +14,13 @@ def updates(monkeypatch):
     """The settings that would be made; the process keeps its own."""
     made = {}
     # A command that ran in this process before may have chosen a cache already.
-    config = SimpleNamespace(update=lambda name, value: made.update({name: value}), jax_compilation_cache_dir=None)
+    config = SimpleNamespace(
+        update=lambda name, value: made.update({name: value}),
+        jax_compilation_cache_dir=None,
+        jax_enable_compilation_cache=True,
+    )
     monkeypatch.setattr(jax_config, "jax", SimpleNamespace(config=config))
+    monkeypatch.delenv("FTBIAS_CACHE", raising=False)
     return made
 
 
