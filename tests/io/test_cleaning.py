@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clean import clean
+from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log, Repair
 
 T = 900
