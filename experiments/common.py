@@ -1,7 +1,9 @@
 """What the experiments share: the demonstration's arm, two kinds of motion, and how results are kept."""
 
 import json
+import platform
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 
 import jax
@@ -56,11 +58,18 @@ def simulate_logs(seed, count, params, trajectories):
     return truth, Sample(dt, truth.q, truth.dq, truth.wrench)
 
 
-def keep(script, result, figure):
-    """result.json and result.png beside the script."""
+def keep(script, result, figure=None):
+    """result.json, with the versions it was made by, and result.png if there is a figure, beside the script."""
     folder = Path(script).parent
-    (folder / "result.json").write_text(json.dumps(result, indent=1) + "\n")
-    figure.savefig(folder / "result.png", dpi=110)
+    (folder / "result.json").write_text(json.dumps({"versions": versions(), "result": result}, indent=1) + "\n")
+    if figure is not None:
+        figure.savefig(folder / "result.png", dpi=110)
+
+
+def versions():
+    """What a number depends on beside the code: the package and what it computes with."""
+    packages = {name: version(name) for name in ("ftbias-jax", "jax", "numpy")}
+    return packages | {"python": platform.python_version()}
 
 
 def rounded(values, digits=4):

@@ -1,6 +1,5 @@
 """Peak memory of ``ftbias filter`` for logs of a million and of ten million samples."""
 
-import json
 import os
 import subprocess
 import sys
@@ -60,4 +59,7 @@ if __name__ == "__main__":
             with tempfile.TemporaryDirectory() as folder:
                 results.append(measure(Path(folder), samples, dtype))
             print(results[-1], flush=True)
-    (Path(__file__).parent / "result.json").write_text(json.dumps(results, indent=1) + "\n")
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+    from common import keep  # only now: the memory of JAX must not be that of the measured process
+
+    keep(__file__, results)

@@ -250,7 +250,7 @@ def main():
     }
     result = jax.tree.map(lambda x: float(f"{x:.3g}") if isinstance(x, float) else x, result)
     print(json.dumps(result, indent=1))
-    (Path(__file__).parent / "result.json").write_text(json.dumps(result, indent=1) + "\n")
+    common.keep(__file__, result)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ FOLDER keeps logs and verdicts, so that a run that was stopped goes on where it 
 
 import argparse
 import json
+import sys
 import tempfile
 from pathlib import Path
 
@@ -47,4 +48,7 @@ if __name__ == "__main__":
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         result = run(asked.folder or Path(temporary), asked.count, asked.seed, asked.jobs)
-    (HERE / "result.json").write_text(json.dumps(result, indent=1) + "\n")
+    sys.path.insert(0, str(HERE.parent))
+    from common import keep
+
+    keep(__file__, result)

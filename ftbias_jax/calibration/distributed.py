@@ -19,8 +19,10 @@ def start(coordinator: str | None = None, processes: int | None = None, process:
     """Join the other processes; call it before any array is made.
 
     Args:
-        coordinator: HOST:PORT of process 0, the number of processes, and which one this is; all None where JAX finds
-            them out by itself (Slurm, Open MPI, a TPU pod).
+        coordinator: HOST:PORT of process 0; None, like the other two, where JAX finds them out by itself (Slurm, Open
+            MPI, a TPU pod).
+        processes: how many there are.
+        process: which one this is, counted from 0.
 
     Raises:
         UsageError: they are not known, or the others do not answer.

@@ -162,8 +162,18 @@ def tune_wrench(
     """Fit the noise of bias and sensor, with the joints' noise as it stands, which should be the likeliest.
 
     Args:
+        params: what is not fitted, and where to start.
+        logs: samples of one robot.
         ties: key of TIES for each of WRENCH_NAMES that is to be fitted: density is sigma_Q, wrench_std the square root
-            of the diagonal of Sigma_W. The others: as for ``tune_joints``.
+            of the diagonal of Sigma_W.
+        options: of the pipeline.
+        burn_in: s that do not count at the start of every log.
+        restarts: further starts, as for ``tune_joints``.
+        report: told (iteration, nats).
+        total: adds up the processes that tune together, see ``newton.maximise``.
+
+    Returns:
+        params with the fitted noise, and the fit.
     """
     longest = max(len(log.dt) for log in logs)
     samples = [stack(part, longest) for part in equal_parts(list(logs), max(1, SAMPLES_AT_ONCE // longest))]
@@ -189,7 +199,7 @@ def fit_wrench(
 
 
 def with_wrench_noise(params: Params, noise: dict[str, Array]) -> Params:
-    """Parameters with values (6,) for some of WRENCH_NAMES."""
+    """Parameters with values (6,) for some of WRENCH_NAMES: sigma_Q N/s^1.5, Nm/s^1.5, noise of one sample N, Nm."""
     bias = params.bias._replace(density=noise.get("density", params.bias.density))
     if "wrench_std" in noise:
         bias = bias._replace(wrench_variance=noise["wrench_std"] ** 2)

@@ -82,8 +82,12 @@ def grow(
     """Greedy addition.
 
     Args:
+        problem: the logs.
+        library: whitened derivatives by everything that may be proposed.
         start: the believed model.
+        hold_out: judges a fit on blocks of the logs that it has not seen.
         rounds: candidates of earlier rounds, the first of each being accepted.
+        without: effects that are not to be proposed.
         most: causes.
     """
     accepted, rounds = (rounds[-1][0].fit if rounds else start), list(rounds)

@@ -148,8 +148,10 @@ def smooth_with_params(
     """Bias and drift given the whole log, past and future.
 
     Args:
-        as for ``filter_with_params``, but best with ``likeliest_params``; the whole log is held in memory, about
-        2 kB a sample.
+        params: of the pipeline; best those of ``likeliest_params``, because smoothed joints have no lag.
+        log: one merged timeline, (T, ...); all of it is held in memory, about 2 kB a sample.
+        options: of the pipeline.
+        progress: told the samples done so far.
 
     Returns:
         means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_with_params``.

@@ -51,7 +51,7 @@ def linearise(problem: WrenchProblem, predict: Predict) -> Callable[[np.ndarray]
 
     Args:
         problem: the bias filter of the log.
-        predict: the model, differentiable.
+        predict: the model, differentiable, (P,) -> (T, 6) N, Nm, sensor frame.
     """
 
     @jax.jit

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def init(noise: JointNoise, q: Float[Array, " n"]) -> Gaussian:
-    """State before the first sample: (first measured position, 0, 0) with covariance P_0; q (n,), NaN = unknown."""
+    """State before the first sample: (first measured position, 0, 0) with covariance P_0; q (n,) rad, NaN = unknown."""
     position = jnp.where(jnp.isfinite(q), q, 0)
     mean = jnp.stack([position, jnp.zeros_like(position), jnp.zeros_like(position)], -1)
     return Gaussian(mean, jnp.broadcast_to(jnp.diag(noise.prior_std**2), (*q.shape, 3, 3)))
@@ -62,7 +62,7 @@ def step(
 
 @jax.jit
 def first_measured(q: Float[Array, "T n"]) -> Float[Array, " n"]:
-    """First finite position of every joint; (T, n) -> (n,), NaN if there is none."""
+    """First finite position of every joint; (T, n) -> (n,) rad, NaN if there is none."""
     first = jnp.argmax(jnp.isfinite(q), 0)
     return jnp.take_along_axis(q, first[None], 0)[0]
 

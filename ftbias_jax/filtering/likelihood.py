@@ -59,7 +59,7 @@ def log_likelihood(
 def log_likelihood_parts(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
 ) -> LogLikelihood:
-    """The same, split into joints and wrench; arguments as for ``log_likelihood``."""
+    """The same, () nats each, split into joints and wrench; arguments as for ``log_likelihood``."""
     weight = counted(samples.dt, burn_in)
     _, (joint, wrench) = pipeline.run(params, pipeline.init(params, samples), samples, options, _increments)
     return LogLikelihood((weight * joint).sum(), (weight * wrench).sum())
@@ -91,7 +91,7 @@ def wrench_given_joints(
 
 
 def counted(dt: Float[Array, " T"], burn_in: float | Array) -> Float[Array, " T"]:
-    """(T,) 1 for samples after the burn-in, 0 before."""
+    """(T,) 1 for samples after the burn-in of so many s, 0 before; dt (T,) s."""
     return (jnp.cumsum(dt) >= burn_in).astype(dt.dtype)
 
 
@@ -116,7 +116,7 @@ class WrenchProblem(NamedTuple):
 
 
 def bias_recursion(problem: WrenchProblem, y: Float[Array, "T 6"]) -> Inputs:
-    """The bias filter on measurements y (T, 6) of the bias, started at its prior with mean zero."""
+    """The bias filter on measurements y (T, 6) N, Nm of the bias, started at its prior with mean zero."""
     y = jnp.where(jnp.isfinite(problem.wrench), y, jnp.nan)
     std = problem.prior_std.reshape(2, 6)
     zero = jnp.zeros_like(std[0])
@@ -164,7 +164,7 @@ def wrench_problem(
             (``smoother.smooth_joints``).
 
     Returns:
-        the problem of the wrench, and the wrench of the tool D theta (T, 6) of these parameters.
+        the problem of the wrench, and the wrench of the tool D theta (T, 6) N, Nm of these parameters.
     """
     wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
     bias = params.bias

@@ -62,7 +62,7 @@ def join(parts: Sequence[Filtered]) -> Filtered:
 
 
 def keep(state: State, info: Info) -> dict[str, Array]:
-    """What the output needs of one step."""
+    """What the output needs of one step: arrays (n, 3), (2, 6) and (6,) in the units of ``Filtered``, rad, N, Nm."""
     std = partial(jnp.diagonal, axis1=-2, axis2=-1)
     return {
         "joint": state.joint.mean,

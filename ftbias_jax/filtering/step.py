@@ -121,5 +121,5 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
 
 
 def predict_wrench(params: Params, joint_mean: Float[Array, "n 3"]) -> tuple[Motion, Float[Array, " 6"]]:
-    """Motion of the sensor and the wrench D theta (6,) of the tool, sensor frame, from joint states (n, 3)."""
+    """Motion of the sensor and the wrench D theta (6,) N, Nm of the tool, sensor frame, from joint states (n, 3)."""
     return motion_and_wrench(params.arm, params.gravity, params.theta, *joint_mean.T)

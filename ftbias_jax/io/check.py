@@ -77,6 +77,8 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
     Args:
         joints: (n,) whether each was ever measured.
         wrench_t: (W,) s, stamps at which any axis of the wrench was.
+        setup: names of the joints.
+        file: the name in messages.
 
     Raises:
         LogError: there is no motion or no wrench, or its rate is implausible.

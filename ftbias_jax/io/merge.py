@@ -25,8 +25,12 @@ def merge_streams(
     Samples share a row where their stamps are equal, to the last bit.
 
     Args:
-        joint_t: (J,) stamps of q (J, n) rad and dq (J, n) rad/s.
-        wrench_t: (W,) stamps of wrench (W, 6) N, Nm and temperature (W,) deg C.
+        joint_t: (J,) stamps of the joint states.
+        q: (J, n) rad.
+        wrench_t: (W,) stamps of the wrenches.
+        wrench: (W, 6) N, Nm.
+        dq: (J, n) rad/s; None = not recorded.
+        temperature: (W,) deg C; None = not recorded.
         file: the name in messages.
 
     Returns:

@@ -70,6 +70,8 @@ def refine(
     """The best of ever finer grids around a value that a series depends on.
 
     Args:
+        problem: the logs.
+        accepted: the fit of the causes found so far.
         make: values -> one hypothesis each.
         at: the best so far.
         reach: how far from it the best may be.

@@ -37,6 +37,10 @@ def contacts(
     """The contacts that stand out, as one hypothesis with wrenches of any shape, and its gain.
 
     Args:
+        problem: the logs.
+        library: the whitened shapes that events may have.
+        accepted: the fit of the causes found so far.
+        taken: effects that are not proposed again.
         smooth: (M, U, 6) whitened derivatives by what else could be there. Contacts are looked for, but not judged, in
             what these leave.
     """

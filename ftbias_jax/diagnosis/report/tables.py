@@ -174,7 +174,7 @@ def shrink_words(gap: Gap) -> str:
 
 
 def sigmas_by_channel(rms: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """(6,) rms in units of the noise; NaN where there is no noise to compare with."""
+    """(6,) rms N, Nm in units of the noise (6,) N, Nm; NaN where there is no noise to compare with."""
     return np.asarray(rms, float) / np.where(np.asarray(noise) > 0, noise, np.nan)
 
 

@@ -91,6 +91,8 @@ def find_flat_top(x: np.ndarray, side: float, noise_std: float, step: float) -> 
     Noise scatters the samples of a pose around it, so few share the extreme value, and more lie just inside of it.
 
     Args:
+        x: (N,) N or Nm, readings of one channel.
+        side: 1 for the largest value, -1 for the smallest.
         noise_std: N or Nm.
         step: of the lattice the samples lie on, 0 = none; beyond two sigmas noise no longer carries samples from level
             to level, and a pose at rest looks like a limit.

@@ -109,7 +109,9 @@ def _fit(power: np.ndarray, speed: np.ndarray, ground: np.ndarray, dof: int) -> 
 
     Args:
         power: (M,) mean squares of ``dof`` normal numbers.
+        speed: (M,) how fast the signal changes; tau times it is the error that jitter makes.
         ground: (M,) their expectation without jitter.
+        dof: degrees of freedom of each entry of ``power``.
 
     Returns:
         tau^2 and its standard error in s^2 (robust to jitter that is not normal), and the gain in nats without the

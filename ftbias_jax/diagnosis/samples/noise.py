@@ -72,6 +72,7 @@ def measure_noise(waves: Waves, signal: np.ndarray, stated: np.ndarray, heavy_ta
     """White noise from the fast waves, and how evenly it is spread over frequencies.
 
     Args:
+        waves: amplitudes of the fast waves in windows of the signal.
         signal: (N, k) N, Nm, the waves' own.
         stated: (k,) N, Nm.
         heavy_tailed: its large values belong to the noise.

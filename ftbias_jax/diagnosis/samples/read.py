@@ -120,6 +120,7 @@ def _scatter(samples: Samples, step: np.ndarray, saturated: np.ndarray) -> tuple
     """Spikes, white noise and jitter; with jitter, spikes are what is beyond its noise.
 
     Args:
+        samples: rows of one log that share a clock.
         step: (k,) N, Nm, of lattices.
         saturated: (N, k) bool.
     """

@@ -50,6 +50,7 @@ def select(log: Log, stated: np.ndarray, error: Array | None, rate: Array | None
     """The rows with all channels that share the clock of the most frequent one, and a prediction if there is any.
 
     Args:
+        log: the samples as recorded.
         stated: (6,) N, Nm, noise.
         error: (T, 6) N, Nm.
         rate: (T, 6) N/s, Nm/s.

@@ -33,6 +33,7 @@ def choose_columns(header: Sequence[str], setup: Setup, file: str = "") -> Colum
     Args:
         header: the names of all columns.
         setup: names of the joints, and [log.columns], which comes first.
+        file: the name in messages.
 
     Raises:
         LogError: a quantity that every log needs has no columns, or a name is not there or not unique.

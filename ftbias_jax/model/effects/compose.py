@@ -29,6 +29,7 @@ def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) 
     Args:
         signals: motion and believed model of one log.
         values: effect -> parameters; {} = the believed model.
+        catalogue: the table of effects.
 
     Returns:
         (T, 6) N, Nm, sensor frame, wrench on the tool; biases of effects are subtracted, as the report's are.
@@ -62,6 +63,7 @@ def read(signals: Signals, values: Values, wrench: Array, catalogue: Catalogue =
         signals: after ``transform``.
         values: effect -> parameters.
         wrench: (T, 6) D theta.
+        catalogue: the table of effects.
     """
     for name, effect in catalogue.items():
         if name in values and effect.reading:
@@ -80,9 +82,10 @@ def record(key: Array, recorded: Record, model: Model, values: Values, catalogue
 
     Args:
         key: JAX key.
-        recorded: samples with bias and noise.
+        recorded: samples with bias and noise: t (T,) s, wrench (T, 6) N, Nm.
         model: what the setup states.
         values: of the effects.
+        catalogue: the table of effects.
     """
     for i, (name, effect) in enumerate(catalogue.items()):
         if name in values and effect.recording:
@@ -92,7 +95,7 @@ def record(key: Array, recorded: Record, model: Model, values: Values, catalogue
 
 
 def correct_record(wrench: Array, model: Model, values: Values, catalogue: Catalogue = CATALOGUE) -> Array:
-    """(T, 6) recorded wrench with NaN where known effects make a sample useless: saturated, spike or repetition."""
+    """(T, 6) N, Nm recorded, with NaN where known effects make a sample useless: saturated, spike or repetition."""
     # Backwards: a repetition is recognised before a spike is taken out of it.
     for name, effect in reversed(list(catalogue.items())):
         if name in values and effect.screen:
@@ -110,6 +113,7 @@ def noise_variance(
         rate: (T, 6) N/s, Nm/s, of the noise-free reading.
         model: what the setup states.
         values: of the effects.
+        catalogue: the table of effects.
 
     Returns:
         (T, 6) N^2, Nm^2.

@@ -130,7 +130,7 @@ def product_of_exponentials(arm: Arm, q: Float[Array, " n"]) -> tuple[Float[Arra
     """Cumulative transforms T_j = exp([S_1] q_1) ... exp([S_j] q_j) for j = 0 ... n.
 
     Returns:
-        rotations (n + 1, 3, 3) and positions (n + 1, 3); the first is the identity.
+        rotations (n + 1, 3, 3) and positions (n + 1, 3) m; the first is the identity.
     """
     step_rotations, step_positions = exponentials(arm, q)
     rotations, positions = [jnp.eye(3, dtype=q.dtype)], [jnp.zeros(3, dtype=q.dtype)]
@@ -141,7 +141,7 @@ def product_of_exponentials(arm: Arm, q: Float[Array, " n"]) -> tuple[Float[Arra
 
 
 def space_jacobian(arm: Arm, q: Float[Array, " n"]) -> Float[Array, "6 n"]:
-    """Columns Ad(T_{j-1}) S_j: the twist of a point at the base origin is J dq; (n,) -> (6, n)."""
+    """Columns Ad(T_{j-1}) S_j: the twist of a point at the base origin is J dq; (n,) rad -> (6, n)."""
     return _pose_and_space_jacobian(arm, q)[2]
 
 
@@ -152,13 +152,13 @@ def sensor_pose(arm: Arm, q: Float[Array, " n"]) -> tuple[Float[Array, "3 3"], F
 
 
 def sensor_jacobian(arm: Arm, q: Float[Array, " n"]) -> Float[Array, "6 n"]:
-    """Maps dq to the linear velocity of the sensor origin and the angular velocity, base frame; (n,) -> (6, n)."""
+    """Maps dq to the linear velocity of the sensor origin and the angular velocity, base frame; (n,) rad -> (6, n)."""
     _, position, jacobian = _pose_and_space_jacobian(arm, q)
     return _move_to_sensor(jacobian, position)
 
 
 def sensor_hessian(arm: Arm, q: Float[Array, " n"]) -> Float[Array, "n 6 n"]:
-    """Derivative of the sensor Jacobian, H[j, :, k] = d J[:, k] / d q_j; (n,) -> (n, 6, n).
+    """Derivative of the sensor Jacobian, H[j, :, k] = d J[:, k] / d q_j; (n,) rad -> (n, 6, n).
 
     The linear rows are symmetric in (j, k). The angular rows are J_w,j x J_w,k for j < k and zero otherwise, for the
     axis of a joint does not move with the joints after it (errata 1; the report fills them symmetrically).
@@ -194,9 +194,9 @@ def sensor_motion(arm: Arm, q: Float[Array, " n"], dq: Float[Array, " n"], ddq: 
 
     Args:
         arm: the arm.
-        q: (n,) joint positions, velocities, accelerations.
-        dq: (n,) joint positions, velocities, accelerations.
-        ddq: (n,) joint positions, velocities, accelerations.
+        q: (n,) rad, joint positions (m for prismatic joints, here and below).
+        dq: (n,) rad/s, joint velocities.
+        ddq: (n,) rad/s^2, joint accelerations.
     """
     rotation, position, jacobian = _pose_and_space_jacobian(arm, q)
     v, w = jacobian[:3].T, jacobian[3:].T

@@ -87,12 +87,15 @@ def data_matrix(
 
 
 def observation_matrix(theta: Float[Array, " 10"]) -> Float[Array, "6 60"]:
-    """B = theta^T kron I_6 (6, 60): W = B vec(D)."""
+    """B = theta^T kron I_6 (6, 60), in the units of theta (10,): kg, kg m, kg m^2; W = B vec(D)."""
     return jnp.kron(theta[None, :], jnp.eye(6, dtype=theta.dtype))
 
 
 def reduced_observation_matrix(theta: Float[Array, " 10"]) -> Float[Array, "6 36"]:
-    """The 36 columns of B (6, 36) that meet an entry of D which is not always zero, in the order LIVE_ENTRIES."""
+    """The 36 columns of B (6, 36) that meet an entry of D which is not always zero, in the order LIVE_ENTRIES.
+
+    In the units of theta (10,): kg, kg m, kg m^2.
+    """
     return observation_matrix(theta)[:, LIVE_ENTRIES]
 
 
@@ -145,7 +148,7 @@ def covariance_of_joints(
     """sum_j G_j P_j G_j^T (6, 6) with G_j = (dW/dq_j, 0, dW/dddq_j), or its diagonal.
 
     Args:
-        sensitivity: dW/dq and dW/dddq (6, n), of ``joint_sensitivity``.
+        sensitivity: dW/dq and dW/dddq (6, n) N, Nm per rad and rad/s^2, of ``joint_sensitivity``.
         covariance: (n, 3, 3) of the joint filter.
         kind: "full" or "diagonal".
     """
@@ -216,5 +219,5 @@ def tool_wrench(
     dq: Float[Array, " n"],
     ddq: Float[Array, " n"],
 ) -> Float[Array, " 6"]:
-    """The wrench (6,) of ``motion_and_wrench`` alone."""
+    """The wrench (6,) N, Nm, sensor frame, of ``motion_and_wrench`` alone."""
     return motion_and_wrench(arm, gravity, theta, q, dq, ddq)[1]

@@ -102,7 +102,8 @@ def _via_points(
         arm: home and span.
         duration: s.
         rng: source.
-        speed: rad/s, acceleration: rad/s^2, limits of the fastest joint.
+        speed: rad/s, limit of the fastest joint.
+        acceleration: rad/s^2, limit of the fastest joint.
         peak: speed and acceleration of the profile for unit distance in unit time.
         mask: share of span used by joint.
         dwell: s, the longest.

@@ -1,0 +1,244 @@
+"""Pages that MkDocs gets from the code's own tables when it builds the site, so that they cannot disagree with it.
+
+The setup's keys come from the parser, their defaults and units from the writer of setups; setup_keys.toml adds what a
+key means, and the build fails if it lacks a key or has one too many.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).parent
+MINIMAL: dict[str, dict[str, Any]] = {
+    "robot": {"model": "panda"},
+    "sensor": {"noise_std": [0.1, 0.004]},
+    "tool": {"mass": 0.7, "center_of_mass": [0.0, 0.0, 0.06]},
+}
+"""The shortest setup: what it leaves out shows its default."""
+UNKNOWN = "?"
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """MkDocs calls this with the files of the site: add those that are generated."""
+    from mkdocs.structure.files import File
+
+    for path, page in PAGES.items():
+        files.append(File.generated(config, path, content=page()))
+    return files
+
+
+def effects_page() -> str:
+    """Every effect of the catalogue, stage by stage."""
+    from ftbias_jax.model.effects.catalogue import CATALOGUE
+
+    stages: dict[str, list[Any]] = {}
+    for effect in CATALOGUE.values():
+        stages.setdefault(effect.stage, []).append(effect)
+    parts = [
+        f"# Effects\n\nThe {len(CATALOGUE)} reasons why a real log differs from the model.",
+        "`ftbias simulate --effect NAME` adds one to a simulated log, `ftbias diagnose` looks for them, and a section",
+        "`[effects.NAME]` in a setup makes every command take one into account. Typical sizes are departures from the",
+        "value that does nothing.\n",
+    ]
+    for stage, effects in stages.items():
+        parts.append(f"\n## {stage.capitalize()}\n")
+        parts += [_effect(effect) for effect in effects]
+    return "\n".join(parts)
+
+
+def _effect(effect: Any) -> str:
+    rows = [
+        (
+            f"`{p.name}`" + (" (optional)" if p.optional else ""),
+            p.unit,
+            "×".join("events" if size == -1 else str(size) for size in p.shape) or "1",
+            f"{np.min(p.lower):g} to {np.max(p.upper):g}",
+            _span(p.scale),
+            p.meaning,
+        )
+        for p in effect.parameters
+    ]
+    lines = [
+        f"### {effect.name}\n",
+        f"{_sentence(effect.explanation)}\n",
+        f"What to do: {_sentence(effect.remedy)}\n",
+        _table(("parameter", "unit", "numbers", "range", "typical", "meaning"), rows),
+    ]
+    if effect.needs:
+        lines.append(f"Needs in the log: {', '.join(effect.needs)}.\n")
+    for twin in effect.twins:
+        name = "Invisible" if twin.effect == "none" else f"Looks like [{twin.effect}](#{twin.effect})"
+        lines.append(f"- {name}{' (exactly)' if twin.exact else ''}: {twin.separate_by}")
+    return "\n".join(lines) + "\n"
+
+
+def _span(scale: Any) -> str:
+    sizes = np.unique(np.asarray(scale, float))
+    sizes = sizes[sizes > 0]
+    return " to ".join(f"{x:g}" for x in dict.fromkeys([sizes.min(), sizes.max()])) if sizes.size else "not fitted"
+
+
+def setup_page() -> str:
+    """Every key that the parser knows."""
+    meanings = tomllib.loads((HERE / "setup_keys.toml").read_text())
+    defaults = _written_defaults()
+    parts = [
+        "# Setup keys\n\nWhat the robot's owner states, in TOML. An unknown or misspelt key is an error that names the",
+        "nearest known one.\n",
+    ]
+    if set(known_keys("")) != {*meanings, "effects"}:
+        raise ValueError(f"setup_keys.toml has the sections {sorted(meanings)}, the parser {known_keys('')}")
+    for section in meanings:
+        known, told = known_keys(section), meanings[section].get("keys", {})
+        if set(known) != set(told):
+            raise ValueError(f"setup_keys.toml [{section}] and the parser differ in {sorted(set(known) ^ set(told))}")
+        rows = [(f"`{key}`", *_default(section, key, told[key], defaults), told[key]["meaning"]) for key in told]
+        parts += [
+            f"## `[{section}]` {{ #{section} }}\n",
+            f"{meanings[section]['about']}\n",
+            _table(("key", "default", "unit", "meaning"), rows),
+        ]
+    parts.append("## [effects.NAME]\n\nParameters of an effect, as on the page of [effects](effects.md).\n")
+    parts.append("## The shortest setup, written out\n\nWith every default, as `ftbias` writes it:\n")
+    parts.append(f"```toml\n{_minimal_text()}```\n")
+    return "\n".join(parts)
+
+
+def known_keys(section: str) -> list[str]:
+    """The keys of a section, or with "" the sections, as the parser's own error lists them."""
+    from ftbias_jax.errors import SetupError
+    from ftbias_jax.setup import parse_setup
+
+    tables: dict[str, Any] = {name: dict(table) for name, table in MINIMAL.items()}
+    if section == "sensor_pose":
+        tables["robot"] = {}
+    (tables.setdefault(section, {}) if section else tables)[UNKNOWN] = 0
+    try:
+        parse_setup(tables)
+    except SetupError as error:
+        return re.fullmatch(r"known: (.*)", error.remedy).group(1).split(", ")  # type: ignore[union-attr]
+    raise ValueError(f"the parser accepts {section}.{UNKNOWN}")
+
+
+def _minimal_text() -> str:
+    from ftbias_jax.setup import dump_setup, parse_setup
+
+    return dump_setup(parse_setup(MINIMAL))
+
+
+def _written_defaults() -> dict[str, tuple[str, str]]:
+    """section.key -> (value, unit or comment), of the shortest setup."""
+    found, section = {}, ""
+    for line in _minimal_text().splitlines():
+        if line.startswith("["):
+            section = line.strip("[]")
+        elif line:
+            key, rest = line.split(" = ", 1)
+            value, _, comment = rest.partition("  # ")
+            found[f"{section}.{key}"] = (value, comment)
+    return found
+
+
+def _default(
+    section: str, key: str, told: Mapping[str, str], defaults: Mapping[str, tuple[str, str]]
+) -> tuple[str, str]:
+    written, unit = defaults.get(f"{section}.{key}", ("", ""))
+    if key in MINIMAL.get(section, {}):
+        return "required" if told.get("required", True) else "", unit
+    return told.get("default", f"`{_shortened(written)}`" if written else ""), told.get("unit", unit)
+
+
+def _shortened(value: str) -> str:
+    """A list of equal numbers as one of them."""
+    items = value.strip("[]").split(", ")
+    return items[0] if len(items) > 3 and len(set(items)) == 1 else value
+
+
+def command_line_page() -> str:
+    """``--help`` of every command."""
+    os.environ["COLUMNS"], os.environ["NO_COLOR"] = "100", "1"
+    from ftbias_jax.cli.main import build_parser
+
+    parts = [
+        "# Command line\n\nEvery command answers `--help`. The [exit codes](exit-codes.md) are the same for all.\n"
+    ]
+    parts += [f"## {name}\n\n```text\n{text}```\n" for name, text in _helps("ftbias", build_parser())]
+    return "\n".join(parts)
+
+
+def _helps(name: str, parser: Any) -> Iterable[tuple[str, str]]:
+    yield name, parser.format_help()
+    for action in parser._actions:
+        if hasattr(action, "add_parser"):
+            for word, below in action.choices.items():
+                yield from _helps(f"{name} {word}", below)
+
+
+def verbs_page() -> str:
+    """What ``import ftbias_jax as ft`` offers: a table of all names, and what no other page documents."""
+    import ftbias_jax
+
+    elsewhere = _documented()
+    rows, rest = [], []
+    for name in getattr(ftbias_jax, "__all__", ()):
+        thing = getattr(ftbias_jax, name)
+        path = elsewhere.get(id(thing), f"{thing.__module__}.{thing.__qualname__}")
+        summary = (thing.__doc__ or "").strip().splitlines()[0]
+        rows.append((f"[`ft.{name}`][{path}]", summary))
+        if id(thing) not in elsewhere:
+            rest.append(f"::: {path}\n    options:\n      heading: ft.{name}\n      toc_label: {name}\n")
+    functions_first = sorted(rows, key=lambda row: row[0][len("[`ft.")].isupper())
+    return "\n".join(
+        [
+            "# Verbs\n\n```python\nimport ftbias_jax as ft\n```\n",
+            "Importing costs milliseconds, because names are imported when they are first used. The other pages of",
+            "this section have what lies below.\n",
+            _table(("name", "what it is or does"), functions_first),
+            *rest,
+        ]
+    )
+
+
+def _documented() -> dict[int, str]:
+    """id of an object -> its path, for what the other pages of the API document."""
+    found = {}
+    for page in sorted((HERE / "pages" / "api").glob("*.md")):
+        for path in re.findall(r"^::: (\S+)", page.read_text(), re.MULTILINE):
+            try:
+                module = importlib.import_module(path)
+            except ModuleNotFoundError:  # a member
+                above, _, name = path.rpartition(".")
+                found[id(getattr(importlib.import_module(above), name))] = path
+                continue
+            for name, thing in vars(module).items():
+                if name in getattr(module, "__all__", ()) or getattr(thing, "__module__", "") == path:
+                    found[id(thing)] = f"{path}.{name}"
+    return found
+
+
+def _sentence(words: str) -> str:
+    return words[0].upper() + words[1:].rstrip(".") + "."
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    lines = [list(head)]
+    lines.append(["---"] * len(lines[0]))
+    lines += [[str(cell).replace("|", "\\|") for cell in row] for row in rows]
+    return "\n".join("| " + " | ".join(row) + " |" for row in lines) + "\n"
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "reference/effects.md": effects_page,
+    "reference/setup.md": setup_page,
+    "reference/command-line.md": command_line_page,
+    "api/index.md": verbs_page,
+}
+"""Path in the site -> what makes it."""
