@@ -80,7 +80,7 @@ def assert_decodes(path):
 def test_help_and_usage_errors_come_before_jax():
     program = """if True:
         import sys
-        from ftbias_jax.cli import main
+        from ftbias_jax.cli.main import main
         for arguments in ("--help", "filter --help", "demo --help", "--version", "", "filter log.npz"):
             try:
                 main(arguments.split())
