@@ -31,7 +31,7 @@ from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Gap
 from ftbias_jax.diagnosis.samples.types import Finding, together
 from ftbias_jax.diagnosis.search import search
 from ftbias_jax.errors import UsageError
-from ftbias_jax.io.clean import clean
+from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE, check_names
 from ftbias_jax.runtime.jax_config import in_float64

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clean import clean
+from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.ros.read import read_ros
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES

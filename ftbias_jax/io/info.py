@@ -13,7 +13,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import is_ros, read_recorded
-from ftbias_jax.io.clean import clean
+from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.health import gaps, sample_rate, saturation, stuck_seconds
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.npz_archive import load_arrays

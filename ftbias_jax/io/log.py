@@ -80,7 +80,7 @@ class Log(NamedTuple):
             LogError: shapes disagree, the clock was set back, a value is infinite, or there is no motion or no wrench.
         """
         # Imported here, because what checks and cleans a log is made of logs.
-        from ftbias_jax.io.clean import clean
+        from ftbias_jax.io.cleaning import clean
         from ftbias_jax.io.tables.arrays import log_from_arrays
 
         times = {"t_joints": t[0], "t_wrench": t[1]} if isinstance(t, tuple) else {"t": t}

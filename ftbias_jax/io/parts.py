@@ -12,7 +12,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_recorded
 from ftbias_jax.io.check import check_content, check_samples, relative_seconds
-from ftbias_jax.io.clean import Facts, Split, check_rest, cleaned_wrench, findings, slices, survey
+from ftbias_jax.io.cleaning import Facts, Split, check_rest, cleaned_wrench, findings, slices, survey
 from ftbias_jax.io.clock import as_stamps
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.npz_archive import stored_arrays

@@ -177,6 +177,16 @@ def test_identify(command, folder, name):
     assert stderr < 0.02
 
 
+def test_a_setup_is_replaced_in_place_and_its_link_stays(command, folder):
+    (folder / "own.toml").write_text((folder / "setup.toml").read_text())
+    (folder / "link.toml").symlink_to("own.toml")
+    code, out, _ = command("identify whole.npz --setup link.toml --in-place")
+    assert code == 0
+    assert out.endswith("wrote link.toml\n")
+    assert (folder / "link.toml").is_symlink()
+    assert "identified" in (folder / "own.toml").read_text()
+
+
 @every_fault
 def test_simulate(command, folder, simulated, name):
     code, _, told = command(f"simulate --setup setup.toml --motion {name}.npz -o made.npz --truth truth.npz")

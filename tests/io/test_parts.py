@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import parts, read_log
+from ftbias_jax.io import cleaning, parts, read_log
 from ftbias_jax.io.health import saturation
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.parts import open_log
@@ -15,6 +15,7 @@ T = 500
 @pytest.fixture(autouse=True)
 def _everything_is_long(monkeypatch):
     monkeypatch.setattr(parts, "LONG", 64)
+    monkeypatch.setattr(cleaning, "PART", 4)
 
 
 def arrays(seed=0):
