@@ -41,17 +41,7 @@ def result(setup, made):
 
 
 def test_all_names_are_listed_and_are_there():
-    verbs = [
-        "load_setup",
-        "read_log",
-        "filter_log",
-        "smooth_log",
-        "tune",
-        "identify_tool",
-        "simulate",
-        "diagnose",
-        "log_likelihood",
-    ]
+    verbs = {"load_setup", "read_log", "filter_log", "smooth_log", "tune", "identify_tool", "simulate", "diagnose"}
     assert verbs | {"log_likelihood"} <= set(dir(ft))
     assert set(dir(ft)) == {*ft.__all__, "__version__"}
     for name in ft.__all__:

@@ -56,7 +56,14 @@ def correlated_variance(noise: BiasNoise, vibration: Array | None = None) -> Arr
 
 def vibration(noise: BiasNoise, velocity: Array) -> Array | None:
     """(..., 6) N^2, Nm^2: what the motion of the joints, velocity (..., n) rad/s, adds to the noise; None = nothing."""
-    return None if noise.vibration is None else velocity**2 @ noise.vibration
+    if noise.vibration is None:
+        return None
+    return effective_speed_squared(velocity, noise.vibration_speed) @ noise.vibration
+
+
+def effective_speed_squared(velocity: Array, most: Array | None) -> Array:
+    """dq^2 / (1 + (dq / most)^2), (rad/s)^2: vibration of real arms grows with the speed of a joint, and levels off."""
+    return velocity**2 if most is None else velocity**2 / (1 + velocity**2 / most**2)
 
 
 def white_share(noise: BiasNoise, vibration: Array) -> Array:
