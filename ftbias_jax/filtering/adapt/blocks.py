@@ -6,10 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.filtering.bias_filter import effective_speed_squared
 from ftbias_jax.types import Array
 
 BLOCK_SECONDS = 0.05
 """Vibration of arms and tools, 10 Hz and above, averages out in a block; what moves the bias does not."""
+SPEEDS = (None, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
+"""rad/s at which vibration may stop growing; None = never."""
 FEWEST = 10
 """Samples of a block: the scatter of fewer about a line tells neighbours apart more than it tells noise."""
 
@@ -28,7 +31,7 @@ class Blocks(NamedTuple):
     scatter: Array
     """(N, 6) N^2, Nm^2: variance of the samples about a straight line through the block."""
     motion: Array
-    """(N, n) (rad/s)^2, mean squared speed of the joints."""
+    """(N, S, n) (rad/s)^2, mean of the joints' ``effective_speed_squared`` for each of SPEEDS."""
     stated: Array
     """(N, 6) N^2, Nm^2, mean variance of a sample as the setup states it, with the joints' share."""
 
@@ -62,7 +65,9 @@ def in_blocks(t: Array, y: Array, velocity: Array, variance: Array) -> Blocks:
         centred = np.where(seen, values - mean[:, None], 0)
         slope = (x * centred).sum(1) / np.where((x**2).sum(1) > 0, (x**2).sum(1), np.inf)
         scatter = ((centred - slope[:, None] * x) ** 2).sum(1) / np.where(count > 2, count - 2, np.nan)
-    return Blocks(times.mean(1), size, mean, count, scatter, (cut(velocity) ** 2).mean(1), cut(variance).mean(1))
+    speeds = [np.asarray(effective_speed_squared(cut(velocity), most)).mean(1) for most in SPEEDS]
+    motion = np.stack(speeds, 1)
+    return Blocks(times.mean(1), size, mean, count, scatter, motion, cut(variance).mean(1))
 
 
 def join_blocks(parts: list[Blocks]) -> Blocks:

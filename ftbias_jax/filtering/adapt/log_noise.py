@@ -55,7 +55,7 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     white, vibration, slow = blocks.stated, None, None
     if params.bias.vibration is None:
         vibration = fit_vibration(blocks, free)
-        white = white + vibration.rest + blocks.motion @ vibration.per_speed
+        white = vibration.variance(blocks)
     y = np.where(free[:, None], blocks.mean, np.nan)
     variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
     bias = params.bias
@@ -101,9 +101,10 @@ def with_noise(params: Params, noise: LogNoise) -> Params:
     """Parameters of the filter with what the log shows."""
     bias, dtype = params.bias, params.theta.dtype
     if noise.vibration is not None:
-        bias = bias._replace(wrench_variance=bias.wrench_variance + jnp.asarray(noise.vibration.rest, dtype))
+        bias = bias._replace(wrench_variance=bias.wrench_variance * jnp.asarray(noise.vibration.level, dtype))
         if noise.vibration.per_speed.any():
-            bias = bias._replace(vibration=jnp.asarray(noise.vibration.per_speed, dtype))
+            speed = None if noise.vibration.speed is None else jnp.asarray(noise.vibration.speed, dtype)
+            bias = bias._replace(vibration=jnp.asarray(noise.vibration.per_speed, dtype), vibration_speed=speed)
     if noise.slow is not None and noise.slow.std.any():
         bias = bias._replace(
             correlated_std=jnp.asarray(noise.slow.std, dtype), correlated_time=jnp.asarray(noise.slow.time, dtype)
@@ -128,11 +129,10 @@ def describe(noise: LogNoise) -> list[str]:
         lines.append(f"contact from {contact.start:.2f} to {contact.end:.2f} s, up to {size:.2g} N: not used")
     if noise.vibration is not None and noise.vibration.per_speed.any():
         lines.append("the noise grows with the speed of the joints; the filter takes what the scatter of the log shows")
-    if noise.vibration is not None and (noise.vibration.rest > 0).any():
-        louder = " ".join(
-            f"{name} {np.sqrt(x):.2g}" for name, x in zip(AXES, noise.vibration.rest, strict=True) if x > 0
-        )
-        lines.append(f"at rest the noise is larger than stated, by: {louder} N, Nm")
+    if noise.vibration is not None and (noise.vibration.level != 1).any():
+        levels = zip(AXES, np.sqrt(noise.vibration.level), strict=True)
+        words = " ".join(f"{name} {x:.2g}" for name, x in levels if x != 1)
+        lines.append(f"standard deviation of the noise at rest, in the stated one: {words}")
     if noise.slow is not None and noise.slow.std.any():
         words = ", ".join(
             f"{name} {std:.2g} over {time:.2g} s"

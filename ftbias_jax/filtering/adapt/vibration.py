@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.adapt.blocks import Blocks
+from ftbias_jax.filtering.adapt.blocks import SPEEDS, Blocks
 from ftbias_jax.types import Array
 
 ROUNDS = 300
@@ -18,57 +18,85 @@ HEAVY = 30.0
 """A scatter this many times the usual is no vibration but a spike: it is cut to that."""
 
 
-class Vibration(NamedTuple):
-    """Variance of a sample: at rest, and what the squared speed of each joint adds."""
+LEVEL_WITHIN = 0.1
+"""The stated variance is believed if the log's is within this share of it."""
+LEAST_LEVEL = 0.05
+"""Of the stated variance: less is a reading that stands still, or repeats itself."""
 
-    rest: Array
-    """(6,) N^2, Nm^2 beyond what is stated; 0 where the stated noise is enough."""
+
+class Vibration(NamedTuple):
+    """Variance of a sample: at rest, and what the speed of each joint adds."""
+
+    level: Array
+    """(6,) variance without motion, in what is stated; 1 where the log agrees."""
     per_speed: Array
     """(n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2, not negative."""
+    speed: float | None
+    """rad/s at which it stops growing (``bias_filter.effective_speed_squared``); None = never."""
     gain: float
     """nats on unseen stretches, of ``per_speed`` over a constant."""
+
+    def variance(self, blocks: Blocks) -> Array:
+        """(N, 6) N^2, Nm^2 of a sample in each block."""
+        found: Array = self.level * blocks.stated + blocks.motion[:, SPEEDS.index(self.speed)] @ self.per_speed
+        return found
 
 
 def fit_vibration(blocks: Blocks, free: Array) -> Vibration:
     """Variance of samples by maximum likelihood: the scatter of a block is Gamma distributed about the model.
 
+    Whether motion matters, and at which speed it stops to, is judged on stretches that were not fitted.
+
     Args:
         blocks: of the log.
         free: (N,) blocks in which nothing touches.
     """
-    dof, scatter, stated = blocks.count - 2.0, blocks.scatter, blocks.stated
+    dof, scatter = blocks.count - 2.0, blocks.scatter
     usable = free[:, None] & (dof > 0) & np.isfinite(scatter)
     dof, scatter = np.where(usable, dof, 0), np.where(usable, scatter, 1)
     step = float(np.median(np.diff(blocks.t))) if len(blocks.t) > 1 else 1.0
     fold = (np.arange(len(blocks.t)) // max(1, round(FOLD_SECONDS / step))) % 2
-    constant = np.ones((len(blocks.t), 1))
-    moving = np.concatenate([constant, blocks.motion], 1)
-    gain = 0.0
-    for seen in (0, 1):
-        here, there = np.where((fold == seen)[:, None], dof, 0), np.where((fold != seen)[:, None], dof, 0)
-        both = [stated + X @ _maximise(X, stated, scatter, here) for X in (moving, constant)]
-        gain += float(_nats(both[0], scatter, there) - _nats(both[1], scatter, there))
-    if gain < LEAST_GAIN:
-        return Vibration(_maximise(constant, stated, scatter, dof)[0], np.zeros((blocks.motion.shape[1], 6)), gain)
-    found = _maximise(moving, stated, scatter, dof)
-    return Vibration(found[0], found[1:], gain)
+    nothing = np.zeros((len(blocks.t), 0))
+    nats = []
+    for motion in (nothing, *np.moveaxis(blocks.motion, 1, 0)):
+        unseen = 0.0
+        for side in (0, 1):
+            here, there = (np.where((fold == which)[:, None], dof, 0) for which in (side, 1 - side))
+            found = _maximise(blocks.stated, motion, scatter, here)
+            unseen += _nats(_variance(blocks.stated, motion, found), scatter, there)
+        nats.append(unseen)
+    best = int(np.argmax(nats[1:]))
+    gain = nats[1 + best] - nats[0]
+    moves = gain > LEAST_GAIN
+    found = _maximise(blocks.stated, blocks.motion[:, best] if moves else nothing, scatter, dof)
+    level = np.where(np.abs(found[0] - 1) < LEVEL_WITHIN, 1, np.maximum(found[0], LEAST_LEVEL))
+    level = np.where((dof > 0).any(0), level, 1)
+    per_speed = found[1:] if moves else np.zeros((blocks.motion.shape[2], 6))
+    return Vibration(level, per_speed, SPEEDS[best] if moves else None, gain)
 
 
-def _maximise(X: Array, stated: Array, scatter: Array, dof: Array) -> Array:
-    """(k, 6) non-negative coefficients of X (N, k) that are likeliest, by multiplicative steps that never lose.
+def _variance(stated: Array, motion: Array, coefficients: Array) -> Array:
+    found: Array = coefficients[0] * stated + motion @ coefficients[1:]
+    return found
 
-    The likelihood of scatter about stated + X b is that of the Itakura-Saito divergence (Fevotte, Bertin and Durrieu
-    2009), whose multiplicative step with an exponent of 1/2 does not decrease it.
+
+def _maximise(stated: Array, motion: Array, scatter: Array, dof: Array) -> Array:
+    """(1 + n, 6) non-negative coefficients that are likeliest, by multiplicative steps that never lose.
+
+    The likelihood of the scatter is that of the Itakura-Saito divergence (Fevotte, Bertin and Durrieu 2009), whose
+    multiplicative step with an exponent of 1/2 does not decrease it.
     """
-    scale = np.maximum(np.mean(X, 0), 1e-12)[:, None]
-    usual = np.median(np.where(dof > 0, scatter, np.nan)[np.isfinite(scatter).all(1)], axis=0)
-    b = np.nan_to_num(usual, nan=1.0)[None] / scale / len(X.T)
+    columns = zip(scatter.T, dof.T, strict=True)
+    usual = np.array([np.median(x[seen > 0]) if (seen > 0).any() else 1.0 for x, seen in columns])
+    scale = np.maximum(motion.mean(0), 1e-12)[:, None]
+    b = np.concatenate([(usual / np.mean(stated, 0))[None] / 2, usual[None] / scale / 2 / max(1, len(scale))])
     for _ in range(ROUNDS):
-        mu = stated + X @ b
-        cut = np.minimum(scatter, HEAVY * mu)
-        up, down = X.T @ (dof * cut / mu**2), X.T @ (dof / mu)
-        b = b * np.sqrt(up / np.maximum(down, 1e-300))
-    return np.where(b * scale > 1e-3 * np.mean(stated, 0)[None], b, 0)
+        mu = _variance(stated, motion, b)
+        down, up = dof / mu, dof * np.minimum(scatter, HEAVY * mu) / mu**2
+        slopes = [np.concatenate([(stated * x).sum(0)[None], motion.T @ x]) for x in (up, down)]
+        b = b * np.sqrt(slopes[0] / np.maximum(slopes[1], 1e-300))
+    b[1:] = np.where(b[1:] * scale > 1e-3 * np.mean(stated, 0)[None], b[1:], 0)
+    return b
 
 
 def _nats(mu: Array, scatter: Array, dof: Array) -> float:
