@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 from jax import Array
@@ -58,10 +58,11 @@ def vibration(noise: BiasNoise, velocity: Array) -> Array | None:
     """(..., 6) N^2, Nm^2: what the motion of the joints, velocity (..., n) rad/s, adds to the noise; None = nothing."""
     if noise.vibration is None:
         return None
-    return effective_speed_squared(velocity, noise.vibration_speed) @ noise.vibration
+    variance: Array = effective_speed_squared(velocity, noise.vibration_speed) @ noise.vibration
+    return variance
 
 
-def effective_speed_squared(velocity: Array, most: Array | None) -> Array:
+def effective_speed_squared(velocity: Any, most: Any) -> Any:
     """dq^2 / (1 + (dq / most)^2), (rad/s)^2: vibration of real arms grows with the speed of a joint, and levels off."""
     return velocity**2 if most is None else velocity**2 / (1 + velocity**2 / most**2)
 

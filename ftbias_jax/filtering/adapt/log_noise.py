@@ -14,10 +14,10 @@ from ftbias_jax.filtering.adapt.vibration import Vibration, fit_vibration
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import AXES, Array
 
-BATCHES = (1.0, 5.0)
+BATCHES = (0.25, 1.0, 5.0)
 """s: means of the innovations over so long must scatter as the filter says."""
 FEWEST_BATCHES = 8
-SETTLED = 2.0
+SETTLED = 0.5
 """s at the start that do not count: the prior shows there."""
 LEAST_BLOCKS = 40
 """A shorter log says nothing of its noise."""

@@ -20,7 +20,7 @@ HEAVY = 30.0
 
 LEVEL_WITHIN = 0.1
 """The stated variance is believed if the log's is within this share of it."""
-LEAST_LEVEL = 0.05
+LEAST_LEVEL = 0.01
 """Of the stated variance: less is a reading that stands still, or repeats itself."""
 
 
