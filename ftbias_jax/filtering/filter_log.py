@@ -73,7 +73,7 @@ def filter_with_params(
     """
     # Effects with a memory need the whole log at once.
     size = CHUNK if params.effects is None else len(log.t)
-    parts = (log._replace(**_rows(log, i, size)) for i in range(0, len(log.t), size))
+    parts = (log._replace(**rows_of(log, i, size)) for i in range(0, len(log.t), size))
     first_q = np.asarray(joint_filter.first_measured(jnp.asarray(log.q)))
     results = []
     for i, result in enumerate(filter_parts(params, first_q, parts, options), 1):
@@ -111,7 +111,8 @@ def filter_parts(
         before = log.t[-1]
 
 
-def _rows(log: Log, first: int, count: int) -> dict[str, Array]:
+def rows_of(log: Log, first: int, count: int) -> dict[str, Array]:
+    """The arrays of a log from sample ``first`` on, ``count`` samples or fewer."""
     return {name: getattr(log, name)[first : first + count] for name in ("t", "q", "dq", "wrench", "temperature")}
 
 
@@ -143,7 +144,7 @@ def _filtered(log: Log, kept: dict[str, Array]) -> Filtered:
 
 
 def smooth_with_params(
-    params: Params, log: Log, options: Options = DEFAULT_OPTIONS, progress: Callable[[int], None] = lambda done: None
+    params: Params, log: Log, options: Options = DEFAULT_OPTIONS, at: Array | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bias and drift given the whole log, past and future.
 
@@ -151,7 +152,7 @@ def smooth_with_params(
         params: of the pipeline; best those of ``likeliest_params``, because smoothed joints have no lag.
         log: one merged timeline, (T, ...); all of it is held in memory, about 2 kB a sample.
         options: of the pipeline.
-        progress: told the samples done so far.
+        at: (T,) which samples to report; None = those whose wrench was measured.
 
     Returns:
         means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_with_params``.
@@ -172,8 +173,7 @@ def smooth_with_params(
         smoothed = smoother.smooth_bias(params, states, padded.dt)
         mean = smoothed.mean.reshape(-1, 2, 6)
         std = jnp.sqrt(jnp.diagonal(smoothed.covariance, axis1=1, axis2=2)).reshape(-1, 2, 6)
-    progress(length)
-    rows = np.isfinite(log.wrench).any(1)
+    rows = np.isfinite(log.wrench).any(1) if at is None else at
     return np.asarray(mean)[:length][rows], np.asarray(std)[:length][rows]
 
 

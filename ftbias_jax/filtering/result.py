@@ -61,6 +61,11 @@ def join(parts: Sequence[Filtered]) -> Filtered:
     return whole._replace(log_likelihood=np.sum([part.log_likelihood for part in parts]))
 
 
+def named_arrays(filtered: Filtered) -> dict[str, Array]:
+    """The arrays that there are, as they stand in a file."""
+    return {name: x for name, x in filtered._asdict().items() if x is not None}
+
+
 def keep(state: State, info: Info) -> dict[str, Array]:
     """What the output needs of one step: arrays (n, 3), (2, 6) and (6,) in the units of ``Filtered``, rad, N, Nm."""
     std = partial(jnp.diagonal, axis1=-2, axis2=-1)

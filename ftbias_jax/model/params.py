@@ -103,6 +103,9 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
             sensor.noise_std**2 + _unknown_acceleration(setup),
             np.concatenate([setup.bias.initial, setup.bias.initial_drift]),
             np.concatenate([setup.bias.initial_std, setup.bias.initial_drift_std]),
+            correlated_std=sensor.correlated_std,
+            correlated_time=sensor.correlated_time,
+            drift_time=setup.bias.drift_time,
         ),
     )
     params = params._replace(effects=values_from_setup(setup.effects, setup.path) or None)

@@ -124,6 +124,9 @@ def _sections(setup: Setup) -> Iterable[_Line]:
     yield _Line("[sensor]", "rotation_rpy", rpy_from_rotation(sensor.rotation), "rad, fixed axes, in the flange frame")
     yield _Line("[sensor]", "noise_std", sensor.noise_std, "N, Nm")
     yield _Line("[sensor]", "reports", sensor.reports)
+    if sensor.correlated_std is not None:
+        yield _Line("[sensor]", "correlated_std", sensor.correlated_std, "N, Nm")
+        yield _Line("[sensor]", "correlated_time", sensor.correlated_time, "s")
     if setup.pose is not None:
         yield from _pose(setup.pose)
     yield _Line("[tool]", "mass", tool.mass, "kg")
@@ -136,6 +139,10 @@ def _sections(setup: Setup) -> Iterable[_Line]:
     yield _Line("[bias]", "initial_drift", bias.initial_drift, "N/s, Nm/s")
     if bias.gate is not None:
         yield _Line("[bias]", "gate", bias.gate, "standard deviations")
+    if bias.drift_time is not None:
+        yield _Line("[bias]", "drift_time", bias.drift_time, "s")
+    if not bias.adapt:
+        yield _Line("[bias]", "adapt", bias.adapt)
     yield _Line("[joints]", "model", joints.model)
     if joints.process_noise_density is not None:
         yield _Line("[joints]", "process_noise_density", joints.process_noise_density, density)

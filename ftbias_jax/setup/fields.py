@@ -91,6 +91,14 @@ def require(section: Section, key: str, remedy: str) -> Any:
     return section.values[key]
 
 
+def flag(section: Section, key: str, default: bool) -> bool:
+    """True or false."""
+    value = section.values.get(key, default)
+    if not isinstance(value, bool):
+        raise section.error(key, f"expected true or false, got {show(value)}", "write it without quotes")
+    return value
+
+
 def text(section: Section, key: str, default: str, choices: Collection[str] = ()) -> str:
     """A string, one of the choices if there are any."""
     value = section.values.get(key, default)

@@ -11,7 +11,6 @@ import numpy as np
 from ftbias_jax.setup.fields import (
     NOT_NEGATIVE,
     POSITIVE,
-    Range,
     Section,
     check_keys,
     names,
@@ -23,14 +22,12 @@ from ftbias_jax.setup.fields import (
     text,
     vector,
 )
+from ftbias_jax.setup.parse_noise import bias_section, joints_section
 from ftbias_jax.setup.robots import BUILT_IN, STANDARD_GRAVITY, built_in_robot, prismatic_screw, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.sensor_pose import parse_pose, pose_columns, pose_robot
 from ftbias_jax.setup.types import (
-    JOINT_MODELS,
     REPORTS,
-    BiasSetup,
-    JointSetup,
     LogSetup,
     PoseSetup,
     RobotSetup,
@@ -44,7 +41,6 @@ from ftbias_jax.types import Array
 
 AXIS_TOLERANCE = 1e-4  # an axis rounded to four digits still means a unit axis; more is a mistake
 INERTIA_TOLERANCE = 1e-6  # relative to the largest principal moment: inertias printed with seven digits pass
-AT_LEAST_ONE = Range("1 or more", 1.0)  # standard deviations: a narrower gate would keep good samples out
 MAX_GRAVITY = 30.0  # m/s^2: above every planet a robot stands on, below cm/s^2 or mistyped units
 
 
@@ -65,9 +61,9 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
     robot = _robot(top) if pose is None else pose_robot(top, pose)
     n = len(robot.joint_names)
     sensor = _sensor(top)
-    joints, log = _joints(top, n, pose), _log(top, n, pose)
+    joints, log = joints_section(top, n, pose), _log(top, n, pose)
     urdf = _urdf_path(table(top, "robot"))
-    return Setup(robot, sensor, _tool(top, sensor), _bias(top), joints, log, _effects(top), pose, file, urdf)
+    return Setup(robot, sensor, _tool(top, sensor), bias_section(top), joints, log, _effects(top), pose, file, urdf)
 
 
 def _robot(top: Section) -> RobotSetup:
@@ -147,12 +143,18 @@ def _rotation(section: Section) -> Array:
 
 
 def _sensor(top: Section) -> SensorSetup:
-    section = subsection(top, "sensor", ("translation", "rotation_rpy", "noise_std", "reports"), required=True)
+    known = ("translation", "rotation_rpy", "noise_std", "reports", "correlated_std", "correlated_time")
+    section = subsection(top, "sensor", known, required=True)
+    correlated = [key for key in known[4:] if key in section.values]
+    if len(correlated) == 1:
+        raise section.error(correlated[0], "stands alone", "state correlated_std and correlated_time, or none of them")
     return SensorSetup(
         translation=vector(section, "translation", 3, (0.0, 0.0, 0.0)),
         rotation=_rotation(section),
         noise_std=vector(section, "noise_std", 6, within=POSITIVE, expand=True),
         reports=text(section, "reports", REPORTS[0], REPORTS),
+        correlated_std=vector(section, known[4], 6, within=NOT_NEGATIVE, expand=True) if correlated else None,
+        correlated_time=vector(section, known[5], 6, within=POSITIVE, expand=True) if correlated else None,
     )
 
 
@@ -186,37 +188,6 @@ def _urdf_tool(section: Section, robot: Section, sensor: SensorSetup) -> ToolSet
     tool = urdf_tool(_load_urdf(robot), text(robot, "tip_link", ""), text(section, "from_urdf_link", ""), pose)
     _check_inertia(tool.inertia, section, "from_urdf_link")
     return tool
-
-
-def _bias(top: Section) -> BiasSetup:
-    keys = ("noise_density", "initial_std", "initial_drift_std", "initial", "initial_drift", "gate")
-    section = subsection(top, "bias", keys)
-    gate = scalar(section, "gate", within=AT_LEAST_ONE) if "gate" in section.values else None
-    if gate is not None and "effects" in top.values:
-        raise section.error("gate", "does not go with [effects]", "remove one of the two")
-    return BiasSetup(
-        noise_density=vector(section, "noise_density", 6, (2e-4, 1e-5), within=POSITIVE, expand=True),
-        initial_std=vector(section, "initial_std", 6, (5.0, 0.5), within=POSITIVE, expand=True),
-        initial_drift_std=vector(section, "initial_drift_std", 6, (0.01, 5e-4), within=NOT_NEGATIVE, expand=True),
-        initial=vector(section, "initial", 6, (0.0, 0.0), expand=True),
-        initial_drift=vector(section, "initial_drift", 6, (0.0, 0.0), expand=True),
-        gate=gate,
-    )
-
-
-def _joints(top: Section, n: int, pose: PoseSetup | None) -> JointSetup:
-    keys = ("model", "process_noise_density", "position_noise_std", "velocity_noise_std", "initial_std")
-    section = subsection(top, "joints", keys)
-    position_std, velocity_std = (pose.position_noise_std, pose.velocity_noise_std) if pose else (2e-5, 1e-3)
-    key = "process_noise_density"
-    density = vector(section, key, n, within=POSITIVE, expand=True) if key in section.values else None
-    return JointSetup(
-        model=text(section, "model", JOINT_MODELS[0], JOINT_MODELS),
-        process_noise_density=density,
-        position_noise_std=vector(section, "position_noise_std", n, position_std, within=POSITIVE, expand=True),
-        velocity_noise_std=vector(section, "velocity_noise_std", n, velocity_std, within=POSITIVE, expand=True),
-        initial_std=vector(section, "initial_std", 3, (1.0, 1.0, 10.0), within=NOT_NEGATIVE),
-    )
 
 
 def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:

@@ -54,6 +54,10 @@ class SensorSetup:
     """(6,) N and Nm, standard deviation of one sample."""
     reports: str = "wrench_on_tool"
     """One of REPORTS. The readers of logs flip the sign of "wrench_on_sensor"; nothing after them looks at it."""
+    correlated_std: Array | None = None
+    """(6,) N and Nm: noise that is correlated in time, a first-order Gauss-Markov process; None = not stated."""
+    correlated_time: Array | None = None
+    """(6,) s, its correlation time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +87,12 @@ class BiasSetup:
     initial_drift: Array
     """(6,) N/s and Nm/s."""
     gate: float | None = None
-    """Wrenches with an axis this many standard deviations off their prediction are not used; None = all are."""
+    """Wrenches with an axis this many standard deviations off their prediction are not used; None = all are, or where
+    the noise is taken from the log ``recorded.whole.GATE``."""
+    drift_time: Array | None = None
+    """(6,) s in which the drift reverts to zero; None = never."""
+    adapt: bool = True
+    """Whether contact and the noise that the setup leaves open are taken from each log."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +103,7 @@ class JointSetup:
     """One of JOINT_MODELS."""
     process_noise_density: Array | None
     """(n,) rad/s^2.5 for integrated_jerk, rad/s^1.5 for integrated_acceleration, rad/s^2 for acceleration: what is true
-    of the motion (the filter takes batch.LAG_GUARD times as much); None = the likeliest one for each log."""
+    of the motion (the filter takes filter_log.LAG_GUARD times as much); None = the likeliest one for each log."""
     position_noise_std: Array
     """(n,) rad."""
     velocity_noise_std: Array

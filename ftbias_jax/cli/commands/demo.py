@@ -116,13 +116,14 @@ def _simulate(setup: Setup, seed: int, count: int, rate: float) -> Simulation:
 
 def _filter(setup: Setup, log: Log, path: Path, label: str) -> Filtered:
     from ftbias_jax.filtering import filter_log
+    from ftbias_jax.filtering.result import named_arrays
     from ftbias_jax.filtering.samples import samples_from_log
     from ftbias_jax.io.write.npz import save_npz
     from ftbias_jax.runtime.progress import Progress
 
     params = filter_log.params_for_log(setup, samples_from_log(log))
     filtered = filter_log.filter_with_params(params, log, progress=Progress(label, len(log.t)))
-    save_npz(path, filtered._asdict())
+    save_npz(path, named_arrays(filtered))
     return filtered
 
 

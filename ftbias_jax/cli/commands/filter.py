@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from ftbias_jax.cli.commands import filter_archive
-from ftbias_jax.cli.commands.filter_archive import with_gate
+from ftbias_jax.cli.commands.filter_archive import with_choices
 from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot:
         figure_format(arguments.plot)
         new_figure()  # a missing package is told before minutes are spent
-    setup = with_gate(load_setup(arguments.setup), arguments.gate)
+    setup = with_choices(load_setup(arguments.setup), arguments)
     check_outputs(outputs, (path, *setup.files))
     log = open_log(path, setup, salvage=arguments.salvage)
 
@@ -44,6 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     prepare_jax()
     from ftbias_jax.cli.jobs.one_file import Choices, filter_file
+    from ftbias_jax.filtering.adapt.log_noise import describe
     from ftbias_jax.filtering.quality import consistency, plot
     from ftbias_jax.filtering.quality.summary import format_summary
     from ftbias_jax.filtering.verbs.results import format_joint_noise
@@ -54,6 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot:
         plot.save_figure(arguments.plot, plot.plot_filtered(outcome.filtered, Path(path).name))
     print(format_summary(outcome.summary))
+    for line in describe(outcome.noise):
+        print(line)
     print(format_joint_noise(outcome.params, setup.joints.model))
     if arguments.offsets:
         text = dump_offsets(outcome.summary.bias, setup.sensor.reports)

@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     for option in ("plot", "check", "offsets"):
         if getattr(arguments, option):
             raise UsageError("needs a single log and a file for its result", field=f"--{option}", remedy="leave it out")
-    setup = with_gate(load_setup(arguments.setup), arguments.gate)
+    setup = with_choices(load_setup(arguments.setup), arguments)
     index, count = arguments.shard
     folder = arguments.output
     every = find_logs(arguments.logs, folder, f".{arguments.format}")
@@ -79,13 +79,14 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if statuses == {FAILED} else 3 if statuses & {FAILED, LOSS} else 0
 
 
-def with_gate(setup: Setup, gate: float | None) -> Setup:
-    """The setup with the gate of the command line, if there is one."""
-    if gate is None:
-        return setup
-    if setup.effects:
-        raise UsageError("does not go with the setup's [effects]", field="--gate", remedy="leave out one of the two")
-    return replace(setup, bias=replace(setup.bias, gate=gate))
+def with_choices(setup: Setup, arguments: argparse.Namespace) -> Setup:
+    """The setup with what the command line says about the gate and about adapting to the log."""
+    bias = setup.bias
+    if arguments.gate is not None:
+        bias = replace(bias, gate=arguments.gate)
+    if arguments.as_stated:
+        bias = replace(bias, adapt=False)
+    return replace(setup, bias=bias)
 
 
 def format_table(entries: Sequence[Entry], skipped: int) -> str:

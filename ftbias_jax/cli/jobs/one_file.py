@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from ftbias_jax.filtering import filter_log
+from ftbias_jax.filtering.adapt.log_noise import LogNoise
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability, summary
 from ftbias_jax.filtering.quality.summary import Summary
-from ftbias_jax.filtering.result import Filtered, join
+from ftbias_jax.filtering.recorded.ready import ready_to_filter, smoothed_arrays
+from ftbias_jax.filtering.result import Filtered, join, named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog
@@ -35,6 +37,8 @@ class Outcome(NamedTuple):
 
     summary: Summary
     params: Params
+    noise: LogNoise
+    """What the log shows of contact and noise beyond its setup."""
     repairs: Repairs
     """What was mended or lost, for the owner to know."""
     filtered: Filtered
@@ -72,28 +76,26 @@ def filter_file(
     """
     options = options_from_setup(setup)
     likeliest = filter_log.likeliest_params(setup, samples_from_log(next(log.parts(filter_log.CHUNK))), options)
-    params = filter_log.guard_against_lag(likeliest)
-    size = filter_log.CHUNK if params.effects is None else log.length  # effects with a memory need the whole log
+    size = filter_log.CHUNK if likeliest.effects is None else log.length  # effects with a memory need the whole log
+    ready = ready_to_filter(setup, likeliest, log.facts.first_q, lambda: log.parts(size), log.length)
     tally, turning = summary.start(), observability.start()
 
     def results() -> Iterator[Filtered]:
         nonlocal tally, turning
-        for i, part in enumerate(filter_log.filter_parts(params, log.facts.first_q, log.parts(size), options), 1):
-            tally, turning = summary.add(tally, part), observability.add(turning, params, part)
+        for i, part in enumerate(ready.results(), 1):
+            tally, turning = summary.add(tally, part), observability.add(turning, ready.params, part)
             progress(min(i * size / log.length, 1.0))
             yield part
 
     if keep or choices.smooth or not os.fspath(output).lower().endswith(".npz"):
         filtered = join(list(results()))
-        arrays = filtered._asdict()
+        arrays = named_arrays(filtered)
         if choices.smooth:
-            mean, std = filter_log.smooth_with_params(likeliest, log.whole(), options)
-            arrays |= {"bias_smooth": mean[:, 0], "drift_smooth": mean[:, 1]}
-            arrays |= {"bias_smooth_std": std[:, 0], "drift_smooth_std": std[:, 1]}
+            arrays |= smoothed_arrays(ready, log.whole(), options)
         save_results(output, arrays, log.start)
     else:
-        save_npz_parts(output, (part._asdict() for part in results()))
+        save_npz_parts(output, (named_arrays(part) for part in results()))
         assert tally.last is not None  # no log is empty
         filtered = tally.last
     repairs = (*log.repairs, *observability.remarks(turning))
-    return Outcome(summary.finish(tally), params, repairs, filtered)
+    return Outcome(summary.finish(tally), ready.params, ready.noise, repairs, filtered)

@@ -35,7 +35,12 @@ def add_filter(commands: Commands) -> None:
         "--gate",
         type=gate,
         metavar="SIGMAS",
-        help="do not use wrenches farther than this off their prediction: contacts and spikes (5 is usual)",
+        help="do not use wrenches farther than this off their prediction: contacts and spikes (6)",
+    )
+    parser.add_argument(
+        "--as-stated",
+        action="store_true",
+        help="filter as on the robot: joints from the past alone, noise as the setup states, contact not looked for",
     )
     folders = parser.add_argument_group("for a folder OUT")
     folders.add_argument("--jobs", type=count, default=1, metavar="N", help="logs at a time (%(default)s)")

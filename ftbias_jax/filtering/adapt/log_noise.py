@@ -19,6 +19,8 @@ BATCHES = (0.25, 1.0, 5.0)
 FEWEST_BATCHES = 8
 SETTLED = 0.5
 """s at the start that do not count: the prior shows there."""
+FIRST, FAR = 5, 4.0
+"""Blocks at the start whose median is the bias there, and standard deviations of the prior that are too many."""
 LEAST_BLOCKS = 40
 """A shorter log says nothing of its noise."""
 
@@ -31,13 +33,15 @@ class LogNoise(NamedTuple):
     """None = as the setup states."""
     slow: SlowNoise | None
     """None = as the setup states."""
+    offset: Array
+    """(6,) N, Nm: the bias at the start on axes where the prior does not expect it, 0 elsewhere."""
     inflation: Array
     """(6,) factor, 1 or more, of the standard deviations of bias and drift: what the innovations still contradict."""
 
 
 def nothing() -> LogNoise:
     """A log that is as its setup says."""
-    return LogNoise((), None, None, np.ones(6))
+    return LogNoise((), None, None, np.zeros(6), np.ones(6))
 
 
 def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
@@ -50,6 +54,7 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     if len(blocks.t) < LEAST_BLOCKS:
         return nothing()
     contacts = tuple(find_contacts(blocks))
+    offset = offset_of(blocks, params)
     block = blocks.t[1] - blocks.t[0]
     free = ~in_contact(blocks.t, list(contacts), block)
     white, vibration, slow = blocks.stated, None, None
@@ -59,7 +64,7 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     y = np.where(free[:, None], blocks.mean, np.nan)
     variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
     bias = params.bias
-    prior_std, density = np.asarray(bias.prior_std, float), np.asarray(bias.density, float)
+    prior_std, density = prior_with(params, offset), np.asarray(bias.density, float)
     if bias.correlated_std is None or bias.correlated_time is None:
         slow = fit_slow_noise(blocks.t, y, variance, density, prior_std)
         std, time = slow.std, slow.time
@@ -69,7 +74,25 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     start = (prior_std.reshape(2, 6), density)
     grid = Grid(np.ones((1, 6)), std[None], time[None])
     found = [(v[0] / np.sqrt(s[0])) for v, s in innovations(t, y, variance, grid, *start)]
-    return LogNoise(contacts, vibration, slow, inflation(t, np.array(found)))
+    return LogNoise(contacts, vibration, slow, offset, inflation(t, np.array(found)))
+
+
+def offset_of(blocks: Blocks, params: Params) -> Array:
+    """(6,) N, Nm: the measured bias of the first blocks, where it is FAR from what the prior expects; 0 elsewhere.
+
+    Raw readings of some sensors have offsets of kilonewtons. A filter would reject them as contact for ever.
+    """
+    with np.errstate(invalid="ignore"):
+        first = np.nan_to_num(np.nanmedian(blocks.mean[:FIRST], axis=0))
+    mean, std = np.asarray(params.bias.prior_mean, float)[:6], np.asarray(params.bias.prior_std, float)[:6]
+    return np.where(np.abs(first - mean) > FAR * np.maximum(std, 1e-12), first - mean, 0.0)
+
+
+def prior_with(params: Params, offset: Array) -> Array:
+    """(12,) square root of P_0, wide enough for the offset."""
+    std = np.array(params.bias.prior_std, float)
+    std[:6] = np.maximum(std[:6], np.abs(offset))
+    return std
 
 
 def inflation(t: Array, white: Array) -> Array:
@@ -109,6 +132,7 @@ def with_noise(params: Params, noise: LogNoise) -> Params:
         bias = bias._replace(
             correlated_std=jnp.asarray(noise.slow.std, dtype), correlated_time=jnp.asarray(noise.slow.time, dtype)
         )
+    bias = bias._replace(prior_std=jnp.asarray(prior_with(params, noise.offset), dtype))
     return params._replace(bias=bias)
 
 
@@ -124,6 +148,9 @@ MARGIN = 0.05
 def describe(noise: LogNoise) -> list[str]:
     """Lines that tell a reader what the log shows beyond its setup; none if nothing."""
     lines = []
+    if noise.offset.any():
+        words = " ".join(f"{name} {x:.4g}" for name, x in zip(AXES, noise.offset, strict=True) if x)
+        lines.append(f"the bias at the start is far from what the setup expects, by N, Nm: {words}")
     for contact in noise.contacts:
         size = np.linalg.norm(contact.force[:3])
         lines.append(f"contact from {contact.start:.2f} to {contact.end:.2f} s, up to {size:.2g} N: not used")

@@ -15,7 +15,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.process_models import FORGET, Gated, ProcessModel
+from ftbias_jax.filtering.fast.gate import before_growth, screen
+from ftbias_jax.filtering.process_models import Gated, ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import (
     Rows,
@@ -78,7 +79,7 @@ def filter_step(
     x, P, lost = compile_whole(partial(predict, model))(density, restart, state, dt)
     grown = None
     if isinstance(model, Gated):
-        P, passed, grown = compile_whole(partial(_screen, model.gate))(x, P, dt, y[0], variance[0])
+        P, passed, grown = compile_whole(partial(screen, model.gate))(x, P, dt, y[0], variance[0])
         y = [passed, *y[1:]]
     prediction, spread = x[:m], [P[j][j] for j in range(m)]
     columns: Rows = []
@@ -112,29 +113,6 @@ def predict(
     lost = (P[0][0] > restart[0]) & (P[1][1] > restart[1])
     x = [jnp.where(lost, still, moved) for still, moved in zip(rest, x, strict=True)]
     return x, [[jnp.where(lost, restart[a] if a == b else 0, P[a][b]) for b in range(k)] for a in range(k)], lost
-
-
-def _screen(gate: float, x: Vector, P: Rows, dt: Array, y: Array, r: Array) -> tuple[Rows, Array, Array]:
-    """``bias_filter.gated`` for lanes: the covariance, the measurement, and the share by which P_bb grew."""
-    off = jnp.abs(y - x[0]) > gate * jnp.sqrt(P[0][0] + r)  # never where nothing was measured
-    closed = jnp.broadcast_to(off.any(-1, keepdims=True), off.shape)
-    grown = jnp.where(closed, jnp.expm1(2 * dt / FORGET), 0)
-    P = [[P[0][0] + grown * _variance_of_bias(P), *P[0][1:]], *P[1:]]
-    return P, jnp.where(closed, jnp.nan, y), grown
-
-
-def _variance_of_bias(P: Rows) -> Array:
-    """Of the bias alone: the first entry is the bias plus the correlated noise, the third the noise."""
-    return P[0][0] if len(P) == 2 else P[0][0] - 2 * P[0][2] + P[2][2]
-
-
-def _before_growth(P: Rows, grown: Array) -> Rows:
-    """Adjoint of ``_screen`` on the covariance."""
-    share = P[0][0] * grown
-    P = [[P[0][0] + share, *P[0][1:]], *P[1:]]
-    if len(P) == 3:
-        P = [[P[0][0], P[0][1], P[0][2] - share], P[1], [P[2][0] - share, P[2][1], P[2][2] + share]]
-    return P
 
 
 def _correct(j: int, x: Vector, P: Rows, measurement: Array, r: Array) -> tuple[Vector, Rows, Array, Array]:
@@ -184,7 +162,7 @@ def step_back(
     # x, P: the derivatives dL/dmean and dL/dcovariance, after the sample's correction, then before it.
     x, P, y, variance = _before_corrections(record, bar, *state)
     if record.grown is not None:
-        P = _before_growth(P, record.grown)
+        P = before_growth(P, record.grown)
     return compile_whole(partial(_before_prediction, model))(density, dt, record.lost, record.before, x, P, y, variance)
 
 

@@ -20,6 +20,8 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array
 
+GATE = 6.0
+"""Standard deviations: with the noise of the log, spikes and short contacts are off by more, and nothing else is."""
 MOST_KEPT = 1 << 19
 """Samples of a log whose joints are kept between the two passes; those of a longer one are smoothed twice."""
 Parts = Callable[[], Iterable[Log]]
@@ -52,6 +54,8 @@ def filter_recorded(params: Params, first_q: Array, parts: Parts, length: int, o
     kept = list(again()) if length <= MOST_KEPT else None
     noise = noise_of_log(blocks_of(again() if kept is None else kept), params)
     tuned = with_noise(params, noise)
+    if options.gate is None:
+        options = options._replace(gate=GATE)
     return Recorded(tuned, noise, lambda: filter_prepared(tuned, again() if kept is None else kept, options, noise))
 
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering import filter_log as chunks
+from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
 from ftbias_jax.filtering.quality.summary import summarise
+from ftbias_jax.filtering.recorded.ready import in_parts, ready_to_filter, smoothed_arrays
+from ftbias_jax.filtering.result import join
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
 from ftbias_jax.io.log import Log
@@ -25,36 +30,48 @@ def _nobody(done: int) -> None:
 
 @in_float64
 def filter_log(
-    setup: Setup, log: Log, *, smooth: bool = False, progress: Callable[[int], None] = _nobody
+    setup: Setup,
+    log: Log,
+    *,
+    smooth: bool = False,
+    as_stated: bool = False,
+    progress: Callable[[int], None] = _nobody,
 ) -> FilterResult:
-    """Bias, drift and corrected wrench of a log, each from the samples before it.
+    """Bias, drift and corrected wrench of a log, each from the wrench samples before it.
 
-    Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
-    (``FTBIAS_CACHE=off`` does not). The joints' process noise is what the setup states, or the likeliest of the log,
-    and LAG_GUARD times as much, as by ``params_for_log``.
+    The joints are smoothed, for a recording has their future too. Contact, vibration and slow errors are taken from the
+    log where the setup leaves them open (``[bias] adapt = false`` does not), and standard deviations that the log
+    contradicts are enlarged. Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's
+    cache folder (``FTBIAS_CACHE=off`` does not).
 
     Args:
         setup: robot, sensor, tool and noise.
         log: what ``read_log`` gives.
-        smooth: add the bias given past and future, as ``smooth_log`` finds it.
+        smooth: add the bias given past and future.
+        as_stated: as a filter on the robot would: joints from the past alone, noise and gate as the setup states. The
+            joints' process noise is then LAG_GUARD times the likeliest.
         progress: told the samples done so far.
 
     Returns:
         arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints.
     """
+    if as_stated:
+        setup = replace(setup, bias=replace(setup.bias, adapt=False))
     options = options_from_setup(setup)
     likeliest = chunks.likeliest_params(setup, samples_from_log(log), options)
-    params = chunks.guard_against_lag(likeliest)
-    filtered = chunks.filter_with_params(params, log, options, progress)
-    extra = {}
-    if smooth:
-        mean, std = chunks.smooth_with_params(likeliest, log, options)
-        extra = {"bias_smooth": mean[:, 0], "drift_smooth": mean[:, 1]}
-        extra |= {"bias_smooth_std": std[:, 0], "drift_smooth_std": std[:, 1]}
-    turning = observability.add(observability.start(), params, filtered)
+    first_q = np.asarray(first_measured(jnp.asarray(log.q)))
+    ready = ready_to_filter(setup, likeliest, first_q, lambda: in_parts(log, likeliest), len(log.t))
+    parts = []
+    for part in ready.results():
+        parts.append(part)
+        progress(sum(len(done.t) for done in parts))
+    filtered = join(parts)
+    extra = smoothed_arrays(ready, log, options) if smooth else {}
+    turning = observability.add(observability.start(), ready.params, filtered)
     return FilterResult(
         **filtered._asdict(),
-        params=params,
+        params=ready.params,
+        noise=ready.noise,
         joint_model=setup.joints.model,
         repairs=(*log.repairs, *observability.remarks(turning)),
         start=log.start,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.filtering.adapt.log_noise import LogNoise, describe
 from ftbias_jax.filtering.quality.consistency import Consistency, check
 from ftbias_jax.filtering.quality.summary import Summary, format_summary
 from ftbias_jax.io.log import Repairs
@@ -96,6 +97,8 @@ class FilterResult:
     """(T, 6) N, Nm, standard deviation."""
     params: Params
     """What the filter believed; arrays of JAX."""
+    noise: LogNoise
+    """What the log shows of contact and noise beyond its setup."""
     joint_model: str
     """Key of process_models.JOINT_MODELS."""
     repairs: Repairs
@@ -104,6 +107,12 @@ class FilterResult:
     """s, stamp of the log's first sample."""
     summary: Summary
     """The numbers that ``print`` shows."""
+    used: Array | None = None
+    """(T,) whether the sample passed the gate, and nothing touched the tool."""
+    reading_std: Array | None = None
+    """(T, 6) N, Nm: how far a reading is off wrench_tool - bias by all its noise, white and correlated."""
+    contact_wrench: Array | None = None
+    """(T, 6) N, Nm, sensor frame: what the environment exerts on the tool; None if filtered as stated."""
     bias_smooth: Array | None = None
     """(T, 6) N, Nm, bias given the whole log; None if not asked for."""
     drift_smooth: Array | None = None
@@ -129,7 +138,8 @@ class FilterResult:
         return check(self.innovation, (self.innovation / self.innovation_std) ** 2)
 
     def __str__(self) -> str:
-        return f"{format_summary(self.summary)}\n{format_joint_noise(self.params, self.joint_model)}"
+        lines = [format_summary(self.summary), *describe(self.noise), format_joint_noise(self.params, self.joint_model)]
+        return "\n".join(lines)
 
 
 def format_joint_noise(params: Params, joint_model: str) -> str:
