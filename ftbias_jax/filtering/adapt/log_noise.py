@@ -59,8 +59,9 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     free = ~in_contact(blocks.t, list(contacts), block)
     white, vibration, slow = blocks.stated, None, None
     if params.bias.vibration is None:
-        vibration = fit_vibration(blocks, free)
-        white = vibration.variance(blocks)
+        sensor = np.asarray(params.bias.wrench_variance, float)
+        vibration = fit_vibration(blocks, free, sensor)
+        white = vibration.variance(blocks, sensor)
     y = np.where(free[:, None], blocks.mean, np.nan)
     variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
     bias = params.bias

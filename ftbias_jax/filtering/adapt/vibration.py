@@ -28,7 +28,7 @@ class Vibration(NamedTuple):
     """Variance of a sample: at rest, and what the speed of each joint adds."""
 
     level: Array
-    """(6,) variance without motion, in what is stated; 1 where the log agrees."""
+    """(6,) variance of the sensor without motion, in what is stated; 1 where the log agrees."""
     per_speed: Array
     """(n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2, not negative."""
     speed: float | None
@@ -36,13 +36,14 @@ class Vibration(NamedTuple):
     gain: float
     """nats on unseen stretches, of ``per_speed`` over a constant."""
 
-    def variance(self, blocks: Blocks) -> Array:
-        """(N, 6) N^2, Nm^2 of a sample in each block."""
-        found: Array = self.level * blocks.stated + blocks.motion[:, SPEEDS.index(self.speed)] @ self.per_speed
+    def variance(self, blocks: Blocks, sensor: Array) -> Array:
+        """(N, 6) N^2, Nm^2 of a sample in each block; sensor (6,) is what is stated of the sensor alone."""
+        motion = blocks.motion[:, SPEEDS.index(self.speed)] @ self.per_speed
+        found: Array = blocks.stated + (self.level - 1) * sensor + motion
         return found
 
 
-def fit_vibration(blocks: Blocks, free: Array) -> Vibration:
+def fit_vibration(blocks: Blocks, free: Array, sensor: Array) -> Vibration:
     """Variance of samples by maximum likelihood: the scatter of a block is Gamma distributed about the model.
 
     Whether motion matters, and at which speed it stops to, is judged on stretches that were not fitted.
@@ -50,6 +51,7 @@ def fit_vibration(blocks: Blocks, free: Array) -> Vibration:
     Args:
         blocks: of the log.
         free: (N,) blocks in which nothing touches.
+        sensor: (6,) N^2, Nm^2, variance that is stated of the sensor alone, without the joints' share.
     """
     dof, scatter = blocks.count - 2.0, blocks.scatter
     usable = free[:, None] & (dof > 0) & np.isfinite(scatter)
@@ -69,10 +71,19 @@ def fit_vibration(blocks: Blocks, free: Array) -> Vibration:
     gain = nats[1 + best] - nats[0]
     moves = gain > LEAST_GAIN
     found = _maximise(blocks.stated, blocks.motion[:, best] if moves else nothing, scatter, dof)
-    level = np.where(np.abs(found[0] - 1) < LEVEL_WITHIN, 1, np.maximum(found[0], LEAST_LEVEL))
-    level = np.where((dof > 0).any(0), level, 1)
+    level = np.where((dof > 0).any(0), _sensor_level(found[0], np.median(blocks.stated, axis=0), sensor), 1)
     per_speed = found[1:] if moves else np.zeros((blocks.motion.shape[2], 6))
     return Vibration(level, per_speed, SPEEDS[best] if moves else None, gain)
+
+
+def _sensor_level(level: Array, stated: Array, sensor: Array) -> Array:
+    """The level of the whole variance as one of the sensor's alone.
+
+    The joints' errors last longer than a block, so its scatter may lack their share: what is missing of less than that
+    share does not make the sensor better than stated.
+    """
+    more, less = 1 + (level - 1) * stated / sensor, np.minimum(level * stated / sensor, 1)
+    return np.where(np.abs(level - 1) < LEVEL_WITHIN, 1, np.maximum(np.where(level > 1, more, less), LEAST_LEVEL))
 
 
 def _variance(stated: Array, motion: Array, coefficients: Array) -> Array:

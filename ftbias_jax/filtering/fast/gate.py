@@ -1,4 +1,4 @@
-"""The gate of the bias filter for lanes: what is off its prediction is left out, and the bias is forgotten meanwhile."""
+"""The gate of the bias filter for lanes: what is off its prediction is left out, and the bias forgotten meanwhile."""
 
 from __future__ import annotations
 
