@@ -17,6 +17,8 @@ from ftbias_jax.types import AXES, Array
 BATCHES = (0.25, 1.0, 5.0)
 """s: means of the innovations over so long must scatter as the filter says."""
 FEWEST_BATCHES = 8
+CORRELATION = 3.0
+"""Standard deviations of the correlation of neighbours that chance does not reach."""
 SETTLED = 0.5
 """s at the start that do not count: the prior shows there."""
 FIRST, FAR = 5, 4.0
@@ -66,16 +68,37 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
     bias = params.bias
     prior_std, density = prior_with(params, offset), np.asarray(bias.density, float)
+    t, y, variance = coarser(blocks.t, y, variance)
     if bias.correlated_std is None or bias.correlated_time is None:
-        slow = fit_slow_noise(blocks.t, y, variance, density, prior_std)
-        std, time = slow.std, slow.time
+        std, time = np.zeros(6), np.ones(6)
+        white_noise = standard_innovations(t, y, variance, (std, time), prior_std, density)
+        if not is_white(t, white_noise):
+            slow = fit_slow_noise(t, y, variance, density, prior_std)
+            std, time = slow.std, slow.time
     else:
         std, time = np.asarray(bias.correlated_std, float), np.asarray(bias.correlated_time, float)
-    t, y, variance = coarser(blocks.t, y, variance)
-    start = (prior_std.reshape(2, 6), density)
+    found = standard_innovations(t, y, variance, (std, time), prior_std, density)
+    return LogNoise(contacts, vibration, slow, offset, inflation(t, found))
+
+
+def standard_innovations(
+    t: Array, y: Array, variance: Array, noise: tuple[Array, Array], prior_std: Array, density: Array
+) -> Array:
+    """(N, 6) innovations of blocks in their standard deviations, for correlated noise (std, time), each (6,)."""
+    std, time = noise
     grid = Grid(np.ones((1, 6)), std[None], time[None])
-    found = [(v[0] / np.sqrt(s[0])) for v, s in innovations(t, y, variance, grid, *start)]
-    return LogNoise(contacts, vibration, slow, offset, inflation(t, np.array(found)))
+    steps = innovations(t, y, variance, grid, prior_std.reshape(2, 6), density)
+    return np.array([v[0] / np.sqrt(s[0]) for v, s in steps])
+
+
+def is_white(t: Array, innovation: Array) -> bool:
+    """Whether innovations (N, 6) of blocks show neither correlation nor more scatter than white noise has."""
+    with np.errstate(invalid="ignore"):
+        count = np.isfinite(innovation).sum(0)
+        neighbours = np.nansum(innovation[1:] * innovation[:-1], axis=0) / np.maximum(count, 1)
+    return bool(
+        (neighbours < CORRELATION / np.sqrt(np.maximum(count, 1))).all() and (inflation(t, innovation) == 1).all()
+    )
 
 
 def offset_of(blocks: Blocks, params: Params) -> Array:

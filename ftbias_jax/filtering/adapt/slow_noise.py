@@ -14,12 +14,12 @@ import numpy as np
 
 from ftbias_jax.types import Array
 
-MOST_BLOCKS = 1500
-LEAST_GAIN = 8.0
+MOST_BLOCKS = 1000
+LEAST_GAIN = 12.0
 """nats on an axis, below which its noise is white."""
-RATIOS = np.array([0.3, 1.0, 3.0, 10.0, 30.0])
+RATIOS = np.array([0.3, 1.0, 4.0, 16.0])
 """Standard deviations of the slow error that are tried, in those of a block's mean."""
-WHITE = np.array([1.0, 3.0, 9.0])
+WHITE = np.array([1.0, 4.0])
 """Factors of the variance of a block's mean that are tried: vibration is not quite white."""
 
 
@@ -55,7 +55,7 @@ def fit_slow_noise(t: Array, y: Array, variance: Array, density: Array, prior_st
     t, y, variance = coarser(t, y, variance)
     span, step = t[-1] - t[0], float(np.median(np.diff(t)))
     unit = np.sqrt(np.nanmedian(np.where(np.isfinite(y), variance, np.nan), axis=0))
-    times = np.geomspace(2 * step, max(span / 6, 4 * step), 7)
+    times = np.geomspace(2 * step, max(span / 6, 4 * step), 6)
     white, ratio, time = (x.ravel()[:, None] for x in np.meshgrid(WHITE, np.r_[0, RATIOS], times, indexing="ij"))
     grid = Grid(*(np.broadcast_to(x, (len(x), 6)) for x in (white, ratio * unit, time)))
     start = (prior_std.reshape(2, 6), density)

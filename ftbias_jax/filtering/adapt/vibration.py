@@ -83,7 +83,8 @@ def _sensor_level(level: Array, stated: Array, sensor: Array) -> Array:
     share does not make the sensor better than stated.
     """
     more, less = 1 + (level - 1) * stated / sensor, np.minimum(level * stated / sensor, 1)
-    return np.where(np.abs(level - 1) < LEVEL_WITHIN, 1, np.maximum(np.where(level > 1, more, less), LEAST_LEVEL))
+    found = np.maximum(np.where(level > 1, more, less), LEAST_LEVEL)
+    return np.where(np.abs(found - 1) < LEVEL_WITHIN, 1, found)
 
 
 def _variance(stated: Array, motion: Array, coefficients: Array) -> Array:
