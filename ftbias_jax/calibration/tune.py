@@ -25,7 +25,7 @@ from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan
 from ftbias_jax.filtering.likelihood import counted
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
-from ftbias_jax.filtering.process_models import JOINT_MODELS, drift_noise
+from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_model
 from ftbias_jax.filtering.smoother import smooth_joints
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
@@ -110,7 +110,9 @@ class WrenchScore:
             variance = log.joint_variance + params.bias.wrench_variance[None]
             start = pipeline.init(params, log.samples)
             inputs = stages.bias_inputs(params, start, log.samples, log.wrench_tool, variance)
-            return counted(log.samples.dt, self.burn_in) @ filter_scan(drift_noise, inputs).log_likelihood
+            return (
+                counted(log.samples.dt, self.burn_in) @ filter_scan(bias_model(inputs.density), inputs).log_likelihood
+            )
 
         return jax.vmap(one)(whole).sum(0)
 

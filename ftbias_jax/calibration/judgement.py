@@ -1,0 +1,121 @@
+"""Whether a tuned setup is better than the one before it, by what no likelihood can talk itself out of: prediction.
+
+A likelihood that knows white noise alone takes correlated noise for a bias that runs wild: the score of the next sample
+soars, and the reading in a second is missed by newtons. So a tuned setup must also predict the reading 1 s and 10 s
+ahead no worse than the setup did, on the part of each log that was not fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.filtering import filter_log as chunks
+from ftbias_jax.filtering.adapt.log_noise import LogNoise
+from ftbias_jax.filtering.joint_filter import first_measured
+from ftbias_jax.filtering.pipeline import options_from_setup
+from ftbias_jax.filtering.recorded.ready import in_parts, ready_to_filter
+from ftbias_jax.filtering.result import Filtered, join
+from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.io.log import Log
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import AXES, Array
+
+HORIZONS = (1.0, 10.0)
+"""s ahead."""
+WORSE = 1.05
+"""A prediction error this many times the one before is worse; less is chance."""
+FEWEST = 200
+"""Predictions that make a figure."""
+SHORT = 20.0
+"""s: in less a bias hardly shows how it moves."""
+STILL = 0.02
+"""rad/s: joints that never move faster are at rest."""
+
+
+class Predicted(NamedTuple):
+    """Root mean square errors of predicting the reading, (6,) N, Nm."""
+
+    seconds: float
+    """How far ahead."""
+    before: Array
+    after: Array
+
+    @property
+    def worse(self) -> list[str]:
+        """Axes on which the tuned setup predicts worse."""
+        return [name for name, was, now in zip(AXES, self.before, self.after, strict=True) if now > WORSE * was]
+
+
+def judge_predictions(before: Setup, after: Setup, logs: Sequence[Log], hold_out: float) -> tuple[Predicted, ...]:
+    """Errors of both setups on the end of every log, for the horizons that fit into it.
+
+    Args:
+        before: the setup that was tuned.
+        after: the tuned setup.
+        logs: all of them; the filter sees them whole, as a user's would.
+        hold_out: share at the end of each that is judged.
+    """
+    totals = {h: np.zeros((2, 6)) for h in HORIZONS}
+    counts = {h: np.zeros(6) for h in HORIZONS}
+    for log in logs:
+        results = [filtered_with(setup, log)[0] for setup in (before, after)]
+        begin = log.t[0] + log.start + (1 - hold_out) * (log.t[-1] - log.t[0])
+        for h in HORIZONS:
+            errors = np.stack([prediction_errors(result, h) for result in results])
+            errors = errors[:, results[0].t >= begin]
+            both = np.isfinite(errors).all(0)
+            totals[h] += np.where(both[None], errors**2, 0).sum(1)
+            counts[h] += both.sum(0)
+    return tuple(
+        Predicted(h, *np.sqrt(totals[h] / np.maximum(counts[h], 1))) for h in HORIZONS if counts[h].max() >= FEWEST
+    )
+
+
+def filtered_with(setup: Setup, log: Log) -> tuple[Filtered, LogNoise]:
+    """A log filtered as ``ftbias filter`` does it."""
+    likeliest = chunks.likeliest_params(setup, samples_from_log(log), options_from_setup(setup))
+    first_q = np.asarray(first_measured(jnp.asarray(log.q)))
+    ready = ready_to_filter(setup, likeliest, first_q, lambda: in_parts(log, likeliest), len(log.t))
+    return join(list(ready.results())), ready.noise
+
+
+def prediction_errors(result: Filtered, ahead: float) -> Array:
+    """(T, 6) N, Nm: the reading less what bias and drift ``ahead`` seconds earlier predicted; NaN = not predicted.
+
+    What touches the tool is not predicted by anything, so samples that were not used do not count.
+    """
+    past = np.searchsorted(result.t, result.t - ahead, side="right") - 1
+    reading = result.wrench_unbiased - result.bias
+    expected = result.wrench_tool - result.bias[past] - ahead * result.drift[past]
+    errors = np.where((past >= 0)[:, None], reading - expected, np.nan)
+    return errors if result.used is None else np.where(result.used[:, None], errors, np.nan)
+
+
+def what_the_logs_show(noises: Sequence[LogNoise], logs: Sequence[Log]) -> list[str]:
+    """Why logs may not say what their noise is, in words; none if nothing stands out.
+
+    Args:
+        noises: of each log.
+        logs: the logs.
+    """
+    words = []
+    if any(noise.slow is not None and noise.slow.std.any() for noise in noises):
+        words.append("noise that is correlated over time, which white noise and drift cannot describe")
+    if any(noise.contacts for noise in noises):
+        words.append("contact")
+    if max(log.t[-1] - log.t[0] for log in logs) < SHORT:
+        words.append(f"less than {SHORT:g} s of data")
+    if all(_fastest(log) < STILL for log in logs):
+        words.append("a robot at rest")
+    return words
+
+
+def _fastest(log: Log) -> float:
+    """rad/s of the fastest joint, by the positions over a tenth of a second or more."""
+    step = float(np.median(np.diff(log.t))) if len(log.t) > 1 else 1.0
+    q = log.q[np.isfinite(log.q).all(1)][:: max(1, round(0.1 / step))]
+    return float(np.abs(np.diff(q, axis=0)).max(initial=0.0) / max(0.1, step))

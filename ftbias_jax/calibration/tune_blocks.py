@@ -1,0 +1,136 @@
+"""Noise of bias and sensor where a log's errors are correlated in time, from blocks of the log.
+
+Sample by sample, the likelihood is made by fast noise, and a model that is not quite right there bends the slow
+parameters to its needs. In means over blocks fast noise has averaged out: what is left is the bias and the errors that
+move as slowly, and they share one small likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.calibration import newton
+from ftbias_jax.calibration.batching import stack
+from ftbias_jax.calibration.newton import Report
+from ftbias_jax.calibration.tune import Fit, WrenchLogs, fit_wrench
+from ftbias_jax.filtering.adapt.blocks import Blocks
+from ftbias_jax.filtering.adapt.contact import in_contact
+from ftbias_jax.filtering.adapt.log_noise import LogNoise, noise_of_log
+from ftbias_jax.filtering.adapt.slow_noise import coarser
+from ftbias_jax.filtering.joint_filter import first_measured
+from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.recorded.prepare import prepare
+from ftbias_jax.filtering.recorded.ready import in_parts
+from ftbias_jax.filtering.recorded.whole import blocks_of
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.params import Params
+from ftbias_jax.types import Array, Sample
+
+
+class LogInBlocks(NamedTuple):
+    """A log for the fit of its slow noise."""
+
+    blocks: Blocks
+    noise: LogNoise
+
+
+def look_at(params: Params, logs: Sequence[Log], options: Options) -> list[LogInBlocks]:
+    """Blocks and noise of every log, with its joints smoothed.
+
+    Args:
+        params: with the likeliest noise of the joints.
+        logs: of one robot.
+        options: of the pipeline.
+    """
+    found = []
+    for log in logs:
+        first_q = np.asarray(first_measured(jnp.asarray(log.q)))
+        blocks = blocks_of(prepare(params, first_q, in_parts(log, params), options))
+        found.append(LogInBlocks(blocks, noise_of_log(blocks, params)))
+    return found
+
+
+def is_correlated(logs: Sequence[LogInBlocks]) -> bool:
+    """Whether any log shows errors that vary slowly."""
+    return any(log.noise.slow is not None and log.noise.slow.std.any() for log in logs)
+
+
+def tune_in_blocks(
+    params: Params,
+    logs: Sequence[LogInBlocks],
+    tie: str,
+    wanted: Sequence[str],
+    report: Report = newton.quiet,
+    total: newton.Total = newton.alone,
+) -> tuple[Params, dict[str, Fit]]:
+    """Correlated noise, level of the white noise, and sigma_Q given both.
+
+    The correlated noise and the level are medians over the logs of what each shows; sigma_Q is the likeliest given
+    them, by Newton's method on the means of blocks.
+
+    Args:
+        params: with the likeliest noise of the joints.
+        logs: of ``look_at``.
+        tie: key of ``tune.TIES``, of sigma_Q.
+        wanted: some of "density" and "wrench_std".
+        report: told (iteration, nats).
+        total: adds up the processes that tune together.
+
+    Returns:
+        params with the noise, and the fit of sigma_Q if it was asked for.
+    """
+    dtype = params.theta.dtype
+    std, time = _pooled([log.noise for log in logs])
+    bias = params.bias._replace(correlated_std=jnp.asarray(std, dtype), correlated_time=jnp.asarray(time, dtype))
+    levels = [log.noise.vibration.level for log in logs if log.noise.vibration is not None]
+    if "wrench_std" in wanted and levels:
+        level = np.median(levels, axis=0)
+        bias = bias._replace(wrench_variance=bias.wrench_variance * jnp.asarray(level, dtype))
+    sensor = np.asarray(params.bias.wrench_variance, float)
+    params = params._replace(bias=bias)
+    if "density" not in wanted:
+        return params, {}
+    samples = [_as_samples(log, sensor, params) for log in logs]
+    longest = max(len(sample.dt) for sample, _ in samples)
+    # The variance of a block's mean stands where the joints' share does; the sensor's own is in it.
+    silent = params._replace(bias=bias._replace(wrench_variance=jnp.zeros_like(bias.wrench_variance)))
+    parts = [
+        (silent, WrenchLogs(stack([sample], longest), *_stacked(variance, longest))) for sample, variance in samples
+    ]
+    tuned, fit = fit_wrench(silent, parts, {"density": tie}, burn_in=0.0, report=report, total=total)
+    return params._replace(bias=bias._replace(density=tuned.bias.density)), {"wrench": fit}
+
+
+def _pooled(noises: Sequence[LogNoise]) -> tuple[Array, Array]:
+    """(6,) standard deviation and correlation time: medians over the logs; 0 and 1 s where most logs are white."""
+    found = [noise.slow for noise in noises if noise.slow is not None]
+    std = np.array([slow.std for slow in found] + [np.zeros(6)] * (len(noises) - len(found)))
+    time = np.array([slow.time for slow in found])
+    there = np.array([slow.std > 0 for slow in found])
+    typical = [np.median(time[there[:, i], i]) if there[:, i].any() else 1.0 for i in range(6)]
+    return np.median(std, axis=0), np.array(typical)
+
+
+def _as_samples(log: LogInBlocks, sensor: Array, params: Params) -> tuple[Sample, Array]:
+    """The blocks of a log as samples of a log, and the variance (N, 6) of their means."""
+    blocks, noise = log.blocks, log.noise
+    touched = in_contact(blocks.t, list(noise.contacts), blocks.t[1] - blocks.t[0])
+    white = blocks.stated if noise.vibration is None else noise.vibration.variance(blocks, sensor)
+    y = np.where(touched[:, None], np.nan, blocks.mean)
+    variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
+    t, y, variance = coarser(blocks.t, y, variance)
+    n, dtype = params.joint.process_density.shape[0], params.theta.dtype
+    still = np.zeros((len(t), n))
+    dt = np.diff(t, prepend=t[0])
+    sample = Sample(*(np.asarray(x, dtype) for x in (dt, still, still, -y)))
+    return sample, np.where(np.isfinite(variance), variance, 1.0)
+
+
+def _stacked(variance: Array, length: int) -> tuple[Array, Array]:
+    """Leading axis of one log: a wrench of the tool of zero, and the variance, padded."""
+    padded = np.pad(variance, [(0, length - len(variance)), (0, 0)], mode="edge")
+    return jnp.zeros((1, length, 6), variance.dtype), jnp.asarray(padded[None])
