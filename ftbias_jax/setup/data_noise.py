@@ -24,6 +24,8 @@ def parse_data_noise(top: Section) -> DataNoiseSetup | None:
             if key in section.values:
                 raise section.error(key, "excluded by data_noise.entries", "remove one of the two")
         entries = vector(section, "entries", ENTRIES, within=NOT_NEGATIVE)
-        return DataNoiseSetup(*np.zeros((4, 3)), entries) if entries.any() else None
+        none = np.zeros(3)
+        none.setflags(write=False)
+        return DataNoiseSetup(none, none, none, none, entries) if entries.any() else None
     stds = [vector(section, key, 3, (0.0,) * 3, within=NOT_NEGATIVE, expand=True) for key in DATA_NOISE_UNITS]
     return DataNoiseSetup(*stds) if np.any(stds) else None
