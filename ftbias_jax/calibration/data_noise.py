@@ -19,9 +19,18 @@ import numpy as np
 
 from ftbias_jax.calibration import gradient, newton
 from ftbias_jax.calibration.batching import stack
+from ftbias_jax.calibration.data_noise_values import (
+    KINDS,
+    LANES,
+    power,
+    starting_values,
+    total_variance,
+    with_noise,
+    without_data_noise,
+)
 from ftbias_jax.calibration.data_noise_words import DeterminedSums, labels, sentences
 from ftbias_jax.calibration.newton import Report
-from ftbias_jax.calibration.tune import RESTART_SPREAD, TIES, Fit, WrenchLogs, smoothed_wrenches, with_wrench_noise
+from ftbias_jax.calibration.tune import RESTART_SPREAD, TIES, Fit, WrenchLogs, smoothed_wrenches
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan
@@ -30,21 +39,10 @@ from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
 from ftbias_jax.filtering.process_models import drift_noise
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
-from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
 from ftbias_jax.types import Array, Sample
 
-KINDS: dict[str, dict[str, str]] = {
-    "one": dict.fromkeys(DataNoise._fields, "one"),
-    "three": dict.fromkeys(DataNoise._fields, "each"),
-    "entries": {"entries": "each"},
-}
-"""What can be fitted of Sigma_D, as names and their ties: four numbers, four for each axis, or every entry."""
-LANES = dict.fromkeys(DataNoise._fields, 3) | {"entries": 36}
-START_SHARE = {"angular_velocity": 0.01}
-"""Of the sensor's variance: what an unstated part of Sigma_D starts at, on the axis where it matters most; others than
-these START_SHARE_OF_OTHERS. Zero has no logarithm, and far below the sensor's noise the likelihood is flat. A rate must
-be off by about 1 rad/s to be noticed: started higher, it would take what belongs to the accelerations."""
-START_SHARE_OF_OTHERS = 0.5
+DISTINCT = 3.0
+"""A variance of fewer standard errors than this is not distinguishable from zero."""
 
 
 class Tool(NamedTuple):
@@ -69,7 +67,7 @@ class DataScore:
         params, whole = part
         params = with_noise(params, {name: jnp.exp(logs[jnp.array(lanes)]) for name, lanes in self.index})
         log: WrenchLogs = jax.tree.map(lambda x: x[0], whole)
-        variance = log.joint_variance + _total_variance(params)[None]
+        variance = log.joint_variance + total_variance(params)[None]
         start = pipeline.init(params, log.samples)
         inputs = stages.bias_inputs(params, start, log.samples, log.wrench_tool, variance)
         return (counted(log.samples.dt, self.burn_in) @ filter_scan(drift_noise, inputs).log_likelihood).sum()
@@ -98,7 +96,7 @@ def tune_data(
     Returns:
         the parameters of every tool with the fitted noise, and the fit.
     """
-    clean = [_without_data_noise(tool.params) for tool in tools]
+    clean = [without_data_noise(tool.params) for tool in tools]
     longest = max(len(log.dt) for tool in tools for log in tool.logs)
     parts = []
     for params, tool in zip(clean, tools, strict=True):
@@ -160,48 +158,24 @@ def _fit(
     score = DataScore(tuple((name, tuple(map(int, lanes))) for name, lanes in index.items()), burn_in)
     optimum = gradient.maximise(score, parts, starts, report)
     values = {name: np.exp(optimum.logs[lanes]) for name, lanes in index.items()}
-    stderr = {name: optimum.stderr[lanes] for name, lanes in index.items()}
-    undetermined = gradient.open_directions(optimum.information, names)
+    scale, information = _judged(index, optimum)
+    stderr = {name: (newton.standard_errors(information) / scale)[lanes] for name, lanes in index.items()}
+    undetermined = gradient.open_directions(information, names)
     groups = {name: lanes - lanes.min() for name, lanes in index.items() if name in LANES}
     sums = sentences(tools, groups, _sums(tools, index, optimum)) if undetermined else ()
     return Fit(values, stderr, undetermined, optimum, sums)
 
 
-def starting_values(tools: Sequence[Params], ties: dict[str, str], known: dict[str, Array]) -> dict[str, np.ndarray]:
-    """Where to start, by name: what is known, else the noise of the first tool, else what is noticed."""
-    bias = tools[0].bias
-    start = {"density": np.asarray(bias.density), "wrench_std": np.sqrt(np.asarray(bias.wrench_variance))} | known
-    for name in ties.keys() & LANES.keys():
-        value = np.broadcast_to(np.asarray(known.get(name, 0.0), float), (LANES[name],))
-        start[name] = np.where(value > 0, value, _noticed(name, tools))
-    return {name: np.asarray(start[name]) for name in ties}
+def _judged(index: dict[str, np.ndarray], optimum: newton.Optimum) -> tuple[np.ndarray, np.ndarray]:
+    """Scales (P,) of the logarithms, and the information (P, P) of the logarithms times their scales.
 
-
-def with_noise(params: Params, noise: dict[str, Array]) -> Params:
-    """Parameters with values for some of tune.WRENCH_NAMES, and for all of one kind of Sigma_D."""
-    params = with_wrench_noise(params, noise)
-    if "entries" in noise:
-        variance = noise["entries"] ** 2
-    elif noise.keys() >= set(DataNoise._fields):
-        variance = data_variance(DataNoise(*(noise[name] for name in DataNoise._fields)), params.gravity)
-    else:
-        variance = params.bias.data_variance
-    return params._replace(bias=params.bias._replace(data_variance=variance))
-
-
-def _without_data_noise(params: Params) -> Params:
-    return params._replace(bias=params.bias._replace(data_variance=None))
-
-
-def _noticed(name: str, tools: Sequence[Params]) -> float:
-    """The value that adds a share of the sensor's variance, on the axis of all tools where it matters most."""
-    if name == "entries":
-        noise = {name: jnp.ones(36)}
-    else:
-        noise = {field: jnp.full(3, float(field == name)) for field in DataNoise._fields}
-    added = [_total_variance(with_noise(params, noise)) / params.bias.wrench_variance - 1 for params in tools]
-    most, share = float(np.max(added)), START_SHARE.get(name, START_SHARE_OF_OTHERS)
-    return (share / most) ** (1 / (4 if name == "angular_velocity" else 2)) if most > 0 else 1.0
+    So scaled, a variance of DISTINCT standard errors has an error of 1. The drift is judged as in tune.py.
+    """
+    scale = np.ones(len(optimum.logs))
+    for name, lanes in index.items():
+        if name != "density":
+            scale[lanes] = DISTINCT * power(name)
+    return scale, optimum.information / np.outer(scale, scale)
 
 
 def _index(ties: dict[str, str], start: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -214,18 +188,12 @@ def _index(ties: dict[str, str], start: dict[str, np.ndarray]) -> dict[str, np.n
     return index
 
 
-def _total_variance(params: Params) -> Array:
-    """(6,) diagonal of R."""
-    bias = params.bias
-    return jnp.diagonal(measurement_covariance(params.theta, bias.data_variance, bias.wrench_variance))
-
-
 def _sums(tools: Sequence[Params], index: dict[str, np.ndarray], optimum: newton.Optimum) -> DeterminedSums:
     """What the fitted noise adds up to, with relative standard errors."""
 
     def sums(logs: Array) -> tuple[Array, Array]:
         noise = {name: jnp.exp(logs[lanes]) for name, lanes in index.items()}
-        totals = jnp.stack([_total_variance(with_noise(params, noise)) for params in tools])
+        totals = jnp.stack([total_variance(with_noise(params, noise)) for params in tools])
         if "entries" in noise:
             return totals, jnp.zeros(0)
         gravity = tools[0].gravity
@@ -234,8 +202,9 @@ def _sums(tools: Sequence[Params], index: dict[str, np.ndarray], optimum: newton
     logs = jnp.asarray(optimum.logs)
     values = [np.asarray(x) for x in sums(logs)]
     slopes = [np.asarray(x) for x in jax.jacfwd(sums)(logs)]
+    scale, information = _judged(index, optimum)
     errors = [
-        gradient.combination_errors(optimum.information, slope / (2 * value[..., None]))
+        gradient.combination_errors(information, slope / (2 * value[..., None]) / scale)
         for value, slope in zip(values, slopes, strict=True)
     ]
     return DeterminedSums(values[0], errors[0], values[1], errors[1])

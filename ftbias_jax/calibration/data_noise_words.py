@@ -75,7 +75,7 @@ def sentences(tools: Sequence[Params], groups: dict[str, np.ndarray], sums: Dete
 def _sentence(who: str, made_of: str, variance: float, stderr: float, unit: str) -> list[str]:
     """The sentence about one sum, if the data determine it."""
     std = float(np.sqrt(variance))
-    return [f"{who}: {made_of} = s^2, s = {std:.4g} ± {stderr * std:.1g} {unit}"] if np.isfinite(stderr) else []
+    return [f"{who}: {made_of} = s^2, s = {std:.4g} ± {stderr * std:.2g} {unit}"] if np.isfinite(stderr) else []
 
 
 def _terms(params: Params, groups: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray]]:

@@ -36,7 +36,7 @@ Score = Callable[[Array, Any], Array]
 """(P,) logarithms and a part of the data -> () nats. Equal scores that hash alike share one compiled program."""
 
 MAX_ITERATIONS = 200
-ROUNDS = 3
+ROUNDS = 8
 """L-BFGS and the Newton step at its end are repeated at most so often."""
 DIFFERENCE = 1e-3
 """Of a logarithm, to take the Hessian by central differences of gradients."""
@@ -197,7 +197,7 @@ def _pivots(space: np.ndarray) -> list[int]:
     rest, pivots = space.copy(), []
     for _ in range(space.shape[1]):
         moved = (rest**2).sum(1)
-        pivot = int(np.argmax(moved > 0.1 * moved.max()))
+        pivot = int(np.argmax(moved > 0.01 * moved.max()))
         pivots.append(pivot)
         row = rest[pivot] / np.linalg.norm(rest[pivot])
         rest = rest - np.outer(rest @ row, row)
