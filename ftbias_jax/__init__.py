@@ -1,10 +1,119 @@
-"""Bias and drift of a wrist force-torque sensor from a recorded log.
+"""Bias and drift of a wrist force-torque sensor from a recorded log, and what the model of robot and tool misses.
 
-Nothing heavy is imported here and no global flag of JAX is touched. The pieces:
+::
 
-- ``ftbias_jax.setup.load_setup`` and ``ftbias_jax.io.read_log`` read what the robot's owner has;
-- ``ftbias_jax.filtering.pipeline``: ``init``, ``step`` and ``run``, pure, jitted, differentiable;
-- ``ftbias_jax.filtering.filter_log.filter_log``: a whole recorded log, numpy in and out.
+    import ftbias_jax as ft
+
+    setup = ft.load_setup("setup.toml")
+    log = ft.read_log("log.npz", setup)
+    result = ft.filter_log(setup, log, smooth=True)     # result.bias, .bias_std, .wrench_unbiased, ...
+    tuned = ft.tune(setup, [log])                       # tuned.setup
+    found = ft.identify_tool(setup, log)                # found.setup
+    made = ft.simulate(setup, {"gain": {}})             # made.log, made.truth
+    diagnosis = ft.diagnose(setup, [log])               # print(diagnosis); diagnosis.apply(setup)
+
+The verbs compute in float64 whatever JAX's setting is, give numpy arrays back, and leave JAX's settings as they are but
+for one: compiled programs are kept in ``~/.cache/ftbias`` from the first verb on, unless JAX has a cache already or the
+environment says ``FTBIAS_CACHE=off``. What is part of your own programs (``params_for_log``, ``samples_from_log``,
+``log_likelihood``) is plain JAX in JAX's own precision.
+
+Names are imported when they are first used, so importing this package imports neither JAX nor numpy.
 """
 
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ftbias_jax.calibration.identify import Identified
+    from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
+    from ftbias_jax.calibration.tune_setup import TuneResult, tune
+    from ftbias_jax.diagnosis.diagnose import diagnose
+    from ftbias_jax.diagnosis.result import Candidate, Diagnosis
+    from ftbias_jax.errors import FtbiasError, LogError, OutputError, SetupError, UsageError
+    from ftbias_jax.filtering.likelihood import log_likelihood
+    from ftbias_jax.filtering.pipeline import Options, options_from_setup
+    from ftbias_jax.filtering.samples import samples_from_log
+    from ftbias_jax.filtering.verbs.from_setup import filter_log, params_for_log, smooth_log
+    from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
+    from ftbias_jax.io import read_log
+    from ftbias_jax.io.log import Log, Repair
+    from ftbias_jax.model.params import Params
+    from ftbias_jax.model.simulate_log import SimulationResult, Truth, simulate
+    from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
+    from ftbias_jax.types import Sample
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "Candidate",
+    "Diagnosis",
+    "FilterResult",
+    "FtbiasError",
+    "Identified",
+    "IdentifyResult",
+    "Log",
+    "LogError",
+    "Options",
+    "OutputError",
+    "Params",
+    "Repair",
+    "Sample",
+    "Setup",
+    "SetupError",
+    "SimulationResult",
+    "SmoothResult",
+    "Truth",
+    "TuneResult",
+    "UsageError",
+    "diagnose",
+    "dump_setup",
+    "filter_log",
+    "identify_tool",
+    "load_setup",
+    "log_likelihood",
+    "options_from_setup",
+    "params_for_log",
+    "parse_setup",
+    "read_log",
+    "samples_from_log",
+    "simulate",
+    "smooth_log",
+    "tune",
+]
+
+_MODULES = {
+    "calibration.identify": "Identified",
+    "calibration.identify_tool": "IdentifyResult identify_tool",
+    "calibration.tune_setup": "TuneResult tune",
+    "diagnosis.diagnose": "diagnose",
+    "diagnosis.result": "Candidate Diagnosis",
+    "errors": "FtbiasError LogError OutputError SetupError UsageError",
+    "filtering.likelihood": "log_likelihood",
+    "filtering.pipeline": "Options options_from_setup",
+    "filtering.samples": "samples_from_log",
+    "filtering.verbs.from_setup": "filter_log params_for_log smooth_log",
+    "filtering.verbs.results": "FilterResult SmoothResult",
+    "io": "read_log",
+    "io.log": "Log Repair",
+    "model.params": "Params",
+    "model.simulate_log": "SimulationResult Truth simulate",
+    "setup": "Setup dump_setup load_setup parse_setup",
+    "types": "Sample",
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported on its first use (PEP 562)."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return [*__all__, "__version__"]

@@ -7,10 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.cli.commands.demo import CENTER, EXCURSION
+from ftbias_jax.io.log import Log
 from ftbias_jax.model import simulate, trajectories
 from ftbias_jax.model.effects.types import Values
 from ftbias_jax.model.params import Params
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Array
 
 T = np.arange(4000) / 200.0
 

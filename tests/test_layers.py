@@ -103,8 +103,11 @@ def test_there_is_no_import_circle():
         visit(module, [])
 
 
-def test_the_package_itself_imports_none_of_its_modules():
-    assert not list(imported_units(ast.parse((PACKAGE / "__init__.py").read_text())))
+def test_the_package_itself_imports_its_modules_for_type_checkers_only():
+    tree = ast.parse((PACKAGE / "__init__.py").read_text())
+    for_types = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+    tree.body = [node for node in tree.body if node not in for_types]
+    assert not list(imported_units(tree))
 
 
 def test_an_upward_import_would_be_seen():
@@ -130,6 +133,11 @@ def output_of(program):
 @pytest.mark.parametrize("module", ["ftbias_jax", "ftbias_jax.setup", "ftbias_jax.io", "ftbias_jax.cli.main"])
 def test_reading_arguments_and_setups_does_not_import_jax(module):
     assert output_of(f"import sys, {module}; print('jax' in sys.modules)") == ["False"]
+
+
+def test_importing_the_package_imports_neither_jax_nor_numpy_nor_its_rooms():
+    heavy = {"jax", "numpy", "ftbias_jax.setup", "ftbias_jax.io"}
+    assert output_of(f"import sys, ftbias_jax; print(sorted({heavy} & set(sys.modules)))") == ["[]"]
 
 
 def test_importing_everything_leaves_the_flags_of_jax_alone():

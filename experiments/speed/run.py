@@ -70,7 +70,7 @@ def noise_of(params):
 
 
 def score(params, samples):
-    return likelihood.log_likelihood(params, samples, OPTIONS).total
+    return likelihood.log_likelihood(params, samples, OPTIONS)
 
 
 def gradient(params, samples):

@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.runtime.jax_config import same_precision
 from ftbias_jax.types import Array
 
 LaneScore = Callable[[Array, Any], Array]
@@ -153,7 +154,7 @@ def for_each(function: Callable[[Any], Any], parts: Sequence[Any]) -> list[Any]:
         return [one(parts[0])]
     first = one(parts[0])  # compiles, once
     with ThreadPoolExecutor(THREADS) as pool:
-        return [first, *pool.map(one, parts[1:])]
+        return [first, *pool.map(same_precision(one), parts[1:])]
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -29,9 +30,13 @@ from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Gap
 from ftbias_jax.diagnosis.samples.types import Finding, together
 from ftbias_jax.diagnosis.search import search
-from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.errors import UsageError
+from ftbias_jax.io.cleaning import clean
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.catalogue import CATALOGUE, check_names
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup.sensor_pose import require_arm
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Log
 
 SILENT = 0.12
 """Gap in noise sigmas below which nothing is missing: the joints' own error reaches half of it."""
@@ -50,15 +55,31 @@ UNSURE = "; or something that is not in the catalogue, for it lasted long"
 """Added to the explanation of a contact that is not surely one."""
 
 
-def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: Collection[str] = ()) -> Diagnosis:
+@in_float64
+def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str] = (), without: Collection[str] = ()) -> Diagnosis:
     """Diagnose one log, or several of one robot together: an effect then has the same parameters in all of them.
+
+    Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
+    (``FTBIAS_CACHE=off`` does not).
 
     Args:
         setup: what the robot's owner believes.
-        logs: the logs and their names.
-        names: the logs and their names.
+        logs: of free motion with the same robot, sensor and tool, best as recorded (``read_log(..., raw=True)``),
+            because clipped samples are evidence. Samples of axes that stand still are left out here, and told in
+            ``repairs``.
+        names: of the logs, one each, for the report; () = "log 1", "log 2", ...
         without: effects that may not be named, to see what the answer would be without them.
+
+    Raises:
+        UsageError: no log, an unknown effect, or a setup without the joints of an arm.
     """
+    require_arm(setup)
+    names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
+    if not logs or len(names) != len(logs):
+        message = f"got {len(logs)} logs and {len(names)} names"
+        raise UsageError(message, field="logs", remedy="give one log or more, and a name for each or none")
+    check_names(without, "without")
+    logs = [clean(log, clipped=False) for log in logs]
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)
     base, hold_out = fits.base(problem), Judge(problem)
@@ -86,7 +107,9 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
         not_tested=_not_tested(problem, logs, without),
         series=show(problem, base, accepted, before, after),
         logs=tuple(names),
+        repairs=tuple(log.repairs for log in logs),
         by_log=compare(problem, names, accepted if causes else base, before, after),
+        setup_name=Path(setup.path).name,
     )
 
 

@@ -17,11 +17,12 @@ from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.likelihood import WrenchProblem, without_bias
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import pad, samples_from_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.compose import fill_temperature
 from ftbias_jax.model.effects.types import Model, Signals, Values
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Log, Sample
+from ftbias_jax.types import Array, Sample
 
 SHORTEST_BIN = 0.01
 """s; a 25 Hz ringing of the tool is still seen."""
@@ -101,7 +102,7 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
         t=join([part.signals.t for part in parts]),
         log=np.repeat(np.arange(len(parts)), used),
         samples=join([count for _, count, _, _ in prepared]),
-        variance=join([part.wrench.variance for part in parts]),
+        variance=join([np.asarray(part.wrench.variance) for part in parts]),
         temperature=join([part.signals.temperature for part in parts]),
         durations=tuple(float(log.t[-1]) for log in logs),
         noise_std=np.sqrt(np.mean([one.noise_std**2 for one in found], axis=0)),

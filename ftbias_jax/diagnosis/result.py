@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+
+from ftbias_jax.io.atomic import write_atomic, write_json
+from ftbias_jax.io.log import Repairs
+from ftbias_jax.setup.types import Setup
 
 VERDICTS = ("none", "explained", "partly_explained", "unknown")
 CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -123,3 +128,59 @@ class Diagnosis(NamedTuple):
     """Names of the logs."""
     by_log: tuple[LogGap, ...] = ()
     """Each of several logs by itself; empty for a single one."""
+    repairs: tuple[Repairs, ...] = ()
+    """One a log: what was mended or left out to diagnose it, such as the samples of an axis that stands still."""
+    setup_name: str = ""
+    """The file name of the setup, for titles; "" = from memory."""
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """One line for every kind of samples that were left out of the logs."""
+        pairs = zip(self.logs, self.repairs, strict=False)
+        return tuple(f"{log}: {repair.what}" for log, repairs in pairs for repair in repairs if repair.lost)
+
+    # Reports and setups are made of what this module defines, so they are imported when they are asked for.
+
+    def __str__(self) -> str:
+        from ftbias_jax.diagnosis.report.tables import to_table
+
+        return to_table(self)
+
+    def to_html(self, path: str | os.PathLike[str], title: str = "") -> None:
+        """Write a report with plots, one file, whole or not at all.
+
+        Args:
+            path: the file.
+            title: of the report; "" = the names of logs and setup.
+
+        Raises:
+            OutputError: the file cannot be written there.
+        """
+        from ftbias_jax.diagnosis.report.html import to_html
+
+        named = f" with {self.setup_name}" if self.setup_name else ""
+        text = to_html(self, title or f"Gap of {', '.join(self.logs)}{named}")
+        write_atomic(path, lambda file: file.write(text.encode()))
+
+    def to_json(self, path: str | os.PathLike[str]) -> None:
+        """Write everything but the plots' series for programs, whole or not at all.
+
+        Args:
+            path: the file.
+
+        Raises:
+            OutputError: the file cannot be written there.
+        """
+        from ftbias_jax.diagnosis.report.tables import to_json
+
+        write_json(path, to_json(self))
+
+    def apply(self, setup: Setup) -> Setup:
+        """A setup with the causes among its effects; they replace what it says of the same effect.
+
+        Args:
+            setup: of the diagnosis.
+        """
+        from ftbias_jax.diagnosis.apply import with_causes
+
+        return with_causes(setup, self.causes)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering import gaussian
 from ftbias_jax.filtering.gaussian import Innovation
 from ftbias_jax.filtering.process_models import bias_drift_noise
 from ftbias_jax.model.params import BiasNoise
-from ftbias_jax.types import Array, Gaussian
+from ftbias_jax.types import Gaussian
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 FORGET = 10.0
 """s: time in which the standard deviation of the bias grows e-fold while the gate lets nothing through."""
@@ -22,10 +28,10 @@ def init(noise: BiasNoise) -> Gaussian:
 def step(
     noise: BiasNoise,
     state: Gaussian,
-    dt: Array,
-    wrench_tool: Array,
-    wrench: Array,
-    covariance: Array,
+    dt: Float[Array, ""],
+    wrench_tool: Float[Array, " 6"],
+    wrench: Float[Array, " 6"],
+    covariance: Float[Array, "6 6"],
     gate: float | None = None,
 ) -> tuple[Gaussian, Innovation]:
     """Predict by dt, then correct by y = D theta - W (report, section 3).

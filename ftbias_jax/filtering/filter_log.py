@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -13,13 +14,17 @@ from ftbias_jax.filtering import joint_filter, pipeline, smoother
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.joint_noise import likeliest_density
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State
-from ftbias_jax.filtering.result import Filtered, join, keep, keep_staged
+from ftbias_jax.filtering.result import Filtered, join, keep
 from ftbias_jax.filtering.samples import pad, samples_from_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Gaussian, Log, Sample
+from ftbias_jax.types import Array, Gaussian, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 CHUNK = 1 << 14
 """Samples filtered at once: one compiled program for every long log, and memory that does not grow with the log."""
@@ -52,7 +57,7 @@ def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_O
     return params._replace(joint=params.joint._replace(process_density=likeliest))
 
 
-def filter_log(
+def filter_with_params(
     params: Params,
     log: Log,
     options: Options = DEFAULT_OPTIONS,
@@ -78,7 +83,7 @@ def filter_log(
 
 
 def filter_parts(
-    params: Params, first_q: Array, parts: Iterable[Log], options: Options = DEFAULT_OPTIONS
+    params: Params, first_q: Float[Array, " n"], parts: Iterable[Log], options: Options = DEFAULT_OPTIONS
 ) -> Iterator[Filtered]:
     """Filter a log that comes in parts; ``result.join`` makes them one result.
 
@@ -102,7 +107,7 @@ def filter_parts(
             state = pipeline.init(params, samples._replace(q=jnp.asarray(first_q, dtype)[None]))
         length = max(length, _whole(len(log.t)))  # a short last part runs the program of the others
         state, kept = _run(params, state, pad(samples, length), options)
-        yield _filtered(params, log, samples, {name: np.asarray(x)[: len(log.t)] for name, x in kept.items()})
+        yield _filtered(log, {name: np.asarray(x)[: len(log.t)] for name, x in kept.items()})
         before = log.t[-1]
 
 
@@ -110,16 +115,12 @@ def _rows(log: Log, first: int, count: int) -> dict[str, Array]:
     return {name: getattr(log, name)[first : first + count] for name in ("t", "q", "dq", "wrench", "temperature")}
 
 
-def _filtered(params: Params, log: Log, samples: Sample, kept: dict[str, Array]) -> Filtered:
+def _filtered(log: Log, kept: dict[str, Array]) -> Filtered:
     """The result of one part, at the stamps of its wrench."""
     rows = np.isfinite(log.wrench).any(1)
     log_likelihood = np.float64(kept.pop("log_likelihood").sum(dtype=np.float64))
     columns = {name: x[rows] for name, x in kept.items()}
     bias, drift = np.moveaxis(columns["bias"], 1, 0)
-    wrench_tool = columns["wrench_tool"]
-    if params.effects is not None:
-        known = _known_bias(params, samples)[rows]
-        bias, wrench_tool = bias + known, wrench_tool + known
     bias_std, drift_std = np.moveaxis(columns["bias_std"], 1, 0)
     q, dq, ddq = np.moveaxis(columns["joint"], 2, 0)
     return Filtered(
@@ -133,7 +134,7 @@ def _filtered(params: Params, log: Log, samples: Sample, kept: dict[str, Array])
         dq=dq,
         ddq=ddq,
         ddq_std=columns["ddq_std"],
-        wrench_tool=wrench_tool,
+        wrench_tool=columns["wrench_tool"],
         innovation=columns["innovation"],
         nis=columns["nis"],
         log_likelihood=log_likelihood,
@@ -141,16 +142,17 @@ def _filtered(params: Params, log: Log, samples: Sample, kept: dict[str, Array])
     )
 
 
-def smooth_log(
+def smooth_with_params(
     params: Params, log: Log, options: Options = DEFAULT_OPTIONS, progress: Callable[[int], None] = lambda done: None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bias and drift given the whole log, past and future.
 
     Args:
-        as for ``filter_log``, but best with ``likeliest_params``; the whole log is held in memory, about 2 kB a sample.
+        as for ``filter_with_params``, but best with ``likeliest_params``; the whole log is held in memory, about
+        2 kB a sample.
 
     Returns:
-        means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_log``.
+        means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_with_params``.
     """
     log = without_useless(log, params)
     samples = samples_from_log(log, params.theta.dtype)
@@ -175,11 +177,12 @@ def smooth_log(
 
 @partial(jax.jit, static_argnames="options")
 def _run(params: Params, state: State, samples: Sample, options: Options) -> tuple[State, dict[str, Array]]:
-    """Filter by the fastest route that is exact for these parameters."""
-    if stages.applies(options):
-        state, track = stages.run(params, state, samples, options)
-        return state, keep_staged(track, samples.wrench)
+    """Filter, and count to the bias what known effects add to it, such as warming up."""
     state, kept = pipeline.run(params, state, samples, options, keep)
+    if params.effects is not None:
+        known = compose.bias(stages.signals_of(params, kept["joint"], samples), params.effects)
+        kept["bias"] = kept["bias"].at[:, 0].add(known)
+        kept["wrench_tool"] += known
     return state, kept
 
 
@@ -189,13 +192,6 @@ def without_useless(log: Log, params: Params) -> Log:
         return log
     model = Model(params.arm, params.gravity, params.theta)
     return log._replace(wrench=np.asarray(compose.correct_record(jnp.asarray(log.wrench), model, params.effects)))
-
-
-def _known_bias(params: Params, samples: Sample) -> np.ndarray:
-    """(T, 6) the part of the bias that known effects make, such as warming up."""
-    assert params.effects is not None
-    joints = jnp.zeros((*samples.q.shape, 3), samples.q.dtype)  # effects of the bias do not look at the motion
-    return np.asarray(compose.bias(stages.signals_of(params, joints, samples), params.effects))
 
 
 def _whole(length: int) -> int:

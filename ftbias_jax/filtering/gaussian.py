@@ -2,41 +2,45 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
+from jax import Array
 from jax.scipy.linalg import cho_solve
 
-from ftbias_jax.types import Array, Gaussian
+from ftbias_jax.types import Gaussian
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 
 class Innovation(NamedTuple):
-    """What a measurement said beyond its prediction."""
+    """What a measurement said beyond its prediction; many have leading axes: samples, joints."""
 
-    value: Array
+    value: Float[Array, "... m"]
     """(m,) measurement minus prediction; NaN where nothing was measured."""
-    covariance: Array
+    covariance: Float[Array, "... m m"]
     """(m, m) its predicted covariance S = C P C^T + R."""
-    nis: Array
+    nis: Float[Array, " ..."]
     """() normalised innovation squared of the measured entries; chi-square with ``count`` degrees of freedom."""
-    log_likelihood: Array
+    log_likelihood: Float[Array, " ..."]
     """() log density of the measured entries given the past; 0 if none was measured."""
-    count: Array
+    count: Int[Array, " ..."]  # type: ignore[assignment]  # hides tuple.count
     """() how many entries were measured."""
 
 
-def symmetrise(matrix: Array) -> Array:
+def symmetrise(matrix: Float[Array, "... k k"]) -> Float[Array, "... k k"]:
     """(M + M^T) / 2, over the last two axes."""
     return (matrix + jnp.swapaxes(matrix, -1, -2)) / 2
 
 
-def predict(state: Gaussian, transition: Array, process_noise: Array) -> Gaussian:
+def predict(state: Gaussian, transition: Float[Array, "k k"], process_noise: Float[Array, "k k"]) -> Gaussian:
     """x -> A x, P -> A P A^T + Q; mean (k,), transition and process_noise (k, k)."""
     covariance = transition @ state.covariance @ transition.T + process_noise
     return Gaussian(transition @ state.mean, symmetrise(covariance))
 
 
-def rts_step(filtered: Gaussian, predicted: Gaussian, smoothed: Gaussian, transition: Array) -> Gaussian:
+def rts_step(filtered: Gaussian, predicted: Gaussian, smoothed: Gaussian, transition: Float[Array, "k k"]) -> Gaussian:
     """One step back of the Rauch-Tung-Striebel smoother (1965), its covariance as a sum of squares.
 
     Args:
@@ -56,7 +60,9 @@ def rts_step(filtered: Gaussian, predicted: Gaussian, smoothed: Gaussian, transi
     return Gaussian(filtered.mean + gain @ (smoothed.mean - predicted.mean), symmetrise(covariance))
 
 
-def update(state: Gaussian, measurement: Array, observation: Array, noise: Array) -> tuple[Gaussian, Innovation]:
+def update(
+    state: Gaussian, measurement: Float[Array, " m"], observation: Float[Array, "m k"], noise: Float[Array, "m m"]
+) -> tuple[Gaussian, Innovation]:
     """Correct a state by y = C x + n, n ~ N(0, R), in Joseph's form (Bucy and Joseph 1968).
 
     (I - K C) P, as printed in the report, loses positive definiteness within seconds (errata 4); the Joseph form is a

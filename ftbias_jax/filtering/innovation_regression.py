@@ -7,7 +7,7 @@ model and its derivatives into white series alike (likelihood.whiten).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,9 @@ import numpy as np
 
 from ftbias_jax.filtering.likelihood import WrenchProblem, whiten
 from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Predict = Callable[[Array], Array]
 """(P,) parameters -> (T, 6) wrench the sensor should read without bias and noise."""
@@ -70,7 +73,7 @@ def excess(linear: Linear, problem: WrenchProblem) -> float:
     return float((linear.residual**2).sum() / np.isfinite(np.asarray(problem.wrench)).sum())
 
 
-def covariance(linear: Linear, dt: Array, normal: np.ndarray) -> np.ndarray:
+def covariance(linear: Linear, dt: Float[Array, " T"], normal: np.ndarray) -> np.ndarray:
     """(P, P) inverse information, widened where the scores of whole blocks scatter more than white noise would.
 
     Args:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering import gaussian
 from ftbias_jax.filtering.gaussian import Innovation
 from ftbias_jax.filtering.process_models import JOINT_MODELS, matrix
 from ftbias_jax.model.params import JointNoise
-from ftbias_jax.types import Array, Gaussian
+from ftbias_jax.types import Gaussian
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
-def init(noise: JointNoise, q: Array) -> Gaussian:
+def init(noise: JointNoise, q: Float[Array, " n"]) -> Gaussian:
     """State before the first sample: (first measured position, 0, 0) with covariance P_0; q (n,), NaN = unknown."""
     position = jnp.where(jnp.isfinite(q), q, 0)
     mean = jnp.stack([position, jnp.zeros_like(position), jnp.zeros_like(position)], -1)
@@ -20,7 +26,12 @@ def init(noise: JointNoise, q: Array) -> Gaussian:
 
 
 def step(
-    noise: JointNoise, state: Gaussian, dt: Array, q: Array, dq: Array, model: str = "integrated_jerk"
+    noise: JointNoise,
+    state: Gaussian,
+    dt: Float[Array, ""],
+    q: Float[Array, " n"],
+    dq: Float[Array, " n"],
+    model: str = "integrated_jerk",
 ) -> tuple[Gaussian, Innovation]:
     """Predict by dt, then correct by the measured positions and velocities.
 
@@ -50,7 +61,7 @@ def step(
 
 
 @jax.jit
-def first_measured(q: Array) -> Array:
+def first_measured(q: Float[Array, "T n"]) -> Float[Array, " n"]:
     """First finite position of every joint; (T, n) -> (n,), NaN if there is none."""
     first = jnp.argmax(jnp.isfinite(q), 0)
     return jnp.take_along_axis(q, first[None], 0)[0]

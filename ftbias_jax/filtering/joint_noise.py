@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering.fast.scan import Inputs, filter_scan
 from ftbias_jax.filtering.joint_filter import first_measured, init
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.model.params import JointNoise
-from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @partial(jax.jit, static_argnames="model")
-def likeliest_density(noise: JointNoise, dt: Array, q: Array, dq: Array, model: str = "integrated_jerk") -> Array:
+def likeliest_density(
+    noise: JointNoise,
+    dt: Float[Array, " T"],
+    q: Float[Array, "T n"],
+    dq: Float[Array, "T n"],
+    model: str = "integrated_jerk",
+) -> Float[Array, " n"]:
     """Process noise density of every joint that makes its measurements likeliest: (n,), noise.process_density unused.
 
     How fast a robot's acceleration changes differs by orders of magnitude between motions, and nobody knows the

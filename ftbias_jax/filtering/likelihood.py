@@ -6,60 +6,68 @@ The likelihood is differentiable in every parameter, and its gradient costs one 
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import Inputs, filter_scan, innovations
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State
 from ftbias_jax.filtering.process_models import JOINT_MODELS, drift_noise
-from ftbias_jax.filtering.smoother import smooth_joints
+from ftbias_jax.filtering.smoother import smooth_joint_tracks
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.tool_wrench import unbias
-from ftbias_jax.types import Array, Gaussian, Sample
+from ftbias_jax.types import Gaussian, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class LogLikelihood(NamedTuple):
     """Log density of the measurements, in nats."""
 
-    joint: Array
+    joint: Float[Array, ""]
     """() of joint positions and velocities."""
-    wrench: Array
+    wrench: Float[Array, ""]
     """() of the wrench given the joints."""
 
     @property
-    def total(self) -> Array:
+    def total(self) -> Float[Array, ""]:
         """() both together."""
         return self.joint + self.wrench
 
 
 def log_likelihood(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
-) -> LogLikelihood:
-    """Log-likelihood of a log (errata 13), by the fastest exact route.
+) -> Float[Array, ""]:
+    """Log-likelihood of a log (errata 13), () nats: of joints and wrench together, to be differentiated or mapped.
+
+    It has the precision of its arrays, because it is part of the caller's own program.
 
     Args:
-        params: of the pipeline.
-        options: of the pipeline.
-        samples: leaves with a leading time axis; padding counts nothing.
-        burn_in: s at the start of the log that do not count, for the first innovations measure P_0 and little else.
+        params: as ``params_for_log`` gives them; differentiable in every leaf.
+        samples: as ``samples_from_log`` gives them, leaves with a leading time axis; padding counts nothing.
+        options: of the pipeline, as ``options_from_setup`` gives them where a setup states any.
+        burn_in: s at the start of the log that do not count, because the first innovations measure P_0 and little else.
     """
+    return log_likelihood_parts(params, samples, options, burn_in).total
+
+
+def log_likelihood_parts(
+    params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
+) -> LogLikelihood:
+    """The same, split into joints and wrench; arguments as for ``log_likelihood``."""
     weight = counted(samples.dt, burn_in)
-    state = pipeline.init(params, samples)
-    if stages.applies(options):
-        _, track = stages.run(params, state, samples, options)
-        joint, wrench = track.joint.log_likelihood.sum(1), track.wrench.log_likelihood.sum(1)
-    else:
-        _, (joint, wrench) = pipeline.run(params, state, samples, options, _increments)
+    _, (joint, wrench) = pipeline.run(params, pipeline.init(params, samples), samples, options, _increments)
     return LogLikelihood((weight * joint).sum(), (weight * wrench).sum())
 
 
 def joint_log_likelihood(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
-) -> Array:
+) -> Float[Array, ""]:
     """The joints' part alone, () nats; arguments as for ``log_likelihood``."""
     inputs = stages.joint_inputs(params, pipeline.init(params, samples), samples)
     track = filter_scan(JOINT_MODELS[options.joint_model], inputs)
@@ -69,20 +77,20 @@ def joint_log_likelihood(
 @partial(jax.jit, static_argnames="options")
 def wrench_given_joints(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
-) -> Array:
+) -> Float[Array, ""]:
     """Log-likelihood, () nats, of the wrench given all joint measurements, past and future: of smoothed joints.
 
     Together with ``joint_log_likelihood`` it is the density of the whole log, p(joints) p(wrench | joints), where
     ``log_likelihood`` takes the wrench given the joints' past, as a filter must. Arguments as there.
     """
     start = pipeline.init(params, samples)
-    joints = smooth_joints(params, start, samples, options)
+    joints = smooth_joint_tracks(params, start, samples, options)
     wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
     track = filter_scan(drift_noise, stages.bias_inputs(params, start, samples, wrench_tool, variance))
     return (counted(samples.dt, burn_in) * track.log_likelihood.sum(1)).sum()
 
 
-def counted(dt: Array, burn_in: float | Array) -> Array:
+def counted(dt: Float[Array, " T"], burn_in: float | Array) -> Float[Array, " T"]:
     """(T,) 1 for samples after the burn-in, 0 before."""
     return (jnp.cumsum(dt) >= burn_in).astype(dt.dtype)
 
@@ -94,20 +102,20 @@ def _increments(state: State, info: Info) -> tuple[Array, Array]:
 class WrenchProblem(NamedTuple):
     """The bias filter of one log with everything before it worked out: what a fit of the wrench's model needs."""
 
-    dt: Array
+    dt: Float[Array, " T"]
     """(T,) s."""
-    wrench: Array
+    wrench: Float[Array, "T 6"]
     """(T, 6) N, Nm as read, plus the bias expected a priori, so that what is left of it starts at zero; NaN = not
     measured."""
-    variance: Array
+    variance: Float[Array, "T 6"]
     """(T, 6) N^2, Nm^2: diagonal of R."""
-    density: Array
+    density: Float[Array, " 6"]
     """(6,) sigma_Q."""
-    prior_std: Array
+    prior_std: Float[Array, " 12"]
     """(12,) square root of P_0, bias then drift."""
 
 
-def bias_recursion(problem: WrenchProblem, y: Array) -> Inputs:
+def bias_recursion(problem: WrenchProblem, y: Float[Array, "T 6"]) -> Inputs:
     """The bias filter on measurements y (T, 6) of the bias, started at its prior with mean zero."""
     y = jnp.where(jnp.isfinite(problem.wrench), y, jnp.nan)
     std = problem.prior_std.reshape(2, 6)
@@ -119,7 +127,7 @@ def bias_recursion(problem: WrenchProblem, y: Array) -> Inputs:
 
 
 @jax.jit
-def whiten(problem: WrenchProblem, columns: Array) -> Array:
+def whiten(problem: WrenchProblem, columns: Float[Array, "C T 6"]) -> Float[Array, "C T 6"]:
     """Innovations of the bias filter, in units of their standard deviation, for each of many series.
 
     The filter is linear, so the innovations of D theta - W are those of the columns of D times theta minus those of
@@ -138,13 +146,14 @@ def whiten(problem: WrenchProblem, columns: Array) -> Array:
         return innovation[:, 0] / jnp.sqrt(variance[:, 0])
 
     # Its value is its derivative: so the gains, which all series share, are worked out once.
-    return jax.vmap(lambda column: jax.jvp(white, (jnp.zeros_like(column),), (column,))[1])(columns)
+    whitened: Array = jax.vmap(lambda column: jax.jvp(white, (jnp.zeros_like(column),), (column,))[1])(columns)
+    return whitened
 
 
 @partial(jax.jit, static_argnames="options")
 def wrench_problem(
     params: Params, samples: Sample, joints: Gaussian, options: Options = DEFAULT_OPTIONS
-) -> tuple[WrenchProblem, Array]:
+) -> tuple[WrenchProblem, Float[Array, "T 6"]]:
     """Freeze everything before the bias filter.
 
     Args:
@@ -163,6 +172,8 @@ def wrench_problem(
     return WrenchProblem(samples.dt, wrench, variance, bias.density, bias.prior_std), wrench_tool
 
 
-def without_bias(wrench: Array, expected: Array, t: Array) -> Array:
+def without_bias(
+    wrench: Float[Array, "T 6"], expected: Float[Array, " 12"], t: Float[Array, " T"]
+) -> Float[Array, "T 6"]:
     """Readings (T, 6) at times t (T,) s, with the bias taken off that is expected: (12,) at t = 0, and its drift."""
     return jax.vmap(unbias, (0, None, 0))(wrench, expected, t)

@@ -9,10 +9,14 @@ Each model is written once, as nested rows of entries: the textbook filter stack
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
+from jax import Array
 
-from ftbias_jax.types import Array
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 Rows = list[list[Array]]
 """A small matrix as nested lists of entries, arrays of any common shape."""
@@ -20,7 +24,7 @@ ProcessModel = Callable[[Array, Array], tuple[Rows, Rows]]
 """(dt, density) -> rows of A and rows of Q."""
 
 
-def acceleration_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
+def acceleration_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
     """Model 1, non-integrated acceleration noise (Kubus et al. 2007), as printed: A without dt^2/2, constant Q.
 
     Q does not scale with dt, so results depend on the sampling rate (errata 14); it is kept for comparison.
@@ -38,7 +42,7 @@ def acceleration_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
     return [[one, dt, zero], [zero, one, dt], [zero, zero, one]], noise
 
 
-def integrated_acceleration_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
+def integrated_acceleration_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
     """Model 2, integrated acceleration noise, as printed: the noise enters the velocity, the acceleration gets none.
 
     The gain of the acceleration therefore decays to nothing (errata 14); it is kept for comparison.
@@ -52,7 +56,7 @@ def integrated_acceleration_noise(dt: Array, density: Array) -> tuple[Rows, Rows
     return _constant_acceleration(dt), [[pp, pv, zero], [pv, vv, zero], [zero, zero, zero]]
 
 
-def integrated_jerk_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
+def integrated_jerk_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
     """Model 3, integrated jerk noise: white noise on the jerk, integrated three times (Barfoot 2024). The default.
 
     Args:
@@ -65,7 +69,7 @@ def integrated_jerk_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
     return _constant_acceleration(dt), [[pp, pv, pa], [pv, vv, va], [pa, va, aa]]
 
 
-def drift_noise(dt: Array, density: Array) -> tuple[Rows, Rows]:
+def drift_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
     """One axis of the bias: its rate is integrated white noise (report, eq. of Q_i in section 3).
 
     Args:
@@ -88,7 +92,9 @@ JOINT_MODELS: dict[str, ProcessModel] = {
 }
 
 
-def bias_drift_noise(dt: Array, density: Array) -> tuple[Array, Array]:
+def bias_drift_noise(
+    dt: Float[Array, ""], density: Float[Array, " 6"]
+) -> tuple[Float[Array, "12 12"], Float[Array, "12 12"]]:
     """The bias model of all six axes as the report writes it.
 
     Args:
@@ -106,7 +112,7 @@ def bias_drift_noise(dt: Array, density: Array) -> tuple[Array, Array]:
     return block(transition), block(noise)
 
 
-def matrix(rows: Rows) -> Array:
+def matrix(rows: Rows) -> Float[Array, "k k"]:
     """Stack rows of scalar entries into a matrix (k, k)."""
     return jnp.stack([jnp.stack(row) for row in rows])
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering.fast.stages import Staged
 from ftbias_jax.filtering.pipeline import Info, State
 from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class Filtered(NamedTuple):
@@ -21,21 +23,21 @@ class Filtered(NamedTuple):
     setup knows of are in wrench_tool, those of the bias (warming up, temperature) in bias.
     """
 
-    t: Array
-    bias: Array
-    drift: Array
-    bias_std: Array
-    drift_std: Array
-    wrench_unbiased: Array
-    q: Array
-    dq: Array
-    ddq: Array
-    ddq_std: Array
-    wrench_tool: Array
-    innovation: Array
-    nis: Array
-    log_likelihood: Array
-    innovation_std: Array
+    t: Float[Array, " T"]
+    bias: Float[Array, "T 6"]
+    drift: Float[Array, "T 6"]
+    bias_std: Float[Array, "T 6"]
+    drift_std: Float[Array, "T 6"]
+    wrench_unbiased: Float[Array, "T 6"]
+    q: Float[Array, "T n"]
+    dq: Float[Array, "T n"]
+    ddq: Float[Array, "T n"]
+    ddq_std: Float[Array, "T n"]
+    wrench_tool: Float[Array, "T 6"]
+    innovation: Float[Array, "T 6"]
+    nis: Float[Array, " T"]
+    log_likelihood: Float[Array, ""]
+    innovation_std: Float[Array, "T 6"]
 
 
 def join(parts: Sequence[Filtered]) -> Filtered:
@@ -57,20 +59,4 @@ def keep(state: State, info: Info) -> dict[str, Array]:
         "innovation_std": jnp.sqrt(std(info.wrench.covariance)),
         "nis": info.wrench.nis,
         "log_likelihood": info.log_likelihood,
-    }
-
-
-def keep_staged(track: Staged, wrench: Array) -> dict[str, Array]:
-    """The same of a staged run, which reports an innovation of 0 where nothing was measured."""
-    variances = [jnp.diagonal(track.covariance, axis1=1, axis2=2) for track in (track.joint, track.wrench)]
-    return {
-        "joint": jnp.swapaxes(track.joint.mean, 1, 2),
-        "ddq_std": jnp.sqrt(variances[0][:, :, 2]),
-        "bias": track.wrench.mean,
-        "bias_std": jnp.sqrt(jnp.swapaxes(variances[1], 1, 2)),
-        "wrench_tool": track.wrench_tool,
-        "innovation": jnp.where(jnp.isfinite(wrench), track.wrench.innovation[:, 0], jnp.nan),
-        "innovation_std": jnp.sqrt(track.wrench.innovation_variance[:, 0]),
-        "nis": track.wrench.nis.sum(1),
-        "log_likelihood": track.joint.log_likelihood.sum(1) + track.wrench.log_likelihood.sum(1),
     }

@@ -9,9 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.compose import fill_temperature
 from ftbias_jax.model.params import as_array
-from ftbias_jax.types import Array, Log, Sample
+from ftbias_jax.types import Array, Sample
 
 
 def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:

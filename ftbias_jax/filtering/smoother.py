@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering import gaussian
 from ftbias_jax.filtering.fast.rts import smooth_track
-from ftbias_jax.filtering.fast.scan import Inputs, filter_scan
-from ftbias_jax.filtering.fast.stages import bias_inputs, joint_inputs, predict_wrenches
+from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, filter_scan
+from ftbias_jax.filtering.fast.stages import bias_inputs, joint_inputs, joint_states, predict_wrenches
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, State
 from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_drift_noise, drift_noise
 from ftbias_jax.model.params import Params
-from ftbias_jax.types import Array, Gaussian, Sample
+from ftbias_jax.types import Gaussian, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @jax.jit
-def smooth_bias(params: Params, filtered: Gaussian, dt: Array) -> Gaussian:
+def smooth_bias(params: Params, filtered: Gaussian, dt: Float[Array, " T"]) -> Gaussian:
     """Smoothed bias and drift from the filtered states of ``pipeline.run``; any R.
 
     Args:
@@ -41,7 +46,7 @@ def smooth_bias(params: Params, filtered: Gaussian, dt: Array) -> Gaussian:
 
 
 @jax.jit
-def smooth_axes(inputs: Inputs) -> tuple[Array, Array]:
+def smooth_axes(inputs: Inputs) -> tuple[Float[Array, "T 2 6"], Float[Array, "T 2 6"]]:
     """The same for independent axes, from ``stages.bias_inputs``: means and standard deviations (T, 2, 6)."""
     smoothed = smooth_track(drift_noise, inputs, filter_scan(drift_noise, inputs))
     return smoothed.mean, jnp.sqrt(jnp.swapaxes(jnp.diagonal(smoothed.covariance, axis1=1, axis2=2), 1, 2))
@@ -50,21 +55,25 @@ def smooth_axes(inputs: Inputs) -> tuple[Array, Array]:
 @partial(jax.jit, static_argnames="options")
 def smooth_joints(params: Params, state: State, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Gaussian:
     """Joint states given the whole log: mean (T, n, 3) and covariance (T, n, 3, 3)."""
+    return joint_states(smooth_joint_tracks(params, state, samples, options))
+
+
+def smooth_joint_tracks(params: Params, state: State, samples: Sample, options: Options) -> Smoothed:
+    """The same with the axes of a track."""
     model, inputs = JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples)
-    smoothed = smooth_track(model, inputs, filter_scan(model, inputs))
-    return Gaussian(jnp.swapaxes(smoothed.mean, 1, 2), jnp.moveaxis(smoothed.covariance, -1, 1))
+    return smooth_track(model, inputs, filter_scan(model, inputs))
 
 
 @partial(jax.jit, static_argnames="options")
 def smooth_log(
     params: Params, state: State, samples: Sample, options: Options = DEFAULT_OPTIONS
-) -> tuple[Gaussian, Array, Array]:
+) -> tuple[Gaussian, Float[Array, "T 2 6"], Float[Array, "T 2 6"]]:
     """Joints smoothed first, then the bias smoothed on the wrench they predict: no lag of the acceleration is left.
 
     Returns:
         joint states as of ``smooth_joints``, and mean and standard deviation (T, 2, 6) of bias and drift.
     """
-    joints = smooth_joints(params, state, samples, options)
+    joints = smooth_joint_tracks(params, state, samples, options)
     wrench_tool, variance = predict_wrenches(params, joints, samples, options)
     mean, std = smooth_axes(bias_inputs(params, state, samples, wrench_tool, variance))
-    return joints, mean, std
+    return joint_states(joints), mean, std

@@ -1,15 +1,17 @@
 """The whole method as one pure step: joint filter, sensor kinematics, bias filter.
 
-``step`` is the single definition; ``run`` is ``lax.scan`` of it, online use is calling it, and every faster route is
-tested equal to it. Arrays decide the precision: float32 in, float32 through; float64 needs JAX's x64 mode.
+``step`` is the single definition; ``pipeline.scan_steps`` is ``lax.scan`` of it, online use is calling it, and every
+faster route, ``pipeline.run`` first, is tested equal to it. Arrays decide the precision: float32 in, float32 through;
+float64 needs JAX's x64 mode.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
+from jax import Array
 
 from ftbias_jax.filtering import bias_filter, joint_filter
 from ftbias_jax.filtering.gaussian import Innovation
@@ -22,7 +24,10 @@ from ftbias_jax.model.wrench.tool_wrench import (
     motion_and_wrench,
 )
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Gaussian, Sample
+from ftbias_jax.types import Gaussian, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class Options(NamedTuple):
@@ -52,15 +57,15 @@ class State(NamedTuple):
 
 
 class Info(NamedTuple):
-    """What a step learned; smoothing, tuning and diagnosis read only this."""
+    """What a step learned; smoothing, tuning and diagnosis read only this. Many steps have a leading time axis."""
 
     joint: Innovation
     """of (q, dq), with a leading joint axis."""
     wrench: Innovation
     """of y = D theta - W."""
-    wrench_tool: Array
+    wrench_tool: Float[Array, "... 6"]
     """(6,) D theta, N and Nm, sensor frame."""
-    log_likelihood: Array
+    log_likelihood: Float[Array, " ..."]
     """() increment: all joints and the wrench."""
 
 
@@ -92,7 +97,10 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
         the state after the sample, and what it said.
     """
     if params.effects is not None:
-        raise ValueError("effects act on whole logs, not on single samples: use staged.run")
+        raise ValueError(
+            "known effects act on whole logs, not on single samples: use pipeline.run, without a gate and with a "
+            "joint uncertainty other than 'full'"
+        )
     joint, joint_innovation = joint_filter.step(
         params.joint, state.joint, sample.dt, sample.q, sample.dq, options.joint_model
     )
@@ -108,6 +116,6 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     return State(joint, bias), Info(joint_innovation, wrench_innovation, wrench_tool, log_likelihood)
 
 
-def predict_wrench(params: Params, joint_mean: Array) -> tuple[Motion, Array]:
+def predict_wrench(params: Params, joint_mean: Float[Array, "n 3"]) -> tuple[Motion, Float[Array, " 6"]]:
     """Motion of the sensor and the wrench D theta (6,) of the tool, sensor frame, from joint states (n, 3)."""
     return motion_and_wrench(params.arm, params.gravity, params.theta, *joint_mean.T)

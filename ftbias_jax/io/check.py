@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.clock import as_stamps, put_in_order
+from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.pose import pose_entries
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Array
 
 LOWEST_RATE, HIGHEST_RATE = 1.5, 5e4
 """Hz: a log of 1000 Hz has 1 Hz if its ms are taken for s, one of 50 Hz has 50 kHz if its us are taken for ns."""
@@ -22,6 +24,7 @@ def check_log(
     *,
     setup: Setup,
     file: str = "",
+    repairs: Repairs = (),
 ) -> Log:
     """A log that can be filtered, from arrays as they were recorded.
 
@@ -33,19 +36,23 @@ def check_log(
         temperature: (T,) deg C, or None. NaN = not measured.
         setup: the joints, and the sign in which the sensor reports.
         file: the name in messages.
+        repairs: what was mended to get so far.
 
     Returns:
-        float64 arrays: t relative to the first stamp (``start``), the wrench on the tool, NaN for what is None.
+        float64 arrays in the order of their stamps (``put_in_order``): t relative to the first stamp (``start``), the
+        wrench on the tool, NaN for what is None.
 
     Raises:
-        LogError: shapes disagree, time does not increase, a value is infinite, or there is no motion or no wrench.
+        LogError: shapes disagree, the clock was set back, a value is infinite, or there is no motion or no wrench.
     """
+    columns = {"q": q, "dq": dq, "wrench": wrench, "temperature": temperature}
+    t, (q, dq, wrench, temperature), ordering = put_in_order(t, columns, file=file)
     t, start = relative_seconds(t, file=file)
     if setup.pose is not None:
         q, dq = pose_entries(q, dq, t, setup, file)
     nothing = np.full(np.shape(q), np.nan) if dq is None else dq
     unknown = np.full(len(t), np.nan) if temperature is None else temperature
-    log = check_samples(Log(t, q, nothing, wrench, unknown, start), setup, file=file)
+    log = check_samples(Log(t, q, nothing, wrench, unknown, start, (*repairs, *ordering)), setup, file=file)
     check_content(~np.isnan(log.q).all(0), t[~np.isnan(log.wrench).all(1)], setup, file=file)
     return log
 
@@ -108,15 +115,7 @@ def relative_seconds(t: Array, *, file: str = "", field: str = "t") -> tuple[Arr
 
 def check_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
     """The (T,) stamps themselves, as float64 or int64, if they are finite and strictly increasing."""
-    t = np.asarray(t)
-    if t.ndim != 1 or t.dtype.kind not in "fiu":
-        message = f"has shape {t.shape} and type {t.dtype}"
-        raise LogError(message, file=file, field=field, remedy="time is one list of numbers: s, or ns if integer")
-    t = t.astype(np.float64 if t.dtype.kind == "f" else np.int64)
-    bad = np.flatnonzero(~np.isfinite(t))
-    if bad.size:
-        message = f"NaN time: {field}[{bad[0]}] is {t[bad[0]]}"
-        raise LogError(message, file=file, field=field, remedy="give every sample a finite stamp")
+    t = as_stamps(t, file=file, field=field)
     back = np.flatnonzero(t[1:] <= t[:-1])
     if back.size:
         i = back[0] + 1

@@ -1,13 +1,14 @@
-"""Stamps of recorded streams, as integers in ns: which clock to trust, and order where it is a little wrong."""
+"""Stamps of recorded streams: which clock to trust, and order where it is a little wrong."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.types import Array
 
 SECOND = 10**9
@@ -75,11 +76,82 @@ def continue_after_jumps(streams: Sequence[Array], file: str = "") -> tuple[tupl
     return tuple(np.concatenate(done) for done in moved), len(starts[0])
 
 
+def as_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
+    """The (T,) stamps as float64 (s) or int64 (ns), in the order in which they are.
+
+    Raises:
+        LogError: they are no list of finite numbers.
+    """
+    t = np.asarray(t)
+    if t.ndim != 1 or t.dtype.kind not in "fiu":
+        message = f"has shape {t.shape} and type {t.dtype}"
+        raise LogError(message, file=file, field=field, remedy="time is one list of numbers: s, or ns if integer")
+    t = t.astype(np.float64 if t.dtype.kind == "f" else np.int64)
+    bad = np.flatnonzero(~np.isfinite(t))
+    if bad.size:
+        message = f"NaN time: {field}[{bad[0]}] is {t[bad[0]]}"
+        raise LogError(message, file=file, field=field, remedy="give every sample a finite stamp")
+    return t
+
+
+class Ordered(NamedTuple):
+    """Samples in the order of their stamps."""
+
+    t: Array
+    """(U,) float64 s or int64 ns, strictly increasing."""
+    columns: tuple[Array | None, ...]
+    """(U, ...) each, or None."""
+    repairs: Repairs
+    """What that took."""
+
+
+def put_in_order(
+    t: Array, columns: Mapping[str, Array | None], samples: str = "samples", *, file: str = "", field: str = "t"
+) -> Ordered:
+    """Sort samples that came a little late, and make one of those that share a stamp, as ``tidy`` does.
+
+    Args:
+        t: (T,) stamps: floating point in s, or integers in ns.
+        columns: name -> (T, ...) real numbers, NaN = not measured; None = not recorded.
+        samples: what they are, for the repairs.
+        file: where the stamps come from, for messages.
+        field: where the stamps come from, for messages.
+
+    Raises:
+        LogError: a stamp is no finite number, or is so far behind another that the clock was set back.
+    """
+    t = as_stamps(t, file=file, field=field)
+    if (t[1:] > t[:-1]).all():
+        return Ordered(t, tuple(columns.values()), ())
+    back = np.flatnonzero(t <= np.maximum.accumulate(t) - (JUMP if t.dtype.kind == "i" else JUMP / SECOND))
+    if back.size:
+        late = back[0]
+        latest = int(np.argmax(t[:late]))
+        message = f"time does not increase: {field}[{late}] = {t[late]} after {field}[{latest}] = {t[latest]}"
+        remedy = "sort the samples, or cut the log where its clock was set back"
+        raise LogError(message, file=file, field=field, remedy=remedy)
+    given = {name: _one_a_stamp(values, len(t), name, file) for name, values in columns.items() if values is not None}
+    flat = [values.reshape(len(t), -1) for values in given.values()]
+    ordered = tidy(t, np.concatenate(flat, 1))
+    parts = np.split(ordered.values, np.cumsum([values.shape[1] for values in flat])[:-1], axis=1)
+    placed = {name: part.reshape(-1, *given[name].shape[1:]) for name, part in zip(given, parts, strict=True)}
+    return Ordered(ordered.t, tuple(placed.get(name) for name in columns), order_repairs(ordered, samples))
+
+
+def order_repairs(ordered: Tidy, samples: str) -> Repairs:
+    """What it took to bring samples in order, in words."""
+    repairs = (
+        (ordered.late, "came late: put in order", False),
+        (ordered.repeated, "left out: their stamps are repeated", True),
+    )
+    return tuple(Repair(f"{count} of the {samples} {what}", lost) for count, what, lost in repairs if count)
+
+
 class Tidy(NamedTuple):
     """A stream in order."""
 
     t: Array
-    """(U,) int64 ns, strictly increasing."""
+    """(U,) s or ns, strictly increasing."""
     values: Array
     """(U, k)."""
     late: int
@@ -92,7 +164,7 @@ def tidy(t: Array, values: Array) -> Tidy:
     """Sort samples by their stamps; samples of one stamp become one, each column from the first that has it.
 
     Args:
-        t: (T,) int64 ns.
+        t: (T,) s or ns.
         values: (T, k), NaN = not measured.
     """
     late = int((t[1:] < np.maximum.accumulate(t)[:-1]).sum()) if len(t) else 0
@@ -108,6 +180,15 @@ def tidy(t: Array, values: Array) -> Tidy:
         merged[places, column] = values[here[first], column]
         used[here[first], column] = True
     return Tidy(unique, merged, late, int((~used).any(1).sum()))
+
+
+def _one_a_stamp(values: Array, stamps: int, field: str, file: str) -> Array:
+    """The values as float64, if they are real numbers and as many as the stamps."""
+    values = np.asarray(values)
+    if values.ndim == 0 or len(values) != stamps or values.dtype.kind not in "fiu":
+        message = f"has shape {values.shape} and type {values.dtype} for {stamps} stamps"
+        raise LogError(message, file=file, field=field, remedy="give one sample of real numbers per stamp")
+    return values.astype(np.float64)
 
 
 def _overlap(streams: Sequence[Array]) -> bool:

@@ -12,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import is_ros, read_log_with_repairs
+from ftbias_jax.io import is_ros, read_recorded
+from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.health import gaps, sample_rate, saturation, stuck_seconds
+from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.npz_archive import load_arrays
-from ftbias_jax.io.repairs import Repair
 from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
 from ftbias_jax.io.ros.read import log_of, skew
 from ftbias_jax.io.ros.record import Stream, Topic, read_recording
@@ -24,7 +25,7 @@ from ftbias_jax.io.tables.hdf5 import load_hdf5
 from ftbias_jax.io.tables.parquet import column_names
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import AXES, Array, Log
+from ftbias_jax.types import AXES, Array
 
 POSE_LABELS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
@@ -74,14 +75,18 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     """
     if is_ros(path):
         return _describe_ros(path, setup, salvage)
-    log, repairs = read_log_with_repairs(path, setup or _setup_for(_joint_names(path)))
+    log = read_recorded(path, setup or _setup_for(_joint_names(path)))
     joints = ~np.isnan(np.column_stack([log.q, log.dq])).all(1)
     names = setup.robot.joint_names if setup else tuple(_joint_names(path))
     streams = (
         _stream_info("joints", "q, dq", names, log.start, log.t[joints], log.q[joints], names),
         _wrench_info(log),
     )
-    return LogInfo(streams, (), repairs, "can be filtered" if setup else f"has {len(names)} joints and a wrench", True)
+    verdict = "can be filtered" if setup else f"has {len(names)} joints and a wrench"
+    try:
+        return LogInfo(streams, (), clean(log).repairs, verdict, True)
+    except LogError as error:
+        return LogInfo(streams, (), log.repairs, _nothing(error), False)
 
 
 def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bool) -> LogInfo:
@@ -99,10 +104,14 @@ def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bo
     if setup is None:
         return LogInfo(streams, others, repairs, "has joints and a wrench: --setup tells whether they fit", True)
     try:
-        _, repairs = log_of(recording, setup, os.fspath(path))
+        repairs = clean(log_of(recording, setup, os.fspath(path))).repairs
     except LogError as error:
-        return LogInfo(streams, others, repairs, f"nothing can be filtered: {error.message} ({error.remedy})", False)
+        return LogInfo(streams, others, repairs, _nothing(error), False)
     return LogInfo(streams, others, repairs, "can be filtered", True)
+
+
+def _nothing(error: LogError) -> str:
+    return f"nothing can be filtered: {error.message} ({error.remedy})"
 
 
 def _recorded_info(stream: Stream) -> StreamInfo:

@@ -6,7 +6,8 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_stamps
-from ftbias_jax.types import Array, Log
+from ftbias_jax.io.log import Log
+from ftbias_jax.types import Array
 
 
 def merge_streams(

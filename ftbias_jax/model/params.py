@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,32 +18,35 @@ from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 class JointNoise(NamedTuple):
     """Noise of the joint filter."""
 
-    process_density: Array
+    process_density: Float[Array, " n"]
     """(n,) strength of the process noise, units of the process model (rad/s^2.5 for integrated jerk)."""
-    position_std: Array
+    position_std: Float[Array, " n"]
     """(n,) eta_q, rad."""
-    velocity_std: Array
+    velocity_std: Float[Array, " n"]
     """(n,) eta_dq, rad/s."""
-    prior_std: Array
+    prior_std: Float[Array, " 3"]
     """(3,) rad, rad/s, rad/s^2: square root of P_0; wide enough for a log that starts in motion (errata 15)."""
 
 
 class BiasNoise(NamedTuple):
     """Noise and prior of the bias filter."""
 
-    density: Array
+    density: Float[Array, " 6"]
     """(6,) sigma_Q, N/s^1.5 and Nm/s^1.5: white noise on the rate of the drift, one per axis."""
-    data_variance: Array | None
+    data_variance: Float[Array, " 36"] | None
     """(36,) diagonal of Sigma_D over LIVE_ENTRIES of vec(D), column-major (tool_wrench.py); None = 0."""
-    wrench_variance: Array
+    wrench_variance: Float[Array, " 6"]
     """(6,) diagonal of Sigma_W, N^2 and Nm^2."""
-    prior_mean: Array
+    prior_mean: Float[Array, " 12"]
     """(12,) x_0: bias, then drift; a previously estimated bias or zeros."""
-    prior_std: Array
+    prior_std: Float[Array, " 12"]
     """(12,) square root of the diagonal of P_0."""
     vibration: Array | None = None
     """(n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2: what the squared speed of each joint adds to the variance of each axis; of
@@ -63,14 +66,14 @@ class Params(NamedTuple):
 
     arm: Any
     """What carries the sensor: a screws.Arm, or where the sensor's pose is recorded a free_body.FreeBody."""
-    gravity: Array
+    gravity: Float[Array, " 3"]
     """(3,) m/s^2, base frame, pointing down."""
-    theta: Array
+    theta: Float[Array, " 10"]
     """(10,) inertial parameters of the tool (tool_wrench.py)."""
     joint: JointNoise
     bias: BiasNoise
     effects: Values | None = None
-    """Known effects of the catalogue. They may need the whole log, so ``stages.run`` has them and ``step`` refuses."""
+    """Known effects of the catalogue. They may need the whole log: ``pipeline.run`` takes them, ``step`` refuses."""
 
 
 def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
@@ -112,14 +115,14 @@ def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:
     if setup.pose is not None:
         # An accelerometer's path is that of the sensor itself.
         translation = np.zeros(3) if setup.pose.linear == "specific_force" else sensor.translation
-        return FreeBody(translation, sensor.rotation)
+        return FreeBody(as_array(translation, dtype), as_array(sensor.rotation, dtype))
     rotation = robot.flange_rotation @ sensor.rotation
     position = robot.flange_translation + robot.flange_rotation @ sensor.translation
     arm: Arm = jax.jit(make_arm)(as_array(robot.screws, dtype), as_array(position, dtype), as_array(rotation, dtype))
     return arm
 
 
-def _data_variance(setup: Setup, dtype: Any) -> Array | None:
+def _data_variance(setup: Setup, dtype: Any) -> Float[Array, " 36"] | None:
     """(36,) diagonal of Sigma_D, or None for zeros, which then costs nothing."""
     noise = setup.data_noise
     if noise is None:
@@ -130,7 +133,7 @@ def _data_variance(setup: Setup, dtype: Any) -> Array | None:
     return jax.jit(data_variance)(stds, as_array(setup.robot.gravity, dtype))
 
 
-def _unknown_acceleration(setup: Setup) -> Array:
+def _unknown_acceleration(setup: Setup) -> Float[Array, " 6"]:
     """(6,) N^2, Nm^2: variance of the tool's wrench by accelerations that nobody recorded, the same in all axes."""
     if setup.pose is None or setup.pose.linear != "none":
         return np.zeros(6)

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.types import Array, Log
+from ftbias_jax.io.log import Log
+from ftbias_jax.types import Array
 
 
 class Trajectory(NamedTuple):

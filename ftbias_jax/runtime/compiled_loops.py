@@ -12,9 +12,8 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import jax
 import jax.custom_batching
+from jax import Array
 from jax.experimental.xla_metadata import set_xla_metadata
-
-from ftbias_jax.types import Array
 
 P = ParamSpec("P")
 R = TypeVar("R")

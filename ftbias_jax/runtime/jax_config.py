@@ -1,26 +1,42 @@
-"""JAX as the command line wants it: double precision, and programs that stay compiled between runs."""
+"""JAX as commands and verbs want it: double precision, and programs that stay compiled between runs."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import jax
+import jax.numpy as jnp
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 MIN_COMPILE_SECONDS = 0.02
 """Programs that compile faster are not worth a file."""
+CACHE_SWITCH = "FTBIAS_CACHE"
+"""Environment variable; "off" = compiled programs are not kept."""
 
 
 def prepare_jax() -> None:
-    """Compute in float64 and keep compiled programs in the user's cache folder; call it before any array is made.
-
-    A cache that JAX was already told about (``JAX_COMPILATION_CACHE_DIR``) stays. Where no folder can be made,
-    everything works and is compiled anew each time.
-    """
+    """Compute in float64 from now on and keep compiled programs: for a process of its own, before any array is made."""
     jax.config.update("jax_enable_x64", True)
+    keep_programs()
+
+
+def keep_programs() -> None:
+    """Keep compiled programs in the user's cache folder, so that the next process need not compile them.
+
+    What JAX was already told about a cache (``JAX_COMPILATION_CACHE_DIR``, ``JAX_ENABLE_COMPILATION_CACHE``) stays,
+    and ``FTBIAS_CACHE=off`` keeps nothing. Where no folder can be made, everything works and is
+    compiled anew each time.
+    """
     config: Any = jax.config  # JAX's types do not know its settings
-    if config.jax_compilation_cache_dir is not None:
+    decided = config.jax_compilation_cache_dir is not None or not config.jax_enable_compilation_cache
+    if decided or os.environ.get(CACHE_SWITCH, "").lower() == "off":
         return
     folder = cache_folder() / "jax"
     try:
@@ -30,6 +46,43 @@ def prepare_jax() -> None:
     if os.access(folder, os.W_OK):
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", MIN_COMPILE_SECONDS)
+
+
+def in_float64(verb: Callable[P, R]) -> Callable[P, R]:
+    """The same function, which computes in float64 whatever JAX's setting is, and keeps its compiled programs.
+
+    The setting holds while the function runs, in the thread that called it; the caller's own programs stay as they are.
+    """
+
+    @wraps(verb)
+    def run(*arguments: P.args, **named: P.kwargs) -> R:
+        keep_programs()
+        with _precision(wide=True):
+            return verb(*arguments, **named)
+
+    return run
+
+
+def same_precision(function: Callable[P, R]) -> Callable[P, R]:
+    """The same function for other threads, which would not know of a precision that holds in this one."""
+    wide = _is_wide()
+
+    @wraps(function)
+    def run(*arguments: P.args, **named: P.kwargs) -> R:
+        with _precision(wide):
+            return function(*arguments, **named)
+
+    return run
+
+
+def _precision(wide: bool) -> AbstractContextManager[object]:
+    # Where nothing changes nothing is set: JAX would trace its programs again.
+    context: AbstractContextManager[object] = nullcontext() if wide == _is_wide() else jax.enable_x64(wide)
+    return context
+
+
+def _is_wide() -> bool:
+    return bool(jnp.result_type(float) == jnp.float64)
 
 
 def cache_folder() -> Path:

@@ -10,8 +10,7 @@ from functools import reduce
 from operator import add
 
 import jax.numpy as jnp
-
-from ftbias_jax.types import Array
+from jax import Array
 
 Vector = list[Array]
 Rows = list[list[Array]]

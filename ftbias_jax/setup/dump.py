@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import secrets
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ftbias_jax.errors import OutputError
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot
 from ftbias_jax.setup.rotations import rpy_from_rotation
 from ftbias_jax.setup.types import DATA_NOISE_UNITS, POSE, DataNoiseSetup, PoseSetup, RobotSetup, Setup
@@ -32,13 +36,13 @@ def dump_setup(setup: Setup, comments: Comments | None = None) -> str:
 
     Args:
         setup: what to write.
-        comments: for full keys such as ``tool.mass``, appended to that line.
+        comments: for full keys such as ``tool.mass``, appended to that line, instead of ``setup.comments``.
 
     Raises:
         ValueError: a comment is for a key that is not written.
     """
     lines = [*_robot(setup.robot), *_sections(setup), *_effects(setup)]
-    left = dict(comments or {})
+    left = dict(setup.comments if comments is None else comments)
     text, section = "", ""
     for line in lines:
         if line.section != section or line.key == "axis":
@@ -46,9 +50,36 @@ def dump_setup(setup: Setup, comments: Comments | None = None) -> str:
         if line.key:
             comment = "; ".join(part for part in (line.unit, left.pop(_full_key(line), "")) if part)
             text += f"{_key(line.key)} = {_value(line.value)}{_comment(comment)}\n"
-    if left:
+    if left and comments is not None:  # a setup may have lost a value after it was commented
         raise ValueError(f"comments for keys that are not written: {', '.join(left)}")
     return text
+
+
+def save_setup(path: str | os.PathLike[str], setup: Setup) -> None:
+    """Write a setup with its comments, whole or not at all: through a temporary file beside it.
+
+    Args:
+        path: the file to make or replace; a link is followed.
+        setup: what to write.
+
+    Raises:
+        OutputError: the file cannot be written there.
+    """
+    target = os.path.realpath(path)
+    temporary = os.path.join(os.path.dirname(target), f".ftbias-{secrets.token_hex(8)}.tmp")
+    try:
+        with open(temporary, "x", encoding="utf-8", newline="") as file:
+            file.write(dump_setup(setup))
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, target)
+    except OSError as error:
+        remedy = "check that the folder exists, may be written to and has room"
+        message = f"cannot be written: {error.strerror or error}"
+        raise OutputError(message, file=os.fspath(path), remedy=remedy) from error
+    finally:
+        with suppress(OSError):  # after the rename there is nothing left to remove
+            os.unlink(temporary)
 
 
 def _robot(robot: RobotSetup) -> Iterable[_Line]:

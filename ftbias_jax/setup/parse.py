@@ -67,7 +67,8 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
     sensor = _sensor(top)
     joints, log = _joints(top, n, pose), _log(top, n, pose)
     tool, bias, data_noise = _tool(top, sensor), _bias(top), parse_data_noise(top)
-    return Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, file)
+    urdf = _urdf_path(table(top, "robot"))
+    return Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, file, urdf)
 
 
 def _robot(top: Section) -> RobotSetup:
@@ -103,8 +104,13 @@ def _urdf_robot(section: Section, gravity: Array) -> RobotSetup:
 
 
 def _load_urdf(robot: Section) -> Urdf:
-    """The file that robot.urdf names, from the setup's folder if the path is relative."""
-    return load_urdf(os.path.join(os.path.dirname(robot.file), text(robot, "urdf", "")))
+    return load_urdf(_urdf_path(robot))
+
+
+def _urdf_path(robot: Section) -> str:
+    """The file that robot.urdf names, from the setup's folder if the path is relative; "" = none."""
+    name = text(robot, "urdf", "")
+    return os.path.join(os.path.dirname(robot.file), name) if name else ""
 
 
 def _screw_robot(section: Section, gravity: Array) -> RobotSetup:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ftbias_jax.errors import UsageError
 from ftbias_jax.setup.fields import NOT_NEGATIVE, POSITIVE, Section, check_keys, require, subsection, text, vector
 from ftbias_jax.setup.robots import STANDARD_GRAVITY
-from ftbias_jax.setup.types import LINEAR, ORIENTATIONS, POSE, PoseSetup, RobotSetup
+from ftbias_jax.setup.types import LINEAR, ORIENTATIONS, POSE, PoseSetup, RobotSetup, Setup
 from ftbias_jax.types import Array
 
 _STD = {"orientation": 1e-4, "position": 1e-4, "angular_velocity": 1e-2, "linear_velocity": 1e-2}
@@ -47,6 +48,16 @@ def pose_columns(pose: PoseSetup) -> tuple[int, int]:
     """How many columns the recorded pose has, and the recorded rates if there are any."""
     orientation = 9 if pose.orientation == "matrix" else 4
     return orientation + 3 * (pose.linear == "position"), 3 + 3 * (pose.linear == "specific_force")
+
+
+def require_arm(setup: Setup) -> None:
+    """Refuse a setup whose pose is recorded, for work that needs the joints of an arm.
+
+    Raises:
+        UsageError: the setup has a section [sensor_pose].
+    """
+    if setup.pose is not None:
+        raise UsageError("needs the joints of an arm", file=setup.path, field="sensor_pose", remedy="use filter")
 
 
 def pose_robot(top: Section, pose: PoseSetup) -> RobotSetup:

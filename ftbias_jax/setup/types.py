@@ -5,6 +5,7 @@ Equality is identity, because arrays do not compare to one truth value.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -177,3 +178,25 @@ class Setup:
     """Set if the sensor's pose is recorded; robot and joints then speak of the entries of the pose."""
     path: str = ""
     """The file it was read from, for messages; "" = from memory."""
+    urdf: str = ""
+    """The URDF file that it refers to; "" = none."""
+    comments: Mapping[str, str] = field(default_factory=dict)
+    """Remarks on full keys such as ``tool.mass``, which ``save`` writes on their lines: how a value was found."""
+
+    @property
+    def files(self) -> tuple[str, str]:
+        """What it was read from, which no result may replace; "" = nothing."""
+        return self.path, self.urdf
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it as TOML that ``load_setup`` reads back, whole or not at all.
+
+        Args:
+            path: the file to make or replace.
+
+        Raises:
+            OutputError: the file cannot be written there.
+        """
+        from ftbias_jax.setup.dump import save_setup  # writes what this module defines
+
+        save_setup(path, self)

@@ -10,7 +10,7 @@ from ftbias_jax.runtime.progress import Progress
 from ftbias_jax.validation import tables
 from ftbias_jax.validation.labels import Label, read_labels
 from ftbias_jax.validation.rules import FAILED
-from ftbias_jax.validation.runs import Task, diagnose_all, read_verdicts
+from ftbias_jax.validation.runs import Task, diagnose_all, read_verdicts, verdict_path
 
 
 class Score(NamedTuple):
@@ -22,6 +22,8 @@ class Score(NamedTuple):
     """The same and more for programs."""
     troubles: Mapping[str, str]
     """Log -> why it has no diagnosis."""
+    losses: tuple[str, ...] = ()
+    """What was left out of the logs, a line each."""
 
 
 def withheld(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> Score:
@@ -36,11 +38,11 @@ def withheld(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> Score:
     Raises:
         LogError: labels or verdicts cannot be read. OutputError: a verdict cannot be written.
     """
-    tasks = [Task(log, log.with_suffix(".toml"), (), out / f"{log.stem}.json") for log in logs]
+    tasks = [Task(log, log.with_suffix(".toml"), (), verdict_path(out, log)) for log in logs]
     said, troubles = _diagnosed(tasks, jobs)
     labels = read_labels(folder, [log.stem for log in logs])
     pairs = {name: (label, said.get(name, dict(FAILED))) for name, label in labels.items()}
-    return Score(tables.withheld_text(pairs), tables.withheld_content(pairs), troubles)
+    return Score(tables.withheld_text(pairs), tables.withheld_content(pairs), troubles, _losses(said))
 
 
 def leave_one_out(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> Score:
@@ -51,14 +53,18 @@ def leave_one_out(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> S
     labels = read_labels(folder, [log.stem for log in logs])
     asked = {log: label for log in logs if (label := labels[log.stem]).group == "single"}
     tasks = [
-        Task(log, log.with_suffix(".toml"), tuple(label.effects), out / f"{log.stem}.json")
+        Task(log, log.with_suffix(".toml"), tuple(label.effects), verdict_path(out, log))
         for log, label in asked.items()
     ]
     said, troubles = _diagnosed(tasks, jobs)
     pairs: dict[str, tuple[Label, dict[str, Any]]] = {
         log.stem: (label, said.get(log.stem, dict(FAILED))) for log, label in asked.items()
     }
-    return Score(tables.left_out_text(pairs), tables.left_out_content(pairs), troubles)
+    return Score(tables.left_out_text(pairs), tables.left_out_content(pairs), troubles, _losses(said))
+
+
+def _losses(said: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    return tuple(str(loss) for verdict in said.values() for loss in verdict.get("losses", ()))
 
 
 def _diagnosed(tasks: Sequence[Task], jobs: int) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:

@@ -46,6 +46,11 @@ def find_logs(folder: Path) -> list[Path]:
     return logs
 
 
+def verdict_path(out: Path, log: Path) -> Path:
+    """The file of a log's verdict in the folder of the verdicts."""
+    return out / f"{log.stem}.json"
+
+
 def diagnose_all(tasks: Sequence[Task], jobs: int, report: Callable[[int], None]) -> dict[str, str]:
     """Diagnose all that have no verdict yet.
 
@@ -78,7 +83,7 @@ def diagnose_one(task: Task) -> str:
     start = time.perf_counter()
     try:
         setup = load_setup(task.setup)
-        diagnosis = diagnose(setup, [read_log(task.log, setup)], [task.log.name], without=task.without)
+        diagnosis = diagnose(setup, [read_log(task.log, setup, raw=True)], [task.log.name], without=task.without)
         write_json(task.verdict, to_json(diagnosis) | {"seconds": time.perf_counter() - start})
     except Exception as error:  # one bad log must not cost the others
         last = traceback.extract_tb(error.__traceback__)[-1]

@@ -80,7 +80,7 @@ def assert_decodes(path):
 def test_help_and_usage_errors_come_before_jax():
     program = """if True:
         import sys
-        from ftbias_jax.cli import main
+        from ftbias_jax.cli.main import main
         for arguments in ("--help", "filter --help", "demo --help", "--version", "", "filter log.npz"):
             try:
                 main(arguments.split())
@@ -167,7 +167,7 @@ def test_an_axis_that_was_never_measured_is_data_loss(copy, tmp_path, capsys):
     arrays, text, run = copy
     arrays["wrench"][:, 4] = np.nan
     assert run(arrays, text) == 3
-    assert "never measured: ty (bias = prior)" in capsys.readouterr().err
+    assert "never measured: ty" in capsys.readouterr().err
     assert np.isnan(npz.load_npz(tmp_path / "out.npz")["innovation"][:, 4]).all()
 
 
@@ -218,8 +218,8 @@ def with_line(key, line):
         (without("wrench"), ["log.npz: wrench"]),
         (with_array("wrench", lambda w: w * np.nan), ["log.npz: wrench", "no wrench data"]),
         (
-            with_time(lambda t: t.__setitem__(7, t[6])),
-            ["log.npz: t", "time does not increase: t[7]", "sort the samples"],
+            with_time(lambda t: t.__setitem__(30, t[6])),
+            ["log.npz: t", "time does not increase: t[30]", "sort the samples"],
         ),
         (with_time(lambda t: t.__setitem__(7, np.nan)), ["log.npz: t", "NaN time: t[7]", "finite stamp"]),
         (with_array("dq", lambda dq: dq * np.inf), ["log.npz: dq", "is infinite", "mark missing samples as NaN"]),

@@ -39,6 +39,18 @@ def test_a_log_of_the_model_has_no_cause(setup, record):
 
 
 @pytest.mark.slow
+def test_an_axis_that_stands_still_is_named_and_no_contact(setup, record):
+    """Its samples would look like a push that lasts as long as they do."""
+    log = record(None)
+    wrench = np.array(log.wrench)
+    wrench[1000:1800, 2] = wrench[1000, 2]
+    diagnosis = diagnose(setup, [log._replace(wrench=wrench)], ["frozen"])
+    assert (diagnosis.verdict, diagnosis.causes) == ("none", ())
+    assert diagnosis.gap.before_sigmas < 1.01
+    assert diagnosis.losses == ("frozen: fz stands still from 5.0 s to 9.0 s: 800 samples left out",)
+
+
+@pytest.mark.slow
 def test_a_wrong_mass_is_named_measured_and_removed(setup, record):
     diagnosis = diagnose(setup, [record({"tool_mass": {"mass": jnp.array(0.96)}})], ["heavy"])
     assert diagnosis.verdict == "explained"

@@ -15,7 +15,7 @@ import recordings
 from recordings import FORMATS, START, Joints, Wrench
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import read_log, read_log_with_repairs, unpack
+from ftbias_jax.io import read_log, unpack
 from ftbias_jax.io.ros import record
 
 CONTAINERS = ["ros1", "ros1 bz2", "ros1 lz4", "sqlite", "mcap", "mcap zstd chunks"]
@@ -32,9 +32,9 @@ def salvage(path, setup):
     with pytest.raises(LogError, match="--salvage reads what is whole") as caught:
         read_log(path, setup)
     assert "\n" not in str(caught.value)
-    log, repairs = read_log_with_repairs(path, setup, salvage=True)
-    assert any(repair.lost for repair in repairs)
-    return log, repairs
+    log = read_log(path, setup, salvage=True)
+    assert any(repair.lost for repair in log.repairs)
+    return log, log.repairs
 
 
 def assert_part(log, published):
@@ -67,7 +67,7 @@ def test_any_cut_ends_in_an_error_of_ours(tmp_path, setup, kind):
         path.write_bytes(content[:length])
         for how in (False, True):
             with suppress(LogError):
-                read_log_with_repairs(path, setup, salvage=how)
+                read_log(path, setup, salvage=how)
 
 
 def test_a_flipped_length_loses_only_its_record(tmp_path, setup, long_log):
@@ -290,7 +290,7 @@ def test_mutated_files_of_every_format_end_in_errors_of_ours(tmp_path, setup):
             started = time.perf_counter()
             for how in (False, True):
                 with suppress(LogError):
-                    read_log_with_repairs(path, setup, salvage=how)
+                    read_log(path, setup, salvage=how)
                     read += 1
             assert time.perf_counter() - started < 10, (path, i)
     assert read > 300  # the mutations are not so coarse that nothing is read

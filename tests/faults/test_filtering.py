@@ -14,12 +14,13 @@ import pytest
 from ftbias_jax.cli.main import main
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.bias_filter import FORGET
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.write import npz
 from ftbias_jax.model import simulate
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import Trajectory
 from ftbias_jax.setup import dump_setup, parse_setup
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Array
 
 RATE, SECONDS = 200, 40
 NOISE = np.array([0.1, 0.1, 0.1, 0.004, 0.004, 0.004])
@@ -167,13 +168,13 @@ def test_a_saturated_axis_is_left_out_and_does_not_pull_the_bias(filtered, simul
     params = params_from_setup(parse_setup(SETUP))
     log = {**simulated.log, "wrench": simulated.log["wrench"].copy()}
     fault(log)
-    unmasked = filter_log.filter_log(params, Log(**log, temperature=np.full(len(log["t"]), np.nan)))
+    unmasked = filter_log.filter_with_params(params, Log(**log, temperature=np.full(len(log["t"]), np.nan)))
     assert np.abs(errors(unmasked._asdict(), simulated)[:, 0]).max() > 20
 
 
 def test_a_stuck_axis_is_left_out(filtered, simulated):
     result, told = filtered(lambda log: log["wrench"][2000:6000, 4].fill(0.125), code=3)
-    assert "samples of an axis that stands still left out: 4000 of ty" in told
+    assert "ty stands still from 10.0 s to 30.0 s: 4000 samples left out" in told
     assert np.abs(errors(result, simulated)).max() < 5
 
 
@@ -265,4 +266,4 @@ def test_faults_in_one_log_of_an_archive_are_in_the_manifest(simulated, tmp_path
     assert main(["filter", "logs", "--setup", "setup.toml", "-o", "out"]) == 3
     with open("out/manifest.json") as file:
         (entry,) = json.load(file)["logs"]
-    assert entry["repairs"] == ["samples of an axis that stands still left out: 4000 of ty"]
+    assert entry["repairs"] == ["ty stands still from 10.0 s to 30.0 s: 4000 samples left out"]

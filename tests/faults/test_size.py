@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from ftbias_jax.filtering import filter_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
-from ftbias_jax.types import Log
 
 BLOCK = filter_log.CHUNK
 SETUP = {

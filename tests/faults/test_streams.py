@@ -9,19 +9,19 @@ import recordings
 from recordings import SECOND, START, Joints, Wrench
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import read_log, read_log_with_repairs
+from ftbias_jax.io import read_log
 from ftbias_jax.io.health import stuck_seconds
+from ftbias_jax.io.log import Repair
 from ftbias_jax.io.parts import open_log
-from ftbias_jax.io.repairs import Repair
 
 N = 60
 
 
 def read(tmp_path, setup, published, kind="ros1"):
-    log, repairs = read_log_with_repairs(recordings.write(tmp_path, kind, published), setup)
+    log = read_log(recordings.write(tmp_path, kind, published), setup)
     assert not np.isinf(np.column_stack([log.q, log.dq, log.wrench])).any()
     assert (np.diff(log.t) > 0).all()
-    return log, [repair.what for repair in repairs], any(repair.lost for repair in repairs)
+    return log, [repair.what for repair in log.repairs], any(repair.lost for repair in log.repairs)
 
 
 def changed(change, kind=(Joints, Wrench)):
@@ -84,6 +84,69 @@ def test_repeated_stamps_are_left_out_and_counted(tmp_path, setup):
     np.testing.assert_array_equal(log.wrench, recordings.arrays()["wrench"])
     assert repairs == ["60 of the samples of /wrench left out: their stamps are repeated"]
     assert lost
+
+
+def write_table(path, t, q, wrench):
+    """A merged timeline in a format that is not of ROS."""
+    names = ["t", "q0", "q1", "fx", "fy", "fz", "tx", "ty", "tz"]
+    table = dict(zip(names, np.column_stack([t, q, wrench]).T, strict=True))
+    if path.suffix == ".npz":
+        np.savez(path, t=t, q=q, wrench=wrench)
+    elif path.suffix == ".csv":
+        np.savetxt(path, np.column_stack(list(table.values())), "%.17g", ",", header=",".join(table), comments="")
+    elif path.suffix == ".parquet":
+        pytest.importorskip("pyarrow.parquet").write_table(pytest.importorskip("pyarrow").table(table), path)
+    else:
+        with pytest.importorskip("h5py").File(path, "w") as root:
+            root["t"], root["q"], root["wrench"] = t, q, wrench
+
+
+every_table = pytest.mark.parametrize("name", ["log.npz", "log.csv", "log.parquet", "log.h5"])
+
+
+def rows():
+    """60 rows at 100 Hz."""
+    rng = np.random.default_rng(0)
+    return 5 + 0.01 * np.arange(N), rng.normal(size=(N, 2)), rng.normal(size=(N, 6))
+
+
+@every_table
+def test_repeated_stamps_of_tables_are_left_out_and_counted_too(tmp_path, setup, name):
+    t, q, wrench = rows()
+    twice = np.repeat(np.arange(N), 2)
+    write_table(tmp_path / name, t[twice], q[twice], wrench[twice] + (np.arange(2 * N) % 2)[:, None])
+    log = read_log(tmp_path / name, setup)
+    np.testing.assert_array_equal(log.wrench, wrench)
+    assert log.repairs == (Repair(f"{N} of the samples left out: their stamps are repeated", lost=True),)
+
+
+@every_table
+def test_late_rows_of_tables_are_put_in_order_and_counted_too(tmp_path, setup, name):
+    t, q, wrench = rows()
+    order = np.arange(N).reshape(-1, 4)[:, ::-1].ravel()  # 0.03 s late at most
+    write_table(tmp_path / name, t[order], q[order], wrench[order])
+    log = read_log(tmp_path / name, setup)
+    np.testing.assert_array_equal(log.wrench, wrench)
+    assert log.repairs == (Repair(f"{3 * N // 4} of the samples came late: put in order"),)
+
+
+@every_table
+def test_joints_and_wrench_in_two_rows_of_one_stamp_become_one(tmp_path, setup, name):
+    t, q, wrench = rows()
+    twice, odd = np.repeat(np.arange(N), 2), np.arange(2 * N)[:, None] % 2
+    write_table(tmp_path / name, t[twice], np.where(odd, np.nan, q[twice]), np.where(odd, wrench[twice], np.nan))
+    log = read_log(tmp_path / name, setup)
+    np.testing.assert_array_equal(np.hstack([log.q, log.wrench]), np.hstack([q, wrench]))
+    assert log.repairs == ()
+
+
+@every_table
+def test_a_clock_of_tables_that_was_set_back_is_refused(tmp_path, setup, name):
+    t, q, wrench = rows()
+    t[30:] -= 0.25
+    write_table(tmp_path / name, t, q, wrench)
+    with pytest.raises(LogError, match=r"t: time does not increase: t\[30\] = .*cut the log where its clock was set"):
+        read_log(tmp_path / name, setup)
 
 
 def test_late_messages_are_put_in_order_and_counted(tmp_path, setup):
@@ -197,7 +260,7 @@ def test_a_stuck_axis_is_found(tmp_path, setup):
     wrench = np.random.default_rng(0).normal(size=(500, 6))
     wrench[100:400, 4] = 0.5
     np.savez(tmp_path / "log.npz", t=t, q=np.zeros((500, 2)), wrench=wrench)
-    log = read_log(tmp_path / "log.npz", setup)
+    log = read_log(tmp_path / "log.npz", setup, raw=True)
     assert [stuck_seconds(log.t, axis) > 2.9 for axis in log.wrench.T] == [False, False, False, False, True, False]
 
 
@@ -233,8 +296,8 @@ def test_messages_of_unequal_lengths_are_refused_or_counted(tmp_path, setup, vel
     published = changed(lambda i, m: m._replace(velocity=velocity) if i == 4 else m, Joints)
     with pytest.raises(LogError, match=r"message 5 of /joint_states has 2 names, but \d numbers \(--salvage"):
         read(tmp_path, setup, published)
-    reading = read_log_with_repairs(tmp_path / "log.bag", setup, salvage=True)
-    assert measured(reading.log) == (N, N // 2 - 1)
+    reading = read_log(tmp_path / "log.bag", setup, salvage=True)
+    assert measured(reading) == (N, N // 2 - 1)
     assert [repair.lost for repair in reading.repairs] == [True, False]
 
 

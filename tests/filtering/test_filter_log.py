@@ -16,8 +16,8 @@ from ftbias_jax.filtering.quality.summary import summarise
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io import read_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.setup import load_setup, parse_setup
-from ftbias_jax.types import Log
 
 START = 100.0
 OPTIONS = [Options(), Options(joint_uncertainty="full"), Options(gate=40.0)]
@@ -64,7 +64,7 @@ def test_chunks_are_one_run_at_the_stamps_of_the_wrench(params, log, whole, monk
     options, (states, infos) = whole
     monkeypatch.setattr(filter_log, "CHUNK", chunk)
     done = []
-    got = filter_log.filter_log(params, log, options, done.append)
+    got = filter_log.filter_with_params(params, log, options, done.append)
     rows = np.isfinite(log.wrench).any(1)
     std = np.sqrt(np.diagonal(states.bias.covariance, axis1=1, axis2=2))[rows]
     bias, wrench = states.bias.mean[rows], infos.wrench
@@ -93,8 +93,8 @@ def test_chunks_are_one_run_at_the_stamps_of_the_wrench(params, log, whole, monk
 
 def test_the_past_does_not_depend_on_the_future(params, log):
     """Nor on the length that the log is padded to."""
-    part = filter_log.filter_log(params, Log(*rows_of(log[:5], slice(35)), START))
-    whole = filter_log.filter_log(params, log)
+    part = filter_log.filter_with_params(params, Log(*rows_of(log[:5], slice(35)), START))
+    whole = filter_log.filter_with_params(params, log)
     kept = rows_of(whole._replace(log_likelihood=np.zeros(40)), slice(len(part.t)))
     assert_same(part._replace(log_likelihood=kept.log_likelihood), kept, rtol=1e-13)
 
@@ -105,7 +105,7 @@ def test_samples_without_measurements_change_nothing(params, log):
     stamps = (log.t[before] + log.t[before - 1]) / 2
     more = Log(*(np.insert(x, before, np.nan, axis=0) for x in log[:5]), START)
     more = more._replace(t=np.insert(log.t, before, stamps))
-    assert_same(filter_log.filter_log(params, more), filter_log.filter_log(params, log), rtol=1e-6)
+    assert_same(filter_log.filter_with_params(params, more), filter_log.filter_with_params(params, log), rtol=1e-6)
 
 
 def test_smoothing_at_the_stamps_of_the_wrench(params, samples, log, whole):
@@ -118,7 +118,7 @@ def test_smoothing_at_the_stamps_of_the_wrench(params, samples, log, whole):
         used = samples._replace(wrench=jnp.where(jnp.isfinite(infos.wrench.value), samples.wrench, jnp.nan))
         assert (np.isnan(used.wrench) != np.isnan(samples.wrench)).any() == (options.gate is not None)
         _, mean, std = smoother.smooth_log(params, pipeline.init(params, samples), used, options._replace(gate=None))
-    got_mean, got_std = filter_log.smooth_log(params, log, options)
+    got_mean, got_std = filter_log.smooth_with_params(params, log, options)
     np.testing.assert_allclose(got_mean, mean.reshape(-1, 2, 6)[rows], rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(got_std, std.reshape(-1, 2, 6)[rows], rtol=1e-6)
 
@@ -172,7 +172,7 @@ def test_a_density_left_open_is_the_true_one_times_the_guard():
 def filtered(path):
     setup = load_setup(path.with_suffix(".toml"))
     log = read_log(path, setup)
-    return log, filter_log.filter_log(filter_log.params_for_log(setup, samples_from_log(log)), log)
+    return log, filter_log.filter_with_params(filter_log.params_for_log(setup, samples_from_log(log)), log)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from ftbias_jax.calibration.batching import stack
 from ftbias_jax.filtering import likelihood, pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan
-from ftbias_jax.filtering.likelihood import WrenchProblem, log_likelihood
+from ftbias_jax.filtering.likelihood import WrenchProblem, log_likelihood, log_likelihood_parts
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_drift_noise
 from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
@@ -63,19 +63,20 @@ def density_after(model, y, first):
 @pytest.mark.parametrize("burn_in", [0.0, BURN_IN])
 @pytest.mark.parametrize("kind", ["diagonal", "full"])
 def test_it_is_the_density_of_the_whole_log(linear_gaussian, params, samples, kind, burn_in):
-    """By the staged route, and by pipeline.run where the joints' uncertainty mixes the axes."""
+    """By the fast route, and by the definition where the joints' uncertainty mixes the axes."""
     first = int((np.cumsum(samples.dt) < burn_in).sum())
-    got = log_likelihood(params, samples, Options(joint_uncertainty=kind), burn_in)
+    got = log_likelihood_parts(params, samples, Options(joint_uncertainty=kind), burn_in)
     joints = sum(density_after(*joint_model(linear_gaussian, params, samples, j), first) for j in range(3))
     np.testing.assert_allclose(got.joint, joints, rtol=1e-7)
     np.testing.assert_allclose(
         got.wrench, density_after(*wrench_model(linear_gaussian, params, samples, kind), first), rtol=1e-9
     )
-    np.testing.assert_allclose(got.total, got.joint + got.wrench)
+    together = log_likelihood(params, samples, Options(joint_uncertainty=kind), burn_in)
+    np.testing.assert_allclose(together, got.joint + got.wrench)
 
 
 def test_the_joints_part_alone(params, samples):
-    together = log_likelihood(params, samples, burn_in=BURN_IN).joint
+    together = log_likelihood_parts(params, samples, burn_in=BURN_IN).joint
     np.testing.assert_allclose(likelihood.joint_log_likelihood(params, samples, burn_in=BURN_IN), together)
 
 
@@ -110,7 +111,7 @@ def test_gradient_is_the_limit_of_differences(params, samples):
     flat, unravel = ravel_pytree(values_of(params))
 
     def score(flat):
-        return log_likelihood(with_values(params, unravel(flat)), samples, burn_in=BURN_IN).total
+        return log_likelihood(with_values(params, unravel(flat)), samples, burn_in=BURN_IN)
 
     moves = 1e-4 * np.diag(flat)
     points = np.asarray(flat) + np.concatenate([0 * moves[:1], moves, -moves])
@@ -125,9 +126,9 @@ def test_gradient_is_the_limit_of_differences(params, samples):
 
 def test_padded_logs_side_by_side_count_nothing_more(params, samples):
     short = jax.tree.map(lambda x: x[:25], samples)
-    both = jax.jit(jax.vmap(lambda log: log_likelihood(params, log)))(stack([samples, short]))
+    both = jax.jit(jax.vmap(lambda log: log_likelihood_parts(params, log)))(stack([samples, short]))
     for i, log in enumerate((samples, short)):
-        alone = log_likelihood(params, log)
+        alone = log_likelihood_parts(params, log)
         np.testing.assert_allclose(both.joint[i], alone.joint, rtol=1e-12)
         np.testing.assert_allclose(both.wrench[i], alone.wrench, rtol=1e-12)
 

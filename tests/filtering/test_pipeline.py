@@ -13,12 +13,13 @@ from jax.flatten_util import ravel_pytree
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import pad, samples_from_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.kinematics.screws import sensor_motion, sensor_pose
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.wrench.tool_wrench import joint_sensitivity
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.setup.rotations import rotation_from_rpy
-from ftbias_jax.types import Log, Sample
+from ftbias_jax.types import Sample
 
 seeds = st.integers(0, 2**32 - 1)
 step = jax.jit(pipeline.step, static_argnames="options")
@@ -54,7 +55,9 @@ def first_of(tree):
 
 
 def test_run_is_a_loop_of_step(params, samples):
-    assert_close(run(params, samples), loop(params, samples))
+    expected = loop(params, samples)
+    assert_close(run(params, samples), expected)
+    assert_close(pipeline.scan_steps(params, pipeline.init(params, samples), samples), expected)
 
 
 def test_padded_logs_of_unequal_length_run_as_one_batch(params, samples):

@@ -81,7 +81,7 @@ def by_joints(truth, tmp_path_factory):
     np.savez(path, **truth["log"])
     setup = parse_setup(ARM)
     log = read_log(path, setup)
-    return filter_log.filter_log(filter_log.params_for_log(setup, samples_from_log(log)), log)
+    return filter_log.filter_with_params(filter_log.params_for_log(setup, samples_from_log(log)), log)
 
 
 def filter_pose(folder, setup, truth, **arrays):
@@ -159,7 +159,9 @@ def test_the_same_log_through_the_step_and_the_staged_route(truth, tmp_path):
     params = params_from_setup(setup)
     samples = samples_from_log(log)
     _, (states, _) = pipeline.run(params, pipeline.init(params, samples), samples)
-    np.testing.assert_allclose(filter_log.filter_log(params, log).bias, states.bias.mean[:, :6], rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(
+        filter_log.filter_with_params(params, log).bias, states.bias.mean[:, :6], rtol=1e-8, atol=1e-9
+    )
 
 
 def test_setups_of_poses_come_back(tmp_path):

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log, relative_seconds
+from ftbias_jax.io.log import Repair
 
 T = 4
 
@@ -84,7 +85,6 @@ def put(name, index, value):
     [
         (put("t", 2, np.nan), "t", "NaN time: t[2] is nan", "finite stamp"),
         (put("t", 1, np.inf), "t", "NaN time: t[1] is inf", "finite stamp"),
-        (put("t", 2, 100.5), "t", "time does not increase: t[2] = 100.5 after t[1] = 100.5", "sort the samples"),
         (put("t", 3, 99), "t", "time does not increase: t[3] = 99.0 after t[2] = 101.0", "sort the samples"),
         ({"t": np.zeros((T, 1))}, "t", "has shape (4, 1) and type float64", "one list of numbers"),
         ({"t": np.array(["0", "1"])}, "t", "type <U1", "one list of numbers"),
@@ -108,6 +108,31 @@ def put(name, index, value):
 )
 def test_logs_that_cannot_be_filtered_are_refused(setup, changes, field, what, remedy):
     fails(setup, changes, field, what, remedy)
+
+
+def test_repeated_and_late_stamps_are_mended_and_told(setup):
+    """Joints and wrench of one moment may be in two rows; what is given twice counts once."""
+    given = arrays()
+    given["t"] = np.array([100.5, 100.49, 100.5, 101.0])
+    given["q"][0], given["dq"][0], given["wrench"][2] = np.nan, np.nan, np.nan
+    given["temperature"][2] = np.nan
+    log = check_log(**given, setup=setup)
+    np.testing.assert_allclose(log.t, [0, 0.01, 0.51])
+    np.testing.assert_array_equal(log.q, given["q"][[1, 2, 3]])
+    np.testing.assert_array_equal(log.wrench, given["wrench"][[1, 0, 3]])
+    assert log.repairs == (Repair("1 of the samples came late: put in order"),)
+    given["q"][0] = 7.0
+    log = check_log(**given, setup=setup, repairs=(Repair("before"),))
+    np.testing.assert_array_equal(log.q[1], [7, 7])
+    assert log.repairs == (
+        Repair("before"),
+        Repair("1 of the samples came late: put in order"),
+        Repair("1 of the samples left out: their stamps are repeated", lost=True),
+    )
+
+
+def test_a_wrong_shape_is_told_though_stamps_are_repeated(setup):
+    fails(setup, {**put("t", 2, 100.5), "q": np.zeros((T + 1, 2))}, "q", "has shape (5, 2)", "one sample")
 
 
 def test_missing_samples_pass(setup):

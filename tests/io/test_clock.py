@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clock import JUMP, PAUSE, choose_clock, continue_after_jumps, jumps, tidy
+from ftbias_jax.io.clock import JUMP, PAUSE, choose_clock, continue_after_jumps, jumps, put_in_order, tidy
 
 STEP = 10_000_000
 
@@ -75,3 +75,32 @@ def test_tidy_against_the_plain_loop(samples):
     np.testing.assert_array_equal(result.values, [expected[stamp] for stamp in result.t.tolist()])
     assert result.repeated == len(t) - len(expected)  # the second column collides in every repeated row
     assert result.late == sum(stamp < max(t[: i + 1]) for i, stamp in enumerate(t))
+
+
+@pytest.mark.parametrize("unit", [1, 1e-9])
+def test_samples_out_of_order_are_sorted_and_those_of_one_stamp_merged(unit):
+    t = np.array([0, 2, 1, 3, 3, 4]) * STEP * unit
+    t = t if unit < 1 else t.astype(int)
+    q = np.array([0.0, 2, 1, 3, np.nan, 4])
+    wrench = np.array([0.0, 2, 1, np.nan, 3, 4])[:, None] * np.ones(6)
+    ordered = put_in_order(t, {"q": q, "dq": None, "wrench": wrench}, "samples of a test")
+    assert ordered.t.dtype == t.dtype
+    np.testing.assert_array_equal(ordered.t, np.unique(t))
+    np.testing.assert_array_equal(ordered.columns[0], np.arange(5))
+    assert ordered.columns[1] is None
+    np.testing.assert_array_equal(ordered.columns[2], np.arange(5)[:, None] * np.ones(6))
+    assert [repair.what for repair in ordered.repairs] == ["1 of the samples of a test came late: put in order"]
+
+
+def test_samples_in_order_are_not_touched():
+    q = np.arange(20)
+    ordered = put_in_order(steady(), {"q": q})
+    assert ordered.columns == (q,)
+    assert ordered.repairs == ()
+
+
+@pytest.mark.parametrize("stamps", [steady()[::-1], np.r_[steady(), steady() + 5], np.r_[steady(), 0]])
+def test_a_clock_that_was_set_back_is_no_late_sample(stamps):
+    """Not even if it goes back in steps that are each small."""
+    with pytest.raises(LogError, match=r"t: time does not increase: .* \(sort the samples, or cut the log where"):
+        put_in_order(stamps, {"q": np.zeros(len(stamps))})

@@ -8,8 +8,8 @@ import recordings
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables import hdf5, parquet
-from ftbias_jax.types import Log
 
 h5py = pytest.importorskip("h5py")
 arrow = pytest.importorskip("pyarrow")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.trajectories import excitation_sines, minimum_jerk_moves, replay
-from ftbias_jax.types import Log
 
 T = jnp.arange(4000) / 500
 CENTER, AMPLITUDE = jnp.array([0.0, -0.5, 1.0]), jnp.array([0.8, 0.3, 1.5])

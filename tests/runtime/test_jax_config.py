@@ -14,8 +14,13 @@ def updates(monkeypatch):
     """The settings that would be made; the process keeps its own."""
     made = {}
     # A command that ran in this process before may have chosen a cache already.
-    config = SimpleNamespace(update=lambda name, value: made.update({name: value}), jax_compilation_cache_dir=None)
+    config = SimpleNamespace(
+        update=lambda name, value: made.update({name: value}),
+        jax_compilation_cache_dir=None,
+        jax_enable_compilation_cache=True,
+    )
     monkeypatch.setattr(jax_config, "jax", SimpleNamespace(config=config))
+    monkeypatch.delenv("FTBIAS_CACHE", raising=False)
     return made
 
 
@@ -40,5 +45,23 @@ def test_double_precision_and_a_cache_are_set(tmp_path, monkeypatch, updates):
 def test_where_no_folder_can_be_made_there_is_no_cache(tmp_path, monkeypatch, updates):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    prepare_jax()
+    assert updates == {"jax_enable_x64": True}
+
+
+@pytest.mark.parametrize("word", ["off", "OFF"])
+def test_the_cache_can_be_switched_off(tmp_path, monkeypatch, updates, word):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("FTBIAS_CACHE", word)
+    prepare_jax()
+    assert updates == {"jax_enable_x64": True}
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("decided", [{CACHE: "elsewhere"}, {"jax_enable_compilation_cache": False}])
+def test_what_jax_was_told_about_its_cache_stays(tmp_path, monkeypatch, updates, decided):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    for name, value in decided.items():
+        monkeypatch.setattr(jax_config.jax.config, name, value)
     prepare_jax()
     assert updates == {"jax_enable_x64": True}

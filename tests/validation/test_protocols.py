@@ -37,7 +37,7 @@ def asked(monkeypatch, make_said):
     monkeypatch.setattr(runs, "diagnose", diagnose)
     monkeypatch.setattr(runs, "to_json", lambda made: made)
     monkeypatch.setattr(runs, "load_setup", lambda path: path.name)
-    monkeypatch.setattr(runs, "read_log", lambda path, setup: path.name)
+    monkeypatch.setattr(runs, "read_log", lambda path, setup, raw: path.name)
     return calls
 
 

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ftbias_jax.errors import OutputError, UsageError
-from ftbias_jax.io.atomic import make_folder, write_atomic
+from ftbias_jax.io.atomic import make_folder
+from ftbias_jax.io.log import Log
+from ftbias_jax.io.outputs import check_outputs
 from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from ftbias_jax.diagnosis.result import Diagnosis
@@ -29,6 +31,11 @@ SETUP = {
     "bias": {"noise_density": [2e-3, 1e-4], "initial_std": [5.0, 0.5], "initial_drift_std": [0.02, 1e-3]},
     "joints": {"position_noise_std": 2e-5, "velocity_noise_std": 1e-3},
 }
+FILES = (
+    *("setup.toml", "log.npz", "before.npz", "report.html", "fixed.toml", "after.npz"),
+    *("before.png", "after.png"),
+)
+"""The figures come last: they need matplotlib."""
 TRUE_MASS = 0.97
 """kg: somebody added 70 g to the tool and told nobody."""
 CENTER = (0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8)
@@ -43,6 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     if count < 2:
         raise UsageError(f"{count} samples are no log", field="--duration", remedy="ask for more seconds")
     make_folder(folder)
+    check_folder(folder)
 
     from ftbias_jax.runtime.jax_config import prepare_jax
 
@@ -52,8 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
     setup = parse_setup(SETUP, "the demonstration's setup")
     truth = _simulate(setup, arguments.seed, count, arguments.rate)
     t, q, dq, wrench = (np.asarray(x) for x in (truth.t, truth.q, truth.dq, truth.wrench))
-    log = Log(t, q, dq, wrench, np.full(count, np.nan))
-    _write(folder / "setup.toml", dump_setup(setup))
+    log = Log.from_arrays(setup, t, q, wrench, dq)
+    setup.save(folder / "setup.toml")
     save_npz(folder / "log.npz", {"t": log.t, "q": log.q, "dq": log.dq, "wrench": log.wrench})
     recorded = f"{arguments.duration:g} s at {arguments.rate:g} Hz"
     noise = "{0:g} N, {3:g} Nm".format(*setup.sensor.noise_std)
@@ -67,11 +75,27 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"3 filter    {_prediction(after)}, with {folder / 'fixed.toml'}")
     print(f"the truth   mass = {TRUE_MASS} kg; the bias against its truth, after {SETTLED:g} s:")
     print(_against_truth(before, after, truth))
-    names = ["setup.toml", "log.npz", "before.npz", "report.html", "fixed.toml", "after.npz"]
+    names = list(FILES[:6])
     names += _draw(folder, {"before": before, "after": after}, np.asarray(truth.bias))
     print(f"wrote to {folder}: {' '.join(names)}")
     print(f"next: open {folder / 'report.html'}")
     return 0
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder in which the demonstration would replace a recording, or one of its files by another.
+
+    Raises:
+        OutputError: the folder has a log or a setup that is not of a demonstration.
+        UsageError: two of the files are one, by links.
+    """
+    check_outputs({name: folder / name for name in FILES}, ())
+    ours = dump_setup(parse_setup(SETUP)).encode()
+    setup, log = folder / "setup.toml", folder / "log.npz"
+    there = setup.exists() or log.exists()
+    if there and not (setup.is_file() and setup.read_bytes() == ours):
+        message = "holds setup.toml or log.npz, which are not those of a demonstration"
+        raise OutputError(message, file=folder, remedy="name a new folder")
 
 
 def _simulate(setup: Setup, seed: int, count: int, rate: float) -> Simulation:
@@ -97,20 +121,18 @@ def _filter(setup: Setup, log: Log, path: Path, label: str) -> Filtered:
     from ftbias_jax.runtime.progress import Progress
 
     params = filter_log.params_for_log(setup, samples_from_log(log))
-    filtered = filter_log.filter_log(params, log, progress=Progress(label, len(log.t)))
+    filtered = filter_log.filter_with_params(params, log, progress=Progress(label, len(log.t)))
     save_npz(path, filtered._asdict())
     return filtered
 
 
 def _diagnose(setup: Setup, log: Log, folder: Path) -> Diagnosis:
     """Diagnosis, its report, and the setup with the causes it found."""
-    from ftbias_jax.cli.commands.diagnose import fixed_setup
     from ftbias_jax.diagnosis.diagnose import diagnose
-    from ftbias_jax.diagnosis.report.html import to_html
 
     diagnosis = diagnose(setup, [log], ["log.npz"])
-    _write(folder / "report.html", to_html(diagnosis, "Gap of log.npz with setup.toml"))
-    _write(folder / "fixed.toml", fixed_setup(setup, diagnosis.causes))
+    diagnosis.to_html(folder / "report.html", "Gap of log.npz with setup.toml")
+    diagnosis.apply(setup).save(folder / "fixed.toml")
     return diagnosis
 
 
@@ -169,7 +191,3 @@ def _draw(folder: Path, results: dict[str, Filtered], bias: Array) -> list[str]:
     except OutputError as error:
         print(f"no figure: {error}")
     return names
-
-
-def _write(path: Path, text: str) -> None:
-    write_atomic(path, lambda file: file.write(text.encode()))

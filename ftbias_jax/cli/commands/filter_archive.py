@@ -25,6 +25,7 @@ from ftbias_jax.cli.jobs.archive import (
 )
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import make_folder
+from ftbias_jax.io.outputs import check_outputs
 from ftbias_jax.runtime.progress import Progress
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.types import Setup
@@ -41,7 +42,11 @@ def run(arguments: argparse.Namespace) -> int:
     setup = with_gate(load_setup(arguments.setup), arguments.gate)
     index, count = arguments.shard
     folder = arguments.output
-    tasks = shard(find_logs(arguments.logs, folder, f".{arguments.format}"), index, count)
+    every = find_logs(arguments.logs, folder, f".{arguments.format}")
+    manifest = os.path.join(folder, manifest_name(index, count))
+    outputs = {f"the result of {task.log!r}": os.path.join(folder, task.output) for task in every}
+    check_outputs(outputs | {"the manifest": manifest}, (*(task.log for task in every), *setup.files))
+    tasks = shard(every, index, count)
 
     from ftbias_jax.cli.jobs.filter_many import filter_task, run_tasks
     from ftbias_jax.cli.jobs.one_file import Choices
@@ -56,7 +61,6 @@ def run(arguments: argparse.Namespace) -> int:
         before = [entry for entry in known.get(task.output, []) if entry.made_from == made_from]
         entries[task.output] = before[0]._replace(log=task.log) if before else Entry(*task, made_from=made_from)
     waiting = [task for task in tasks if entries[task.output].status == WAITING]
-    manifest = os.path.join(folder, manifest_name(index, count))
     save_manifest(manifest, entries.values())
 
     sizes = {task.output: entries[task.output].made_from["log_bytes"] for task in waiting}

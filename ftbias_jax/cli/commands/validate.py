@@ -8,8 +8,9 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from ftbias_jax.errors import OutputError, UsageError
+from ftbias_jax.errors import OutputError, UsageError, printable
 from ftbias_jax.io.atomic import make_folder, write_json
+from ftbias_jax.io.outputs import check_outputs
 from ftbias_jax.runtime.progress import Progress
 
 
@@ -41,24 +42,33 @@ def make(arguments: argparse.Namespace) -> int:
 
 
 def score(arguments: argparse.Namespace) -> int:
-    """Diagnose every log of a set, then open its labels and score; returns 1 if a diagnosis failed, else 0."""
+    """Diagnose every log of a set, then open its labels and score.
+
+    Returns:
+        1 if a diagnosis failed, else 3 if samples were lost, else 0.
+    """
     from ftbias_jax.runtime.jax_config import prepare_jax
 
     prepare_jax()
     from ftbias_jax.validation.protocols import leave_one_out, withheld
-    from ftbias_jax.validation.runs import find_logs
+    from ftbias_jax.validation.runs import find_logs, verdict_path
 
     folder = Path(arguments.folder)
     protocol, verdicts = (leave_one_out, "verdicts_without") if arguments.leave_one_out else (withheld, "verdicts")
     out = Path(arguments.out or folder / verdicts)
-    result = protocol(folder, find_logs(folder), out, arguments.jobs)
     path = arguments.json or str(out / "score.json")
+    logs = find_logs(folder)
+    outputs = {"--json": path, **{f"the verdict on {log.name!r}": verdict_path(out, log) for log in logs}}
+    check_outputs(outputs, (*logs, *(log.with_suffix(".toml") for log in logs), folder / "truth.json"))
+    result = protocol(folder, logs, out, arguments.jobs)
     print(result.text)
     write_json(path, result.content)
     print(f"wrote {path}; verdicts in {out} are kept, delete them to diagnose anew")
     for log, trouble in result.troubles.items():
         print(f"ftbias: {log}: no diagnosis: {trouble}", file=sys.stderr)
-    return 1 if result.troubles else 0
+    for loss in result.losses:
+        print(printable(f"ftbias: {loss}"), file=sys.stderr)
+    return 1 if result.troubles else 3 if result.losses else 0
 
 
 def _generator() -> ModuleType:

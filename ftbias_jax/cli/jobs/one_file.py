@@ -12,13 +12,12 @@ from ftbias_jax.filtering.quality import observability, summary
 from ftbias_jax.filtering.quality.summary import Summary
 from ftbias_jax.filtering.result import Filtered, join
 from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog
-from ftbias_jax.io.repairs import Repair, Repairs
 from ftbias_jax.io.write import save_results
 from ftbias_jax.io.write.npz import save_npz_parts
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import AXES
 
 
 class Choices(NamedTuple):
@@ -88,7 +87,7 @@ def filter_file(
         filtered = join(list(results()))
         arrays = filtered._asdict()
         if choices.smooth:
-            mean, std = filter_log.smooth_log(likeliest, log.whole(), options)
+            mean, std = filter_log.smooth_with_params(likeliest, log.whole(), options)
             arrays |= {"bias_smooth": mean[:, 0], "drift_smooth": mean[:, 1]}
             arrays |= {"bias_smooth_std": std[:, 0], "drift_smooth_std": std[:, 1]}
         save_results(output, arrays, log.start)
@@ -96,11 +95,5 @@ def filter_file(
         save_npz_parts(output, (part._asdict() for part in results()))
         assert tally.last is not None  # no log is empty
         filtered = tally.last
-    never = [name for name, measured in zip(AXES, log.facts.measured, strict=True) if not measured]
-    repairs = log.repairs
-    if never:
-        repairs = (*repairs, Repair(f"never measured: {' '.join(never)} (bias = prior)", lost=True))
-    if hidden := observability.unobservable(turning):
-        what = f"the sensor turns too little: errors of the tool's {' and '.join(hidden)} would look like bias"
-        repairs = (*repairs, Repair(what))
+    repairs = (*log.repairs, *observability.remarks(turning))
     return Outcome(summary.finish(tally), params, repairs, filtered)

@@ -16,7 +16,8 @@ def add_tune(commands: Commands) -> None:
     parser.add_argument(
         "--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise to start from"
     )
-    parser.add_argument("-o", "--output", required=True, metavar="TUNED.toml", help="where to write the tuned setup")
+    parser.add_argument("-o", "--output", metavar="TUNED.toml", help="where to write the tuned setup")
+    parser.add_argument("--in-place", action="store_true", help="replace SETUP.toml by the result")
     parser.add_argument(
         "--fit",
         nargs="+",
@@ -59,6 +60,7 @@ def add_identify(commands: Commands) -> None:
     )
     parser.add_argument("log", metavar="LOG", help="log of free motion that turns the wrist")
     parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, and a tool to start from")
-    parser.add_argument("-o", "--output", required=True, metavar="OUT.toml", help="where to write the setup found")
+    parser.add_argument("-o", "--output", metavar="OUT.toml", help="where to write the setup found")
+    parser.add_argument("--in-place", action="store_true", help="replace SETUP.toml by the result")
     parser.add_argument("--mounting", action="store_true", help="also find how the sensor is turned on the flange")
     parser.add_argument("--gravity", action="store_true", help="also find the direction of gravity")

@@ -19,6 +19,7 @@ def add_diagnose(commands: Commands) -> None:
     parser.add_argument("--html", metavar="OUT.html", help="also write a report with plots, one file")
     parser.add_argument("--apply", action="store_true", help="also write a setup that has the causes as effects")
     parser.add_argument("-o", "--output", metavar="FIXED.toml", help="where to write that setup")
+    parser.add_argument("--in-place", action="store_true", help="let --apply replace SETUP.toml")
     parser.add_argument(
         "--without", action="append", default=[], metavar="EFFECT", help="leave this effect out; may be repeated"
     )

@@ -55,7 +55,7 @@ def _stiffest(tried: list[tuple[float, Hypothesis]]) -> tuple[float, Hypothesis]
     best = max(gain for gain, _ in tried)
     equal = [(gain, h) for gain, h in tried if gain >= EQUAL * best]
     possible = [(gain, h) for gain, h in equal if max(h.start[2:-1], default=0.0) <= 1]
-    gain, h = (possible or equal[:1])[-1]
+    gain, h = (possible or equal[:1] or tried[:1])[-1]  # nothing is near a best that gains nothing
     return gain, h._replace(start=(*h.start[:2], *np.clip(h.start[2:-1], LEAST_SHARE, 1).tolist(), h.start[-1]))
 
 

@@ -17,10 +17,11 @@ from jax.stages import Lowered
 from ftbias_jax.diagnosis.problem import bins_of
 from ftbias_jax.diagnosis.regression.evaluate import lower_programs
 from ftbias_jax.filtering.likelihood import WrenchProblem
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.types import Model, Signals, Values
 from ftbias_jax.model.params import Params, params_from_setup
+from ftbias_jax.runtime.jax_config import same_precision
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Log
 
 WORKERS = 2
 """Programs that are compiled at a time, beside those of the smoother."""
@@ -39,7 +40,7 @@ def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
     """
     worker = ThreadPoolExecutor(WORKERS)
     try:
-        compiling = [worker.submit(lowered.compile) for lowered in lower_search(setup, logs)]
+        compiling = [worker.submit(same_precision(lowered.compile)) for lowered in lower_search(setup, logs)]
         yield
         for one in compiling:
             one.result()

@@ -61,6 +61,7 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
         _section("Twins: what the data do not tell apart", _twins(diagnosis.causes)),
         _section("What to do", _remedies(diagnosis)),
         _section("Where the gap is", _where(diagnosis.where, diagnosis.verdict)),
+        _section("Samples that were lost", _table(("what",), [(loss,) for loss in diagnosis.losses])),
         _section("What was not tested", _table(("effect", "why"), diagnosis.not_tested)),
         _section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
     )

@@ -28,6 +28,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "candidates": [candidate._asdict() for candidate in diagnosis.candidates],
         "not_tested": dict(diagnosis.not_tested),
         "logs": diagnosis.logs,
+        "losses": diagnosis.losses,
         "by_log": [log._asdict() for log in diagnosis.by_log],
     }
     plain: dict[str, Any] = _plain(content)
@@ -69,6 +70,7 @@ def to_table(diagnosis: Diagnosis) -> str:
         _gap_lines(diagnosis.gap),
         log_lines(diagnosis),
         _where_lines(diagnosis.where) if diagnosis.verdict != "none" else [],
+        [f"lost: {one_line(loss)}" for loss in diagnosis.losses],
         [f"not tested: {one_line(effect)} ({one_line(why)})" for effect, why in diagnosis.not_tested],
     ]
     return "\n\n".join("\n".join(lines) for lines in parts if lines)

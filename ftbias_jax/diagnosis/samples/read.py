@@ -15,7 +15,8 @@ from ftbias_jax.diagnosis.samples.noise import WINDOW, Noise, fast_waves, measur
 from ftbias_jax.diagnosis.samples.rows import Samples, select
 from ftbias_jax.diagnosis.samples.spikes import REACH, Spikes, find_spikes
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
-from ftbias_jax.types import Array, Log
+from ftbias_jax.io.log import Log
+from ftbias_jax.types import Array
 
 LEAST_WINDOWS = 8
 JITTER_SHAPE = 0.1

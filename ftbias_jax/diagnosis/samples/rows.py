@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.types import Array, Log
+from ftbias_jax.io.log import Log
+from ftbias_jax.types import Array
 
 REACH = 16
 """Samples before and after, for the rate of a noisy wrench."""

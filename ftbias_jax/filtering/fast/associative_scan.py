@@ -10,31 +10,34 @@ are then good to about one of their standard deviations (the sequential filter: 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering.fast.kalman_step import Step, filter_step
 from ftbias_jax.filtering.fast.scan import Inputs, Track, track_of
 from ftbias_jax.filtering.gaussian import symmetrise
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.lanes import Rows, Vector
-from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
 
 class Element(NamedTuple):
     """What stretches of samples do; leading axes (T, B)."""
 
-    A: Array
+    A: Float[Array, "... k k"]
     """(..., k, k)."""
-    b: Array
+    b: Float[Array, "... k"]
     """(..., k)."""
-    C: Array
+    C: Float[Array, "... k k"]
     """(..., k, k)."""
-    eta: Array
+    eta: Float[Array, "... k"]
     """(..., k)."""
-    J: Array
+    J: Float[Array, "... k k"]
     """(..., k, k)."""
 
 
@@ -74,8 +77,8 @@ def filter_parallel(model: ProcessModel, inputs: Inputs) -> Track:
 class Restarts(NamedTuple):
     """Where filters start again, (T, B)."""
 
-    lost: Array
-    position: Array
+    lost: Bool[Array, "T B"]
+    position: Float[Array, "T B"]
     """The position they start from, 0 elsewhere."""
 
 

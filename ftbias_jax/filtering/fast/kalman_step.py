@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole
@@ -29,7 +30,6 @@ from ftbias_jax.runtime.lanes import (
     total,
     transpose,
 )
-from ftbias_jax.types import Array
 
 
 class Record(NamedTuple):
@@ -67,7 +67,7 @@ def filter_step(
 ) -> Step:
     """Predict, start again where too little is known, correct by one measured entry after the other."""
     m = len(y)
-    x, P, lost = compile_whole(partial(_predict, model))(density, restart, state, dt)
+    x, P, lost = compile_whole(partial(predict, model))(density, restart, state, dt)
     prediction, spread = x[:m], [P[j][j] for j in range(m)]
     columns: Rows = []
     weights: Vector = []
@@ -79,10 +79,18 @@ def filter_step(
     return Step(x, P, prediction, spread, Record(columns, weights, innovations, lost))
 
 
-def _predict(
+def predict(
     model: ProcessModel, density: Array, restart: Vector, state: tuple[Vector, Rows], dt: Array
 ) -> tuple[Vector, Rows, Array]:
-    """The state before the sample's correction, and whether the filter started again."""
+    """The state before the sample's correction, and whether the filter started again.
+
+    Args:
+        model: of the process.
+        density: strength of its noise.
+        restart: variances from which a filter that knows too little starts again.
+        state: after the previous sample.
+        dt: s since then.
+    """
     x, P = state
     k = len(x)
     A, Q = model(dt, density)
@@ -139,7 +147,7 @@ def step_back(
     """
     # x, P: the derivatives dL/dmean and dL/dcovariance, after the sample's correction, then before it.
     x, P, y, variance = _before_corrections(record, bar, *state)
-    return compile_whole(partial(_before_prediction, model))(density, dt, record.lost, x, P, y, variance)
+    return compile_whole(partial(_beforeprediction, model))(density, dt, record.lost, x, P, y, variance)
 
 
 def _before_corrections(record: Record, bar: Cotangent, x: Vector, P: Rows) -> tuple[Vector, Rows, Vector, Vector]:
@@ -171,7 +179,7 @@ def _before_correction(
     return add_at(x, j, -y_bar), add_column(P, j, p_bar, r_bar), y_bar, r_bar
 
 
-def _before_prediction(
+def _beforeprediction(
     model: ProcessModel, density: Array, dt: Array, lost: Array, x: Vector, P: Rows, y: Vector, variance: Vector
 ) -> Slopes:
     k = len(x)

@@ -16,11 +16,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.lanes import Rows, Vector, congruence, dot, plus, times, transpose
-from ftbias_jax.types import Array
 
 
 def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:

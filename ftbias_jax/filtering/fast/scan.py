@@ -12,60 +12,63 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering.fast.kalman_step import Cotangent, Record, Step, filter_step, step_back
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
 from ftbias_jax.runtime.lanes import Rows, Vector, from_upper, upper
-from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class Inputs(NamedTuple):
     """What the filters see. k = states, m = measured entries (the first m), B = batch of independent filters."""
 
-    dt: Array
+    dt: Float[Array, " T"]
     """(T,) s since the previous sample. Data: its gradient is reported as zero."""
-    density: Array
+    density: Float[Array, " B"]
     """(B,) strength of the process noise."""
-    y: Array
+    y: Float[Array, "T m B"]
     """(T, m, B) measurements, NaN = not measured."""
-    variance: Array
+    variance: Float[Array, "T m B"]
     """(T, m, B) their noise variances."""
-    mean: Array
+    mean: Float[Array, "k B"]
     """(k, B) state before the first sample."""
-    covariance: Array
+    covariance: Float[Array, "k k B"]
     """(k, k, B)."""
-    restart_variance: Array
+    restart_variance: Float[Array, "k B"]
     """(k, B) a filter that knows its first two entries less well starts again from this, at rest; inf = never."""
 
 
 class Track(NamedTuple):
     """The filters at every sample, after its correction."""
 
-    mean: Array
+    mean: Float[Array, "T k B"]
     """(T, k, B)."""
-    covariance: Array
+    covariance: Float[Array, "T k k B"]
     """(T, k, k, B)."""
-    innovation: Array
+    innovation: Float[Array, "T m B"]
     """(T, m, B) measurement minus prediction, 0 where missing."""
-    innovation_variance: Array
+    innovation_variance: Float[Array, "T m B"]
     """(T, m, B) diagonal of S."""
-    nis: Array
+    nis: Float[Array, "T B"]
     """(T, B) normalised innovation squared over the measured entries."""
-    log_likelihood: Array
+    log_likelihood: Float[Array, "T B"]
     """(T, B) increments."""
 
 
 class Smoothed(NamedTuple):
     """The filters at every sample, given the whole log."""
 
-    mean: Array
+    mean: Float[Array, "T k B"]
     """(T, k, B)."""
-    covariance: Array
+    covariance: Float[Array, "T k k B"]
     """(T, k, k, B)."""
 
 
@@ -80,7 +83,7 @@ def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
     return track_of(inputs, _steps(model, inputs))
 
 
-def innovations(model: ProcessModel, inputs: Inputs) -> tuple[Array, Array]:
+def innovations(model: ProcessModel, inputs: Inputs) -> tuple[Float[Array, "T m B"], Float[Array, "T m B"]]:
     """Innovations and their variances (T, m, B) of ``filter_scan``, for derivatives in forward mode.
 
     Derivatives along many measurements share one recursion of the covariance, which does not depend on them.

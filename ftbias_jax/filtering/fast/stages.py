@@ -1,21 +1,22 @@
 """The pipeline in three stages: all joints in one scan, kinematics over many samples at once, six axes in one scan.
 
-Equal to ``pipeline.run`` to round-off and several times faster, forward and in reverse. It holds while the axes of the
-bias filter are independent, that is unless the joint uncertainty is "full": B Sigma_D B^T is diagonal when Sigma_D is,
-for the columns of B are multiples of unit vectors. The kinematics have no memory, so effects that need the whole log
-act between the stages; without them a log passes in chunks of time.
+The fast route of ``pipeline.run``: equal to a scan of single steps to round-off. It is exact while the axes of the
+bias filter are independent, that is unless the joint uncertainty is "full" or a wrench is gated: B Sigma_D B^T is
+diagonal when Sigma_D is, because the columns of B are multiples of unit vectors. The kinematics have no memory, so
+effects that need the whole log act between the stages; without them a log passes in chunks of time.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.filtering.fast.associative_scan import filter_parallel
-from ftbias_jax.filtering.fast.scan import Inputs, Track, filter_scan
+from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, filter_scan
 from ftbias_jax.filtering.process_models import JOINT_MODELS, ProcessModel, drift_noise
 from ftbias_jax.filtering.samples import pad
 from ftbias_jax.filtering.step import Options, State, predict_wrench
@@ -26,7 +27,10 @@ from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.batch import PIECE, wrenches
 from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
 from ftbias_jax.runtime.compiled_loops import on_cpu
-from ftbias_jax.types import Array, Gaussian, Sample
+from ftbias_jax.types import Gaussian, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 CHUNK = 1024
 """Samples that pass through all stages together: what goes from one stage to the next stays in the cache."""
@@ -39,12 +43,12 @@ class Staged(NamedTuple):
     """Of the joints: states (T, 3, n)."""
     wrench: Track
     """Of the axes of the bias: states (bias, drift) (T, 2, 6)."""
-    wrench_tool: Array
+    wrench_tool: Float[Array, "T 6"]
     """(T, 6) D theta, N and Nm, sensor frame; with the known effects, if there are any."""
 
 
 def applies(options: Options) -> bool:
-    """Whether the axes are independent, so that this route equals ``pipeline.run``; structure decides, not values."""
+    """Whether the axes are independent, so that this route is exact; structure decides, not values."""
     return options.joint_uncertainty != "full" and options.gate is None
 
 
@@ -74,9 +78,10 @@ def _run_stages(
     """All stages over a chunk whose first samples, so many, are of the log."""
     samples, measured = chunk
     joint = run_filters(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
-    wrench_tool, variance = predict_wrenches(params, joint_states(joint), samples, options)
+    wrench_tool, variance = predict_wrenches(params, joint, samples, options)
     wrench = run_filters(drift_noise, bias_inputs(params, state, samples, wrench_tool, variance))
-    return _state_after(joint, wrench, measured - 1), Staged(joint, wrench, wrench_tool)
+    last = jax.tree.map(lambda x: x[measured - 1], (joint, wrench))
+    return state_of(*last), Staged(joint, wrench, wrench_tool)
 
 
 def run_filters(model: ProcessModel, inputs: Inputs) -> Track:
@@ -99,7 +104,9 @@ def joint_inputs(params: Params, state: State, samples: Sample) -> Inputs:
     return Inputs(samples.dt, noise.process_density, y, jnp.broadcast_to(variance, y.shape), mean, covariance, restart)
 
 
-def bias_inputs(params: Params, state: State, samples: Sample, wrench_tool: Array, variance: Array) -> Inputs:
+def bias_inputs(
+    params: Params, state: State, samples: Sample, wrench_tool: Float[Array, "T 6"], variance: Float[Array, "T 6"]
+) -> Inputs:
     """The bias filter as a recursion: six filters of two states and one measurement, y = D theta - W.
 
     Args:
@@ -117,39 +124,41 @@ def bias_inputs(params: Params, state: State, samples: Sample, wrench_tool: Arra
     return Inputs(samples.dt, params.bias.density, y, variance[:, None], mean, covariance, never)
 
 
-def joint_states(track: Track) -> Gaussian:
-    """States of the joints with the axes in the pipeline's order: mean (T, n, 3), covariance (T, n, 3, 3)."""
-    return Gaussian(jnp.swapaxes(track.mean, 1, 2), jnp.moveaxis(track.covariance, -1, 1))
+def joint_states(track: Track | Smoothed) -> Gaussian:
+    """States of the joints with the axes in the pipeline's order: mean (..., n, 3), covariance (..., n, 3, 3)."""
+    return Gaussian(jnp.swapaxes(track.mean, -2, -1), jnp.moveaxis(track.covariance, -1, -3))
 
 
-def predict_wrenches(params: Params, joints: Gaussian, samples: Sample, options: Options) -> tuple[Array, Array]:
+def predict_wrenches(
+    params: Params, joints: Gaussian | Track | Smoothed, samples: Sample, options: Options
+) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
     """What the sensor should read without bias and noise (T, 6), and the diagonal of R (T, 6).
 
     Args:
         params: of the pipeline; without effects the reading is D theta.
-        options: of the pipeline; without effects the reading is D theta.
-        joints: states with leading axis T.
+        joints: states of the joints with leading axis T, with the axes in the pipeline's order or as in a track.
         samples: of the log, for time and temperature.
+        options: of the pipeline.
     """
+    if isinstance(joints, Gaussian):
+        joints = Smoothed(jnp.swapaxes(joints.mean, 1, 2), jnp.moveaxis(joints.covariance, 1, -1))
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
     stated = jnp.diagonal(R)
-
     known_exactly = options.joint_uncertainty == "none"
     if isinstance(params.arm, FreeBody):
-        wrench_tool, from_joints = jax.vmap(partial(_of_free_body, params, known_exactly))(*joints)
+        wrench_tool, from_joints = jax.vmap(partial(_of_free_body, params, known_exactly))(*joint_states(joints))
     else:
-        mean = jnp.swapaxes(joints.mean, 1, 2)
-        covariance = None if known_exactly else jnp.moveaxis(joints.covariance, 1, -1)
-        wrench_tool, from_joints = wrenches(Model(params.arm, params.gravity, params.theta), mean, covariance)
+        covariance = None if known_exactly else joints.covariance
+        wrench_tool, from_joints = wrenches(Model(params.arm, params.gravity, params.theta), joints.mean, covariance)
     variance = from_joints + stated[None]
     if params.effects is None:
         return wrench_tool, variance
-    signals = signals_of(params, joints.mean, samples)
+    signals = signals_of(params, jnp.swapaxes(joints.mean, 1, 2), samples)
     reading = compose.predict(signals, params.effects)
     dt = samples.dt[1:, None]
     rate = jnp.diff(reading, axis=0) / jnp.where(dt > 0, dt, jnp.inf)
     rate = jnp.concatenate([rate[:1], rate])
-    return reading, variance - stated[None] + compose.noise_variance(stated, rate, signals.model, params.effects)
+    return reading, from_joints + compose.noise_variance(stated, rate, signals.model, params.effects)
 
 
 def _of_free_body(params: Params, known_exactly: bool, mean: Array, covariance: Array) -> tuple[Array, Array]:
@@ -161,12 +170,13 @@ def _of_free_body(params: Params, known_exactly: bool, mean: Array, covariance: 
     return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal"))
 
 
-def predict_readings(params: Params, joints: Array, samples: Sample) -> Array:
+def predict_readings(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Float[Array, "T 6"]:
     """The reading alone, (T, 6), for joint states (T, n, 3)."""
-    return compose.predict(signals_of(params, joints, samples), params.effects or {})
+    reading: Array = compose.predict(signals_of(params, joints, samples), params.effects or {})
+    return reading
 
 
-def signals_of(params: Params, joints: Array, samples: Sample) -> Signals:
+def signals_of(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Signals:
     """What the effects of the catalogue see of a log; joints (T, n, 3)."""
     t = jnp.cumsum(samples.dt)
     temperature = jnp.zeros_like(t) if samples.temperature is None else samples.temperature
@@ -174,13 +184,16 @@ def signals_of(params: Params, joints: Array, samples: Sample) -> Signals:
     return Signals(t, q, dq, ddq, temperature, Model(params.arm, params.gravity, params.theta))
 
 
-def _state_after(joint: Track, wrench: Track, i: int | Array) -> State:
-    """State after sample i."""
-    joint_mean, joint_covariance, mean, blocks = (
-        x[i] for x in (joint.mean, joint.covariance, wrench.mean, wrench.covariance)
-    )
-    bias_covariance = jnp.block([[jnp.diag(entry) for entry in row] for row in blocks])
-    return State(
-        Gaussian(joint_mean.T, jnp.moveaxis(joint_covariance, -1, 0)),
-        Gaussian(mean.reshape(-1), bias_covariance),
-    )
+def state_of(joint: Track, wrench: Track) -> State:
+    """The pipeline's state from tracks, with their leading time axis or for one sample without it."""
+    mean, blocks = wrench.mean, diagonal_matrix(wrench.covariance)  # (..., 2, 2, 6, 6)
+    time = mean.shape[:-2]
+    covariance = jnp.swapaxes(blocks, -3, -2).reshape(*time, 12, 12)
+    return State(joint_states(joint), Gaussian(mean.reshape(*time, 12), covariance))
+
+
+def diagonal_matrix(x: Float[Array, "... k"]) -> Float[Array, "... k k"]:
+    """(..., k) -> (..., k, k)."""
+    k = x.shape[-1]
+    one = jnp.eye(k, dtype=bool).reshape(*(1 for _ in x.shape[:-1]), k, k)
+    return jnp.where(one, x[..., None], 0)

@@ -104,3 +104,15 @@ def verdict(result: Consistency) -> str:
     if correlated > 3:
         return f"right size but not white: {inside}; neighbouring innovations are correlated"
     return f"consistent: {inside}"
+
+
+def format_check(result: Consistency) -> str:
+    """The consistency of the filter as a small table and a sentence."""
+    rows = {
+        "NIS (1 = right)": result.axis_nis,
+        "correlation of neighbours": result.lag_one,
+        "  95 % bound": result.lag_one_bound,
+        "Ljung-Box / lags (1 = white)": result.ljung_box,
+    }
+    lines = [f"{name:28s}" + "".join(f"{x:11.3f}" for x in values) for name, values in rows.items()]
+    return "\n".join(["consistency of the innovations:", *lines, verdict(result)])

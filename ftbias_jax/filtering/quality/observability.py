@@ -14,6 +14,7 @@ import numpy as np
 
 from ftbias_jax.filtering.pipeline import predict_wrench
 from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array
 
@@ -59,6 +60,14 @@ def unobservable(turning: Turning) -> list[str]:
         along = directions[:, 2] * np.sign(directions[np.abs(directions[:, 2]).argmax(), 2])
         return [f"center_of_mass along ({', '.join(f'{x:.2f}' for x in np.round(along, 2) + 0.0)})"]
     return []
+
+
+def remarks(turning: Turning) -> Repairs:
+    """What the owner of a log should know of its motion; () if it shows enough."""
+    if hidden := unobservable(turning):
+        what = f"the sensor turns too little: errors of the tool's {' and '.join(hidden)} would look like bias"
+        return (Repair(what),)
+    return ()
 
 
 @jax.jit

@@ -27,7 +27,7 @@ def plot_filtered(filtered: Filtered, title: str, true_bias: Array | None = None
     """Bias with its 2 sigma band, and what the corrected wrench leaves beyond the tool model.
 
     Args:
-        filtered: result of batch.filter_log.
+        filtered: what ``filter_with_params`` or ``filter_log`` gives.
         title: above the figure.
         true_bias: (T, 6) N, Nm if it is known.
     """

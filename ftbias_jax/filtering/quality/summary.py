@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.filtering.result import Filtered
-from ftbias_jax.types import Array
+from ftbias_jax.types import AXES, Array
 
 AHEAD = 1.0
 """s: how far ahead the reading is predicted."""
@@ -135,6 +135,35 @@ def finish(tally: Tally) -> Summary:
 def summarise(filtered: Filtered) -> Summary:
     """The summary of a result that is whole."""
     return finish(add(start(), filtered))
+
+
+def format_summary(summary: Summary) -> str:
+    """A table an engineer can read, one column an axis."""
+    rows = {
+        "bias at the end": summary.bias,
+        "  ± 1 sigma": summary.bias_std,
+        "drift per minute": 60 * summary.drift,
+        "  ± 1 sigma ": 60 * summary.drift_std,
+        "raw reading, std": summary.raw_std,
+        "corrected - tool model, std": summary.residual_std,
+        "1 s ahead prediction, rms": summary.one_second_rms,
+    }
+    head = f"{summary.samples} wrench samples, {summary.seconds:.1f} s\n{'':28s}" + "".join(
+        f"{name + (' [N]' if i < 3 else ' [Nm]'):>11s}" for i, name in enumerate(AXES)
+    )
+    lines = [f"{name:28s}" + "".join(f"{x:11.4f}" for x in values) for name, values in rows.items()]
+    nis = f"normalised innovation squared per axis: {summary.mean_nis:.2f} (1 = the stated model and noise are right)"
+    return "\n".join([head, *lines, nis, *_gate_lines(summary)])
+
+
+def _gate_lines(summary: Summary) -> list[str]:
+    """What the gate did, or could do. Where very many samples are off, the model may be wrong, which no gate mends."""
+    if summary.gated:
+        return [f"{summary.gated} samples ({summary.gated / summary.samples:.2%}) did not pass the gate: contact?"]
+    if summary.far:
+        line = f"{summary.far} samples are far off their prediction: contact? --gate 5 keeps them out of the bias"
+        return [line + ("; or a wrong setup? ftbias diagnose" if summary.far > summary.samples / 4 else "")]
+    return []
 
 
 def _merge(sums: Moments, values: Array) -> Moments:

@@ -9,9 +9,9 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
-from ftbias_jax.io.clock import choose_clock, continue_after_jumps, tidy
+from ftbias_jax.io.clock import choose_clock, continue_after_jumps, order_repairs, tidy
+from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.merge import merge_streams
-from ftbias_jax.io.repairs import Reading, Repair
 from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
 from ftbias_jax.io.ros.pose import as_one, in_setup_order, pose_streams
 from ftbias_jax.io.ros.record import Recording, Stream, read_recording
@@ -23,7 +23,7 @@ CREDIBLE_DELAY = 10**10
 """ns: how much more or less than usual a message of a damaged recording may be late."""
 
 
-def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Reading:
+def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
     """Read a ROS 1 bag, or a ROS 2 bag: its folder, or a ``.db3`` or ``.mcap`` file.
 
     If the setup has a sensor_pose, it comes from a topic of geometry_msgs/PoseStamped, or from TF. Otherwise the joints
@@ -41,7 +41,7 @@ def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     return log_of(read_recording(path, salvage=salvage, poses=setup.pose is not None), setup, os.fspath(path))
 
 
-def log_of(recording: Recording, setup: Setup, file: str = "") -> Reading:
+def log_of(recording: Recording, setup: Setup, file: str = "") -> Log:
     """The log in a recording that is read already; see ``read_ros``."""
     names = setup.robot.joint_names
     mended = [Repair(damage, lost=True) for damage in recording.damage]
@@ -67,7 +67,7 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Reading:
     n = len(names)
     q, dq = (motion[:, :n], motion[:, n:]) if setup.pose is None else (motion, None)
     merged = merge_streams(joint_t, q, wrench_t, readings, dq, file=file)
-    return Reading(check_log(merged.t, merged.q, merged.wrench, merged.dq, setup=setup, file=file), tuple(mended))
+    return check_log(merged.t, merged.q, merged.wrench, merged.dq, setup=setup, file=file, repairs=tuple(mended))
 
 
 def _credible(recording: Recording, mended: list[Repair]) -> Recording:
@@ -104,14 +104,10 @@ def skew(stream: Stream) -> str:
 def _in_order(t: Array, stream: Stream, known: Array, mended: list[Repair]) -> tuple[Array, Array]:
     """Stamps and values of the known rows in increasing order; what that took is added to ``mended``."""
     ordered = tidy(t, stream.values[known])
-    repairs = (
-        (ordered.late, "came late: put in order", False),
-        (ordered.repeated, "left out: their stamps are repeated", True),
-        (int((~known).sum()), "left out: they have no stamp", True),
-    )
-    mended.extend(
-        Repair(f"{count} of the samples of {stream.topic} {what}", lost) for count, what, lost in repairs if count
-    )
+    mended.extend(order_repairs(ordered, f"samples of {stream.topic}"))
+    if not known.all():
+        what = f"{(~known).sum()} of the samples of {stream.topic} left out: they have no stamp"
+        mended.append(Repair(what, lost=True))
     return ordered.t, ordered.values
 
 

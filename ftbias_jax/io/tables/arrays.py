@@ -8,9 +8,11 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
+from ftbias_jax.io.clock import put_in_order
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.merge import merge_streams
 from ftbias_jax.setup.types import PoseSetup, Setup
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Array
 
 ARRAYS = ("t", "t_joints", "t_wrench", "q", "dq", "wrench", "temperature")
 POSE_ARRAYS = ("orientation", "position", "angular_velocity", "specific_force")
@@ -37,8 +39,15 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
         return check_log(arrays["t"], q, wrench, dq, temperature, setup=setup, file=file)
     t_joints = _get(arrays, "t_joints", "there is no time: neither t (T,) s, nor t_joints with t_wrench", file)
     t_wrench = _get(arrays, "t_wrench", "there is t_joints, but no t_wrench", file)
-    merged = merge_streams(t_joints, q, t_wrench, wrench, dq, temperature, file=file)
-    return check_log(merged.t, merged.q, merged.wrench, merged.dq, merged.temperature, setup=setup, file=file)
+    joints = put_in_order(t_joints, {"q": q, "dq": dq}, "samples of the joints", file=file, field="t_joints")
+    readings = {"wrench": wrench, "temperature": temperature}
+    sensor = put_in_order(t_wrench, readings, "samples of the wrench", file=file, field="t_wrench")
+    (q, dq), (wrench, temperature) = joints.columns, sensor.columns
+    merged = merge_streams(joints.t, q, sensor.t, wrench, dq, temperature, file=file)
+    repairs = (*joints.repairs, *sensor.repairs)
+    return check_log(
+        *(merged.t, merged.q, merged.wrench, merged.dq, merged.temperature), setup=setup, file=file, repairs=repairs
+    )
 
 
 def _with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[str, Array]:

@@ -12,9 +12,10 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.csv_columns import choose_columns
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Array
 
 BLOCK = 1 << 22  # characters read at once: large enough to be fast, small beside the numbers of a log
 _EMPTY = re.compile(r",[ \t]*(?=,|$)", re.MULTILINE)  # all but the first cell of a line, which would cost much more

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.npz_archive import MAX_BYTES, MAX_RATIO, SMALL
 from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, log_from_arrays
 from ftbias_jax.io.unpack import need
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Array
 
 
 def read_hdf5(path: str | os.PathLike[str], setup: Setup) -> Log:

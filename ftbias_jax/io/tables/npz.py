@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, log_from_arrays
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Log
 
 
 def read_npz(path: str | os.PathLike[str], setup: Setup) -> Log:

@@ -11,11 +11,12 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.npz_archive import MAX_BYTES
 from ftbias_jax.io.tables.csv_columns import choose_columns
 from ftbias_jax.io.unpack import need
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Log
+from ftbias_jax.types import Array
 
 
 def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:

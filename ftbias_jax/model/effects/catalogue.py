@@ -5,14 +5,14 @@ Adding an effect is adding one entry where it acts: simulator, fit, report and t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.errors import FtbiasError, SetupError
+from ftbias_jax.errors import FtbiasError, SetupError, UsageError
 from ftbias_jax.model.effects import bias, environment, kinematics, sampling, sensor, timing, tool
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Values
 from ftbias_jax.setup.fields import nearest, show
@@ -97,6 +97,21 @@ def check_values(
         for name, effect in catalogue.items()
         if name in raw
     }
+
+
+def check_names(names: Collection[str], field: str) -> None:
+    """Refuse names that are not in the catalogue.
+
+    Args:
+        names: of effects.
+        field: where they stand, for the message.
+
+    Raises:
+        UsageError: an unknown effect.
+    """
+    for name in names:
+        if name not in CATALOGUE:
+            raise UsageError(f"unknown effect {name!r}", field=field, remedy=nearest(name, CATALOGUE))
 
 
 def values_from_setup(effects: Mapping[str, Mapping[str, Any]], file: str = "") -> Values:

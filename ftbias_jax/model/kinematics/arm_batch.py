@@ -7,14 +7,18 @@ Everything is in the base frame.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.runtime.lanes import Rows, Vector, cross, product, scale, times, total
-from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 Pose = tuple[Rows, Vector]
 
@@ -43,23 +47,23 @@ class Moving(NamedTuple):
 class ArmMotion(NamedTuple):
     """How an arm and its sensor move, base frame; T samples."""
 
-    link_rotation: Array
+    link_rotation: Float[Array, "3 3 n+1 T"]
     """(3, 3, n + 1, T) turn of the link before each joint, and of the last link, since all joints were at 0."""
-    link_position: Array
+    link_position: Float[Array, "3 n+1 T"]
     """(3, n + 1, T) m, where the point of that link is that was at the origin when all joints were at 0."""
-    sensor_rotation: Array
+    sensor_rotation: Float[Array, "3 3 T"]
     """(3, 3, T) R_base_sensor."""
-    sensor_position: Array
+    sensor_position: Float[Array, "3 T"]
     """(3, T) m."""
-    acceleration: Array
+    acceleration: Float[Array, "3 T"]
     """(3, T) m/s^2, of the sensor's origin, without gravity."""
-    angular_velocity: Array
+    angular_velocity: Float[Array, "3 T"]
     """(3, T) rad/s."""
-    angular_acceleration: Array
+    angular_acceleration: Float[Array, "3 T"]
     """(3, T) rad/s^2."""
 
 
-def arm_motion(arm: Arm, q: Array, dq: Array, ddq: Array) -> ArmMotion:
+def arm_motion(arm: Arm, q: Float[Array, "n T"], dq: Float[Array, "n T"], ddq: Float[Array, "n T"]) -> ArmMotion:
     """The motion of an arm at joint states (n, T)."""
     (R, p), (link_R, link_p, columns) = _scan_joints(arm, q, lambda pose, column: (*pose, column))
     sensor_R, sensor_p = _sensor(arm, R, p)
@@ -79,7 +83,7 @@ def _rows(matrix: Rows) -> Array:
     return jnp.stack([jnp.stack(row) for row in matrix])
 
 
-def sensor_pose(arm: Arm, q: Array) -> tuple[Rows, Vector, Columns]:
+def sensor_pose(arm: Arm, q: Float[Array, "n C"]) -> tuple[Rows, Vector, Columns]:
     """Rotation and position of the sensor, entries (C,), and the Jacobian, from joint positions (n, C)."""
     (R, p), columns = _scan_joints(arm, q, lambda pose, column: column)
     return *_sensor(arm, R, p), columns
@@ -110,7 +114,7 @@ def _scan_joints(arm: Arm, q: Array, keep: Callable[[Pose, Columns], Any]) -> tu
     return found
 
 
-def motion(columns: Columns, dq: Array, ddq: Array) -> tuple[Moving, Twist]:
+def motion(columns: Columns, dq: Float[Array, "n C"], ddq: Float[Array, "n C"]) -> tuple[Moving, Twist]:
     """Spatial velocity and acceleration as sums over the joints (n, C), and the velocities (n, C) before each joint."""
 
     def joint(moving: Moving, own: tuple[Columns, Array, Array]) -> tuple[Moving, Twist]:

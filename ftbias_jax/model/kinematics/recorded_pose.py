@@ -11,29 +11,34 @@ with * the conjugate, w the angular velocity and w' the angular acceleration, bo
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.model.kinematics.screws import Arm, Motion, sensor_motion, skew
-from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class FreeBody(NamedTuple):
     """A body whose pose is recorded, with the sensor mounted on it."""
 
-    zero_position: Array
+    zero_position: Float[Array, " 3"]
     """(3,) m, sensor origin in the body's frame."""
-    zero_rotation: Array
+    zero_rotation: Float[Array, "3 3"]
     """(3, 3) sensor axes in the body's frame: R v_sensor = v_body."""
 
 
-def motion_of(carrier: Arm | FreeBody, q: Array, dq: Array, ddq: Array) -> Motion:
+def motion_of(
+    carrier: Arm | FreeBody, q: Float[Array, " n"], dq: Float[Array, " n"], ddq: Float[Array, " n"]
+) -> Motion:
     """Motion of the sensor, carried by an arm (``screws.sensor_motion``) or recorded (``body_motion``)."""
     return body_motion(carrier, q, dq, ddq) if isinstance(carrier, FreeBody) else sensor_motion(carrier, q, dq, ddq)
 
 
-def body_motion(body: FreeBody, q: Array, dq: Array, ddq: Array) -> Motion:
+def body_motion(body: FreeBody, q: Float[Array, " k"], dq: Float[Array, " k"], ddq: Float[Array, " k"]) -> Motion:
     """Motion of the sensor from the body's pose and its rates.
 
     Args:

@@ -7,54 +7,57 @@ R_base_sensor and p_base_sensor are the pose of the sensor frame.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
+from jax import Array
 
-from ftbias_jax.types import Array
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
 
 
 class Arm(NamedTuple):
     """A serial arm with the per-joint constants of the exponential map worked out once (report, eq. of exp([S] q))."""
 
-    linear: Array
+    linear: Float[Array, "n 3"]
     """(n, 3) linear part v of each screw."""
-    angular: Array
+    angular: Float[Array, "n 3"]
     """(n, 3) angular part s of each screw; zero for a prismatic joint."""
-    skew: Array
+    skew: Float[Array, "n 3 3"]
     """(n, 3, 3) [s]."""
-    skew_squared: Array
+    skew_squared: Float[Array, "n 3 3"]
     """(n, 3, 3) [s]^2."""
-    skew_linear: Array
+    skew_linear: Float[Array, "n 3"]
     """(n, 3) [s] v."""
-    skew_squared_linear: Array
+    skew_squared_linear: Float[Array, "n 3"]
     """(n, 3) [s]^2 v."""
-    zero_position: Array
+    zero_position: Float[Array, " 3"]
     """(3,) m, sensor origin at q = 0."""
-    zero_rotation: Array
+    zero_rotation: Float[Array, "3 3"]
     """(3, 3) sensor axes at q = 0."""
 
 
 class Motion(NamedTuple):
     """Pose, twist and acceleration of the sensor frame with respect to the base, in base coordinates."""
 
-    R_base_sensor: Array
+    R_base_sensor: Float[Array, "3 3"]
     """(3, 3)."""
-    p_base_sensor: Array
+    p_base_sensor: Float[Array, " 3"]
     """(3,) m."""
-    linear_velocity: Array
+    linear_velocity: Float[Array, " 3"]
     """(3,) m/s, of the sensor origin."""
-    angular_velocity: Array
+    angular_velocity: Float[Array, " 3"]
     """(3,) rad/s."""
-    linear_acceleration: Array
+    linear_acceleration: Float[Array, " 3"]
     """(3,) m/s^2, of the sensor origin; coordinate acceleration, gravity is not in it."""
-    angular_acceleration: Array
+    angular_acceleration: Float[Array, " 3"]
     """(3,) rad/s^2."""
-    jacobian: Array
+    jacobian: Float[Array, "6 n"]
     """(6, n) sensor Jacobian."""
 
 
-def skew(v: Array) -> Array:
+def skew(v: Float[Array | np.ndarray, "... 3"]) -> Float[Array, "... 3 3"]:
     """Matrix [v] of the cross product, [v] w = v x w; (..., 3) -> (..., 3, 3)."""
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     zero = jnp.zeros_like(x)
@@ -62,7 +65,7 @@ def skew(v: Array) -> Array:
     return jnp.stack(rows, -2)
 
 
-def rotation_from_vector(vector: Array) -> Array:
+def rotation_from_vector(vector: Float[Array | np.ndarray, " 3"]) -> Float[Array, "3 3"]:
     """exp([r]) (3, 3) of a rotation vector (3,) rad; exact value and derivative at zero too.
 
     sin(a)/a and (1 - cos a)/a^2 are functions of a^2, written so that neither they nor their derivatives divide by
@@ -80,13 +83,13 @@ def rotation_from_vector(vector: Array) -> Array:
     return jnp.eye(3, dtype=vector.dtype) + sine * r + versine * (r @ r)
 
 
-def adjoint(rotation: Array, position: Array) -> Array:
+def adjoint(rotation: Float[Array, "3 3"], position: Float[Array, " 3"]) -> Float[Array, "6 6"]:
     """Ad(T) for screws ordered (linear; angular): [[R, [p] R], [0, R]]; (3, 3), (3,) -> (6, 6)."""
     zero = jnp.zeros_like(rotation)
     return jnp.block([[rotation, skew(position) @ rotation], [zero, rotation]])
 
 
-def make_arm(screws: Array, zero_position: Array, zero_rotation: Array) -> Arm:
+def make_arm(screws: Float[Array, "n 6"], zero_position: Float[Array, " 3"], zero_rotation: Float[Array, "3 3"]) -> Arm:
     """Work out the constants of an arm.
 
     Args:
@@ -110,7 +113,7 @@ def make_arm(screws: Array, zero_position: Array, zero_rotation: Array) -> Arm:
     )
 
 
-def exponentials(arm: Arm, q: Array) -> tuple[Array, Array]:
+def exponentials(arm: Arm, q: Float[Array, " n"]) -> tuple[Float[Array, "n 3 3"], Float[Array, "n 3"]]:
     """One-joint transforms exp([S_j] q_j): rotations (n, 3, 3) and positions (n, 3).
 
     Rodrigues' formula as in the report; with s = 0 it reduces to the translation v q of a prismatic joint.
@@ -123,7 +126,7 @@ def exponentials(arm: Arm, q: Array) -> tuple[Array, Array]:
     return rotation, position
 
 
-def product_of_exponentials(arm: Arm, q: Array) -> tuple[Array, Array]:
+def product_of_exponentials(arm: Arm, q: Float[Array, " n"]) -> tuple[Float[Array, "n+1 3 3"], Float[Array, "n+1 3"]]:
     """Cumulative transforms T_j = exp([S_1] q_1) ... exp([S_j] q_j) for j = 0 ... n.
 
     Returns:
@@ -137,24 +140,24 @@ def product_of_exponentials(arm: Arm, q: Array) -> tuple[Array, Array]:
     return jnp.stack(rotations), jnp.stack(positions)
 
 
-def space_jacobian(arm: Arm, q: Array) -> Array:
+def space_jacobian(arm: Arm, q: Float[Array, " n"]) -> Float[Array, "6 n"]:
     """Columns Ad(T_{j-1}) S_j: the twist of a point at the base origin is J dq; (n,) -> (6, n)."""
     return _pose_and_space_jacobian(arm, q)[2]
 
 
-def sensor_pose(arm: Arm, q: Array) -> tuple[Array, Array]:
+def sensor_pose(arm: Arm, q: Float[Array, " n"]) -> tuple[Float[Array, "3 3"], Float[Array, " 3"]]:
     """R_base_sensor (3, 3) and p_base_sensor (3,) m."""
     rotation, position, _ = _pose_and_space_jacobian(arm, q)
     return rotation, position
 
 
-def sensor_jacobian(arm: Arm, q: Array) -> Array:
+def sensor_jacobian(arm: Arm, q: Float[Array, " n"]) -> Float[Array, "6 n"]:
     """Maps dq to the linear velocity of the sensor origin and the angular velocity, base frame; (n,) -> (6, n)."""
     _, position, jacobian = _pose_and_space_jacobian(arm, q)
     return _move_to_sensor(jacobian, position)
 
 
-def sensor_hessian(arm: Arm, q: Array) -> Array:
+def sensor_hessian(arm: Arm, q: Float[Array, " n"]) -> Float[Array, "n 6 n"]:
     """Derivative of the sensor Jacobian, H[j, :, k] = d J[:, k] / d q_j; (n,) -> (n, 6, n).
 
     The linear rows are symmetric in (j, k). The angular rows are J_w,j x J_w,k for j < k and zero otherwise, for the
@@ -170,18 +173,20 @@ def sensor_hessian(arm: Arm, q: Array) -> Array:
     return jnp.swapaxes(jnp.concatenate([linear_rows, angular_rows], -1), 1, 2)
 
 
-def sensor_twist(arm: Arm, q: Array, dq: Array) -> Array:
+def sensor_twist(arm: Arm, q: Float[Array, " n"], dq: Float[Array, " n"]) -> Float[Array, " 6"]:
     """Linear velocity of the sensor origin and angular velocity, base frame; (6,) m/s, rad/s."""
     return sensor_jacobian(arm, q) @ dq
 
 
-def sensor_acceleration(arm: Arm, q: Array, dq: Array, ddq: Array) -> Array:
+def sensor_acceleration(
+    arm: Arm, q: Float[Array, " n"], dq: Float[Array, " n"], ddq: Float[Array, " n"]
+) -> Float[Array, " 6"]:
     """Acceleration by the Hessian, (H dq) dq + J ddq (report); (6,) m/s^2, rad/s^2, base frame. See sensor_motion."""
     velocity_product = jnp.einsum("jik,j,k->i", sensor_hessian(arm, q), dq, dq)
     return velocity_product + sensor_jacobian(arm, q) @ ddq
 
 
-def sensor_motion(arm: Arm, q: Array, dq: Array, ddq: Array) -> Motion:
+def sensor_motion(arm: Arm, q: Float[Array, " n"], dq: Float[Array, " n"], ddq: Float[Array, " n"]) -> Motion:
     """Pose, twist and acceleration of the sensor in O(n), equal to the Jacobian and Hessian form.
 
     With V_j the twist of link j and J_j the columns of the space Jacobian, d J_j / dt = ad(V_{j-1}) J_j, so the

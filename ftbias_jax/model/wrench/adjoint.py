@@ -1,7 +1,27 @@
 """The adjoint of piece.py by hand: about twice the work of the wrench, and quick to compile.
 
-``x_bar`` is the slope in x. Slopes pass along the triple product: a x b . c = b x c . a = c x a . b. A joint moves
-everything behind it, so its slope is its screw times the moment and the force of all slopes behind it.
+Gradients of the likelihood run it (batch.py). ``x_bar`` is the slope dL/dx, and a line of piece.py that makes y adds
+its share of y_bar to the slopes of what it read:
+
+    y = M v      v_bar += M^T y_bar,     M_bar += y_bar v^T
+    y = a × b    a_bar += b × y_bar,     b_bar += y_bar × a     because a × b . c = b × c . a = c × a . b
+    y = s v      v_bar += s y_bar,       s_bar += v . y_bar
+
+What is felt in sensor axes is R^T u, for u = a - g, w and w', so u_bar = R felt_bar and g_bar = -a_bar. A small turn
+e of the sensor changes it by -R^T (e × u): its slope is the moment sum u_bar × u (``spin``). The acceleration of the
+point p of the last link and the sums over the joints,
+
+    a = v' + w' × p + w × (v + w × p)
+    v' += ddq V + dq (w × V + v × W),   w' += ddq W + dq w × W,   v += dq V,   w += dq W,
+
+give ``_moving_slopes`` and ``_joint_slopes`` line by line, the joints from the last to the first. Turning joint j by a
+small angle moves all that it carries by its screw (V_j, W_j): the point p by V_j + W_j × p, and a column (V, W) of the
+Jacobian by (W_j × V + V_j × W, W_j × W). So the slope in q_j is the screw times the moment and the force of all slopes
+behind the joint (``load``), like the torque of a joint in statics. The variance, of which a joint adds
+b^2 qq + 2 a b qa + a^2 aa, is differentiated in the same way (``_variance_slopes``).
+
+Nothing needs to be stored: all this reads only the columns, the sensor's pose and the velocity before each joint, which
+one short loop over the joints gives again from q, dq and ddq, for a piece that stays in the processor's cache.
 """
 
 from __future__ import annotations
@@ -11,12 +31,12 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.model.kinematics.arm_batch import Columns, Moving, Twist, acceleration_at, motion, sensor_pose
 from ftbias_jax.model.wrench.piece import Felt, sensitivity, turned_by, wrench_of
 from ftbias_jax.model.wrench.tool_wrench import Model
 from ftbias_jax.runtime.lanes import Rows, Vector, cross, dot, plus, scale, times, total, transpose
-from ftbias_jax.types import Array
 
 
 class PoseSlopes(NamedTuple):
@@ -70,7 +90,8 @@ def slopes_of_piece(model: Model, joints: tuple[Array, ...], wrench_bar: Vector,
     spin = total(*(cross(bar, x) for bar, x in zip(base_bar, base, strict=True)))
     rotation_bar = reduce(plus, [_outer(x, bar) for x, bar in zip(base, felt_bar, strict=True)])
     none = [jnp.zeros_like(q)] * 3
-    columns_bar, covariance_bar = Columns(none, none), ()
+    columns_bar = Columns(none, none)
+    covariance_bar: tuple[Array, ...] = ()
     if covariance:
         added = _variance_slopes(theta, (R, p, columns), times(back, gravity), tuple(covariance), variance_bar)
         falling_bar = times(R, added.gravity)

@@ -6,10 +6,11 @@ Time is cut into pieces that stay in the processor's fastest cache, and the loop
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion, sensor_pose
 from ftbias_jax.model.wrench.adjoint import PoseSlopes, Slopes, slopes_of_piece
@@ -17,7 +18,10 @@ from ftbias_jax.model.wrench.piece import felt_of, wrench_of, wrench_piece
 from ftbias_jax.model.wrench.tool_wrench import Model
 from ftbias_jax.runtime.compiled_loops import compile_whole, on_cpu, one_at_a_time
 from ftbias_jax.runtime.lanes import Vector
-from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 PIECE = 64
 """Samples worked out together."""
@@ -26,7 +30,9 @@ Columns = tuple[Array, ...]
 """q, dq, ddq, and covariances if any, in pieces: (pieces, n, C)."""
 
 
-def wrenches(model: Model, mean: Array, covariance: Array | None) -> tuple[Array, Array]:
+def wrenches(
+    model: Model, mean: Float[Array, "T 3 n"], covariance: Float[Array, "T 3 3 n"] | None
+) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
     """D theta, and the diagonal of sum_j G_j P_j G_j^T (tool_wrench.covariance_of_joints).
 
     Args:
@@ -45,7 +51,9 @@ def wrenches(model: Model, mean: Array, covariance: Array | None) -> tuple[Array
     return _join(wrench, length), _join(variance, length)
 
 
-def wrenches_in_motion(gravity: Array, theta: Array, motion: ArmMotion) -> Array:
+def wrenches_in_motion(
+    gravity: Float[Array, " 3"], theta: Float[Array, " 10"], motion: ArmMotion
+) -> Float[Array, "T 6"]:
     """D theta (T, 6) as above, of a motion that was worked out before.
 
     For derivatives in forward mode, which the hand-written reverse pass does not allow. Reverse mode works too, but

@@ -7,16 +7,22 @@ unbounded numbers one to one onto such bodies (Rucker and Wensing 2022).
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from ftbias_jax.model.kinematics.screws import skew
-from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 _ROWS, _COLUMNS = np.array([0, 1, 0, 0, 1, 2]), np.array([1, 2, 2, 3, 3, 3])
 
 
-def pseudo_inertia(theta: Array) -> Array:
+def pseudo_inertia(theta: Float[Array, " 10"]) -> Float[Array, "4 4"]:
     """(10,) inertial parameters (tool_wrench.py) -> (4, 4) pseudo-inertia, kg m^2, kg m, kg."""
     mass, moment = theta[0], theta[1:4]
     xx, xy, xz, yy, yz, zz = theta[4:]
@@ -25,7 +31,7 @@ def pseudo_inertia(theta: Array) -> Array:
     return jnp.block([[second, moment[:, None]], [moment[None], mass[None, None]]])
 
 
-def parameters_from_pseudo_inertia(J: Array) -> Array:
+def parameters_from_pseudo_inertia(J: Float[Array, "4 4"]) -> Float[Array, " 10"]:
     """(4, 4) pseudo-inertia -> (10,) inertial parameters."""
     second = J[:3, :3]
     inertia = jnp.eye(3, dtype=J.dtype) * jnp.trace(second) - second
@@ -33,20 +39,20 @@ def parameters_from_pseudo_inertia(J: Array) -> Array:
     return jnp.concatenate([J[3:, 3], J[:3, 3], upper])
 
 
-def spatial_inertia(theta: Array) -> Array:
+def spatial_inertia(theta: Float[Array, " 10"]) -> Float[Array, "6 6"]:
     """(10,) inertial parameters -> (6, 6): wrench that accelerates the body along and about each axis, force first."""
     mass, moment = theta[0], skew(theta[1:4])
     inertia = theta[4:][np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])]
     return jnp.block([[mass * jnp.eye(3, dtype=theta.dtype), -moment], [moment, inertia]])
 
 
-def turned(theta: Array, rotation: Array) -> Array:
+def turned(theta: Float[Array, " 10"], rotation: Float[Array, "3 3"]) -> Float[Array, " 10"]:
     """(10,) inertial parameters of the same body turned by R (3, 3) about the origin."""
     turn = jnp.eye(4, dtype=theta.dtype).at[:3, :3].set(rotation)
     return parameters_from_pseudo_inertia(turn @ pseudo_inertia(theta) @ turn.T)
 
 
-def parameters_from_log_cholesky(coordinates: Array) -> Array:
+def parameters_from_log_cholesky(coordinates: Float[Array, " 10"]) -> Float[Array, " 10"]:
     """(10,) unbounded coordinates (alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3) -> (10,) inertial parameters."""
     alpha, diagonal, rest = coordinates[0], coordinates[1:4], coordinates[4:]
     U = jnp.diag(jnp.concatenate([jnp.exp(diagonal), jnp.ones_like(alpha)[None]]))
@@ -54,7 +60,7 @@ def parameters_from_log_cholesky(coordinates: Array) -> Array:
     return parameters_from_pseudo_inertia(U @ U.T)
 
 
-def log_cholesky_from_parameters(theta: Array) -> Array:
+def log_cholesky_from_parameters(theta: Float[Array, " 10"]) -> Float[Array, " 10"]:
     """Inverse of ``parameters_from_log_cholesky``; theta must belong to a body with volume."""
     reverse = np.arange(4)[::-1]
     lower = jnp.linalg.cholesky(pseudo_inertia(theta)[reverse][:, reverse])  # of the reversed order: an upper factor
@@ -64,7 +70,7 @@ def log_cholesky_from_parameters(theta: Array) -> Array:
     return jnp.concatenate([alpha[None], jnp.log(jnp.diagonal(scaled)[:3]), scaled[_ROWS, _COLUMNS]])
 
 
-def about_center_of_mass(theta: Array) -> tuple[Array, Array, Array]:
+def about_center_of_mass(theta: Float[Array, " 10"]) -> tuple[Float[Array, ""], Float[Array, " 3"], Float[Array, " 6"]]:
     """What a data sheet states: mass () kg, centre of mass (3,) m, and inertia (6,) kg m^2 about it, sensor axes."""
     mass = theta[0]
     x, y, z = center = theta[1:4] / mass

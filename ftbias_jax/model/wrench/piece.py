@@ -6,15 +6,18 @@ entries, each an array over samples (C,), as in arm_batch.py, and theta is the l
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from ftbias_jax.model.kinematics.arm_batch import Columns, acceleration_at, motion, sensor_pose
 from ftbias_jax.model.wrench.tool_wrench import Model
 from ftbias_jax.runtime.lanes import Rows, Vector, cross, scale, times, total, transpose
-from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 class Felt(NamedTuple):
@@ -35,7 +38,9 @@ class Turned(NamedTuple):
     """Gravity's change as the sensor turns."""
 
 
-def wrench_piece(model: Model, q: Array, dq: Array, ddq: Array, *covariance: Array) -> tuple[Vector, Vector]:
+def wrench_piece(
+    model: Model, q: Float[Array, "n C"], dq: Float[Array, "n C"], ddq: Float[Array, "n C"], *covariance: Array
+) -> tuple[Vector, Vector]:
     """Wrench and variance, six entries (C,) each.
 
     Args:

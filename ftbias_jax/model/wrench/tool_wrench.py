@@ -8,14 +8,18 @@ theta = (m, m c, Ixx, Ixy, Ixz, Iyy, Iyz, Izz): mass, first moment, inertia abou
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody, motion_of
 from ftbias_jax.model.kinematics.screws import Arm, Motion, skew
-from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 _DEAD_ROWS = {0: (3, 4, 5), 1: (3,), 2: (4,), 3: (5,)} | dict.fromkeys(range(4, 10), (0, 1, 2))
 
@@ -30,18 +34,20 @@ class Model(NamedTuple):
 
     arm: Arm
     """The robot with the sensor frame mounted."""
-    gravity: Array
+    gravity: Float[Array, " 3"]
     """(3,) m/s^2, base frame."""
-    theta: Array
+    theta: Float[Array, " 10"]
     """(10,) inertial parameters of the tool, as above."""
 
 
-def vec(matrix: Array) -> Array:
+def vec(matrix: Float[Array, "r c"]) -> Float[Array, " r*c"]:
     """Stack the columns: vec(X Y Z) = (Z^T kron X) vec(Y) holds for this order, not for a row-major reshape."""
     return matrix.T.reshape(-1)
 
 
-def tool_parameters(mass: Array, center_of_mass: Array, inertia: Array) -> Array:
+def tool_parameters(
+    mass: Float[Array, ""], center_of_mass: Float[Array, " 3"], inertia: Float[Array, " 6"]
+) -> Float[Array, " 10"]:
     """Inertial parameters theta (10,) from what a data sheet states.
 
     Args:
@@ -54,7 +60,9 @@ def tool_parameters(mass: Array, center_of_mass: Array, inertia: Array) -> Array
     return jnp.concatenate([jnp.stack([mass, mass * x, mass * y, mass * z]), inertia + steiner])
 
 
-def data_matrix(specific_force: Array, angular_velocity: Array, angular_acceleration: Array) -> Array:
+def data_matrix(
+    specific_force: Float[Array, " 3"], angular_velocity: Float[Array, " 3"], angular_acceleration: Float[Array, " 3"]
+) -> Float[Array, "6 10"]:
     """Data matrix D (6, 10) with W = D theta (report, section 3), with gravity (errata 2) and frames (errata 3).
 
     Args:
@@ -78,17 +86,19 @@ def data_matrix(specific_force: Array, angular_velocity: Array, angular_accelera
     return jnp.concatenate([force_rows, torque_rows])
 
 
-def observation_matrix(theta: Array) -> Array:
+def observation_matrix(theta: Float[Array, " 10"]) -> Float[Array, "6 60"]:
     """B = theta^T kron I_6 (6, 60): W = B vec(D)."""
     return jnp.kron(theta[None, :], jnp.eye(6, dtype=theta.dtype))
 
 
-def reduced_observation_matrix(theta: Array) -> Array:
+def reduced_observation_matrix(theta: Float[Array, " 10"]) -> Float[Array, "6 36"]:
     """The 36 columns of B (6, 36) that meet an entry of D which is not always zero, in the order LIVE_ENTRIES."""
     return observation_matrix(theta)[:, LIVE_ENTRIES]
 
 
-def measurement_covariance(theta: Array, data_variance: Array | None, wrench_variance: Array) -> Array:
+def measurement_covariance(
+    theta: Float[Array, " 10"], data_variance: Float[Array, " 36"] | None, wrench_variance: Float[Array, " 6"]
+) -> Float[Array, "6 6"]:
     """R = B Sigma_D B^T + Sigma_W (6, 6), the noise of y = D theta - W; n_D is in it once (errata 6).
 
     Args:
@@ -102,7 +112,12 @@ def measurement_covariance(theta: Array, data_variance: Array | None, wrench_var
     return (B * data_variance[None]) @ B.T + jnp.diag(wrench_variance)
 
 
-def joint_sensitivity(theta: Array, R_base_sensor: Array, jacobian: Array, gravity: Array) -> tuple[Array, Array]:
+def joint_sensitivity(
+    theta: Float[Array, " 10"],
+    R_base_sensor: Float[Array, "3 3"],
+    jacobian: Float[Array, "6 n"],
+    gravity: Float[Array, " 3"],
+) -> tuple[Float[Array, "6 n"], Float[Array, "6 n"]]:
     """How the predicted wrench W = D theta moves with joint positions and accelerations.
 
     The acceleration part is exact; the position part keeps the turning of gravity and leaves out terms of the size of
@@ -124,7 +139,9 @@ def joint_sensitivity(theta: Array, R_base_sensor: Array, jacobian: Array, gravi
     return _inertial_wrench(theta, falling, jnp.zeros_like(angular)), _inertial_wrench(theta, linear, angular)
 
 
-def covariance_of_joints(sensitivity: tuple[Array, Array], covariance: Array, kind: str) -> Array:
+def covariance_of_joints(
+    sensitivity: tuple[Array, Array], covariance: Float[Array, "n 3 3"], kind: str
+) -> Float[Array, "6 6"]:
     """sum_j G_j P_j G_j^T (6, 6) with G_j = (dW/dq_j, 0, dW/dddq_j), or its diagonal.
 
     Args:
@@ -147,7 +164,9 @@ def _inertial_wrench(theta: Array, linear: Array, angular: Array) -> Array:
     return jnp.concatenate([force, skew(first_moment) @ linear + inertia @ angular])
 
 
-def unbias(wrench: Array, bias_and_drift: Array, elapsed: Array) -> Array:
+def unbias(
+    wrench: Float[Array, " 6"], bias_and_drift: Float[Array, " 12"], elapsed: Float[Array, ""]
+) -> Float[Array, " 6"]:
     """Corrected wrench, biased + [I, I dT] x (report, last equation).
 
     Args:
@@ -159,7 +178,12 @@ def unbias(wrench: Array, bias_and_drift: Array, elapsed: Array) -> Array:
 
 
 def motion_and_wrench(
-    arm: Arm | FreeBody, gravity: Array, theta: Array, q: Array, dq: Array, ddq: Array
+    arm: Arm | FreeBody,
+    gravity: Float[Array, " 3"],
+    theta: Float[Array, " 10"],
+    q: Float[Array, " n"],
+    dq: Float[Array, " n"],
+    ddq: Float[Array, " n"],
 ) -> tuple[Motion, Array]:
     """Motion of the sensor, and the wrench W = D theta that it exerts on the tool.
 
@@ -184,6 +208,13 @@ def motion_and_wrench(
     return motion, D @ theta
 
 
-def tool_wrench(arm: Arm | FreeBody, gravity: Array, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
+def tool_wrench(
+    arm: Arm | FreeBody,
+    gravity: Float[Array, " 3"],
+    theta: Float[Array, " 10"],
+    q: Float[Array, " n"],
+    dq: Float[Array, " n"],
+    ddq: Float[Array, " n"],
+) -> Float[Array, " 6"]:
     """The wrench (6,) of ``motion_and_wrench`` alone."""
     return motion_and_wrench(arm, gravity, theta, q, dq, ddq)[1]

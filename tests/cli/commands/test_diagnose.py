@@ -44,7 +44,7 @@ def calls(make_diagnosis, monkeypatch):
 
     def diagnose(setup, logs, names, without=()):
         kept.append((setup, logs, names, without))
-        return make_diagnosis()
+        return make_diagnosis()._replace(logs=tuple(names), repairs=tuple(log.repairs for log in logs))
 
     module = ModuleType("ftbias_jax.diagnosis.diagnose")
     module.diagnose = diagnose
@@ -89,7 +89,7 @@ def test_an_axis_that_was_never_measured_is_told(folder, calls, capsys):
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
-        ("--apply", 2, "--apply: needs the name of the setup to write (add -o FIXED.toml)"),
+        ("--apply", 2, "--apply: needs the name of the setup to write (add -o FIXED.toml, or --in-place"),
         ("-o fixed.toml", 2, "--output: is the setup that --apply writes (add --apply)"),
         ("--apply -o fixed.json", 2, "end the name in .toml"),
         ("--json out.html", 2, "--json: cannot write 'out.html' (end the name in .json)"),

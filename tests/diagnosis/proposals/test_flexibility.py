@@ -80,3 +80,9 @@ def test_what_needs_the_limits_is_no_tool_on_springs(monkeypatch, hertz, log_dam
     monkeypatch.setattr(flexibility, "fit", refit)
     assert flexibility.is_plausible(PROBLEM, worse, best) is plausible
     assert flexibility.is_plausible(PROBLEM, worse, best._replace(hypotheses=(Hypothesis("low_pass"),)))
+
+
+def test_a_log_on_which_no_spring_gains_still_has_a_start():
+    tried = [(-2.0, Hypothesis("tool_flexibility", (0, 1, 2), (3.0, -2.0, 0.4))), (-1.0, Hypothesis("", ()))]
+    gain, start = flexibility._stiffest(tried)
+    assert (gain, start.start) == (-2.0, (3.0, -2.0, 0.4))

@@ -12,9 +12,9 @@ from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression import precompile
 from ftbias_jax.diagnosis.regression.precompile import compiled_ahead, outline, padded_bins
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
-from ftbias_jax.types import Log
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 
 from ftbias_jax.diagnosis.samples.exact import find_gaps, find_lattice
 from ftbias_jax.diagnosis.samples.read import inspect_samples
-from ftbias_jax.types import Log
+from ftbias_jax.io.log import Log
 
 STATED = np.array([0.1, 0.1, 0.1, 0.004, 0.004, 0.004])
 EFFECTS = ("noise_level", "outliers", "quantisation", "saturation", "dropped_samples", "stamp_jitter")

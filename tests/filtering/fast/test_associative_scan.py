@@ -78,7 +78,7 @@ def test_an_accelerator_filters_as_the_processor_does(params, samples):
         one, log = jax.tree.map(lambda x, dtype=dtype: x.astype(dtype), (params, samples))
         state = pipeline.init(one, log)
         (_, (_, infos)), (_, track) = (
-            pipeline.run(one, state, log),
+            pipeline.scan_steps(one, state, log),
             stages.run(one, state, log, pipeline.DEFAULT_OPTIONS),
         )
         got = track.joint.log_likelihood.sum(1) + track.wrench.log_likelihood.sum(1)

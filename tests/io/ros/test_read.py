@@ -6,7 +6,7 @@ import recordings
 from recordings import FORMATS, START, Joints, Wrench
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import read_log, read_log_with_repairs
+from ftbias_jax.io import read_log
 from ftbias_jax.io.ros.record import read_recording
 
 
@@ -27,15 +27,15 @@ def expected(tmp_path_factory, setup):
 
 @pytest.mark.parametrize("kind", FORMATS)
 def test_every_container_gives_the_same_log(tmp_path, setup, expected, kind):
-    reading = read_log_with_repairs(recordings.write(tmp_path, kind, recordings.messages()), setup)
-    assert_same(reading.log, expected)
+    reading = read_log(recordings.write(tmp_path, kind, recordings.messages()), setup)
+    assert_same(reading, expected)
     assert reading.repairs == ()
 
 
 @pytest.mark.parametrize("kind", FORMATS)
 def test_a_whole_recording_has_nothing_to_salvage(tmp_path, setup, expected, kind):
-    reading = read_log_with_repairs(recordings.write(tmp_path, kind, recordings.messages()), setup, salvage=True)
-    assert_same(reading.log, expected)
+    reading = read_log(recordings.write(tmp_path, kind, recordings.messages()), setup, salvage=True)
+    assert_same(reading, expected)
     assert reading.repairs == ()
 
 
@@ -73,8 +73,8 @@ def test_two_publishers_of_one_arm_are_merged(tmp_path, setup, expected):
         halves = [m._replace(names=m.names[i : i + 1], position=m.position[i : i + 1], velocity=m.velocity[i : i + 1],
                              publisher=str(i)) for i in range(2)] if isinstance(m, Joints) else [m]  # fmt: skip
         published += halves
-    reading = read_log_with_repairs(recordings.write(tmp_path, "ros1", published), setup)
-    assert_same(reading.log, expected)
+    reading = read_log(recordings.write(tmp_path, "ros1", published), setup)
+    assert_same(reading, expected)
     assert reading.repairs == ()
 
 
@@ -189,8 +189,8 @@ def test_real_arm_with_a_gripper(shared_data, make_setup):
         "left_finger_joint", "right_finger_joint")]  # fmt: skip
     assert [len(stream.stamps) for stream in recording.streams] == [1346, 1320, 133]
 
-    reading = read_log_with_repairs(path, setup)
-    log = reading.log
+    reading = read_log(path, setup)
+    log = reading
     assert reading.repairs == ()
     theirs = [m.wrench for topic, m in read if topic == "/wrench"]
     theirs = [[w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z] for w in theirs]

@@ -105,7 +105,7 @@ def test_the_gripper_s_joints_do_not_disturb_the_arm_s(folder, shared_data):
     recording = read_recording(shared_data / "real" / "ur10e_pick.bag")
     of_arm = tuple(stream for stream in recording.streams if "left_finger_joint" not in stream.names)
     assert len(of_arm) == len(recording.streams) - 1
-    with_gripper, without = (log_of(r, setup).log for r in (recording, recording._replace(streams=of_arm)))
+    with_gripper, without = (log_of(r, setup) for r in (recording, recording._replace(streams=of_arm)))
     rows = np.isfinite(with_gripper.q).any(1) | np.isfinite(with_gripper.wrench).any(1)
     for name in ("q", "dq", "wrench"):
         np.testing.assert_array_equal(getattr(with_gripper, name)[rows], getattr(without, name))

@@ -50,7 +50,7 @@ def strong(name, params):
 
 def innovation_rms(params, log):
     """Root mean square of the second half's innovations, (6,) N, Nm."""
-    innovation = filter_log.filter_log(params, log).innovation
+    innovation = filter_log.filter_with_params(params, log).innovation
     return np.sqrt(np.mean(innovation[len(innovation) // 2 :] ** 2, 0))
 
 
@@ -71,8 +71,8 @@ def test_a_known_warm_up_is_part_of_the_bias(params, record):
     """The bias a filter reports is the whole of it, and the corrected wrench is the tool's."""
     amplitude = np.array([4.0, -2, 1, 0.2, 0.1, -0.1])
     effects = {"warmup": {"amplitude": jnp.array(amplitude), "tau": jnp.array(5.0)}}
-    plain = filter_log.filter_log(params, record(None))
-    warm = filter_log.filter_log(params._replace(effects=effects), record(effects))
+    plain = filter_log.filter_with_params(params, record(None))
+    warm = filter_log.filter_with_params(params._replace(effects=effects), record(effects))
     settled = 1 - np.exp(-warm.t / 5.0)
     np.testing.assert_allclose(warm.bias - plain.bias, settled[:, None] * amplitude, atol=1e-9)
     np.testing.assert_allclose(warm.wrench_tool, plain.wrench_tool, atol=1e-9)
@@ -83,8 +83,8 @@ def test_no_effects_and_neutral_effects_are_the_same(params, record):
     log = record(None)
     neutral = {"gain": {"gain": jnp.ones(6)}, "time_delay": {"delay": jnp.array(0.0)}}
     plain, with_neutral = (
-        filter_log.filter_log(params, log),
-        filter_log.filter_log(params._replace(effects=neutral), log),
+        filter_log.filter_with_params(params, log),
+        filter_log.filter_with_params(params._replace(effects=neutral), log),
     )
     for name, value in plain._asdict().items():
         np.testing.assert_allclose(getattr(with_neutral, name), value, rtol=1e-9, atol=1e-9, err_msg=name)

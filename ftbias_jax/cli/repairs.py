@@ -1,0 +1,23 @@
+"""What was mended or left out of logs, for the owner to read."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+
+from ftbias_jax.errors import printable
+from ftbias_jax.io.log import Repairs
+
+
+def tell_repairs(logs: Iterable[tuple[str, Repairs]]) -> int:
+    """Print the repairs of every log on standard error; returns the exit code, 3 if samples were lost, else 0.
+
+    Args:
+        logs: path of each, and its repairs.
+    """
+    code = 0
+    for path, repairs in logs:
+        for repair in repairs:
+            print(printable(f"ftbias: {path}: {repair.what}"), file=sys.stderr)
+            code = 3 if repair.lost else code
+    return code

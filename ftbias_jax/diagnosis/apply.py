@@ -1,0 +1,28 @@
+"""The setup mended: what a diagnosis found becomes part of what the robot's owner states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ftbias_jax.diagnosis.report.tables import parameter_words
+from ftbias_jax.diagnosis.result import Candidate
+from ftbias_jax.model.effects.catalogue import values_from_setup
+from ftbias_jax.setup.types import Setup
+
+
+def with_causes(setup: Setup, causes: Sequence[Candidate]) -> Setup:
+    """The setup with the causes among its effects; the same setup if there are none.
+
+    Args:
+        setup: of the diagnosis.
+        causes: their values replace those the setup has for the same effect.
+    """
+    effects = {**setup.effects, **{cause.effect: cause.parameters for cause in causes}}
+    values_from_setup(effects)  # what is written can be read
+    comments = {
+        f"effects.{cause.effect}.{name}": f"ftbias diagnose: {words}"
+        for cause in causes
+        for name, words in parameter_words(cause)
+    }
+    return replace(setup, effects=effects, comments={**setup.comments, **comments})

@@ -1,0 +1,1 @@
+"""What a user calls: a log filtered or smoothed from a setup alone."""

@@ -1,0 +1,144 @@
+"""What filtering and smoothing a log from a setup gives back, in memory."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ftbias_jax.filtering.quality.consistency import Consistency, check
+from ftbias_jax.filtering.quality.summary import Summary, format_summary
+from ftbias_jax.io.log import Repairs
+from ftbias_jax.io.write import save_results
+from ftbias_jax.model.params import Params
+from ftbias_jax.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothResult:
+    """Bias and drift given the whole log, past and future, at the stamps where any wrench axis was measured.
+
+    numpy arrays in float64; wrenches are in the sensor frame and act on the tool: unbiased = measured + bias.
+    """
+
+    t: Array
+    """(T,) s, as recorded."""
+    bias: Array
+    """(T, 6) N, Nm."""
+    drift: Array
+    """(T, 6) N/s, Nm/s, the bias's rate of change."""
+    bias_std: Array
+    """(T, 6) N, Nm, standard deviation."""
+    drift_std: Array
+    """(T, 6) N/s, Nm/s, standard deviation."""
+    wrench_unbiased: Array
+    """(T, 6) N, Nm, measured + bias; NaN = not measured."""
+    start: float
+    """s, stamp of the log's first sample."""
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the arrays, whole or not at all.
+
+        Args:
+            path: the file; its suffix names the format: .npz, .csv, .parquet or .mcap.
+
+        Raises:
+            UsageError: no format has this suffix. OutputError: the file cannot be written, or a package is missing.
+        """
+        save_results(path, _arrays(self), self.start)
+
+    def __str__(self) -> str:
+        lines = [f"{len(self.t)} wrench samples, {self.t[-1] - self.t[0]:.1f} s, smoothed"]
+        for name, row in {"bias at the end": self.bias[-1], "  ± 1 sigma": self.bias_std[-1]}.items():
+            lines.append(f"{name:28s}" + "".join(f"{x:11.4f}" for x in row))
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class FilterResult:
+    """Result of filtering a log, at the stamps where any wrench axis was measured.
+
+    numpy arrays in float64; wrenches are in the sensor frame and act on the tool: unbiased = measured + bias. Effects
+    that the setup states are in wrench_tool, those of the bias (warming up, temperature) in bias.
+    """
+
+    t: Array
+    """(T,) s, as recorded."""
+    bias: Array
+    """(T, 6) N, Nm."""
+    drift: Array
+    """(T, 6) N/s, Nm/s, the bias's rate of change."""
+    bias_std: Array
+    """(T, 6) N, Nm, standard deviation."""
+    drift_std: Array
+    """(T, 6) N/s, Nm/s, standard deviation."""
+    wrench_unbiased: Array
+    """(T, 6) N, Nm, measured + bias; NaN = not measured."""
+    q: Array
+    """(T, n) rad (m for prismatic joints), filtered joint positions."""
+    dq: Array
+    """(T, n) rad/s (m/s)."""
+    ddq: Array
+    """(T, n) rad/s^2 (m/s^2)."""
+    ddq_std: Array
+    """(T, n) rad/s^2 (m/s^2), standard deviation."""
+    wrench_tool: Array
+    """(T, 6) N, Nm, what the tool must cause by its weight and motion."""
+    innovation: Array
+    """(T, 6) N, Nm, the tool's wrench minus the corrected reading, predicted; NaN = not used."""
+    nis: Array
+    """(T,) normalised innovation squared, summed over the axes that were used."""
+    log_likelihood: Array
+    """() nats, of joints and wrench."""
+    innovation_std: Array
+    """(T, 6) N, Nm, standard deviation."""
+    params: Params
+    """What the filter believed; arrays of JAX."""
+    joint_model: str
+    """Key of process_models.JOINT_MODELS."""
+    repairs: Repairs
+    """What was left out of the log, and what its owner should know."""
+    start: float
+    """s, stamp of the log's first sample."""
+    summary: Summary
+    """The numbers that ``print`` shows."""
+    bias_smooth: Array | None = None
+    """(T, 6) N, Nm, bias given the whole log; None if not asked for."""
+    drift_smooth: Array | None = None
+    """(T, 6) N/s, Nm/s, drift given the whole log."""
+    bias_smooth_std: Array | None = None
+    """(T, 6) N, Nm, standard deviation."""
+    drift_smooth_std: Array | None = None
+    """(T, 6) N/s, Nm/s, standard deviation."""
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the arrays, whole or not at all; the same file that ``ftbias filter`` writes.
+
+        Args:
+            path: the file; its suffix names the format: .npz, .csv, .parquet or .mcap.
+
+        Raises:
+            UsageError: no format has this suffix. OutputError: the file cannot be written, or a package is missing.
+        """
+        save_results(path, _arrays(self), self.start)
+
+    def check(self) -> Consistency:
+        """Whether the error bars are right: innovations against their chi-square bounds, and their whiteness."""
+        return check(self.innovation, (self.innovation / self.innovation_std) ** 2)
+
+    def __str__(self) -> str:
+        return f"{format_summary(self.summary)}\n{format_joint_noise(self.params, self.joint_model)}"
+
+
+def format_joint_noise(params: Params, joint_model: str) -> str:
+    """One line with the joints' process noise that the filter took."""
+    density = np.asarray(params.joint.process_density)
+    return f"joint process noise ({joint_model}): {' '.join(f'{x:.3g}' for x in density)}"
+
+
+def _arrays(result: Any) -> dict[str, Array]:
+    """The named arrays of a result, as they stand in a file."""
+    named = {field.name: getattr(result, field.name) for field in fields(result)}
+    return {name: value for name, value in named.items() if isinstance(value, np.ndarray | np.generic)}

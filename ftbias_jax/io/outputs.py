@@ -1,0 +1,94 @@
+"""Where results may be written: never over an input, never over one another."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from ftbias_jax.errors import OutputError, UsageError
+
+Place = str | os.PathLike[str]
+
+
+def check_outputs(outputs: Mapping[str, Place | None], inputs: Iterable[Place | None]) -> None:
+    """Refuse outputs that are an input or another output, under whatever name.
+
+    Files are compared by their inodes, so that symbolic and hard links are seen through; those that are not there yet
+    by where they would be. An input that is a folder stands for every file in it.
+
+    Args:
+        outputs: what names the file on the command line, such as ``-o`` -> the file; None or "" = not asked for.
+        inputs: files and folders that are read; None or "" = none.
+
+    Raises:
+        UsageError: two of them are one file.
+    """
+    taken = {_identity(file): f"the input {os.fspath(file)!r}" for name in inputs if name for file in _files_of(name)}
+    for option, output in outputs.items():
+        if output:
+            place = _identity(output)
+            if place in taken:
+                message = f"{os.fspath(output)!r} is the same file as {taken[place]}"
+                raise UsageError(message, field=option, remedy="give every result a name of its own")
+            taken[place] = f"{os.fspath(output)!r} of {option}"
+
+
+def check_writable(output: Place, suffix: str = "", option: str = "--output") -> None:
+    """Refuse an output that cannot be written before minutes are spent on computing it.
+
+    Args:
+        output: the file.
+        suffix: with which its name must end.
+        option: what names it on the command line.
+
+    Raises:
+        UsageError: it has another suffix. OutputError: its folder does not exist.
+    """
+    if not os.fspath(output).endswith(suffix):
+        raise UsageError(f"cannot write {os.fspath(output)!r}", field=option, remedy=f"end the name in {suffix}")
+    if not Path(output).absolute().parent.is_dir():
+        raise OutputError("the folder does not exist", file=output, remedy="create it, or name another")
+
+
+def output_of_setup(output: str | None, setup: str, in_place: bool) -> tuple[str, list[str]]:
+    """Where a command writes the setup that it changes, and the setup as an input, unless it may be replaced.
+
+    Args:
+        output: of ``-o``; None = not given.
+        setup: the file that is read.
+        in_place: whether ``--in-place`` was given.
+
+    Raises:
+        UsageError: there is no output, or it is not the setup though the setup shall be replaced.
+        OutputError: its folder does not exist.
+    """
+    if output is None and not in_place:
+        remedy = "add -o OUT.toml, or --in-place to replace the setup itself"
+        raise UsageError("needs the name of the setup to write", field="--output", remedy=remedy)
+    written = output or setup
+    if not in_place and _identity(written) == _identity(setup):
+        remedy = "give the result a name of its own, or add --in-place to replace the setup"
+        raise UsageError(f"{written!r} is the same file as the input {setup!r}", field="--output", remedy=remedy)
+    if in_place and _identity(written) != _identity(setup):
+        message = f"replaces {setup!r}, but -o names {written!r}"
+        raise UsageError(message, field="--in-place", remedy="leave out one of the two")
+    check_writable(written, ".toml")
+    return written, [] if in_place else [setup]
+
+
+def _identity(path: Place) -> tuple[object, ...]:
+    """The same for all names of one file."""
+    resolved = os.path.realpath(path)
+    try:
+        status = os.stat(resolved)
+    except OSError:  # not there yet; its folder was resolved
+        return (resolved,)
+    return status.st_dev, status.st_ino
+
+
+def _files_of(path: Place) -> Iterable[Place]:
+    """The path itself, and all files below it if it is a folder."""
+    yield path
+    for folder, _, names in os.walk(path):
+        yield from (os.path.join(folder, name) for name in names)

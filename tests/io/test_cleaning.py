@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.cleaning import clean
+from ftbias_jax.io.log import Log, Repair
+
+T = 900
+
+
+def recorded(**changes):
+    """A log at 100 Hz of a sensor in order, with changed arrays."""
+    rng = np.random.default_rng(0)
+    t, nothing = np.arange(T) * 0.01, np.full(T, np.nan)
+    log = Log(t, rng.normal(size=(T, 2)), np.full((T, 2), np.nan), rng.normal(size=(T, 6)), nothing)
+    return log._replace(**changes)
+
+
+def spoilt():
+    """fz stands still for 3 s, and ty is clipped at 1."""
+    log = recorded()
+    log.wrench[300:600, 2] = 0.5
+    log.wrench[:, 4] = np.minimum(5 * np.sin(log.t), 1)
+    return log, log.wrench[:, 4] == 1
+
+
+def test_a_sensor_in_order_is_left_alone():
+    log = recorded(repairs=(Repair("before"),))
+    assert clean(log).wrench is log.wrench
+    assert clean(log).repairs == (Repair("before"),)
+
+
+def test_stuck_and_clipped_samples_are_left_out_and_told():
+    log, top = spoilt()
+    cleaned = clean(log)
+    expected = log.wrench.copy()
+    expected[300:600, 2], expected[top, 4] = np.nan, np.nan
+    np.testing.assert_array_equal(cleaned.wrench, expected)
+    assert cleaned.repairs == (
+        Repair(f"samples at the end of the sensor's range left out: {top.sum()} of ty", lost=True),
+        Repair("fz stands still from 3.0 s to 6.0 s: 300 samples left out", lost=True),
+    )
+
+
+def test_a_raw_log_keeps_them_and_tells_them_all_the_same():
+    log, top = spoilt()
+    raw = clean(log, clipped=False, stuck=False)
+    np.testing.assert_array_equal(raw.wrench, log.wrench)
+    assert raw.repairs == (
+        Repair(f"samples at the end of the sensor's range: {top.sum()} of ty"),
+        Repair("fz stands still from 3.0 s to 6.0 s: 300 samples"),
+    )
+
+
+def test_a_raw_log_may_be_cleaned_later_and_says_everything_once():
+    log, top = spoilt()
+    raw = clean(log._replace(repairs=(Repair("before", lost=True),)), clipped=False, stuck=False)
+    half = clean(raw, clipped=False)
+    assert half.repairs == (
+        Repair("before", lost=True),
+        Repair(f"samples at the end of the sensor's range: {top.sum()} of ty"),
+        Repair("fz stands still from 3.0 s to 6.0 s: 300 samples left out", lost=True),
+    )
+    np.testing.assert_array_equal(half.wrench[:, 4], log.wrench[:, 4])
+    assert np.isnan(half.wrench[300:600, 2]).all()
+    np.testing.assert_array_equal(clean(raw).wrench, clean(log).wrench)
+    assert clean(clean(log)).repairs == clean(log).repairs
+
+
+def test_many_stretches_are_told_in_short():
+    t = np.arange(0, 40, 0.01)
+    wrench = np.random.default_rng(1).normal(size=(len(t), 6))
+    for start in range(0, 4000, 800):
+        wrench[start : start + 300, 0] = start
+    log = recorded(t=t, q=np.zeros((len(t), 2)), wrench=wrench)
+    (repair,) = clean(log).repairs
+    spans = "from 0.0 s to 3.0 s and from 8.0 s to 11.0 s and from 16.0 s to 19.0 s and 2 more times"
+    assert repair.what == f"fx stands still {spans}: 1500 samples left out"
+
+
+def test_a_wrench_of_which_nothing_is_left_is_refused():
+    dead = recorded(wrench=np.ones((T, 6)))
+    with pytest.raises(LogError, match=r"log.npz: wrench: no wrench data: every axis stands still.*\(check the sensor"):
+        clean(dead, file="log.npz")
+    assert len(clean(dead, clipped=False, stuck=False).repairs) == 6

@@ -1,0 +1,69 @@
+"""Logs from arrays in memory are those that would be read from a file with the same arrays."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io import read_log
+from ftbias_jax.io.log import Log
+from ftbias_jax.setup import parse_setup
+
+T = 600
+
+
+def arrays():
+    rng = np.random.default_rng(0)
+    wrench = rng.normal(size=(T, 6))
+    wrench[100:400, 3] = 0.5
+    t = 100 + 0.01 * np.arange(T)
+    t[50] = t[49]
+    return {"t": t, "q": rng.normal(size=(T, 2)), "wrench": wrench, "dq": rng.normal(size=(T, 2)), "temperature": t}
+
+
+def assert_same(log, other):
+    for one, two in zip(log[:6], other[:6], strict=True):
+        np.testing.assert_array_equal(one, two)
+    assert log.repairs == other.repairs
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_arrays_are_checked_and_cleaned_as_files_are(tmp_path, make_setup, raw):
+    setup = make_setup(sensor={"noise_std": 0.1, "reports": "wrench_on_sensor"})
+    given = arrays()
+    np.savez(tmp_path / "log.npz", **given)
+    log = Log.from_arrays(setup, *given.values(), raw=raw)
+    assert_same(log, read_log(tmp_path / "log.npz", setup, raw=raw))
+    assert [repair.lost for repair in log.repairs] == [True, not raw]
+    assert np.isnan(log.wrench[:, 3]).any() == (not raw)
+
+
+def test_two_streams_may_have_stamps_of_their_own(tmp_path, setup):
+    given = arrays()
+    t_joints, t_wrench = given["t"][::2], given["t"]
+    np.savez(tmp_path / "log.npz", t_joints=t_joints, t_wrench=t_wrench, q=given["q"][::2], wrench=given["wrench"])
+    log = Log.from_arrays(setup, (t_joints, t_wrench), given["q"][::2], given["wrench"])
+    assert_same(log, read_log(tmp_path / "log.npz", setup))
+    assert log.repairs[0].what == "1 of the samples of the wrench left out: their stamps are repeated"
+
+
+def test_a_pose_stands_in_for_the_joints(tmp_path):
+    setup = parse_setup(
+        {
+            "sensor_pose": {"orientation": "quaternion_xyzw", "linear": "none"},
+            "sensor": {"noise_std": [0.1, 0.004]},
+            "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]},
+        }
+    )
+    given, half = arrays(), 0.3 * np.sin(np.arange(T) / 50)
+    turns = np.stack([np.sin(half), 0 * half, 0 * half, np.cos(half)], 1)
+    np.savez(tmp_path / "log.npz", t=given["t"], orientation=turns, wrench=given["wrench"])
+    log = Log.from_arrays(setup, given["t"], None, given["wrench"], orientation=turns)
+    assert_same(log, read_log(tmp_path / "log.npz", setup))
+
+
+def test_what_is_wrong_is_named(setup):
+    given = arrays()
+    with pytest.raises(LogError, match="q: no motion data: there is no array q"):
+        Log.from_arrays(setup, given["t"], None, given["wrench"])
+    with pytest.raises(LogError, match=r"q: has shape \(\d+, 1\), expected"):
+        Log.from_arrays(setup, given["t"], given["q"][:, :1], given["wrench"])

@@ -1,0 +1,212 @@
+"""What a Python user types: every verb on a tiny log, in a process where JAX computes in float32."""
+
+import subprocess
+import sys
+import tomllib
+
+import jax
+import numpy as np
+import pytest
+import small_archive
+
+import ftbias_jax as ft
+from ftbias_jax.filtering import filter_log as chunks
+from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.runtime import jax_config
+
+HEAVIER = 0.84
+"""kg; the setup says 0.7."""
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return ft.parse_setup(tomllib.loads(small_archive.SETUP), "setup.toml")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def single():
+    """JAX as users find it."""
+    with jax.enable_x64(False):
+        yield
+
+
+@pytest.fixture(scope="module")
+def made(setup, single):
+    return ft.simulate(setup, {"tool_mass": {"mass": HEAVIER}}, duration=4, rate=50, seed=1)
+
+
+@pytest.fixture(scope="module")
+def result(setup, made):
+    return ft.filter_log(setup, made.log, smooth=True)
+
+
+def test_all_names_are_listed_and_are_there():
+    verbs = {"load_setup", "read_log", "filter_log", "smooth_log", "tune", "identify_tool", "simulate", "diagnose"}
+    assert verbs | {"log_likelihood"} <= set(dir(ft))
+    assert set(dir(ft)) == {*ft.__all__, "__version__"}
+    for name in ft.__all__:
+        assert getattr(ft, name).__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'filtre_log'"):
+        ft.filtre_log  # noqa: B018
+
+
+def test_a_simulation_has_a_log_and_its_truth(setup, made, tmp_path):
+    assert str(made) == "200 samples, 4.0 s, effects: tool_mass"
+    assert made.log.wrench.shape == made.truth.bias.shape == (200, 6)
+    assert made.truth.effects["tool_mass"]["mass"] == HEAVIER
+    weight = np.linalg.norm(made.truth.wrench_clean[:, :3], axis=1).mean()
+    assert abs(weight / 9.81 - HEAVIER) < 0.05
+    made.save(tmp_path / "log.npz", tmp_path / "truth.json")
+    log = ft.read_log(tmp_path / "log.npz", setup)
+    np.testing.assert_array_equal(log.wrench, made.log.wrench)
+    assert (tmp_path / "truth.json").read_text().startswith("{")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"effects": {"tool_mas": {}}}, "effects: tool_mas: unknown effect 'tool_mas' (did you mean 'tool_mass'?)"),
+        ({"effects": {"tool_mass": {"mass": -1}}}, "effects: tool_mass.mass: got -1"),
+        ({"motion": "walk"}, "motion: got 'walk'"),
+        ({"duration": 0}, "duration: must be a positive number, not 0"),
+    ],
+)
+def test_what_cannot_be_simulated_is_said(setup, arguments, words):
+    with pytest.raises(ft.UsageError) as caught:
+        ft.simulate(setup, **arguments)
+    assert str(caught.value).startswith(words)
+
+
+def test_a_result_has_the_numbers_of_the_filter_in_double_precision(setup, made, result):
+    with jax.enable_x64(True):
+        params = chunks.params_for_log(setup, samples_from_log(made.log))
+        expected = chunks.filter_with_params(params, made.log)
+    for name, values in expected._asdict().items():
+        np.testing.assert_allclose(getattr(result, name), values, rtol=1e-12, atol=1e-12, err_msg=name)
+    assert result.bias.dtype == np.float64
+    assert jax.numpy.ones(1).dtype == np.float32
+    assert (result.bias_smooth_std <= result.bias_std * (1 + 1e-9)).all()
+
+
+def test_a_result_is_printed_and_saved_as_the_command_does(result, tmp_path):
+    assert str(result).startswith("200 wrench samples, 4.0 s\n")
+    assert "joint process noise (integrated_jerk): 40 40" in str(result)
+    assert result.check().nis.value == pytest.approx(result.summary.mean_nis)
+    result.save(tmp_path / "out.npz")
+    saved = np.load(tmp_path / "out.npz")
+    assert {"t", "bias", "wrench_unbiased", "nis", "log_likelihood", "bias_smooth_std"} <= set(saved.files)
+    assert not {"start", "params", "summary"} & set(saved.files)
+    result.save(tmp_path / "out.csv")
+    assert (tmp_path / "out.csv").read_text().startswith("t,bias_fx,")
+    with pytest.raises(ft.UsageError, match=r"end the name in .npz"):
+        result.save(tmp_path / "out.txt")
+
+
+def test_smoothing_alone_gives_what_filtering_adds(setup, made, result, tmp_path):
+    smoothed = ft.smooth_log(setup, made.log)
+    np.testing.assert_array_equal(smoothed.bias, result.bias_smooth)
+    np.testing.assert_array_equal(smoothed.drift_std, result.drift_smooth_std)
+    np.testing.assert_allclose(smoothed.wrench_unbiased, made.log.wrench + smoothed.bias)
+    smoothed.save(tmp_path / "smooth.npz")
+    np.testing.assert_array_equal(np.load(tmp_path / "smooth.npz")["bias"], smoothed.bias)
+    assert "smoothed" in str(smoothed)
+
+
+def test_the_tool_is_identified_and_written_with_its_errors(setup, made, tmp_path):
+    found = ft.identify_tool(setup, made.log)
+    assert abs(found.setup.tool.mass - HEAVIER) < 4 * found.tool.stderr[0]
+    assert found.converged
+    assert "mass " in str(found)
+    found.setup.save(tmp_path / "found.toml")
+    assert "identified ±" in (tmp_path / "found.toml").read_text(encoding="utf-8")
+    assert ft.load_setup(tmp_path / "found.toml").tool.mass == found.setup.tool.mass
+
+
+def test_the_noise_is_tuned_judged_and_written_with_its_errors(setup, made, tmp_path):
+    """The log has the noise that the setup states, so the fit of the joints stays near it."""
+    tuned = ft.tune(setup, [made.log], fit=["joints"], restarts=0, hold_out=0.5)
+    assert tuned.converged
+    np.testing.assert_allclose(tuned.setup.joints.position_noise_std, setup.joints.position_noise_std, rtol=0.3)
+    assert [score.part for score in tuned.held_out] == ["joint", "wrench"]
+    assert "held-out joint score" in str(tuned)
+    tuned.save(tmp_path / "tuned.toml")
+    assert "tuned, relative standard errors" in (tmp_path / "tuned.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("logs", "options", "words"),
+    [
+        (0, {}, "logs: there is no log"),
+        (1, {"fit": ["joint"]}, "fit: cannot fit 'joint'"),
+        (1, {"tie": "all"}, "tie: got 'all'"),
+        (1, {"hold_out": 1.0}, "hold_out: got 1.0"),
+    ],
+)
+def test_what_cannot_be_tuned_is_said(setup, made, logs, options, words):
+    with pytest.raises(ft.UsageError) as caught:
+        ft.tune(setup, [made.log] * logs, **options)
+    assert str(caught.value).startswith(words)
+
+
+def test_the_likelihood_is_a_differentiable_scalar_in_the_precision_of_the_user(setup, made):
+    samples, params = ft.samples_from_log(made.log), ft.params_for_log(setup, made.log)
+    assert params.theta.dtype == np.float32
+    value, slope = jax.value_and_grad(lambda p: ft.log_likelihood(p, samples))(params)
+    assert value.shape == ()
+    assert value.dtype == np.float32
+    assert slope.theta[0] > 0  # the tool is heavier than stated
+
+
+def test_a_diagnosis_mends_the_setup_and_writes_its_report(setup, make_diagnosis, tmp_path):
+    diagnosis = make_diagnosis(setup_name="setup.toml")
+    assert str(diagnosis).startswith("explained: The tool weighs 0.81 kg.")
+    fixed = diagnosis.apply(setup)
+    assert fixed.effects == {"tool_mass": {"mass": 0.8134}}
+    fixed.save(tmp_path / "fixed.toml")
+    assert "# ftbias diagnose: 0.8134 ± 0.0041 kg" in (tmp_path / "fixed.toml").read_text(encoding="utf-8")
+    diagnosis.to_html(tmp_path / "report.html")
+    assert "Gap of log_0.npz with setup.toml" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    diagnosis.to_json(tmp_path / "report.json")
+    assert '"verdict": "explained"' in (tmp_path / "report.json").read_text(encoding="utf-8")
+
+
+def test_what_cannot_be_diagnosed_is_said(setup, made):
+    with pytest.raises(ft.UsageError, match="got 0 logs"):
+        ft.diagnose(setup, [])
+    with pytest.raises(ft.UsageError, match="did you mean 'tool_mass'"):
+        ft.diagnose(setup, [made.log], without=["tool_mas"])
+
+
+def test_a_setup_that_cannot_be_written_is_said(setup, tmp_path):
+    with pytest.raises(ft.OutputError, match="cannot be written: No such file"):
+        setup.save(tmp_path / "missing" / "setup.toml")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(ft.OutputError, match="cannot be written"):
+        setup.save(tmp_path / "folder")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
+
+
+def test_verbs_keep_their_programs_unless_the_user_says_otherwise(monkeypatch):
+    calls = []
+    monkeypatch.setattr(jax_config, "keep_programs", lambda: calls.append("kept"))
+    double = jax_config.in_float64(lambda: jax.numpy.ones(1).dtype)
+    assert double() == np.float64
+    assert jax.numpy.ones(1).dtype == np.float32
+    assert calls == ["kept"]
+
+
+def test_other_threads_have_the_precision_of_the_one_that_asked():
+    from concurrent.futures import ThreadPoolExecutor
+
+    def work():
+        return jax.numpy.ones(1).dtype
+
+    with ThreadPoolExecutor(1) as pool:  # in a test's own threads JAX has the setting of all tests, float64
+        assert pool.submit(work).result() == np.float64
+        assert pool.submit(jax_config.same_precision(work)).result() == np.float32
+
+
+def test_the_package_is_imported_at_once():
+    program = "import time; a = time.perf_counter(); import ftbias_jax; print(time.perf_counter() - a)"
+    seconds = [float(subprocess.check_output([sys.executable, "-c", program])) for _ in range(3)]
+    assert min(seconds) < 0.05
