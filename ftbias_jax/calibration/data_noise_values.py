@@ -11,6 +11,7 @@ from ftbias_jax.calibration.tune import with_wrench_noise
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
+from ftbias_jax.setup.types import DataNoiseSetup, Setup
 from ftbias_jax.types import Array
 
 KINDS: dict[str, dict[str, str]] = {
@@ -74,3 +75,23 @@ def total_variance(params: Params) -> Array:
     """(6,) diagonal of R."""
     bias = params.bias
     return jnp.diagonal(measurement_covariance(params.theta, bias.data_variance, bias.wrench_variance))
+
+
+def values_from_setup(setup: Setup) -> dict[str, np.ndarray]:
+    """What a setup states of Sigma_D, by name."""
+    noise = setup.data_noise
+    if noise is None:
+        return {}
+    if noise.entries is not None:
+        return {"entries": noise.entries}
+    return {name: getattr(noise, name) for name in DataNoise._fields}
+
+
+def setup_from_values(values: dict[str, np.ndarray]) -> DataNoiseSetup | None:
+    """The section of a setup with fitted values; None if they are not of Sigma_D."""
+    if "entries" in values:
+        none = np.zeros(3)
+        return DataNoiseSetup(none, none, none, none, values["entries"])
+    if DataNoise._fields[0] not in values:
+        return None
+    return DataNoiseSetup(*(values[name] for name in DataNoise._fields))

@@ -168,7 +168,8 @@ def combination_errors(information: np.ndarray, weights: np.ndarray) -> np.ndarr
     strength, directions = np.linalg.eigh(information)
     along, known = weights @ directions, strength > UNDETERMINED**-2
     error = np.sqrt((along[..., known] ** 2 / strength[known]).sum(-1))
-    return np.where((along[..., ~known] ** 2).sum(-1) > 1e-2, np.inf, error)
+    open_share = (along[..., ~known] ** 2).sum(-1) / np.maximum((along**2).sum(-1), 1e-300)
+    return np.where(open_share > 1e-2, np.inf, error)
 
 
 def open_directions(information: np.ndarray, names: Sequence[str]) -> list[str]:
