@@ -28,7 +28,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ftbias_jax.calibration.identify import Identified
     from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
-    from ftbias_jax.calibration.tune_setup import TuneResult, tune
+    from ftbias_jax.calibration.tune_result import TuneResult
+    from ftbias_jax.calibration.tune_setup import tune
     from ftbias_jax.diagnosis.diagnose import diagnose
     from ftbias_jax.diagnosis.result import Candidate, Diagnosis
     from ftbias_jax.errors import FtbiasError, LogError, OutputError, SetupError, UsageError
@@ -86,7 +87,8 @@ __all__ = [
 _MODULES = {
     "calibration.identify": "Identified",
     "calibration.identify_tool": "IdentifyResult identify_tool",
-    "calibration.tune_setup": "TuneResult tune",
+    "calibration.tune_result": "TuneResult",
+    "calibration.tune_setup": "tune",
     "diagnosis.diagnose": "diagnose",
     "diagnosis.result": "Candidate Diagnosis",
     "errors": "FtbiasError LogError OutputError SetupError UsageError",

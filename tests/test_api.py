@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import small_archive
 
 import ftbias_jax as ft
+from ftbias_jax.calibration.tune_setup import FIT
 from ftbias_jax.filtering import filter_log as chunks
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.runtime import jax_config
@@ -133,12 +135,36 @@ def test_the_noise_is_tuned_judged_and_written_with_its_errors(setup, made, tmp_
     assert "tuned, relative standard errors" in (tmp_path / "tuned.toml").read_text(encoding="utf-8")
 
 
+def test_logs_of_two_tools_tell_the_noise_of_the_sensor_from_that_of_the_motion(setup, made, tmp_path):
+    """Joints, bias, sensor and Sigma_D in one run; both setups get the same noise and keep their tools."""
+    heavy = replace(setup, tool=replace(setup.tool, mass=3.0, center_of_mass=np.array([0.1, -0.1, 0.2])))
+    noise = {"data_noise": {"linear_acceleration": 0.1}}
+    noise = ft.parse_setup({**tomllib.loads(small_archive.SETUP), **noise}).data_noise
+    other = ft.simulate(replace(heavy, data_noise=noise), {}, duration=4, rate=50, seed=2)
+    first = ft.simulate(replace(setup, data_noise=noise), {}, duration=4, rate=50, seed=3)
+    tuned = ft.tune(setup, [first.log], fit=FIT, tie="pair", others=[(heavy, [other.log])], restarts=0, hold_out=0.4)
+    (also,) = tuned.others
+    assert set(tuned.fits) == {"joints", "wrench"}
+    assert also.tool.mass == 3.0
+    np.testing.assert_array_equal(also.data_noise.angular_velocity, tuned.setup.data_noise.angular_velocity)
+    np.testing.assert_array_equal(also.sensor.noise_std, tuned.setup.sensor.noise_std)
+    assert "data_noise.linear_acceleration only together with data_noise.gravity_direction" in str(tuned)
+    assert "determined: a - g: linear_acceleration^2 + 96.2 gravity_direction^2 = s^2, s = 0.1" in str(tuned)
+    wrench = next(score for score in tuned.held_out if score.part == "wrench")
+    assert wrench.after > wrench.before
+    tuned.save(tmp_path / "tuned.toml")
+    again = ft.load_setup(tmp_path / "tuned.toml")
+    np.testing.assert_array_equal(again.data_noise.linear_acceleration, tuned.setup.data_noise.linear_acceleration)
+
+
 @pytest.mark.parametrize(
     ("logs", "options", "words"),
     [
         (0, {}, "logs: there is no log"),
         (1, {"fit": ["joint"]}, "fit: cannot fit 'joint'"),
         (1, {"tie": "all"}, "tie: got 'all'"),
+        (1, {"data_noise": "two"}, "data_noise: got 'two'"),
+        (1, {"fit": ["data"], "total": max}, "fit: data is fitted by one process"),
         (1, {"hold_out": 1.0}, "hold_out: got 1.0"),
     ],
 )

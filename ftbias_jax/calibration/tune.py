@@ -56,6 +56,8 @@ class Fit(NamedTuple):
     undetermined: list[str]
     """Combinations the data leave open, in words."""
     optimum: newton.Optimum
+    determined: tuple[str, ...] = ()
+    """Sums that the data do determine where they leave parts of them open, in words."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +181,7 @@ def tune_wrench(
     """
     longest = max(len(log.dt) for log in logs)
     samples = [stack(part, longest) for part in equal_parts(list(logs), max(1, SAMPLES_AT_ONCE // longest))]
-    wrenches = newton.for_each(partial(_smoothed_wrenches, params, options=options), samples)
+    wrenches = newton.for_each(partial(smoothed_wrenches, params, options=options), samples)
     parts = [(params, WrenchLogs(part, *wrench)) for part, wrench in zip(samples, wrenches, strict=True)]
     return fit_wrench(params, parts, ties, burn_in, restarts, report, total)
 
@@ -209,7 +211,7 @@ def with_wrench_noise(params: Params, noise: dict[str, Array]) -> Params:
 
 
 @partial(jax.jit, static_argnames="options")
-def _smoothed_wrenches(params: Params, logs: Sample, options: Options) -> tuple[Array, Array]:
+def smoothed_wrenches(params: Params, logs: Sample, options: Options) -> tuple[Array, Array]:
     """Of logs with a leading axis: D theta (L, T, 6) of the smoothed joints, and the joints' share of R."""
 
     def one(samples: Sample) -> tuple[Array, Array]:

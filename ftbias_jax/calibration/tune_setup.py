@@ -2,76 +2,37 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from itertools import chain
 
 import jax
 import numpy as np
 
 from ftbias_jax.calibration import newton
+from ftbias_jax.calibration.data_noise import Tool, tune_data
+from ftbias_jax.calibration.data_noise_values import KINDS, values_from_setup
 from ftbias_jax.calibration.tune import JOINT_NAMES, TIES, Fit, tune_joints, tune_wrench
+from ftbias_jax.calibration.tune_result import HeldOut, TuneResult, comments_of, with_noise
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_joints
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.params import Params
+from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup.compare import require_one_robot
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Sample
 
-FIT = ("joints", "bias", "sensor")
-"""What can be fitted: joint noise, sigma_Q, sensor noise."""
+FIT = ("joints", "bias", "sensor", "data")
+"""What can be fitted: joint noise, sigma_Q, sensor noise, and Sigma_D if it is asked for."""
+FIT_BY_DEFAULT = FIT[:3]
 
 ReportFit = Callable[[str, int, float], None]
 """Told ("joints" or "wrench", iteration, nats)."""
-
-
-class HeldOut(NamedTuple):
-    """Log-likelihood of what the fit has not seen, nats a second."""
-
-    part: str
-    """"joint" or "wrench"."""
-    before: float
-    """With the noise of the setup."""
-    after: float
-    """With the tuned noise."""
-
-
-@dataclass(frozen=True, eq=False)
-class TuneResult:
-    """A setup with tuned noise, and what the logs say about each number."""
-
-    setup: Setup
-    """With the tuned noise; ``save`` writes relative standard errors beside it."""
-    fits: dict[str, Fit]
-    """"joints" and "wrench", as far as they were asked for."""
-    held_out: tuple[HeldOut, ...]
-    """Scores on the end of every log; () if nothing was held out."""
-
-    @property
-    def converged(self) -> bool:
-        """Whether all fits found their maximum; if not, the values are the best so far."""
-        return all(fit.optimum.converged for fit in self.fits.values())
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the tuned setup; ``Setup.save`` has the errors.
-
-        Args:
-            path: of the TOML file.
-        """
-        self.setup.save(path)
-
-    def __str__(self) -> str:
-        scores = [
-            f"held-out {part} score: {before:.1f} -> {after:.1f} nats/s ({after - before:+.1f})"
-            for part, before, after in self.held_out
-        ]
-        return "\n".join([*map(_table, self.fits.values()), *scores])
 
 
 def _nobody(label: str, iteration: int, value: float) -> None:
@@ -83,8 +44,10 @@ def tune(
     setup: Setup,
     logs: Sequence[Log],
     *,
-    fit: Collection[str] = FIT,
+    fit: Collection[str] = FIT_BY_DEFAULT,
     tie: str = "each",
+    data_noise: str = "one",
+    others: Sequence[tuple[Setup, Sequence[Log]]] = (),
     restarts: int = 1,
     hold_out: float = 0.25,
     start: Log | None = None,
@@ -99,9 +62,13 @@ def tune(
     Args:
         setup: robot, sensor, tool, and noise to start from.
         logs: of one robot and sensor, as ``read_log`` gives them.
-        fit: some of FIT.
+        fit: some of FIT; with "data" the noise of bias, sensor and motion is fitted together, by its gradient.
         tie: whether sigma_Q and the sensor's noise have a value for "each" axis, for a "pair" of forces and torques, or
             "one" for all.
+        data_noise: what to fit of Sigma_D: "one" number for each of its four parts, "three" for the axes of the sensor,
+            or all "entries" of D.
+        others: setups of further tools on this robot and sensor, and their logs: they tell the noise of the sensor from
+            that of the motion.
         restarts: further starts, all values off by random factors, to see whether they agree.
         hold_out: share at the end of every log that is kept to judge by, 0 to 0.9.
         start: the log whose likeliest joint noise to start from; None = the first one.
@@ -110,36 +77,76 @@ def tune(
 
     Raises:
         UsageError: no log, or a name or share that does not exist.
+        SetupError: a further setup differs in more than its tool and the prior of its bias.
     """
-    _check(logs, fit, tie, hold_out)
+    tools = [(setup, logs), *others]
+    _check(tools, fit, tie, data_noise, hold_out, total)
     options = Options(joint_model=setup.joints.model)
-    stated = params = filter_log.likeliest_params(setup, samples_from_log(start or logs[0]), options)
-    samples = [samples_from_log(filter_log.without_useless(log, params)) for log in logs]
-    seen = [_part(log, 0, 1 - hold_out) for log in samples]
+    first = filter_log.likeliest_params(setup, samples_from_log(start or logs[0]), options)
+    stated = [first, *(params_from_setup(other)._replace(joint=first.joint) for other, _ in others)]
+    samples = [
+        [samples_from_log(filter_log.without_useless(log, params)) for log in logs_of_tool]
+        for params, (_, logs_of_tool) in zip(stated, tools, strict=True)
+    ]
+    seen = [[_part(log, 0, 1 - hold_out) for log in logs_of_tool] for logs_of_tool in samples]
     fits: dict[str, Fit] = {}
     # The wrench needs the likeliest process noise of the joints, even if nobody asked for it.
     names = JOINT_NAMES if "joints" in fit else JOINT_NAMES[:1]
-    told = partial(report, "joints")
     params, joints = tune_joints(
-        params, seen, dict.fromkeys(names, "each"), options, restarts=restarts, report=told, total=total
+        first,
+        list(chain(*seen)),
+        dict.fromkeys(names, "each"),
+        options,
+        restarts=restarts,
+        report=partial(report, "joints"),
+        total=total,
     )
     if "joints" in fit:
         fits["joints"] = joints
+    tuned = [before._replace(joint=params.joint) for before in stated]
     ties = {"density": "bias", "wrench_std": "sensor"}
     wanted = {name: tie for name, part in ties.items() if part in fit}
-    if wanted:
-        told = partial(report, "wrench")
-        params, fits["wrench"] = tune_wrench(params, seen, wanted, options, restarts=restarts, report=told, total=total)
+    told = partial(report, "wrench")
+    if "data" in fit:
+        parts = [Tool(*x) for x in zip(tuned, seen, strict=True)]
+        start_values = values_from_setup(setup)
+        everything = KINDS[data_noise] | wanted
+        tuned, fits["wrench"] = tune_data(parts, everything, start_values, options, restarts=restarts, report=told)
+    elif wanted:
+        params, fits["wrench"] = tune_wrench(
+            tuned[0], seen[0], wanted, options, restarts=restarts, report=told, total=total
+        )
+        tuned = [params]
     scores: tuple[HeldOut, ...] = ()
     if hold_out:
-        scores = _judge(stated, params, [_part(log, 1 - hold_out, 1) for log in samples], options, total)
-    tuned = _with_noise(setup, params, fits)
-    return TuneResult(replace(tuned, comments={**setup.comments, **_comments(fits)}), fits, scores)
+        unseen = [[_part(log, 1 - hold_out, 1) for log in logs_of_tool] for logs_of_tool in samples]
+        scores = _judge(stated, tuned, unseen, options, total)
+    comments = comments_of(fits)
+    setups = [
+        replace(with_noise(each, params, fits), comments={**each.comments, **comments})
+        for (each, _), params in zip(tools, tuned, strict=True)
+    ]
+    return TuneResult(setups[0], fits, scores, tuple(setups[1:]))
 
 
-def _check(logs: Sequence[Log], fit: Collection[str], tie: str, hold_out: float) -> None:
-    if not logs:
+def _check(
+    tools: Sequence[tuple[Setup, Sequence[Log]]],
+    fit: Collection[str],
+    tie: str,
+    data_noise: str,
+    hold_out: float,
+    total: newton.Total,
+) -> None:
+    if not all(logs for _, logs in tools):
         raise UsageError("there is no log to tune to", field="logs", remedy="give at least one")
+    for other, _ in tools[1:]:
+        require_one_robot(tools[0][0], other)
+    if len(tools) > 1 and "data" not in fit:
+        raise UsageError("several tools are for Sigma_D", field="fit", remedy="fit data too, or tune each tool alone")
+    if "data" in fit and total is not newton.alone:
+        raise UsageError("data is fitted by one process", field="fit", remedy="leave out data, or the processes")
+    if data_noise not in KINDS:
+        raise UsageError(f"got {data_noise!r}", field="data_noise", remedy=f"choose from {', '.join(KINDS)}")
     if unknown := [name for name in fit if name not in FIT]:
         raise UsageError(f"cannot fit {unknown[0]!r}", field="fit", remedy=f"choose from {', '.join(FIT)}")
     if not fit:
@@ -151,14 +158,21 @@ def _check(logs: Sequence[Log], fit: Collection[str], tie: str, hold_out: float)
 
 
 def _judge(
-    before: Params, after: Params, unseen: Sequence[Sample], options: Options, total: newton.Total
+    before: Sequence[Params],
+    after: Sequence[Params],
+    unseen: Sequence[Sequence[Sample]],
+    options: Options,
+    total: newton.Total,
 ) -> tuple[HeldOut, ...]:
-    """Scores of two sets of parameters on logs that neither has seen."""
-    seconds = sum(float(part.dt.sum()) for part in unseen)
+    """Scores of two sets of parameters, of each tool, on logs that neither has seen."""
+    seconds = sum(float(part.dt.sum()) for part in chain(*unseen))
     scores = []
     for likelihood in (joint_log_likelihood, wrench_given_joints):
         score = jax.jit(partial(likelihood, options=options, burn_in=1.0))
-        scores += [sum(float(score(p, x)) for x in unseen) for p in (before, after)]
+        scores += [
+            sum(float(score(p, x)) for p, logs in zip(params, unseen, strict=True) for x in logs)
+            for params in (before, after)
+        ]
     seconds, found = total(seconds, np.array(scores))
     pairs = found.reshape(2, 2) / seconds
     return tuple(HeldOut(name, *map(float, pair)) for name, pair in zip(("joint", "wrench"), pairs, strict=True))
@@ -169,49 +183,3 @@ def _part(samples: Sample, begin: float, end: float) -> Sample:
     rows = slice(round(begin * len(samples.dt)), round(end * len(samples.dt)))
     part = Sample(*(None if x is None else np.asarray(x)[rows] for x in samples))
     return part._replace(dt=np.concatenate([[0], part.dt[1:]]))
-
-
-def _table(fit: Fit) -> str:
-    lines = []
-    for name, values in fit.values.items():
-        errors = fit.relative_stderr[name] * values
-        lines.append(f"{name:16s} " + "  ".join(f"{x:.3g} ± {e:.1g}" for x, e in zip(values, errors, strict=True)))
-    found = fit.optimum
-    lines.append(f"{'':16s} log-likelihood {found.value:.1f} nats; {found.agreeing} of {found.starts} starts agree")
-    lines += [f"{'':16s} not determined by these logs: {words}" for words in fit.undetermined]
-    return "\n".join(lines)
-
-
-def _with_noise(setup: Setup, params: Params, fits: dict[str, Fit]) -> Setup:
-    if "joints" in fits:
-        joints = replace(
-            setup.joints,
-            process_noise_density=np.asarray(params.joint.process_density),
-            position_noise_std=np.asarray(params.joint.position_std),
-            velocity_noise_std=np.asarray(params.joint.velocity_std),
-        )
-        setup = replace(setup, joints=joints)
-    if "wrench" in fits:
-        setup = replace(
-            setup,
-            bias=replace(setup.bias, noise_density=np.asarray(params.bias.density)),
-            sensor=replace(setup.sensor, noise_std=np.sqrt(np.asarray(params.bias.wrench_variance))),
-        )
-    return setup
-
-
-def _comments(fits: dict[str, Fit]) -> dict[str, str]:
-    keys = {
-        "process_density": "joints.process_noise_density",
-        "position_std": "joints.position_noise_std",
-        "velocity_std": "joints.velocity_noise_std",
-        "density": "bias.noise_density",
-        "wrench_std": "sensor.noise_std",
-    }
-    comments = {
-        keys[name]: "tuned, relative standard errors " + " ".join(f"{x:.1g}" for x in errors)
-        for fit in fits.values()
-        for name, errors in fit.relative_stderr.items()
-    }
-    density = keys["process_density"]
-    return {key: words + ("; ftbias filter multiplies it" if key == density else "") for key, words in comments.items()}

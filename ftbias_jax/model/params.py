@@ -13,6 +13,7 @@ from ftbias_jax.model.effects.catalogue import values_from_setup
 from ftbias_jax.model.effects.types import Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm, make_arm
+from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -99,7 +100,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
         ),
         BiasNoise(
             setup.bias.noise_density,
-            None,
+            _data_variance(setup, dtype),
             sensor.noise_std**2 + _unknown_acceleration(setup),
             np.concatenate([setup.bias.initial, setup.bias.initial_drift]),
             np.concatenate([setup.bias.initial_std, setup.bias.initial_drift_std]),
@@ -124,6 +125,17 @@ def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:
     position = robot.flange_translation + robot.flange_rotation @ sensor.translation
     arm: Arm = jax.jit(make_arm)(as_array(robot.screws, dtype), as_array(position, dtype), as_array(rotation, dtype))
     return arm
+
+
+def _data_variance(setup: Setup, dtype: Any) -> Float[Array, " 36"] | None:
+    """(36,) diagonal of Sigma_D, or None for zeros, which then costs nothing."""
+    noise = setup.data_noise
+    if noise is None:
+        return None
+    if noise.entries is not None:
+        return noise.entries**2
+    stds = DataNoise(*(as_array(getattr(noise, name), dtype) for name in DataNoise._fields))
+    return jax.jit(data_variance)(stds, as_array(setup.robot.gravity, dtype))
 
 
 def _unknown_acceleration(setup: Setup) -> Float[Array, " 6"]:

@@ -15,7 +15,7 @@ from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model, Record, Signals, Values
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.trajectories import Trajectory, excitation_sines, minimum_jerk_moves, replay
-from ftbias_jax.model.wrench.tool_wrench import tool_wrench
+from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, tool_wrench
 from ftbias_jax.types import Array
 
 __all__ = [
@@ -113,7 +113,8 @@ def simulate(
     clean = compose.predict(signals, effects) if effects else wrench_tool
     start = params.bias.prior_mean + params.bias.prior_std * jax.random.normal(start_key, (12,), t.dtype)
     bias, drift = bias_process(bias_key, t, params.bias.density, start[:6], start[6:])
-    std = jnp.concatenate([params.joint.position_std, params.joint.velocity_std, jnp.sqrt(params.bias.wrench_variance)])
+    R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
+    std = jnp.concatenate([params.joint.position_std, params.joint.velocity_std, jnp.sqrt(jnp.diagonal(R))])
     n = q.shape[1]
     noise_q, noise_dq, noise = jnp.split(
         std[None] * jax.random.normal(noise_key, (t.shape[0], 2 * n + 6), t.dtype), (n, 2 * n), 1

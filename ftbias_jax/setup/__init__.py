@@ -8,10 +8,20 @@ import tomllib
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.parse import parse_setup
-from ftbias_jax.setup.types import BiasSetup, JointSetup, LogSetup, RobotSetup, SensorSetup, Setup, ToolSetup
+from ftbias_jax.setup.types import (
+    BiasSetup,
+    DataNoiseSetup,
+    JointSetup,
+    LogSetup,
+    RobotSetup,
+    SensorSetup,
+    Setup,
+    ToolSetup,
+)
 
 __all__ = [
     "BiasSetup",
+    "DataNoiseSetup",
     "JointSetup",
     "LogSetup",
     "RobotSetup",

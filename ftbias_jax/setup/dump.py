@@ -15,7 +15,7 @@ import numpy as np
 from ftbias_jax.errors import OutputError
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot
 from ftbias_jax.setup.rotations import rpy_from_rotation
-from ftbias_jax.setup.types import POSE, PoseSetup, RobotSetup, Setup
+from ftbias_jax.setup.types import DATA_NOISE_UNITS, POSE, DataNoiseSetup, PoseSetup, RobotSetup, Setup
 
 Comments = Mapping[str, str]
 
@@ -149,10 +149,22 @@ def _sections(setup: Setup) -> Iterable[_Line]:
     yield _Line("[joints]", "position_noise_std", joints.position_noise_std, "rad")
     yield _Line("[joints]", "velocity_noise_std", joints.velocity_noise_std, "rad/s")
     yield _Line("[joints]", "initial_std", joints.initial_std, "rad, rad/s, rad/s^2")
+    if setup.data_noise is not None:
+        yield from _data_noise(setup.data_noise)
     for key, value in setup.log.columns.items():
         yield _Line("[log.columns]", key, value)
     for key, value in setup.log.topics.items():
         yield _Line("[log.topics]", key, value)
+
+
+def _data_noise(noise: DataNoiseSetup) -> Iterable[_Line]:
+    """Sigma_D: four physical numbers, or entry by entry."""
+    if noise.entries is not None:
+        yield _Line("[data_noise]", "entries", noise.entries, "standard deviations of the live entries of D, by column")
+        return
+    for key, unit in DATA_NOISE_UNITS.items():
+        std = getattr(noise, key)
+        yield _Line("[data_noise]", key, std if len(set(std)) > 1 else std[0], f"{unit}, standard deviation")
 
 
 def _pose(pose: PoseSetup) -> Iterable[_Line]:

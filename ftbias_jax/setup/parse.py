@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.setup.data_noise import parse_data_noise
 from ftbias_jax.setup.fields import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -54,16 +55,16 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
     Raises:
         SetupError: a key is missing, unknown, of the wrong type or shape, or physically impossible.
     """
-    top = check_keys(
-        Section(mapping, "", file), ("robot", "sensor", "sensor_pose", "tool", "bias", "joints", "log", "effects")
-    )
+    known = ("robot", "sensor", "sensor_pose", "tool", "bias", "joints", "data_noise", "log", "effects")
+    top = check_keys(Section(mapping, "", file), known)
     pose = parse_pose(top)
     robot = _robot(top) if pose is None else pose_robot(top, pose)
     n = len(robot.joint_names)
     sensor = _sensor(top)
     joints, log = joints_section(top, n, pose), _log(top, n, pose)
+    tool, bias, data_noise = _tool(top, sensor), bias_section(top), parse_data_noise(top)
     urdf = _urdf_path(table(top, "robot"))
-    return Setup(robot, sensor, _tool(top, sensor), bias_section(top), joints, log, _effects(top), pose, file, urdf)
+    return Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, file, urdf)
 
 
 def _robot(top: Section) -> RobotSetup:

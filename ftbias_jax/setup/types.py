@@ -22,6 +22,13 @@ POSE = "sensor_pose"
 """``RobotSetup.model`` where the pose of the sensor is recorded, instead of joints."""
 ORIENTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix")
 LINEAR = ("position", "specific_force", "none")
+DATA_NOISE_UNITS = {
+    "linear_acceleration": "m/s^2",
+    "angular_acceleration": "rad/s^2",
+    "angular_velocity": "rad/s",
+    "gravity_direction": "rad",
+}
+"""The four physical numbers of [data_noise] and their units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +120,26 @@ class JointSetup:
 
 
 @dataclass(frozen=True, eq=False)
+class DataNoiseSetup:
+    """Sigma_D: how well the motion of the sensor is known, as standard deviations along the sensor's axes.
+
+    It is white noise, independent of one sample to the next and added to what the joint filter itself is uncertain of.
+    """
+
+    linear_acceleration: Array
+    """(3,) m/s^2, of the sensor's origin."""
+    angular_acceleration: Array
+    """(3,) rad/s^2."""
+    angular_velocity: Array
+    """(3,) rad/s: products omega_i omega_j get the standard deviation sigma_i sigma_j, squares sqrt(2) sigma_i^2."""
+    gravity_direction: Array
+    """(3,) rad: each entry of a - g gets |g| times it."""
+    entries: Array | None = None
+    """(36,) standard deviations of the live entries of D, column by column (tool_wrench.LIVE_ENTRIES), in m/s^2 for
+    the mass's column and the torque rows of the first moment's, else rad/s^2; then the four above are zero."""
+
+
+@dataclass(frozen=True, eq=False)
 class PoseSetup:
     """What is recorded of the sensor's pose, where there are no joints; n = 4, or 7 with a linear motion."""
 
@@ -154,6 +181,8 @@ class Setup:
     log: LogSetup = field(default_factory=LogSetup)
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """[effects.NAME] as written; the catalogue of effects checks names and keys."""
+    data_noise: DataNoiseSetup | None = None
+    """Sigma_D; None = zero."""
     pose: PoseSetup | None = None
     """Set if the sensor's pose is recorded; robot and joints then speak of the entries of the pose."""
     path: str = ""

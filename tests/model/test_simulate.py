@@ -14,7 +14,7 @@ from ftbias_jax.model.effects.types import Model
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import simulate, temperature_course
 from ftbias_jax.model.trajectories import excitation_sines
-from ftbias_jax.model.wrench.tool_wrench import tool_parameters, tool_wrench
+from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, tool_parameters, tool_wrench
 from ftbias_jax.setup import parse_setup
 
 T = jnp.arange(500) / 100
@@ -49,7 +49,9 @@ def model(params):
 def test_the_log_is_tool_minus_bias_plus_noise(params, trajectory):
     log = simulate(jax.random.key(2), params, trajectory)
     noise = np.asarray(log.wrench - log.wrench_tool + log.bias)
-    std = np.sqrt(np.asarray(params.bias.wrench_variance))
+    bias = params.bias
+    R = measurement_covariance(params.theta, bias.data_variance, bias.wrench_variance)  # Sigma_D is in it
+    std = np.sqrt(np.diagonal(R))
     np.testing.assert_allclose(noise.std(0), std, rtol=0.15)
     np.testing.assert_allclose(noise.mean(0), 0, atol=4 * std.max() / np.sqrt(len(T)))
     np.testing.assert_array_equal(log.wrench_clean, log.wrench_tool)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
 from ftbias_jax.setup.rotations import rotation_from_rpy
+from ftbias_jax.setup.types import DATA_NOISE_UNITS
 
 FILE = "arm.toml"
 
@@ -382,6 +383,12 @@ def setups(draw):
             st.fixed_dictionaries(
                 {"position_noise_std": vectors(size, positive)},
                 optional={"process_noise_density": vectors(size, positive)},
+            )
+        ),
+        "data_noise": draw(
+            st.one_of(
+                st.fixed_dictionaries({}, optional=dict.fromkeys(DATA_NOISE_UNITS, vectors(3, positive))),
+                st.fixed_dictionaries({"entries": vectors(36, positive)}),
             )
         ),
         "effects": draw(st.dictionaries(text, st.dictionaries(text, parameter, max_size=2), max_size=2)),

@@ -7,6 +7,7 @@ import sys
 import time
 
 from ftbias_jax.cli.repairs import tell_repairs
+from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_outputs, output_of_setup
 from ftbias_jax.setup import load_setup
@@ -17,10 +18,19 @@ def run(arguments: argparse.Namespace) -> int:
 
     Of several processes, the first one speaks and writes.
     """
-    output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
-    setup = load_setup(arguments.setup)
-    check_outputs({"--output": output}, (*arguments.logs, *kept, setup.urdf))
-    first = read_log(arguments.logs[0], setup)  # every process starts from its noise
+    tools = _tools(arguments)
+    given = arguments.output or [None] * len(tools)
+    if len(given) != len(tools):
+        message = f"{len(given)} outputs for {len(tools)} setups"
+        raise UsageError(message, field="--output", remedy="give one -o for each --setup, in their order")
+    places = [output_of_setup(output, path, arguments.in_place) for output, (path, _) in zip(given, tools, strict=True)]
+    setups = [load_setup(path) for path, _ in tools]
+    kept = [name for _, names in places for name in names]
+    inputs = [log for _, logs in tools for log in logs]
+    options = [f"--output {number}" for number in range(1, len(tools) + 1)] if len(tools) > 1 else ["--output"]
+    outputs = {option: place for option, (place, _) in zip(options, places, strict=True)}
+    check_outputs(outputs, (*inputs, *kept, *(setup.urdf for setup in setups)))
+    first = read_log(inputs[0], setups[0])  # every process starts from its noise
 
     import jax
 
@@ -30,18 +40,26 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.calibration import distributed, newton
     from ftbias_jax.calibration.tune_setup import tune
 
-    paths, total = arguments.logs, newton.alone
+    total = newton.alone
     if arguments.distributed is not None:
         distributed.start(*arguments.distributed)
-        paths, total = distributed.share(paths), distributed.total
+        tools = [(path, distributed.share(logs)) for path, logs in tools]
+        total = distributed.total
     speaks = jax.process_index() == 0
-    logs = [first if path == arguments.logs[0] else read_log(path, setup) for path in paths]
-    code = tell_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
+    logs = [
+        [first if path == inputs[0] and setup is setups[0] else read_log(path, setup) for path in paths]
+        for setup, (_, paths) in zip(setups, tools, strict=True)
+    ]
+    every_path = [path for _, paths in tools for path in paths]
+    every_log = [log for some in logs for log in some]
+    code = tell_repairs((path, log.repairs) for path, log in zip(every_path, every_log, strict=True))
     tuned = tune(
-        setup,
-        logs,
+        setups[0],
+        logs[0],
         fit=arguments.fit,
         tie=arguments.tie,
+        data_noise=arguments.data_noise,
+        others=list(zip(setups[1:], logs[1:], strict=True)),
         restarts=arguments.restarts,
         hold_out=arguments.hold_out,
         start=first,
@@ -50,11 +68,26 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if speaks:
         print(tuned)
-        tuned.save(output)
-        print(f"wrote {output}")
+        for setup, (output, _) in zip((tuned.setup, *tuned.others), places, strict=True):
+            setup.save(output)
+            print(f"wrote {output}")
         if not tuned.converged:
             print("ftbias: a fit did not converge; its values are the best so far", file=sys.stderr)
     return code if tuned.converged else 1
+
+
+def _tools(arguments: argparse.Namespace) -> list[tuple[str, list[str]]]:
+    """Setups and their logs: those after --setup, or all logs if there is one setup."""
+    tools = [(setup, logs) for setup, *logs in arguments.setup]
+    if len(tools) == 1:
+        tools = [(tools[0][0], [*arguments.logs, *tools[0][1]])]
+    elif arguments.logs:
+        message = f"{arguments.logs[0]!r} stands before the first of several --setup"
+        raise UsageError(message, field="LOG", remedy="give each log after the setup of its tool")
+    for setup, logs in tools:
+        if not logs:
+            raise UsageError(f"{setup!r} has no log", field="LOG", remedy="give at least one")
+    return tools
 
 
 class Reporter:

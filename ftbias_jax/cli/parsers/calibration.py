@@ -12,18 +12,38 @@ def add_tune(commands: Commands) -> None:
         help="fit the noise parameters to logs by maximum likelihood",
         description="Fit the noise of joints, bias and sensor to LOGs of one robot, and write a setup with the result.",
     )
-    parser.add_argument("logs", nargs="+", metavar="LOG", help="logs of the same robot and sensor")
+    parser.add_argument("logs", nargs="*", metavar="LOG", help="logs of the same robot and sensor")
     parser.add_argument(
-        "--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise to start from"
+        "--setup",
+        required=True,
+        nargs="+",
+        action="append",
+        metavar=("SETUP.toml", "LOG"),
+        help="robot, sensor, tool and noise to start from; with --fit data one --setup for each of several tools, each "
+        "followed by its logs",
     )
-    parser.add_argument("-o", "--output", metavar="TUNED.toml", help="where to write the tuned setup")
+    parser.add_argument(
+        "-o",
+        "--output",
+        action="append",
+        metavar="TUNED.toml",
+        help="where to write the tuned setup; one -o for each --setup, in their order",
+    )
     parser.add_argument("--in-place", action="store_true", help="replace SETUP.toml by the result")
     parser.add_argument(
         "--fit",
         nargs="+",
         default=["joints", "bias", "sensor"],
-        choices=["joints", "bias", "sensor"],
-        help="what to fit: joint noise, sigma_Q, sensor noise (all)",
+        choices=["joints", "bias", "sensor", "data"],
+        help="what to fit: joint noise, sigma_Q, sensor noise (these three), and Sigma_D, noise of the motion at the "
+        "sensor",
+    )
+    parser.add_argument(
+        "--data-noise",
+        default="one",
+        choices=["one", "three", "entries"],
+        help="Sigma_D: one number each for linear acceleration, angular acceleration, rate and gravity, three for the "
+        "axes of the sensor, or all entries of D (%(default)s)",
     )
     parser.add_argument(
         "--tie",

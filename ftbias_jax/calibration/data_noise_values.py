@@ -1,0 +1,97 @@
+"""Noise of bias, sensor and motion by name: what of Sigma_D can be fitted, and where to start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.calibration.tune import with_wrench_noise
+from ftbias_jax.model.params import Params
+from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
+from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
+from ftbias_jax.setup.types import DataNoiseSetup, Setup
+from ftbias_jax.types import Array
+
+KINDS: dict[str, dict[str, str]] = {
+    "one": dict.fromkeys(DataNoise._fields, "one"),
+    "three": dict.fromkeys(DataNoise._fields, "each"),
+    "entries": {"entries": "each"},
+}
+"""What can be fitted of Sigma_D, as names and their ties: four numbers, four for each axis, or every entry."""
+LANES = dict.fromkeys(DataNoise._fields, 3) | {"entries": 36}
+START_SHARE = {"angular_velocity": 0.01}
+"""Of the sensor's variance: what an unstated part of Sigma_D starts at, on the axis where it matters most; others than
+these START_SHARE_OF_OTHERS. Zero has no logarithm, and far below the sensor's noise the likelihood is flat. A rate must
+be off by about 1 rad/s to be noticed: started higher, it would take what belongs to the accelerations."""
+START_SHARE_OF_OTHERS = 0.5
+
+
+def starting_values(tools: Sequence[Params], ties: dict[str, str], known: dict[str, Array]) -> dict[str, np.ndarray]:
+    """Where to start, by name: what is known, else the noise of the first tool, else what is noticed."""
+    bias = tools[0].bias
+    start = {"density": np.asarray(bias.density), "wrench_std": np.sqrt(np.asarray(bias.wrench_variance))} | known
+    for name in ties.keys() & LANES.keys():
+        value = np.broadcast_to(np.asarray(known.get(name, 0.0), float), (LANES[name],))
+        start[name] = np.where(value > 0, value, _noticed(name, tools))
+    return {name: np.asarray(start[name]) for name in ties}
+
+
+def with_noise(params: Params, noise: dict[str, Array]) -> Params:
+    """Parameters with values for some of tune.WRENCH_NAMES, and for all of one kind of Sigma_D."""
+    params = with_wrench_noise(params, noise)
+    if "entries" in noise:
+        variance = noise["entries"] ** 2
+    elif noise.keys() >= set(DataNoise._fields):
+        variance = data_variance(DataNoise(*(noise[name] for name in DataNoise._fields)), params.gravity)
+    else:
+        variance = params.bias.data_variance
+    return params._replace(bias=params.bias._replace(data_variance=variance))
+
+
+def without_data_noise(params: Params) -> Params:
+    """Parameters whose Sigma_D is zero."""
+    return params._replace(bias=params.bias._replace(data_variance=None))
+
+
+def _noticed(name: str, tools: Sequence[Params]) -> float:
+    """The value that adds a share of the sensor's variance, on the axis of all tools where it matters most."""
+    if name == "entries":
+        noise = {name: jnp.ones(36)}
+    else:
+        noise = {field: jnp.full(3, float(field == name)) for field in DataNoise._fields}
+    added = [total_variance(with_noise(params, noise)) / params.bias.wrench_variance - 1 for params in tools]
+    most, share = float(np.max(added)), START_SHARE.get(name, START_SHARE_OF_OTHERS)
+    return float((share / most) ** (1 / power(name))) if most > 0 else 1.0
+
+
+def power(name: str) -> float:
+    """What a parameter is raised to in the variance it adds: products of rates are of second order."""
+    return 4.0 if name == "angular_velocity" else 2.0
+
+
+def total_variance(params: Params) -> Array:
+    """(6,) diagonal of R."""
+    bias = params.bias
+    return jnp.diagonal(measurement_covariance(params.theta, bias.data_variance, bias.wrench_variance))
+
+
+def values_from_setup(setup: Setup) -> dict[str, np.ndarray]:
+    """What a setup states of Sigma_D, by name."""
+    noise = setup.data_noise
+    if noise is None:
+        return {}
+    if noise.entries is not None:
+        return {"entries": noise.entries}
+    return {name: getattr(noise, name) for name in DataNoise._fields}
+
+
+def setup_from_values(values: dict[str, np.ndarray]) -> DataNoiseSetup | None:
+    """The section of a setup with fitted values; None if they are not of Sigma_D."""
+    if "entries" in values:
+        none = np.zeros(3)
+        return DataNoiseSetup(none, none, none, none, values["entries"])
+    if DataNoise._fields[0] not in values:
+        return None
+    return DataNoiseSetup(*(values[name] for name in DataNoise._fields))
