@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.calibration.data_noise_values import setup_from_values
+from ftbias_jax.calibration.judgement import Predicted
 from ftbias_jax.calibration.tune import Fit
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import AXES, Array
+
+OPEN = 3.0
+"""A relative standard error from which on a number is not known from the logs."""
+LEAST_LOSS = 1.0
+"""nats/s on unseen data; less is chance."""
 
 
 class HeldOut(NamedTuple):
@@ -37,6 +45,10 @@ class TuneResult:
     """Scores on the end of every log; () if nothing was held out."""
     others: tuple[Setup, ...] = ()
     """The setups of further tools, with the same noise."""
+    predicted: tuple[Predicted, ...] = ()
+    """Errors of predicting the reading on the end of every log, before and after; () if nothing was held out."""
+    reasons: tuple[str, ...] = ()
+    """Why the result should not be used; () if it is no worse than the setup was."""
 
     @property
     def converged(self) -> bool:
@@ -56,7 +68,42 @@ class TuneResult:
             f"held-out {part} score: {before:.1f} -> {after:.1f} nats/s ({after - before:+.1f})"
             for part, before, after in self.held_out
         ]
-        return "\n".join([*map(_table, self.fits.values()), *scores])
+        errors = [
+            f"reading predicted {p.seconds:g} s ahead, rms: "
+            + "  ".join(
+                f"{name} {was:.3g} -> {now:.3g}" for name, was, now in zip(AXES, p.before, p.after, strict=True)
+            )
+            for p in self.predicted
+        ]
+        return "\n".join([*map(_table, self.fits.values()), *_correlated(self.setup), *scores, *errors])
+
+
+def _correlated(setup: Setup) -> list[str]:
+    """A line for each number of the noise that is correlated in time, if the setup has it."""
+    std, time = setup.sensor.correlated_std, setup.sensor.correlated_time
+    if std is None or time is None:
+        return []
+    rows = {"correlated_std": std, "correlated_time": time}
+    return [f"{name:16s} " + "  ".join(f"{x:.3g}" for x in row) for name, row in rows.items()]
+
+
+def reasons_against(scores: Sequence[HeldOut], predicted: Sequence[Predicted], shown: Sequence[str]) -> tuple[str, ...]:
+    """Why a tuned setup should not be used, with what the logs show instead; () if it is no worse than before.
+
+    Args:
+        scores: of unseen data, before and after.
+        predicted: errors of predicting it, before and after.
+        shown: what in the logs may mislead a fit.
+    """
+    reasons = [
+        f"the score of unseen {score.part} data falls by {score.before - score.after:.3g} nats/s"
+        for score in scores
+        if score.after < score.before - LEAST_LOSS
+    ]
+    for p in predicted:
+        if forces := [name for name in p.worse if name.startswith("f")]:
+            reasons.append(f"the reading is predicted worse {p.seconds:g} s ahead on {', '.join(forces)}")
+    return (*reasons, f"the logs show {', '.join(shown)}") if reasons and shown else tuple(reasons)
 
 
 def _table(fit: Fit) -> str:
@@ -81,14 +128,32 @@ def with_noise(setup: Setup, params: Params, fits: dict[str, Fit]) -> Setup:
             velocity_noise_std=np.asarray(params.joint.velocity_std),
         )
         setup = replace(setup, joints=joints)
+    if params.bias.correlated_std is not None:
+        sensor = replace(
+            setup.sensor,
+            noise_std=np.sqrt(np.asarray(params.bias.wrench_variance)),
+            correlated_std=np.asarray(params.bias.correlated_std),
+            correlated_time=np.asarray(params.bias.correlated_time),
+        )
+        setup = replace(setup, sensor=sensor)
     if "wrench" in fits:
+        found = fits["wrench"].relative_stderr
+        density = _where_known(found.get("density"), params.bias.density, setup.bias.noise_density)
+        noise_std = np.sqrt(np.asarray(params.bias.wrench_variance))
         setup = replace(
             setup,
-            bias=replace(setup.bias, noise_density=np.asarray(params.bias.density)),
-            sensor=replace(setup.sensor, noise_std=np.sqrt(np.asarray(params.bias.wrench_variance))),
+            bias=replace(setup.bias, noise_density=density),
+            sensor=replace(setup.sensor, noise_std=_where_known(found.get("wrench_std"), noise_std, noise_std)),
             data_noise=setup_from_values(fits["wrench"].values) or setup.data_noise,
         )
     return setup
+
+
+def _where_known(relative_stderr: Array | None, found: Array, given: Array) -> Array:
+    """What was found, but where the logs leave it open, what was given."""
+    if relative_stderr is None:
+        return np.asarray(found)
+    return np.where(np.asarray(relative_stderr) < OPEN, np.asarray(found), given)
 
 
 def comments_of(fits: dict[str, Fit]) -> dict[str, str]:

@@ -13,8 +13,10 @@ import numpy as np
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.data_noise import Tool, tune_data
 from ftbias_jax.calibration.data_noise_values import KINDS, values_from_setup
+from ftbias_jax.calibration.judgement import Predicted, judge_predictions, what_the_logs_show
 from ftbias_jax.calibration.tune import JOINT_NAMES, TIES, Fit, tune_joints, tune_wrench
-from ftbias_jax.calibration.tune_result import HeldOut, TuneResult, comments_of, with_noise
+from ftbias_jax.calibration.tune_blocks import LogInBlocks, is_correlated, look_at, tune_in_blocks
+from ftbias_jax.calibration.tune_result import HeldOut, TuneResult, comments_of, reasons_against, with_noise
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_joints
@@ -107,15 +109,21 @@ def tune(
     ties = {"density": "bias", "wrench_std": "sensor"}
     wanted = {name: tie for name, part in ties.items() if part in fit}
     told = partial(report, "wrench")
+    alone, looked = total is newton.alone, list[LogInBlocks]()
     if "data" in fit:
         parts = [Tool(*x) for x in zip(tuned, seen, strict=True)]
         start_values = values_from_setup(setup)
         everything = KINDS[data_noise] | wanted
         tuned, fits["wrench"] = tune_data(parts, everything, start_values, options, restarts=restarts, report=told)
     elif wanted:
-        params, fits["wrench"] = tune_wrench(
-            tuned[0], seen[0], wanted, options, restarts=restarts, report=told, total=total
-        )
+        looked = look_at(params, [_first_share(log, 1 - hold_out) for log in logs], options) if alone else []
+        if is_correlated(looked):
+            params, found = tune_in_blocks(tuned[0], looked, tie, list(wanted), told)
+            fits |= found
+        else:
+            params, fits["wrench"] = tune_wrench(
+                tuned[0], seen[0], wanted, options, restarts=restarts, report=told, total=total
+            )
         tuned = [params]
     scores: tuple[HeldOut, ...] = ()
     if hold_out:
@@ -126,7 +134,13 @@ def tune(
         replace(with_noise(each, params, fits), comments={**each.comments, **comments})
         for (each, _), params in zip(tools, tuned, strict=True)
     ]
-    return TuneResult(setups[0], fits, scores, tuple(setups[1:]))
+    predicted: tuple[Predicted, ...] = ()
+    if hold_out and wanted and alone:
+        predicted = judge_predictions(setup, setups[0], logs, hold_out)
+    shown = what_the_logs_show([log.noise for log in looked], logs)
+    correlated = is_correlated(looked)
+    reasons = reasons_against(scores if not correlated else scores[:1], predicted, shown)
+    return TuneResult(setups[0], fits, scores, tuple(setups[1:]), predicted, reasons)
 
 
 def _check(
@@ -176,6 +190,11 @@ def _judge(
     seconds, found = total(seconds, np.array(scores))
     pairs = found.reshape(2, 2) / seconds
     return tuple(HeldOut(name, *map(float, pair)) for name, pair in zip(("joint", "wrench"), pairs, strict=True))
+
+
+def _first_share(log: Log, share: float) -> Log:
+    """The beginning of a log."""
+    return log._replace(**filter_log.rows_of(log, 0, max(1, round(share * len(log.t)))))
 
 
 def _part(samples: Sample, begin: float, end: float) -> Sample:

@@ -16,7 +16,7 @@ from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import Inputs, filter_scan, innovations
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State
-from ftbias_jax.filtering.process_models import JOINT_MODELS, drift_noise
+from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_model, drift_noise
 from ftbias_jax.filtering.smoother import smooth_joint_tracks
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.tool_wrench import unbias
@@ -86,7 +86,8 @@ def wrench_given_joints(
     start = pipeline.init(params, samples)
     joints = smooth_joint_tracks(params, start, samples, options)
     wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
-    track = filter_scan(drift_noise, stages.bias_inputs(params, start, samples, wrench_tool, variance))
+    inputs = stages.bias_inputs(params, start, samples, wrench_tool, variance, joints.mean[:, 1])
+    track = filter_scan(bias_model(inputs.density), inputs)
     return (counted(samples.dt, burn_in) * track.log_likelihood.sum(1)).sum()
 
 

@@ -79,3 +79,19 @@ def test_a_drift_that_reverts_slowly_never_does(params, samples):
         strict=True,
     ):
         np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-8 * np.abs(y).max(), err_msg=name)
+
+
+def test_gradients_of_several_logs_at_once(params, samples):
+    """Mapped over logs, where XLA once ended the process."""
+    moved = with_part(params, "all")
+    logs = jax.tree.map(lambda x: jnp.stack([x, x]), samples)
+
+    def nats(bias, log):
+        params = moved._replace(bias=bias)
+        state = pipeline.init(params, log)
+        return pipeline.run(params, state, log, Options(), lambda state, info: info.log_likelihood)[1].sum()
+
+    one = jax.jit(jax.grad(nats))(moved.bias, samples)
+    two = jax.jit(jax.grad(lambda bias: jax.vmap(nats, (None, 0))(bias, logs).sum()))(moved.bias)
+    for x, y in zip(jax.tree.leaves(two), jax.tree.leaves(one), strict=True):
+        np.testing.assert_allclose(x, 2 * y, rtol=1e-9, atol=1e-9 * np.abs(y).max())

@@ -68,6 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if speaks:
         print(tuned)
+        if tuned.reasons and not arguments.force:
+            print(f"ftbias: not written: {'; '.join(tuned.reasons)} (--force writes it)", file=sys.stderr)
+            return 1
         for setup, (output, _) in zip((tuned.setup, *tuned.others), places, strict=True):
             setup.save(output)
             print(f"wrote {output}")

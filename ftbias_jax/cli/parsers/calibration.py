@@ -62,6 +62,9 @@ def add_tune(commands: Commands) -> None:
         "--hold-out", type=share, default=0.25, metavar="SHARE", help="end of every log kept to judge by (%(default)s)"
     )
     parser.add_argument(
+        "--force", action="store_true", help="write the result even if it predicts unseen data worse than the setup"
+    )
+    parser.add_argument(
         "--distributed",
         type=process,
         nargs="?",

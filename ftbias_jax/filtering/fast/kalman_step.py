@@ -25,6 +25,7 @@ from ftbias_jax.runtime.lanes import (
     add_column,
     congruence,
     dot,
+    from_upper,
     joseph,
     plus,
     product,
@@ -46,7 +47,8 @@ class Record(NamedTuple):
     lost: Array
     """Whether the filter started again."""
     before: Any = ()
-    """State before the step, where the transition has parameters (``process_models.BiasStrength``)."""
+    """State before the step and the upper triangle of its covariance, for a transition that has parameters; the scan
+    fills it in, for the forward pass has it already."""
     grown: Array | None = None
     """By which share the gate made the variance of the bias larger; None = there is no gate."""
 
@@ -89,8 +91,7 @@ def filter_step(
         columns = [*columns, [row[j] for row in P]]
         x, P, weight, innovation = compile_whole(partial(_correct, j))(x, P, measurement, r)
         weights, innovations = [*weights, weight], [*innovations, innovation]
-    before = state if isinstance(density, tuple) else ()
-    return Step(x, P, prediction, spread, Record(columns, weights, innovations, lost, before, grown))
+    return Step(x, P, prediction, spread, Record(columns, weights, innovations, lost, grown=grown))
 
 
 def predict(
@@ -226,7 +227,8 @@ def _by_strength(
 
     With the slopes x and P after the prediction: dL/dA = x x_before^T + 2 P A P_before, dL/dQ = P.
     """
-    x_before, P_before = before
+    k = len(x)
+    x_before, P_before = list(before[:k]), from_upper(k, list(before[k:]))
     (A, Q), back = jax.vjp(lambda strength: model(dt, strength), strength)
     moved = [jnp.where(lost, 0, entry) for entry in x]
     PAP = product(product(P, A), P_before)

@@ -150,7 +150,19 @@ Residual = tuple[Array, Any, Any, Record]
 
 def _forward(model: ProcessModel, inputs: Inputs) -> tuple[Track, Residual]:
     steps = _steps(model, inputs, for_reverse=True)
-    return track_of(inputs, steps), (inputs.dt, inputs.density, inputs.drive, steps.record)
+    track, record = track_of(inputs, steps), steps.record
+    if isinstance(inputs.density, tuple):
+        record = record._replace(before=_before(inputs, track))
+    return track, (inputs.dt, inputs.density, inputs.drive, record)
+
+
+def _before(inputs: Inputs, track: Track) -> Array:
+    """The state before every sample (T, k + k (k + 1) / 2, B): mean, and the upper triangle of the covariance."""
+    mean = jnp.concatenate([inputs.mean[None], track.mean[:-1]])
+    covariance = jnp.concatenate([inputs.covariance[None], track.covariance[:-1]])
+    k = mean.shape[1]
+    triangle = upper([[covariance[:, a, b] for b in range(k)] for a in range(k)])
+    return jnp.concatenate([mean, jnp.stack(triangle, 1)], 1)
 
 
 def _backward(model: ProcessModel, residual: Residual, bar: Track) -> tuple[Inputs]:
@@ -167,8 +179,6 @@ def _backward(model: ProcessModel, residual: Residual, bar: Track) -> tuple[Inpu
         bar.log_likelihood,
     )
 
-    @one_at_a_time
-    @compile_whole
     def loop(density: Any, start: Any, samples: Any) -> Any:
         def body(carry: tuple[tuple[Vector, Rows], Any, Vector], sample: tuple[Array, Any, Record, Cotangent]) -> Any:
             (state, density_slope, restart), (dt, drive, record, bar) = carry, sample
@@ -180,8 +190,10 @@ def _backward(model: ProcessModel, residual: Residual, bar: Track) -> tuple[Inpu
 
         return jax.lax.scan(body, start, samples, reverse=True)
 
+    # XLA aborts on this loop as one marked call if it is mapped and the state before each sample is an argument.
+    compiled = loop if isinstance(density, tuple) else one_at_a_time(compile_whole(loop))
     start = (([zero] * k, [[zero] * k for _ in range(k)]), jax.tree.map(jnp.zeros_like, density), [zero] * k)
-    (state, density_bar, restart), (y, variance, drive_bar) = loop(density, start, (dt, drive, record, bars))
+    (state, density_bar, restart), (y, variance, drive_bar) = compiled(density, start, (dt, drive, record, bars))
     prior = (jnp.stack(state[0]), jnp.stack([jnp.stack(row) for row in state[1]]))
     slopes = (density_bar, jnp.stack(y, 1), jnp.stack(variance, 1), *prior, jnp.stack(restart))
     return (Inputs(jnp.zeros_like(dt), *slopes, drive_bar),)
