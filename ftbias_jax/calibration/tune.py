@@ -3,7 +3,7 @@
 The joints' noise is fitted to the joints' likelihood; then the noise of bias and sensor to the likelihood of the wrench
 given all joint measurements, past and future. That is the density of the whole log, p(joints) p(wrench | joints). Given
 the past only, the lag of the joint filter stays in the wrench, moves slowly, and is taken for drift: sigma_Q comes out
-up to 58 % too large (experiments/tuning). The parameters are logarithms, so they need no bounds.
+up to 58 % too large (experiments/tuning). Parameters are logarithms: they need no bounds.
 """
 
 from __future__ import annotations
@@ -48,11 +48,10 @@ TIES: dict[str, Callable[[int], np.ndarray]] = {
 
 
 class Fit(NamedTuple):
-    """A fitted set of noise parameters; arrays over the lanes (joints or axes) by name."""
+    """A fitted set of noise parameters and their standard errors; arrays over the lanes (joints or axes) by name."""
 
     values: dict[str, np.ndarray]
     relative_stderr: dict[str, np.ndarray]
-    """Standard errors relative to the values."""
     undetermined: list[str]
     """Combinations the data leave open, in words."""
     optimum: newton.Optimum

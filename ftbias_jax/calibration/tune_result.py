@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.calibration.data_noise_values import setup_from_values
+from ftbias_jax.calibration.data_noise.values import setup_from_values
 from ftbias_jax.calibration.judgement import Predicted
 from ftbias_jax.calibration.tune import Fit
 from ftbias_jax.model.params import Params

@@ -17,9 +17,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.calibration import gradient, newton
+from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import stack
-from ftbias_jax.calibration.data_noise_values import (
+from ftbias_jax.calibration.data_noise import gradient
+from ftbias_jax.calibration.data_noise.values import (
     KINDS,
     LANES,
     power,
@@ -28,7 +29,7 @@ from ftbias_jax.calibration.data_noise_values import (
     with_noise,
     without_data_noise,
 )
-from ftbias_jax.calibration.data_noise_words import DeterminedSums, labels, sentences
+from ftbias_jax.calibration.data_noise.words import DeterminedSums, labels, sentences
 from ftbias_jax.calibration.newton import Report
 from ftbias_jax.calibration.tune import RESTART_SPREAD, TIES, Fit, WrenchLogs, smoothed_wrenches
 from ftbias_jax.filtering import pipeline

@@ -5,10 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.calibration import data_noise, data_noise_values, tune
+from ftbias_jax.calibration import tune
 from ftbias_jax.calibration.batching import stack
-from ftbias_jax.calibration.data_noise import DataScore
-from ftbias_jax.calibration.data_noise_values import KINDS
+from ftbias_jax.calibration.data_noise import fit as data_noise
+from ftbias_jax.calibration.data_noise import values as data_noise_values
+from ftbias_jax.calibration.data_noise.fit import DataScore
+from ftbias_jax.calibration.data_noise.values import KINDS
 from ftbias_jax.model import simulate
 from ftbias_jax.model.params import BiasNoise, Params
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, tool_parameters

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.calibration import gradient
+from ftbias_jax.calibration.data_noise import gradient
 
 COUNT = 500
 
