@@ -83,7 +83,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str], without: C
         candidates=_ranking(problem, hold_out, base, rounds, found, total),
         gap=gap,
         where=where(problem, before, stages),
-        not_tested=_not_tested(problem, logs, without),
+        not_tested=_not_tested(setup, logs, without),
         series=show(problem, base, accepted, before, after),
         logs=tuple(names),
         by_log=compare(problem, names, accepted if causes else base, before, after),
@@ -180,7 +180,8 @@ def _candidate(
 def _of_finding(finding: Finding, duration: float) -> Candidate:
     gain = finding.nats / max(duration, 1e-9)
     nothing = np.zeros((0, 6))
-    held = HeldOut(nothing, gain, np.sqrt(2 * max(finding.nats, 0)) / max(duration, 1e-9))
+    scatter = np.sqrt(2 * max(finding.nats, 0)) if finding.nats_stderr is None else finding.nats_stderr
+    held = HeldOut(nothing, gain, scatter / max(duration, 1e-9))
     candidate = _candidate(
         finding.effect, cast(Parameters, finding.parameters), cast(Parameters, finding.stderr), held, 0.0
     )
@@ -204,9 +205,9 @@ def _ranking(
     return tuple(sorted(ranked, key=lambda candidate: -candidate.held_out_gain))
 
 
-def _not_tested(problem: Problem, logs: Sequence[Log], without: Collection[str]) -> tuple[tuple[str, str], ...]:
+def _not_tested(setup: Setup, logs: Sequence[Log], without: Collection[str]) -> tuple[tuple[str, str], ...]:
     reasons = [(name, "left out on request") for name in without]
-    reasons += [(name, "the setup has it already") for name in problem.known]
+    reasons += [(name, "the setup has it already") for name in setup.effects]
     if not any(np.isfinite(log.temperature).any() for log in logs):
         reasons.append(("temperature_drift", "no temperature was recorded"))
     return tuple(reasons)
