@@ -147,8 +147,16 @@ def _causes(
     of_samples = [_of_finding(finding, problem.duration) for finding in found]
     if total < LEADS**2:
         return tuple(of_samples + of_mean)
-    # What is cut off is missing from the mean reading, too, and much else can look like that.
-    return tuple(sorted(of_mean + of_samples, key=lambda cause: cause.effect != "saturation"))
+    return tuple(sorted(of_mean + of_samples, key=lambda cause: not _comes_first(cause.effect)))
+
+
+def _comes_first(effect: str) -> bool:
+    """Whether what samples show of an effect is told before what explains the mean reading, however large that is.
+
+    What is cut off is missing from the mean reading, too, and much else can look like that. Noise that changes over
+    the log is what all else is judged by.
+    """
+    return effect == "saturation" or bool(CATALOGUE[effect].filter_noise)
 
 
 def _judged(problem: Problem, hold_out: Judge, better: Fit, worse: Fit, total: float) -> tuple[HeldOut, float]:

@@ -142,8 +142,9 @@ def judge_growth(growth: Growth) -> Finding:
     """Noise of six channels that grows with the squared speeds of the joints."""
     sentence = "the noise does not grow with the speed of the joints, or no more than it may by chance"
     if growth.detected:
-        sentence = f"noise of {name_channels(np.any(growth.variance, axis=0))} grows with the motion, up to {growth.visible:.3g} times in the "
-        sentence += "fastest tenth of the log; the gain is beyond that of a constant of the best size"
+        grown = name_channels(np.asarray(growth.variance.any(0)))
+        sentence = f"noise of {grown} grows with the motion, up to {growth.visible:.3g} times in the fastest tenth of "
+        sentence += "the log; the gain is beyond that of a constant of the best size"
     parameters: Numbers = {"variance": growth.variance.tolist()}
     errors: Numbers = {"variance": growth.stderr.tolist()}
     return Finding(

@@ -116,7 +116,7 @@ def fit_variance(design: np.ndarray, squares: np.ndarray) -> np.ndarray:
         design: (N, d) not negative, the first column ones.
         squares: (N, k) of the noise.
     """
-    weights = np.outer(1 / design.mean(0), squares.mean(0)) / design.shape[1]
+    weights: np.ndarray = np.outer(1 / design.mean(0), squares.mean(0)) / design.shape[1]
     for _ in range(ROUNDS):
         variance = design @ weights
         ratio = np.minimum(squares, FAR * variance) / variance

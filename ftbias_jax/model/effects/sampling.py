@@ -104,8 +104,8 @@ EFFECTS = (
             ),
         ),
         "the noise grows with the speed of the joints; at rest it is what the setup says",
-        "keep it in the setup, so that the filter trusts fast motion less; look for loose screws, worn gears and cables "
-        "that shake; tare at rest",
+        "keep it in the setup, so that the filter trusts fast motion less; look for loose screws, worn gears and "
+        "cables that shake; tare at rest",
         recording=vibration,
         twins=(
             Twin("noise_level", False, "hold still for some seconds: the noise of vibration is then gone"),
