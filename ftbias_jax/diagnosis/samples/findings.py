@@ -104,11 +104,19 @@ def find_outliers(spikes: Spikes) -> Finding:
     return Finding("outliers", detected, parameters, errors, nats, sentence)
 
 
-def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, growing: bool) -> Finding:
+def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bool, rests: bool) -> Finding:
     """White noise (6 channels) against the stated (6,) N, Nm, after the share of a lattice with steps (6,) N, Nm.
 
     Hum must not make a channel loud, nor a filter make it quiet: the quietest band must be loud, the loudest quiet.
-    Of noise that grows with the motion what it is at rest depends on how exactly it grows.
+    Of noise that grows with the motion what it is at rest depends on how exactly it grows,
+    and in a log that never rests on nothing else.
+
+    Args:
+        noise: of six channels, as it is at rest.
+        noise_std: (6,) N, Nm, stated.
+        step: (6,) N, Nm, of lattices.
+        grows: the noise grows with the motion.
+        rests: the log shows what it is at rest.
     """
 
     def ratio(std: np.ndarray) -> np.ndarray:
@@ -118,9 +126,9 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, growing: 
     scale, low, high = ratio(noise.std), ratio(noise.low), ratio(noise.high)
     stderr = np.maximum(noise.stderr / noise.std * scale, 1e-6)
     # A step of more than two sigmas hides the noise: it passes a level seldom.
-    told = (step < 2 * noise_std) & np.isfinite(scale)
-    floor = np.where(noise.coloured | growing, LOUDER_IF_COLOURED, LOUDER)
-    ceiling = 1 / LOUDER_IF_COLOURED if growing else QUIETER
+    told = (step < 2 * noise_std) & np.isfinite(scale) & (rests or not grows)
+    floor = np.where(noise.coloured | grows, LOUDER_IF_COLOURED, LOUDER)
+    ceiling = 1 / LOUDER_IF_COLOURED if grows else QUIETER
     louder = told & (low > floor) & (low - 1 - STATED_WITHIN > 4 * stderr)
     quieter = told & (high < ceiling) & (1 - STATED_WITHIN - high > 8 * stderr)  # a band: twice the error
     wrong = louder | quieter

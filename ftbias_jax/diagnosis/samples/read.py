@@ -82,7 +82,8 @@ def inspect_samples(
     clean = np.array(log.wrench, float)
     clean[samples.row[repeated]] = np.nan
     clean[kept.row] = np.where(spikes.wild[:, None] | six(saturated), np.nan, clean[kept.row])
-    level = findings.judge_noise(noise, stated, six(step), growth.detected)
+    per_speed = growth.variance if growth.detected else known
+    level = findings.judge_noise(noise, stated, six(step), bool(per_speed.any()), growth.shows_rest)
     outliers = findings.find_outliers(
         spikes._replace(hit=six(spikes.hit), off=six(spikes.off), scale=six(spikes.scale))
     )
@@ -100,7 +101,7 @@ def inspect_samples(
         stderr,
         noise.coloured,
         spikes.heavy_tailed,
-        growth.variance if growth.detected else known,
+        per_speed,
     )
 
 

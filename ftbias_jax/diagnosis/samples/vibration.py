@@ -25,9 +25,12 @@ LEAST_REST = 1e-3
 """Of the mean variance: a log that is never at rest does not show what is there at rest."""
 FAR = 25.0
 """Squares per variance that count as so many: five sigmas; what is beyond is an event and no noise."""
-CERTAIN = 3.0
-"""Standard errors of the gain over blocks."""
+CERTAIN = 2.0
+"""Standard errors of the gain over blocks; a single block that gains everything is one. They are large in any case, as
+the gain goes with the motion, which is uneven."""
 LEAST_NATS = 12.0
+SLOW, RESTED = 0.1, 0.02
+"""Speed, per speed in the fastest tenth of the log, that counts as rest, and the share of samples that shows it."""
 VISIBLE = 1.15
 """Noise in the fastest tenth of the log per noise at rest, in the channel that grows most."""
 
@@ -46,6 +49,8 @@ class Growth(NamedTuple):
     nats_stderr: float
     visible: float
     """Standard deviation in the fastest tenth of the log per standard deviation at rest, where it grows most."""
+    shows_rest: bool
+    """The log rests long enough for ``rest`` to be more than what the form of the growth leaves over."""
 
     @property
     def detected(self) -> bool:
@@ -63,7 +68,7 @@ class Growth(NamedTuple):
 def no_growth(joints: int, rest: np.ndarray) -> Growth:
     """Nothing seen, in noise of variance (k,) N^2, Nm^2."""
     zeros = np.zeros((joints, len(rest)))
-    return Growth(zeros, zeros, rest, 0.0, 0.0, 1.0)
+    return Growth(zeros, zeros, rest, 0.0, 0.0, 1.0, True)
 
 
 def measure_growth(t: np.ndarray, squares: np.ndarray, speed: np.ndarray, samples: int) -> Growth:
@@ -92,11 +97,13 @@ def measure_growth(t: np.ndarray, squares: np.ndarray, speed: np.ndarray, sample
     variance, error = np.zeros((2, len(mean), squares.shape[1]))
     variance[moving], error[moving] = weights[1:], np.where(better, stderr[1:], 0)
     extra = fast @ variance
-    tenth = fast.sum(1) >= np.quantile(fast.sum(1), 0.9)
+    whole = fast.sum(1)
+    tenth = whole >= np.quantile(whole, 0.9)
+    rested = float((whole <= SLOW**2 * whole[tenth].mean()).mean())
     visible = np.sqrt(1 + (extra[tenth].mean(0) / weights[0]).max())
     total = gains[:, better].sum(1)
     scatter = float(np.sqrt(len(total)) * total.std())
-    return Growth(variance, error, weights[0], float(total.sum()), scatter, float(visible))
+    return Growth(variance, error, weights[0], float(total.sum()), scatter, float(visible), rested >= RESTED)
 
 
 def average_runs(x: np.ndarray, length: int) -> np.ndarray:
