@@ -34,9 +34,8 @@ PIECE = 4096
 """Joint filters forget within a fraction of a second, so their logs are cut into pieces that run side by side."""
 PIECES_AT_ONCE = 4
 SAMPLES_AT_ONCE = 1 << 18
-"""Of whole logs side by side. Both bound the memory, whatever the number of logs."""
+"""Of whole logs side by side. Both bound the memory."""
 RESTART_SPREAD = np.log(10.0)
-
 JOINT_NAMES = ("process_density", "position_std", "velocity_std")
 WRENCH_NAMES = ("density", "wrench_std")
 TIES: dict[str, Callable[[int], np.ndarray]] = {

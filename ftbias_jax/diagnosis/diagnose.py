@@ -104,7 +104,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str] = (), witho
         candidates=_ranking(problem, hold_out, base, rounds, found, total),
         gap=gap,
         where=where(problem, before, stages),
-        not_tested=_not_tested(problem, logs, without),
+        not_tested=_not_tested(setup, logs, without),
         series=show(problem, base, accepted, before, after),
         logs=tuple(names),
         repairs=tuple(log.repairs for log in logs),
@@ -170,8 +170,16 @@ def _causes(
     of_samples = [_of_finding(finding, problem.duration) for finding in found]
     if total < LEADS**2:
         return tuple(of_samples + of_mean)
-    # What is cut off is missing from the mean reading, too, and much else can look like that.
-    return tuple(sorted(of_mean + of_samples, key=lambda cause: cause.effect != "saturation"))
+    return tuple(sorted(of_mean + of_samples, key=lambda cause: not _comes_first(cause.effect)))
+
+
+def _comes_first(effect: str) -> bool:
+    """Whether what samples show of an effect is told before what explains the mean reading, however large that is.
+
+    What is cut off is missing from the mean reading, too, and much else can look like that. Noise that changes over
+    the log is what all else is judged by.
+    """
+    return effect == "saturation" or bool(CATALOGUE[effect].filter_noise)
 
 
 def _judged(problem: Problem, hold_out: Judge, better: Fit, worse: Fit, total: float) -> tuple[HeldOut, float]:
@@ -203,7 +211,8 @@ def _candidate(
 def _of_finding(finding: Finding, duration: float) -> Candidate:
     gain = finding.nats / max(duration, 1e-9)
     nothing = np.zeros((0, 6))
-    held = HeldOut(nothing, gain, np.sqrt(2 * max(finding.nats, 0)) / max(duration, 1e-9))
+    scatter = np.sqrt(2 * max(finding.nats, 0)) if finding.nats_stderr is None else finding.nats_stderr
+    held = HeldOut(nothing, gain, scatter / max(duration, 1e-9))
     candidate = _candidate(
         finding.effect, cast(Parameters, finding.parameters), cast(Parameters, finding.stderr), held, 0.0
     )
@@ -227,9 +236,9 @@ def _ranking(
     return tuple(sorted(ranked, key=lambda candidate: -candidate.held_out_gain))
 
 
-def _not_tested(problem: Problem, logs: Sequence[Log], without: Collection[str]) -> tuple[tuple[str, str], ...]:
+def _not_tested(setup: Setup, logs: Sequence[Log], without: Collection[str]) -> tuple[tuple[str, str], ...]:
     reasons = [(name, "left out on request") for name in without]
-    reasons += [(name, "the setup has it already") for name in problem.known]
+    reasons += [(name, "the setup has it already") for name in setup.effects]
     if not any(np.isfinite(log.temperature).any() for log in logs):
         reasons.append(("temperature_drift", "no temperature was recorded"))
     return tuple(reasons)

@@ -60,7 +60,7 @@ class Problem(NamedTuple):
     durations: tuple[float, ...]
     """s, of each log."""
     noise_std: np.ndarray
-    """(6,) N, Nm, of one sample, as measured."""
+    """(6,) N, Nm, of one sample at rest, as measured."""
     known: Values
     """Effects that the setup knows of."""
 
@@ -117,14 +117,17 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     length = samples.dt.shape[0]
     samples = pad(samples, filter_log.CHUNK * -(-length // filter_log.CHUNK) if length > 8192 else 8192)
     params = filter_log.likeliest_params(setup, samples, options)
-    joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(params, samples, options))
-    rate = np.gradient(reading, log.t, axis=0)
-    found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate)
+    known = params.bias.vibration
+    still = params._replace(bias=params.bias._replace(vibration=None))  # the noise of samples is added below
+    joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(still, samples, options))
+    rate, speed = np.gradient(reading, log.t, axis=0), joints[:, :, 1]
+    found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate, speed, known)
     joint_variance = variance - np.asarray(params.bias.wrench_variance)
     noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
     found = found._replace(noise_std=noise_std)
     late = float(np.max(found.stamp_jitter.parameters["std"])) if found.stamp_jitter.detected else 0.0
-    part, count = _bin(params, log, joints, joint_variance + coherent, (late * rate) ** 2, found)
+    moving = np.square(speed) @ np.broadcast_to(found.noise_per_speed, (speed.shape[1], 6))
+    part, count = _bin(params, log, joints, joint_variance + coherent, (late * rate) ** 2 + moving, found)
     return part, count, params.effects or {}, found
 
 
@@ -168,7 +171,7 @@ def _bin(
     log: Log,
     states: np.ndarray,
     joint_variance: np.ndarray,
-    jitter_variance: np.ndarray,
+    sample_variance: np.ndarray,
     found: SampleFindings,
 ) -> tuple[Part, np.ndarray]:
     """Average a log over short bins, work out their noise, take off the stated bias, and pad.
@@ -178,8 +181,8 @@ def _bin(
         log: as read.
         states: (T, n, 3) of its joints.
         found: its cleaned wrench and its noise.
-        joint_variance: (T, 6) N^2, Nm^2, that hangs together over a bin.
-        jitter_variance: (T, 6) that does not.
+        joint_variance: (T, 6) N^2, Nm^2, that is correlated over a bin.
+        sample_variance: (T, 6) that is not: of jitter, and of noise that grows with the motion.
 
     Returns:
         the bins, and (U, 6) how many samples are in each.
@@ -188,10 +191,10 @@ def _bin(
     rows = np.isfinite(wrench).any(1)
     index, _, padded = bins_of(log.t[rows], float(log.t[-1]))
     count = _sum(index, np.isfinite(wrench[rows]))
-    series = (log.t, states, temperature, wrench, joint_variance, jitter_variance)
-    t, joints, temperature, reading, coherent, late = (_mean(index, x[rows]) for x in series)
+    series = (log.t, states, temperature, wrench, joint_variance, sample_variance)
+    t, joints, temperature, reading, coherent, white = (_mean(index, x[rows]) for x in series)
     # The smoothed joints' error hangs together over longer than a bin, so averaging does not reduce it.
-    variance = np.where(count > 0, (found.noise_std**2 + late) / np.maximum(count, 1) + coherent, 1.0)
+    variance = np.where(count > 0, (found.noise_std**2 + white) / np.maximum(count, 1) + coherent, 1.0)
     return _part(params, padded, t, joints, temperature, reading, variance), count
 
 

@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.model.effects.catalogue import values_from_setup
+from ftbias_jax.errors import SetupError
+from ftbias_jax.model.effects.catalogue import CATALOGUE, values_from_setup
 from ftbias_jax.model.effects.types import Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm, make_arm
@@ -109,9 +110,37 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
             drift_time=setup.bias.drift_time,
         ),
     )
-    params = params._replace(effects=values_from_setup(setup.effects, setup.path) or None)
+    effects, noise = split_noise(values_from_setup(setup.effects, setup.path), n, setup.path)
+    params = params._replace(effects=effects or None, bias=params.bias._replace(**noise))
     converted: Params = jax.tree.map(partial(as_array, dtype=dtype), params)
     return converted
+
+
+def split_noise(values: Values, joints: int, file: str = "") -> tuple[Values, dict[str, Array]]:
+    """Effects that the filter knows as such, and fields of ``BiasNoise`` for those that it knows as noise.
+
+    Args:
+        values: of the setup's effects.
+        joints: n of the robot.
+        file: the setup's path, for messages.
+
+    Returns:
+        the other effects, and field -> (n, 6) N^2, Nm^2 per squared unit of each joint's speed.
+
+    Raises:
+        SetupError: rows that are neither one for each joint nor one for all.
+    """
+    noise = {}
+    for name in values:
+        effect = CATALOGUE[name]
+        if effect.filter_noise:
+            key = effect.parameters[0].name
+            rows = values[name][key]
+            if len(rows) not in (1, joints):
+                remedy = f"give six numbers, or a row of six for each of the {joints} joints"
+                raise SetupError(f"has {len(rows)} rows", file=file, field=f"effects.{name}.{key}", remedy=remedy)
+            noise[effect.filter_noise] = np.broadcast_to(rows, (joints, 6))
+    return {name: x for name, x in values.items() if not CATALOGUE[name].filter_noise}, noise
 
 
 def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:

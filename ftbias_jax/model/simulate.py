@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from ftbias_jax.model.effects import compose
+from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.types import Model, Record, Signals, Values
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.trajectories import Trajectory, excitation_sines, minimum_jerk_moves, replay
@@ -83,6 +84,13 @@ def temperature_course(t: Array) -> Array:
     return 28 - 3 * jnp.cos(2 * jnp.pi * t / jnp.maximum(t[-1], 1e-9))
 
 
+def _effects_of_noise(params: Params) -> Values:
+    """Effects of the catalogue that the filter knows as noise, with the values that it believes."""
+    known = {effect.name: effect for effect in CATALOGUE.values() if effect.filter_noise}
+    stated = {name: getattr(params.bias, effect.filter_noise) for name, effect in known.items()}
+    return {name: {known[name].parameters[0].name: value} for name, value in stated.items() if value is not None}
+
+
 @jax.jit
 def simulate(
     key: Array,
@@ -93,8 +101,9 @@ def simulate(
 ) -> Simulation:
     """A log of the given motion by the filter's own model and the given effects, noise as stated in params.
 
-    The bias starts at a draw from the prior (mean and P_0 of params.bias). The trajectory is what the encoders say:
-    with ``encoder_offset`` the arm is elsewhere.
+    The bias starts at a draw from the prior (mean and P_0 of params.bias). Noise that params.bias says grows with the
+    motion is the effect ``vibration``, unless ``effects`` has it with other values. The trajectory is what the encoders
+    say: with ``encoder_offset`` the arm is elsewhere.
 
     Args:
         key: JAX key; the same key gives the same bias and noise with any effects.
@@ -104,7 +113,7 @@ def simulate(
         temperature: (T,) deg C; None = constant.
     """
     t, q, dq, ddq = trajectory
-    effects = {} if effects is None else effects
+    effects = _effects_of_noise(params) | (effects or {})
     temperature = jnp.zeros_like(t) if temperature is None else temperature
     start_key, bias_key, noise_key, record_key = jax.random.split(key, 4)
     model = Model(params.arm, params.gravity, params.theta)
@@ -119,7 +128,7 @@ def simulate(
     noise_q, noise_dq, noise = jnp.split(
         std[None] * jax.random.normal(noise_key, (t.shape[0], 2 * n + 6), t.dtype), (n, 2 * n), 1
     )
-    samples = compose.record(record_key, Record(t, clean - bias + noise, noise), model, effects)
+    samples = compose.record(record_key, Record(t, clean - bias + noise, noise, dq), model, effects)
     return Simulation(
         samples.t,
         q + noise_q,

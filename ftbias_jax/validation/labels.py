@@ -16,7 +16,7 @@ from ftbias_jax.types import Array
 
 FAINT = 0.3
 """Noise sigmas of gap; fainter single effects are told but not counted."""
-WITHOUT_GAP = ("noise_level", "outliers", "quantisation", "saturation")
+WITHOUT_GAP = ("noise_level", "outliers", "quantisation", "saturation", "vibration")
 """Effects that are counted however small the gap: they are seen in single samples."""
 
 
@@ -170,5 +170,6 @@ _CONVERSIONS: dict[str, Conversion] = {
     "tool_flexibility": _renamed(frequency="hz", damping_ratio="zeta"),
     "stamp_jitter": _renamed(std="std"),
     "dropped_samples": _renamed(rate="rate"),
+    "vibration": _renamed(variance="variance"),
 }
 """An effect that joins the catalogue needs a line here to have its parameters scored."""

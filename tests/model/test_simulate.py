@@ -57,6 +57,17 @@ def test_the_log_is_tool_minus_bias_plus_noise(params, trajectory):
     np.testing.assert_array_equal(log.wrench_clean, log.wrench_tool)
 
 
+def test_noise_that_params_say_grows_is_in_the_log_once(params, trajectory):
+    variance = jnp.full((3, 6), 0.5)
+    shaking = params._replace(bias=params.bias._replace(vibration=variance))
+    log = simulate(jax.random.key(2), shaking, trajectory)
+    noise = np.asarray(log.wrench - log.wrench_tool + log.bias)
+    expected = np.asarray(params.bias.wrench_variance) + np.asarray(trajectory.dq) ** 2 @ np.asarray(variance)
+    np.testing.assert_allclose((noise**2 / expected).mean(0), 1, atol=5 * np.sqrt(2 / len(T)))
+    named = simulate(jax.random.key(2), shaking, trajectory, {"vibration": {"variance": variance}})
+    np.testing.assert_array_equal(named.wrench, log.wrench)
+
+
 def test_the_same_key_gives_the_same_log(params, trajectory):
     first, again = (simulate(jax.random.key(2), params, trajectory) for _ in range(2))
     other = simulate(jax.random.key(3), params, trajectory)

@@ -10,7 +10,8 @@ from ftbias_jax.diagnosis.samples.exact import FlatTop, Gaps, runs
 from ftbias_jax.diagnosis.samples.jitter import Jitter
 from ftbias_jax.diagnosis.samples.noise import Noise
 from ftbias_jax.diagnosis.samples.spikes import LEAST_SPIKES, Spikes
-from ftbias_jax.diagnosis.samples.types import Finding, name_channels, surprise
+from ftbias_jax.diagnosis.samples.types import Finding, Numbers, name_channels, surprise
+from ftbias_jax.diagnosis.samples.vibration import Growth
 
 LEAST_RATE = 5e-4
 """Share of samples: fewer lost or wild samples change no estimate, as they are left out or harmless."""
@@ -98,15 +99,24 @@ def find_outliers(spikes: Spikes) -> Finding:
     sentence = f"{count} of {samples} samples are alone beyond six sigmas of both neighbours"
     if spikes.heavy_tailed:
         sentence += f", but {spikes.middle} more lie between them and the rest: the tail of the noise"
-    parameters: dict[str, float | list[float]] = {"rate": rate, "size": size.tolist()}
-    errors: dict[str, float | list[float]] = {"rate": _share_error(rate, samples), "size": stderr.tolist()}
+    parameters: Numbers = {"rate": rate, "size": size.tolist()}
+    errors: Numbers = {"rate": _share_error(rate, samples), "size": stderr.tolist()}
     return Finding("outliers", detected, parameters, errors, nats, sentence)
 
 
-def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray) -> Finding:
+def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bool, rests: bool) -> Finding:
     """White noise (6 channels) against the stated (6,) N, Nm, after the share of a lattice with steps (6,) N, Nm.
 
     Hum must not make a channel loud, nor a filter make it quiet: the quietest band must be loud, the loudest quiet.
+    Of noise that grows with the motion what it is at rest depends on how exactly it grows,
+    and in a log that never rests on nothing else.
+
+    Args:
+        noise: of six channels, as it is at rest.
+        noise_std: (6,) N, Nm, stated.
+        step: (6,) N, Nm, of lattices.
+        grows: the noise grows with the motion.
+        rests: the log shows what it is at rest.
     """
 
     def ratio(std: np.ndarray) -> np.ndarray:
@@ -116,10 +126,11 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray) -> Findin
     scale, low, high = ratio(noise.std), ratio(noise.low), ratio(noise.high)
     stderr = np.maximum(noise.stderr / noise.std * scale, 1e-6)
     # A step of more than two sigmas hides the noise: it passes a level seldom.
-    told = (step < 2 * noise_std) & np.isfinite(scale)
-    floor = np.where(noise.coloured, LOUDER_IF_COLOURED, LOUDER)
+    told = (step < 2 * noise_std) & np.isfinite(scale) & (rests or not grows)
+    floor = np.where(noise.coloured | grows, LOUDER_IF_COLOURED, LOUDER)
+    ceiling = 1 / LOUDER_IF_COLOURED if grows else QUIETER
     louder = told & (low > floor) & (low - 1 - STATED_WITHIN > 4 * stderr)
-    quieter = told & (high < QUIETER) & (1 - STATED_WITHIN - high > 8 * stderr)  # a band: twice the error
+    quieter = told & (high < ceiling) & (1 - STATED_WITHIN - high > 8 * stderr)  # a band: twice the error
     wrong = louder | quieter
     scale, stderr = np.where(told, scale, 1.0), np.where(told, stderr, 0.0)
     dof = 1 / (2 * np.maximum(stderr / scale, 1e-3) ** 2)
@@ -132,6 +143,20 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray) -> Findin
         sentence += f"; {name_channels(noise.coloured)} not white (hum, vibration, ringing or a filter)"
     return Finding(
         "noise_level", bool(wrong.any()), {"scale": scale.tolist()}, {"scale": stderr.tolist()}, nats, sentence
+    )
+
+
+def judge_growth(growth: Growth) -> Finding:
+    """Noise of six channels that grows with the squared speeds of the joints."""
+    sentence = "the noise does not grow with the speed of the joints, or no more than it may by chance"
+    if growth.detected:
+        grown = name_channels(np.asarray(growth.variance.any(0)))
+        sentence = f"noise of {grown} grows with the motion, up to {growth.visible:.3g} times in the fastest tenth of "
+        sentence += "the log; the gain is beyond that of a constant of the best size"
+    parameters: Numbers = {"variance": growth.variance.tolist()}
+    errors: Numbers = {"variance": growth.stderr.tolist()}
+    return Finding(
+        "vibration", growth.detected, parameters, errors, max(growth.nats, 0.0), sentence, growth.nats_stderr
     )
 
 

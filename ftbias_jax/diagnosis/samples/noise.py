@@ -32,11 +32,22 @@ class Waves(NamedTuple):
     """(M, 12, k) N, Nm, by rising frequency."""
     row: np.ndarray
     """(M, 16) rows of the signal in each window."""
+    basis: np.ndarray
+    """(M, 16, 12) the waves themselves, of unit length."""
 
     @property
     def top(self) -> np.ndarray:
         """(M, 8, k) N, Nm: those that motion and the model's errors do not reach."""
         return self.amplitude[:, TOP - CUBIC :]
+
+    @property
+    def top_squares(self) -> np.ndarray:
+        """(M * 16, k) N^2, Nm^2: squares of what these waves make of each sample, of white noise its variance."""
+        basis = self.basis[:, :, TOP - CUBIC :]
+        share = (basis**2).sum(2, keepdims=True)
+        of_samples = np.einsum("mwj,mjk->mwk", basis, self.top) ** 2 / share
+        squares: np.ndarray = of_samples.reshape(-1, of_samples.shape[2])
+        return squares
 
 
 class Noise(NamedTuple):
@@ -64,8 +75,8 @@ def fast_waves(t: np.ndarray, signal: np.ndarray) -> Waves:
     waves = np.cos(np.pi / WINDOW * np.outer(np.arange(WINDOW) + 0.5, np.arange(CUBIC, WINDOW)))
     powers = x[:, :, None] ** np.arange(CUBIC)
     columns = np.concatenate([powers, np.broadcast_to(waves, (len(row), *waves.shape))], 2)
-    basis = np.linalg.qr(columns)[0]
-    return Waves(np.einsum("mwj,mwk->mjk", basis[:, :, CUBIC:], signal[row]), row)
+    basis = np.linalg.qr(columns)[0][:, :, CUBIC:]
+    return Waves(np.einsum("mwj,mwk->mjk", basis, signal[row]), row, basis)
 
 
 def measure_noise(waves: Waves, signal: np.ndarray, stated: np.ndarray, heavy_tailed: bool) -> Noise:

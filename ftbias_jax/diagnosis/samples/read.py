@@ -1,7 +1,8 @@
 """Effects that are read off the samples before anything is averaged, and the wrench without the samples they destroyed.
 
 Order: repeated rows and lattices (exact numbers), flat tops, spikes, then the white noise of what is left, and whether
-it grows with the rate of the wrench. Floors on the size of an effect say what still matters to the owner.
+it grows with the rate of the wrench or with the speed of the
+joints. Floors on the size of an effect say what still matters to the owner.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from ftbias_jax.diagnosis.samples.noise import WINDOW, Noise, fast_waves, measur
 from ftbias_jax.diagnosis.samples.rows import Samples, select
 from ftbias_jax.diagnosis.samples.spikes import REACH, Spikes, find_spikes
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
+from ftbias_jax.diagnosis.samples.vibration import Growth, measure_growth, no_growth
 from ftbias_jax.io.log import Log
 from ftbias_jax.types import Array
 
@@ -26,9 +28,14 @@ LEAST_SCATTER = 0.2
 
 
 def inspect_samples(
-    log: Log, noise_std: Array, error: Array | None = None, rate: Array | None = None
+    log: Log,
+    noise_std: Array,
+    error: Array | None = None,
+    rate: Array | None = None,
+    speed: Array | None = None,
+    noise_per_speed: Array | None = None,
 ) -> SampleFindings:
-    """Find noise_level, outliers, quantisation, saturation, dropped_samples and stamp_jitter.
+    """Find noise_level, outliers, quantisation, saturation, dropped_samples, stamp_jitter and vibration.
 
     Args:
         log: as recorded, NaN = not measured.
@@ -36,11 +43,16 @@ def inspect_samples(
         error: (T, 6) N, Nm, the model's prediction less the wrench, if known. Without it jerky motion looks like
             jitter, which is then not looked for, and in logs slower than 200 Hz like noise, which is then never louder.
         rate: (T, 6) N/s, Nm/s, the model's dW/dt, if known; else it is taken from the wrench.
+        speed: (T, n) rad/s, of the joints, if known; without it noise is not expected to grow with the motion.
+        noise_per_speed: (n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2, by how much the setup says that it grows; it is then not
+            measured again. None = the setup says nothing.
     """
     stated = np.asarray(noise_std, float)
-    samples = select(log, stated, error, rate)
+    samples = select(log, stated, error, rate, speed)
+    known = np.zeros((1, 6)) if noise_per_speed is None else np.asarray(noise_per_speed, float)
     if len(samples.t) < LEAST_WINDOWS * WINDOW:
-        return _nothing(log, stated, f"only {len(samples.t)} samples of the wrench")
+        return _nothing(log, stated, known, f"only {len(samples.t)} samples of the wrench")
+    samples = samples.at_rest((known / stated**2)[:, samples.channels])
     lattices = [exact.find_lattice(x) for x in samples.only(~exact.repeated_rows(samples.wrench)).wrench.T]
     step, step_stderr = (np.array([lattice[i] for lattice in lattices], float) for i in range(2))
     on_lattice = max(lattice.on_lattice for lattice in lattices)
@@ -51,6 +63,11 @@ def inspect_samples(
     tops = [_flat_tops(*column) for column in zip(kept.wrench.T, kept.stated, step, strict=True)]
     saturated = np.stack([_at_top(x, found) for x, found in zip(kept.wrench.T, tops, strict=True)], 1)
     spikes, noise, jitter = _scatter(kept, step, saturated)
+    growth = no_growth(1, noise.std**2)
+    if noise_per_speed is None and not jitter.detected:
+        growth = _growth(kept.only(~(spikes.wild | saturated.any(1))), step)
+    if growth.detected:
+        spikes, noise, jitter = _scatter(kept.at_rest(growth.relative), step, saturated)
 
     def six(values: np.ndarray, neutral: float | np.ndarray = 0.0) -> np.ndarray:
         """Channels that are not measured get a neutral value."""
@@ -62,10 +79,12 @@ def inspect_samples(
     all_tops = [tops[measured.index(i)] if i in measured else [] for i in range(6)]
     std, stderr = six(noise.std, stated), six(noise.stderr)
     noise = Noise(std, stderr, six(noise.low, stated), six(noise.high, stated), six(noise.coloured))
+    growth = growth._replace(variance=six(growth.variance), stderr=six(growth.stderr))
     clean = np.array(log.wrench, float)
     clean[samples.row[repeated]] = np.nan
     clean[kept.row] = np.where(spikes.wild[:, None] | six(saturated), np.nan, clean[kept.row])
-    level = findings.judge_noise(noise, stated, six(step))
+    per_speed = growth.variance if growth.detected else known
+    level = findings.judge_noise(noise, stated, six(step), bool(per_speed.any()), growth.shows_rest)
     outliers = findings.find_outliers(
         spikes._replace(hit=six(spikes.hit), off=six(spikes.off), scale=six(spikes.scale))
     )
@@ -77,11 +96,13 @@ def inspect_samples(
         findings.find_saturation(all_tops),
         dropped,
         late if samples.modelled else _untold(late),
+        findings.judge_growth(growth),
         clean,
         std,
         stderr,
         noise.coloured,
         spikes.heavy_tailed,
+        per_speed,
     )
 
 
@@ -90,11 +111,11 @@ def _untold(finding: Finding) -> Finding:
     return finding if finding.detected else finding._replace(sentence="not told from motion without the model's error")
 
 
-def _nothing(log: Log, stated: np.ndarray, reason: str) -> SampleFindings:
+def _nothing(log: Log, stated: np.ndarray, known: np.ndarray, reason: str) -> SampleFindings:
     """For a log that cannot be examined."""
-    found = (Finding(name, False, {}, {}, 0.0, reason) for name in SampleFindings._fields[:6])
-    a, b, c, d, e, f = found
-    return SampleFindings(a, b, c, d, e, f, np.array(log.wrench, float), stated, np.zeros(6), np.zeros(6, bool), False)
+    a, b, c, d, e, f, g = (Finding(name, False, {}, {}, 0.0, reason) for name in SampleFindings._fields[:7])
+    wrench, zeros = np.array(log.wrench, float), np.zeros(6)
+    return SampleFindings(a, b, c, d, e, f, g, wrench, stated, zeros, zeros.astype(bool), False, known)
 
 
 def _repeated(samples: Samples, step: np.ndarray) -> np.ndarray:
@@ -135,6 +156,26 @@ def _scatter(samples: Samples, step: np.ndarray, saturated: np.ndarray) -> tuple
         late = jitter.std * np.abs(samples.rate)
         floor = np.where(blind, np.inf, np.maximum(np.hypot(noise.std, late), least))
     return spikes, noise, jitter
+
+
+def _growth(samples: Samples, step: np.ndarray) -> Growth:
+    """How the noise of the rows that nothing else has spoiled grows with the speed of the joints.
+
+    On a lattice coarser than the stated noise the error of rounding grows with the rate of the wrench.
+    """
+    fine = step < samples.stated
+    speed = samples.speed
+    none = no_growth(1 if speed is None else speed.shape[1], samples.stated**2)
+    if speed is None or not samples.modelled or not fine.any() or len(samples.t) < LEAST_WINDOWS * WINDOW:
+        return none
+    waves = fast_waves(samples.t, samples.signal)
+    row = waves.row.reshape(-1)
+    growth = measure_growth(samples.t[row], waves.top_squares[:, fine], speed[row], len(samples.t))
+    variance, stderr = none.variance.copy(), none.stderr.copy()
+    variance[:, fine], stderr[:, fine] = growth.variance, growth.stderr
+    rest = none.rest.copy()
+    rest[fine] = growth.rest
+    return growth._replace(variance=variance, stderr=stderr, rest=rest)
 
 
 def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool) -> tuple[Noise, Jitter]:

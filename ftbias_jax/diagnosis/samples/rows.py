@@ -32,6 +32,8 @@ class Samples(NamedTuple):
     """(N, k) N/s, Nm/s, of the model if known, else of the wrench."""
     stated: np.ndarray
     """(k,) N, Nm, noise."""
+    speed: np.ndarray | None
+    """(N, n) rad/s, of the joints, if known."""
     modelled: bool
     """Whether ``signal`` is the error of the model."""
 
@@ -43,10 +45,25 @@ class Samples(NamedTuple):
     def only(self, keep: np.ndarray) -> Samples:
         """The rows marked in (N,)."""
         parts = (self.t[keep], self.wrench[keep], self.signal[keep], self.rate[keep])
-        return Samples(self.row[keep], self.channels, *parts, self.stated, self.modelled)
+        speed = None if self.speed is None else self.speed[keep]
+        return Samples(self.row[keep], self.channels, *parts, self.stated, speed, self.modelled)
+
+    def at_rest(self, growth: np.ndarray) -> Samples:
+        """The fast part of the signal with the noise that it would have at rest.
+
+        Args:
+            growth: (n, k) by how much the squared speed of each joint makes the variance grow, per variance at rest.
+        """
+        if self.speed is None or not growth.any():
+            return self
+        louder = np.sqrt(1 + self.speed**2 @ growth)
+        fast = self.signal - moving_mean(self.signal)  # a slow error divided by a fast factor would be noise
+        return self._replace(signal=fast / louder, rate=self.rate / louder)
 
 
-def select(log: Log, stated: np.ndarray, error: Array | None, rate: Array | None) -> Samples:
+def select(
+    log: Log, stated: np.ndarray, error: Array | None, rate: Array | None, speed: Array | None = None
+) -> Samples:
     """The rows with all channels that share the clock of the most frequent one, and a prediction if there is any.
 
     Args:
@@ -54,6 +71,7 @@ def select(log: Log, stated: np.ndarray, error: Array | None, rate: Array | None
         stated: (6,) N, Nm, noise.
         error: (T, 6) N, Nm.
         rate: (T, 6) N/s, Nm/s.
+        speed: (T, n) rad/s, of the joints.
     """
     wrench = np.asarray(log.wrench, float)
     finite = np.isfinite(wrench)
@@ -63,7 +81,16 @@ def select(log: Log, stated: np.ndarray, error: Array | None, rate: Array | None
     row = np.flatnonzero(finite[:, channels].all(1) & np.isfinite(signal[:, channels]).all(1) & most)
     t, measured = np.asarray(log.t, float)[row], wrench[row][:, channels]
     rates = _own_rate(t, measured) if rate is None else np.nan_to_num(np.asarray(rate, float)[row][:, channels])
-    return Samples(row, channels, t, measured, signal[row][:, channels], rates, stated[channels], error is not None)
+    speeds = None if speed is None else np.asarray(speed, float)[row]
+    signals, modelled = signal[row][:, channels], error is not None
+    return Samples(row, channels, t, measured, signals, rates, stated[channels], speeds, modelled)
+
+
+def moving_mean(x: np.ndarray) -> np.ndarray:
+    """(N, k) means over the REACH rows around each."""
+    padded = np.pad(x, ((REACH // 2 + 1, REACH // 2), (0, 0)), mode="edge").cumsum(0)
+    mean: np.ndarray = (padded[REACH + 1 :] - padded[: -REACH - 1]) / (REACH + 1)
+    return mean
 
 
 def _own_rate(t: np.ndarray, wrench: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-Numbers = dict[str, float | list[float]]
+Numbers = dict[str, float | list[float] | list[list[float]]]
 
 CHANNEL_NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -25,6 +25,8 @@ class Finding(NamedTuple):
     """Log-likelihood ratio against a sensor and driver in order; 0 = nothing seen."""
     sentence: str
     """The evidence, for the report."""
+    nats_stderr: float | None = None
+    """Of ``nats``, from blocks of the log; None = the square root of twice it, as of a chi-square."""
 
 
 class SampleFindings(NamedTuple):
@@ -36,10 +38,11 @@ class SampleFindings(NamedTuple):
     saturation: Finding
     dropped_samples: Finding
     stamp_jitter: Finding
+    vibration: Finding
     clean_wrench: np.ndarray
     """(T, 6) N, Nm: NaN also where a sample is saturated, a spike or a repetition."""
     noise_std: np.ndarray
-    """(6,) N, Nm, measured white noise of one sample; the stated one where nothing was measured."""
+    """(6,) N, Nm, measured white noise of one sample at rest; the stated one where nothing was measured."""
     noise_std_stderr: np.ndarray
     """(6,) N, Nm."""
     coloured: np.ndarray
@@ -47,10 +50,19 @@ class SampleFindings(NamedTuple):
     heavy_tailed: bool
     """The noise has more large values than a normal distribution, without a gap between them and the rest."""
 
+    noise_per_speed: np.ndarray
+    """(n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2: what the squared speed of each joint adds to the variance of a sample, as
+    found or, where the setup knows of it, as stated; (1, 6) zeros without joints."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Of all effects, whether they are there or not."""
+        return tuple(one for one in self if isinstance(one, Finding))
+
     @property
     def detected(self) -> tuple[Finding, ...]:
         """The effects that are there."""
-        return tuple(finding for finding in self[:6] if finding.detected)
+        return tuple(finding for finding in self.findings if finding.detected)
 
 
 def surprise(count: float, expected: float) -> float:

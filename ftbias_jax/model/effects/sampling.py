@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Record
+from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Record, Twin
 from ftbias_jax.types import Array
 
 _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
@@ -21,6 +21,15 @@ def noise_level(values: EffectValues, key: Array, record: Record) -> Record:
 def widen_noise(values: EffectValues, variance: Array, rate: Array) -> Array:
     """Variance of the scaled noise."""
     return values["scale"][None] ** 2 * variance
+
+
+def vibration(values: EffectValues, key: Array, record: Record) -> Record:
+    """White noise whose variance is a sum over the squared speeds of the joints, beside the noise at rest."""
+    if record.dq is None:
+        return record
+    rows = jnp.broadcast_to(values["variance"], (record.dq.shape[1], 6))
+    shaking = jnp.sqrt(record.dq**2 @ rows) * jax.random.normal(key, record.wrench.shape, record.wrench.dtype)
+    return record._replace(wrench=record.wrench + shaking, noise=record.noise + shaking)
 
 
 def saturation(values: EffectValues, key: Array, record: Record) -> Record:
@@ -74,6 +83,35 @@ EFFECTS = (
         "correct sensor.noise_std in the setup: ftbias tune",
         recording=noise_level,
         widen=widen_noise,
+        twins=(
+            Twin("vibration", False, "hold still for some seconds, then move: noise of another size does not change"),
+        ),
+    ),
+    Effect(
+        "vibration",
+        "sensor",
+        (
+            Parameter(
+                "variance",
+                "N^2/(rad/s)^2, Nm^2/(rad/s)^2",
+                "noise variance per squared speed of a joint: a row of six channels for each joint, or one for all",
+                (-1, 6),
+                0.0,
+                1e6,
+                0.0,
+                (0.25 * _NEWTON[None]) ** 2,
+                search=True,
+            ),
+        ),
+        "the noise grows with the speed of the joints; at rest it is what the setup says",
+        "keep it in the setup, so that the filter trusts fast motion less; look for loose screws, worn gears and "
+        "cables that shake; tare at rest",
+        recording=vibration,
+        twins=(
+            Twin("noise_level", False, "hold still for some seconds: the noise of vibration is then gone"),
+            Twin("stamp_jitter", False, "move fast without load: the noise of jitter needs a wrench that changes"),
+        ),
+        filter_noise="vibration",
     ),
     Effect(
         "saturation",

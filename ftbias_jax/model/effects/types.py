@@ -46,6 +46,8 @@ class Record(NamedTuple):
     """(T, 6) N, Nm, with bias and noise; NaN = no sample."""
     noise: Array
     """(T, 6) N, Nm, the white noise in ``wrench``."""
+    dq: Array | None = None
+    """(T, n) rad/s, speeds of the joints, for noise that grows with them; None = at rest."""
 
 
 Neutral = float | Array | Callable[[Model], Array]
@@ -117,6 +119,9 @@ class Effect(NamedTuple):
     twins: tuple[Twin, ...] = ()
     check: Callable[[EffectValues], str] | None = None
     """What is wrong with values that are within their bounds, or ""."""
+    filter_noise: str = ""
+    """Field of ``params.BiasNoise`` that holds the one parameter of a recording effect which the filter knows as noise:
+    one row of values for each joint, or one for all of them."""
     needs: tuple[str, ...] = ()
     """Columns a log must have for the effect to be visible, beyond t, q and wrench."""
 

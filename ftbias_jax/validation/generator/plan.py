@@ -14,7 +14,7 @@ from ftbias_jax.validation.generator.effects.catalogue import ENTRIES, LISTED, T
 T = TypeVar("T")
 
 GROUPS = {"none": 12, "pairs": 12, "unlisted": 12} | dict.fromkeys(LISTED, 4)
-"""Logs of every group in a set of 128; other sizes keep the shares."""
+"""Logs of every group in a set of 132; other sizes keep the shares."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from ftbias_jax.diagnosis.samples.read import inspect_samples
 from ftbias_jax.io.log import Log
 
 STATED = np.array([0.1, 0.1, 0.1, 0.004, 0.004, 0.004])
-EFFECTS = ("noise_level", "outliers", "quantisation", "saturation", "dropped_samples", "stamp_jitter")
+EFFECTS = ("noise_level", "outliers", "quantisation", "saturation", "dropped_samples", "stamp_jitter", "vibration")
 SIZE = np.array([5.0, 5.0, 5.0, 0.3, 0.3, 0.3])
 
 
@@ -23,15 +23,17 @@ class Recording:
         self.t = np.arange(int(rate * duration)) / rate
         self.model = smooth_wrench(self.t, self.rng)
         self.noise = STATED * (1 + stated_error) * self.rng.normal(size=self.model.shape)
+        at = 2 * np.pi * np.array([0.07, 0.11]) * self.t[:, None]
+        self.speed = np.sin(at) * (np.cos(0.4 * at) > -0.5)  # with pauses
 
-    def inspect(self, wrench=None, known=True, keep=slice(None)):
+    def inspect(self, wrench=None, known=True, keep=slice(None), stated=None):
         wrench = self.model + self.noise if wrench is None else wrench
         wrench = np.asarray(wrench, np.float32).astype(float)[keep]
         t, model = self.t[keep], self.model[keep]
         unknown = np.full((len(t), 2), np.nan)
         log = Log(t, unknown, unknown, wrench, unknown[:, 0])
         prediction = (model - wrench, np.gradient(model, t, axis=0)) if known else ()
-        return inspect_samples(log, STATED, *prediction)
+        return inspect_samples(log, STATED, *prediction, speed=self.speed[keep], noise_per_speed=stated)
 
 
 def names(found):
@@ -185,6 +187,51 @@ def test_stamp_jitter(form):
     assert names(found) == ("stamp_jitter",)
     agrees(found.stamp_jitter, "std", std)
     np.testing.assert_allclose(found.noise_std, STATED, rtol=0.1)
+
+
+GROWTH = np.array([[20.0], [60.0]]) * STATED**2  # eight times the noise at rest where both joints are fast
+
+
+def grown(recording):
+    """Noise that grows with the speed of two joints."""
+    return recording.noise * np.sqrt(1 + recording.speed**2 @ (GROWTH / STATED**2))
+
+
+@pytest.mark.parametrize("rate", [25.0, 250.0])
+def test_noise_that_grows_with_the_motion_is_no_noise_level(rate):
+    recording = Recording(16, rate, 60.0 if rate > 100 else 400.0)
+    found = recording.inspect(recording.model + grown(recording))
+    assert names(found) == ("vibration",)
+    agrees(found.vibration, "variance", GROWTH, 4.0)
+    np.testing.assert_allclose(found.noise_std, STATED, rtol=0.2)
+    np.testing.assert_array_equal(found.noise_per_speed, found.vibration.parameters["variance"])
+
+
+def test_noise_that_grows_and_is_wrong_at_rest_has_both_names():
+    recording = Recording(17, duration=60.0)
+    found = recording.inspect(recording.model + 4 * grown(recording))
+    assert names(found) == ("noise_level", "vibration")
+    np.testing.assert_allclose(found.noise_level.parameters["scale"], 4.0, rtol=0.1)
+
+
+def test_a_log_that_never_rests_does_not_show_the_noise_at_rest():
+    recording = Recording(20, duration=60.0)
+    recording.speed = np.sin(recording.t[:, None] + [0, 1.5])
+    found = recording.inspect(recording.model + recording.noise * (1 + 9 * np.abs(recording.speed).sum(1))[:, None])
+    assert names(found) == ("vibration",)
+
+
+def test_growth_that_the_setup_knows_is_not_told_again():
+    recording = Recording(18, duration=60.0)
+    found = recording.inspect(recording.model + 5.0 + grown(recording), stated=GROWTH)
+    assert names(found) == ()
+    np.testing.assert_allclose(found.noise_std, STATED, rtol=0.05)
+    np.testing.assert_array_equal(found.noise_per_speed, GROWTH)
+
+
+def test_growth_needs_the_models_error():
+    recording = Recording(19, duration=60.0)
+    assert "vibration" not in names(recording.inspect(recording.model + grown(recording), known=False))
 
 
 @pytest.mark.parametrize("known", [True, False])

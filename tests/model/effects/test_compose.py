@@ -28,7 +28,7 @@ def reading_of(name, signals, wrench):
 @pytest.fixture(scope="module")
 def record(signals, wrench):
     noise = 0.1 * jax.random.normal(jax.random.key(3), wrench.shape)
-    return Record(signals.t, wrench + noise, noise)
+    return Record(signals.t, wrench + noise, noise, signals.dq)
 
 
 @pytest.mark.parametrize("name", PREDICTING)

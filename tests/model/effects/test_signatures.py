@@ -229,13 +229,25 @@ def test_gauges_follow_the_thermometer_with_a_lag(signals, wrench):
 
 def recorded(signals, wrench, **values):
     noise = 0.1 * jax.random.normal(jax.random.key(3), wrench.shape)
-    record = Record(signals.t, wrench + noise, noise)
+    record = Record(signals.t, wrench + noise, noise, signals.dq)
     return noise, compose.record(jax.random.key(4), record, signals.model, values).wrench
 
 
 def test_noise_of_another_size(signals, wrench):
     noise, got = recorded(signals, wrench, noise_level={"scale": jnp.full(6, 3.0)})
     np.testing.assert_allclose(got - wrench, 3 * noise, atol=1e-12)
+
+
+def test_vibration_adds_noise_with_a_variance_of_squared_speeds(signals, wrench):
+    rows = jnp.outer(jnp.array([0.5, 1.0, 2.0]), jnp.arange(1.0, 7))
+    noise, got = recorded(signals, wrench, vibration={"variance": rows})
+    variance = np.einsum("tn,nk->tk", np.asarray(signals.dq) ** 2, rows)
+    white = np.asarray(got - wrench - noise) / np.sqrt(variance)
+    np.testing.assert_allclose((white**2).mean(0), 1, atol=5 * np.sqrt(2 / len(white)))
+    assert abs(np.corrcoef(np.abs(white[:, 0]), variance[:, 0])[0, 1]) < 0.15
+    _, for_all = recorded(signals, wrench, vibration={"variance": rows[:1]})
+    _, one_by_one = recorded(signals, wrench, vibration={"variance": jnp.broadcast_to(rows[:1], (3, 6))})
+    np.testing.assert_array_equal(for_all, one_by_one)
 
 
 def test_saturated_readings_have_flat_tops_and_are_left_out(signals, wrench):

@@ -161,6 +161,23 @@ def test_a_label_means_to_the_catalogue_what_it_means_to_the_maker(scene, packag
     assert np.isclose(label.gap_sigmas, entry["gap_sigmas"])
 
 
+def test_vibration_is_as_loud_as_its_label_says(scene):
+    """Noise of each form in the fastest tenth of the log, and the catalogue's variance where it has the form."""
+    world = scene[0]
+    white = np.random.default_rng(1).normal(size=(len(world.stamps), 6)) * world.belief.noise_std
+    for form in catalogue.LISTED["vibration"][1]:
+        one = drawn("vibration", form, world)
+        noise = one.noise(white)
+        speed = np.abs(np.asarray(scene[1].dq)).sum(1)
+        slow, fast = (noise[speed < np.quantile(speed, 0.1)], noise[speed > np.quantile(speed, 0.9)])
+        assert (fast.std(0) > 1.4 * slow.std(0)).all(), form
+        values = labels.true_parameters(labels.Label({"vibration": one.parameters}, {}, 0.0, (1.0,) * 6), "vibration")
+        assert list(values) == (["variance"] if form == "squared" else [])
+        if values:
+            variance = np.asarray(scene[1].dq) ** 2 @ np.array(values["variance"]) + world.belief.noise_std**2
+            np.testing.assert_allclose((noise**2 / variance).mean(0), 1, atol=5 * np.sqrt(2 / len(noise)))
+
+
 def test_the_same_seed_makes_the_same_logs_in_one_process_or_two(tmp_path):
     limits = make.Limits((3.0, 4.0), (100.0,), False)
     for folder, jobs in (("one", 1), ("two", 2)):

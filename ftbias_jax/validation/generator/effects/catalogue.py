@@ -31,6 +31,7 @@ LISTED: dict[str, Entry] = {
     "tool_flexibility": (mechanical.tool_flexibility, tuple(mechanical.FLEXIBLE)),
     "stamp_jitter": (timing.stamp_jitter, ("gaussian", "latency", "bursts")),
     "dropped_samples": (timing.dropped_samples, ("rows", "repeats", "nan", "gaps")),
+    "vibration": (sensing.vibration, ("squared", "straight", "meshing")),
 }
 """Names as in the package's catalogue of effects."""
 
@@ -49,7 +50,7 @@ UNLISTED: dict[str, Entry] = {
 
 ENTRIES = LISTED | UNLISTED
 
-STATISTICAL = ("saturation", "quantisation", "noise_level", "outliers", "dropped_samples")
+STATISTICAL = ("saturation", "quantisation", "noise_level", "outliers", "dropped_samples", "vibration")
 """Effects whose strength is not a mean gap: their sizes are taken as drawn."""
 
 NEEDS_MOTION = ("tool_inertia", "tool_flexibility", "time_delay", "low_pass", "stamp_jitter", "drag", "eddy", "slosh")
@@ -71,5 +72,9 @@ TWINS = (
     {"noise_level", "quantisation"},
     {"noise_level", "stamp_jitter"},
     {"outliers", "stamp_jitter"},
+    {"noise_level", "vibration"},
+    {"quantisation", "vibration"},
+    {"outliers", "vibration"},
+    {"stamp_jitter", "vibration"},
 )
 """Effects that are not put together into one log: each hides or mimics the other."""

@@ -174,3 +174,28 @@ def outliers(form: str, draw: Draw, scene: Scene) -> Effect:
         return white + hit * sizes * sigmas * scene.belief.noise_std * rng.choice([-1.0, 1.0], white.shape)
 
     return Effect("outliers", form, {"rate": rate, "sigmas": sigmas}, noise=noise)
+
+
+def vibration(form: str, draw: Draw, scene: Scene) -> Effect:
+    """Noise that grows with the motion: ``times`` the noise at rest in the fastest tenth of the log.
+
+    Forms: "squared" (variance by squared joint speeds, as in the catalogue), "straight" (standard deviation by the sum
+    of the speeds), "meshing" (teeth of the motors' gears, too fast for the samples to follow).
+    """
+    times = draw.size((2.0, 3.0), (4.0, 6.0), (8.0, 12.0))
+    q, dq, _ = scene.motion(scene.stamps)
+    joint, channel, stream = draw.rng.uniform(0.2, 1.0, q.shape[1]), draw.rng.uniform(0.5, 1.5, 6), draw.stream()
+    speed = {"squared": np.sqrt(dq**2 @ joint), "straight": np.abs(dq) @ joint}.get(form, np.sqrt(dq**2 @ joint**2))
+    fastest = np.sqrt((speed[speed >= np.quantile(speed, 0.9)] ** 2).mean())
+    size = np.sqrt(times**2 - 1) / fastest * channel * scene.belief.noise_std
+    teeth = draw.rng.uniform(3e3, 1e4, q.shape[1])
+
+    def noise(white: Floats) -> Floats:
+        if form == "meshing":
+            phase = stream().uniform(0, 2 * np.pi, (6, q.shape[1]))
+            waves = [np.sqrt(2) * np.sin(teeth * q + shift) * dq @ joint for shift in phase]
+            return white + size * np.stack(waves, 1)
+        return white + size * speed[:, None] * stream().normal(size=white.shape)
+
+    rows = {"variance": np.outer(joint, size**2).tolist()} if form == "squared" else {}
+    return Effect("vibration", form, {"times": times, **rows}, noise=noise)

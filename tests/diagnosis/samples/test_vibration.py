@@ -1,0 +1,100 @@
+"""Growth of the noise with the speed of the joints, in noise whose variance is known exactly."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from ftbias_jax.diagnosis.samples import vibration
+
+REST = np.array([0.01, 0.04])
+SLOPE = np.array([[0.05, 0.0], [0.2, 0.1], [0.0, 0.3]])
+
+
+def moving_log(seed, count=6000, rate=100.0):
+    """Stamps (N,), speeds (N, 3) with pauses at rest, and normal numbers (N, 2)."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(count) / rate
+    frequency, phase = rng.uniform(0.1, 0.5, 3), rng.uniform(0, 6, 3)
+    speed = np.sin(2 * np.pi * frequency * t[:, None] + phase) * (np.sin(0.7 * t[:, None]) > -0.3)
+    return t, speed, rng.normal(size=(count, 2))
+
+
+def growing(speed, white):
+    return (REST + speed**2 @ SLOPE) * white**2
+
+
+def measure(t, squares, speed):
+    return vibration.measure_growth(t, squares, speed, len(t))
+
+
+def test_the_fit_is_the_maximum_of_the_likelihood():
+    _, speed, white = moving_log(1, 800)
+    design = np.column_stack([np.ones(len(speed)), speed**2])
+    squares = growing(speed, np.clip(white, -2.5, 2.5))[:, :1]  # nothing that the fit would take for an event
+
+    def loss(x):
+        variance = design @ np.exp(x)
+        return (np.log(variance) + squares[:, 0] / variance).sum()
+
+    best = min((minimize(loss, np.log([0.02, a, b, c])) for a in (0.1, 1e-4) for b in (0.1, 1e-4) for c in (0.1, 1e-4)),
+               key=lambda result: result.fun)  # fmt: skip
+    assert loss(np.log(vibration.fit_variance(design, squares)[:, 0])) <= best.fun + 0.01
+
+
+def test_growth_comes_back_within_its_errors_in_nineteen_of_twenty():
+    inside, certain = [], 0
+    for seed in range(20):
+        t, speed, white = moving_log(seed)
+        found = measure(t, growing(speed, white), speed)
+        certain += found.detected
+        inside.append(np.abs(found.variance - SLOPE) <= 3 * found.stderr + 1e-3)
+        np.testing.assert_allclose(found.rest, REST, rtol=0.25)
+    assert certain == 20
+    assert np.mean(inside) > 0.95
+
+
+def test_noise_that_does_not_grow_raises_no_alarm():
+    for seed in range(40):
+        t, speed, white = moving_log(seed, 4000)
+        scale = np.array([0.01, 9.0])
+        assert not measure(t, scale * white**2, speed).detected, seed
+        heavy = np.random.default_rng(seed).standard_t(4, white.shape)
+        assert not measure(t, scale * heavy**2, speed).detected, seed
+
+
+def test_a_few_wild_samples_neither_make_nor_hide_growth():
+    t, speed, white = moving_log(3)
+    wild = np.where(np.random.default_rng(0).random(white.shape) < 2e-3, 1e4, 1.0)
+    assert not measure(t, REST * white**2 * wild, speed).detected
+    burst = np.where((t > 20) & (t < 20.3), 1e3, 1.0)[:, None]
+    assert not measure(t, REST * white**2 * burst, speed).detected
+    found = measure(t, growing(speed, white) * wild, speed)
+    assert found.detected
+    np.testing.assert_allclose(found.variance[2, 1], SLOPE[2, 1], rtol=0.3)
+
+
+def test_the_gain_is_that_of_the_true_variances():
+    t, speed, white = moving_log(4, 20000)
+    squares, variance = growing(speed, white), REST + speed**2 @ SLOPE
+    constant = squares.mean(0)
+    expected = ((squares / constant - squares / variance - np.log(variance / constant)) / 2).sum()
+    found = measure(t, squares, speed)
+    assert found.nats == pytest.approx(expected, rel=0.05)
+    assert found.nats_stderr < found.nats / 3
+
+
+def test_a_joint_that_hardly_moves_and_a_log_at_rest_show_nothing():
+    t, speed, white = moving_log(5)
+    speed[:, 0] *= 1e-3
+    found = measure(t, growing(speed, white), speed)
+    assert not found.variance[0].any()
+    assert not found.stderr[0].any()
+    still = measure(t, REST * white**2, np.zeros_like(speed))
+    assert not still.detected
+    assert still.variance.shape == (3, 2)
+
+
+def test_long_logs_are_averaged_and_answer_the_same():
+    t, speed, white = moving_log(6, 60000, 1000.0)
+    found = measure(t, growing(speed, white), speed)
+    np.testing.assert_allclose(found.variance[1:, 1], SLOPE[1:, 1], rtol=0.15)

@@ -1,0 +1,40 @@
+import numpy as np
+import pytest
+
+from ftbias_jax.errors import SetupError
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.setup import dump_setup, parse_setup
+
+SETUP = {
+    "robot": {"model": "panda"},
+    "tool": {"mass": 0.9, "center_of_mass": [0, 0, 0.05]},
+    "sensor": {"noise_std": [0.1] * 3 + [0.005] * 3},
+}
+
+
+def params_with(effects):
+    return params_from_setup(parse_setup(SETUP | {"effects": effects}, "vibrating.toml"))
+
+
+@pytest.mark.parametrize("rows", [1, 7])
+def test_vibration_of_the_setup_is_noise_of_the_filter_and_no_effect(rows):
+    variance = np.arange(1.0, 6 * rows + 1).reshape(rows, 6)
+    params = params_with({"vibration": {"variance": variance.tolist()}})
+    assert params.effects is None
+    np.testing.assert_allclose(params.bias.vibration, np.broadcast_to(variance, (7, 6)))
+    assert params_with({}).bias.vibration is None
+
+
+def test_other_effects_stay():
+    params = params_with({"vibration": {"variance": [0.1] * 6}, "gain": {"gain": 1.05}})
+    assert list(params.effects) == ["gain"]
+
+
+def test_rows_must_fit_the_joints():
+    with pytest.raises(SetupError, match=r"vibrating\.toml: effects\.vibration\.variance: has 3 rows.*7 joints"):
+        params_with({"vibration": {"variance": [[0.1] * 6] * 3}})
+
+
+def test_vibration_survives_the_way_to_a_file():
+    setup = parse_setup(SETUP | {"effects": {"vibration": {"variance": [[0.1] * 6] * 7}}}, "vibrating.toml")
+    assert "[effects.vibration]" in dump_setup(setup)
