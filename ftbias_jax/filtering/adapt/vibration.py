@@ -54,7 +54,7 @@ def fit_vibration(blocks: Blocks, free: Array, sensor: Array) -> Vibration:
         sensor: (6,) N^2, Nm^2, variance that is stated of the sensor alone, without the joints' share.
     """
     dof, scatter = blocks.count - 2.0, blocks.scatter
-    usable = free[:, None] & (dof > 0) & np.isfinite(scatter)
+    usable = free[:, None] & (dof > 0) & np.isfinite(scatter) & (blocks.stated > 0)
     dof, scatter = np.where(usable, dof, 0), np.where(usable, scatter, 1)
     step = float(np.median(np.diff(blocks.t))) if len(blocks.t) > 1 else 1.0
     fold = (np.arange(len(blocks.t)) // max(1, round(FOLD_SECONDS / step))) % 2
@@ -88,7 +88,8 @@ def _sensor_level(level: Array, stated: Array, sensor: Array) -> Array:
 
 
 def _variance(stated: Array, motion: Array, coefficients: Array) -> Array:
-    found: Array = coefficients[0] * stated + motion @ coefficients[1:]
+    # Never zero, as an axis that stands still would have it.
+    found: Array = np.maximum(coefficients[0] * stated + motion @ coefficients[1:], LEAST_LEVEL * 1e-3 * stated)
     return found
 
 
