@@ -102,7 +102,8 @@ def _quaternions(orientation: Array, order: str, file: str) -> Array:
     if order == "matrix":
         matrices = orientation.reshape(-1, 3, 3)
         off = np.abs(np.einsum("tij,tkj->tik", matrices, matrices) - np.eye(3)).max((1, 2))
-        off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1))
+        with np.errstate(invalid="ignore"):  # rows that were not measured
+            off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1))
         _refuse(off > TOLERANCE, "is no rotation matrix", file)
         return quaternions_of(matrices)
     quaternion = orientation[:, [3, 0, 1, 2]] if order == "quaternion_xyzw" else orientation
