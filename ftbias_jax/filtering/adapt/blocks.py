@@ -83,7 +83,7 @@ def join_blocks(parts: list[Blocks]) -> Blocks:
 
 @contextmanager
 def unmeasured_axes() -> Iterator[None]:
-    """An axis that was never measured makes NumPy warn of medians and means of nothing; the NaN that they give is meant."""
+    """NumPy without its warnings of medians and means of nothing: an axis may never have been measured."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "All-NaN|Mean of empty", RuntimeWarning)
         yield
