@@ -68,7 +68,7 @@ def effective_speed_squared(velocity: Any, most: Any) -> Any:
 
 
 def white_share(noise: BiasNoise, vibration: Array) -> Array:
-    """The part of the vibration (..., 6) that is not correlated in time."""
+    """The part of the vibration (..., 6), N^2, Nm^2, that is not correlated in time."""
     if noise.correlated_vibration is None:
         return vibration
     return jnp.broadcast_to(1 - noise.correlated_vibration, vibration.shape) * vibration
@@ -108,7 +108,7 @@ def step(
 
 
 def observation_of(state: Gaussian) -> Array:
-    """(6, k) what of the state a reading shows: the bias, plus the correlated noise if the state has it."""
+    """(6, k) what of the state a reading, N, Nm, shows: the bias, plus the correlated noise if the state has it."""
     k = state.mean.shape[0]
     bias = jnp.eye(6, k, dtype=state.mean.dtype)
     return bias if k == 12 else bias + jnp.eye(6, k, 12, dtype=state.mean.dtype)

@@ -112,7 +112,7 @@ def filter_parts(
 
 
 def rows_of(log: Log, first: int, count: int) -> dict[str, Array]:
-    """The arrays of a log from sample ``first`` on, ``count`` samples or fewer."""
+    """The arrays (T, ...) of a log, in s, rad, N, Nm, from sample ``first`` on, ``count`` samples or fewer."""
     return {name: getattr(log, name)[first : first + count] for name in ("t", "q", "dq", "wrench", "temperature")}
 
 

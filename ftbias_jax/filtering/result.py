@@ -62,7 +62,7 @@ def join(parts: Sequence[Filtered]) -> Filtered:
 
 
 def named_arrays(filtered: Filtered) -> dict[str, Array]:
-    """The arrays that there are, as they stand in a file."""
+    """The arrays (T, ...) that there are, as they stand in a file: s, rad, N, Nm."""
     return {name: x for name, x in filtered._asdict().items() if x is not None}
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -76,3 +79,11 @@ def join_blocks(parts: list[Blocks]) -> Blocks:
         name: np.concatenate([getattr(part, name) for part in parts]) for name in Blocks._fields if name != "size"
     }
     return Blocks(size=parts[0].size, **columns)
+
+
+@contextmanager
+def unmeasured_axes() -> Iterator[None]:
+    """NumPy without its warnings of medians and means of nothing: an axis may never have been measured."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "All-NaN|Mean of empty", RuntimeWarning)
+        yield

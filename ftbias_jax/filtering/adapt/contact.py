@@ -11,15 +11,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.adapt.blocks import Blocks
+from ftbias_jax.filtering.adapt.blocks import Blocks, unmeasured_axes
 from ftbias_jax.types import Array
 
 FOLLOW = 0.5
 """s: time constant with which the level follows; the errors of a model in motion are slower, contacts are faster."""
-BEGIN, END = 8.0, 4.0
-"""Standard deviations of a block's mean: contact begins beyond the one and ends within the other."""
+BEGIN = 8.0
+"""Standard deviations of a block's mean beyond which contact begins."""
 BEGIN_SLOW = 4.0
 """Standard deviations of what varies slowly in free motion, mostly errors of the model, beyond which contact begins."""
+END = 0.5
+"""Share of what contact begins beyond; contact ends when every axis that left is within it."""
 CORRELATED = 4.0
 """The variance of a block's mean is this many times that of white noise: vibration is not white."""
 CALM = 0.35
@@ -50,6 +52,7 @@ class Contact(NamedTuple):
     """(6,) N, Nm: the largest departure on each axis; sign of the measured bias, opposite to the reading's."""
 
 
+@unmeasured_axes()
 def find_contacts(blocks: Blocks) -> list[Contact]:
     """Stretches in which the measured bias departs from its level by more than noise does, on an axis of force.
 
@@ -61,8 +64,11 @@ def find_contacts(blocks: Blocks) -> list[Contact]:
     """
     sigma, slow = mean_std(blocks), slow_std(blocks)
     begin = np.maximum(BEGIN * sigma, BEGIN_SLOW * slow)
+    # A block that a contact begins in has a large scatter: it is let through, but must not move the level.
+    most = BEGIN * np.median(sigma, axis=0)
     found: list[Contact] = []
     level, first = None, -1
+    left = np.zeros(6, bool)  # axes; what varies slowly moves on during a contact, and need not come back
     departures = np.zeros_like(blocks.mean)
     step = float(np.median(np.diff(blocks.t))) if len(blocks.t) > 1 else 1.0
     for k, value in enumerate(blocks.mean):
@@ -72,15 +78,16 @@ def find_contacts(blocks: Blocks) -> list[Contact]:
             level = np.nan_to_num(np.nanmedian(blocks.mean[k : k + FIRST], axis=0))
         departures[k] = np.where(np.isnan(value), 0, value - level)
         off = np.abs(departures[k])
+        left = (off > begin[k]) | (left & (first >= 0))
         if first < 0 and (off > begin[k])[:3].any():
             first = k
-        elif first >= 0 and (off < END * sigma[k]).all():
+        elif first >= 0 and (off < END * begin[k])[left].all():
             found.append(_contact(blocks, departures, first, k))
             first = -1
         elif first >= 0 and _settled(blocks, sigma, first, k, step):
             level, first = value.copy(), -1
         if first < 0:
-            level = level + min(1.0, step / FOLLOW) * np.where(np.isnan(value), 0, value - level)
+            level = level + min(1.0, step / FOLLOW) * np.clip(np.where(np.isnan(value), 0, value - level), -most, most)
     if first >= 0:
         found.append(_contact(blocks, departures, first, len(blocks.t) - 1))
     total = sum(contact.end - contact.start for contact in found)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering.adapt.blocks import Blocks
+from ftbias_jax.filtering.adapt.blocks import Blocks, unmeasured_axes
 from ftbias_jax.filtering.adapt.contact import Contact, find_contacts, in_contact
 from ftbias_jax.filtering.adapt.slow_noise import Grid, SlowNoise, coarser, fit_slow_noise, innovations
 from ftbias_jax.filtering.adapt.vibration import Vibration, fit_vibration
@@ -46,6 +46,7 @@ def nothing() -> LogNoise:
     return LogNoise((), None, None, np.zeros(6), np.ones(6))
 
 
+@unmeasured_axes()
 def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     """Contact, vibration and slow errors of a log; what ``params`` states of them already is kept.
 

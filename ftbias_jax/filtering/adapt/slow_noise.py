@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.filtering.adapt.blocks import unmeasured_axes
 from ftbias_jax.types import Array
 
 MOST_BLOCKS = 1000
@@ -54,13 +55,13 @@ def fit_slow_noise(t: Array, y: Array, variance: Array, density: Array, prior_st
     """
     t, y, variance = coarser(t, y, variance)
     span, step = t[-1] - t[0], float(np.median(np.diff(t)))
-    unit = np.sqrt(np.nanmedian(np.where(np.isfinite(y), variance, np.nan), axis=0))
+    with unmeasured_axes():
+        unit = np.nan_to_num(np.sqrt(np.nanmedian(np.where(np.isfinite(y), variance, np.nan), axis=0)))
     times = np.geomspace(2 * step, max(span / 6, 4 * step), 6)
     white, ratio, time = (x.ravel()[:, None] for x in np.meshgrid(WHITE, np.r_[0, RATIOS], times, indexing="ij"))
     grid = Grid(*(np.broadcast_to(x, (len(x), 6)) for x in (white, ratio * unit, time)))
     start = (prior_std.reshape(2, 6), density)
     nats = log_likelihoods(t, y, variance, grid, *start)
-    plain = np.where(grid.std == 0, nats, -np.inf).max(0)
     best = nats.argmax(0)
     for spread in (0.5, 0.2):
         at = Grid(*(x[best, np.arange(6)] for x in grid))
@@ -70,7 +71,10 @@ def fit_slow_noise(t: Array, y: Array, variance: Array, density: Array, prior_st
         nats = log_likelihoods(t, y, variance, grid, *start)
         best = nats.argmax(0)
     at = Grid(*(x[best, np.arange(6)] for x in grid))
-    gain = nats.max(0) - plain
+    # White noise of any level, as finely searched: what is gained must be due to the correlation.
+    levels = np.broadcast_to(np.geomspace(0.25, 16, 25)[:, None], (25, 6))
+    plain = log_likelihoods(t, y, variance, Grid(levels, 0 * levels, 1 + 0 * levels), *start)
+    gain = nats.max(0) - plain.max(0)
     slow = gain > LEAST_GAIN
     return SlowNoise(np.where(slow, at.std, 0), np.where(slow, np.clip(at.time, step, span), 1.0), gain)
 

@@ -100,15 +100,17 @@ def _maximise(stated: Array, motion: Array, scatter: Array, dof: Array) -> Array
     multiplicative step with an exponent of 1/2 does not decrease it.
     """
     columns = zip(scatter.T, dof.T, strict=True)
-    usual = np.array([np.median(x[seen > 0]) if (seen > 0).any() else 1.0 for x, seen in columns])
+    usual = np.array([np.median(x[there > 0]) if (there > 0).any() else 1.0 for x, there in columns])
     scale = np.maximum(motion.mean(0), 1e-12)[:, None]
     b = np.concatenate([(usual / np.mean(stated, 0))[None] / 2, usual[None] / scale / 2 / max(1, len(scale))])
+    seen = (dof > 0).any(0)
     for _ in range(ROUNDS):
         mu = _variance(stated, motion, b)
         down, up = dof / mu, dof * np.minimum(scatter, HEAVY * mu) / mu**2
         slopes = [np.concatenate([(stated * x).sum(0)[None], motion.T @ x]) for x in (up, down)]
-        b = b * np.sqrt(slopes[0] / np.maximum(slopes[1], 1e-300))
-    b[1:] = np.where(b[1:] * scale > 1e-3 * np.mean(stated, 0)[None], b[1:], 0)
+        b = np.where(seen, b * np.sqrt(slopes[0] / np.maximum(slopes[1], 1e-300)), b)
+    b[0] = np.where(seen, b[0], 1)
+    b[1:] = np.where(seen & (b[1:] * scale > 1e-3 * np.mean(stated, 0)[None]), b[1:], 0)
     return b
 
 

@@ -1,0 +1,194 @@
+"""What a log shows beyond its setup, from made-up blocks."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made_series import STD, blocks_of, free_motion, gauss_markov, made_blocks, stamps
+
+from ftbias_jax.filtering.adapt.contact import Contact
+from ftbias_jax.filtering.adapt.log_noise import (
+    LEAST_BLOCKS,
+    MARGIN,
+    LogNoise,
+    describe,
+    inflation,
+    is_white,
+    noise_of_log,
+    nothing,
+    offset_of,
+    useless,
+    with_noise,
+)
+from ftbias_jax.filtering.adapt.slow_noise import SlowNoise
+from ftbias_jax.filtering.adapt.vibration import Vibration
+
+T = stamps(60, 20)
+
+
+@pytest.fixture(scope="module")
+def stated(params):
+    """Parameters of a filter whose prior and noise fit the made-up series."""
+    bias = params.bias._replace(
+        density=jnp.asarray(0.01 * STD),
+        wrench_variance=jnp.asarray(STD**2),
+        prior_mean=jnp.zeros(12),
+        prior_std=jnp.asarray(np.concatenate([30 * STD, 0.1 * STD])),
+    )
+    return params._replace(bias=bias)
+
+
+def white_blocks(seed, slow=0.0, time=1.0, count=25):
+    rng = np.random.default_rng(seed)
+    y = free_motion(rng, T, STD / np.sqrt(count)) + gauss_markov(rng, T, slow * STD, time)
+    blocks = made_blocks(T, y, STD**2, count)
+    dof = count - 2
+    return blocks._replace(scatter=STD**2 * rng.gamma(dof / 2, 2 / dof, y.shape))
+
+
+def test_white_innovations_inflate_nothing():
+    """Two standard deviations of chance, on six axes and three lengths: now and then by a little."""
+    factors = np.array([inflation(T, np.random.default_rng(seed).normal(size=(len(T), 6))) for seed in range(50)])
+    assert (factors >= 1).all()
+    assert (factors == 1).mean() > 0.85
+    assert factors.max() < 2
+
+
+def test_correlated_innovations_inflate_by_what_their_means_scatter_more():
+    rng = np.random.default_rng(0)
+    t = stamps(600, 20)
+    white = gauss_markov(rng, t, np.ones(6), 0.5)
+    # The mean of many samples of such noise has the variance of white noise times (1 + f) / (1 - f).
+    kept = np.exp(-0.05 / 0.5)
+    np.testing.assert_allclose(inflation(t, white), np.sqrt((1 + kept) / (1 - kept)), rtol=0.25)
+    assert not is_white(t, white)
+
+
+def test_one_axis_inflates_itself_alone():
+    white = np.random.default_rng(1).normal(size=(len(T), 6))
+    white[:, 3] += np.sin(0.5 * T)
+    white[::3, 3] = np.nan
+    factor = inflation(T, white)
+    assert factor[3] > 1.5
+    assert (np.delete(factor, 3) < 1.4).all()
+    assert not is_white(T, white)
+
+
+def test_white_noise_is_white():
+    white = [is_white(T, np.random.default_rng(seed).normal(size=(len(T), 6))) for seed in range(50)]
+    assert np.mean(white) > 0.4  # the rest is searched for slow errors, and none are found
+
+
+def test_a_log_as_stated_shows_nothing(stated):
+    for seed in range(4):
+        noise = noise_of_log(white_blocks(seed), stated)
+        assert noise.contacts == ()
+        assert noise.slow is None or not noise.slow.std.any()
+        assert not noise.vibration.per_speed.any()
+        assert not noise.offset.any()
+        assert (noise.inflation < 1.6).all()
+
+
+def test_slow_errors_of_a_log_are_found(stated):
+    noise = noise_of_log(white_blocks(0, slow=1.0), stated)
+    assert noise.contacts == ()
+    assert (np.abs(np.log(noise.slow.std / STD)) < np.log(2)).all()
+    assert (noise.inflation < 1.6).all()  # the rest is white
+
+
+def test_what_the_setup_states_is_kept(stated):
+    bias = stated.bias._replace(
+        vibration=jnp.zeros((3, 6)), correlated_std=jnp.asarray(STD), correlated_time=jnp.full(6, 1.0)
+    )
+    noise = noise_of_log(white_blocks(0, slow=1.0), stated._replace(bias=bias))
+    assert noise.vibration is None
+    assert noise.slow is None
+    assert (noise.inflation < 1.6).all()
+
+
+def test_a_short_log_says_nothing(stated):
+    blocks = white_blocks(0, slow=3.0)
+    short = blocks._replace(**{x: getattr(blocks, x)[: LEAST_BLOCKS - 1] for x in blocks._fields if x != "size"})
+    noise = noise_of_log(short, stated)
+    np.testing.assert_array_equal(noise.inflation, 1)
+    assert noise._replace(offset=0, inflation=0) == nothing()._replace(offset=0, inflation=0)
+
+
+@pytest.mark.parametrize("missing", [[2], [0, 4], list(range(6))])
+def test_axes_that_were_never_measured_do_not_matter(stated, missing):
+    t = stamps(20, 250)
+    y = free_motion(np.random.default_rng(2), t)
+    y[:, missing] = np.nan
+    noise = noise_of_log(blocks_of(t, y, velocity=np.zeros((len(t), 3))), stated)
+    assert noise.contacts == ()
+    assert all(np.isfinite(x).all() for x in (noise.offset, noise.inflation, noise.vibration.level))
+    assert (noise.inflation[missing] == 1).all()
+    assert not noise.offset[missing].any()
+
+
+def test_an_offset_of_kilonewtons_widens_the_prior(stated):
+    """Readings are kept, because the filter would reject them as contact for ever."""
+    blocks = white_blocks(3)
+    shift = np.array([12.8e3, 0, 0, 0, -7.0, 0])
+    shifted = blocks._replace(mean=blocks.mean + shift)
+    offset = offset_of(shifted, stated)
+    np.testing.assert_array_equal(offset != 0, shift != 0)
+    np.testing.assert_allclose(offset, shift, atol=80 * STD.max())
+    noise = noise_of_log(shifted, stated)
+    assert noise.contacts == ()
+    prior = np.asarray(with_noise(stated, noise).bias.prior_std)
+    np.testing.assert_allclose(prior[:6], np.maximum(30 * STD, np.abs(offset)))
+    np.testing.assert_array_equal(prior[6:], stated.bias.prior_std[6:])
+    assert not offset_of(blocks, stated).any()
+
+
+def test_nothing_leaves_parameters_alone(stated):
+    for before, after in zip(jax.tree.leaves(stated), jax.tree.leaves(with_noise(stated, nothing())), strict=True):
+        np.testing.assert_array_equal(before, after)
+    assert describe(nothing()) == []
+    assert not useless(T, nothing()).any()
+
+
+def full():
+    """All that a log can show."""
+    per_speed = np.outer([1.0, 0, 2.0], STD**2)
+    level = np.array([1, 2.25, 1, 1, 1, 1])
+    slow = SlowNoise(np.array([0.3, 0, 0, 0, 0, 0.01]), np.array([0.5, 1, 1, 1, 1, 2.0]), np.full(6, 20.0))
+    offset, factor = np.array([12800.0, 0, 0, 0, 0, 0]), np.array([1, 1, 1.7, 1, 1, 1])
+    contact = Contact(3.0, 4.5, np.array([3.0, 4, 0, 0, 0, 0]))
+    return LogNoise((contact,), Vibration(level, per_speed, 0.1, 50.0), slow, offset, factor)
+
+
+def test_parameters_take_what_the_log_shows(stated):
+    noise = full()
+    bias = with_noise(stated, noise).bias
+    np.testing.assert_allclose(bias.wrench_variance, STD**2 * noise.vibration.level)
+    np.testing.assert_allclose(bias.vibration, noise.vibration.per_speed)
+    assert float(bias.vibration_speed) == pytest.approx(0.1)
+    np.testing.assert_allclose(bias.correlated_std, noise.slow.std)
+    np.testing.assert_allclose(bias.correlated_time, noise.slow.time)
+    assert all(x.dtype == stated.theta.dtype for x in jax.tree.leaves(bias))
+
+
+def test_a_reader_is_told_what_the_log_shows():
+    lines = describe(full())
+    assert [line.split(":")[0] for line in lines] == [
+        "the bias at the start is far from what the setup expects, by N, Nm",
+        "contact from 3.00 to 4.50 s, up to 5 N",
+        "the noise grows with the speed of the joints; the filter takes what the scatter of the log shows",
+        "standard deviation of the noise at rest, in the stated one",
+        "errors that vary slowly (N, Nm and correlation time)",
+        "standard deviations of the bias are enlarged, by what the innovations still contradict",
+    ]
+    assert "1.28e+04" in lines[0]
+    assert lines[3].endswith(" 1.5")
+    assert "0.3 over 0.5 s" in lines[4]
+    assert "0.01 over 2 s" in lines[4]
+    assert lines[5].endswith(" 1.7")
+
+
+def test_samples_in_contact_and_next_to_it_are_useless():
+    t = np.arange(0, 8, 0.01)
+    touched = t[useless(t, full())]
+    assert touched[0] == pytest.approx(3.0 - MARGIN, abs=0.011)
+    assert touched[-1] == pytest.approx(4.5 + MARGIN, abs=0.011)

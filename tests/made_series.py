@@ -1,0 +1,42 @@
+"""Measured biases made of known noise, for the tests of what a log shows of itself."""
+
+import numpy as np
+
+from ftbias_jax.filtering.adapt.blocks import Blocks, in_blocks
+
+STD = np.repeat([0.1, 0.004], 3)
+"""N, Nm of one sample."""
+
+
+def stamps(seconds, rate):
+    """(T,) s."""
+    return np.arange(round(seconds * rate)) / rate
+
+
+def gauss_markov(rng, t, std, time):
+    """(T, len(std)) first-order Gauss-Markov noise, exact at even stamps."""
+    kept = np.exp(-(t[1] - t[0]) / time)
+    kicks = rng.normal(size=(len(t), len(std))) * std
+    x = np.empty_like(kicks)
+    x[0] = kicks[0]
+    for k in range(1, len(t)):
+        x[k] = kept * x[k - 1] + np.sqrt(1 - kept**2) * kicks[k]
+    return x
+
+
+def free_motion(rng, t, std=STD):
+    """(T, 6) N, Nm: an offset, a drift, and white noise."""
+    drift = 0.02 * std * rng.normal(size=6)
+    return 20 * std * rng.normal(size=6) + drift * t[:, None] + std * rng.normal(size=(len(t), 6))
+
+
+def blocks_of(t, y, std=STD, velocity=None):
+    """A log in blocks, with white noise stated and by default at rest."""
+    velocity = np.zeros((len(t), 2)) if velocity is None else velocity
+    return in_blocks(t, y, velocity, np.broadcast_to(np.asarray(std) ** 2, y.shape))
+
+
+def made_blocks(t, mean, variance, count=25):
+    """Blocks with these means (N, 6) and variances of a sample (6,), at rest."""
+    ones = np.ones_like(mean)
+    return Blocks(t, count, mean, count * ones, variance * ones, np.zeros((len(t), 7, 2)), variance * ones)
