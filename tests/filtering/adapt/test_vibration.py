@@ -99,9 +99,7 @@ def test_scatter_without_the_joints_share_does_not_lower_the_level():
 
 def test_more_scatter_than_stated_is_the_sensors():
     """The joints' share stays what it is."""
-    blocks = moving_blocks(
-        np.random.default_rng(5), lambda blocks: 3 * STD**2 + 3 * STD**2 + 0 * blocks.stated, 4 * STD**2
-    )
+    blocks = moving_blocks(np.random.default_rng(5), lambda blocks: 1.5 * blocks.stated, 4 * STD**2)
     found = fit_vibration(blocks, free(blocks), STD**2)
     np.testing.assert_allclose(found.level, 3, rtol=0.1)
     np.testing.assert_allclose(found.variance(blocks, STD**2), np.broadcast_to(6 * STD**2, (COUNT, 6)), rtol=0.05)
