@@ -166,11 +166,7 @@ def _integrated_twice(x: Array) -> Array:
 
 
 def bias_model(strength: BiasStrength | Array) -> ProcessModel:
-    """The process of one axis for this strength, with as few states as it needs.
-
-    Args:
-        strength: density (B,) in N/s^1.5, Nm/s^1.5, or with it the rates and the variance of correlated noise.
-    """
+    """The process of one axis, with as few states as its strength, or density (B,) in N/s^1.5, Nm/s^1.5, needs."""
     if not isinstance(strength, BiasStrength):
         return drift_noise
     return reverting_drift if strength.noise_rate is None else correlated_bias

@@ -115,6 +115,62 @@ def test_joints_from_one_number_or_n(given, expected):
     np.testing.assert_array_equal(joints.position_noise_std, expected)
 
 
+def test_noise_beyond_white_is_taken_from_the_log_unless_it_is_stated():
+    setup = parse_setup(minimal())
+    assert setup.bias.adapt is True
+    assert setup.bias.drift_time is None
+    assert setup.sensor.correlated_std is None
+    assert setup.sensor.correlated_time is None
+
+
+def stated_noise():
+    """The minimal setup with all that can be stated of noise."""
+    tables = minimal()
+    tables["sensor"] |= {"correlated_std": [0.3, 0], "correlated_time": 2.5}
+    tables["bias"] = {"drift_time": [100, 20.0], "adapt": False, "gate": 5}
+    return tables
+
+
+def test_correlated_noise_and_a_drift_that_reverts_can_be_stated():
+    setup = parse_setup(stated_noise())
+    np.testing.assert_array_equal(setup.sensor.correlated_std, [0.3] * 3 + [0] * 3)
+    np.testing.assert_array_equal(setup.sensor.correlated_time, [2.5] * 6)
+    np.testing.assert_array_equal(setup.bias.drift_time, [100] * 3 + [20] * 3)
+    assert setup.bias.adapt is False
+
+
+@pytest.mark.parametrize("tables", [minimal(), stated_noise()], ids=["minimal", "stated"])
+def test_stated_noise_comes_back_and_what_is_not_stated_is_not_written(tables):
+    setup = parse_setup(tables)
+    text = dump_setup(setup)
+    assert_equal(parse_setup(tomllib.loads(text)), setup)
+    for key in ("correlated_std", "correlated_time", "drift_time", "adapt"):
+        assert (f"\n{key} = " in text) == (key in {**tables["sensor"], **tables.get("bias", {})})
+
+
+@pytest.mark.parametrize("key", ["correlated_std", "correlated_time"])
+def test_correlated_noise_needs_both_its_size_and_its_time(key):
+    fails(with_value(f"sensor.{key}", 0.3), f"sensor.{key}: stands alone", "correlated_std and correlated_time")
+
+
+@pytest.mark.parametrize(
+    ("section", "change", "what"),
+    [
+        ("sensor", {"correlated_std": -0.1, "correlated_time": 1}, "sensor.correlated_std: got -0.1"),
+        ("sensor", {"correlated_std": 0.1, "correlated_time": 0}, "sensor.correlated_time: got 0"),
+        ("sensor", {"correlated_std": [0.1] * 3, "correlated_time": 1}, "sensor.correlated_std: has 3 numbers"),
+        ("bias", {"drift_time": 0}, "bias.drift_time: got 0"),
+        ("bias", {"drift_time": float("inf")}, "bias.drift_time: got inf"),
+        ("bias", {"adapt": "no"}, "bias.adapt: expected true or false"),
+        ("bias", {"adapt": 0}, "bias.adapt: expected true or false"),
+    ],
+)
+def test_mistakes_in_stated_noise_are_named(section, change, what):
+    tables = minimal()
+    tables[section] = {**tables.get(section, {}), **change}
+    fails(tables, what)
+
+
 def test_screw_robot():
     robot = parse_setup({**minimal(), "robot": screw_robot()}).robot
     np.testing.assert_array_equal(robot.screws, [[0, 0, 0, 0, 0, 1], [0, 0.6, 0.8, 0, 0, 0]])

@@ -39,7 +39,7 @@ def short():
 
 def textbook(linear_gaussian, short, g, axis):
     """One axis and one set of parameters as matrices; the state is (bias, drift, noise)."""
-    t, y, variance, grid = short
+    t, _, variance, grid = short
     q, std, time = DENSITY[axis] ** 2, grid.std[g, axis], grid.time[g, axis]
     A, Q = [], []
     for h in np.diff(t, prepend=t[0]):
@@ -62,7 +62,7 @@ def test_likelihoods_are_those_of_the_one_normal_distribution_of_all_blocks(line
 
 
 def test_innovations_are_those_of_a_filter_in_matrices(linear_gaussian, short):
-    t, y, variance, grid = short
+    y = short[1]
     found = list(innovations(*short, PRIOR.reshape(2, 6), DENSITY))
     for g, axis in ((0, 0), (1, 4), (2, 2)):
         model = textbook(linear_gaussian, short, g, axis)

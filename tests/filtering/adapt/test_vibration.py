@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from made_series import STD, blocks_of
 
+from ftbias_jax.filtering.adapt import vibration
 from ftbias_jax.filtering.adapt.blocks import SPEEDS, Blocks
 from ftbias_jax.filtering.adapt.vibration import LEAST_LEVEL, fit_vibration
 from ftbias_jax.filtering.bias_filter import effective_speed_squared
@@ -59,6 +60,18 @@ def test_it_is_recovered_from_samples_too():
     np.testing.assert_allclose(found.per_speed, PER_SPEED, rtol=0.2)
 
 
+def test_a_long_log_is_judged_by_some_of_its_blocks(monkeypatch):
+    """And all of them are given their variance."""
+    monkeypatch.setattr(vibration, "MOST_BLOCKS", 900)
+    blocks = moving_blocks(np.random.default_rng(9), lambda blocks: 2 * blocks.stated + blocks.motion[:, 0] @ PER_SPEED)
+    found = fit_vibration(blocks, free(blocks), STD**2)
+    some = blocks._replace(**{x: getattr(blocks, x)[::3] for x in blocks._fields if x != "size"})
+    expected = fit_vibration(some, free(some), STD**2)
+    np.testing.assert_array_equal(found.per_speed, expected.per_speed)
+    np.testing.assert_allclose(found.level, 2, rtol=0.15)
+    assert found.variance(blocks, STD**2).shape == (COUNT, 6)
+
+
 def test_white_noise_does_not_vibrate():
     for seed in range(50):
         blocks = moving_blocks(np.random.default_rng(seed), count=200)
@@ -99,9 +112,7 @@ def test_scatter_without_the_joints_share_does_not_lower_the_level():
 
 def test_more_scatter_than_stated_is_the_sensors():
     """The joints' share stays what it is."""
-    blocks = moving_blocks(
-        np.random.default_rng(5), lambda blocks: 3 * STD**2 + 3 * STD**2 + 0 * blocks.stated, 4 * STD**2
-    )
+    blocks = moving_blocks(np.random.default_rng(5), lambda blocks: 1.5 * blocks.stated, 4 * STD**2)
     found = fit_vibration(blocks, free(blocks), STD**2)
     np.testing.assert_allclose(found.level, 3, rtol=0.1)
     np.testing.assert_allclose(found.variance(blocks, STD**2), np.broadcast_to(6 * STD**2, (COUNT, 6)), rtol=0.05)

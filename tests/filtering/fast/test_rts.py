@@ -7,7 +7,14 @@ import pytest
 
 from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import Inputs, filter_scan
-from ftbias_jax.filtering.process_models import JOINT_MODELS, drift_noise, matrix
+from ftbias_jax.filtering.process_models import (
+    JOINT_MODELS,
+    BiasStrength,
+    correlated_bias,
+    drift_noise,
+    matrix,
+    reverting_drift,
+)
 
 COUNT, LANES, GAP = 16, 2, 9
 MODELS = {**JOINT_MODELS, "drift": drift_noise}
@@ -92,3 +99,65 @@ def test_covariances_stay_positive_in_single_precision(smoothed):
         assert (np.linalg.eigvalsh(covariance) > 0).all()
         np.testing.assert_allclose(single[name].covariance, exact.covariance, rtol=1e-3, atol=1e-5)
         np.testing.assert_allclose(single[name].mean, exact.mean, rtol=1e-3, atol=1e-3)
+
+
+def bias_problem(model, dtype=float):
+    """Bias filters whose drift reverts; with ``correlated_bias`` in noise whose variance differs between samples."""
+    plain = problem("drift", gap=40.0, dtype=dtype)
+    rng = np.random.default_rng(1)
+    drift_rate, density = rng.uniform(0.1, 2, LANES), rng.uniform(1, 5, LANES)
+    if model is reverting_drift:
+        strength = BiasStrength(*(jnp.asarray(x, dtype) for x in (density, drift_rate)))
+        return plain._replace(density=strength)
+    noise_rate, variance = rng.uniform(1, 20, LANES), rng.uniform(0.1, 1, LANES)
+    mean, covariance = np.zeros((3, LANES)), np.zeros((3, 3, LANES))
+    mean[:2], covariance[:2, :2] = plain.mean, plain.covariance
+    # The state is (bias + noise, drift, noise).
+    for a in (0, 2):
+        for b in (0, 2):
+            covariance[a, b] += variance
+    strength = BiasStrength(*(jnp.asarray(x, dtype) for x in (density, drift_rate, noise_rate, variance)))
+    return plain._replace(
+        density=strength,
+        mean=jnp.asarray(mean, dtype),
+        covariance=jnp.asarray(covariance, dtype),
+        restart_variance=jnp.full((3, LANES), jnp.inf, dtype),
+    )
+
+
+def textbook_rts(model, inputs, lane):
+    """Means and covariances of one lane by the smoother as textbooks print it, with inverses of predicted matrices."""
+    strength = BiasStrength(*(None if x is None else x[lane] for x in inputs.density))
+    x, P = np.asarray(inputs.mean[:, lane]), np.asarray(inputs.covariance[..., lane])
+    C = np.eye(1, len(x))
+    steps = []
+    for dt, y, R in zip(inputs.dt, inputs.y[:, 0, lane], inputs.variance[:, 0, lane], strict=True):
+        A, Q = (np.asarray(matrix(rows)) for rows in model(dt, strength))
+        before = A @ x, A @ P @ A.T + Q
+        x, P = before
+        if np.isfinite(y):
+            K = P @ C.T / (C @ P @ C.T + R)
+            x, P = x + K[:, 0] * (y - x[0]), P - K @ C @ P
+        steps.append((A, before, x, P))
+    kept = [(x, P)]
+    for i in reversed(range(COUNT - 1)):
+        (A, (ahead, spread), _, _), (_, _, x_i, P_i) = steps[i + 1], steps[i]
+        G = P_i @ A.T @ np.linalg.inv(spread)
+        x, P = x_i + G @ (x - ahead), P_i + G @ (P - spread) @ G.T
+        kept.append((x, P))
+    return tuple(np.stack(part) for part in zip(*reversed(kept), strict=True))
+
+
+@pytest.mark.parametrize("model", [reverting_drift, correlated_bias])
+def test_smoothed_biases_in_correlated_noise_are_those_of_the_textbook(model):
+    """Through a gap of 40 s, in which the noise and the drift forget all."""
+    inputs = bias_problem(model)
+    smoothed = jax.jit(lambda inputs: smooth_track(model, inputs, filter_scan(model, inputs)))(inputs)
+    single = bias_problem(model, np.float32)
+    single = jax.jit(lambda inputs: smooth_track(model, inputs, filter_scan(model, inputs)))(single)
+    for lane in range(LANES):
+        mean, covariance = textbook_rts(model, inputs, lane)
+        np.testing.assert_allclose(smoothed.mean[..., lane], mean, rtol=1e-7, atol=1e-8)
+        np.testing.assert_allclose(smoothed.covariance[..., lane], covariance, rtol=1e-7, atol=1e-8)
+        np.testing.assert_allclose(single.mean[..., lane], mean, rtol=1e-2, atol=1e-2)
+        assert (np.linalg.eigvalsh(np.asarray(single.covariance[..., lane], float)) > -1e-6).all()

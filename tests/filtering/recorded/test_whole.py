@@ -165,7 +165,7 @@ def test_parts_are_the_whole(likeliest, made, clean, monkeypatch):
 
 
 def test_a_filter_as_on_the_robot_looks_at_nothing(made, likeliest):
-    log, truth = made
+    log, _ = made
     setup = parse_setup({**SETUP, "bias": {"adapt": False}})
     ready = ready_to_filter(setup, likeliest, log.q[0], lambda: in_parts(log, likeliest), len(log.t))
     assert ready.noise.contacts == ()
