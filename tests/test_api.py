@@ -79,12 +79,14 @@ def test_what_cannot_be_simulated_is_said(setup, arguments, words):
     assert str(caught.value).startswith(words)
 
 
-def test_a_result_has_the_numbers_of_the_filter_in_double_precision(setup, made, result):
+def test_a_result_has_the_numbers_of_the_filter_in_double_precision(setup, made):
+    result = ft.filter_log(setup, made.log, smooth=True, as_stated=True)
     with jax.enable_x64(True):
         params = chunks.params_for_log(setup, samples_from_log(made.log))
         expected = chunks.filter_with_params(params, made.log)
     for name, values in expected._asdict().items():
-        np.testing.assert_allclose(getattr(result, name), values, rtol=1e-12, atol=1e-12, err_msg=name)
+        if values is not None:
+            np.testing.assert_allclose(getattr(result, name), values, rtol=1e-12, atol=1e-12, err_msg=name)
     assert result.bias.dtype == np.float64
     assert jax.numpy.ones(1).dtype == np.float32
     assert (result.bias_smooth_std <= result.bias_std * (1 + 1e-9)).all()
@@ -92,7 +94,7 @@ def test_a_result_has_the_numbers_of_the_filter_in_double_precision(setup, made,
 
 def test_a_result_is_printed_and_saved_as_the_command_does(result, tmp_path):
     assert str(result).startswith("200 wrench samples, 4.0 s\n")
-    assert "joint process noise (integrated_jerk): 40 40" in str(result)
+    assert "joint process noise (integrated_jerk): 5 5" in str(result)
     assert result.check().nis.value == pytest.approx(result.summary.mean_nis)
     result.save(tmp_path / "out.npz")
     saved = np.load(tmp_path / "out.npz")

@@ -10,16 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering import filter_log as chunks
 from ftbias_jax.filtering.adapt.log_noise import LogNoise
-from ftbias_jax.filtering.joint_filter import first_measured
-from ftbias_jax.filtering.pipeline import options_from_setup
-from ftbias_jax.filtering.recorded.ready import in_parts, ready_to_filter
-from ftbias_jax.filtering.result import Filtered, join
-from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.filtering.recorded.ready import filtered_with
+from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array
@@ -73,14 +68,6 @@ def judge_predictions(before: Setup, after: Setup, logs: Sequence[Log], hold_out
     return tuple(
         Predicted(h, *np.sqrt(totals[h] / np.maximum(counts[h], 1))) for h in HORIZONS if counts[h].max() >= FEWEST
     )
-
-
-def filtered_with(setup: Setup, log: Log) -> tuple[Filtered, LogNoise]:
-    """A log filtered as ``ftbias filter`` does it."""
-    likeliest = chunks.likeliest_params(setup, samples_from_log(log), options_from_setup(setup))
-    first_q = np.asarray(first_measured(jnp.asarray(log.q)))
-    ready = ready_to_filter(setup, likeliest, first_q, lambda: in_parts(log, likeliest), len(log.t))
-    return join(list(ready.results())), ready.noise
 
 
 def prediction_errors(result: Filtered, ahead: float) -> Array:

@@ -210,7 +210,7 @@ def with_wrench_noise(params: Params, noise: dict[str, Array]) -> Params:
 
 @partial(jax.jit, static_argnames="options")
 def smoothed_wrenches(params: Params, logs: Sample, options: Options) -> tuple[Array, Array]:
-    """Of logs with a leading axis: D theta (L, T, 6) of the smoothed joints, and the joints' share of R."""
+    """Of logs with a leading axis: D theta (L, T, 6) N, Nm, of the smoothed joints, and the joints' share of R."""
 
     def one(samples: Sample) -> tuple[Array, Array]:
         joints = smooth_joints(params, pipeline.init(params, samples), samples, options)

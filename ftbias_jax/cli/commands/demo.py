@@ -67,11 +67,11 @@ def run(arguments: argparse.Namespace) -> int:
     noise = "{0:g} N, {3:g} Nm".format(*setup.sensor.noise_std)
     print(f"a simulated Panda, {recorded}, noise {noise}; its setup says that the tool weighs {setup.tool.mass} kg")
 
-    before = _filter(setup, log, folder / "before.npz", "1 filter")
+    before = _filter(setup, log, folder / "before.npz")
     print(f"1 filter    {_prediction(before)}")
     diagnosis = _diagnose(setup, log, folder)
     print(f"2 diagnose  {_verdict(diagnosis)}")
-    after = _filter(load_setup(folder / "fixed.toml"), log, folder / "after.npz", "3 filter")
+    after = _filter(load_setup(folder / "fixed.toml"), log, folder / "after.npz")
     print(f"3 filter    {_prediction(after)}, with {folder / 'fixed.toml'}")
     print(f"the truth   mass = {TRUE_MASS} kg; the bias against its truth, after {SETTLED:g} s:")
     print(_against_truth(before, after, truth))
@@ -114,15 +114,12 @@ def _simulate(setup: Setup, seed: int, count: int, rate: float) -> Simulation:
     return simulated
 
 
-def _filter(setup: Setup, log: Log, path: Path, label: str) -> Filtered:
-    from ftbias_jax.filtering import filter_log
+def _filter(setup: Setup, log: Log, path: Path) -> Filtered:
+    from ftbias_jax.filtering.recorded.ready import filtered_with
     from ftbias_jax.filtering.result import named_arrays
-    from ftbias_jax.filtering.samples import samples_from_log
     from ftbias_jax.io.write.npz import save_npz
-    from ftbias_jax.runtime.progress import Progress
 
-    params = filter_log.params_for_log(setup, samples_from_log(log))
-    filtered = filter_log.filter_with_params(params, log, progress=Progress(label, len(log.t)))
+    filtered, _ = filtered_with(setup, log)
     save_npz(path, named_arrays(filtered))
     return filtered
 

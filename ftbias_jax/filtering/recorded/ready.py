@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering import filter_log as chunks
 from ftbias_jax.filtering.adapt.log_noise import LogNoise, nothing, useless
+from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.pipeline import Options, options_from_setup
 from ftbias_jax.filtering.recorded.whole import filter_recorded
-from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.filtering.result import Filtered, join
+from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
@@ -71,3 +74,11 @@ def smoothed_arrays(ready: Ready, log: Log, options: Options) -> dict[str, Array
         "bias_smooth_std": std[:, 0],
         "drift_smooth_std": std[:, 1],
     }
+
+
+def filtered_with(setup: Setup, log: Log) -> tuple[Filtered, LogNoise]:
+    """A log filtered as ``ftbias filter`` does it."""
+    likeliest = chunks.likeliest_params(setup, samples_from_log(log), options_from_setup(setup))
+    first_q = np.asarray(first_measured(jnp.asarray(log.q)))
+    ready = ready_to_filter(setup, likeliest, first_q, lambda: in_parts(log, likeliest), len(log.t))
+    return join(list(ready.results())), ready.noise
