@@ -193,14 +193,25 @@ def test_contact_spikes_do_not_pull_the_bias_behind_the_gate(filtered, simulated
     touched = {"wrench": simulated.log["wrench"].copy()}
     spikes(touched)
     touched = (touched["wrench"] != simulated.log["wrench"]).any(1)
-    expected, _ = filtered(lambda log: log["wrench"].__setitem__(touched, np.nan))
-    gated, told = filtered(spikes, "--gate", "5")
+    expected, _ = filtered(lambda log: log["wrench"].__setitem__(touched, np.nan), "--as-stated")
+    gated, told = filtered(spikes, "--gate", "5", "--as-stated")
     assert (np.abs(gated["bias"][~touched] - expected["bias"]) / expected["bias_std"]).max() < 1
     assert np.abs(errors(gated, simulated)).max() < 5
     assert f"{touched.sum()} samples ({touched.mean():.2%}) did not pass the gate: contact?" in told
-    pulled, told = filtered(spikes)
+    pulled, told = filtered(spikes, "--as-stated")
     assert (np.abs(pulled["bias"][~touched] - expected["bias"]) / expected["bias_std"]).max() > 20
     assert "samples are far off their prediction: contact? --gate 5 keeps them out" in told
+
+
+def test_spikes_are_kept_out_without_being_asked(filtered, simulated):
+    """The filter of recordings has a gate, whose samples are told and marked."""
+    expected, _ = filtered(nothing)
+    result, told = filtered(spikes)
+    assert "did not pass the gate: contact?" in told
+    untouched = result["used"]
+    shifts = np.abs(result["bias"] - expected["bias"]) / expected["bias_std"]
+    assert shifts[untouched].max() < 2
+    assert np.abs(errors(result, simulated)).max() < 5
 
 
 def test_a_gate_in_the_setup_is_the_gate_of_the_command(filtered):
@@ -218,7 +229,7 @@ def test_a_bias_that_jumps_opens_the_gate_again(filtered, simulated):
     def fault(log):
         log["wrench"][1000:] += jump
 
-    result, _ = filtered(fault, "--gate", "5")
+    result, _ = filtered(fault, "--gate", "5", "--as-stated")
     passed = 1000 + np.flatnonzero(np.isfinite(result["innovation"][1000:, 0]))[0]
     assert FORGET < (passed - 1000) / RATE < 3 * FORGET
     late = (result["bias"][passed:] - simulated.bias[passed:] + jump) / result["bias_std"][passed:]

@@ -62,7 +62,7 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     free = ~in_contact(blocks.t, list(contacts), block)
     white, vibration, slow = blocks.stated, None, None
     if params.bias.vibration is None:
-        sensor = np.asarray(params.bias.wrench_variance, float)
+        sensor = np.maximum(np.asarray(params.bias.wrench_variance, float), np.finfo(float).tiny)
         vibration = fit_vibration(blocks, free, sensor)
         white = vibration.variance(blocks, sensor)
     y = np.where(free[:, None], blocks.mean, np.nan)
