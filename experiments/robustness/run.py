@@ -20,7 +20,7 @@ from ftbias_jax.filtering.recorded.whole import GATE, blocks_of
 from ftbias_jax.filtering.result import join
 
 SEEDS, DURATION, RATE, SETTLED = 20, 20.0, 250.0, 1.0
-OFF = 1000.0
+OFF = 1e6
 """Standard deviations of a gate that nothing reaches."""
 FORCES, DURATIONS = (1.0, 5.0, 20.0, 50.0), (0.2, 1.0, 3.0)
 """N and s, of contacts."""
