@@ -1,0 +1,69 @@
+"""The recorded logs: where they are, and the tool of those whose setup has none that was measured."""
+
+import os
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import jax
+import numpy as np
+
+import ftbias_jax as ft
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.model.wrench.tool_wrench import tool_parameters, tool_wrench
+
+KUKA_RUNS = ("base", "vib", "contact")
+ROUNDS = 5
+"""The torque of the inertia depends on the centre of mass a little: least squares is repeated."""
+
+
+def folder():
+    """Where the recorded logs are, or None."""
+    shared = os.environ.get("FTBIAS_SHARED")
+    real = Path(shared) / "data" / "real" if shared else None
+    return real if real and real.is_dir() else None
+
+
+def kuka(real, run):
+    """The setup and one of KUKA_RUNS."""
+    setup = ft.load_setup(real / "kuka_ati" / "orientation_only.toml")
+    return setup, ft.read_log(real / "kuka_ati" / f"merged_{run}.csv", setup)
+
+
+def panda(real, number):
+    """The setup, whose tool is a guess, and a log."""
+    setup = ft.load_setup(real / "panda_optoforce" / "setup.toml")
+    return setup, ft.read_log(real / "panda_optoforce" / f"log_{number}.npz", setup)
+
+
+def abb(real):
+    setup = ft.load_setup(real / "abb_frida.toml")
+    return setup, ft.read_log(real / "abb_frida.npz", setup)
+
+
+def with_least_squares_tool(setup, result):
+    """A setup with mass and centre of mass by plain least squares: reading = D theta - constant bias.
+
+    Args:
+        setup: of the log; its inertia is kept, because hardly any log shows it.
+        result: of filtering the log, for its smoothed joints or pose.
+    """
+    params = params_from_setup(setup)
+    one = partial(tool_wrench, params.arm, params.gravity)
+
+    @jax.jit
+    @partial(jax.vmap, in_axes=(None, 0, 0, 0))
+    def data(theta, q, dq, ddq):
+        return jax.jacobian(lambda x: one(x, q, dq, ddq))(theta)
+
+    D = np.asarray(data(params.theta, result.q, result.dq, result.ddq))
+    reading = result.wrench_unbiased - result.bias
+    rows = np.isfinite(reading).all(1)
+    columns = np.concatenate([D[rows, :, :4], np.broadcast_to(-np.eye(6), (rows.sum(), 6, 6))], axis=2)
+    weight = 1 / setup.sensor.noise_std
+    found = np.array([setup.tool.mass, *(setup.tool.mass * setup.tool.center_of_mass), *np.zeros(6)])
+    for _ in range(ROUNDS):
+        inertia = np.asarray(tool_parameters(found[0], found[1:4] / found[0], setup.tool.inertia))[4:]
+        left = (reading[rows] - D[rows, :, 4:] @ inertia) * weight
+        found = np.linalg.lstsq((columns * weight[:, None]).reshape(-1, 10), left.ravel(), rcond=None)[0]
+    return replace(setup, tool=replace(setup.tool, mass=float(found[0]), center_of_mass=found[1:4] / found[0]))

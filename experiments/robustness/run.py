@@ -1,0 +1,187 @@
+"""What contact detection, gate and noise from the log cost where nothing is wrong, and what they save where it is."""
+
+import sys
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+sys.path.append(str(Path(__file__).parents[1]))
+from common import SETUP, keep, rounded
+
+import ftbias_jax as ft
+from ftbias_jax.filtering import filter_log
+from ftbias_jax.filtering.adapt.log_noise import noise_of_log, nothing, with_noise
+from ftbias_jax.filtering.joint_filter import first_measured
+from ftbias_jax.filtering.recorded.bias import filter_prepared
+from ftbias_jax.filtering.recorded.prepare import prepare
+from ftbias_jax.filtering.recorded.ready import in_parts
+from ftbias_jax.filtering.recorded.whole import GATE, blocks_of
+from ftbias_jax.filtering.result import join
+
+SEEDS, DURATION, RATE, SETTLED = 20, 20.0, 250.0, 1.0
+OFF = 1e6
+"""Standard deviations of a gate that nothing reaches."""
+FORCES, DURATIONS = (1.0, 5.0, 20.0, 50.0), (0.2, 1.0, 3.0)
+"""N and s, of contacts."""
+BEGIN, LEVER = 8.0, 0.1
+"""s at which contact begins or the bias jumps; m, from the sensor to the point of contact."""
+JUMP_DURATION, SOON = 60.0, 10.0
+"""s: length of the logs in which the bias jumps, and the time after the jump of a first look."""
+FOLLOWED = 0.1
+"""Share of a jump that is left when the bias counts as followed."""
+
+
+def filtered(log, kinds):
+    """Results of one log by kind, and the noise found; the joints are smoothed once."""
+    options = ft.options_from_setup(SETUP)
+    params = filter_log.likeliest_params(SETUP, ft.samples_from_log(log), options)
+    first_q = np.asarray(first_measured(jnp.asarray(log.q)))
+    prepared = list(prepare(params, first_q, in_parts(log, params), options))
+    found = noise_of_log(blocks_of(prepared), params)
+    by_kind = {
+        "default": (with_noise(params, found), found, GATE),
+        "gate off": (with_noise(params, found), found, OFF),
+        "gate alone": (params, nothing(), GATE),
+        "neither": (params, nothing(), OFF),
+    }
+
+    def one(params, noise, gate):
+        return join(list(filter_prepared(params, prepared, options._replace(gate=gate), noise)))
+
+    return {kind: one(*by_kind[kind]) for kind in kinds}, found
+
+
+def touched(made, seed, force, duration, stays=False):
+    """A log whose tool is pushed in a random direction, and the (6,) wrench; or whose bias jumps by that and stays."""
+    rng = np.random.default_rng(seed)
+    push, arm = (x / np.linalg.norm(x) for x in rng.normal(size=(2, 3)))
+    wrench = force * np.concatenate([push, np.cross(LEVER * arm, push)])
+    t = made.log.t
+    rows = (t >= BEGIN) & (stays | (t < BEGIN + duration))
+    return made.log._replace(wrench=made.log.wrench - rows[:, None] * wrench), wrench
+
+
+def rms(x):
+    return np.sqrt(np.mean(np.square(x), axis=0))
+
+
+def clean(made):
+    """Bias error, NEES of the bias (6 for right error bars) and false alarms on logs where nothing is wrong."""
+    kinds = ("default", "gate off", "gate alone", "neither")
+    errors, squares = ({kind: [] for kind in kinds} for _ in range(2))
+    alarms = dict.fromkeys(("contact", "vibration", "level of the noise", "slow errors", "offset", "inflation"), 0)
+    rejected = dict.fromkeys(kinds, 0.0)
+    for one in made:
+        results, found = filtered(one.log, kinds)
+        for kind, result in results.items():
+            rows = result.t >= SETTLED
+            error = (result.bias - one.truth.bias)[rows]
+            errors[kind].append(error)
+            squares[kind].append(((error / result.bias_std[rows]) ** 2).sum(1))
+            rejected[kind] += float((~result.used).mean()) / len(made)
+        seen = (
+            bool(found.contacts),
+            found.vibration is not None and found.vibration.per_speed.any(),
+            found.vibration is not None and (found.vibration.level != 1).any(),
+            found.slow is not None and found.slow.std.any(),
+            found.offset.any(),
+            (found.inflation > 1).any(),
+        )
+        for name, yes in zip(alarms, seen, strict=True):
+            alarms[name] += int(yes)
+    scores = {
+        kind: {
+            "force_rmse_N": float(rms(np.concatenate(errors[kind])[:, :3].ravel())),
+            "torque_rmse_Nm": float(rms(np.concatenate(errors[kind])[:, 3:].ravel())),
+            "nees_of_bias": float(np.mean(np.concatenate(squares[kind]))),
+        }
+        for kind in kinds
+    }
+
+    def over(kind, other):
+        return {name: rounded(x / scores[other][name]) for name, x in scores[kind].items()}
+
+    return {
+        "scores": {
+            kind: {name: rounded(x) for name, x in score.items()} | {"share not used": rounded(rejected[kind])}
+            for kind, score in scores.items()
+        },
+        "gate: default over gate off": over("default", "gate off"),
+        "gate: gate alone over neither": over("gate alone", "neither"),
+        "adapting: default over neither": over("default", "neither"),
+        "logs with a false alarm": alarms,
+    }
+
+
+def contact(made):
+    """Bias error from the beginning of a contact to the end of the log, and how often the contact is found."""
+    scored = {}
+    kinds = ("default", "neither")
+    for force in FORCES:
+        for duration in DURATIONS:
+            errors, found_in, ends = {kind: [] for kind in kinds}, 0, []
+            for seed, one in enumerate(made):
+                log, _ = touched(one, seed, force, duration)
+                results, found = filtered(log, kinds)
+                for kind, result in results.items():
+                    errors[kind].append((result.bias - one.truth.bias)[result.t >= BEGIN, :3])
+                hits = [x for x in found.contacts if x.start < BEGIN + duration and x.end > BEGIN]
+                found_in += bool(hits)
+                ends += [max(abs(hits[0].start - BEGIN), abs(hits[-1].end - BEGIN - duration))] if hits else []
+            scored[f"{force:g} N for {duration:g} s"] = {
+                "force_rmse_N": {kind: rounded(rms(np.concatenate(x).ravel())) for kind, x in errors.items()},
+                "found in logs": found_in,
+                "median miss of its ends [s]": rounded(np.median(ends)) if ends else None,
+            }
+    return scored
+
+
+def jump(made):
+    """How far the bias is off some time after it jumped and at the end, and when it had followed."""
+    scored = {}
+    kinds = ("default", "gate alone", "neither")
+    for force in FORCES:
+        soon, left, scaled, times = ({kind: [] for kind in kinds} for _ in range(4))
+        for seed, one in enumerate(made):
+            log, wrench = touched(one, seed, force, 0.0, stays=True)
+            results, _ = filtered(log, kinds)
+            for kind, result in results.items():
+                after = result.t >= BEGIN
+                errors = (result.bias - one.truth.bias - wrench)[after, :3]
+                error = np.linalg.norm(errors, axis=1)
+                scaled[kind].append(errors[-1] / result.bias_std[-1, :3])
+                soon[kind].append(error[round(SOON * RATE)])
+                left[kind].append(error[-1])
+                off = np.flatnonzero(error > FOLLOWED * force)
+                times[kind].append(result.t[after][off[-1]] - BEGIN if len(off) else 0.0)
+        longest = JUMP_DURATION - BEGIN - 2 / RATE
+        scored[f"{force:g} N"] = {
+            kind: {
+                f"error after {SOON:g} s [N], median": rounded(np.median(soon[kind])),
+                "error at the end [N], median": rounded(np.median(left[kind])),
+                "error at the end in its standard deviations, rms": rounded(rms(np.ravel(scaled[kind]))),
+                "followed after [s], median": rounded(np.median(times[kind])),
+                "not followed in logs": int((np.array(times[kind]) >= longest).sum()),
+            }
+            for kind in kinds
+        }
+    return scored
+
+
+def simulated(duration, motion="sines"):
+    return [ft.simulate(SETUP, duration=duration, rate=RATE, motion=motion, seed=seed) for seed in range(SEEDS)]
+
+
+def main():
+    made = simulated(DURATION)
+    result = {"seeds": SEEDS, "seconds": DURATION, "rate_Hz": RATE, "seconds of logs with a jump": JUMP_DURATION}
+    result["clean"] = {"sines": clean(made), "moves": clean(simulated(DURATION, "moves"))}
+    print(result["clean"], flush=True)
+    result["contact"] = contact(made)
+    print(result["contact"], flush=True)
+    keep(__file__, result | {"jump": jump(simulated(JUMP_DURATION))})
+
+
+if __name__ == "__main__":
+    main()
