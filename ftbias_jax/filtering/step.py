@@ -99,8 +99,8 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     """
     if params.effects is not None:
         raise ValueError(
-            "known effects act on whole logs, not on single samples: use pipeline.run, with a "
-            "joint uncertainty other than 'full'"
+            "known effects act on whole logs, not on single samples: use pipeline.run, "
+            "with a joint uncertainty other than 'full'"
         )
     joint, joint_innovation = joint_filter.step(
         params.joint, state.joint, sample.dt, sample.q, sample.dq, options.joint_model

@@ -16,6 +16,8 @@ from ftbias_jax.types import AXES, Array
 
 BATCHES = (0.25, 1.0, 5.0)
 """s: means of the innovations over so long must scatter as the filter says."""
+CHANCE = 3.0
+"""Standard deviations of chance: six axes and three lengths are looked at."""
 FEWEST_BATCHES = 8
 CORRELATION = 3.0
 """Standard deviations of the correlation of neighbours that chance does not reach."""
@@ -140,7 +142,7 @@ def inflation(t: Array, white: Array) -> Array:
         squares = np.where(counts > 0, sums**2 / np.maximum(counts, 1), np.nan)
         with np.errstate(invalid="ignore"):
             ratio = np.nanmean(squares, 0)
-        chance = 1 + 2 * np.sqrt(2 / np.maximum((counts > 0).sum(0), 1))  # of a chi-square, to two standard deviations
+        chance = 1 + CHANCE * np.sqrt(2 / np.maximum((counts > 0).sum(0), 1))  # of a chi-square
         factor = np.fmax(factor, np.where(ratio > chance, np.sqrt(ratio), 1))
     return factor
 

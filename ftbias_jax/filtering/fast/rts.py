@@ -96,7 +96,8 @@ def _solve(S: Rows, right: Rows) -> Rows:
     lower, pivot = [[S[a][b] for b in range(k)] for a in range(k)], []
     rows = [list(row) for row in right]
     for c in range(k):
-        pivot.append(lower[c][c])
+        # Zero where nothing is uncertain and nothing happens: such rows are zero on the right as well.
+        pivot.append(jnp.where(lower[c][c] > 0, lower[c][c], 1))
         for a in range(c + 1, k):
             factor = lower[a][c] / pivot[c]
             lower[a] = [entry - factor * top for entry, top in zip(lower[a], lower[c], strict=True)]

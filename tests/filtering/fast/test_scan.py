@@ -41,7 +41,7 @@ def textbook(model, inputs):
 
         return jax.lax.scan(body, Gaussian(mean, covariance), (inputs.dt, y, variance))[1]
 
-    return jax.vmap(one, in_axes=-1, out_axes=-1)(*inputs[1:])
+    return jax.vmap(one, in_axes=-1, out_axes=-1)(*inputs[1:7])
 
 
 @models
