@@ -14,7 +14,7 @@ FOLD_SECONDS = 5.0
 """Stretches that go to the two folds in turn."""
 LEAST_GAIN = 10.0
 """nats on the unseen fold, over all axes, below which the log does not show that its noise grows with motion."""
-HEAVY = 30.0
+HEAVY = 6.0
 """A scatter this many times the usual is no vibration but a spike: it is cut to that."""
 
 MOST_BLOCKS = 4000
