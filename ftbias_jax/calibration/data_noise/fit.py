@@ -44,6 +44,8 @@ from ftbias_jax.types import Array, Sample
 
 DISTINCT = 3.0
 """A variance of fewer standard errors than this is not distinguishable from zero."""
+SMALL_REST = 1e-6
+"""Relative: a sum of variances of which less is left over is a combination of what the logs show."""
 
 
 class Tool(NamedTuple):
@@ -208,4 +210,8 @@ def _sums(tools: Sequence[Params], index: dict[str, np.ndarray], optimum: newton
         gradient.combination_errors(information, slope / (2 * value[..., None]) / scale)
         for value, slope in zip(values, slopes, strict=True)
     ]
-    return DeterminedSums(values[0], errors[0], values[1], errors[1])
+    # R is seen, so its diagonal is determined; a - g is where it is a combination of diagonals.
+    totals, force = slopes[0].reshape(-1, len(logs)), slopes[1]
+    left_over = force - (force @ np.linalg.pinv(totals, rcond=1e-10)) @ totals
+    known = np.abs(left_over).max(-1, initial=0) < SMALL_REST * np.abs(force).max(-1, initial=0)
+    return DeterminedSums(values[0], errors[0], values[1], np.where(known, errors[1], np.inf))

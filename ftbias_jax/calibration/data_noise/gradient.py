@@ -156,7 +156,7 @@ def _newton_step(slope: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 
 def combination_errors(information: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Standard errors of linear combinations of the logarithms, inf for those that the data leave open.
+    """Standard errors of linear combinations of the logarithms, where what is open counts with an error of 1.
 
     Args:
         information: (P, P).
@@ -166,10 +166,8 @@ def combination_errors(information: np.ndarray, weights: np.ndarray) -> np.ndarr
         (...).
     """
     strength, directions = np.linalg.eigh(information)
-    along, known = weights @ directions, strength > UNDETERMINED**-2
-    error = np.sqrt((along[..., known] ** 2 / strength[known]).sum(-1))
-    open_share = (along[..., ~known] ** 2).sum(-1) / np.maximum((along**2).sum(-1), 1e-300)
-    return np.where(open_share > 1e-2, np.inf, error)
+    error: np.ndarray = np.sqrt(((weights @ directions) ** 2 / np.maximum(strength, UNDETERMINED**-2)).sum(-1))
+    return error
 
 
 def open_directions(information: np.ndarray, names: Sequence[str]) -> list[str]:

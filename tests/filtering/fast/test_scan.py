@@ -90,6 +90,8 @@ def test_filter_and_its_reverse_pass_equal_the_textbook_and_its_autodiff(model, 
     for got, expected in zip(outputs, expected_outputs, strict=True):
         np.testing.assert_allclose(got, expected, rtol=1e-10, atol=1e-10)
     for name, expected in expected_slopes.items():
+        if expected is None:  # nothing drives these filters
+            continue
         # Slopes in the prior pass through the whole log; seeds differ in how many digits that costs.
         np.testing.assert_allclose(slopes[name], expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max(), err_msg=name)
 
