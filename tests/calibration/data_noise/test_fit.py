@@ -101,12 +101,8 @@ def test_one_tool_determines_six_sums_and_says_which(tools, parts):
     assert np.isinf(fit.relative_stderr["wrench_std"]).all()
     together = {words.split(" only together with ")[0] for words in fit.undetermined}
     assert {"data_noise.linear_acceleration", "data_noise.angular_acceleration"} <= together
-<<<<<<< HEAD:tests/calibration/data_noise/test_fit.py
-    assert "sensor.noise_std" in " ".join(fit.undetermined)
-=======
     assert len(fit.undetermined) >= 3  # ten numbers less six sums; those that are zero share a phrase
     assert "sensor.noise_std[fx]" in " ".join(fit.undetermined)
->>>>>>> sigmad:tests/calibration/test_data_noise.py
     assert len(fit.determined) == 6
     words = "fx: sensor.noise_std[fx]^2 + 1.44 linear_acceleration^2 + 0.00533 angular_acceleration^2"
     assert fit.determined[0].startswith(words)
