@@ -210,7 +210,7 @@ def test_spikes_are_kept_out_without_being_asked(filtered, simulated):
     assert "did not pass the gate: contact?" in told
     untouched = result["used"]
     shifts = np.abs(result["bias"] - expected["bias"]) / expected["bias_std"]
-    assert np.median(shifts[untouched]) < 1
+    assert shifts[untouched].max() < 3
     assert np.abs(errors(result, simulated)).max() < 5
 
 

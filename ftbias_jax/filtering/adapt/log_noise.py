@@ -10,7 +10,7 @@ import numpy as np
 from ftbias_jax.filtering.adapt.blocks import Blocks, unmeasured_axes
 from ftbias_jax.filtering.adapt.contact import Contact, find_contacts, in_contact
 from ftbias_jax.filtering.adapt.slow_noise import Grid, SlowNoise, coarser, fit_slow_noise, innovations
-from ftbias_jax.filtering.adapt.vibration import Vibration, fit_vibration
+from ftbias_jax.filtering.adapt.vibration import HEAVY, Vibration, fit_vibration
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import AXES, Array
 
@@ -67,7 +67,9 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
         sensor = np.maximum(np.asarray(params.bias.wrench_variance, float), np.finfo(float).tiny)
         vibration = fit_vibration(blocks, free, sensor)
         white = vibration.variance(blocks, sensor)
-    y = np.where(free[:, None], blocks.mean, np.nan)
+    with np.errstate(invalid="ignore"):
+        calm = ~(blocks.scatter > HEAVY * white)  # a spike moves the mean of its block as well
+    y = np.where(free[:, None] & calm, blocks.mean, np.nan)
     variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
     bias = params.bias
     prior_std, density = prior_with(params, offset), np.asarray(bias.density, float)
