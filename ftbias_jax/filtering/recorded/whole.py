@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from ftbias_jax.filtering.adapt.blocks import Blocks, in_blocks, join_blocks
-from ftbias_jax.filtering.adapt.log_noise import LogNoise, noise_of_log, with_noise
+from ftbias_jax.filtering.adapt.log_noise import LEAST_BLOCKS, LogNoise, noise_of_log, with_noise
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.recorded.bias import filter_prepared
 from ftbias_jax.filtering.recorded.prepare import Prepared, prepare
@@ -52,9 +52,10 @@ def filter_recorded(params: Params, first_q: Array, parts: Parts, length: int, o
         return prepare(params, first_q, parts(), options)
 
     kept = list(again()) if length <= MOST_KEPT else None
-    noise = noise_of_log(blocks_of(again() if kept is None else kept), params)
+    blocks = blocks_of(again() if kept is None else kept)
+    noise = noise_of_log(blocks, params)
     tuned = with_noise(params, noise)
-    if options.gate is None:
+    if options.gate is None and len(blocks.t) >= LEAST_BLOCKS:  # without the log's noise a gate may keep out anything
         options = options._replace(gate=GATE)
     return Recorded(tuned, noise, lambda: filter_prepared(tuned, again() if kept is None else kept, options, noise))
 
