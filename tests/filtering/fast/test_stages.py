@@ -102,4 +102,4 @@ def test_it_applies_where_the_axes_are_independent():
     assert stages.applies(Options())
     assert stages.applies(Options(joint_uncertainty="none"))
     assert not stages.applies(Options(joint_uncertainty="full"))
-    assert not stages.applies(Options(gate=5.0))
+    assert stages.applies(Options(gate=5.0))
