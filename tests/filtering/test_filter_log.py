@@ -13,7 +13,7 @@ from ftbias_jax.filtering import filter_log, pipeline, smoother
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import integrated_jerk_noise
 from ftbias_jax.filtering.quality.summary import summarise
-from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.filtering.result import Filtered, named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
@@ -48,8 +48,8 @@ def rows_of(tree, rows):
 
 
 def assert_same(got, expected, rtol=1e-9):
-    for name in Filtered._fields:
-        one, other = getattr(got, name), getattr(expected, name)
+    for name, other in named_arrays(expected).items():
+        one = getattr(got, name)
         np.testing.assert_allclose(one, other, rtol=rtol, atol=rtol * np.nanmax(np.abs(other)), err_msg=name)
 
 

@@ -10,6 +10,7 @@ from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.filtering import filter_log, pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.result import named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.model.effects.catalogue import CATALOGUE, typical_values
 from ftbias_jax.model.effects.types import Model
@@ -86,7 +87,7 @@ def test_no_effects_and_neutral_effects_are_the_same(params, record):
         filter_log.filter_with_params(params, log),
         filter_log.filter_with_params(params._replace(effects=neutral), log),
     )
-    for name, value in plain._asdict().items():
+    for name, value in named_arrays(plain).items():
         np.testing.assert_allclose(getattr(with_neutral, name), value, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
