@@ -79,9 +79,9 @@ def late():
     from ftbias_jax.validation.generator import world
 """
     assert sorted(foreign_imports(source)) == [
-        "ftbias_jax.validation.rules",
         "ftbias_jax.model.kinematics.screws",
         "ftbias_jax.model.wrench.tool_wrench",
+        "ftbias_jax.validation.rules",
     ]
 
 
