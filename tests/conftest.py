@@ -1,4 +1,6 @@
 import os
+import shutil
+import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +21,23 @@ pytest_plugins = ["made_diagnoses", "labelled_sets"]
 # The tests run in float64 and forbid silent broadcasting; the package itself touches no flag (test_layers.py).
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
-jax.config.update("jax_enable_compilation_cache", False)  # commands switch on the user's cache; tests leave it alone
+
+PROGRAMS = "FTBIAS_TEST_PROGRAMS"
+"""Names the folder of compiled programs that the workers of one run of tests share; the user's cache stays as it is."""
+LEAST_COMPILE_SECONDS = 0.3
+
+
+def pytest_configure(config):
+    if not hasattr(config, "workerinput"):
+        os.environ[PROGRAMS] = tempfile.mkdtemp(prefix="ftbias-tests-")
+    jax.config.update("jax_compilation_cache_dir", os.environ[PROGRAMS])
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", LEAST_COMPILE_SECONDS)
+
+
+def pytest_unconfigure(config):
+    if not hasattr(config, "workerinput"):
+        shutil.rmtree(os.environ.pop(PROGRAMS), ignore_errors=True)
+
 
 hypothesis.settings.register_profile("repeatable", deadline=None, max_examples=25, derandomize=True)
 hypothesis.settings.load_profile("repeatable")

@@ -22,7 +22,7 @@ from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.recorded.bias import filter_prepared
 from ftbias_jax.filtering.recorded.prepare import prepare
 from ftbias_jax.filtering.recorded.ready import in_parts
-from ftbias_jax.filtering.recorded.whole import GATE, blocks_of
+from ftbias_jax.filtering.recorded.whole import GATE, blocks_of, with_variance
 from ftbias_jax.filtering.result import join
 
 REST = 0.2
@@ -131,7 +131,8 @@ def study_abb(real):
         seen = (blocks.t + log.start < low) | (blocks.t + log.start >= high)
         columns = {name: getattr(blocks, name)[seen] for name in blocks._fields if name != "size"}
         noise = noise_of_log(blocks._replace(**columns), params)
-        fold = join(list(filter_prepared(with_noise(params, noise), prepared, options, noise)))
+        parts = (with_variance(part, params, noise) for part in prepared)
+        fold = join(list(filter_prepared(with_noise(params, noise), parts, options, noise)))
         rows = (fold.t >= low) & (fold.t < high)
         unseen[rows] = errors(fold, ahead)[rows]
         squares[rows] = (fold.innovation[rows] / fold.innovation_std[rows]) ** 2

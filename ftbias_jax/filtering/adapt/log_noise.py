@@ -11,6 +11,7 @@ from ftbias_jax.filtering.adapt.blocks import Blocks, unmeasured_axes
 from ftbias_jax.filtering.adapt.contact import Contact, find_contacts, in_contact
 from ftbias_jax.filtering.adapt.slow_noise import Grid, SlowNoise, coarser, fit_slow_noise, innovations
 from ftbias_jax.filtering.adapt.vibration import HEAVY, Vibration, fit_vibration
+from ftbias_jax.filtering.bias_filter import effective_speed_squared, white_share
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import AXES, Array
 
@@ -163,6 +164,26 @@ def with_noise(params: Params, noise: LogNoise) -> Params:
         )
     bias = bias._replace(prior_std=jnp.asarray(prior_with(params, noise.offset), dtype))
     return params._replace(bias=bias)
+
+
+def sample_variance(stated: Params, noise: LogNoise, variance: Array, velocity: Array) -> Array:
+    """Diagonal of R with what the log shows: (T, 6) N^2, Nm^2, without correlated noise.
+
+    Args:
+        stated: parameters that ``noise`` was found with.
+        noise: of the log.
+        variance: (T, 6) N^2, Nm^2, diagonal of R for ``stated``.
+        velocity: (T, n) rad/s.
+    """
+    if noise.vibration is None:
+        return variance
+    sensor = np.asarray(stated.bias.wrench_variance)
+    joints = np.maximum(variance - sensor, 0)
+    # Where slow errors are a part of the model, they need not be covered by white noise as well.
+    share = 1.0 if noise.slow is None else np.where(noise.slow.std > 0, noise.vibration.joint_share, 1)
+    motion = effective_speed_squared(velocity, noise.vibration.speed) @ noise.vibration.per_speed
+    found = noise.vibration.level * sensor + share * joints + white_share(stated.bias, motion)
+    return np.asarray(found, variance.dtype)
 
 
 def useless(t: Array, noise: LogNoise) -> Array:

@@ -33,7 +33,7 @@ def filter_prepared(params: Params, parts: Iterable[Prepared], options: Options,
 
     Args:
         params: of the pipeline, with the noise of the log (``with_noise``).
-        parts: of ``prepare``.
+        parts: of ``prepare``, with the noise of single samples (``log_noise.sample_variance``).
         options: of the pipeline.
         noise: contacts to leave out, and the inflation of the standard deviations.
 
@@ -60,11 +60,10 @@ def _filter_part(
     """The bias filter over a part, whose first samples, so many, are of the log."""
     wrench_tool, variance, velocity = at_samples
     noise = params.bias
-    motion = bias_filter.vibration(noise, velocity)
-    white = variance if motion is None else variance + bias_filter.white_share(noise, motion)
-    inputs = bias_inputs(params, state, samples, wrench_tool, white, velocity)
+    inputs = bias_inputs(params, state, samples, wrench_tool, variance, velocity)
     track = without_noise(run_filters(gated(inputs, options), inputs))
     std = jnp.sqrt(jnp.diagonal(track.covariance, axis1=1, axis2=2))  # (T, 6, k)
+    motion = bias_filter.vibration(noise, velocity)
     correlated = 0.0 if noise.correlated_std is None else bias_filter.correlated_variance(noise, motion)
     used = jnp.isfinite(samples.wrench) & (track.log_likelihood != 0)
     after = state._replace(bias=bias_state(Smoothed(track.mean[length - 1], track.covariance[length - 1])))
@@ -77,7 +76,7 @@ def _filter_part(
         "innovation_std": jnp.sqrt(track.innovation_variance[:, 0]),
         "nis": track.nis.sum(1),
         "log_likelihood": track.log_likelihood.sum(1),
-        "reading_std": jnp.sqrt(white + jnp.broadcast_to(correlated, white.shape)),
+        "reading_std": jnp.sqrt(variance + jnp.broadcast_to(correlated, variance.shape)),
         "used": used.any(1),
     }
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from ftbias_jax.filtering.adapt.blocks import Blocks, in_blocks, join_blocks
-from ftbias_jax.filtering.adapt.log_noise import LEAST_BLOCKS, LogNoise, noise_of_log, with_noise
+from ftbias_jax.filtering.adapt.log_noise import LEAST_BLOCKS, LogNoise, noise_of_log, sample_variance, with_noise
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.recorded.bias import filter_prepared
 from ftbias_jax.filtering.recorded.prepare import Prepared, prepare
@@ -57,7 +57,17 @@ def filter_recorded(params: Params, first_q: Array, parts: Parts, length: int, o
     tuned = with_noise(params, noise)
     if options.gate is None and len(blocks.t) >= LEAST_BLOCKS:  # without the log's noise a gate may keep out anything
         options = options._replace(gate=GATE)
-    return Recorded(tuned, noise, lambda: filter_prepared(tuned, again() if kept is None else kept, options, noise))
+
+    def results() -> Iterator[Filtered]:
+        parts = again() if kept is None else kept
+        return filter_prepared(tuned, (with_variance(part, params, noise) for part in parts), options, noise)
+
+    return Recorded(tuned, noise, results)
+
+
+def with_variance(part: Prepared, params: Params, noise: LogNoise) -> Prepared:
+    """A part with the noise of single samples that the log shows in place of what the setup states."""
+    return part._replace(variance=sample_variance(params, noise, part.variance, part.joints.mean[:, 1]))
 
 
 def blocks_of(parts: Iterable[Prepared]) -> Blocks:

@@ -17,6 +17,7 @@ from ftbias_jax.filtering.adapt.log_noise import (
     noise_of_log,
     nothing,
     offset_of,
+    sample_variance,
     useless,
     with_noise,
 )
@@ -156,7 +157,7 @@ def full():
     slow = SlowNoise(np.array([0.3, 0, 0, 0, 0, 0.01]), np.array([0.5, 1, 1, 1, 1, 2.0]), np.full(6, 20.0))
     offset, factor = np.array([12800.0, 0, 0, 0, 0, 0]), np.array([1, 1, 1.7, 1, 1, 1])
     contact = Contact(3.0, 4.5, np.array([3.0, 4, 0, 0, 0, 0]))
-    return LogNoise((contact,), Vibration(level, per_speed, 0.1, 50.0), slow, offset, factor)
+    return LogNoise((contact,), Vibration(level, np.full(6, 0.5), per_speed, 0.1, 50.0), slow, offset, factor)
 
 
 def test_parameters_take_what_the_log_shows(stated):
@@ -168,6 +169,17 @@ def test_parameters_take_what_the_log_shows(stated):
     np.testing.assert_allclose(bias.correlated_std, noise.slow.std)
     np.testing.assert_allclose(bias.correlated_time, noise.slow.time)
     assert all(x.dtype == stated.theta.dtype for x in jax.tree.leaves(bias))
+
+
+def test_the_variance_of_samples_is_what_the_log_shows(stated):
+    """Sensor at its level, as much of the joints' share as the scatter leaves where errors are slow, and vibration."""
+    noise = full()
+    velocity, joints = np.full((5, len(noise.vibration.per_speed)), 0.2), np.full((5, 6), 3.0)
+    variance = sample_variance(stated, noise, STD**2 + joints, velocity)
+    motion = 0.2**2 / (1 + (0.2 / 0.1) ** 2) * noise.vibration.per_speed.sum(0)
+    share = np.where(noise.slow.std > 0, 0.5, 1)
+    np.testing.assert_allclose(variance[0], noise.vibration.level * STD**2 + share * 3.0 + motion)
+    assert sample_variance(stated, nothing(), joints, velocity) is joints
 
 
 def test_a_reader_is_told_what_the_log_shows():

@@ -130,6 +130,29 @@ def test_slow_errors_widen_the_error_bars_to_what_they_are_worth(likeliest, made
     assert (off / stated.bias_std[-1]).max() > 3.5
 
 
+def test_stated_vibration_counts_once(likeliest, made):
+    """The variance of a part contains what the setup states; the filter adds nothing to it."""
+    per_speed = jnp.asarray(np.full((3, 6), 4.0) * np.repeat([0.1, 0.004], 3) ** 2)
+    params = likeliest._replace(bias=likeliest.bias._replace(vibration=per_speed))
+    log = made[0]
+    (plain,) = preparing.prepare(likeliest, log.q[0], [log], Options())
+    (part,) = preparing.prepare(params, log.q[0], [log], Options())
+    added = plain.joints.mean[:, 1] ** 2 @ np.asarray(per_speed)
+    np.testing.assert_allclose(part.variance, plain.variance + added, rtol=1e-6)
+    (result,) = filter_prepared(params, [part], Options(), nothing())
+    np.testing.assert_allclose(result.reading_std**2, part.variance, rtol=1e-6)
+
+
+def test_the_noise_of_samples_is_what_the_log_shows(likeliest, made):
+    """A sensor twice as noisy as stated: the innovations scatter as the filter says."""
+    log, _ = made
+    noise = np.random.default_rng(3).normal(0, np.sqrt(3) * np.repeat([0.1, 0.004], 3), log.wrench.shape)
+    found, result = record(likeliest, with_wrench(log, noise))
+    np.testing.assert_allclose(found.noise.vibration.level, 4, rtol=0.15)
+    nis = np.nanmean((result.innovation / result.innovation_std)[RATE:] ** 2, axis=0)
+    np.testing.assert_allclose(nis, 1, atol=0.1)
+
+
 def test_parts_are_the_whole(likeliest, made, clean, monkeypatch):
     """Joints smoothed with some samples of the next part, and read a second time as if the log were long."""
     log, _ = made
@@ -158,6 +181,7 @@ def test_parts_are_the_whole(likeliest, made, clean, monkeypatch):
     assert len(reads) == 2
     # 2048 samples are no whole number of blocks, so the noise found is not quite the same.
     np.testing.assert_allclose(found.noise.inflation, clean[0].noise.inflation, rtol=0.2)
+    one = whole.with_variance(one, likeliest, found.noise)
     expected = join(list(filter_prepared(found.params, [one], Options(gate=whole.GATE), found.noise)))
     for name in ("t", "bias", "drift", "bias_std", "innovation", "used", "reading_std", "log_likelihood"):
         got, other = (np.asarray(getattr(x, name), float) for x in (result, expected))
