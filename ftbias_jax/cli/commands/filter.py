@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     prepare_jax()
     from ftbias_jax.cli.jobs.one_file import Choices, filter_file
     from ftbias_jax.filtering.adapt.log_noise import describe
-    from ftbias_jax.filtering.quality import consistency, plot
+    from ftbias_jax.filtering.quality import consistency, plot, spectrum
     from ftbias_jax.filtering.quality.summary import format_summary
     from ftbias_jax.filtering.verbs.results import format_joint_noise
 
@@ -67,6 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
         filtered = outcome.filtered
         checked = consistency.check(filtered.innovation, (filtered.innovation / filtered.innovation_std) ** 2)
         print(consistency.format_check(checked))
+        lines = spectrum.find_lines(filtered.t, filtered.innovation)
+        print(spectrum.format_lines(lines) if lines else "no hum or resonance in the innovations")
     return tell_repairs([(path, outcome.repairs)])
 
 

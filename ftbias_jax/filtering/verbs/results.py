@@ -10,6 +10,7 @@ import numpy as np
 
 from ftbias_jax.filtering.adapt.log_noise import LogNoise, describe
 from ftbias_jax.filtering.quality.consistency import Consistency, check
+from ftbias_jax.filtering.quality.spectrum import Line, find_lines
 from ftbias_jax.filtering.quality.summary import Summary, format_summary
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write import save_results
@@ -136,6 +137,10 @@ class FilterResult:
     def check(self) -> Consistency:
         """Whether the error bars are right: innovations against their chi-square bounds, and their whiteness."""
         return check(self.innovation, (self.innovation / self.innovation_std) ** 2)
+
+    def lines(self) -> list[Line]:
+        """Hum and resonances: peaks in the spectrum of the innovations, strongest first; white noise has none."""
+        return find_lines(self.t, self.innovation)
 
     def __str__(self) -> str:
         lines = [format_summary(self.summary), *describe(self.noise), format_joint_noise(self.params, self.joint_model)]

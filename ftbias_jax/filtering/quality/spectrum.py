@@ -1,0 +1,153 @@
+"""Lines in the spectrum of the innovations: mains hum, and resonances of the arm or the tool."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.filtering.quality.consistency import chi_square_quantile
+from ftbias_jax.types import AXES, Array
+
+SEGMENT_SECONDS = 2.0
+"""The spectrum is averaged over half-overlapping segments of this length: its resolution is 0.5 Hz. Those of a log
+that is too short for FEWEST_SEGMENTS are shorter, but not below SHORTEST_SEGMENT s."""
+FEWEST_SEGMENTS, SHORTEST_SEGMENT = 7, 0.5
+BASELINE_HERTZ = 12.0
+"""The noise beside a line is the median of the spectrum within this distance."""
+FALSE_ALARMS = 1e-3
+"""Of one log of white noise, over all frequencies and axes."""
+LEAST_RATIO = 3.0
+"""Times the noise beside it: a spectrum that only slopes shows no line."""
+SHARP_BINS = 3.0
+"""Width at half power of a constant tone seen through a Hann window, with room; a wider peak is a resonance."""
+MAINS = (50.0, 60.0)
+"""Hz."""
+LEAST_SEEN = 0.5
+"""Share of the samples of an axis that must be there."""
+
+
+class Line(NamedTuple):
+    """A peak in the spectrum of the innovations."""
+
+    frequency: float
+    """Hz."""
+    width: float
+    """Hz at half power."""
+    amplitude: Array
+    """(6,) N, Nm: of a tone with the power of the peak; 0 on axes that do not show it."""
+    sharp: bool
+    """As narrow as a constant tone; otherwise it is a resonance, or a tone that moves."""
+    mains: float
+    """Hz: 50 or 60 if this is a multiple of it, or the alias of one; 0 otherwise."""
+
+
+def find_lines(t: Array, innovation: Array) -> list[Line]:
+    """Peaks of Welch's spectrum (1967) above the noise beside them, strongest first.
+
+    Args:
+        t: (T,) s, stamps; short gaps count as zeros.
+        innovation: (T, 6) N, Nm; NaN = not used.
+
+    Returns:
+        the peaks that white noise would show in one log of a thousand; none for a log of less than 2 s.
+    """
+    if len(t) < 2:
+        return []
+    step = float(np.median(np.diff(t)))
+    if not step > 0:
+        return []
+    at, rate = np.round((t - t[0]) / step).astype(int), 1 / step
+    seconds = min(SEGMENT_SECONDS, 2 * at[-1] * step / (FEWEST_SEGMENTS + 1))
+    size = round(seconds / step)
+    if size < 16 or seconds < SHORTEST_SEGMENT or at[-1] > 4 * len(t):
+        return []
+    grid = np.zeros((at[-1] + 1, 6))
+    seen = np.isfinite(innovation)
+    grid[at] = np.where(seen, innovation, 0)
+    spectrum, count = _welch(grid, size)
+    df = rate / size
+    # Overlapping Hann segments are worth 9/11 of as many separate ones (Welch 1967).
+    dof = 2 * max(1.0, 9 / 11 * count)
+    bins = len(spectrum) * 6
+    threshold = max(LEAST_RATIO, chi_square_quantile(1 - FALSE_ALARMS / bins, dof) / dof)
+    noise = _baseline(spectrum, max(8, round(BASELINE_HERTZ / df)))
+    usable = seen.mean(0) > LEAST_SEEN
+    ratio = np.where(usable & (noise > 0), spectrum / np.where(noise > 0, noise, 1), 0)
+    ratio[:2] = 0  # the bias is there
+    lines = [_line(piece, spectrum - noise, ratio, df, rate, threshold) for piece in _pieces(ratio.max(1) > threshold)]
+    return sorted(lines, key=lambda line: -float(np.max(line.amplitude / innovation_size(innovation))))
+
+
+def innovation_size(innovation: Array) -> Array:
+    """(6,) N, Nm, rms of the innovations of each axis; 1 where there is none."""
+    squares, seen = np.where(np.isfinite(innovation), innovation, 0) ** 2, np.isfinite(innovation)
+    rms = np.sqrt(squares.sum(0) / np.maximum(seen.sum(0), 1))
+    return np.where(rms > 0, rms, 1)
+
+
+def format_lines(lines: list[Line], most: int = 6) -> str:
+    """Lines of text about peaks, the strongest first.
+
+    Args:
+        lines: of ``find_lines``.
+        most: lines that are written out.
+    """
+    text = []
+    for line in lines[:most]:
+        sizes = zip(AXES, line.amplitude, strict=True)
+        words = ", ".join(f"{name} {x:.2g} {'N' if name[0] == 'f' else 'Nm'}" for name, x in sizes if x)
+        what = "tone" if line.sharp else f"resonance or moving tone, {line.width:.2g} Hz wide"
+        cause = f": a multiple of {line.mains:.0f} Hz, as mains hum is, or joint readings at that rate" if line.mains else ""
+        text.append(f"{what} at {line.frequency:.1f} Hz ({words}){cause}")
+    if len(lines) > most:
+        text.append(f"and {len(lines) - most} weaker ones")
+    return "\n".join(text)
+
+
+def _welch(x: Array, size: int) -> tuple[Array, int]:
+    """One-sided power in each bin (F, 6), N^2, Nm^2, and the number of segments."""
+    window = np.hanning(size + 1)[:size, None]
+    starts = range(0, len(x) - size + 1, size // 2)
+    power = np.zeros((size // 2 + 1, 6))
+    for i in starts:
+        part = x[i : i + size]
+        power += np.abs(np.fft.rfft(window * (part - part.mean(0)), axis=0)) ** 2
+    return 2 * power / len(starts) / (size * (window**2).sum()), len(starts)
+
+
+def _baseline(spectrum: Array, reach: int) -> Array:
+    """(F, 6) median of the spectrum within so many bins."""
+    padded = np.pad(spectrum, [(reach, reach), (0, 0)], mode="reflect") if len(spectrum) > reach else spectrum
+    if padded is spectrum:
+        return np.broadcast_to(np.median(spectrum, axis=0), spectrum.shape)
+    found: Array = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0), axis=-1)
+    return found
+
+
+def _pieces(above: Array) -> list[slice]:
+    """Runs of frequencies that are above the threshold."""
+    edges = np.flatnonzero(np.diff(np.r_[False, above, False].astype(int)))
+    return [slice(int(a), int(b)) for a, b in list(pairwise(edges))[::2]]
+
+
+def _line(piece: slice, excess: Array, ratio: Array, df: float, rate: float, threshold: float) -> Line:
+    """The peak in one run of frequencies."""
+    shown = ratio[piece].max(0) > threshold
+    around = slice(max(piece.start - 2, 0), piece.stop + 2)
+    power = np.where(shown, np.maximum(excess[around], 0), 0)
+    weight = (power / np.maximum(power.max(0), np.finfo(float).tiny)).sum(1)
+    frequency = float(np.arange(len(excess))[around] @ weight / weight.sum()) * df
+    bins = float((weight > weight.max() / 2).sum())
+    sharp = bins <= SHARP_BINS
+    near = df / 2 + 2e-3 * frequency  # the mains' frequency moves by 0.2 %
+    mains = next((base for base in MAINS if sharp and _is_harmonic(frequency, base, rate, near)), 0.0)
+    return Line(frequency, bins * df, np.sqrt(2 * power.sum(0)), sharp, mains)
+
+
+def _is_harmonic(frequency: float, base: float, rate: float, near: float) -> bool:
+    """Whether one of the first ten multiples of a frequency, or its alias at this rate, is here."""
+    multiples = base * np.arange(1, 11)
+    folded = np.abs(multiples - rate * np.round(multiples / rate))
+    return bool((np.abs(folded - frequency) < near)[: 10 if rate > 20 * base else 4].any())
