@@ -99,7 +99,8 @@ def format_lines(lines: list[Line], most: int = 6) -> str:
         sizes = zip(AXES, line.amplitude, strict=True)
         words = ", ".join(f"{name} {x:.2g} {'N' if name[0] == 'f' else 'Nm'}" for name, x in sizes if x)
         what = "tone" if line.sharp else f"resonance or moving tone, {line.width:.2g} Hz wide"
-        cause = f": a multiple of {line.mains:.0f} Hz, as mains hum is, or joint readings at that rate" if line.mains else ""
+        hum = f": a multiple of {line.mains:.0f} Hz, as mains hum is, or joint readings at that rate"
+        cause = hum if line.mains else ""
         text.append(f"{what} at {line.frequency:.1f} Hz ({words}){cause}")
     if len(lines) > most:
         text.append(f"and {len(lines) - most} weaker ones")
