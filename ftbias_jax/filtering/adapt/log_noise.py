@@ -154,7 +154,7 @@ def with_noise(params: Params, noise: LogNoise) -> Params:
     """Parameters of the filter with what the log shows."""
     bias, dtype = params.bias, params.theta.dtype
     if noise.vibration is not None:
-        bias = bias._replace(wrench_variance=bias.wrench_variance * jnp.asarray(noise.vibration.level, dtype))
+        bias = bias._replace(wrench_variance=bias.wrench_variance * jnp.asarray(sensor_level(noise), dtype))
         if noise.vibration.per_speed.any():
             speed = None if noise.vibration.speed is None else jnp.asarray(noise.vibration.speed, dtype)
             bias = bias._replace(vibration=jnp.asarray(noise.vibration.per_speed, dtype), vibration_speed=speed)
@@ -178,12 +178,18 @@ def sample_variance(stated: Params, noise: LogNoise, variance: Array, velocity: 
     if noise.vibration is None:
         return variance
     sensor = np.asarray(stated.bias.wrench_variance)
-    joints = np.maximum(variance - sensor, 0)
-    # Where slow errors are a part of the model, they need not be covered by white noise as well.
-    share = 1.0 if noise.slow is None else np.where(noise.slow.std > 0, noise.vibration.joint_share, 1)
     motion = effective_speed_squared(velocity, noise.vibration.speed) @ noise.vibration.per_speed
-    found = noise.vibration.level * sensor + share * joints + white_share(stated.bias, motion)
+    found = variance + (sensor_level(noise) - 1) * sensor + white_share(stated.bias, motion)
     return np.asarray(found, variance.dtype)
+
+
+def sensor_level(noise: LogNoise) -> Array:
+    """(6,) variance of the sensor that the filter takes, in what is stated: never less.
+
+    On recorded logs with less noise than stated, a filter that believes it follows the model's errors instead: worse
+    predictions, and intervals that are too short.
+    """
+    return np.ones(6) if noise.vibration is None else np.maximum(noise.vibration.level, 1)
 
 
 def useless(t: Array, noise: LogNoise) -> Array:
@@ -209,7 +215,8 @@ def describe(noise: LogNoise) -> list[str]:
     if noise.vibration is not None and (noise.vibration.level != 1).any():
         levels = zip(AXES, np.sqrt(noise.vibration.level), strict=True)
         words = " ".join(f"{name} {x:.2g}" for name, x in levels if x != 1)
-        lines.append(f"standard deviation of the noise at rest, in the stated one: {words}")
+        kept = "; where it is less, the filter keeps the stated one" if (noise.vibration.level < 1).any() else ""
+        lines.append(f"standard deviation of the noise at rest, in the stated one: {words}{kept}")
     if noise.slow is not None and noise.slow.std.any():
         words = ", ".join(
             f"{name} {std:.2g} over {time:.2g} s"

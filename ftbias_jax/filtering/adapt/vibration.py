@@ -30,9 +30,6 @@ class Vibration(NamedTuple):
 
     level: Array
     """(6,) variance of the sensor without motion, in what is stated; 1 where the log agrees."""
-    joint_share: Array
-    """(6,) of the variance that the joints add, as much as the scatter leaves room for, 0 to 1. The errors of smoothed
-    joints last longer than a block: the rest of them is slow noise, or the joints are better than stated."""
     per_speed: Array
     """(n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2, not negative."""
     speed: float | None
@@ -78,11 +75,9 @@ def fit_vibration(blocks: Blocks, free: Array, sensor: Array) -> Vibration:
     gain = nats[1 + best] - nats[0]
     moves = gain > LEAST_GAIN
     found = _maximise(blocks.stated, blocks.motion[:, best] if moves else nothing, scatter, dof)
-    seen, stated = (dof > 0).any(0), np.median(blocks.stated, axis=0)
-    level = np.where(seen, _sensor_level(found[0], stated, sensor), 1)
-    share = np.where(seen, _joint_share(found[0] * stated - level * sensor, stated - sensor), 1)
+    level = np.where((dof > 0).any(0), _sensor_level(found[0], np.median(blocks.stated, axis=0), sensor), 1)
     per_speed = found[1:] if moves else np.zeros((blocks.motion.shape[2], 6))
-    return Vibration(level, share, per_speed, SPEEDS[best] if moves else None, gain)
+    return Vibration(level, per_speed, SPEEDS[best] if moves else None, gain)
 
 
 def _sensor_level(level: Array, stated: Array, sensor: Array) -> Array:
@@ -94,11 +89,6 @@ def _sensor_level(level: Array, stated: Array, sensor: Array) -> Array:
     more, less = 1 + (level - 1) * stated / sensor, np.minimum(level * stated / sensor, 1)
     found = np.maximum(np.where(level > 1, more, less), LEAST_LEVEL)
     return np.where(np.abs(found - 1) < LEVEL_WITHIN, 1, found)
-
-
-def _joint_share(left: Array, stated: Array) -> Array:
-    """What is left of the joints' variance in what is stated of it; 1 where the joints add none."""
-    return np.where(stated > 0, np.clip(left / np.where(stated > 0, stated, 1), 0, 1), 1)
 
 
 def _variance(stated: Array, motion: Array, coefficients: Array) -> Array:

@@ -157,7 +157,7 @@ def full():
     slow = SlowNoise(np.array([0.3, 0, 0, 0, 0, 0.01]), np.array([0.5, 1, 1, 1, 1, 2.0]), np.full(6, 20.0))
     offset, factor = np.array([12800.0, 0, 0, 0, 0, 0]), np.array([1, 1, 1.7, 1, 1, 1])
     contact = Contact(3.0, 4.5, np.array([3.0, 4, 0, 0, 0, 0]))
-    return LogNoise((contact,), Vibration(level, np.full(6, 0.5), per_speed, 0.1, 50.0), slow, offset, factor)
+    return LogNoise((contact,), Vibration(level, per_speed, 0.1, 50.0), slow, offset, factor)
 
 
 def test_parameters_take_what_the_log_shows(stated):
@@ -171,14 +171,15 @@ def test_parameters_take_what_the_log_shows(stated):
     assert all(x.dtype == stated.theta.dtype for x in jax.tree.leaves(bias))
 
 
-def test_the_variance_of_samples_is_what_the_log_shows(stated):
-    """Sensor at its level, as much of the joints' share as the scatter leaves where errors are slow, and vibration."""
+def test_the_variance_of_samples_is_what_the_log_shows_but_never_less_than_stated(stated):
     noise = full()
     velocity, joints = np.full((5, len(noise.vibration.per_speed)), 0.2), np.full((5, 6), 3.0)
     variance = sample_variance(stated, noise, STD**2 + joints, velocity)
     motion = 0.2**2 / (1 + (0.2 / 0.1) ** 2) * noise.vibration.per_speed.sum(0)
-    share = np.where(noise.slow.std > 0, 0.5, 1)
-    np.testing.assert_allclose(variance[0], noise.vibration.level * STD**2 + share * 3.0 + motion)
+    np.testing.assert_allclose(variance[0], noise.vibration.level * STD**2 + 3.0 + motion)
+    quieter = noise._replace(vibration=noise.vibration._replace(level=np.full(6, 0.25)))
+    np.testing.assert_allclose(sample_variance(stated, quieter, STD**2 + joints, velocity)[0], STD**2 + 3.0 + motion)
+    np.testing.assert_array_equal(with_noise(stated, quieter).bias.wrench_variance, stated.bias.wrench_variance)
     assert sample_variance(stated, nothing(), joints, velocity) is joints
 
 

@@ -145,14 +145,3 @@ def test_axes_that_were_never_measured_are_as_stated(missing):
     rest = np.setdiff1d(np.arange(6), missing)
     np.testing.assert_allclose(found.level[rest], 4, rtol=0.05)
     assert not found.per_speed.any()
-
-
-def test_joints_add_no_more_than_the_scatter_leaves_room_for():
-    """The setup states as much noise of the joints as of the sensor; a quarter of it, or none, is in the scatter."""
-    for true, expected in ((1.25, 0.25), (1.0, 0.0), (2.0, 1.0)):
-        blocks = moving_blocks(
-            np.random.default_rng(5), variance=lambda blocks, x=true: x / 2 * blocks.stated, stated=2 * STD**2
-        )
-        found = fit_vibration(blocks, free(blocks), STD**2)
-        np.testing.assert_array_equal(found.level, 1)
-        np.testing.assert_allclose(found.joint_share, expected, atol=0.1)
