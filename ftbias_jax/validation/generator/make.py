@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from ftbias_jax.validation.generator.effects.effect import Draw, Effect, Scene
 from ftbias_jax.validation.generator.nominal_model import setup_toml
 from ftbias_jax.validation.generator.plan import Job, make_plan
 from ftbias_jax.validation.generator.recording import Reading, Timeline, gap_rms, in_sigmas, random_scene, record
+
+Made = TypeVar("Made")
 
 SMALLEST, LARGEST = 0.4, 20.0  # noise sigmas: gaps outside are drawn again with another scale
 SMALLEST_UNLISTED = 0.7
@@ -46,11 +48,11 @@ def choose_motion(job: Job, rng: np.random.Generator) -> tuple[str, float]:
     return str(rng.choice(["sines", "moves", "trapezoids", "scan"], p=[0.3, 0.3, 0.25, 0.15])), rng.uniform(0.7, 1.4)
 
 
-def choose_timeline(job: Job, rate: float, plain: bool, rng: np.random.Generator) -> Timeline:
-    """Streams on one clock mostly; a temperature is there when it is the cause, and often when it is not."""
+def choose_timeline(thermal: bool, rate: float, plain: bool, rng: np.random.Generator) -> Timeline:
+    """Streams on one clock mostly; a temperature is there when it is the cause (``thermal``), and often otherwise."""
     own_clock, velocities = rng.uniform() < 0.2, rng.uniform() > 0.12
     joint_rate = float(rng.choice([100.0, 125.0, 200.0, 250.0, 500.0]))
-    recorded = rng.uniform() < 0.3 or "temperature_drift" in job.names
+    recorded = rng.uniform() < 0.3 or thermal
     every = int(rng.choice([1, max(1, round(rate / 5))])) if recorded else 0
     if plain:
         return Timeline(None, True, every)
@@ -77,7 +79,7 @@ def make_log(index: int, job: Job, seed: int, limits: Limits, folder: Path) -> t
     rng = np.random.default_rng(seeds[0])
     duration, rate = float(np.round(rng.uniform(*limits.durations), 1)), float(rng.choice(limits.rates))
     kind, pace = choose_motion(job, rng)
-    timeline = choose_timeline(job, rate, limits.plain, rng)
+    timeline = choose_timeline("temperature_drift" in job.names, rate, limits.plain, rng)
     scene = random_scene(kind, duration, rate, pace, seeds[1:5])
     sized = [
         sized_effect(name, form, job.level, scene, one)
@@ -144,21 +146,33 @@ def make_set(
         ValueError: an unknown effect.
     """
     plan = make_plan(asked, count, seed)
-    make = partial(make_log, seed=seed, limits=limits, folder=folder)
-    labels: dict[str, Any] = {}
+    labels = dict(run_jobs(partial(make_log, seed=seed, limits=limits, folder=folder), plan, jobs, report))
+    write_labels(folder, labels)
 
-    def keep(made: tuple[str, dict[str, Any]]) -> None:
-        labels.update([made])
-        report(len(labels))
 
+def run_jobs(
+    make: Callable[[int, Any], tuple[str, Made]],
+    plan: Sequence[Any],
+    jobs: int,
+    report: Callable[[int], None],
+) -> list[tuple[str, Made]]:
+    """What ``make`` returns for each number and job of the plan, in order, made in several processes."""
+    made = []
     if jobs == 1:
         for index, job in enumerate(plan):
-            keep(make(index, job))
-    else:
-        # New processes, not forks: the caller may have threads.
-        with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-            for made in pool.map(make, range(len(plan)), plan):
-                keep(made)
+            made.append(make(index, job))
+            report(len(made))
+        return made
+    # New processes, not forks: the caller may have threads.
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+        for one in pool.map(make, range(len(plan)), plan):
+            made.append(one)
+            report(len(made))
+    return made
+
+
+def write_labels(folder: Path, labels: dict[str, Any]) -> None:
+    """Write truth.json, whole or not at all."""
     unfinished = folder / ".truth.json"
     unfinished.write_text(json.dumps(labels, indent=1))
     os.replace(unfinished, folder / "truth.json")

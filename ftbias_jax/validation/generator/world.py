@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ftbias_jax.validation.generator.arms import Arm, Floats
+from ftbias_jax.validation.generator.effects.rotor import Rotor, rotor_mjcf, spinning
 from ftbias_jax.validation.generator.effects.sprung import Sprung, sprung_mjcf, swing
 from ftbias_jax.validation.generator.motion import Motion
 from ftbias_jax.validation.generator.nominal_model import Belief, Tool
@@ -53,9 +54,21 @@ class ToolPath:
         velocity: Floats = np.gradient(self.points(point), self.t, axis=0).astype(np.float64)
         return velocity
 
+    def acceleration(self, point: Floats) -> Floats:
+        """(T, 3) m/s^2, base frame, of that point."""
+        acceleration: Floats = np.gradient(self.velocity(point), self.t, axis=0).astype(np.float64)
+        return acceleration
+
+    def angular_velocity(self) -> Floats:
+        """(T, 3) rad/s, base frame."""
+        spin = np.gradient(self.rotation, self.t, axis=0) @ self.rotation.transpose(0, 2, 1)
+        return np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], 1)
+
 
 Load = Callable[[ToolPath], tuple[Floats, Floats]]
 """External force (T, 3) N and where it acts (T, 3) m, both base frame."""
+Couple = Callable[[ToolPath], Floats]
+"""External torque (T, 3) Nm, base frame, without a force."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +89,9 @@ class World:
     """Joint positions as read (T, n) rad -> what the encoders read too much (T, n) rad."""
     cables: tuple[Cable, ...] = ()
     loads: tuple[Load, ...] = ()
+    couples: tuple[Couple, ...] = ()
     sprung: Sprung | None = None
+    rotor: Rotor | None = None
 
 
 def believed_world(belief: Belief) -> World:
@@ -103,13 +118,15 @@ def wrench(world: World, motion: Motion, t: Floats) -> Floats:
     q, dq, ddq = true_motion(world, motion, t)
     if world.sprung is not None:
         q, dq, ddq = swing(model, len(world.arm.home), world.sprung, lambda s: true_motion(world, motion, s), t)
+    if world.rotor is not None:
+        q, dq, ddq = spinning(world.rotor, q, dq, ddq, t)
     forces, torques = _external(world, model, t, q)
     data = mujoco.MjData(model)
     body = model.body("tool").id
     reading = np.empty((len(t), 6))
     for k in range(len(t)):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
-        if world.loads:
+        if world.loads or world.couples:
             data.xfrc_applied[body, :3], data.xfrc_applied[body, 3:] = forces[k], torques[k]
         mujoco.mj_inverse(model, data)
         reading[k] = data.sensordata
@@ -151,9 +168,9 @@ def _follow(model: mujoco.MjModel, t: Floats, q: Floats) -> ToolPath:
 
 
 def _external(world: World, model: mujoco.MjModel, t: Floats, q: Floats) -> tuple[Floats, Floats]:
-    """Sum of the loads as force (T, 3) N and torque (T, 3) Nm about the tool body's centre of mass, base frame."""
+    """Sum of loads and couples: force (T, 3) N, torque (T, 3) Nm about the tool's centre of mass, base frame."""
     force, torque = np.zeros((len(t), 3)), np.zeros((len(t), 3))
-    if not world.loads:
+    if not world.loads and not world.couples:
         return force, torque
     path = _follow(model, t, q)
     center = path.points(model.body("tool").ipos)
@@ -161,6 +178,8 @@ def _external(world: World, model: mujoco.MjModel, t: Floats, q: Floats) -> tupl
         f, at = load(path)
         force += f
         torque += np.cross(at - center, f)
+    for couple in world.couples:
+        torque += couple(path)
     return force, torque
 
 
@@ -177,13 +196,15 @@ def build(world: World) -> mujoco.MjModel:
             <inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>"""
         if j == arm.forearm:
             links += _anchors(world.cables, True, point)
+    tool, wheel = rotor_mjcf(tool, world.rotor)
+    axes = _quaternion(world.sensor_axes)
     rigid, part = sprung_mjcf(tool, world.sprung, world.gravity)
     ends = "".join(f'<site name="end{i}" pos="{_text(cable.end)}"/>' for i, cable in enumerate(world.cables))
     return mujoco.MjModel.from_xml_string(f"""<mujoco><compiler angle="radian"/>
         <option gravity="{_text(world.gravity)}"><flag contact="disable"/></option><worldbody>
         {_anchors(world.cables, False, np.zeros(3))}{links}
         <body name="tool" pos="{_text(position)}" quat="{_quaternion(rotation)}">{rigid}
-        <site name="sensor" quat="{_quaternion(world.sensor_axes)}"/>{ends}{part}</body>{"</body>" * len(arm.axes)}
+        <site name="sensor" quat="{axes}"/>{ends}{part}{wheel}</body>{"</body>" * len(arm.axes)}
         </worldbody>{_tendons(world.cables)}
         <sensor><force site="sensor"/><torque site="sensor"/></sensor></mujoco>""")
 
