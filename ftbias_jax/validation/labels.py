@@ -20,6 +20,26 @@ WITHOUT_GAP = ("noise_level", "outliers", "quantisation", "saturation", "vibrati
 """Effects that are counted however small the gap: they are seen in single samples."""
 
 
+class Withheld(NamedTuple):
+    """What is true of an effect that is in no catalogue."""
+
+    kind: str
+    form: str
+    drive: str
+    """What its extra wrench follows: one of the drives of a diagnosis' terms."""
+    equivalent: tuple[str, ...]
+    """Drives that say the same by physics."""
+    catalogue_twins: tuple[str, ...]
+    """Effects of the catalogue that are nearly the same."""
+    frame: str
+    acts_as: str
+    coefficients: dict[str, Any]
+    """Unit -> number or numbers, where one says it all."""
+    oracle_shrink: float | None
+    """Of who knows the extra wrench exactly; None where there is no mean gap."""
+    unseen: bool
+
+
 class Label(NamedTuple):
     """What is true of one log."""
 
@@ -31,6 +51,8 @@ class Label(NamedTuple):
     """Rms over the channels of what the effects change in the reading, in noise sigmas; a line in time taken out."""
     sigma: tuple[float, ...]
     """(6,) N, Nm, the noise of one sample."""
+    withheld: Withheld | None = None
+    """Of a log of a withheld kind."""
 
     @property
     def name(self) -> str:
@@ -74,7 +96,27 @@ def read_labels(folder: Path, logs: Sequence[str]) -> dict[str, Label]:
 def _label(entry: Mapping[str, Any]) -> Label:
     effects = {name: dict(values) for name, values in entry["effects"].items() if name != "none"}
     sigma = tuple(float(x) for x in entry["sigma"])
-    return Label(effects, dict(entry.get("form", {})), float(entry["gap_sigmas"]), sigma)
+    forms = dict(entry.get("form", {}))
+    return Label(effects, forms, float(entry["gap_sigmas"]), sigma, _withheld(effects, forms, entry.get("term")))
+
+
+def _withheld(effects: Mapping[str, Any], forms: Mapping[str, str], entry: Mapping[str, Any] | None) -> Withheld | None:
+    if entry is None:
+        return None
+    (kind,) = effects
+    oracle = entry["oracle_shrink"]
+    return Withheld(
+        kind=kind,
+        form=forms[kind],
+        drive=str(entry["drive"]),
+        equivalent=tuple(entry["equivalent"]),
+        catalogue_twins=tuple(entry["catalogue_twins"]),
+        frame=str(entry["frame"]),
+        acts_as=str(entry["acts_as"]),
+        coefficients=dict(entry["coefficients"]),
+        oracle_shrink=None if oracle is None else float(oracle),
+        unseen=bool(entry["unseen"]),
+    )
 
 
 def true_parameters(label: Label, effect: str) -> dict[str, Any]:

@@ -47,7 +47,7 @@ def compare(label: Label, said: Mapping[str, Any]) -> list[Compared]:
             found += _compare_events(cause, true)
             continue
         found += [
-            Compared(effect, name, *_numbers(cause["parameters"][name], cause["stderr"].get(name), value))
+            Compared(effect, name, *numbers(cause["parameters"][name], cause["stderr"].get(name), value))
             for name, value in true.items()
             if name in cause["parameters"] and name != "joint"
         ]
@@ -56,7 +56,7 @@ def compare(label: Label, said: Mapping[str, Any]) -> list[Compared]:
     return [one for one in found if len(one.error) or one.missed]
 
 
-def _numbers(said: Any, stderr: Any, true: Any) -> tuple[Array, Array]:
+def numbers(said: Any, stderr: Any, true: Any) -> tuple[Array, Array]:
     """Errors and standard errors (N,) of the numbers that can be compared; JSON has null for what is not finite."""
     value, spread, truth = (np.array(x, float).ravel() for x in (said, stderr, true))
     value, spread, truth = np.broadcast_arrays(value, spread, truth)
@@ -83,6 +83,6 @@ def _compare_events(cause: Mapping[str, Any], true: Mapping[str, Any]) -> list[C
 
 def _of_events(said: Any, stderr: Any, true: Array, pairs: list[tuple[int, int]]) -> tuple[Array, Array]:
     """Errors and standard errors of one parameter of events, given as pairs (number of the true, of the fitted one)."""
-    sides = [_numbers(said[fitted], stderr[fitted], true[event]) for event, fitted in pairs]
+    sides = [numbers(said[fitted], stderr[fitted], true[event]) for event, fitted in pairs]
     empty = np.zeros(0)
     return np.concatenate([empty, *(side[0] for side in sides)]), np.concatenate([empty, *(side[1] for side in sides)])

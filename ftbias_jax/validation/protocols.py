@@ -38,7 +38,7 @@ def withheld(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> Score:
     Raises:
         LogError: labels or verdicts cannot be read. OutputError: a verdict cannot be written.
     """
-    tasks = [Task(log, log.with_suffix(".toml"), (), verdict_path(out, log)) for log in logs]
+    tasks = [Task(log, log.with_suffix(".toml"), (), verdict_path(out, log), _second(log)) for log in logs]
     said, troubles = _diagnosed(tasks, jobs)
     labels = read_labels(folder, [log.stem for log in logs])
     pairs = {name: (label, said.get(name, dict(FAILED))) for name, label in labels.items()}
@@ -61,6 +61,12 @@ def leave_one_out(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> S
         log.stem: (label, said.get(log.stem, dict(FAILED))) for log, label in asked.items()
     }
     return Score(tables.left_out_text(pairs), tables.left_out_content(pairs), troubles, _losses(said))
+
+
+def _second(log: Path) -> Path | None:
+    """The log of another motion that a set of unlisted kinds has of the same robot and effect."""
+    path = log.parent / "second" / log.name
+    return path if path.exists() else None
 
 
 def _losses(said: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:

@@ -66,12 +66,16 @@ def called(said: Mapping[str, Any]) -> str:
 
 
 def is_right(label: Label, said: Mapping[str, Any]) -> bool:
-    """none: the verdict is none. Unlisted: unknown or partly explained. One effect: named first. Two: both named."""
+    """Whether a diagnosis is right, by the rule of the log's group.
+
+    None: the verdict is none. Unlisted: unknown, described or partly explained. One effect: it is named first. Two:
+    both are named.
+    """
     match label.group:
         case "none":
             return bool(said["verdict"] == "none")
         case "unlisted":
-            return said["verdict"] in ("unknown", "partly_explained")
+            return said["verdict"] in ("unknown", "described", "partly_explained")
         case "pair":
             return all(is_named(label, said))
     names = named(said)
@@ -93,11 +97,16 @@ def left_out(effect: str, said: Mapping[str, Any]) -> str:
     """What became of a diagnosis that may not name the true effect.
 
     Returns:
-        "unknown", "partly_explained", "none" or "failed", as the verdict is; of the explained, "twin" if every cause is
-        a twin of the effect in the catalogue (or names one), else "wrong".
+        "unknown", "described", "partly_explained", "none" or "failed", as the verdict is; of the explained, "twin" if
+        every cause is a twin of the effect in the catalogue (or names one), else "wrong".
     """
     if said["verdict"] != "explained":
         return str(said["verdict"])
+    return "twin" if names_only_twins(effect, said) else "wrong"
+
+
+def names_only_twins(effect: str, said: Mapping[str, Any]) -> bool:
+    """Whether every cause is, or names, what the catalogue declares as a twin of the effect, from either side."""
     twins = {twin.effect for twin in CATALOGUE[effect].twins}
     twins |= {name for name, entry in CATALOGUE.items() if effect in {twin.effect for twin in entry.twins}}
-    return "twin" if all(names & twins for names in named(said)) else "wrong"
+    return all(names & twins for names in named(said))

@@ -9,13 +9,21 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ftbias_jax.diagnosis.diagnose import diagnose
+from ftbias_jax.diagnosis.evidence.cross_validation import excess_by_channel
+from ftbias_jax.diagnosis.problem import make_problem
+from ftbias_jax.diagnosis.regression.fit import base
 from ftbias_jax.diagnosis.report.tables import to_json
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import make_folder, write_json
+from ftbias_jax.io.cleaning import clean
+from ftbias_jax.io.log import Log
+from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.processes import run_each
-from ftbias_jax.setup import load_setup
+from ftbias_jax.setup import Setup, load_setup
 
 KILLED = "its process was killed: too little memory? (give it more, or fewer --jobs)"
 
@@ -29,6 +37,8 @@ class Task(NamedTuple):
     """Effects that may not be named."""
     verdict: Path
     """Where to write it."""
+    second: Path | None = None
+    """Another log of the same robot and effect: how far it shrinks with what was found applied is written, too."""
 
 
 def find_logs(folder: Path) -> list[Path]:
@@ -84,11 +94,29 @@ def diagnose_one(task: Task) -> str:
     try:
         setup = load_setup(task.setup)
         diagnosis = diagnose(setup, [read_log(task.log, setup, raw=True)], [task.log.name], without=task.without)
-        write_json(task.verdict, to_json(diagnosis) | {"seconds": time.perf_counter() - start})
+        said = to_json(diagnosis) | {"seconds": time.perf_counter() - start}
+        if task.second is not None:
+            said["second"] = {"shrink": shrink_of(task.second, setup, diagnosis.apply(setup))}
+        write_json(task.verdict, said)
     except Exception as error:  # one bad log must not cost the others
         last = traceback.extract_tb(error.__traceback__)[-1]
         return f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})"
     return ""
+
+
+def shrink_of(path: Path, setup: Setup, mended: Setup) -> float:
+    """Share of a log's mean square gap that a mended setup removes; nothing is fitted to the log."""
+    if mended.effects == setup.effects:
+        return 0.0
+    before, after = (gap_of(stated, read_log(path, stated, raw=True)) for stated in (setup, mended))
+    return float(np.clip(1 - max(after, 0.0) / before, 0.0, 1.0)) if before > 0 else 0.0
+
+
+@in_float64
+def gap_of(setup: Setup, log: Log) -> float:
+    """Mean square gap between a log and its setup, in noise variances; may be negative by chance."""
+    problem, _ = make_problem(setup, [clean(log, clipped=False)])
+    return float(excess_by_channel(problem, base(problem).error).mean())
 
 
 def read_verdicts(tasks: Sequence[Task]) -> dict[str, dict[str, Any]]:
@@ -103,8 +131,10 @@ def read_verdicts(tasks: Sequence[Task]) -> dict[str, dict[str, Any]]:
             continue
         try:
             said = json.loads(task.verdict.read_text())
-            if not isinstance(said["verdict"], str) or not all("effect" in cause for cause in said["causes"]):
-                raise ValueError("verdict or causes are not what they should be")
+            causes, terms = said["causes"], said.get("terms", [])
+            listed = all("effect" in cause for cause in causes) and all("drive" in term for term in terms)
+            if not isinstance(said["verdict"], str) or not listed:
+                raise ValueError("verdict, causes or terms are not what they should be")
         except (KeyError, TypeError, ValueError) as error:
             message = f"is no diagnosis: {type(error).__name__} {error}"
             raise LogError(message, file=task.verdict, remedy="delete it, and score again") from error

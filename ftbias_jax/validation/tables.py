@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.validation import description_tables
 from ftbias_jax.validation.labels import Label
 from ftbias_jax.validation.parameters import Compared, compare
 from ftbias_jax.validation.rules import (
@@ -20,13 +21,14 @@ from ftbias_jax.validation.rules import (
     is_right,
     left_out,
     named,
+    names_only_twins,
     share,
 )
 
 SCHEMA = 1
 Scored = Mapping[str, tuple[Label, dict[str, Any]]]
 """Name of a log -> its label and its diagnosis."""
-HONEST = ("unknown", "partly_explained", "twin")
+HONEST = ("unknown", "described", "partly_explained", "twin")
 
 
 def shares(scored: Scored) -> dict[str, Share]:
@@ -85,6 +87,7 @@ def parameter_table(scored: Scored) -> dict[tuple[str, str], dict[str, Any]]:
 
 def withheld_content(scored: Scored) -> dict[str, Any]:
     """The whole score for programs."""
+    kinds = description_tables.judged(scored)
     return {
         "schema": SCHEMA,
         "protocol": "withheld",
@@ -99,11 +102,15 @@ def withheld_content(scored: Scored) -> dict[str, Any]:
         ],
         "seconds": _seconds(scored),
         "rows": [_row(name, label, said) | {"right": is_right(label, said)} for name, (label, said) in scored.items()],
+        **({"unlisted_kinds": description_tables.content(kinds)} if kinds else {}),
     }
 
 
 def withheld_text(scored: Scored) -> str:
     """The score for a reader: 95 % confidence intervals (Wilson) in brackets."""
+    kinds = description_tables.judged(scored)
+    if kinds and len(kinds) == len(scored):
+        return "\n".join([description_tables.text(kinds), "", _seconds_words(scored)])
     lines = [f"{len(scored)} logs; shares with 95 % confidence intervals", ""]
     lines += [f"{name:46s}{counted}" for name, counted in shares(scored).items()]
     lines += ["", "right, by effect"]
@@ -118,6 +125,7 @@ def withheld_text(scored: Scored) -> str:
         inside = Share(row["inside"]["hits"], row["inside"]["of"])
         errors = f"{_number(row['median_error']):>14s}{_number(row['median_error_in_stderr']):>15s}"
         lines.append(f"  {f'{effect}.{name}':36s}{row['diagnoses']:5d}{errors}   {inside}")
+    lines += ["", description_tables.text(kinds)] if kinds else []
     return "\n".join([*lines, "", _seconds_words(scored)])
 
 
@@ -136,7 +144,7 @@ def left_out_content(scored: Scored) -> dict[str, Any]:
 
 def left_out_text(scored: Scored) -> str:
     """The score of the second protocol for a reader."""
-    outcomes = ("unknown", "partly_explained", "twin", "none", "wrong", "failed")
+    outcomes = ("unknown", "described", "partly_explained", "twin", "none", "wrong", "failed")
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for label, said in scored.values():
         counts[label.name][left_out(label.name, said)] += 1
@@ -157,8 +165,11 @@ def left_out_text(scored: Scored) -> str:
 def _left_out_shares(scored: Scored) -> dict[str, Share]:
     outcomes = [left_out(label.name, said) for label, said in scored.values()]
     return {
-        "unknown, partly explained or a declared twin": share(outcome in HONEST for outcome in outcomes),
+        "unknown, described, partly explained or a twin": share(outcome in HONEST for outcome in outcomes),
         "confident wrong name": share(outcome == "wrong" for outcome in outcomes),
+        "wrong name among the causes of any verdict": share(
+            not names_only_twins(label.name, said) for label, said in scored.values()
+        ),
         "no gap seen": share(outcome == "none" for outcome in outcomes),
     }
 

@@ -142,7 +142,8 @@ def test_leaving_one_out_tells_the_diagnosis_what_not_to_name(make_set, asked):
     # The made-up diagnosis names tool_mass, which is no twin of itself, and cable.
     assert [row["outcome"] for row in score.content["rows"]] == ["wrong", "wrong"]
     assert score.content["score"]["confident wrong name"]["hits"] == 2
-    assert "unknown, partly explained or a declared twin" in score.text
+    assert score.content["score"]["wrong name among the causes of any verdict"]["hits"] == 2
+    assert "unknown, described, partly explained or a twin" in score.text
     assert "confident wrong names" in score.text
 
 

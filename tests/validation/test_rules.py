@@ -42,6 +42,7 @@ def test_a_share_of_nothing_says_nothing():
         (MASS, "failed", [], False),
         (SLOSH, "unknown", [], True),
         (SLOSH, "partly_explained", ["gain"], True),
+        (SLOSH, "described", [], True),
         (SLOSH, "explained", ["gain"], False),
         (SLOSH, "none", [], False),
         ({**MASS, **SLOSH}, "unknown", [], True),
@@ -80,6 +81,7 @@ def test_only_effects_on_the_mean_reading_can_be_shrunk(make_label):
     [
         ("unknown", [], "unknown"),
         ("none", [], "none"),
+        ("described", [], "described"),
         ("failed", [], "failed"),
         ("partly_explained", ["cable"], "partly_explained"),
         ("explained", ["gain"], "twin"),

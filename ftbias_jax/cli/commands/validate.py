@@ -23,21 +23,30 @@ def make(arguments: argparse.Namespace) -> int:
     """Write logs, setups and labels into a folder; returns 0.
 
     Raises:
-        UsageError: an unknown effect, MuJoCo is missing. OutputError: the folder cannot be made or holds a set already.
+        UsageError: an unknown effect, or an option of the other protocol. OutputError: MuJoCo is missing, or the folder
+            cannot be made or holds a set already.
     """
-    generator = _generator()
+    unlisted = arguments.protocol == "unlisted"
+    for option, value, fits in (("--effects", arguments.effects, not unlisted), ("--kinds", arguments.kinds, unlisted)):
+        if value is not None and not fits:
+            raise UsageError(f"says nothing to the protocol {arguments.protocol}", field=option)
+    generator = _generator("make")
     limits = generator.Limits((min(arguments.duration), max(arguments.duration)), arguments.rate, arguments.plain)
-    try:
-        generator.make_plan(arguments.effects, 0, 0)
-    except ValueError as error:
-        raise UsageError(str(error), field="--effects") from error
+    asked = arguments.kinds or "seen" if unlisted else arguments.effects or "all"
+    if not unlisted:
+        try:
+            generator.make_plan(asked, 0, 0)
+        except ValueError as error:
+            raise UsageError(str(error), field="--effects") from error
     folder = Path(arguments.output)
     make_folder(folder)
-    if any(folder.glob("log_*")) or (folder / "truth.json").exists():
+    if any(folder.glob("log_*")) or any((folder / name).exists() for name in ("truth.json", "second", "extra")):
         raise OutputError("holds a set already", file=folder, remedy="name a new folder")
-    report = Progress(f"making {arguments.count} logs", arguments.count)
-    generator.make_set(folder, arguments.effects, arguments.count, arguments.seed, limits, arguments.jobs, report)
-    print(f"wrote {arguments.count} logs with their setups and truth.json to {folder}")
+    maker = _generator("kinds.logs") if unlisted else generator
+    logs = "pairs of logs" if unlisted else "logs"
+    report = Progress(f"making {arguments.count} {logs}", arguments.count)
+    maker.make_set(folder, asked, arguments.count, arguments.seed, limits, arguments.jobs, report)
+    print(f"wrote {arguments.count} {logs} with their setups and truth.json to {folder}")
     return 0
 
 
@@ -71,10 +80,10 @@ def score(arguments: argparse.Namespace) -> int:
     return 1 if result.troubles else 3 if result.losses else 0
 
 
-def _generator() -> ModuleType:
-    """The maker of logs, which needs what the package itself does not."""
+def _generator(module: str) -> ModuleType:
+    """A module of the maker of logs, which needs what the package itself does not."""
     try:
-        return importlib.import_module("ftbias_jax.validation.generator.make")
+        return importlib.import_module(f"ftbias_jax.validation.generator.{module}")
     except ModuleNotFoundError as error:
         message = f"making logs needs {error.name}, which is not installed"
         raise OutputError(message, remedy="pip install 'ftbias-jax[validation]'") from error

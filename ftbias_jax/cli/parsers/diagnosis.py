@@ -38,8 +38,16 @@ def add_validate(commands: Commands) -> None:
     maker.add_argument("output", metavar="OUT", help="new folder for logs, setups and truth.json")
     maker.add_argument("--count", type=count, default=128, metavar="N", help="logs (%(default)s)")
     maker.add_argument("--seed", type=seed, default=0, metavar="S", help="the same makes the same logs (%(default)s)")
-    effects = "all, catalogue, none, pairs, unlisted or names, by commas (%(default)s)"
-    maker.add_argument("--effects", default="all", metavar="NAMES", help=effects)
+    maker.add_argument(
+        "--protocol",
+        choices=("effects", "unlisted"),
+        default="effects",
+        help="unlisted: kinds that no catalogue knows, each in two logs of other motion (%(default)s)",
+    )
+    effects = "all, catalogue, none, pairs, unlisted or names, by commas (all); of the protocol effects"
+    maker.add_argument("--effects", metavar="NAMES", help=effects)
+    kinds = "which kinds of the protocol unlisted (seen); unseen ones are for the end, not for building"
+    maker.add_argument("--kinds", choices=("seen", "unseen", "all"), help=kinds)
     maker.add_argument(
         "--duration", type=numbers, default=(20.0, 60.0), metavar="S[,S]", help="shortest,longest (20,60)"
     )

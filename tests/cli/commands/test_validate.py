@@ -25,6 +25,30 @@ def test_make_writes_a_set_and_refuses_to_mix_two(tmp_path, capsys):
     assert "holds a set already" in capsys.readouterr().err
 
 
+def test_make_writes_pairs_of_unlisted_kinds(tmp_path, capsys):
+    pytest.importorskip("mujoco", reason="the extra 'validation' is not installed")
+    out = tmp_path / "set"
+    command = ["validate", "make", str(out), "--protocol", "unlisted", "--kinds", "unseen", "--count", "1"]
+    assert main([*command, "--duration", "2", "--rate", "100"]) == 0
+    assert sorted(str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()) == sorted(
+        f"{place}{name}"
+        for place in ("", "second/")
+        for name in ("extra/log_000.npz", "log_000.npz", "log_000.toml", "truth.json")
+    )
+    assert capsys.readouterr().out == f"wrote 1 pairs of logs with their setups and truth.json to {out}\n"
+    assert main(command) == 1
+    assert "holds a set already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "field"), [("--kinds all", "--kinds"), ("--protocol unlisted --effects gain", "--effects")]
+)
+def test_make_refuses_an_option_of_the_other_protocol(tmp_path, capsys, options, field):
+    assert main(["validate", "make", str(tmp_path / "set"), *options.split()]) == 2
+    assert f"{field}: says nothing to the protocol" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_make_refuses_effects_that_nobody_knows(tmp_path, capsys):
     pytest.importorskip("mujoco", reason="the extra 'validation' is not installed")
     assert main(["validate", "make", str(tmp_path / "set"), "--effects", "gain,tool_mas"]) == 2
