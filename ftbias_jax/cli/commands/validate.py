@@ -68,7 +68,8 @@ def score(arguments: argparse.Namespace) -> int:
     path = arguments.json or str(out / "score.json")
     logs = find_logs(folder)
     outputs = {"--json": path, **{f"the verdict on {log.name!r}": verdict_path(out, log) for log in logs}}
-    check_outputs(outputs, (*logs, *(log.with_suffix(".toml") for log in logs), folder / "truth.json"))
+    beside = (path for place in ("second", "extra") for path in (folder / place).rglob("*") if path.is_file())
+    check_outputs(outputs, (*logs, *(log.with_suffix(".toml") for log in logs), folder / "truth.json", *beside))
     result = protocol(folder, logs, out, arguments.jobs)
     print(result.text)
     write_json(path, result.content)
