@@ -10,10 +10,11 @@ import pytest
 pytest.importorskip("mujoco", reason="the extra 'validation' is not installed")
 from ftbias_jax.validation.generator import recording
 from ftbias_jax.validation.generator.effects.effect import Effect
-from ftbias_jax.validation.generator.kinds import logs
+from ftbias_jax.validation.generator.kinds import likeness, logs
 from ftbias_jax.validation.generator.kinds.catalogue import KINDS, chosen
 from ftbias_jax.validation.generator.kinds.plan import LARGEST, SMALLEST, Job, make_plan
 from ftbias_jax.validation.generator.make import Limits
+from ftbias_jax.validation.generator.world import tool_path
 from ftbias_jax.validation.labels import read_labels
 
 LIMITS = Limits((4.0, 4.0), (100.0,), True)
@@ -97,7 +98,8 @@ def test_labels_are_read_back(folder):
     hose, sag, bridge = (labels[f"log_{i:03d}"] for i in range(3))
     assert hose.group == "unlisted"
     assert (hose.withheld.kind, hose.withheld.form, hose.withheld.drive) == ("hose", "viscous", "velocity")
-    assert hose.withheld.equivalent == ("joint_velocity",)
+    assert set(hose.withheld.equivalent) <= {"joint_velocity"}
+    assert sag.withheld.equivalent == ("load",)
     assert hose.withheld.coefficients == {"N_per_m_s": hose.effects["hose"]["drag"]}
     assert (sag.withheld.frame, sag.withheld.acts_as, sag.withheld.unseen) == ("sensor", "torque", True)
     assert bridge.withheld.oracle_shrink is None
@@ -112,6 +114,30 @@ def test_the_same_seed_makes_the_same_pair(folder, tmp_path):
         one, other = (np.load(base / place / "log_001.npz") for base in (folder, tmp_path))
         for column in one.files:
             np.testing.assert_array_equal(one[column], other[column])
+
+
+def test_another_drive_says_the_same_where_it_predicts_the_extra_wrench():
+    scene = recording.random_scene("sines", 16.0, 100.0, 1.5, np.random.SeedSequence(3).spawn(4))
+    dq = scene.motion(scene.stamps)[1]
+    noise = scene.belief.noise_std
+    follows = 3 * noise * (dq @ np.random.default_rng(0).normal(size=(dq.shape[1], 6)))
+    assert likeness.says_the_same("joint_velocity", follows, scene)
+    assert not likeness.says_the_same("orientation", follows, scene)
+    path = tool_path(scene.world, scene.motion, scene.stamps)
+    assert likeness.says_the_same("orientation", noise * np.repeat(path.rotation[:, 0], 2, axis=1), scene)
+    omega = np.gradient(path.rotation, path.t, axis=0).transpose(0, 2, 1) @ path.rotation
+    turning = noise * np.repeat(omega[:, [0, 0, 1], [1, 2, 2]], 2, axis=1)
+    assert likeness.says_the_same("angular_velocity", turning, scene)
+    assert not likeness.says_the_same("orientation", turning, scene)
+
+
+def test_a_predicted_share_is_of_what_a_line_leaves():
+    t = np.arange(0, 20, 0.05)
+    wave, other = np.sin(t)[:, None], np.random.default_rng(0).normal(size=(len(t), 1))
+    wrench = wave * np.ones(6) + 1000 * t[:, None]
+    assert likeness.predicted_share(t, wave, wrench) > 1 - 1e-9
+    assert likeness.predicted_share(t, other, wrench) < 0.1
+    assert likeness.predicted_share(t, wave, wrench + other) == pytest.approx(0.5 / 1.5, abs=0.1)
 
 
 def test_an_oracle_is_left_with_the_noise():

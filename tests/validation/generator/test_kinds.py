@@ -70,7 +70,9 @@ def test_no_kind_is_in_a_catalogue_and_its_words_are_known():
         assert len(set(kind.forms)) == 2
         assert kind.frame in ("base", "sensor", "joint", "none")
         assert kind.acts_as in ("force", "torque", "wrench", "bias", "noise")
-        assert set(kind.equivalent) <= set(DRIVES) - {kind.drive}
+        others = {*kind.equivalent, *kind.sometimes, *(x for more in kind.equivalent_forms.values() for x in more)}
+        assert others <= set(DRIVES) - {kind.drive}
+        assert set(kind.equivalent_forms) <= set(kind.forms)
         assert set(kind.twins) <= set(CATALOGUE)
 
 

@@ -50,7 +50,13 @@ FORCES: dict[str, Kind] = {
         equivalent=("load",),
     ),
     "compass": Kind(
-        "orientation", "base", "torque", ("permanent", "soft_iron"), fields.draw_compass, fields.build_compass
+        "orientation",
+        "base",
+        "torque",
+        ("permanent", "soft_iron"),
+        fields.draw_compass,
+        fields.build_compass,
+        equivalent_forms={"permanent": ("constant",)},  # two forces of the field, one on each pole
     ),
     "hose": Kind(
         "velocity",
@@ -59,7 +65,7 @@ FORCES: dict[str, Kind] = {
         ("viscous", "turbulent"),
         moving.draw_hose,
         moving.build_hose,
-        equivalent=("joint_velocity",),
+        sometimes=("joint_velocity",),
         brisk=True,
         coefficients=moving.hose_coefficients,
     ),
@@ -71,7 +77,7 @@ FORCES: dict[str, Kind] = {
         moving.draw_trailing,
         moving.build_trailing,
         unseen=True,
-        equivalent=("joint_velocity",),
+        sometimes=("joint_velocity",),
         coefficients=moving.trailing_coefficients,
     ),
     "spindle": Kind(
@@ -81,7 +87,7 @@ FORCES: dict[str, Kind] = {
         ("steady", "surging"),
         moving.draw_spindle,
         moving.build_spindle,
-        equivalent=("joint_velocity",),
+        sometimes=("joint_velocity",),
         brisk=True,
         coefficients=moving.spindle_coefficients,
     ),
@@ -93,7 +99,7 @@ FORCES: dict[str, Kind] = {
         moving.draw_eddy_brake,
         moving.build_eddy_brake,
         unseen=True,
-        equivalent=("joint_velocity",),
+        sometimes=("joint_velocity",),
         brisk=True,
         coefficients=moving.eddy_brake_coefficients,
     ),
@@ -135,7 +141,7 @@ FORCES: dict[str, Kind] = {
         ("viscous", "dry"),
         joints.draw_seal,
         joints.build_seal,
-        equivalent=("angular_velocity",),
+        sometimes=("angular_velocity",),
         coefficients=joints.seal_coefficients,
     ),
 }

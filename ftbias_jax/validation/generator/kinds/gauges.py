@@ -127,7 +127,7 @@ def build_pump(form: str, parameters: Parameters, scene: Scene) -> Effect:
 
 def line_coefficients(form: str, parameters: Parameters) -> dict[str, float]:
     """The frequency."""
-    return {"hz": parameters["hz"]}
+    return {"frequency": parameters["hz"]}
 
 
 def draw_rough_bridge(form: str, draw: Draw, scene: Scene) -> Parameters:

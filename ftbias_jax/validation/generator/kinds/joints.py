@@ -34,8 +34,8 @@ def build_cogging(form: str, parameters: Parameters, scene: Scene) -> Effect:
 
 
 def cogging_coefficients(form: str, parameters: Parameters) -> dict[str, float]:
-    """Which joint, and how many periods a turn."""
-    return {"joint": parameters["joint"], "per_turn": parameters["per_turn"]}
+    """Periods a turn."""
+    return {"multiple": parameters["per_turn"]}
 
 
 def draw_bundle(form: str, draw: Draw, scene: Scene) -> Parameters:
@@ -57,8 +57,8 @@ def build_bundle(form: str, parameters: Parameters, scene: Scene) -> Effect:
 
 
 def bundle_coefficients(form: str, parameters: Parameters) -> dict[str, float]:
-    """Against the angle."""
-    return {"Nm_per_rad": parameters["stiffness"]} if form == "linear" else {"Nm_per_rad3": parameters["stiffness"]}
+    """Along the axis of the joint, on the tool."""
+    return {"Nm_per_rad" if form == "linear" else "Nm_per_rad3": -parameters["stiffness"]}
 
 
 def draw_warm_motors(form: str, draw: Draw, scene: Scene) -> Parameters:

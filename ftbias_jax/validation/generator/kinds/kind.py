@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -40,12 +40,16 @@ class Kind:
     """Kept until the end: no one who builds the diagnosis looks at it."""
     equivalent: tuple[str, ...] = ()
     """Drives that say the same in other words, by physics: right answers, too."""
+    equivalent_forms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Form -> more of them, of this form alone."""
+    sometimes: tuple[str, ...] = ()
+    """Drives that say the same in some motions: right answers where they predict the extra wrench (``likeness``)."""
     twins: tuple[str, ...] = ()
     """Effects of the package's catalogue that say nearly the same: not counted as wrong names."""
     brisk: bool = False
     """Slow motion hides it."""
     coefficients: Callable[[str, Parameters], dict[str, Any]] = field(default=_no_coefficients)
-    """Form, parameters -> unit (as in ``N_per_m_s``) -> number or list, where one number says it all."""
+    """Form, parameters -> unit (as in ``N_per_m_s``) or parameter -> number or list, where one number says it all."""
 
 
 def vector(values: Floats) -> list[float]:

@@ -13,6 +13,7 @@ from ftbias_jax.validation.generator.arms import Floats
 from ftbias_jax.validation.generator.effects.effect import Draw, Effect, Scene
 from ftbias_jax.validation.generator.kinds.catalogue import KINDS
 from ftbias_jax.validation.generator.kinds.kind import Kind, Parameters
+from ftbias_jax.validation.generator.kinds.likeness import says_the_same
 from ftbias_jax.validation.generator.kinds.plan import Job, make_plan
 from ftbias_jax.validation.generator.make import Limits, choose_timeline, run_jobs, truth, write_labels
 from ftbias_jax.validation.generator.nominal_model import setup_toml
@@ -100,7 +101,8 @@ def _write(
     """Write one log, its setup and its extra wrench; its label."""
     columns, clean, noise_rms = record(scene, [effect], timeline, seed)
     sign = -1.0 if scene.belief.reports == "wrench_on_sensor" else 1.0
-    extra = sign * (clean.wrench - noiseless(scene, ()).wrench)
+    bare = noiseless(scene, ()).wrench
+    extra = sign * (clean.wrench - bare)
     std = scene.belief.noise_std * noise_scale(effect, scene)
     np.savez_compressed(folder / f"{name}.npz", **columns)  # type: ignore[arg-type]
     (folder / f"{name}.toml").write_text(setup_toml(scene.belief))
@@ -114,7 +116,7 @@ def _write(
         "velocities": timeline.velocities,
         "term": {
             "drive": kind.drive,
-            "equivalent": list(kind.equivalent),
+            "equivalent": equivalents(kind, effect, clean.wrench - bare, scene),
             "catalogue_twins": list(kind.twins),
             "frame": kind.frame,
             "acts_as": kind.acts_as,
@@ -123,6 +125,12 @@ def _write(
             "oracle_shrink": None if kind.drive == "noise" else oracle_shrink(gap, noise_rms, scene.belief.noise_std),
         },
     }
+
+
+def equivalents(kind: Kind, effect: Effect, extra: Floats, scene: Scene) -> list[str]:
+    """Drives that say the same of this effect in this motion; extra: (T, 6) N, Nm at the stamps."""
+    always = kind.equivalent + kind.equivalent_forms.get(effect.form, ())
+    return [*always, *(drive for drive in kind.sometimes if says_the_same(drive, extra, scene))]
 
 
 def oracle_shrink(gap: float, noise_rms: Floats, noise_std: Floats) -> float:

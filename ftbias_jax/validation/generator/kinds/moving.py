@@ -33,7 +33,7 @@ def build_hose(form: str, parameters: Parameters, scene: Scene) -> Effect:
 
 def hose_coefficients(form: str, parameters: Parameters) -> dict[str, float]:
     """Against the velocity."""
-    return {"N_per_m_s" if form == "viscous" else "N_per_m2_s2": parameters["drag"]}
+    return {"N_per_m_s" if form == "viscous" else "N_per_m_s2": parameters["drag"]}
 
 
 def draw_trailing(form: str, draw: Draw, scene: Scene) -> Parameters:
@@ -106,7 +106,7 @@ def build_eddy_brake(form: str, parameters: Parameters, scene: Scene) -> Effect:
 
 def eddy_brake_coefficients(form: str, parameters: Parameters) -> dict[str, float]:
     """Against the angular velocity."""
-    return {"Nm_per_rad_s" if form == "linear" else "Nm_per_rad2_s2": parameters["damping"]}
+    return {"Nm_per_rad_s" if form == "linear" else "Nm_per_rad_s2": parameters["damping"]}
 
 
 def draw_entrained(form: str, draw: Draw, scene: Scene) -> Parameters:
@@ -131,7 +131,7 @@ def build_entrained(form: str, parameters: Parameters, scene: Scene) -> Effect:
 
 def entrained_coefficients(form: str, parameters: Parameters) -> dict[str, float]:
     """Against the acceleration."""
-    return {"kg": parameters["mass"]}
+    return {"N_per_m_s2": parameters["mass"]}
 
 
 def draw_dangling(form: str, draw: Draw, scene: Scene) -> Parameters:
@@ -149,4 +149,4 @@ def build_dangling(form: str, parameters: Parameters, scene: Scene) -> Effect:
 
 def dangling_coefficients(form: str, parameters: Parameters) -> dict[str, float]:
     """Natural frequency and damping."""
-    return {"hz": parameters["hz"], "damping_ratio": parameters["zeta"]}
+    return {"frequency": parameters["hz"], "damping_ratio": parameters["zeta"]}

@@ -73,7 +73,7 @@ READINGS: dict[str, Kind] = {
         ("cubic", "quadratic"),
         gauges.draw_soft_gauge,
         gauges.build_soft_gauge,
-        equivalent=("orientation",),
+        sometimes=("orientation",),
         coefficients=gauges.soft_gauge_coefficients,
     ),
     "lopsided": Kind(
@@ -84,7 +84,7 @@ READINGS: dict[str, Kind] = {
         gauges.draw_lopsided,
         gauges.build_lopsided,
         unseen=True,
-        equivalent=("orientation",),
+        sometimes=("orientation",),
     ),
     "ageing": Kind(
         "load_time",
