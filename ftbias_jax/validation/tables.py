@@ -137,6 +137,10 @@ def left_out_content(scored: Scored) -> dict[str, Any]:
         "protocol": "leave_one_out",
         "logs": len(scored),
         "score": {name: counted.plain() for name, counted in _left_out_shares(scored).items()},
+        "by_effect": {name: dict(row) for name, row in sorted(_outcomes(scored).items())},
+        "confusion": [
+            {"left_out": true, "called": said, "logs": n} for (true, said), n in sorted(confusion(scored).items())
+        ],
         "seconds": _seconds(scored),
         "rows": rows,
     }
@@ -145,14 +149,12 @@ def left_out_content(scored: Scored) -> dict[str, Any]:
 def left_out_text(scored: Scored) -> str:
     """The score of the second protocol for a reader."""
     outcomes = ("unknown", "described", "partly_explained", "twin", "none", "wrong", "failed")
-    counts: dict[str, Counter[str]] = defaultdict(Counter)
-    for label, said in scored.values():
-        counts[label.name][left_out(label.name, said)] += 1
     lines = [f"{len(scored)} logs, the true effect left out; shares with 95 % confidence intervals", ""]
     lines += [f"{name:46s}{counted}" for name, counted in _left_out_shares(scored).items()]
     lines += ["", f"{'left out':20s}" + "".join(f"{outcome:>18s}" for outcome in outcomes)]
     lines += [
-        f"{name:20s}" + "".join(f"{row[outcome]:18d}" for outcome in outcomes) for name, row in sorted(counts.items())
+        f"{name:20s}" + "".join(f"{row[outcome]:18d}" for outcome in outcomes)
+        for name, row in sorted(_outcomes(scored).items())
     ]
     wrong = Counter(
         (label.name, called(said)) for label, said in scored.values() if left_out(label.name, said) == "wrong"
@@ -160,6 +162,14 @@ def left_out_text(scored: Scored) -> str:
     lines += ["", "confident wrong names: what it was, what it was called, logs"] if wrong else []
     lines += [f"  {true:36s} {said:44s} {n:3d}" for (true, said), n in wrong.most_common()]
     return "\n".join([*lines, "", _seconds_words(scored)])
+
+
+def _outcomes(scored: Scored) -> dict[str, Counter[str]]:
+    """Effect that was left out -> how often what became of it."""
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    for label, said in scored.values():
+        counts[label.name][left_out(label.name, said)] += 1
+    return counts
 
 
 def _left_out_shares(scored: Scored) -> dict[str, Share]:

@@ -143,6 +143,8 @@ def test_leaving_one_out_tells_the_diagnosis_what_not_to_name(make_set, asked):
     assert [row["outcome"] for row in score.content["rows"]] == ["wrong", "wrong"]
     assert score.content["score"]["confident wrong name"]["hits"] == 2
     assert score.content["score"]["wrong name among the causes of any verdict"]["hits"] == 2
+    assert score.content["by_effect"] == {"tool_mass": {"wrong": 1}, "time_delay": {"wrong": 1}}
+    assert {"left_out": "time_delay", "called": "cable", "logs": 1} in score.content["confusion"]
     assert "unknown, described, partly explained or a twin" in score.text
     assert "confident wrong names" in score.text
 
