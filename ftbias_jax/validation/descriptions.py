@@ -106,13 +106,15 @@ def judge(label: Label, said: Mapping[str, Any]) -> Judged:
 
 
 def _compared(truth: Withheld, term: Mapping[str, Any]) -> tuple[Coefficient, ...]:
-    """Coefficients that both know, where the drive is the true one: another drive's numbers mean something else."""
+    """Coefficients and parameters that both know, where the drive is the true one: others mean other things."""
     if term.get("drive") != truth.drive:
         return ()
+    said = {**term.get("parameters", {}), **term.get("coefficients", {})}
+    spread = {**term.get("parameters_stderr", {}), **term.get("stderr", {})}
     found = []
     for unit, true in truth.coefficients.items():
-        if unit in term.get("coefficients", {}) and np.shape(term["coefficients"][unit]) == np.shape(true):
-            error, stderr = numbers(term["coefficients"][unit], term.get("stderr", {}).get(unit), true)
+        if unit in said and np.shape(said[unit]) == np.shape(true):
+            error, stderr = numbers(said[unit], spread.get(unit), true)
             if len(error):
                 found.append(Coefficient(unit, error, stderr))
     return tuple(found)

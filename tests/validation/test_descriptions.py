@@ -66,6 +66,8 @@ def test_coefficients_are_compared_where_drive_unit_and_shape_are_the_same(hose,
     assert numbers(near | {"drive": "joint_velocity"}) == ()
     assert numbers(near | {"stderr": {}}) == ()
     assert numbers(near, coefficients={"N_per_m_s": [5.0, 5.0, 5.0]}) == ()
+    line = near | {"parameters": {"frequency": 50.2}, "parameters_stderr": {"frequency": 0.1}}
+    assert [x.unit for x in numbers(line, coefficients={"frequency": 50.0})] == ["frequency"]
     vector = term("velocity", coefficients={"N": [1.0, 2.0, 4.0]}, stderr={"N": [0.1, 0.1, 0.1]})
     assert numbers(vector, coefficients={"N": [1.0, 2.0, 3.0]})[0].inside.tolist() == [True, True, False]
 
