@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,6 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.errors import OutputError
+from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.runtime.processes import run_each
 from ftbias_jax.validation.generator.arms import Floats
 from ftbias_jax.validation.generator.effects.catalogue import ENTRIES, NEEDS_MOTION, STATISTICAL, UNLISTED
 from ftbias_jax.validation.generator.effects.effect import Draw, Effect, Scene
@@ -86,8 +86,8 @@ def make_log(index: int, job: Job, seed: int, limits: Limits, folder: Path) -> t
     effects = [effect for effect, _ in sized]
     columns, clean, noise_rms = record(scene, effects, timeline, seeds[6])
     name = f"log_{index:03d}"
-    np.savez_compressed(folder / f"{name}.npz", **columns)  # type: ignore[arg-type]
-    (folder / f"{name}.toml").write_text(setup_toml(scene.belief))
+    write_atomic(folder / f"{name}.npz", lambda file: np.savez_compressed(file, **columns))  # type: ignore[arg-type]
+    write_atomic(folder / f"{name}.toml", lambda file: file.write(setup_toml(scene.belief).encode()))
     each = {effect.name: gap for effect, gap in sized}
     return name, truth(scene, effects, job.level, kind, clean, noise_rms) | {
         "gap_sigmas_each": each,
@@ -141,24 +141,21 @@ def make_set(
         report: called with the number of logs that are finished.
 
     Raises:
-        ValueError: an unknown effect.
+        ValueError: an unknown effect. OutputError: a file cannot be written, or a process was killed.
     """
     plan = make_plan(asked, count, seed)
-    make = partial(make_log, seed=seed, limits=limits, folder=folder)
-    labels: dict[str, Any] = {}
-
-    def keep(made: tuple[str, dict[str, Any]]) -> None:
-        labels.update([made])
+    make = partial(_make_one, seed=seed, limits=limits, folder=folder)
+    labels: dict[int, tuple[str, dict[str, Any]]] = {}
+    for (index, _), made in run_each(make, enumerate(plan), jobs):
+        if made is None:
+            remedy = "too little memory? give it more, or fewer --jobs"
+            raise OutputError("its process was killed", file=folder / f"log_{index:03d}.npz", remedy=remedy)
+        labels[index] = made
         report(len(labels))
+    content = json.dumps(dict(labels[index] for index in range(count)), indent=1)
+    write_atomic(folder / "truth.json", lambda file: file.write(content.encode()))
 
-    if jobs == 1:
-        for index, job in enumerate(plan):
-            keep(make(index, job))
-    else:
-        # New processes, not forks: the caller may have threads.
-        with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-            for made in pool.map(make, range(len(plan)), plan):
-                keep(made)
-    unfinished = folder / ".truth.json"
-    unfinished.write_text(json.dumps(labels, indent=1))
-    os.replace(unfinished, folder / "truth.json")
+
+def _make_one(numbered: tuple[int, Job], seed: int, limits: Limits, folder: Path) -> tuple[str, dict[str, Any]]:
+    index, job = numbered
+    return make_log(index, job, seed, limits, folder)
