@@ -4,10 +4,23 @@ The command line prints ``str(error)`` as one line and exits with ``error.exit_c
 ``FtbiasError`` is a bug and keeps its traceback.
 """
 
+LONGEST = 2000
+"""Characters of a line that is printed: a list of many columns fits, a name of a megabyte does not."""
+LONGEST_NAME = 200
+"""Of the name of a file, a topic or a column."""
+
 
 def printable(text: str) -> str:
     """Text on one line that cannot disturb a terminal: names in it may come from a log."""
-    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+    return "".join(c if c.isprintable() else "?" for c in " ".join(cut(text, LONGEST).split()))
+
+
+def cut(text: str, longest: int = LONGEST_NAME) -> str:
+    """The text, or its beginning and its end with the number of characters left out between them."""
+    if len(text) <= longest:
+        return text
+    half = longest // 2
+    return f"{text[:half]}[... {len(text) - 2 * half} characters ...]{text[-half:]}"
 
 
 class FtbiasError(Exception):
@@ -24,7 +37,7 @@ class FtbiasError(Exception):
 
     def __init__(self, message: str, *, file: object = "", field: str = "", remedy: str = "") -> None:
         self.message, self.file, self.field, self.remedy = message, str(file), field, remedy
-        where = ": ".join(part for part in (self.file, field) if part)
+        where = ": ".join(cut(part) for part in (self.file, field) if part)
         text = f"{where}: {message}" if where else message
         super().__init__(printable(f"{text} ({remedy})" if remedy else text))
 

@@ -14,7 +14,7 @@ PACKAGE = Path(ftbias_jax.__file__).parent
 
 # Lowest first. What stands on one line is on one floor: it imports what is below, never its neighbours.
 FLOORS = (
-    "errors types",
+    "errors files types",
     "runtime setup",
     "io",
     "model",

@@ -13,15 +13,22 @@ from collections.abc import Callable, Sequence
 
 from ftbias_jax import __version__
 from ftbias_jax.cli.parsers import ADD
+from ftbias_jax.cli.terminal import print_what_the_terminal_can
 from ftbias_jax.errors import FtbiasError
 
 RENAMED = {"blind": "validate"}
 """Commands that had another name."""
+INTERRUPTED = "interrupted, nothing more was written"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code. Known errors become one line on standard error."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if arguments is None:  # a process of its own
+        from ftbias_jax.runtime.signals import end_on_signals
+
+        end_on_signals(f"ftbias: {INTERRUPTED}\n")
+    print_what_the_terminal_can()
     if words and words[0] in RENAMED:
         print(f"ftbias: {words[0]!r} is now called {RENAMED[words[0]]!r}", file=sys.stderr)
         words[0] = RENAMED[words[0]]
@@ -37,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"ftbias: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print("ftbias: interrupted, nothing more was written", file=sys.stderr)
+        print(f"ftbias: {INTERRUPTED}", file=sys.stderr)
         return 1
     except BrokenPipeError:
         return 1

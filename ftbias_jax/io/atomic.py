@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import Any, BinaryIO
 
 from ftbias_jax.errors import OutputError
+from ftbias_jax.files import temporary
 
 
 def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], object]) -> None:
@@ -29,17 +30,15 @@ def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], objec
     if os.path.exists(target) and not os.path.isfile(target):
         raise OutputError("is not a regular file", file=name, remedy="give the path of a file to write")
     folder = os.path.dirname(target)
-    temporary = os.path.join(folder, f".ftbias-{secrets.token_hex(8)}.tmp")
+    unfinished = os.path.join(folder, f".ftbias-{secrets.token_hex(8)}.tmp")
     try:
-        _write_new(temporary, write)
-        os.replace(temporary, target)
+        with temporary(unfinished):
+            _write_new(unfinished, write)
+            os.replace(unfinished, target)
         _sync_folder(folder)
     except OSError as error:
         remedy = "check that the folder exists, may be written to and has room"
         raise OutputError(f"cannot be written: {error.strerror or error}", file=name, remedy=remedy) from error
-    finally:
-        with suppress(OSError):  # after the rename there is nothing left to remove
-            os.unlink(temporary)
 
 
 def write_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None:

@@ -92,8 +92,11 @@ def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None
     Raises:
         LogError: no axis has a sample left.
     """
+    if not facts.measured.any():
+        remedy = "record the sensor's wrench"
+        raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
     left = facts.measured - clipped * facts.clipped_count - stuck * facts.stuck_count
-    if facts.measured.any() and not left.any():
+    if not left.any():
         message = "no wrench data: every axis stands still, or is at the end of the sensor's range"
         raise LogError(message, file=file, field="wrench", remedy="check the sensor and its driver, and record again")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,13 +15,14 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io import is_ros, read_recorded
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.health import gaps, sample_rate, saturation, stuck_seconds
+from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log, Repair
-from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.npz_archive import stored_arrays
 from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
 from ftbias_jax.io.ros.read import log_of, skew
 from ftbias_jax.io.ros.record import Stream, Topic, read_recording
-from ftbias_jax.io.tables.arrays import ARRAYS
-from ftbias_jax.io.tables.hdf5 import load_hdf5
+from ftbias_jax.io.tables.csv import read_header
+from ftbias_jax.io.tables.hdf5 import dataset_shapes
 from ftbias_jax.io.tables.parquet import column_names
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
@@ -166,20 +167,25 @@ def _joint_names(path: str | os.PathLike[str]) -> list[str]:
     if suffix in (".csv", ".parquet"):
         header = column_names(path) if suffix == ".parquet" else _header(path)
         counted = [name for name in header if re.fullmatch(r"q\d+", name)]
-        return counted or [name.removeprefix("position_") for name in header if name.startswith("position_")]
-    arrays: Mapping[str, Array] = {}
-    if suffix == ".npz":
-        arrays = load_arrays(path, ARRAYS)
+        found = counted or [name.removeprefix("position_") for name in header if name.startswith("position_")]
+        twice = next((name for name in found if found.count(name) > 1), None)
+        if twice is not None:
+            remedy = "rename one of them"
+            raise LogError("two columns are of this joint", file=os.fspath(path), field=twice, remedy=remedy)
+        return found
+    shape: tuple[int, ...] = ()
+    if suffix == ".npz" and (stored := stored_arrays(path, {"q"})):
+        shape = stored["q"].shape
     elif suffix in (".h5", ".hdf5"):
-        arrays = load_hdf5(path)
-    shape = np.shape(arrays.get("q", ()))
+        shape = dataset_shapes(path).get("q", ())
     return [f"q{i}" for i in range(shape[1])] if len(shape) == 2 else []
 
 
 def _header(path: str | os.PathLike[str]) -> list[str]:
+    file = Budget(path).file
     try:
-        with open(path, encoding="utf-8-sig", errors="replace") as stream:
-            return [name.strip() for name in next(csv.reader([stream.readline().removeprefix("#")]), [])]
+        with open(file, encoding="utf-8-sig", errors="replace") as stream:
+            return read_header(stream, file)
     except (OSError, csv.Error):
         return []  # the reader says it better
 

@@ -15,14 +15,9 @@ from typing import IO, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.limits import budget
+from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.types import Array
-
-MAX_BYTES = 16 << 30
-"""Of all arrays of a file together, uncompressed."""
-MAX_RATIO = 1000
-"""Of uncompressed to compressed size; only arrays larger than SMALL are held to it."""
-SMALL = 256 << 20
-"""An all-NaN array compresses a thousandfold too; below this size that is no danger."""
 
 _WRITE_AGAIN = "write it again with numpy.savez"
 # What zipfile, zlib and numpy raise on damaged files; RuntimeError means encrypted, the last line a mangled header.
@@ -33,7 +28,7 @@ _DAMAGE = (
 
 
 def load_arrays(
-    path: str | os.PathLike[str], wanted: Collection[str] | None = None, *, max_bytes: int = MAX_BYTES
+    path: str | os.PathLike[str], wanted: Collection[str] | None = None, *, max_bytes: int = budget.MAX_BYTES
 ) -> dict[str, Array]:
     """The arrays of an NPZ file by name.
 
@@ -70,7 +65,7 @@ def stored_arrays(path: str | os.PathLike[str], wanted: Set[str]) -> dict[str, S
         LogError: as for ``load_arrays``.
     """
     file, found = os.fspath(path), {}
-    with _opened(file, MAX_BYTES) as archive:
+    with _opened(file, budget.MAX_BYTES) as archive:
         for name in wanted & _members(archive).keys():
             member = _members(archive)[name]
             with archive.open(member) as stream:
@@ -80,7 +75,7 @@ def stored_arrays(path: str | os.PathLike[str], wanted: Set[str]) -> dict[str, S
 
 
 def _parts(file: str, name: str, rows: int) -> Iterator[Array]:
-    with _opened(file, MAX_BYTES) as archive:
+    with _opened(file, budget.MAX_BYTES) as archive:
         member = _members(archive)[name]
         with archive.open(member) as stream:
             shape, in_columns, dtype = _check_header(stream, member, name, file)
@@ -98,9 +93,10 @@ def _parts(file: str, name: str, rows: int) -> Iterator[Array]:
 @contextmanager
 def _opened(file: str, max_bytes: int) -> Iterator[zipfile.ZipFile]:
     """The archive, its directory checked; what its parts raise as errors of ours."""
+    allowed = Budget(file)
     try:
         with zipfile.ZipFile(file) as archive:
-            _check_directory(archive.infolist(), os.path.getsize(file), max_bytes, file)
+            _check_directory(archive.infolist(), allowed, max_bytes, file)
             yield archive
     except zipfile.BadZipFile as error:
         raise LogError(f"is not an NPZ file, or is cut short: {error}", file=file, remedy=_WRITE_AGAIN) from error
@@ -117,22 +113,23 @@ def _array_name(member: zipfile.ZipInfo) -> str:
     return member.filename.removesuffix(".npy")
 
 
-def _check_directory(members: list[zipfile.ZipInfo], file_bytes: int, max_bytes: int, file: str) -> None:
+def _check_directory(members: list[zipfile.ZipInfo], allowed: Budget, max_bytes: int, file: str) -> None:
     """Refuse hostile or damaged directories from what they declare, before anything is unpacked."""
     for member in members:
         name = member.filename
         if "/" in name or "\\" in name or ".." in name:
             raise LogError(f"unsafe array name {name!r}", file=file, remedy="name arrays without slashes and '..'")
-        if member.compress_size > file_bytes:
+        if member.compress_size > allowed.size:
             raise LogError("is larger than the file it is in", file=file, field=name, remedy=_WRITE_AGAIN)
-        if member.file_size > max(SMALL, MAX_RATIO * member.compress_size):
-            remedy = f"more than {MAX_RATIO} times looks like a decompression bomb; {_WRITE_AGAIN}"
+        if member.file_size > max(budget.SMALL, budget.MAX_RATIO * member.compress_size):
+            remedy = f"more than {budget.MAX_RATIO} times looks like a decompression bomb; {_WRITE_AGAIN}"
             raise LogError(f"unpacks to {member.file_size} bytes", file=file, field=name, remedy=remedy)
     if len({member.filename for member in members}) < len(members):
         raise LogError("has two arrays of one name", file=file, remedy=_WRITE_AGAIN)
     total = sum(member.file_size for member in members)
-    if total > max_bytes:
-        remedy = f"the limit is {max_bytes} bytes; split the log"
+    limit = min(max_bytes, allowed.limit)
+    if total > limit:
+        remedy = f"the limit is {limit} bytes; split the log"
         raise LogError(f"declares {total} bytes of arrays", file=file, remedy=remedy)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from ftbias_jax.errors import OutputError, UsageError
@@ -15,7 +16,7 @@ def check_outputs(outputs: Mapping[str, Place | None], inputs: Iterable[Place | 
     """Refuse outputs that are an input or another output, under whatever name.
 
     Files are compared by their inodes, so that symbolic and hard links are seen through; those that are not there yet
-    by where they would be. An input that is a folder stands for every file in it.
+    by where they would be. An input that is a folder, a bag, stands for every file right in it.
 
     Args:
         outputs: what names the file on the command line, such as ``-o`` -> the file; None or "" = not asked for.
@@ -88,7 +89,7 @@ def _identity(path: Place) -> tuple[object, ...]:
 
 
 def _files_of(path: Place) -> Iterable[Place]:
-    """The path itself, and all files below it if it is a folder."""
+    """The path itself, and the files in it if it is a folder; not those below, which may be a whole disk."""
     yield path
-    for folder, _, names in os.walk(path):
-        yield from (os.path.join(folder, name) for name in names)
+    with suppress(OSError), os.scandir(path) as entries:
+        yield from (entry.path for entry in entries if not entry.is_dir())

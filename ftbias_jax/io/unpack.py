@@ -7,10 +7,8 @@ import importlib
 from typing import Any
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.npz_archive import MAX_RATIO, SMALL
+from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget
 
-MAX_UNPACKED = 1 << 30
-"""Bytes of one chunk or message; recorders write chunks of about a megabyte."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
@@ -18,49 +16,57 @@ class UnpackError(Exception):
     """The bytes are damaged, or unpack to another size than declared; the message is a clause for ours."""
 
 
-def unpack(compression: str, packed: bytes, size: int) -> bytes:
+def unpack(compression: str, packed: bytes, size: int, budget: Budget) -> bytes:
     """Decompress one chunk.
 
     Args:
         compression: "", "none", "bz2", "lz4" or "zstd".
         packed: the chunk.
         size: the bytes it declares to unpack to.
+        budget: of the file.
 
     Raises:
-        UnpackError: it does not, or declares more than a log needs. LogError: the decompressor is not installed.
+        UnpackError: it does not, or declares more than a log needs. LogError: the decompressor is not installed, or the
+            budget is spent.
     """
     if compression in ("", "none"):
         unpacked = packed
-    elif size > min(MAX_UNPACKED, max(SMALL, MAX_RATIO * len(packed))):
+    elif size > MAX_CHUNK:
         raise UnpackError(f"declares {size} bytes in {len(packed)}, which looks like a decompression bomb")
     else:
+        budget.unpack(size)
         unpacked = _bounded(compression, packed, size + 1)
     if len(unpacked) != size:
         raise UnpackError(f"unpacks to {_count(len(unpacked), size)} bytes, but declares {size}")
     return unpacked
 
 
-def unpack_cut(compression: str, packed: bytes, size: int) -> bytes:
+def unpack_cut(compression: str, packed: bytes, size: int, budget: Budget) -> bytes:
     """What can be had of a chunk whose end is missing, at most the bytes it declares.
 
     Raises:
-        UnpackError: nothing. LogError: the decompressor is not installed.
+        UnpackError: nothing can be had. LogError: the decompressor is not installed, or the budget is spent.
     """
-    return packed[:size] if compression in ("", "none") else _bounded(compression, packed, min(size, MAX_UNPACKED))
+    if compression in ("", "none"):
+        return packed[:size]
+    size = min(size, MAX_CHUNK)
+    budget.unpack(size)
+    return _bounded(compression, packed, size)
 
 
-def unpack_message(data: bytes, limit: int = MAX_RATIO) -> bytes:
+def unpack_message(data: bytes, budget: Budget) -> bytes:
     """The message itself, which rosbag2 may have compressed alone without saying so; CDR never starts like zstd.
 
     Raises:
-        UnpackError, LogError: as for ``unpack``; it may unpack to ``limit`` times its size.
+        UnpackError, LogError: as for ``unpack``.
     """
     if not data.startswith(ZSTD_MAGIC):
         return data
-    most = min(MAX_UNPACKED, limit * len(data))
+    most = min(MAX_CHUNK, budget.bytes)
     message = _bounded("zstd", data, most + 1)
-    if len(message) > most:
-        raise UnpackError(f"unpacks to more than {most} bytes, which looks like a decompression bomb")
+    budget.unpack(len(message))
+    if len(message) > MAX_CHUNK:
+        raise UnpackError(f"unpacks to more than {MAX_CHUNK} bytes, which looks like a decompression bomb")
     return message
 
 

@@ -36,6 +36,8 @@ from ftbias_jax.types import Array
 
 FRANKA_CENTER = (0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8)  # rad, a pose with the tool in front of the arm
 FRANKA_EXCURSION = (0.8, 0.5, 0.8, 0.5, 1.2, 1.0, 1.5)  # rad, within the joint limits around it
+MOST_SAMPLES = 100_000_000
+"""Of one simulated log: a day at 1 kHz."""
 EXCURSION = (0.8, 0.1)  # rad, m: of the joints of any other arm, around zero
 
 
@@ -216,6 +218,9 @@ def _check_motion(duration: float, rate: float, motion: str | Log) -> None:
     for name, value in {"duration": duration, "rate": rate}.items():
         if not 0 < value < float("inf"):
             raise UsageError(f"must be a positive number, not {value!r}", field=name)
+    if duration * rate > MOST_SAMPLES:
+        remedy = f"ask for at most {MOST_SAMPLES} samples: seconds times rate"
+        raise UsageError(f"{duration * rate:.3g} samples do not fit the memory", field="duration", remedy=remedy)
 
 
 def _check_paths(path: str, truth: str | None) -> None:

@@ -10,6 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
 from ftbias_jax.runtime.jax_config import prepare_jax
+from ftbias_jax.runtime.signals import end_on_signals, ignore_interrupts, stop_if_ending
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -39,6 +40,7 @@ def run_each(work: Callable[[Task], Result], tasks: Iterable[Task], jobs: int) -
                         yield flying[future], future.result()
                         del flying[future]
         except BrokenProcessPool:
+            stop_if_ending()
             # The system killed a process, and all in the pool are lost with it: the guilty one shows when it is alone.
             for task in flying.values():
                 yield task, _alone(work, task)
@@ -49,10 +51,18 @@ def _alone(work: Callable[[Task], Result], task: Task) -> Result | None:
         with _pool(1) as pool:
             return pool.submit(work, task).result()
     except BrokenProcessPool:
+        stop_if_ending()
         return None
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
     # Spawned, not forked: JAX runs threads, which a fork would leave behind in the middle of what they do.
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(jobs, mp_context=context, initializer=prepare_jax)
+    return ProcessPoolExecutor(jobs, mp_context=context, initializer=_prepare)
+
+
+def _prepare() -> None:
+    """What every process of a pool does first."""
+    ignore_interrupts()
+    end_on_signals()
+    prepare_jax()

@@ -6,6 +6,7 @@ import os
 import tomllib
 
 from ftbias_jax.errors import SetupError
+from ftbias_jax.files import no_regular_file
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import (
@@ -43,13 +44,15 @@ def load_setup(path: str | os.PathLike[str]) -> Setup:
         SetupError: the file cannot be read, is not TOML, or says something impossible (see ``parse_setup``).
     """
     file = os.fspath(path)
+    remedy = "give the path of a setup.toml"
     try:
+        if kind := no_regular_file(file):
+            raise SetupError(kind, file=file, remedy=remedy)
         with open(file, "rb") as stream:
             content = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        raise SetupError(
-            f"cannot be read: {error.strerror}", file=file, remedy="give the path of a setup.toml"
-        ) from error
+        shown = file or "the setup with an empty name"
+        raise SetupError(f"cannot be read: {error.strerror}", file=shown, remedy=remedy) from error
     if len(content) > MAX_BYTES:
         remedy = "give a setup.toml, not a log"
         raise SetupError(f"is larger than {MAX_BYTES >> 20} MiB", file=file, remedy=remedy)

@@ -7,12 +7,12 @@ import os
 import re
 import secrets
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import OutputError
+from ftbias_jax.files import temporary
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot
 from ftbias_jax.setup.rotations import rpy_from_rotation
 from ftbias_jax.setup.types import DATA_NOISE_UNITS, POSE, DataNoiseSetup, PoseSetup, RobotSetup, Setup
@@ -66,20 +66,18 @@ def save_setup(path: str | os.PathLike[str], setup: Setup) -> None:
         OutputError: the file cannot be written there.
     """
     target = os.path.realpath(path)
-    temporary = os.path.join(os.path.dirname(target), f".ftbias-{secrets.token_hex(8)}.tmp")
+    unfinished = os.path.join(os.path.dirname(target), f".ftbias-{secrets.token_hex(8)}.tmp")
     try:
-        with open(temporary, "x", encoding="utf-8", newline="") as file:
-            file.write(dump_setup(setup))
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, target)
+        with temporary(unfinished):
+            with open(unfinished, "x", encoding="utf-8", newline="") as file:
+                file.write(dump_setup(setup))
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(unfinished, target)
     except OSError as error:
         remedy = "check that the folder exists, may be written to and has room"
         message = f"cannot be written: {error.strerror or error}"
         raise OutputError(message, file=os.fspath(path), remedy=remedy) from error
-    finally:
-        with suppress(OSError):  # after the rename there is nothing left to remove
-            os.unlink(temporary)
 
 
 def _robot(robot: RobotSetup) -> Iterable[_Line]:

@@ -40,15 +40,19 @@ TRUE_MASS = 0.97
 """kg: somebody added 70 g to the tool and told nobody."""
 CENTER = (0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8)
 EXCURSION = (0.8, 0.5, 0.8, 0.5, 1.2, 1.0, 1.5)
+MOST_SAMPLES = 2_000_000
+"""Of the simulated log, which is held in memory several times."""
 SETTLED = 1.0
 """s, after which the filter is judged."""
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Tell the whole story of one simulated log and write its files into a folder; returns 0."""
-    folder, count = Path(arguments.output), round(arguments.duration * arguments.rate)
-    if count < 2:
-        raise UsageError(f"{count} samples are no log", field="--duration", remedy="ask for more seconds")
+    folder, samples = Path(arguments.output), arguments.duration * arguments.rate
+    if not 2 <= samples <= MOST_SAMPLES:
+        remedy = f"ask for 2 to {MOST_SAMPLES} samples: seconds times rate"
+        raise UsageError(f"{samples:.3g} samples are no demonstration", field="--duration", remedy=remedy)
+    count = round(samples)
     make_folder(folder)
     check_folder(folder)
 

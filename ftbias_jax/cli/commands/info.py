@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from datetime import UTC, datetime
 
+from ftbias_jax.errors import LONGEST, cut
 from ftbias_jax.io.info import LogInfo, StreamInfo, describe
 from ftbias_jax.setup import load_setup
 
@@ -13,7 +14,7 @@ MAX_LISTED = 8
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what is there; returns 3 if a part could not be read, else 0."""
-    setup = load_setup(arguments.setup) if arguments.setup else None
+    setup = None if arguments.setup is None else load_setup(arguments.setup)
     info = describe(arguments.log, setup, salvage=True)
     print(format_info(arguments.log, info))
     return 3 if any(repair.lost for repair in info.repairs) else 0
@@ -23,19 +24,19 @@ def format_info(file: str, info: LogInfo) -> str:
     """The log on a page, one paragraph a stream; names from the log cannot disturb a terminal."""
     lines = [line for stream in info.streams for line in _stream_lines(stream)]
     if info.topics:
-        lines.append("other topics: " + _listed([f"{topic.name} ({topic.messages})" for topic in info.topics]))
+        lines.append("other topics: " + _listed([f"{cut(topic.name)} ({topic.messages})" for topic in info.topics]))
     lines += [f"repaired: {repair.what}" for repair in info.repairs]
-    lines.append(f"{file}: {info.verdict}")
-    return "\n".join("".join(c if c.isprintable() else "?" for c in line) for line in lines)
+    lines.append(f"{cut(file)}: {info.verdict}")
+    return "\n".join("".join(c if c.isprintable() else "?" for c in cut(line, LONGEST)) for line in lines)
 
 
 def _stream_lines(stream: StreamInfo) -> list[str]:
-    lines = [f"{stream.name}: {stream.kind}, {stream.samples} samples"]
+    lines = [f"{cut(stream.name)}: {stream.kind}, {stream.samples} samples"]
     if stream.samples > 1:
         seconds = stream.last - stream.first
         lines[0] += f", {stream.rate:.4g} Hz, {seconds:.6g} s from {_moment(stream.first)}"
     if any(stream.names):
-        lines.append(f"  {'joints' if len(stream.names) > 1 else 'of'}: {', '.join(stream.names)}")
+        lines.append(f"  {'joints' if len(stream.names) > 1 else 'of'}: {', '.join(map(cut, stream.names))}")
     if stream.gaps:
         longest = sorted(stream.gaps, key=lambda gap: -gap[1])
         lines.append("  gaps: " + _listed([f"{length:.4g} s at {at:.6g} s" for at, length in longest]))

@@ -13,6 +13,9 @@ from ftbias_jax.io.atomic import make_folder, write_json
 from ftbias_jax.io.outputs import check_outputs
 from ftbias_jax.runtime.progress import Progress
 
+MOST_SAMPLES = 10_000_000
+"""Of one made log."""
+
 
 def run(arguments: argparse.Namespace) -> int:
     """Make a set of logs, or score one."""
@@ -38,6 +41,10 @@ def make(arguments: argparse.Namespace) -> int:
             generator.make_plan(asked, 0, 0)
         except ValueError as error:
             raise UsageError(str(error), field="--effects") from error
+    samples = max(arguments.duration) * max(arguments.rate)
+    if samples > MOST_SAMPLES:
+        remedy = f"ask for at most {MOST_SAMPLES} samples: seconds times rate"
+        raise UsageError(f"{samples:.3g} samples a log do not fit the memory", field="--duration", remedy=remedy)
     folder = Path(arguments.output)
     make_folder(folder)
     if any(folder.glob("log_*")) or any((folder / name).exists() for name in ("truth.json", "second", "extra")):

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ftbias_jax import __version__
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.files import no_regular_file
 from ftbias_jax.io import READERS
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
@@ -58,7 +59,7 @@ def find_logs(arguments: Sequence[str], folder: str, suffix: str) -> list[Task]:
         suffix: of the results.
 
     Raises:
-        UsageError: an argument names no log, or two logs would have one result.
+        UsageError: an argument names no log, or two logs would have one result. LogError: a folder cannot be read.
     """
     found: dict[str, str] = {}
     roots = []
@@ -127,7 +128,7 @@ def save_manifest(path: str, entries: Iterable[Entry]) -> None:
 
 def _read_manifest(path: Path) -> Iterator[Entry]:
     try:
-        content = json.loads(path.read_text())
+        content = json.loads("" if no_regular_file(path) else path.read_text())
         entries = [Entry(**fields) for fields in content["logs"]] if content["schema"] == SCHEMA else []
         yield from (entry._replace(repairs=tuple(entry.repairs)) for entry in entries)
     except (OSError, ValueError, TypeError, KeyError):
@@ -145,14 +146,21 @@ def _logs_of(argument: str, folder: str) -> tuple[str, list[str]]:
     return root or ".", [log for match in glob.iglob(argument, recursive=True) for log in _walk(match, folder)]
 
 
-def _walk(path: str, folder: str) -> list[str]:
-    """A log itself, or the logs in a folder and those below it."""
+def _walk(path: str, folder: str, seen: set[str] | None = None) -> list[str]:
+    """A log itself, or the logs in a folder and those below it; a folder that links lead to again is seen once."""
     if not os.path.isdir(path) or _is_bag(path):
         return [path]
-    if os.path.realpath(path) == folder:
+    seen, place = set() if seen is None else seen, os.path.realpath(path)
+    if place == folder or place in seen:
         return []
-    within = [os.path.join(path, name) for name in os.listdir(path) if not name.startswith(".")]
-    return [log for inner in within if os.path.isdir(inner) or _is_log(inner) for log in _walk(inner, folder)]
+    seen.add(place)
+    try:
+        within = [os.path.join(path, name) for name in sorted(os.listdir(path)) if not name.startswith(".")]
+    except OSError as error:
+        raise LogError(
+            f"cannot be read: {error.strerror}", file=path, remedy="check who may read the folder"
+        ) from error
+    return [log for inner in within if os.path.isdir(inner) or _is_log(inner) for log in _walk(inner, folder, seen)]
 
 
 def _is_bag(path: str) -> bool:

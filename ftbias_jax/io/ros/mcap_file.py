@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.ros.raw import Buffer, OnDamage, RawMessage, plain_type, scan_records
 from ftbias_jax.io.unpack import UnpackError, unpack, unpack_cut
 
@@ -40,28 +41,28 @@ class _Known(NamedTuple):
     """Topic, type, encoding."""
 
 
-def scan_mcap(data: Buffer, on_damage: OnDamage) -> Iterator[RawMessage]:
+def scan_mcap(data: Buffer, on_damage: OnDamage, budget: Budget) -> Iterator[RawMessage]:
     """All messages of a file that starts with MAGIC; what is damaged is told to ``on_damage`` and skipped.
 
     Raises:
-        LogError: a decompressor is not installed.
+        LogError: a decompressor is not installed, or the budget is spent.
     """
     known = _Known({0: ""}, {})
     # Schemas and channels stand once more behind the chunks: a first pass over the outermost records finds those.
-    for record in _records(data, len(MAGIC), lambda _: None):
+    for record in _records(data, len(MAGIC), lambda _: None, budget):
         if record.kind in (SCHEMA, CHANNEL):
             _learn(data, record, known, lambda _: None)
     finished = False
-    for record in _records(data, len(MAGIC), on_damage):
+    for record in _records(data, len(MAGIC), on_damage, budget):
         if record.kind == CHUNK:
             try:
-                chunk = _unpack_chunk(data[record.start : record.end], record.whole)
+                chunk = _unpack_chunk(data[record.start : record.end], record.whole, budget)
             except (UnpackError, *_DAMAGE) as error:
                 on_damage(f"the chunk at byte {record.start} {_clause(error)}")
                 continue
             if not record.whole:
                 on_damage(f"the chunk at byte {record.start} is cut short")
-            for inner in _records(chunk, 0, on_damage):
+            for inner in _records(chunk, 0, on_damage, budget):
                 yield from _message(chunk, inner, known, on_damage)
         elif record.kind in (FOOTER, DATA_END):
             finished = True
@@ -71,13 +72,13 @@ def scan_mcap(data: Buffer, on_damage: OnDamage) -> Iterator[RawMessage]:
         on_damage("is cut short: it ends without a footer")
 
 
-def _unpack_chunk(content: bytes, whole: bool) -> bytes:
+def _unpack_chunk(content: bytes, whole: bool, budget: Budget) -> bytes:
     """The records of a chunk, if its checksum says that they are what was written; there is none for half a chunk."""
     _, _, size, checksum = _CHUNK.unpack_from(content)
     compression, position = _text(content, _CHUNK.size)
     if not whole:
-        return unpack_cut(compression, content[position + 8 :], size)
-    records = unpack(compression, content[position + 8 :], size)
+        return unpack_cut(compression, content[position + 8 :], size, budget)
+    records = unpack(compression, content[position + 8 :], size, budget)
     if checksum and checksum != zlib.crc32(records):
         raise UnpackError("does not match its checksum")
     return records
@@ -113,9 +114,9 @@ def _learn(data: Buffer, record: _Record, known: _Known, on_damage: OnDamage) ->
         on_damage(f"a schema or channel {_clause(error)}")
 
 
-def _records(data: Buffer, position: int, on_damage: OnDamage) -> Iterator[_Record]:
+def _records(data: Buffer, position: int, on_damage: OnDamage, budget: Budget) -> Iterator[_Record]:
     """The records from a position on, to the footer; after damage the search goes on at the next whole chunk."""
-    for record in scan_records(data, position, _record, _next_chunk, on_damage):
+    for record in scan_records(data, position, _record, _next_chunk, on_damage, budget):
         yield record
         if record.kind == FOOTER:
             return
@@ -133,9 +134,10 @@ def _record(data: Buffer, position: int) -> _Record | None:
     return None if end is None else _Record(kind, start, min(end, len(data)), end <= len(data))
 
 
-def _next_chunk(data: Buffer, position: int) -> int:
+def _next_chunk(data: Buffer, position: int, budget: Budget) -> int:
     """Where the next record starts that has the lengths of a chunk, or the end of the data."""
     while (position := data.find(bytes([CHUNK]), position)) >= 0:
+        budget.count()
         record = _record(data, position)
         if record is not None and record.end == _chunk_end(data, record.start):
             return position

@@ -14,6 +14,9 @@ WRENCH_STAMPED = "geometry_msgs/WrenchStamped"
 POSE_STAMPED = "geometry_msgs/PoseStamped"
 TF = "tf2_msgs/TFMessage"
 
+MAX_JOINTS, MAX_TRANSFORMS = 1000, 10_000
+"""Of one message; robots have fewer."""
+
 _CDR_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 
 
@@ -50,13 +53,10 @@ def joint_state(data: bytes, encoding: str) -> JointState:
     try:
         cursor = _Cursor(data, encoding)
         stamp, _ = cursor.header()
-        names = tuple(cursor.text() for _ in range(cursor.count(4)))
-        message = JointState(stamp, names, cursor.floats(), cursor.floats())
+        names = tuple(cursor.text() for _ in range(cursor.count(4, MAX_JOINTS)))
+        message = JointState(stamp, names, cursor.floats(len(names)), cursor.floats(len(names)))
     except (struct.error, UnicodeDecodeError) as error:
         raise MessageError(f"is damaged: {error}") from error
-    for numbers in message[2:]:
-        if len(numbers) not in (0, len(names)):
-            raise MessageError(f"has {len(names)} names, but {len(numbers)} numbers")
     if len(set(names)) < len(names):
         raise MessageError("has two joints of one name")
     return message
@@ -110,7 +110,7 @@ def transforms(data: bytes, encoding: str) -> list[PoseStamped]:
     try:
         cursor = _Cursor(data, encoding)
         found = []
-        for _ in range(cursor.count(64)):
+        for _ in range(cursor.count(64, MAX_TRANSFORMS)):
             stamp, parent = cursor.header()
             child = cursor.text()
             names = (parent.removeprefix("/"), child.removeprefix("/"))
@@ -151,9 +151,11 @@ class _Cursor:
         start, self.position = self.position, self.position + length
         return self.data[start : self.position].removesuffix(b"\x00").decode()
 
-    def floats(self) -> tuple[float, ...]:
-        """float64[] with its length before it."""
+    def floats(self, names: int) -> tuple[float, ...]:
+        """float64[] with its length before it: one for each name, or none."""
         count = self.count(8)
+        if count not in (0, names):
+            raise MessageError(f"has {names} names, but {count} numbers")
         return self.array(count) if count else ()
 
     def array(self, count: int) -> tuple[float, ...]:
@@ -162,9 +164,11 @@ class _Cursor:
         start, self.position = self.position, self.position + 8 * count
         return struct.unpack_from(f"{self.order}{count}d", self.data, start)
 
-    def count(self, size: int) -> int:
+    def count(self, size: int, most: int = 2**32) -> int:
         """The length of a list, checked against the bytes that are left before anything is made of that length."""
         count = self.uint32()
+        if count > most:
+            raise MessageError(f"has a list of {count}, more than {most}")
         if count * size > len(self.data) - self.position:
             raise struct.error(f"a list of {count} in {len(self.data)} bytes")
         return count

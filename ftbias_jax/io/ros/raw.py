@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from mmap import mmap
 from typing import NamedTuple, Protocol, TypeVar
 
+from ftbias_jax.io.limits.budget import Budget
+
 Buffer = bytes | mmap
 OnDamage = Callable[[str], None]
 """Called with one line about what could not be read, before it is skipped; it may raise to stop instead."""
@@ -39,8 +41,9 @@ def scan_records(
     data: Buffer,
     position: int,
     record_at: Callable[[Buffer, int], R | None],
-    next_whole: Callable[[Buffer, int], int],
+    next_whole: Callable[[Buffer, int, Budget], int],
     on_damage: OnDamage,
+    budget: Budget,
 ) -> Iterator[R]:
     """The records from a position on; what makes no sense is told and skipped.
 
@@ -50,11 +53,16 @@ def scan_records(
         record_at: the record at a position, or None if it makes no sense.
         next_whole: where, from a position on, the next record starts that holds together, or the end of the data.
         on_damage: see there.
+        budget: of the file.
+
+    Raises:
+        LogError: the budget is spent.
     """
     while position < len(data):
+        budget.count()
         record = record_at(data, position)
         if record is None:
-            following = next_whole(data, position + 1)
+            following = next_whole(data, position + 1, budget)
             on_damage(f"no whole record at byte {position}: {following - position} bytes skipped")
             position = following
         else:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import mmap
 import os
-import tempfile
 from array import array
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -14,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.npz_archive import MAX_BYTES, MAX_RATIO, SMALL
+from ftbias_jax.files import temporary_folder
+from ftbias_jax.io.limits.budget import SMALL_RECORDING, Budget
 from ftbias_jax.io.ros import mcap_file, ros1_bag, sqlite_bag
 from ftbias_jax.io.ros.messages import (
     JOINT_STATE,
@@ -186,17 +186,18 @@ def _parts(path: Path) -> list[Path]:
 def _messages(path: Path, on_damage: OnDamage) -> Iterator[RawMessage]:
     """The messages of one file, by what its first bytes are."""
     if path.name.lower().endswith(PACKED):
-        with tempfile.TemporaryDirectory() as folder:
+        with temporary_folder() as folder:
             unpacked = Path(folder) / "unpacked"
             _unpack_file(path, unpacked, on_damage)
             yield from _messages(unpacked, on_damage)
         return
+    budget = Budget(path, SMALL_RECORDING)
     with open(path, "rb") as stream:
         start = stream.read(max(map(len, (ros1_bag.MAGIC, sqlite_bag.MAGIC, mcap_file.MAGIC))))
         if start.startswith(sqlite_bag.MAGIC):
-            yield from sqlite_bag.scan_sqlite(path, on_damage)
+            yield from sqlite_bag.scan_sqlite(path, on_damage, budget)
             return
-        scanners: dict[bytes, Callable[[mmap.mmap, OnDamage], Iterator[RawMessage]]] = {
+        scanners: dict[bytes, Callable[[mmap.mmap, OnDamage, Budget], Iterator[RawMessage]]] = {
             ros1_bag.MAGIC: ros1_bag.scan_bag,
             mcap_file.MAGIC: mcap_file.scan_mcap,
         }
@@ -205,20 +206,18 @@ def _messages(path: Path, on_damage: OnDamage) -> Iterator[RawMessage]:
             message = f"is no recording of ROS: it starts with {start[:13]!r}" if start else "is empty"
             raise LogError(message, file=path, remedy="give a ROS 1 bag (format 2.0), or an .mcap or .db3 of ROS 2")
         with closing(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)) as data:
-            yield from scan(data, on_damage)
+            yield from scan(data, on_damage, budget)
 
 
 def _unpack_file(path: Path, target: Path, on_damage: OnDamage) -> None:
     """Decompress a whole file beside; the temporary folder, not the memory, must have room for it."""
-    limit = min(MAX_BYTES, max(SMALL, MAX_RATIO * path.stat().st_size))
+    budget = Budget(path)
     zstandard = need("zstandard", "ros", str(path))
     with open(path, "rb") as packed, open(target, "wb") as unpacked:
         reader = zstandard.ZstdDecompressor().stream_reader(packed)
         try:
             while block := reader.read(_COPY):
+                budget.unpack(len(block))
                 unpacked.write(block)
-                if unpacked.tell() > limit:
-                    remedy = "that looks like a decompression bomb; unpack it yourself"
-                    raise LogError(f"{path.name} unpacks to more than {limit} bytes", file=path, remedy=remedy)
         except zstandard.ZstdError as error:
             on_damage(f"{path.name} cannot be unpacked: {error}")

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
+from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.ros.raw import Buffer, OnDamage, RawMessage, plain_type, scan_records
 from ftbias_jax.io.unpack import UnpackError, unpack, unpack_cut
 
@@ -36,27 +37,27 @@ class _Record(NamedTuple):
     """False for a compressed chunk whose end is missing; without compression, the search goes on inside."""
 
 
-def scan_bag(data: Buffer, on_damage: OnDamage) -> Iterator[RawMessage]:
+def scan_bag(data: Buffer, on_damage: OnDamage, budget: Budget) -> Iterator[RawMessage]:
     """All messages of a bag that starts with MAGIC; what is damaged is told to ``on_damage`` and skipped.
 
     Raises:
-        LogError: a decompressor is not installed.
+        LogError: a decompressor is not installed, or the budget is spent.
     """
     topics: Topics = {}
     # The connections stand once more behind the chunks: a first pass over the outermost records finds those.
-    for record in _records(data, len(MAGIC), lambda _: None):
+    for record in _records(data, len(MAGIC), lambda _: None, budget):
         if record.op == CONNECTION:
             _learn(data, record, topics, lambda _: None)
-    for record in _records(data, len(MAGIC), on_damage):
+    for record in _records(data, len(MAGIC), on_damage, budget):
         if record.op == CHUNK:
             try:
-                chunk = _unpack_chunk(data, record)
+                chunk = _unpack_chunk(data, record, budget)
             except (UnpackError, *_DAMAGE) as error:
                 on_damage(f"the chunk at byte {record.start} {_clause(error)}")
                 continue
             if not record.whole:
                 on_damage(f"the chunk at byte {record.start} is cut short")
-            for inner in _records(chunk, 0, on_damage):
+            for inner in _records(chunk, 0, on_damage, budget):
                 yield from _message(chunk, inner, topics, on_damage)
         elif record.op == FILE_HEADER:
             index = int.from_bytes(record.header.get(b"index_pos", b""), "little")
@@ -66,9 +67,9 @@ def scan_bag(data: Buffer, on_damage: OnDamage) -> Iterator[RawMessage]:
             yield from _message(data, record, topics, on_damage)
 
 
-def _unpack_chunk(data: Buffer, record: _Record) -> bytes:
+def _unpack_chunk(data: Buffer, record: _Record, budget: Budget) -> bytes:
     compression, size = record.header[b"compression"].decode(), _integer(record.header, b"size")
-    return (unpack if record.whole else unpack_cut)(compression, data[record.start : record.end], size)
+    return (unpack if record.whole else unpack_cut)(compression, data[record.start : record.end], size, budget)
 
 
 def _message(data: Buffer, record: _Record, topics: Topics, on_damage: OnDamage) -> Iterator[RawMessage]:
@@ -95,9 +96,9 @@ def _learn(data: Buffer, record: _Record, topics: Topics, on_damage: OnDamage) -
         on_damage(f"a connection {_clause(error)}")
 
 
-def _records(data: Buffer, position: int, on_damage: OnDamage) -> Iterator[_Record]:
+def _records(data: Buffer, position: int, on_damage: OnDamage, budget: Budget) -> Iterator[_Record]:
     """The records from a position on; after damage the search goes on at the next header that holds together."""
-    return scan_records(data, position, _record, _next_record, on_damage)
+    return scan_records(data, position, _record, _next_record, on_damage, budget)
 
 
 def _record(data: Buffer, position: int) -> _Record | None:
@@ -122,10 +123,11 @@ def _record(data: Buffer, position: int) -> _Record | None:
     return _Record(op, header, start, len(data), whole=False) if packed else None
 
 
-def _next_record(data: Buffer, position: int) -> int:
+def _next_record(data: Buffer, position: int, budget: Budget) -> int:
     """Where the next record that holds together starts, or the end of the data."""
     for match in _OP_FIELD.finditer(data, position):
         for start in range(match.start() - 4, max(position, match.start() - 4 - _BEFORE_OP) - 1, -1):
+            budget.count()
             if _record(data, start) is not None:
                 return start
     return len(data)

@@ -8,10 +8,15 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
+from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget
 from ftbias_jax.io.ros.raw import OnDamage, RawMessage, plain_type
 from ftbias_jax.io.unpack import UnpackError, unpack_message
 
 MAGIC = b"SQLite format 3\x00"
+STEPS, A_RECORD = 1000, 10
+"""Steps of SQLite's machine after which the budget is asked, and those that reading a message takes."""
+SHORTEST = 1 << 16
+"""Bytes that a value may have however small the file is: SQLite's own statements count as well."""
 MAX_STEP = 1 << 20
 """Messages skipped at once at most in the search for readable ones; the step doubles with every failure."""
 
@@ -19,11 +24,11 @@ _SELECT = "SELECT id, topic_id, timestamp, data FROM messages WHERE id > ? ORDER
 _WANTED = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
 
 
-def scan_sqlite(path: str | os.PathLike[str], on_damage: OnDamage) -> Iterator[RawMessage]:
+def scan_sqlite(path: str | os.PathLike[str], on_damage: OnDamage, budget: Budget) -> Iterator[RawMessage]:
     """All messages of a bag; what is damaged is told to ``on_damage`` and skipped.
 
     Raises:
-        LogError: messages are compressed, and the decompressor is not installed.
+        LogError: messages are compressed, and the decompressor is not installed, or the budget is spent.
     """
     # A recorder that was killed leaves its last messages in a file beside; without that, nothing else may write.
     mode = "ro" if Path(f"{os.fspath(path)}-wal").exists() else "ro&immutable=1"
@@ -32,41 +37,59 @@ def scan_sqlite(path: str | os.PathLike[str], on_damage: OnDamage) -> Iterator[R
             database.execute("PRAGMA trusted_schema = OFF")
             database.execute("PRAGMA writable_schema = ON")  # opens a cut database; nothing is written
             database.text_factory = bytes  # names may be damaged: they are decoded here
+            # In a damaged file pages may point at one another: neither values nor time may grow beyond the file.
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(min(MAX_CHUNK, budget.size), SHORTEST))
+            database.set_progress_handler(lambda: _spent(budget), STEPS)
             if database.execute(_WANTED).fetchone() != (2,):  # a view of that name could compute without end
                 on_damage("has no tables topics and messages")
                 return
-            topics = _topics(database)
-            for topic_id, logged, data in _rows(database, on_damage):
+            topics = _topics(database, budget)
+            for topic_id, logged, data in _rows(database, on_damage, budget):
                 topic = topics.get(topic_id)
                 if topic is None or not isinstance(logged, int) or not isinstance(data, bytes):
                     on_damage("a message has no topic, no time or no data")
                     continue
                 try:
-                    yield RawMessage(*topic, logged, unpack_message(data))
+                    yield RawMessage(*topic, logged, unpack_message(data, budget))
                 except UnpackError as error:
                     on_damage(f"a message {error}")
     except (sqlite3.Error, sqlite3.Warning, UnicodeDecodeError, OverflowError) as error:
         on_damage(f"is not a whole SQLite database: {error}")
 
 
-def _topics(database: sqlite3.Connection) -> dict[object, tuple[str, str, str]]:
+def _topics(database: sqlite3.Connection, budget: Budget) -> dict[object, tuple[str, str, str]]:
     """Name, type and encoding by identity."""
-    rows = database.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
-    texts = {row[0]: [bytes(text).decode() for text in row[1:]] for row in rows if None not in row}
+    texts = {}
+    for identity, *row in database.execute("SELECT id, name, type, serialization_format FROM topics"):
+        budget.count()
+        if None not in (identity, *row):
+            texts[identity] = [bytes(text).decode() for text in row]
     return {identity: (name, plain_type(kind), encoding) for identity, (name, kind, encoding) in texts.items()}
 
 
-def _rows(database: sqlite3.Connection, on_damage: OnDamage) -> Iterator[tuple[object, object, object]]:
+def _rows(database: sqlite3.Connection, on_damage: OnDamage, budget: Budget) -> Iterator[tuple[object, object, object]]:
     """Topic, time and data of the messages in the order of their numbers."""
     last, step = -1, 0
     while step <= MAX_STEP:
         try:
-            for number, *row in database.execute(_SELECT, (last,)):
+            for number, topic, logged, data in database.execute(_SELECT, (last,)):
+                budget.count()
+                budget.unpack(len(data) if isinstance(data, bytes) else 0)
+                if not isinstance(number, int) or number <= last:
+                    on_damage(f"cannot be read after message {last}: the numbers of the messages do not increase")
+                    return
                 last, step = number, 0
-                yield row[0], row[1], row[2]
+                yield topic, logged, data
             return
         except sqlite3.DatabaseError as error:
+            budget.count()  # it may be spent: that is what interrupts a statement
             step = 2 * step or 1
             if step == 1:
                 on_damage(f"cannot be read after message {last}: {error}")
             last += step
+
+
+def _spent(budget: Budget) -> bool:
+    """Whether a statement is to be interrupted, because it takes more steps than all messages could."""
+    budget.records -= STEPS // A_RECORD
+    return budget.records < 0

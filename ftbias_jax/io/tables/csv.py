@@ -5,19 +5,23 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TextIO
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
+from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.csv_columns import choose_columns
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 BLOCK = 1 << 22  # characters read at once: large enough to be fast, small beside the numbers of a log
+MAX_LINE = 1 << 20
+"""Characters; the widest table of a robot has some thousand columns."""
+
 _EMPTY = re.compile(r",[ \t]*(?=,|$)", re.MULTILINE)  # all but the first cell of a line, which would cost much more
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|nan|inf(inity)?)\s*", re.I | re.ASCII)
 
@@ -35,12 +39,13 @@ def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
             cannot be filtered (see ``check_log``).
     """
     file = os.fspath(path)
+    budget = Budget(file)
     try:
         with open(file, encoding="utf-8-sig") as stream:
-            header = _header(stream.readline())
+            header = read_header(stream, file)
             columns = choose_columns(header, setup, file)
             used = [header.index(name) for names in columns for name in names]
-            values = _read_numbers(stream, header, used, file)
+            values = _read_numbers(stream, header, used, budget)
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror}", file=file, remedy="check the path") from error
     except UnicodeDecodeError as error:
@@ -60,30 +65,58 @@ def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
     )
 
 
-def _header(line: str) -> list[str]:
+def read_header(stream: TextIO, file: str) -> list[str]:
+    """The names in the first line.
+
+    Raises:
+        LogError: it is far too long for names. csv.Error: its quotes do not end.
+    """
+    line = stream.readline(MAX_LINE + 1)
+    _check_length(line, 1, file)
     # numpy.savetxt marks its header as a comment.
     return [name.strip() for name in next(csv.reader([line.removeprefix("#")]), [])]
 
 
-def _read_numbers(stream: TextIO, header: Sequence[str], used: Sequence[int], file: str) -> Array:
+def _read_numbers(stream: TextIO, header: Sequence[str], used: Sequence[int], budget: Budget) -> Array:
     """The used columns of all lines after the header, (lines, len(used)) float64."""
     blocks, line_number = [np.empty((0, len(used)))], 2
-    while lines := stream.readlines(BLOCK):
-        blocks.append(_read_block(lines, line_number, header, used, file))
-        line_number += len(lines)
+    for text in _whole_lines(stream, budget.file):
+        block = _read_block(text, line_number, header, used, budget.file)
+        budget.hold(block.nbytes)
+        blocks.append(block)
+        line_number += text.count("\n") + 1
     return np.concatenate(blocks)
 
 
-def _read_block(lines: list[str], line_number: int, header: Sequence[str], used: Sequence[int], file: str) -> Array:
-    text = "".join(lines)
-    cells = {line.count(",") + 1 for line in lines if not line.isspace()}
+def _whole_lines(stream: TextIO, file: str) -> Iterator[str]:
+    """The text in pieces of about BLOCK characters that end where lines do, without the last line's end."""
+    rest, line_number = "", 2
+    while text := stream.read(BLOCK):
+        whole, end, rest = (rest + text).rpartition("\n")
+        line_number += whole.count("\n") + len(end)
+        _check_length(rest, line_number, file)
+        if end:
+            yield whole
+    if rest:
+        yield rest
+
+
+def _check_length(line: str, line_number: int, file: str) -> None:
+    if len(line) > MAX_LINE:
+        message = f"is longer than {MAX_LINE} characters"
+        raise LogError(message, file=file, field=f"line {line_number}", remedy="give a CSV file")
+
+
+def _read_block(text: str, line_number: int, header: Sequence[str], used: Sequence[int], file: str) -> Array:
+    lines = text.split("\n")
+    cells = {line.count(",") + 1 for line in lines if line.strip()}
     if cells == {len(header)} and '"' not in text:
         filled = _EMPTY.sub(",nan", text).split("\n")
         try:
             return np.loadtxt(filled, delimiter=",", comments=None, usecols=used, ndmin=2)
         except ValueError:
             pass  # the careful reading below says which cell
-    rows = [_read_line(line, i, header, used, file) for i, line in enumerate(lines, line_number) if not line.isspace()]
+    rows = [_read_line(line, i, header, used, file) for i, line in enumerate(lines, line_number) if line.strip()]
     return np.array(rows).reshape(len(rows), len(used))
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.limits.budget import Budget
+from ftbias_jax.io.limits.hdf5_chunks import check_chunks
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.npz_archive import MAX_BYTES, MAX_RATIO, SMALL
 from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, log_from_arrays
 from ftbias_jax.io.unpack import need
 from ftbias_jax.setup.types import Setup
@@ -31,18 +34,35 @@ def load_hdf5(path: str | os.PathLike[str]) -> dict[str, Array]:
     Raises:
         LogError: h5py is not installed, the file cannot be read, or a dataset lies outside of it or is too large.
     """
-    file = os.fspath(path)
+    with _opened(os.fspath(path)) as datasets:
+        return {name: np.asarray(dataset[()]) for name, dataset in datasets.items()}
+
+
+def dataset_shapes(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
+    """The shapes of the datasets of a log by name.
+
+    Raises:
+        LogError: as for ``load_hdf5``.
+    """
+    with _opened(os.fspath(path)) as datasets:
+        return {name: dataset.shape for name, dataset in datasets.items()}
+
+
+@contextmanager
+def _opened(file: str) -> Iterator[dict[str, Any]]:
+    """The datasets of a log, none of which takes more than it may; what h5py raises as errors of ours."""
     h5py = need("h5py", "hdf5", file)
+    budget = Budget(file)
     try:
-        with open(file, "rb"):  # the system's own words for a missing file
+        with open(file, "rb"):  # the system's own words for a file that may not be read
             pass
         with h5py.File(file, "r") as root:
             datasets = {name: _dataset(h5py, root, name, file) for name in (*ARRAYS, *POSE_ARRAYS) if name in root}
-            total = sum(dataset.size * 8 for dataset in datasets.values())
-            if total > MAX_BYTES:
-                remedy = f"the limit is {MAX_BYTES} bytes; split the log"
-                raise LogError(f"declares {total} bytes of arrays", file=file, remedy=remedy)
-            return {name: np.asarray(dataset[()]) for name, dataset in datasets.items()}
+            for name, dataset in datasets.items():
+                budget.hold(dataset.size * 8, name)
+            for name, dataset in datasets.items():
+                check_chunks(dataset, budget, file, name)
+            yield datasets
     except LogError:
         raise
     except OSError as error:
@@ -61,9 +81,4 @@ def _dataset(h5py: Any, root: Any, name: str, file: str) -> Any:
         raise LogError("is no dataset of numbers", file=file, field=name, remedy="store arrays of real numbers")
     if dataset.is_virtual or dataset.external:
         raise LogError("is stored in another file", file=file, field=name, remedy="store the dataset itself")
-    stored = dataset.id.get_storage_size()
-    if dataset.nbytes > max(SMALL, MAX_RATIO * stored):
-        message = f"declares {dataset.nbytes} bytes, of which {stored} are stored"
-        remedy = f"more than {MAX_RATIO} times looks like a decompression bomb; write it again"
-        raise LogError(message, file=file, field=name, remedy=remedy)
     return dataset

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -11,12 +11,19 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
+from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.npz_archive import MAX_BYTES
 from ftbias_jax.io.tables.csv_columns import choose_columns
 from ftbias_jax.io.unpack import need
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
+
+BATCH = 1 << 16
+"""Rows decoded at once."""
+MAX_FOOTER = 8 << 20
+"""Bytes of the description of columns and row groups, which takes a hundredfold in memory."""
+MAX_LIST = 100_000
+"""Columns or row groups."""
 
 
 def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
@@ -32,19 +39,29 @@ def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
     """
     file = os.fspath(path)
     arrow = need("pyarrow", "parquet", file)
+    budget = Budget(file)
     with _opened(file) as table:
-        header = [str(name) for name in table.schema_arrow.names]
+        schema = table.schema_arrow
+        header = [str(name) for name in schema.names]
         columns = choose_columns(header, setup, file)
         used = [name for names in columns for name in names]
-        declared = table.metadata.num_rows * len(used) * 8
-        if declared > MAX_BYTES:
-            remedy = f"the limit is {MAX_BYTES} bytes; split the log"
-            raise LogError(f"declares {declared} bytes of numbers", file=file, remedy=remedy)
-        content = table.read(columns=used, use_threads=False)
-        t = _times(arrow, content.column(columns.time[0]), columns.time[0], file)
-        numbers = {name: _numbers(arrow, content.column(name), name, file) for name in used[1:]}
-    parts = [np.stack([numbers[name] for name in names], 1) if names else None for names in columns[1:]]
-    q, dq, wrench, temperature = parts
+        (time, *others), rows = used, _rows(table, budget)
+        t = np.empty(rows, _time_type(arrow, schema.field(time).type, time, file))
+        _check_numbers(arrow, schema, others, file)
+        budget.hold(t.nbytes + 8 * rows * len(others))
+        numbers = np.empty((rows, len(others)))
+        first = 0
+        for batch in table.iter_batches(BATCH, columns=used, use_threads=False):
+            here = slice(first, first + batch.num_rows)
+            t[here] = _times(arrow, batch.column(time), time, file)
+            for i, name in enumerate(others):
+                numbers[here, i] = batch.column(name).cast("float64").to_numpy(zero_copy_only=False)
+            first = here.stop
+    ends = np.cumsum([len(names) for names in columns[1:]])
+    q, dq, wrench, temperature = (
+        part if part.shape[1] else None for part in np.split(numbers[:first], ends[:-1], axis=1)
+    )
+    t = t[:first]
     return check_log(t, q, wrench, dq, None if temperature is None else temperature[:, 0], setup=setup, file=file)
 
 
@@ -64,8 +81,11 @@ def _opened(file: str) -> Iterator[Any]:
     arrow, parquet = need("pyarrow", "parquet", file), need("pyarrow.parquet", "parquet", file)
     try:
         # A memory map, not a path: pyarrow would take a folder of files, or the address of a server.
-        with arrow.memory_map(file) as source, parquet.ParquetFile(source) as table:
-            yield table
+        with arrow.memory_map(file) as source:
+            _check_footer(source, file)
+            limits = {"thrift_container_size_limit": MAX_LIST, "thrift_string_size_limit": MAX_FOOTER}
+            with parquet.ParquetFile(source, **limits) as table:
+                yield table
     except OSError as error:
         words = error.strerror or error
         raise LogError(f"cannot be read: {words}", file=file, remedy="check the path and the file") from error
@@ -73,22 +93,47 @@ def _opened(file: str) -> Iterator[Any]:
         raise LogError(f"is damaged: {error}", file=file, remedy="write it again") from error
 
 
+def _check_footer(source: Any, file: str) -> None:
+    """Refuse a description of columns that is too long for a log, before it is parsed."""
+    size = source.size()
+    if size >= 8:
+        source.seek(size - 8)
+        length = int.from_bytes(source.read(4), "little")
+        if length > MAX_FOOTER:
+            message = f"describes its columns in {length} bytes"
+            raise LogError(message, file=file, remedy=f"the limit is {MAX_FOOTER} bytes; write it in fewer row groups")
+        source.seek(0)
+
+
+def _rows(table: Any, budget: Budget) -> int:
+    """The rows that all parts of the file declare, whose pages may unpack to what the budget allows."""
+    groups = [table.metadata.row_group(i) for i in range(table.metadata.num_row_groups)]
+    for group in groups:
+        budget.unpack(max(group.total_byte_size, 0))
+    return max(sum(int(group.num_rows) for group in groups), 0)
+
+
+def _time_type(arrow: Any, kind: Any, name: str, file: str) -> type[np.generic]:
+    if arrow.types.is_timestamp(kind) or arrow.types.is_integer(kind):
+        return np.int64
+    if arrow.types.is_floating(kind) or arrow.types.is_null(kind):
+        return np.float64
+    raise LogError(f"has the type {kind}", file=file, field=name, remedy="store s, integer ns, or timestamps")
+
+
 def _times(arrow: Any, column: Any, name: str, file: str) -> Array:
     """Stamps: float64 s, or int64 ns."""
     if column.null_count:
         raise LogError(f"has {column.null_count} nulls", file=file, field=name, remedy="give every sample a stamp")
     if arrow.types.is_timestamp(column.type):
-        return column.cast(arrow.timestamp("ns")).cast("int64").to_numpy()
-    if arrow.types.is_integer(column.type):
-        return column.cast("int64").to_numpy()
-    return _numbers(arrow, column, name, file)
+        column = column.cast(arrow.timestamp("ns"))
+    return column.cast("float64" if arrow.types.is_floating(column.type) else "int64").to_numpy()
 
 
-def _numbers(arrow: Any, column: Any, name: str, file: str) -> Array:
-    """(T,) float64, NaN for null."""
-    kind = column.type
-    if not (arrow.types.is_floating(kind) or arrow.types.is_integer(kind) or arrow.types.is_null(kind)):
-        raise LogError(
-            f"has the type {kind}", file=file, field=name, remedy="store real numbers, null where not measured"
-        )
-    return column.cast("float64").to_numpy()
+def _check_numbers(arrow: Any, schema: Any, names: Sequence[str], file: str) -> None:
+    """Refuse columns that are no numbers before any is read: a text may be repeated a million times."""
+    for name in names:
+        kind = schema.field(name).type
+        if not (arrow.types.is_floating(kind) or arrow.types.is_integer(kind) or arrow.types.is_null(kind)):
+            remedy = "store real numbers, null where not measured"
+            raise LogError(f"has the type {kind}", file=file, field=name, remedy=remedy)

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,6 +11,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ftbias_jax.errors import OutputError
+from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.runtime.processes import run_each
 from ftbias_jax.validation.generator.arms import Floats
 from ftbias_jax.validation.generator.effects.catalogue import ENTRIES, NEEDS_MOTION, STATISTICAL, UNLISTED
 from ftbias_jax.validation.generator.effects.effect import Draw, Effect, Scene
@@ -88,8 +88,8 @@ def make_log(index: int, job: Job, seed: int, limits: Limits, folder: Path) -> t
     effects = [effect for effect, _ in sized]
     columns, clean, noise_rms = record(scene, effects, timeline, seeds[6])
     name = f"log_{index:03d}"
-    np.savez_compressed(folder / f"{name}.npz", **columns)  # type: ignore[arg-type]
-    (folder / f"{name}.toml").write_text(setup_toml(scene.belief))
+    write_atomic(folder / f"{name}.npz", lambda file: np.savez_compressed(file, **columns))  # type: ignore[arg-type]
+    write_atomic(folder / f"{name}.toml", lambda file: file.write(setup_toml(scene.belief).encode()))
     each = {effect.name: gap for effect, gap in sized}
     return name, truth(scene, effects, job.level, kind, clean, noise_rms) | {
         "gap_sigmas_each": each,
@@ -143,7 +143,7 @@ def make_set(
         report: called with the number of logs that are finished.
 
     Raises:
-        ValueError: an unknown effect.
+        ValueError: an unknown effect. OutputError: a file cannot be written, or a process was killed.
     """
     plan = make_plan(asked, count, seed)
     labels = dict(run_jobs(partial(make_log, seed=seed, limits=limits, folder=folder), plan, jobs, report))
@@ -156,23 +156,26 @@ def run_jobs(
     jobs: int,
     report: Callable[[int], None],
 ) -> list[tuple[str, Made]]:
-    """What ``make`` returns for each number and job of the plan, in order, made in several processes."""
-    made = []
-    if jobs == 1:
-        for index, job in enumerate(plan):
-            made.append(make(index, job))
-            report(len(made))
-        return made
-    # New processes, not forks: the caller may have threads.
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-        for one in pool.map(make, range(len(plan)), plan):
-            made.append(one)
-            report(len(made))
-    return made
+    """What ``make`` returns for each number and job of the plan, in order, made in several processes.
+
+    Raises:
+        OutputError: a process was killed.
+    """
+    done: dict[int, tuple[str, Made]] = {}
+    for (index, _), made in run_each(partial(_make_numbered, make), enumerate(plan), jobs):
+        if made is None:
+            remedy = "too little memory? give it more, or fewer --jobs"
+            raise OutputError("its process was killed", field=f"log {index}", remedy=remedy)
+        done[index] = made
+        report(len(done))
+    return [done[index] for index in range(len(plan))]
+
+
+def _make_numbered(make: Callable[[int, Any], tuple[str, Made]], numbered: tuple[int, Any]) -> tuple[str, Made]:
+    return make(*numbered)
 
 
 def write_labels(folder: Path, labels: dict[str, Any]) -> None:
     """Write truth.json, whole or not at all."""
-    unfinished = folder / ".truth.json"
-    unfinished.write_text(json.dumps(labels, indent=1))
-    os.replace(unfinished, folder / "truth.json")
+    content = json.dumps(labels, indent=1).encode()
+    write_atomic(folder / "truth.json", lambda file: file.write(content))

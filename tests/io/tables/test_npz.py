@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import npz_archive, read_log
+from ftbias_jax.io import read_log
+from ftbias_jax.io.limits import budget
 from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.setup import load_setup
 
@@ -125,7 +126,7 @@ def test_headers_that_promise_other_sizes_are_refused_before_memory_is_taken(tmp
 
 
 def test_bombs_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(npz_archive, "SMALL", 1 << 16)
+    monkeypatch.setattr(budget, "SMALL", 1 << 16)
     path = write_zip(tmp_path / "log.npz", {"t.npy": member((1 << 20,), data=bytes(8 << 20))})
     fails(lambda: load_arrays(path), path, ": t.npy: unpacks to", "decompression bomb")
 

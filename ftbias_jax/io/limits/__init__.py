@@ -1,0 +1,1 @@
+"""What reading a file may take, whatever the file declares."""

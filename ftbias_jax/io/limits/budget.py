@@ -1,0 +1,83 @@
+"""One budget a file: bytes that it may unpack to and records that it may hold, checked before memory or time is taken.
+
+A few kilobytes can declare, or truly unpack to, any number of bytes. What a file may cost is therefore tied to what is
+stored of it.
+"""
+
+from __future__ import annotations
+
+import os
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.files import no_regular_file
+
+MAX_BYTES = 16 << 30
+"""Of numbers in one log, decoded: a day of seven joints and a wrench at 1 kHz are 15 GB in float64."""
+MAX_RATIO = 100
+"""Of unpacked to stored bytes, of all parts of a file together: measured logs, which have noise, stay below 20."""
+SMALL = 256 << 20
+"""Unpacked bytes that are no danger whatever the ratio: an arm at rest, all zeros or all NaN, compresses a
+thousandfold."""
+MAX_CHUNK = 256 << 20
+"""Unpacked bytes of one chunk or message of a recording; recorders write chunks of a megabyte, cameras of some ten."""
+SMALL_RECORDING = 64 << 20
+"""As SMALL, of all chunks and messages of a recording."""
+FEW_RECORDS = 500_000
+"""Records that any recording may hold; they take two seconds."""
+LEAST_RECORD = 8
+"""Stored bytes a record in larger recordings: less than the smallest message takes, compressed."""
+
+_SECTOR = 512
+
+
+class Budget:
+    """What is left for one file; every method raises a LogError when there is not enough.
+
+    Args:
+        file: a regular file.
+        small: unpacked bytes that it may have whatever is stored.
+
+    Raises:
+        LogError: the file is no regular one, cannot be read, or is almost nothing but a hole.
+    """
+
+    def __init__(self, file: str | os.PathLike[str], small: int | None = None) -> None:
+        self.file = os.fspath(file)
+        try:
+            kind, status = no_regular_file(file), os.stat(file)
+        except OSError as error:
+            raise LogError(f"cannot be read: {error.strerror}", file=self.file, remedy="check the path") from error
+        if kind:
+            raise LogError(kind, file=self.file, remedy="give a file")
+        # A sparse file has fewer sectors than bytes; a few file systems count none at all.
+        sectors = getattr(status, "st_blocks", 0) * _SECTOR
+        self.size = status.st_size
+        self.stored = min(status.st_size, sectors) if sectors else status.st_size
+        self.limit = max(SMALL if small is None else small, MAX_RATIO * self.stored)
+        if status.st_size > self.limit:
+            message = f"has {status.st_size} bytes, of which {self.stored} are stored: the rest is a hole"
+            raise LogError(message, file=self.file, remedy="copy the log again")
+        self.bytes, self.numbers = self.limit, min(MAX_BYTES, self.limit)
+        self.records = max(FEW_RECORDS, self.stored // LEAST_RECORD)
+
+    def hold(self, count: int, field: str = "") -> None:
+        """Take ``count`` bytes of numbers, which are kept until the log is read."""
+        self.numbers -= count
+        if self.numbers < 0:
+            message = f"declares more than {min(MAX_BYTES, self.limit)} bytes of numbers in {self.stored}"
+            remedy = "that looks like a decompression bomb; write it again, or split the log"
+            raise LogError(message, file=self.file, field=field, remedy=remedy)
+
+    def unpack(self, count: int) -> None:
+        """Take ``count`` bytes that are unpacked, and gone before the next ones."""
+        self.bytes -= count
+        if self.bytes < 0:
+            message = f"unpacks to more than {self.limit} bytes, {self.stored} are stored"
+            raise LogError(message, file=self.file, remedy="that looks like a decompression bomb; unpack it yourself")
+
+    def count(self, records: int = 1) -> None:
+        """Take records, or places at which one was looked for."""
+        self.records -= records
+        if self.records < 0:
+            message = f"holds too many records for its {self.stored} bytes"
+            raise LogError(message, file=self.file, remedy="it is no recording, or is damaged beyond use")

@@ -1,0 +1,77 @@
+"""Ctrl-C and SIGTERM: the process ends at once, with its children, and leaves no temporary file behind.
+
+An exception that is raised wherever the program happens to be may be swallowed there (by a callback of a library, by a
+destructor), and unwinding while compiled code runs in other threads has crashed. So nothing is raised: a thread of its
+own waits for the signal, cleans up and ends the process. That also works while the main thread is in compiled code.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from contextlib import suppress
+
+from ftbias_jax.files import remove_temporary
+
+EXIT_CODE = 1
+PATIENCE = 2.0
+"""s that children have to remove their temporary files."""
+
+_ending = threading.Event()
+
+
+def end_on_signals(message: str = "") -> None:
+    """From now on, end this process when it is interrupted or terminated; to be called in the main thread.
+
+    A signal that was ignored when the process started, as under nohup, stays ignored.
+
+    Args:
+        message: printed on standard error; "" = nothing, for children.
+    """
+    listen, tell = os.pipe()
+    os.set_blocking(tell, False)
+    signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, lambda *_: None)  # the wake-up tells the thread
+    threading.Thread(target=_wait, args=(listen, message), daemon=True).start()
+
+
+def ignore_interrupts() -> None:
+    """Leave Ctrl-C, which the terminal sends to children too, to the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def stop_if_ending() -> None:
+    """Wait for the end of the process, if it is being ended: what its children did not finish is no news then."""
+    while _ending.is_set():
+        time.sleep(PATIENCE)
+
+
+def _wait(listen: int, message: str) -> None:
+    os.read(listen, 1)
+    _ending.set()
+    try:
+        if message:
+            sys.stdout.flush()
+            os.write(2, message.encode())
+        _end_children()
+        remove_temporary()
+    finally:
+        os._exit(EXIT_CODE)
+
+
+def _end_children() -> None:
+    children = multiprocessing.active_children()
+    for child in children:
+        child.terminate()
+    deadline = time.monotonic() + PATIENCE
+    for child in children:
+        with suppress(AssertionError, OSError):  # the main thread may have waited for it
+            child.join(max(deadline - time.monotonic(), 0))
+    for child in children:
+        child.kill()
