@@ -47,6 +47,10 @@ class RobotSetup:
     """(3,) m/s^2, base frame, pointing down."""
     model: str = SCREWS
     """Name of a built-in robot, or "screws"."""
+    position_limits: Array | None = None
+    """(n, 2) rad (m), the ends of each joint's travel, infinite if it turns without end; None = not stated."""
+    velocity_limits: Array | None = None
+    """(n,) rad/s (m/s), the largest speed of each joint; None = not stated."""
 
 
 @dataclass(frozen=True, eq=False)
