@@ -8,6 +8,7 @@ import tomllib
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.parse import parse_setup
+from ftbias_jax.setup.require import require_tool
 from ftbias_jax.setup.types import (
     BiasSetup,
     DataNoiseSetup,
@@ -36,8 +37,12 @@ __all__ = [
 MAX_BYTES = 1 << 20  # a setup is a page of text; anything larger is another kind of file
 
 
-def load_setup(path: str | os.PathLike[str]) -> Setup:
+def load_setup(path: str | os.PathLike[str], *, with_tool: bool = False) -> Setup:
     """Read a setup file.
+
+    Args:
+        path: of the TOML file.
+        with_tool: refuse a setup that does not state the tool's mass and centre of mass.
 
     Raises:
         SetupError: the file cannot be read, is not TOML, or says something impossible (see ``parse_setup``).
@@ -57,4 +62,5 @@ def load_setup(path: str | os.PathLike[str]) -> Setup:
         mapping = tomllib.loads(content.decode())
     except (ValueError, RecursionError) as error:  # broken UTF-8, broken TOML (says where), arrays nested without end
         raise SetupError(f"is not valid TOML: {error}", file=file, remedy="correct the syntax") from error
-    return parse_setup(mapping, file)
+    setup = parse_setup(mapping, file)
+    return require_tool(setup) if with_tool else setup

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from ftbias_jax.types import Array
 
 REPORTS = ("wrench_on_tool", "wrench_on_sensor")
@@ -76,11 +78,25 @@ class ToolSetup:
     """Everything distal of the sensor, as one rigid body."""
 
     mass: float
-    """kg."""
+    """kg; NaN = not known."""
     center_of_mass: Array
-    """(3,) m, sensor frame."""
+    """(3,) m, sensor frame; NaN = not known."""
     inertia: Array
     """(6,) kg m^2: Ixx Ixy Ixz Iyy Iyz Izz about the centre of mass, sensor axes."""
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """The keys of [tool] that the setup does not state, although a prediction of the wrench needs them."""
+        stated = {"mass": np.isfinite(self.mass), "center_of_mass": np.isfinite(self.center_of_mass).all()}
+        return tuple(key for key, is_stated in stated.items() if not is_stated)
+
+
+def unknown_tool() -> ToolSetup:
+    """A tool of which nothing is known."""
+    center, inertia = np.full(3, np.nan), np.zeros(6)
+    center.setflags(write=False)
+    inertia.setflags(write=False)
+    return ToolSetup(np.nan, center, inertia)
 
 
 @dataclass(frozen=True, eq=False)
