@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
+from dataclasses import replace
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup.dump import dump_setup
@@ -59,8 +60,9 @@ def load_setup(path: str | os.PathLike[str], *, with_tool: bool = False) -> Setu
         remedy = "give a setup.toml, not a log"
         raise SetupError(f"is larger than {MAX_BYTES >> 20} MiB", file=file, remedy=remedy)
     try:
-        mapping = tomllib.loads(content.decode())
+        source = content.decode()
+        mapping = tomllib.loads(source)
     except (ValueError, RecursionError) as error:  # broken UTF-8, broken TOML (says where), arrays nested without end
         raise SetupError(f"is not valid TOML: {error}", file=file, remedy="correct the syntax") from error
-    setup = parse_setup(mapping, file)
+    setup = replace(parse_setup(mapping, file), source=source)
     return require_tool(setup) if with_tool else setup

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import secrets
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.errors import OutputError
 from ftbias_jax.setup.keys.table import key_of
 from ftbias_jax.setup.keys.toml_text import toml_key, toml_line
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot
@@ -70,33 +66,6 @@ def dump_setup(setup: Setup, comments: Comments | None = None) -> str:
 def lines_of(setup: Setup) -> list[Line]:
     """What a setup says, line by line."""
     return [*_robot(setup.robot), *_sections(setup), *_effects(setup)]
-
-
-def save_setup(path: str | os.PathLike[str], setup: Setup) -> None:
-    """Write a setup with its comments, whole or not at all: through a temporary file beside it.
-
-    Args:
-        path: the file to make or replace; a link is followed.
-        setup: what to write.
-
-    Raises:
-        OutputError: the file cannot be written there.
-    """
-    target = os.path.realpath(path)
-    temporary = os.path.join(os.path.dirname(target), f".ftbias-{secrets.token_hex(8)}.tmp")
-    try:
-        with open(temporary, "x", encoding="utf-8", newline="") as file:
-            file.write(dump_setup(setup))
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, target)
-    except OSError as error:
-        remedy = "check that the folder exists, may be written to and has room"
-        message = f"cannot be written: {error.strerror or error}"
-        raise OutputError(message, file=os.fspath(path), remedy=remedy) from error
-    finally:
-        with suppress(OSError):  # after the rename there is nothing left to remove
-            os.unlink(temporary)
 
 
 def _robot(robot: RobotSetup) -> Iterable[Line]:

@@ -209,6 +209,8 @@ class Setup:
     """The file it was read from, for messages; "" = from memory."""
     urdf: str = ""
     """The URDF file that it refers to; "" = none."""
+    source: str = ""
+    """The text it was read from, whose comments and order ``save`` keeps; "" = from memory."""
     comments: Mapping[str, str] = field(default_factory=dict)
     """Remarks on full keys such as ``tool.mass``, which ``save`` writes on their lines: how a value was found."""
 
@@ -220,12 +222,14 @@ class Setup:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as TOML that ``load_setup`` reads back, whole or not at all.
 
+        If it was read from a file, only the lines of what changed since differ from that file.
+
         Args:
             path: the file to make or replace.
 
         Raises:
             OutputError: the file cannot be written there.
         """
-        from ftbias_jax.setup.dump import save_setup  # writes what this module defines
+        from ftbias_jax.setup.save import save_setup  # writes what this module defines
 
         save_setup(path, self)
