@@ -10,6 +10,8 @@ from ftbias_jax.setup.keys.table import SECTIONS
 from ftbias_jax.setup.keys.toml_text import toml_comment, toml_line
 
 MEASURE = "measure me"
+TO_MEASURE = ("sensor.translation", "sensor.rotation_rpy", "sensor.noise_std", "tool.mass", "tool.center_of_mass")
+"""Keys that a prediction of the wrench needs, and that only the owner knows."""
 ALWAYS = ("robot", "sensor", "tool", "bias", "joints")
 """Sections that are written whether anything of them is known or not."""
 
@@ -26,7 +28,7 @@ def write_template(known: Mapping[str, Known], about: str = "") -> str:
 
     Args:
         known: full key such as ``sensor.noise_std`` -> its value. The other keys of the sections become comments; those
-            that a prediction of the wrench needs say MEASURE.
+            of TO_MEASURE say so.
         about: lines at the top.
     """
     parts = ["".join(f"#{toml_comment(line)[3:]}\n" if line else "#\n" for line in about.splitlines())]
@@ -58,7 +60,7 @@ def _example(spec: Key) -> Any:
 
 
 def _words(name: str, key: str, spec: Key) -> str:
-    if f"{name}.{key}" in ("tool.mass", "tool.center_of_mass", "sensor.noise_std"):
+    if f"{name}.{key}" in TO_MEASURE:
         return f"{spec.unit}; {MEASURE}"
     absent = f"default: {spec.absent}" if spec.absent else ""
     return "; ".join(part for part in (spec.unit, spec.meaning, absent) if part)
