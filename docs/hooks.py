@@ -1,7 +1,6 @@
 """Pages that MkDocs gets from the code's own tables when it builds the site, so that they cannot disagree with it.
 
-The setup's keys come from the parser, their defaults and units from the writer of setups; setup_keys.toml adds what a
-key means, and the build fails if it lacks a key or has one too many.
+The setup's keys come from the table that makes the parser's checks, too.
 """
 
 from __future__ import annotations
@@ -9,8 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import re
-import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +21,6 @@ MINIMAL: dict[str, dict[str, Any]] = {
     "tool": {"mass": 0.7, "center_of_mass": [0.0, 0.0, 0.06]},
 }
 """The shortest setup: what it leaves out shows its default."""
-UNKNOWN = "?"
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -87,45 +84,33 @@ def _span(scale: Any) -> str:
 
 
 def setup_page() -> str:
-    """Every key that the parser knows."""
-    meanings = tomllib.loads((HERE / "setup_keys.toml").read_text())
-    defaults = _written_defaults()
+    """Every key of the table, and every built-in robot."""
+    from ftbias_jax.setup.keys.table import SECTIONS
+    from ftbias_jax.setup.robots import BUILT_IN, describe_robot
+
     parts = [
         "# Setup keys\n\nWhat the robot's owner states, in TOML. An unknown or misspelt key is an error that names the",
-        "nearest known one.\n",
+        "nearest known one. `ftbias setup --schema` prints this table as a JSON Schema, with which editors complete",
+        "and check a setup while it is written; `ftbias setup --robot NAME -o setup.toml` writes one to fill in.\n",
     ]
-    if set(known_keys("")) != {*meanings, "effects"}:
-        raise ValueError(f"setup_keys.toml has the sections {sorted(meanings)}, the parser {known_keys('')}")
-    for section in meanings:
-        known, told = known_keys(section), meanings[section].get("keys", {})
-        if set(known) != set(told):
-            raise ValueError(f"setup_keys.toml [{section}] and the parser differ in {sorted(set(known) ^ set(told))}")
-        rows = [(f"`{key}`", *_default(section, key, told[key], defaults), told[key]["meaning"]) for key in told]
+    for name, section in SECTIONS.items():
+        rows = [(f"`{key}`", _default(known), known.unit, known.meaning) for key, known in section.keys.items()]
+        title = f"[[{name}]]" if name == "robot.joints" else f"[{name}]"
         parts += [
-            f"## `[{section}]` {{ #{section} }}\n",
-            f"{meanings[section]['about']}\n",
+            f"## `{title}` {{ #{name.replace('.', '-')} }}\n",
+            f"{section.about}\n",
             _table(("key", "default", "unit", "meaning"), rows),
         ]
     parts.append("## [effects.NAME]\n\nParameters of an effect, as on the page of [effects](effects.md).\n")
+    parts.append(
+        "## Built-in robots { #robots }\n\nFrom the manufacturers' published parameters, with the joints' limits.\n"
+    )
+    parts.append(
+        _table(("`robot.model`", "robot and flange"), [(f"`{name}`", describe_robot(name)) for name in BUILT_IN])
+    )
     parts.append("## The shortest setup, written out\n\nWith every default, as `ftbias` writes it:\n")
     parts.append(f"```toml\n{_minimal_text()}```\n")
     return "\n".join(parts)
-
-
-def known_keys(section: str) -> list[str]:
-    """The keys of a section, or with "" the sections, as the parser's own error lists them."""
-    from ftbias_jax.errors import SetupError
-    from ftbias_jax.setup import parse_setup
-
-    tables: dict[str, Any] = {name: dict(table) for name, table in MINIMAL.items()}
-    if section == "sensor_pose":
-        tables["robot"] = {}
-    (tables.setdefault(section, {}) if section else tables)[UNKNOWN] = 0
-    try:
-        parse_setup(tables)
-    except SetupError as error:
-        return re.fullmatch(r"known: (.*)", error.remedy).group(1).split(", ")  # type: ignore[union-attr]
-    raise ValueError(f"the parser accepts {section}.{UNKNOWN}")
 
 
 def _minimal_text() -> str:
@@ -134,32 +119,17 @@ def _minimal_text() -> str:
     return dump_setup(parse_setup(MINIMAL))
 
 
-def _written_defaults() -> dict[str, tuple[str, str]]:
-    """section.key -> (value, unit or comment), of the shortest setup."""
-    found, section = {}, ""
-    for line in _minimal_text().splitlines():
-        if line.startswith("["):
-            section = line.strip("[]")
-        elif line:
-            key, rest = line.split(" = ", 1)
-            value, _, comment = rest.partition("  # ")
-            found[f"{section}.{key}"] = (value, comment)
-    return found
+def _default(key: Any) -> str:
+    from ftbias_jax.setup.keys.toml_text import toml_value
 
-
-def _default(
-    section: str, key: str, told: Mapping[str, str], defaults: Mapping[str, tuple[str, str]]
-) -> tuple[str, str]:
-    written, unit = defaults.get(f"{section}.{key}", ("", ""))
-    if key in MINIMAL.get(section, {}):
-        return "required" if told.get("required", True) else "", unit
-    return told.get("default", f"`{_shortened(written)}`" if written else ""), told.get("unit", unit)
-
-
-def _shortened(value: str) -> str:
-    """A list of equal numbers as one of them."""
-    items = value.strip("[]").split(", ")
-    return items[0] if len(items) > 3 and len(set(items)) == 1 else value
+    if key.required:
+        return "required"
+    if key.default is None:
+        return str(key.absent)
+    value = key.default
+    if isinstance(value, tuple) and len(value) != 2 and len(set(value)) == 1:
+        value = value[0]
+    return f"`{toml_value(value)}`"
 
 
 def command_line_page() -> str:

@@ -60,6 +60,16 @@ class Pose(NamedTuple):
     publisher: str = "arm"
 
 
+class Text(NamedTuple):
+    """A std_msgs/String."""
+
+    stamp: int
+    text: str
+    topic: str = "/robot_description"
+    logged: int | None = None
+    publisher: str = "state_publisher"
+
+
 def arrays(samples=60, seed=0):
     """A log of the arm base, elbow: joints at 50 Hz, a wrench at 100 Hz, ns."""
     rng = np.random.default_rng(seed)
@@ -117,6 +127,8 @@ def _write(writer, store, serialize, published):
 
 
 def _kind(message):
+    if isinstance(message, Text):
+        return "std_msgs/msg/String"
     if isinstance(message, Pose):
         return "geometry_msgs/msg/PoseStamped" if len(message.names) == 1 else "tf2_msgs/msg/TFMessage"
     return "sensor_msgs/msg/JointState" if isinstance(message, Joints) else "geometry_msgs/msg/WrenchStamped"
@@ -124,6 +136,8 @@ def _kind(message):
 
 def _content(store, message, i):
     types = store.types
+    if isinstance(message, Text):
+        return types["std_msgs/msg/String"](message.text)
     stamp = types["builtin_interfaces/msg/Time"](*divmod(message.stamp, SECOND))
     header_type = types["std_msgs/msg/Header"]
     ros1 = "seq" in header_type.__dataclass_fields__

@@ -14,6 +14,7 @@ from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup.require import with_guessed_tool
 from ftbias_jax.setup.types import Setup
 
 
@@ -70,7 +71,7 @@ def identify_tool(setup: Setup, log: Log, *, mounting: bool = False, gravity: bo
     (``FTBIAS_CACHE=off`` does not).
 
     Args:
-        setup: robot, sensor, noise, and a tool to start from.
+        setup: robot, sensor, noise, and a tool to start from; its mass and centre of mass may be left out.
         log: of free motion that turns the wrist, as ``read_log`` gives it.
         mounting: also find how the sensor is turned on the flange.
         gravity: also find the direction of gravity in the base frame; its size is kept.
@@ -78,6 +79,7 @@ def identify_tool(setup: Setup, log: Log, *, mounting: bool = False, gravity: bo
     Returns:
         the setup found, with values in kg, m, kg m^2 about the centre of mass, sensor axes.
     """
+    setup = with_guessed_tool(setup)
     options = Options(joint_model=setup.joints.model)
     params = filter_log.likeliest_params(setup, samples_from_log(log), options)
     samples = samples_from_log(filter_log.without_useless(log, params))

@@ -16,6 +16,7 @@ from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm, make_arm
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
+from ftbias_jax.setup.require import require_tool
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -86,8 +87,11 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
         setup: what ``load_setup`` read; a joint process noise it leaves open becomes 1 here (filter_log.params_for_log
             chooses it from the log).
         dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
+
+    Raises:
+        SetupError: the setup does not state the tool's mass or centre of mass.
     """
-    sensor, n = setup.sensor, len(setup.robot.screws)
+    sensor, n = require_tool(setup).sensor, len(setup.robot.screws)
     tool = (as_array(x, dtype) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))
     params = Params(
         _sensor_base(setup, dtype),

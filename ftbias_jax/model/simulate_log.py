@@ -196,10 +196,15 @@ def check_effects(effects: Mapping[str, Mapping[str, Any]], error: MakeError = _
 
 def working_range(setup: Setup) -> tuple[Array, Array]:
     """Center and excursion (n,) rad of a sensible motion of the robot."""
-    if setup.robot.model in ("panda", "fr3"):
+    if setup.robot.model.split("_")[0] in ("panda", "fr3"):
         return np.array(FRANKA_CENTER), np.array(FRANKA_EXCURSION)
     revolute = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0
-    return np.zeros(len(revolute)), np.where(revolute, *EXCURSION)
+    excursion = np.where(revolute, *EXCURSION)
+    if setup.robot.position_limits is None:
+        return np.zeros(len(revolute)), excursion
+    lowest, highest = setup.robot.position_limits.T
+    excursion = np.minimum(excursion, (highest - lowest) / 2)
+    return np.clip(0.0, lowest + excursion, highest - excursion), excursion
 
 
 def _trajectory(setup: Setup, motion: str | Log, duration: float, rate: float, key: Array) -> Trajectory:

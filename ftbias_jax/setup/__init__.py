@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import tomllib
+from dataclasses import replace
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.files import no_regular_file
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.parse import parse_setup
+from ftbias_jax.setup.require import require_tool
 from ftbias_jax.setup.types import (
     BiasSetup,
     DataNoiseSetup,
@@ -37,8 +39,12 @@ __all__ = [
 MAX_BYTES = 1 << 20  # a setup is a page of text; anything larger is another kind of file
 
 
-def load_setup(path: str | os.PathLike[str]) -> Setup:
+def load_setup(path: str | os.PathLike[str], *, with_tool: bool = False) -> Setup:
     """Read a setup file.
+
+    Args:
+        path: of the TOML file.
+        with_tool: refuse a setup that does not state the tool's mass and centre of mass.
 
     Raises:
         SetupError: the file cannot be read, is not TOML, or says something impossible (see ``parse_setup``).
@@ -57,7 +63,9 @@ def load_setup(path: str | os.PathLike[str]) -> Setup:
         remedy = "give a setup.toml, not a log"
         raise SetupError(f"is larger than {MAX_BYTES >> 20} MiB", file=file, remedy=remedy)
     try:
-        mapping = tomllib.loads(content.decode())
+        source = content.decode()
+        mapping = tomllib.loads(source)
     except (ValueError, RecursionError) as error:  # broken UTF-8, broken TOML (says where), arrays nested without end
         raise SetupError(f"is not valid TOML: {error}", file=file, remedy="correct the syntax") from error
-    return parse_setup(mapping, file)
+    setup = replace(parse_setup(mapping, file), source=source)
+    return require_tool(setup) if with_tool else setup

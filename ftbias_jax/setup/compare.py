@@ -10,8 +10,11 @@ from ftbias_jax.errors import SetupError
 from ftbias_jax.setup.fields import show
 from ftbias_jax.setup.types import Setup
 
-_OWN = {"bias": ("initial", "initial_drift", "initial_std", "initial_drift_std")}
-"""What may differ beside the tool: the prior of the bias."""
+_OWN = {
+    "bias": ("initial", "initial_drift", "initial_std", "initial_drift_std"),
+    "robot": ("position_limits", "velocity_limits"),
+}
+"""What may differ beside the tool: the prior of the bias, and whether the same arm's limits are stated."""
 
 
 def require_one_robot(first: Setup, other: Setup) -> None:
@@ -35,7 +38,7 @@ def _compare(first: Setup, other: Setup, field: str, one: object, two: object) -
     if isinstance(one, np.ndarray) and isinstance(two, np.ndarray):
         if np.array_equal(one, two):
             return
-    elif one == two:
+    elif not isinstance(one, np.ndarray) and not isinstance(two, np.ndarray) and one == two:
         return
     message = f"{_shown(two)} differs from {_shown(one)} in {first.path or 'the first setup'}"
     remedy = "setups of several tools share robot, sensor and noise; [tool] and the bias's initial values may differ"

@@ -153,11 +153,11 @@ def vector(
     return result
 
 
-def scalar(section: Section, key: str, *, within: Range = ANY) -> float:
-    """One number that must be there."""
+def scalar(section: Section, key: str, default: float | None = None, *, within: Range = ANY) -> float:
+    """One number; it must be there if there is no default."""
     if isinstance(section.values.get(key), list):
         raise section.error(key, f"expected one number, got {show(section.values[key])}", "write it without brackets")
-    return float(vector(section, key, 1, within=within)[0])
+    return float(vector(section, key, 1, default, within=within)[0])
 
 
 def _floats(items: Iterable[float]) -> Array:

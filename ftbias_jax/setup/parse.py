@@ -8,34 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.setup.data_noise import parse_data_noise
-from ftbias_jax.setup.fields import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    Section,
-    check_keys,
-    names,
-    require,
-    scalar,
-    show,
-    subsection,
-    table,
-    text,
-    vector,
-)
-from ftbias_jax.setup.parse_noise import bias_section, joints_section
-from ftbias_jax.setup.robots import BUILT_IN, STANDARD_GRAVITY, built_in_robot, prismatic_screw, revolute_screw
+from ftbias_jax.setup.fields import Section, check_keys, require, show, table
+from ftbias_jax.setup.keys.read import check_section, open_section, read
+from ftbias_jax.setup.keys.table import SECTIONS, top_sections
+from ftbias_jax.setup.parse_noise import bias_section, data_noise_section, joints_section
+from ftbias_jax.setup.robots import BUILT_IN, built_in_robot, prismatic_screw, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.sensor_pose import parse_pose, pose_columns, pose_robot
-from ftbias_jax.setup.types import (
-    REPORTS,
-    LogSetup,
-    PoseSetup,
-    RobotSetup,
-    SensorSetup,
-    Setup,
-    ToolSetup,
-)
+from ftbias_jax.setup.types import LogSetup, PoseSetup, RobotSetup, SensorSetup, Setup, ToolSetup, unknown_tool
 from ftbias_jax.setup.urdf import Pose, Urdf, load_urdf
 from ftbias_jax.setup.urdf_robot import urdf_robot, urdf_tool
 from ftbias_jax.types import Array
@@ -55,22 +35,20 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
     Raises:
         SetupError: a key is missing, unknown, of the wrong type or shape, or physically impossible.
     """
-    known = ("robot", "sensor", "sensor_pose", "tool", "bias", "joints", "data_noise", "log", "effects")
-    top = check_keys(Section(mapping, "", file), known)
+    top = check_keys(Section(mapping, "", file), top_sections())
     pose = parse_pose(top)
     robot = _robot(top) if pose is None else pose_robot(top, pose)
     n = len(robot.joint_names)
     sensor = _sensor(top)
     joints, log = joints_section(top, n, pose), _log(top, n, pose)
-    tool, bias, data_noise = _tool(top, sensor), bias_section(top), parse_data_noise(top)
+    tool, bias, data_noise = _tool(top, sensor), bias_section(top), data_noise_section(top)
     urdf = _urdf_path(table(top, "robot"))
     return Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, file, urdf)
 
 
 def _robot(top: Section) -> RobotSetup:
-    known = ("model", "urdf", "base_link", "tip_link", "joints", "joint_names", "flange", "gravity")
-    section = subsection(top, "robot", known, required=True)
-    gravity = vector(section, "gravity", 3, STANDARD_GRAVITY)
+    section = open_section(top, "robot", required=True)
+    gravity = read(section, "gravity")
     if np.linalg.norm(gravity) > MAX_GRAVITY:
         remedy = f"give m/s^2 in the base frame, at most {MAX_GRAVITY:g} long, such as [0, 0, -9.81]"
         raise section.error("gravity", f"has length {np.linalg.norm(gravity):.4g} m/s^2", remedy)
@@ -81,14 +59,14 @@ def _robot(top: Section) -> RobotSetup:
             raise section.error(key, "belongs to robot.urdf", "remove it, or give robot.urdf")
     if "model" not in section.values:
         return _screw_robot(section, gravity)
-    model = text(section, "model", "", BUILT_IN)
+    model = read(section, "model")
     for key in ("joints", "flange"):
         if key in section.values:
             raise section.error(key, f"excluded by robot.model = {model!r}", "remove one of the two")
     robot = built_in_robot(model, gravity)
     if "joint_names" not in section.values:
         return robot
-    return built_in_robot(model, gravity, names(section, "joint_names", len(robot.joint_names)))
+    return built_in_robot(model, gravity, read(section, "joint_names", len(robot.joint_names)))
 
 
 def _urdf_robot(section: Section, gravity: Array) -> RobotSetup:
@@ -96,7 +74,8 @@ def _urdf_robot(section: Section, gravity: Array) -> RobotSetup:
         if key in section.values:
             raise section.error(key, "excluded by robot.urdf", "remove one of the two")
     require(section, "tip_link", "name the link that is the flange")
-    return urdf_robot(_load_urdf(section), text(section, "base_link", ""), text(section, "tip_link", ""), gravity)
+    base_link, tip_link = read(section, "base_link") or "", read(section, "tip_link")
+    return urdf_robot(_load_urdf(section), base_link, tip_link, gravity)
 
 
 def _load_urdf(robot: Section) -> Urdf:
@@ -105,7 +84,7 @@ def _load_urdf(robot: Section) -> Urdf:
 
 def _urdf_path(robot: Section) -> str:
     """The file that robot.urdf names, from the setup's folder if the path is relative; "" = none."""
-    name = text(robot, "urdf", "")
+    name = read(robot, "urdf")
     return os.path.join(os.path.dirname(robot.file), name) if name else ""
 
 
@@ -118,54 +97,50 @@ def _screw_robot(section: Section, gravity: Array) -> RobotSetup:
     joints = [Section(entry, section.path(f"joints[{i}]"), section.file) for i, entry in enumerate(entries)]
     screws = np.stack([_screw(joint) for joint in joints])
     screws.setflags(write=False)
-    joint_names = tuple(text(joint, "name", f"joint{i}") for i, joint in enumerate(joints, 1))
+    joint_names = tuple(read(joint, "name", default=f"joint{i}") for i, joint in enumerate(joints, 1))
     for joint, name in zip(joints, joint_names, strict=True):
         if joint_names.count(name) > 1:
             raise joint.error("name", f"the name {show(name)} is there twice", "give every joint its own name")
-    flange = subsection(section, "flange", ("translation", "rotation_rpy"), required=True)
-    return RobotSetup(screws, joint_names, vector(flange, "translation", 3), _rotation(flange), gravity)
+    flange = open_section(section, "flange")
+    return RobotSetup(screws, joint_names, read(flange, "translation"), _rotation(flange), gravity)
 
 
 def _screw(joint: Section) -> Array:
-    check_keys(joint, ("axis", "point", "type", "name"))
-    axis = vector(joint, "axis", 3)
+    axis = read(check_section(joint), "axis")
     length = float(np.linalg.norm(axis))
     if abs(length - 1) > AXIS_TOLERANCE:
         raise joint.error("axis", f"has length {length:.6g}", "scale it to length 1")
-    kind = text(joint, "type", "revolute", ("revolute", "prismatic"))
-    point = vector(joint, "point", 3, (0.0, 0.0, 0.0) if kind == "prismatic" else None)
-    return prismatic_screw(axis / length) if kind == "prismatic" else revolute_screw(axis / length, point)
+    slides = read(joint, "type") == "prismatic"
+    if not slides:
+        require(joint, "point", "give 3 numbers, each finite")
+    point = read(joint, "point")
+    return prismatic_screw(axis / length) if slides else revolute_screw(axis / length, point)
 
 
 def _rotation(section: Section) -> Array:
-    rotation = rotation_from_rpy(vector(section, "rotation_rpy", 3, (0.0, 0.0, 0.0)))
+    rotation = rotation_from_rpy(read(section, "rotation_rpy"))
     rotation.setflags(write=False)
     return rotation
 
 
 def _sensor(top: Section) -> SensorSetup:
-    known = ("translation", "rotation_rpy", "noise_std", "reports", "correlated_std", "correlated_time")
-    section = subsection(top, "sensor", known, required=True)
-    correlated = [key for key in known[4:] if key in section.values]
+    section = open_section(top, "sensor")
+    correlated = [key for key in ("correlated_std", "correlated_time") if key in section.values]
     if len(correlated) == 1:
         raise section.error(correlated[0], "stands alone", "state correlated_std and correlated_time, or none of them")
-    return SensorSetup(
-        translation=vector(section, "translation", 3, (0.0, 0.0, 0.0)),
-        rotation=_rotation(section),
-        noise_std=vector(section, "noise_std", 6, within=POSITIVE, expand=True),
-        reports=text(section, "reports", REPORTS[0], REPORTS),
-        correlated_std=vector(section, known[4], 6, within=NOT_NEGATIVE, expand=True) if correlated else None,
-        correlated_time=vector(section, known[5], 6, within=POSITIVE, expand=True) if correlated else None,
-    )
+    values = {key: read(section, key) for key in SECTIONS["sensor"].keys if key != "rotation_rpy"}
+    return SensorSetup(rotation=_rotation(section), **values)
 
 
 def _tool(top: Section, sensor: SensorSetup) -> ToolSetup:
-    section = subsection(top, "tool", ("mass", "center_of_mass", "inertia", "from_urdf_link"), required=True)
+    section = open_section(top, "tool")
     if "from_urdf_link" in section.values:
         return _urdf_tool(section, table(top, "robot"), sensor)
-    inertia = vector(section, "inertia", 6, (0.0,) * 6)
+    mass, center, inertia = (read(section, key) for key in ("mass", "center_of_mass", "inertia"))
     _check_inertia(inertia, section, "inertia")
-    return ToolSetup(scalar(section, "mass", within=POSITIVE), vector(section, "center_of_mass", 3), inertia)
+    unknown = unknown_tool()
+    mass, center = unknown.mass if mass is None else mass, unknown.center_of_mass if center is None else center
+    return ToolSetup(mass, center, inertia)
 
 
 def _check_inertia(inertia: Array, section: Section, key: str) -> None:
@@ -186,20 +161,19 @@ def _urdf_tool(section: Section, robot: Section, sensor: SensorSetup) -> ToolSet
     if "urdf" not in robot.values:
         raise section.error("from_urdf_link", "there is no robot.urdf", "give tool.mass and center_of_mass instead")
     pose = Pose(sensor.translation, sensor.rotation)
-    tool = urdf_tool(_load_urdf(robot), text(robot, "tip_link", ""), text(section, "from_urdf_link", ""), pose)
+    tool = urdf_tool(_load_urdf(robot), read(robot, "tip_link"), read(section, "from_urdf_link"), pose)
     _check_inertia(tool.inertia, section, "from_urdf_link")
     return tool
 
 
 def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
     position, velocity = pose_columns(pose) if pose else (n, n)
-    sizes = {"time": 0, "position": position, "velocity": velocity, "wrench": 6, "temperature": 0}
-    log = subsection(top, "log", ("columns", "topics"))
-    columns = subsection(log, "columns", tuple(sizes))
-    topics = subsection(log, "topics", ("joints", "pose", "wrench"))
+    sizes = {"position": position, "velocity": velocity}
+    log = open_section(top, "log")
+    columns, topics = (open_section(log, key) for key in ("columns", "topics"))
     return LogSetup(
-        {key: names(columns, key, sizes[key]) if sizes[key] else text(columns, key, "") for key in columns.values},
-        {key: text(topics, key, "") for key in topics.values},
+        {key: read(columns, key, sizes.get(key)) for key in columns.values},
+        {key: read(topics, key) for key in topics.values},
     )
 
 

@@ -1,51 +1,50 @@
-"""The sections of a setup that speak of noise: [bias] and [joints]."""
+"""The sections of a setup that speak of noise: [bias], [joints] and [data_noise].
+
+[data_noise] states Sigma_D, the covariance of the data matrix D with W = D theta. Where the acceleration, the rate and
+the direction of gravity at the sensor are known only so well, the wrench of the tool is predicted only so well:
+R = Sigma_W + B Sigma_D B^T (report, section 3). Its 36 live variances follow from four physical standard deviations
+(model/wrench/data_noise.py), or are stated one by one.
+"""
 
 from __future__ import annotations
 
-from ftbias_jax.setup.fields import NOT_NEGATIVE, POSITIVE, Range, Section, flag, scalar, subsection, text, vector
-from ftbias_jax.setup.types import JOINT_MODELS, BiasSetup, JointSetup, PoseSetup
+import numpy as np
 
-AT_LEAST_ONE = Range("1 or more", 1.0)  # standard deviations: a narrower gate would keep good samples out
+from ftbias_jax.setup.fields import Section
+from ftbias_jax.setup.keys.read import open_section, read
+from ftbias_jax.setup.keys.table import SECTIONS
+from ftbias_jax.setup.types import DATA_NOISE_UNITS, BiasSetup, DataNoiseSetup, JointSetup, PoseSetup
 
 
 def bias_section(top: Section) -> BiasSetup:
     """[bias]: the prior of the bias process."""
-    keys = (
-        "noise_density",
-        "initial_std",
-        "initial_drift_std",
-        "initial",
-        "initial_drift",
-        "gate",
-        "drift_time",
-        "adapt",
-    )
-    section = subsection(top, "bias", keys)
-    gate = scalar(section, "gate", within=AT_LEAST_ONE) if "gate" in section.values else None
-    reverts = "drift_time" in section.values
-    return BiasSetup(
-        noise_density=vector(section, "noise_density", 6, (2e-4, 1e-5), within=POSITIVE, expand=True),
-        initial_std=vector(section, "initial_std", 6, (5.0, 0.5), within=POSITIVE, expand=True),
-        initial_drift_std=vector(section, "initial_drift_std", 6, (0.01, 5e-4), within=NOT_NEGATIVE, expand=True),
-        initial=vector(section, "initial", 6, (0.0, 0.0), expand=True),
-        initial_drift=vector(section, "initial_drift", 6, (0.0, 0.0), expand=True),
-        gate=gate,
-        drift_time=vector(section, "drift_time", 6, within=POSITIVE, expand=True) if reverts else None,
-        adapt=flag(section, "adapt", True),
-    )
+    section = open_section(top, "bias")
+    return BiasSetup(**{key: read(section, key) for key in SECTIONS["bias"].keys})
 
 
 def joints_section(top: Section, n: int, pose: PoseSetup | None) -> JointSetup:
     """[joints]: noise of the joint filter; n of them, or entries of a recorded pose."""
-    keys = ("model", "process_noise_density", "position_noise_std", "velocity_noise_std", "initial_std")
-    section = subsection(top, "joints", keys)
-    position_std, velocity_std = (pose.position_noise_std, pose.velocity_noise_std) if pose else (2e-5, 1e-3)
-    key = "process_noise_density"
-    density = vector(section, key, n, within=POSITIVE, expand=True) if key in section.values else None
+    section = open_section(top, "joints")
+    position_std, velocity_std = (pose.position_noise_std, pose.velocity_noise_std) if pose else (None, None)
     return JointSetup(
-        model=text(section, "model", JOINT_MODELS[0], JOINT_MODELS),
-        process_noise_density=density,
-        position_noise_std=vector(section, "position_noise_std", n, position_std, within=POSITIVE, expand=True),
-        velocity_noise_std=vector(section, "velocity_noise_std", n, velocity_std, within=POSITIVE, expand=True),
-        initial_std=vector(section, "initial_std", 3, (1.0, 1.0, 10.0), within=NOT_NEGATIVE),
+        model=read(section, "model"),
+        process_noise_density=read(section, "process_noise_density", n),
+        position_noise_std=read(section, "position_noise_std", n, position_std),
+        velocity_noise_std=read(section, "velocity_noise_std", n, velocity_std),
+        initial_std=read(section, "initial_std"),
     )
+
+
+def data_noise_section(top: Section) -> DataNoiseSetup | None:
+    """[data_noise]; None if it is absent or everything in it is zero."""
+    section = open_section(top, "data_noise")
+    if "entries" in section.values:
+        for key in DATA_NOISE_UNITS:
+            if key in section.values:
+                raise section.error(key, "excluded by data_noise.entries", "remove one of the two")
+        entries = read(section, "entries")
+        none = np.zeros(3)
+        none.setflags(write=False)
+        return DataNoiseSetup(none, none, none, none, entries) if entries.any() else None
+    stds = [read(section, key) for key in DATA_NOISE_UNITS]
+    return DataNoiseSetup(*stds) if np.any(stds) else None

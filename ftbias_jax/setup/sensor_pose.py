@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.setup.fields import NOT_NEGATIVE, POSITIVE, Section, check_keys, require, subsection, text, vector
-from ftbias_jax.setup.robots import STANDARD_GRAVITY
-from ftbias_jax.setup.types import LINEAR, ORIENTATIONS, POSE, PoseSetup, RobotSetup, Setup
+from ftbias_jax.setup.fields import Section, require, subsection
+from ftbias_jax.setup.keys.read import open_section, read
+from ftbias_jax.setup.types import POSE, PoseSetup, RobotSetup, Setup
 from ftbias_jax.types import Array
 
-_STD = {"orientation": 1e-4, "position": 1e-4, "angular_velocity": 1e-2, "linear_velocity": 1e-2}
 NAMES = ("orientation w", "orientation x", "orientation y", "orientation z", "position x", "position y", "position z")
 
 
@@ -18,11 +17,10 @@ def parse_pose(top: Section) -> PoseSetup | None:
     """The section, if it is there."""
     if "sensor_pose" not in top.values:
         return None
-    known = ("orientation", "linear", "acceleration_std", "frame", "base", *(f"{name}_noise_std" for name in _STD))
-    section = subsection(top, "sensor_pose", known)
+    section = open_section(top, "sensor_pose")
     if "effects" in top.values:
         raise section.error("", "does not go with [effects], which are of an arm", "remove one of the two")
-    linear = text(section, "linear", LINEAR[0], LINEAR)
+    linear = read(section, "linear")
     if "acceleration_std" in section.values and linear != "none":
         raise section.error("acceleration_std", f"excluded by linear = {linear!r}", "remove one of the two")
     if "frame" in section.values and section.values.get("orientation") == "matrix":
@@ -30,17 +28,18 @@ def parse_pose(top: Section) -> PoseSetup | None:
     if "base" in section.values:
         require(section, "frame", "name the frame of TF that the sensor is mounted on")
     orientation_std, position_std, turn_std, slide_std = (
-        float(vector(section, f"{name}_noise_std", 1, std, within=POSITIVE)[0]) for name, std in _STD.items()
+        read(section, f"{name}_noise_std")
+        for name in ("orientation", "position", "angular_velocity", "linear_velocity")
     )
     # An angle moves the quaternion by half of it.
     return PoseSetup(
-        orientation=text(section, "orientation", ORIENTATIONS[0], ORIENTATIONS),
+        orientation=read(section, "orientation"),
         linear=linear,
         position_noise_std=_entries(orientation_std / 2, position_std, linear),
         velocity_noise_std=_entries(turn_std / 2, slide_std, linear),
-        acceleration_std=float(vector(section, "acceleration_std", 1, 0.3, within=NOT_NEGATIVE)[0]),
-        frame=text(section, "frame", ""),
-        base=text(section, "base", ""),
+        acceleration_std=read(section, "acceleration_std"),
+        frame=read(section, "frame") or "",
+        base=read(section, "base") or "",
     )
 
 
@@ -62,13 +61,12 @@ def require_arm(setup: Setup) -> None:
 
 def pose_robot(top: Section, pose: PoseSetup) -> RobotSetup:
     """A robot without joints: the entries of the pose take their place."""
-    section = check_keys(subsection(top, "robot", ("gravity",)), ("gravity",))
+    section = subsection(top, "robot", ("gravity",))
     count = 4 if pose.linear == "none" else 7
     arrays = (np.zeros((count, 6)), np.zeros(3), np.eye(3))
     for array in arrays:
         array.setflags(write=False)
-    gravity = vector(section, "gravity", 3, STANDARD_GRAVITY)
-    return RobotSetup(arrays[0], NAMES[:count], *arrays[1:], gravity, POSE)
+    return RobotSetup(arrays[0], NAMES[:count], *arrays[1:], read(section, "gravity"), POSE)
 
 
 def _entries(turn: float, slide: float, linear: str) -> Array:

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from ftbias_jax.types import Array
 
 REPORTS = ("wrench_on_tool", "wrench_on_sensor")
@@ -47,6 +49,10 @@ class RobotSetup:
     """(3,) m/s^2, base frame, pointing down."""
     model: str = SCREWS
     """Name of a built-in robot, or "screws"."""
+    position_limits: Array | None = None
+    """(n, 2) rad (m), the ends of each joint's travel, infinite if it turns without end; None = not stated."""
+    velocity_limits: Array | None = None
+    """(n,) rad/s (m/s), the largest speed of each joint; None = not stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +78,25 @@ class ToolSetup:
     """Everything distal of the sensor, as one rigid body."""
 
     mass: float
-    """kg."""
+    """kg; NaN = not known."""
     center_of_mass: Array
-    """(3,) m, sensor frame."""
+    """(3,) m, sensor frame; NaN = not known."""
     inertia: Array
     """(6,) kg m^2: Ixx Ixy Ixz Iyy Iyz Izz about the centre of mass, sensor axes."""
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """The keys of [tool] that the setup does not state, although a prediction of the wrench needs them."""
+        stated = {"mass": np.isfinite(self.mass), "center_of_mass": np.isfinite(self.center_of_mass).all()}
+        return tuple(key for key, is_stated in stated.items() if not is_stated)
+
+
+def unknown_tool() -> ToolSetup:
+    """A tool of which nothing is known."""
+    center, inertia = np.full(3, np.nan), np.zeros(6)
+    center.setflags(write=False)
+    inertia.setflags(write=False)
+    return ToolSetup(np.nan, center, inertia)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +209,8 @@ class Setup:
     """The file it was read from, for messages; "" = from memory."""
     urdf: str = ""
     """The URDF file that it refers to; "" = none."""
+    source: str = ""
+    """The text it was read from, whose comments and order ``save`` keeps; "" = from memory."""
     comments: Mapping[str, str] = field(default_factory=dict)
     """Remarks on full keys such as ``tool.mass``, which ``save`` writes on their lines: how a value was found."""
 
@@ -200,12 +222,14 @@ class Setup:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as TOML that ``load_setup`` reads back, whole or not at all.
 
+        If it was read from a file, only the lines of what changed since differ from that file.
+
         Args:
             path: the file to make or replace.
 
         Raises:
             OutputError: the file cannot be written there.
         """
-        from ftbias_jax.setup.dump import save_setup  # writes what this module defines
+        from ftbias_jax.setup.save import save_setup  # writes what this module defines
 
         save_setup(path, self)

@@ -49,6 +49,12 @@ class Joint(NamedTuple):
     """(3,) unit, joint frame."""
     mimic: str
     """The joint it follows, or ""."""
+    lower: float = -np.inf
+    """rad (m), end of the joint's travel."""
+    upper: float = np.inf
+    """rad (m)."""
+    velocity: float = np.inf
+    """rad/s (m/s), largest speed."""
 
 
 class Urdf(NamedTuple):
@@ -137,8 +143,28 @@ def _joints(root: ET.Element, urdf: Urdf) -> dict[str, Joint]:
             raise urdf.error(field, f"has an axis of length {length:g}", "scale it to length 1")
         unit = axis / length if length else axis
         mimic = _attribute(element.find("mimic"), "joint")
-        joints[child] = Joint(name, element.get("type", ""), parent, origin_of(element, urdf, field), unit, mimic)
+        kind, origin = element.get("type", ""), origin_of(element, urdf, field)
+        joints[child] = Joint(name, kind, parent, origin, unit, mimic, *_limits(element))
     return joints
+
+
+def _limits(element: ET.Element) -> tuple[float, float, float]:
+    """Ends of a joint's travel and its largest speed; infinite where the file does not say."""
+    limit = element.find("limit")
+    if limit is None:
+        return -np.inf, np.inf, np.inf
+    lower, upper, speed = (_number(limit.get(name)) for name in ("lower", "upper", "velocity"))
+    if element.get("type") == "continuous" or not lower < upper:  # two zeros are written for "not known"
+        lower, upper = -np.inf, np.inf
+    return lower, upper, speed if speed > 0 else np.inf
+
+
+def _number(text: str | None) -> float:
+    """The number of an attribute that is not needed, NaN if it is none."""
+    try:
+        return float(text or 0)
+    except ValueError:
+        return np.nan
 
 
 def origin_of(element: ET.Element, urdf: Urdf, field: str) -> Pose:

@@ -24,7 +24,7 @@ def urdf_robot(urdf: Urdf, base_link: str, tip_link: str, gravity: Array) -> Rob
         SetupError: a link is not there, does not hang on the base, or a joint of the chain cannot be modelled.
     """
     base_link = base_link or _root(urdf)
-    pose, screws, names = Pose(np.zeros(3), np.eye(3)), [], []
+    pose, screws, moving = Pose(np.zeros(3), np.eye(3)), list[Array](), list[Joint]()
     for joint in _chain(urdf, base_link, tip_link):
         pose = pose.then(joint.origin)
         if joint.kind in FIXED:
@@ -38,14 +38,24 @@ def urdf_robot(urdf: Urdf, base_link: str, tip_link: str, gravity: Array) -> Rob
             raise urdf.error(field, f"has the type {joint.kind!r}", f"the chain may have {known}")
         axis = pose.rotation @ joint.axis
         screws.append(prismatic_screw(axis) if joint.kind in SLIDING else revolute_screw(axis, pose.translation))
-        names.append(joint.name)
+        moving.append(joint)
     if not screws:
         remedy = "choose links with an arm between them"
         raise urdf.error("tip_link", f"no joint moves between {base_link!r} and {tip_link!r}", remedy)
-    arrays = (np.stack(screws), pose.translation, pose.rotation)
+    limits = np.array([(joint.lower, joint.upper) for joint in moving])
+    speeds = np.array([joint.velocity for joint in moving])
+    arrays = (np.stack(screws), pose.translation, pose.rotation, limits, speeds)
     for array in arrays:
         array.setflags(write=False)
-    return RobotSetup(arrays[0], tuple(names), *arrays[1:], gravity)
+    return RobotSetup(
+        screws=arrays[0],
+        joint_names=tuple(joint.name for joint in moving),
+        flange_translation=pose.translation,
+        flange_rotation=pose.rotation,
+        gravity=gravity,
+        position_limits=limits,
+        velocity_limits=speeds,
+    )
 
 
 def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: Pose) -> ToolSetup:

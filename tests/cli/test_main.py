@@ -203,7 +203,7 @@ def with_line(key, line):
     ("spoil", "words"),
     [
         (with_line("mass", "masss = 0.9"), ["setup.toml: tool.masss", "did you mean 'mass'?"]),
-        (with_line("mass", ""), ["setup.toml: tool.mass", "missing"]),
+        (with_line("mass", ""), ["setup.toml: tool.mass", "is not stated", "ftbias identify LOG"]),
         (with_line("mass", "mass = -0.9"), ["setup.toml: tool.mass", "-0.9"]),
         (
             with_line("inertia", "inertia = [1, 0, 0, 1, 0, 9]"),

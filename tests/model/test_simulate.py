@@ -13,9 +13,11 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE, typical_values
 from ftbias_jax.model.effects.types import Model
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import simulate, temperature_course
+from ftbias_jax.model.simulate_log import working_range
 from ftbias_jax.model.trajectories import excitation_sines
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, tool_parameters, tool_wrench
 from ftbias_jax.setup import parse_setup
+from ftbias_jax.setup.robots import BUILT_IN
 
 T = jnp.arange(500) / 100
 SETUP = """
@@ -167,6 +169,16 @@ def test_the_wrench_is_that_of_mujocos_sensors(which, panda, params):
     for rows in (slice(0, 3), slice(3, 6)):
         scale = np.abs(theirs[:, rows]).max()
         np.testing.assert_allclose(ours[:, rows] / scale, theirs[:, rows] / scale, atol=1e-6)
+
+
+@pytest.mark.parametrize("robot", BUILT_IN)
+def test_simulated_motion_stays_within_the_limits_of_the_arm(robot):
+    tool = {"mass": 0.9, "center_of_mass": [0.0, 0.0, 0.06]}
+    setup = parse_setup({"robot": {"model": robot}, "sensor": {"noise_std": 0.1}, "tool": tool})
+    center, excursion = working_range(setup)
+    assert (excursion > 0.1).all()
+    assert (center - excursion >= setup.robot.position_limits[:, 0] - 1e-12).all()
+    assert (center + excursion <= setup.robot.position_limits[:, 1] + 1e-12).all()
 
 
 @pytest.mark.slow

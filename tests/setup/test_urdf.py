@@ -69,6 +69,18 @@ def test_the_chain_as_screws(urdf):
     np.testing.assert_array_equal(robot.gravity, [0, 0, -9.81])
 
 
+def test_the_limits_of_the_joints_are_read_where_they_are_stated(urdf):
+    robot = parse(urdf).robot
+    assert np.isinf([*robot.position_limits.flat, *robot.velocity_limits]).all()
+    limits = '<limit lower="-0.5" upper="0.25" effort="9" velocity="2"/><axis xyz="0 1 0"/>'
+    endless = '<limit lower="-1" upper="1" velocity="x"/><axis xyz="0 0 2"/>'
+    changed = ARM.replace('<axis xyz="0 1 0"/>', limits).replace('<axis xyz="0 0 2"/>', endless)
+    urdf.write_text(changed)
+    robot = parse(urdf).robot
+    np.testing.assert_array_equal(robot.position_limits, [[-np.inf, np.inf], [-0.5, 0.25]])
+    np.testing.assert_array_equal(robot.velocity_limits, [np.inf, 2])
+
+
 def test_a_relative_path_starts_at_the_setup(urdf):
     setup = parse(urdf)
     text = dump_setup(setup).split("\n\n[sensor]")[1]

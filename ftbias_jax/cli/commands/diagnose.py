@@ -62,7 +62,7 @@ def check_arguments(arguments: argparse.Namespace) -> Setup:
     for option, (path, suffix) in named.items():
         if path is not None:
             check_writable(path, suffix, option)
-    setup = load_setup(arguments.setup)
+    setup = load_setup(arguments.setup, with_tool=True)
     outputs = {"--output": arguments.output, **{option: path for option, (path, _) in named.items()}}
     check_outputs(outputs, (*arguments.logs, *kept, setup.urdf))
     return setup

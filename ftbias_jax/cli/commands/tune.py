@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
         message = f"{len(given)} outputs for {len(tools)} setups"
         raise UsageError(message, field="--output", remedy="give one -o for each --setup, in their order")
     places = [output_of_setup(output, path, arguments.in_place) for output, (path, _) in zip(given, tools, strict=True)]
-    setups = [load_setup(path) for path, _ in tools]
+    setups = [load_setup(path, with_tool=True) for path, _ in tools]
     kept = [name for _, names in places for name in names]
     inputs = [log for _, logs in tools for log in logs]
     options = [f"--output {number}" for number in range(1, len(tools) + 1)] if len(tools) > 1 else ["--output"]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.parsers import calibration, diagnosis, filtering, logs
+from ftbias_jax.cli.parsers import calibration, diagnosis, filtering, logs, setups
 
 ADD = (
+    setups.add_setup,
     filtering.add_filter,
     calibration.add_tune,
     calibration.add_identify,

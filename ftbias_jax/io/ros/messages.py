@@ -13,6 +13,7 @@ JOINT_STATE = "sensor_msgs/JointState"
 WRENCH_STAMPED = "geometry_msgs/WrenchStamped"
 POSE_STAMPED = "geometry_msgs/PoseStamped"
 TF = "tf2_msgs/TFMessage"
+STRING = "std_msgs/String"
 
 MAX_JOINTS, MAX_TRANSFORMS = 1000, 10_000
 """Of one message; robots have fewer."""
@@ -116,6 +117,18 @@ def transforms(data: bytes, encoding: str) -> list[PoseStamped]:
             names = (parent.removeprefix("/"), child.removeprefix("/"))
             found.append(PoseStamped(stamp, names, cursor.array(7)))
         return found
+    except (struct.error, UnicodeDecodeError) as error:
+        raise MessageError(f"is damaged: {error}") from error
+
+
+def string(data: bytes, encoding: str) -> str:
+    """Decode a std_msgs/String.
+
+    Raises:
+        MessageError: it is damaged.
+    """
+    try:
+        return _Cursor(data, encoding).text()
     except (struct.error, UnicodeDecodeError) as error:
         raise MessageError(f"is damaged: {error}") from error
 

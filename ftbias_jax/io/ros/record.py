@@ -19,11 +19,13 @@ from ftbias_jax.io.ros import mcap_file, ros1_bag, sqlite_bag
 from ftbias_jax.io.ros.messages import (
     JOINT_STATE,
     POSE_STAMPED,
+    STRING,
     TF,
     WRENCH_STAMPED,
     MessageError,
     joint_state,
     pose_stamped,
+    string,
     transforms,
     wrench_stamped,
 )
@@ -34,6 +36,8 @@ from ftbias_jax.types import Array
 SUFFIXES = (".bag", ".db3", ".mcap")
 PACKED = ".zstd"  # a file that rosbag2 compressed as a whole
 
+DESCRIPTION = "robot_description"
+"""End of the name of the topic on which ROS 2 publishes the URDF."""
 MAX_TOLD = 20  # places of damage
 
 _COPY = 1 << 20
@@ -74,6 +78,8 @@ class Recording(NamedTuple):
     """All, whatever their type."""
     damage: tuple[str, ...]
     """What could not be read; () for a whole recording."""
+    description: str = ""
+    """The URDF on the topic robot_description, read with the poses; "" = none."""
 
 
 def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, poses: bool = False) -> Recording:
@@ -101,6 +107,7 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, poses
 
     streams: dict[_Key, _Growing] = {}
     counts: dict[tuple[str, str], int] = {}
+    description = ""
     messages = (message for part in _parts(Path(path)) for message in _messages(part, on_damage))
     try:
         for place, message in enumerate(messages):
@@ -108,6 +115,8 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, poses
             counts[topic] = counts.get(topic, 0) + 1
             try:
                 _append(streams, message, place, poses)
+                if poses and message.message_type == STRING and message.topic.endswith(DESCRIPTION):
+                    description = string(message.data, message.encoding)
             except MessageError as error:
                 on_damage(f"message {counts[topic]} of {message.topic} {error}")
     except OSError as error:
@@ -117,7 +126,8 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, poses
     if places > MAX_TOLD:
         damage.append(f"{places - MAX_TOLD} more places are damaged")
     topics = tuple(Topic(*topic, count) for topic, count in counts.items())
-    return Recording(tuple(_finish(*key, growing) for key, growing in streams.items()), topics, tuple(damage))
+    found = tuple(_finish(*key, growing) for key, growing in streams.items())
+    return Recording(found, topics, tuple(damage), description)
 
 
 class _Growing(NamedTuple):

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.validation.generator.arms import Floats
 from ftbias_jax.validation.generator.effects.effect import Draw, Effect, Scene
 from ftbias_jax.validation.generator.kinds.catalogue import KINDS
@@ -104,9 +105,10 @@ def _write(
     bare = noiseless(scene, ()).wrench
     extra = sign * (clean.wrench - bare)
     std = scene.belief.noise_std * noise_scale(effect, scene)
-    np.savez_compressed(folder / f"{name}.npz", **columns)  # type: ignore[arg-type]
-    (folder / f"{name}.toml").write_text(setup_toml(scene.belief))
-    np.savez_compressed(folder / EXTRA / f"{name}.npz", t=scene.stamps, wrench=extra, noise_std=std)
+    hidden = {"t": scene.stamps, "wrench": extra, "noise_std": std}
+    write_atomic(folder / f"{name}.npz", lambda file: np.savez_compressed(file, **columns))  # type: ignore[arg-type]
+    write_atomic(folder / f"{name}.toml", lambda file: file.write(setup_toml(scene.belief).encode()))
+    write_atomic(folder / EXTRA / f"{name}.npz", lambda file: np.savez_compressed(file, **hidden))  # type: ignore[arg-type]
     gap = gap_sigmas(kind, effect, scene)
     label = truth(scene, [effect], 1, "", clean, noise_rms)
     return label | {

@@ -1,0 +1,65 @@
+"""``ftbias setup``: a first setup, as far as a robot's name, a URDF or a log tell it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+
+from ftbias_jax.errors import OutputError, UsageError
+from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.draft.draft import Request, draft, urdf_beside
+from ftbias_jax.io.outputs import check_outputs, check_writable
+from ftbias_jax.setup.keys.schema import json_schema
+from ftbias_jax.setup.robots import BUILT_IN, describe_robot
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write or print what is asked for; returns 0."""
+    if arguments.schema:
+        print(json.dumps(json_schema(), indent=1))
+        return 0
+    if arguments.list:
+        width = max(map(len, BUILT_IN))
+        print("\n".join(f"{name:{width}s}  {describe_robot(name)}" for name in BUILT_IN))
+        return 0
+    if not (arguments.log or arguments.robot or arguments.urdf):
+        remedy = "name a built-in robot, or give --urdf FILE or a LOG; --list shows the robots"
+        raise UsageError("nothing says which robot", field="--robot", remedy=remedy)
+    output = arguments.output or ""
+    places = {"--output": output, "the recording's URDF": urdf_beside(output) if output else ""}
+    check_outputs(places, (arguments.log, arguments.urdf))
+    if output:
+        check_writable(output, ".toml")
+        _refuse(output)
+    found = draft(
+        Request(
+            log=arguments.log or "",
+            robot=arguments.robot,
+            urdf=arguments.urdf,
+            base_link=arguments.base,
+            tip_link=arguments.tip,
+            mass=arguments.mass,
+            center_of_mass=arguments.center_of_mass,
+            output=output or "setup.toml",
+        )
+    )
+    if not output:
+        print(found.text, end="")
+    elif found.urdf:
+        _refuse(urdf_beside(output))
+        write_atomic(urdf_beside(output), lambda file: file.write(found.urdf.encode()))
+    if output:
+        write_atomic(output, lambda file: file.write(found.text.encode()))
+    for note in found.notes:
+        print(note, file=sys.stdout if output else sys.stderr)
+    if output:
+        print(f"wrote {output}" + (f" and {urdf_beside(output)}" if found.urdf else ""))
+    return 0
+
+
+def _refuse(path: str) -> None:
+    """A setup that somebody has worked on is not replaced by a draft."""
+    if os.path.lexists(path):
+        raise OutputError("is there already", file=path, remedy="name another file, or remove it")

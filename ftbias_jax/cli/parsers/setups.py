@@ -1,0 +1,31 @@
+"""Arguments of ``ftbias setup``."""
+
+from __future__ import annotations
+
+import argparse
+
+from ftbias_jax.cli.argument_types import Commands, positive
+
+
+def add_setup(commands: Commands) -> None:
+    """The command ``setup``."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "setup",
+        help="draft a setup from a robot's name, a URDF or a log",
+        description="Write a commented setup with everything that the robot's name, its URDF and LOG tell: kinematics, "
+        "limits, names of joints, topics, mounting, noise, and the tool by its weight. What is left says "
+        "'measure me'.",
+        epilog="Example: ftbias setup pick.bag --robot ur10e -o setup.toml",
+    )
+    parser.add_argument("log", nargs="?", metavar="LOG", help="a log that shall be filtered with it")
+    parser.add_argument("--robot", default="", metavar="NAME", help="a built-in robot; --list shows them")
+    parser.add_argument("--urdf", default="", metavar="FILE", help="a URDF instead")
+    parser.add_argument("--base", default="", metavar="LINK", help="base link of the URDF (default: the root)")
+    parser.add_argument("--tip", default="", metavar="LINK", help="flange of the URDF (default: tool0, flange, ...)")
+    parser.add_argument("--mass", type=positive, metavar="KG", help="of all that is distal of the sensor, if known")
+    parser.add_argument(
+        "--center-of-mass", type=float, nargs=3, metavar=("X", "Y", "Z"), help="of the same, m, sensor frame"
+    )
+    parser.add_argument("-o", "--output", metavar="SETUP.toml", help="the file to write (default: standard output)")
+    parser.add_argument("--schema", action="store_true", help="print the JSON Schema of setups, for editors")
+    parser.add_argument("--list", action="store_true", help="print the built-in robots")

@@ -1,0 +1,130 @@
+"""Keys of the sections that say where things are and what they weigh: robot, sensor, sensor_pose, tool."""
+
+from __future__ import annotations
+
+from ftbias_jax.setup.fields import NOT_NEGATIVE, POSITIVE
+from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind, SectionKeys, names, number, numbers, text
+from ftbias_jax.setup.robots import BUILT_IN, STANDARD_GRAVITY
+from ftbias_jax.setup.types import LINEAR, ORIENTATIONS, REPORTS
+
+ZERO = (0.0, 0.0, 0.0)
+
+ROBOT = SectionKeys(
+    "The arm: built in (`model`), from a URDF (`urdf`), or a list of screws (`[[robot.joints]]` and `[robot.flange]`).",
+    {
+        "model": text("a built-in robot", choices=BUILT_IN, example="panda"),
+        "urdf": text("a URDF file, from the setup's folder if the path is relative", example="arm.urdf"),
+        "base_link": text("link of the URDF whose frame is the base frame", absent="the root", example="base"),
+        "tip_link": text("link of the URDF that is the flange", absent="required with `urdf`", example="tool0"),
+        "joints": Key(Kind.TABLES, "one table per joint", absent="required without `model` and `urdf`"),
+        "joint_names": names(
+            "names of a built-in robot's joints in recordings of ROS", PER_JOINT, absent="those of the maker's driver"
+        ),
+        "flange": Key(Kind.TABLE, "the flange in the base frame at q = 0", absent="required with `joints`"),
+        "gravity": numbers("acceleration of gravity", "m/s^2, base frame", 3, default=STANDARD_GRAVITY),
+    },
+)
+JOINT = SectionKeys(
+    "One joint of a list of screws, base frame, at q = 0.",
+    {
+        "axis": numbers("unit vector along the axis", "base frame, q = 0", 3, required=True, example=(0.0, 0.0, 1.0)),
+        "point": numbers("a point of the axis", "m", 3, absent="required if revolute", example=(0.0, 0.0, 0.3)),
+        "type": text("what the joint does", choices=("revolute", "prismatic"), default="revolute"),
+        "name": text("its name in recordings of ROS", absent="`joint1` and so on", example="shoulder"),
+    },
+    required=True,
+)
+FLANGE = SectionKeys(
+    "The flange in the base frame at q = 0.",
+    {
+        "translation": numbers(
+            "where its origin is", "m, pose at q = 0, base frame", 3, required=True, example=(0.0, 0.0, 0.7)
+        ),
+        "rotation_rpy": numbers("how it is turned", "rad, fixed axes", 3, default=ZERO),
+    },
+    required=True,
+)
+SENSOR = SectionKeys(
+    "The force-torque sensor and how it is mounted.",
+    {
+        "translation": numbers("where the sensor's origin is", "m, sensor origin in the flange frame", 3, default=ZERO),
+        "rotation_rpy": numbers(
+            "how the sensor's frame is turned: roll, pitch, yaw",
+            "rad, fixed axes, in the flange frame",
+            3,
+            default=ZERO,
+        ),
+        "noise_std": numbers(
+            "standard deviation of one sample: one number, two (force, torque) or six",
+            "N, Nm",
+            6,
+            expand=True,
+            within=POSITIVE,
+            required=True,
+            example=(0.1, 0.004),
+        ),
+        "reports": text(
+            "`wrench_on_tool`, or `wrench_on_sensor` for a sensor that reports the opposite sign",
+            choices=REPORTS,
+            default=REPORTS[0],
+        ),
+        "correlated_std": numbers(
+            "standard deviation of noise that is correlated in time: a first-order Gauss-Markov process on each axis",
+            "N, Nm",
+            6,
+            expand=True,
+            within=NOT_NEGATIVE,
+            absent="from the log",
+            example=(0.05, 0.002),
+        ),
+        "correlated_time": numbers(
+            "its correlation time", "s", 6, expand=True, within=POSITIVE, absent="from the log", example=(0.2,)
+        ),
+    },
+    required=True,
+)
+SENSOR_POSE = SectionKeys(
+    "For logs with the pose of the sensor's mount instead of joints. `[robot]` then has `gravity` alone.",
+    {
+        "orientation": text(
+            "how the orientation is recorded; any sign; NaN or zeros = not measured",
+            choices=ORIENTATIONS,
+            default=ORIENTATIONS[0],
+        ),
+        "linear": text(
+            "how the acceleration is known: `position`, `specific_force` of an accelerometer at the sensor, or `none`",
+            choices=LINEAR,
+            default=LINEAR[0],
+        ),
+        "orientation_noise_std": number("noise of the orientation", "rad", within=POSITIVE, default=1e-4),
+        "position_noise_std": number("noise of the position", "m", within=POSITIVE, default=1e-4),
+        "angular_velocity_noise_std": number("noise of a gyroscope", "rad/s", within=POSITIVE, default=1e-2),
+        "linear_velocity_noise_std": number("noise of the linear velocity", "m/s", within=POSITIVE, default=1e-2),
+        "acceleration_std": number(
+            'with `linear = "none"`: the accelerations that are not seen, which count as noise',
+            "m/s^2",
+            within=NOT_NEGATIVE,
+            default=0.3,
+        ),
+        "frame": text("frame of TF that the sensor is mounted on", absent="a topic of PoseStamped", example="tool0"),
+        "base": text("frame of TF that is the base", absent="the root", example="base"),
+    },
+)
+TOOL = SectionKeys(
+    "Everything distal of the sensor, as one rigid body. `info`, `check` and `identify` do without mass and centre.",
+    {
+        "mass": number("mass", "kg", within=POSITIVE, absent="not known", example=0.7),
+        "center_of_mass": numbers("centre of mass", "m, sensor frame", 3, absent="not known", example=(0.0, 0.0, 0.06)),
+        "inertia": numbers(
+            "moments and products of inertia; zeros are a point mass",
+            "kg m^2: Ixx Ixy Ixz Iyy Iyz Izz about the centre of mass, sensor axes",
+            6,
+            default=(0.0,) * 6,
+        ),
+        "from_urdf_link": text(
+            "a link of `robot.urdf`, fixed to the tip, whose inertia is taken instead of the other keys",
+            absent="the other keys",
+            example="hand",
+        ),
+    },
+)

@@ -1,0 +1,85 @@
+"""The table of keys as a JSON Schema, with which editors complete and check a setup while it is written."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind
+from ftbias_jax.setup.keys.table import EFFECTS, SECTIONS
+
+
+def json_schema() -> dict[str, Any]:
+    """The schema, draft 2020-12.
+
+    It knows types, shapes, ranges and names. What depends on several keys, such as that a robot is stated in one way
+    alone, or that an inertia belongs to a body, only ``parse_setup`` checks.
+    """
+    top = {name: _section(name) for name in SECTIONS if "." not in name}
+    effects = {"type": "object", "additionalProperties": {"type": "object"}}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Setup of ftbias",
+        "type": "object",
+        "properties": {**top, EFFECTS: effects},
+        "required": ["sensor"],
+        "anyOf": [{"required": ["robot"]}, {"required": ["sensor_pose"]}],
+        "additionalProperties": False,
+    }
+
+
+def _section(name: str) -> dict[str, Any]:
+    section = SECTIONS[name]
+    return {
+        "type": "object",
+        "description": section.about,
+        "properties": {key: _key(f"{name}.{key}", known) for key, known in section.keys.items()},
+        "required": [key for key, known in section.keys.items() if known.required],
+        "additionalProperties": False,
+    }
+
+
+def _key(name: str, key: Key) -> dict[str, Any]:
+    words = f"{key.meaning} [{key.unit}]" if key.unit else key.meaning
+    described: dict[str, Any] = {"description": words}
+    if key.default is not None:
+        described["default"] = list(key.default) if isinstance(key.default, tuple) else key.default
+    return described | _type(name, key)
+
+
+def _type(name: str, key: Key) -> dict[str, Any]:
+    match key.kind:
+        case Kind.NUMBER:
+            return _number(key)
+        case Kind.NUMBERS:
+            lists = [_list(_number(key), size) for size in _sizes(key)]
+            choices = [_number(key), *lists] if key.expand else lists
+            return choices[0] if len(choices) == 1 else {"anyOf": choices}
+        case Kind.TEXT:
+            return {"type": "string", "enum": list(key.choices)} if key.choices else {"type": "string"}
+        case Kind.FLAG:
+            return {"type": "boolean"}
+        case Kind.NAMES:
+            return {**_list({"type": "string"}, key.size), "uniqueItems": True}
+        case Kind.TABLE:
+            return _section(name)
+    return {"type": "array", "items": _section(name), "minItems": 1}
+
+
+def _number(key: Key) -> dict[str, Any]:
+    if np.isinf(key.within.lowest):
+        return {"type": "number"}
+    return {"type": "number", "exclusiveMinimum" if key.within.open else "minimum": key.within.lowest}
+
+
+def _sizes(key: Key) -> list[int]:
+    """How many numbers a list may have; PER_JOINT = any."""
+    if key.size == PER_JOINT:
+        return [PER_JOINT]
+    return sorted({key.size} | ({1} if key.expand else set()) | ({2} if key.expand and key.size == 6 else set()))
+
+
+def _list(items: dict[str, Any], size: int) -> dict[str, Any]:
+    ends = {"minItems": 1} if size == PER_JOINT else {"minItems": size, "maxItems": size}
+    return {"type": "array", "items": items, **ends}

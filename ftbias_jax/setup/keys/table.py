@@ -1,0 +1,46 @@
+"""Every key of a setup, section by section."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from ftbias_jax.setup.keys.bodies import FLANGE, JOINT, ROBOT, SENSOR, SENSOR_POSE, TOOL
+from ftbias_jax.setup.keys.key import Key, SectionKeys
+from ftbias_jax.setup.keys.noise import BIAS, DATA_NOISE, JOINTS
+from ftbias_jax.setup.keys.recording import COLUMNS, LOG, TOPICS
+
+SECTIONS: Mapping[str, SectionKeys] = {
+    "robot": ROBOT,
+    "robot.joints": JOINT,
+    "robot.flange": FLANGE,
+    "sensor": SENSOR,
+    "sensor_pose": SENSOR_POSE,
+    "tool": TOOL,
+    "bias": BIAS,
+    "joints": JOINTS,
+    "data_noise": DATA_NOISE,
+    "log": LOG,
+    "log.columns": COLUMNS,
+    "log.topics": TOPICS,
+}
+"""By the full name of the section. [effects.NAME] is not here: its keys are those of the catalogue of effects."""
+EFFECTS = "effects"
+"""The section whose keys are those of the catalogue of effects."""
+
+
+def top_sections() -> tuple[str, ...]:
+    """The names that may stand at the top of a setup."""
+    return (*(name for name in SECTIONS if "." not in name), EFFECTS)
+
+
+def section_keys(name: str) -> SectionKeys:
+    """The section of a full name such as ``robot.joints[2]``."""
+    return SECTIONS[re.sub(r"\[\d+\]", "", name)]
+
+
+def key_of(full_name: str) -> Key | None:
+    """The key of a full name such as ``tool.mass``; None if the table does not have it."""
+    section, _, key = full_name.rpartition(".")
+    keys = SECTIONS.get(re.sub(r"\[\d+\]", "", section))
+    return keys.keys.get(key) if keys else None

@@ -1,0 +1,66 @@
+"""A setup as text for a person to finish: what is known, what to measure, and as comments what else may be said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from ftbias_jax.setup.keys.key import Key, Kind
+from ftbias_jax.setup.keys.table import SECTIONS
+from ftbias_jax.setup.keys.toml_text import toml_comment, toml_line
+
+MEASURE = "measure me"
+TO_MEASURE = ("sensor.translation", "sensor.rotation_rpy", "sensor.noise_std", "tool.mass", "tool.center_of_mass")
+"""Keys that a prediction of the wrench needs, and that only the owner knows."""
+ALWAYS = ("robot", "sensor", "tool", "bias", "joints")
+"""Sections that are written whether anything of them is known or not."""
+
+
+class Known(NamedTuple):
+    """The value of one key, and where it is from."""
+
+    value: Any
+    remark: str = ""
+
+
+def write_template(known: Mapping[str, Known], about: str = "") -> str:
+    """The text of a setup.
+
+    Args:
+        known: full key such as ``sensor.noise_std`` -> its value. The other keys of the sections become comments; those
+            of TO_MEASURE say so.
+        about: lines at the top.
+    """
+    parts = ["".join(f"#{toml_comment(line)[3:]}\n" if line else "#\n" for line in about.splitlines())]
+    for name in SECTIONS:
+        stated = {key: known[f"{name}.{key}"] for key in SECTIONS[name].keys if f"{name}.{key}" in known}
+        if name in ALWAYS or stated:
+            parts.append(_section(name, stated))
+    return "\n".join(part for part in parts if part)
+
+
+def _section(name: str, known: Mapping[str, Known]) -> str:
+    section = SECTIONS[name]
+    lines = [f"[{name}]  # {section.about}"]
+    for key, spec in section.keys.items():
+        if key in known:
+            comment = "; ".join(part for part in (spec.unit, known[key].remark) if part)
+            lines.append(toml_line(key, known[key].value, comment))
+        elif spec.kind not in (Kind.TABLE, Kind.TABLES) and _has_value(spec):
+            lines.append(f"# {toml_line(key, _example(spec), _words(name, key, spec))}")
+    return "\n".join(lines) + "\n"
+
+
+def _has_value(spec: Key) -> bool:
+    return spec.default is not None or spec.example is not None
+
+
+def _example(spec: Key) -> Any:
+    return spec.example if spec.default is None else spec.default
+
+
+def _words(name: str, key: str, spec: Key) -> str:
+    if f"{name}.{key}" in TO_MEASURE:
+        return f"{spec.unit}; {MEASURE}"
+    absent = f"default: {spec.absent}" if spec.absent else ""
+    return "; ".join(part for part in (spec.unit, spec.meaning, absent) if part)

@@ -1,0 +1,36 @@
+"""What a command needs of a setup that other commands do without."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ftbias_jax.errors import SetupError
+from ftbias_jax.setup.types import Setup, ToolSetup
+
+GUESS = (1.0, (0.0, 0.0, 0.05))
+"""kg and m: a tool to start a search from, where the setup does not state one."""
+
+
+def require_tool(setup: Setup) -> Setup:
+    """The setup itself, if it states the tool's mass and centre of mass.
+
+    Raises:
+        SetupError: names the first of the two that it does not state.
+    """
+    for key in setup.tool.unknown:
+        command = f"ftbias identify LOG --setup {setup.path or 'SETUP.toml'} -o IDENTIFIED.toml"
+        remedy = f"measure it, or find it in a log of free motion: {command}"
+        raise SetupError("is not stated", file=setup.path, field=f"tool.{key}", remedy=remedy)
+    return setup
+
+
+def with_guessed_tool(setup: Setup) -> Setup:
+    """The setup with a guess where the tool's mass or centre of mass is not stated; the same setup if both are."""
+    tool = setup.tool
+    if not tool.unknown:
+        return setup
+    mass = tool.mass if np.isfinite(tool.mass) else GUESS[0]
+    center = tool.center_of_mass if np.isfinite(tool.center_of_mass).all() else np.array(GUESS[1])
+    return replace(setup, tool=ToolSetup(mass, center, tool.inertia))

@@ -1,0 +1,186 @@
+"""Writing a setup to a file: into the text it was read from, of which only the lines of what changed are new."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import tomllib
+from collections.abc import MutableMapping
+from typing import Any
+
+import numpy as np
+import tomlkit
+from tomlkit.items import Item, Table
+
+from ftbias_jax.errors import OutputError, SetupError
+from ftbias_jax.setup.dump import Line, dump_setup, lines_of
+from ftbias_jax.setup.keys.toml_text import toml_comment, toml_line, toml_value
+from ftbias_jax.setup.parse import parse_setup
+from ftbias_jax.setup.types import RobotSetup, Setup
+
+OURS = ("\u00b1", "ftbias ", "tuned, ")
+"""What marks a remark of an earlier command, which a new one replaces; words of others stay."""
+SCREW_SECTIONS = ("[robot.flange]", "[[robot.joints]]")
+_Said = dict[tuple[str, str], Line]
+
+
+def save_setup(path: str | os.PathLike[str], setup: Setup) -> None:
+    """Write a setup, whole or not at all: through a temporary file beside it.
+
+    Of a setup that was read from a file, the text of that file stays but for the lines of what changed.
+
+    Args:
+        path: the file to make or replace; a link is followed.
+        setup: what to write.
+
+    Raises:
+        OutputError: the file cannot be written there.
+    """
+    target = os.path.realpath(path)
+    text = edited_text(setup, os.fspath(path))
+    unfinished = os.path.join(os.path.dirname(target), f".ftbias-{secrets.token_hex(8)}.tmp")
+    try:
+        with temporary(unfinished):
+            with open(unfinished, "x", encoding="utf-8", newline="") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(unfinished, target)
+    except OSError as error:
+        remedy = "check that the folder exists, may be written to and has room"
+        message = f"cannot be written: {error.strerror or error}"
+        raise OutputError(message, file=os.fspath(path), remedy=remedy) from error
+
+
+def edited_text(setup: Setup, target: str = "") -> str:
+    """The text of a setup for a file.
+
+    Args:
+        setup: with the text that it was read from, or without; what it says may have changed since.
+        target: the file to write, whose folder a relative ``robot.urdf`` starts at.
+
+    Returns:
+        the old text with the changed values, new keys at the end of their sections, and ``setup.comments`` on the
+        lines of what changed; the whole setup written anew, if it was not read from a text, or if a list of screws
+        changed.
+    """
+    if not setup.source:
+        return dump_setup(setup)
+    read = parse_setup(tomllib.loads(setup.source), setup.path)
+    if not _same_arm(read.robot, setup.robot):
+        return dump_setup(setup)
+    text = _edited(setup, _said(read), _said(setup), target)
+    try:
+        written = parse_setup(tomllib.loads(text), target)
+    except (SetupError, tomllib.TOMLDecodeError):  # an odd way to write TOML: better all anew than wrong
+        return dump_setup(setup)
+    same = _same_arm(written.robot, setup.robot) and _values(_said(written)) == _values(_said(setup))
+    return text if same else dump_setup(setup)
+
+
+def _edited(setup: Setup, before: _Said, after: _Said, target: str) -> str:
+    document = tomlkit.parse(setup.source)
+    _move_urdf(document, setup, target)
+    changed = [place for place, line in after.items() if place not in before or _value(before[place]) != _value(line)]
+    tool = document.get("tool", {})
+    if "from_urdf_link" in tool and any(section == "[tool]" for section, _ in changed):
+        del tool["from_urdf_link"]
+        changed += [place for place in after if place[0] == "[tool]" and place not in changed]
+    for section, key in before.keys() - after.keys():
+        if not key:
+            del document["effects"][section.strip("[]").partition(".")[2].strip('"')]
+            continue
+        table = _table(document, section)
+        if table is not None and key in table:
+            del table[key]
+    new: dict[str, list[str]] = {}
+    for place in changed:
+        line = after[place]
+        remark = setup.comments.get(line.full_key, "")
+        table = _table(document, line.section)
+        if table is None:
+            text = toml_line(line.key, line.value, line.comment(remark)) if line.key else ""
+            new.setdefault(line.section, []).append(text)
+        elif line.key:
+            _put(table, line, remark)
+    written = tomlkit.dumps(document)
+    for section, lines in new.items():
+        written = f"{written.rstrip()}\n\n{section}\n" + "".join(f"{text}\n" for text in lines if text)
+    return written
+
+
+def _put(table: MutableMapping[str, Any], line: Line, remark: str) -> None:
+    """Set one value; what stood behind the old one stays."""
+    item: Item = tomlkit.parse(f"x = {toml_value(line.value)}\n")["x"]
+    old = table.get(line.key)
+    if isinstance(old, Item):
+        for name in ("indent", "comment_ws", "comment", "trail"):
+            setattr(item.trivia, name, getattr(old.trivia, name))
+        if remark:
+            _comment(item, _without_ours(old.trivia.comment.lstrip("# ")), remark, line)
+        table[line.key] = item
+        return
+    if not isinstance(table, Table):  # written in braces, where no comment can stand
+        table[line.key] = item
+        return
+    _comment(item, "", remark, line)
+    body = table.value.body
+    tail = []
+    while body and body[-1][0] is None:  # blank lines and comments that belong to the next section
+        tail.append(body.pop())
+    table.add(line.key, item)
+    body.extend(reversed(tail))
+
+
+def _comment(item: Item, old: str, remark: str, line: Line) -> None:
+    words = f"{old}; {remark}" if old else line.comment(remark)
+    comment = toml_comment(words)
+    if comment:
+        item.trivia.comment_ws, item.trivia.comment = "  ", comment.strip()
+
+
+def _without_ours(words: str) -> str:
+    """A comment without the remarks of earlier commands."""
+    parts = words.split("; ")
+    first = next((i for i, part in enumerate(parts) if any(mark in part for mark in OURS)), len(parts))
+    return "; ".join(parts[:first])
+
+
+def _move_urdf(document: MutableMapping[str, Any], setup: Setup, target: str) -> None:
+    """A relative path of a URDF starts at the setup's folder: it changes with that folder."""
+    robot = document.get("robot", {})
+    folders = [os.path.realpath(os.path.dirname(path) or ".") for path in (setup.path, target)]
+    if "urdf" in robot and target and folders[0] != folders[1] and not os.path.isabs(robot["urdf"]):
+        moved = os.path.relpath(os.path.join(folders[0], robot["urdf"]), folders[1])
+        _put(robot, Line("[robot]", "urdf", moved), "")
+
+
+def _said(setup: Setup) -> _Said:
+    """The lines of a setup by section and key, without the list of screws."""
+    return {(line.section, line.key): line for line in lines_of(setup) if line.section not in SCREW_SECTIONS}
+
+
+def _same_arm(one: RobotSetup, two: RobotSetup) -> bool:
+    arrays = ("screws", "flange_translation", "flange_rotation")
+    same = all(np.array_equal(getattr(one, name), getattr(two, name)) for name in arrays)
+    return same and (one.joint_names, one.model) == (two.joint_names, two.model)
+
+
+def _values(said: _Said) -> dict[tuple[str, str], str]:
+    return {place: _value(line) for place, line in said.items()}
+
+
+def _value(line: Line) -> str:
+    return toml_value(line.value) if line.key else ""
+
+
+def _table(document: MutableMapping[str, Any], section: str) -> MutableMapping[str, Any] | None:
+    """The table of a section such as ``[effects.drag]``, if the text has it."""
+    table: Any = document
+    names: Any = tomllib.loads(section)
+    while names:
+        (name,) = names
+        if not isinstance(table, MutableMapping) or name not in table:
+            return None
+        table, names = table[name], names[name]
+    return table if isinstance(table, MutableMapping) else None

@@ -1,0 +1,68 @@
+import made_weights as made
+import numpy as np
+import pytest
+
+from ftbias_jax.io.draft.gravity import sensor_rotations, weigh
+from ftbias_jax.io.draft.noise import quietest_noise
+from ftbias_jax.setup import parse_setup
+
+SETUP = parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": [0.1, 0.004]}})
+
+
+def weighed(t, q, wrench):
+    return weigh(t, sensor_rotations(SETUP.robot, SETUP.sensor, q), SETUP.robot.gravity, wrench)
+
+
+def test_the_sensor_is_turned_as_matrix_exponentials_say():
+    _, q, _ = made.arm_log(samples=5)
+    ours = sensor_rotations(SETUP.robot, SETUP.sensor, q)
+    np.testing.assert_allclose(ours, made.rotations(SETUP.robot, q), atol=1e-12)
+
+
+def test_a_tool_is_weighed_by_turning_it():
+    found = weighed(*made.arm_log())
+    assert abs(found.mass - made.MASS) < 3 * found.mass_stderr < 0.1
+    np.testing.assert_allclose(found.center_of_mass, made.CENTER, atol=2e-3)
+    assert found.residual == pytest.approx(0.05 * np.sqrt(3), rel=0.1)
+    assert found.credible
+
+
+def test_contact_is_left_out():
+    t, q, wrench = made.arm_log()
+    wrench[100:160, 2] += 40.0
+    found = weighed(t, q, wrench)
+    assert abs(found.mass - made.MASS) < 0.02
+
+
+def test_a_sensor_of_the_opposite_sign_shows_a_negative_mass():
+    found = weighed(*made.arm_log(sign=-1.0))
+    assert abs(found.mass + made.MASS) < 0.02
+    np.testing.assert_allclose(found.center_of_mass, made.CENTER, atol=2e-3)
+
+
+def test_a_sensor_that_is_never_turned_shows_nothing():
+    t, q, wrench = made.arm_log()
+    assert weighed(t, np.zeros_like(q), wrench) is None
+    assert weighed(t[:5], q[:5], wrench[:5]) is None
+
+
+def test_a_tool_lighter_than_the_noise_is_not_credible():
+    t, q, _ = made.arm_log()
+    noise = np.random.default_rng(1).normal(size=(len(t), 6)) * 5
+    assert not weighed(t, q, noise).credible
+
+
+def test_the_noise_is_that_of_the_quietest_second():
+    rng = np.random.default_rng(2)
+    t = np.arange(5000) / 500
+    wrench = rng.normal(size=(5000, 6)) * np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
+    wrench[:4000] *= 5  # the robot moves until 8 s
+    wrench += 20 * np.sin(t)[:, None]
+    truth = [0.1, 0.2, 0.3, 0.01, 0.02, 0.03]
+    np.testing.assert_allclose(quietest_noise(t, wrench), truth, rtol=0.2)
+    repeated = np.repeat(wrench, 2, axis=0)
+    np.testing.assert_allclose(
+        quietest_noise(np.arange(10000) / 1000, repeated), [0.1, 0.2, 0.3, 0.01, 0.02, 0.03], rtol=0.2
+    )
+    assert quietest_noise(t[:10], wrench[:10]) is None
+    assert quietest_noise(t, np.zeros((5000, 6))) is None

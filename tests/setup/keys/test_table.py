@@ -1,0 +1,183 @@
+"""Tests made from the table of keys: every key is exercised against the parser and against the JSON Schema."""
+
+import copy
+import tomllib
+
+import numpy as np
+import pytest
+
+from ftbias_jax.errors import SetupError
+from ftbias_jax.setup import parse_setup
+from ftbias_jax.setup.fields import Section
+from ftbias_jax.setup.keys.key import PER_JOINT, Kind
+from ftbias_jax.setup.keys.read import read
+from ftbias_jax.setup.keys.schema import json_schema
+from ftbias_jax.setup.keys.table import EFFECTS, SECTIONS, key_of, top_sections
+from ftbias_jax.setup.keys.template import MEASURE, Known, write_template
+
+ARM = {"joints": [{"axis": [0, 0, 1], "point": [0, 0, 0.3]}], "flange": {"translation": [0, 0, 1.0]}}
+MINIMAL = {"robot": ARM, "sensor": {"noise_std": [0.1, 0.004]}, "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]}}
+KEYS = [(section, key) for section, keys in SECTIONS.items() for key in keys.keys]
+VALUES = [(section, key) for section, key in KEYS if key_of(f"{section}.{key}").kind not in (Kind.TABLE, Kind.TABLES)]
+NUMERIC = [(section, key) for section, key in VALUES if key_of(f"{section}.{key}").kind in (Kind.NUMBER, Kind.NUMBERS)]
+JOINTS = 1
+
+# Keys that take the place of others, and those they need beside them.
+CONTEXT = {
+    "robot.model": {"robot": {}},
+    "robot.joint_names": {"robot": {"model": "panda"}},
+    "sensor.correlated_std": {"sensor": {"noise_std": 0.1, "correlated_time": 0.2}},
+    "sensor.correlated_time": {"sensor": {"noise_std": 0.1, "correlated_std": 0.2}},
+    "data_noise.entries": {"data_noise": {}},
+    "sensor_pose.acceleration_std": {"robot": {}, "sensor_pose": {"linear": "none"}},
+    "sensor_pose.base": {"robot": {}, "sensor_pose": {"frame": "tool0"}},
+}
+OF_FILES = ("robot.urdf", "robot.base_link", "robot.tip_link", "tool.from_urdf_link")
+"""Keys that name a URDF or what is in it: tests/setup/test_urdf.py has them."""
+
+
+def setup_for(name):
+    tables = copy.deepcopy(MINIMAL)
+    if name.startswith("sensor_pose."):
+        tables |= {"robot": {}, "sensor_pose": {}}
+    return tables | copy.deepcopy(CONTEXT.get(name, {}))
+
+
+def with_value(section, key, value):
+    tables = setup_for(f"{section}.{key}")
+    table = tables
+    for part in section.split("."):
+        table = table.setdefault(part, {})
+        table = table[0] if isinstance(table, list) else table
+    table[key] = value
+    return tables
+
+
+def good_value(section, key):
+    spec = key_of(f"{section}.{key}")
+    if spec.kind is Kind.NAMES:
+        count = spec.size or (7 if section == "robot" else JOINTS)
+        return [f"name{i}" for i in range(count)]
+    value = spec.default if spec.example is None else spec.example
+    return list(value) if isinstance(value, tuple) else value
+
+
+def parse(tables):
+    """As from a file: with TOML's own types."""
+    return parse_setup(tables, "setup.toml")
+
+
+@pytest.mark.parametrize(("section", "key"), VALUES)
+def test_every_key_is_accepted_with_the_value_that_the_table_shows(section, key):
+    name = f"{section}.{key}"
+    if name in OF_FILES:
+        pytest.skip("names what is in a URDF")
+    parse(with_value(section, key, good_value(section, key)))
+
+
+@pytest.mark.parametrize(("section", "key"), VALUES)
+def test_every_default_is_what_holds_without_the_key(section, key):
+    spec = key_of(f"{section}.{key}")
+    if spec.default is None:
+        assert spec.required or spec.absent or spec.kind is Kind.TEXT
+        return
+    size = JOINTS if spec.size == PER_JOINT else None
+    value = list(spec.default) if isinstance(spec.default, tuple) else spec.default
+    absent, stated = (read(Section(values, section, ""), key, size) for values in ({}, {key: value}))
+    np.testing.assert_array_equal(absent, stated)
+
+
+@pytest.mark.parametrize(("section", "key"), VALUES)
+def test_every_key_refuses_another_type_by_its_name(section, key):
+    spec = key_of(f"{section}.{key}")
+    bad = 3 if spec.kind in (Kind.TEXT, Kind.FLAG, Kind.NAMES) else "three"
+    with pytest.raises(SetupError) as caught:
+        read(Section({key: bad}, section, "setup.toml"), key, JOINTS if spec.size == PER_JOINT else None)
+    assert caught.value.field == f"{section}.{key}"
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize(("section", "key"), NUMERIC)
+def test_every_number_refuses_what_is_out_of_its_range(section, key):
+    spec = key_of(f"{section}.{key}")
+    size = spec.size or JOINTS
+    below = [] if np.isinf(spec.within.lowest) else [spec.within.lowest - 1]
+    below += [spec.within.lowest] if spec.within.open else []
+    for number in (*below, float("nan"), float("inf"), 1e31):
+        value = number if spec.kind is Kind.NUMBER else [number] * size
+        with pytest.raises(SetupError) as caught:
+            read(Section({key: value}, section, "setup.toml"), key, size)
+        assert caught.value.field == f"{section}.{key}"
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_a_misspelt_key_is_told_with_the_nearest_one_of_its_section(section):
+    key = max(SECTIONS[section].keys, key=len)
+    with pytest.raises(SetupError, match=f"did you mean '{key}'") as caught:
+        parse(with_value(section, f"{key}x", 0))
+    assert caught.value.message == "unknown key"
+
+
+def test_a_section_that_is_not_in_the_table_is_refused():
+    assert {*top_sections()} == {*(name.split(".")[0] for name in SECTIONS), EFFECTS}
+    with pytest.raises(SetupError, match="did you mean 'joints'"):
+        parse({**MINIMAL, "joint": {}})
+
+
+@pytest.fixture(scope="module")
+def validator():
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+@pytest.mark.parametrize(("section", "key"), VALUES)
+def test_the_schema_agrees_with_the_parser_on_every_key(validator, section, key):
+    spec = key_of(f"{section}.{key}")
+    good = with_value(section, key, good_value(section, key))
+    assert validator.is_valid(good)
+    assert not validator.is_valid(with_value(section, f"{key}x", 0))
+    bad = 3 if spec.kind in (Kind.TEXT, Kind.FLAG, Kind.NAMES) else "three"
+    assert not validator.is_valid(with_value(section, key, bad))
+    if spec.choices:
+        assert not validator.is_valid(with_value(section, key, "neither"))
+    if spec.kind is Kind.NUMBERS and spec.size != PER_JOINT:
+        assert not validator.is_valid(with_value(section, key, [1.0] * (spec.size + 1)))
+        assert validator.is_valid(with_value(section, key, 1.0)) == spec.expand
+    if spec.kind in (Kind.NUMBER, Kind.NUMBERS) and not np.isinf(spec.within.lowest):
+        number = spec.within.lowest - 1
+        value = number if spec.kind is Kind.NUMBER else [number] * (spec.size or JOINTS)
+        assert not validator.is_valid(with_value(section, key, value))
+
+
+def test_the_schema_wants_a_robot_or_a_pose_and_a_sensor(validator):
+    assert validator.is_valid(MINIMAL)
+    assert validator.is_valid({"sensor": MINIMAL["sensor"], "sensor_pose": {}})
+    assert not validator.is_valid({"sensor": MINIMAL["sensor"]})
+    assert not validator.is_valid({"robot": ARM})
+    assert validator.is_valid({**MINIMAL, "effects": {"drag": {"coefficient": [1.0, 2.0]}}})
+
+
+KNOWN = {"robot.model": Known("ur5e", "as asked"), "sensor.noise_std": Known([0.1, 0.004])}
+
+
+def test_the_template_is_a_setup_that_says_what_to_measure():
+    text = write_template(KNOWN, "First line\n\nSecond")
+    assert text.startswith("# First line\n#\n# Second\n")
+    assert 'model = "ur5e"  # as asked' in text
+    assert f"# mass = 0.7  # kg; {MEASURE}" in text
+    setup = parse(tomllib.loads(text))
+    assert setup.tool.unknown == ("mass", "center_of_mass")
+    assert setup.robot.model == "ur5e"
+
+
+def test_every_line_that_the_template_comments_out_can_be_used_as_it_stands():
+    excluded = {"base_link", "tip_link", "urdf", "joint_names", "from_urdf_link", "correlated_std", "correlated_time"}
+    lines = write_template(KNOWN).splitlines()
+    places = [i for i, line in enumerate(lines) if line.startswith("# ") and " = " in line]
+    names = [lines[i].removeprefix("# ").split(" = ")[0] for i in places]
+    assert len(names) > 15
+    for place, name in zip(places, names, strict=True):
+        if name not in excluded:
+            parse(tomllib.loads("\n".join([*lines[:place], lines[place].removeprefix("# "), *lines[place + 1 :]])))
