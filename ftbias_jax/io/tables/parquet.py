@@ -13,7 +13,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.npz_archive import MAX_BYTES
-from ftbias_jax.io.tables.csv_columns import choose_columns
+from ftbias_jax.io.tables.csv_columns import choose_columns, named_arrays
 from ftbias_jax.io.unpack import need
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -31,21 +31,29 @@ def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
             log cannot be filtered (see ``check_log``).
     """
     file = os.fspath(path)
+    arrays = parquet_arrays(file, setup)
+    t, q, wrench = (arrays[name] for name in ("t", "q", "wrench"))
+    return check_log(t, q, wrench, arrays.get("dq"), arrays.get("temperature"), setup=setup, file=file)
+
+
+def parquet_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:
+    """The columns of a log by the names of the native format; arguments and errors as for ``csv.csv_arrays``."""
     arrow = need("pyarrow", "parquet", file)
     with _opened(file) as table:
         header = [str(name) for name in table.schema_arrow.names]
-        columns = choose_columns(header, setup, file)
+        columns = choose_columns(header, setup, file, static=static)
         used = [name for names in columns for name in names]
         declared = table.metadata.num_rows * len(used) * 8
         if declared > MAX_BYTES:
             remedy = f"the limit is {MAX_BYTES} bytes; split the log"
             raise LogError(f"declares {declared} bytes of numbers", file=file, remedy=remedy)
         content = table.read(columns=used, use_threads=False)
-        t = _times(arrow, content.column(columns.time[0]), columns.time[0], file)
-        numbers = {name: _numbers(arrow, content.column(name), name, file) for name in used[1:]}
-    parts = [np.stack([numbers[name] for name in names], 1) if names else None for names in columns[1:]]
-    q, dq, wrench, temperature = parts
-    return check_log(t, q, wrench, dq, None if temperature is None else temperature[:, 0], setup=setup, file=file)
+        times = {name: _times(arrow, content.column(name), name, file) for name in columns.time}
+        numbers = times | {
+            name: _numbers(arrow, content.column(name), name, file) for name in used if name not in times
+        }
+    empty = np.empty((content.num_rows, 0))
+    return named_arrays(columns, [np.stack([numbers[x] for x in names], 1) if names else empty for names in columns])
 
 
 def column_names(path: str | os.PathLike[str]) -> list[str]:
