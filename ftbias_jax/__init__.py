@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
     from ftbias_jax.io import read_log
     from ftbias_jax.io.log import Log, Repair
+    from ftbias_jax.io.tables.poses import Poses, read_poses
     from ftbias_jax.model.params import Params
     from ftbias_jax.model.simulate_log import SimulationResult, Truth, simulate
     from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
@@ -59,6 +60,7 @@ __all__ = [
     "Options",
     "OutputError",
     "Params",
+    "Poses",
     "Repair",
     "Sample",
     "Setup",
@@ -78,6 +80,7 @@ __all__ = [
     "params_for_log",
     "parse_setup",
     "read_log",
+    "read_poses",
     "samples_from_log",
     "simulate",
     "smooth_log",
@@ -99,6 +102,7 @@ _MODULES = {
     "filtering.verbs.results": "FilterResult SmoothResult",
     "io": "read_log",
     "io.log": "Log Repair",
+    "io.tables.poses": "Poses read_poses",
     "model.params": "Params",
     "model.simulate_log": "SimulationResult Truth simulate",
     "setup": "Setup dump_setup load_setup parse_setup",

@@ -8,14 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ftbias_jax.calibration.identify import NAMES, UNITS, Identified, identify
+from ftbias_jax.calibration.identify_poses import PoseReport, identify_poses
+from ftbias_jax.errors import LogError
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.kinematics.screws import rotation_from_vector
+from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.require import with_guessed_tool
+from ftbias_jax.setup.rotations import rotation_from_vector
 from ftbias_jax.setup.types import Setup
+
+MUCH = 5.0
+"""Innovations this many times larger than the noise stated are no noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +36,14 @@ class IdentifyResult:
     """Whether the sensor's rotation on the flange was identified, too."""
     gravity: bool
     """Whether the direction of gravity was identified, too."""
+    bias: bool = False
+    """Whether the setup has the bias found, as the prior of logs that follow."""
+    poses: PoseReport | None = None
+    """Of static poses: how well each is predicted from the others; None = a log of motion."""
 
     @property
     def converged(self) -> bool:
-        """Whether the search found its optimum; if not, the values are the best so far."""
+        """Whether the search found its optimum; if not, there is no result."""
         return self.tool.converged
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -41,80 +51,132 @@ class IdentifyResult:
 
         Args:
             path: of the TOML file.
+
+        Raises:
+            LogError: nothing was found that could be written; no file is touched then.
         """
+        remedy = "turn the wrist through all directions of gravity, and keep the tool free of contact"
+        if not self.converged:
+            raise LogError("the search for the tool did not converge; nothing is written", remedy=remedy)
+        if all(self.tool.remarks) and not (self.mounting or self.gravity or self.bias):
+            raise LogError("determines nothing of the tool; nothing is written", remedy=remedy)
         self.setup.save(path)
 
     def __str__(self) -> str:
         found = self.tool
         lines = [f"{'':8s}{'value':>14s}{'± 1 sigma':>14s}"]
-        for name, unit, value, stderr in zip(NAMES, UNITS, found.values, found.stderr, strict=True):
-            lines.append(f"{name:8s}{value:14.6g}{stderr:14.2g}  {unit}")
+        table = zip(NAMES, UNITS, found.values, found.stderr, found.remarks, strict=True)
+        for name, unit, value, stderr, remark in table:
+            error = "" if np.isnan(stderr) else f"{stderr:.2g}"
+            lines.append(f"{name:8s}{value:14.6g}{error:>14s}  {unit}{f'  {remark}' if remark else ''}")
         if self.mounting:
             turned = _with_errors(np.degrees(found.rotation), np.degrees(found.rotation_stderr))
             lines.append(f"sensor turned by {turned} deg")
         if self.gravity:
             lines.append(f"gravity {_with_errors(found.gravity, found.gravity_stderr)} m/s^2")
-        lines.append(
-            f"likelihood gained: {found.gain:.1f} nats; condition number of the excitation: {found.condition:.0f}"
-        )
+        lines.append(f"bias at the end: {_with_errors(found.bias[:3], found.bias_stderr[:3])} N")
+        lines.append(f"                 {_with_errors(found.bias[3:], found.bias_stderr[3:])} Nm")
+        lines += _motion_lines(found) if self.poses is None else _pose_lines(self.poses)
         if found.unexcited:
             poor = ", ".join(found.unexcited)
-            lines.append(f"this motion does not excite: {poor} (turn the wrist more, or accelerate more)")
+            more = "turn the wrist more, or accelerate more" if self.poses is None else "poses at rest show no inertia"
+            lines.append(f"this motion does not excite: {poor} ({more})")
         return "\n".join(lines)
 
 
 @in_float64
-def identify_tool(setup: Setup, log: Log, *, mounting: bool = False, gravity: bool = False) -> IdentifyResult:
+def identify_tool(
+    setup: Setup, log: Log | Poses, *, mounting: bool = False, gravity: bool = False, bias: bool = False
+) -> IdentifyResult:
     """Find the tool's mass, centre of mass and inertia, physically consistent, jointly with the bias.
 
-    Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
+    What the motion does not determine keeps the value of the setup; ``tool.remarks`` and ``print`` say so for each
+    parameter. Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
     (``FTBIAS_CACHE=off`` does not).
 
     Args:
         setup: robot, sensor, noise, and a tool to start from; its mass and centre of mass may be left out.
-        log: of free motion that turns the wrist, as ``read_log`` gives it.
-        mounting: also find how the sensor is turned on the flange.
+        log: of free motion that turns the wrist, as ``read_log`` gives it; or readings at rest, as ``read_poses`` does.
+        mounting: also find how the sensor is turned on the flange, by any angle.
         gravity: also find the direction of gravity in the base frame; its size is kept.
+        bias: also put the bias at the end of the log, with its standard error, into the setup: the prior of logs that
+            are recorded next, as long as nobody zeroes the sensor.
 
     Returns:
         the setup found, with values in kg, m, kg m^2 about the centre of mass, sensor axes.
     """
     setup = with_guessed_tool(setup)
-    options = Options(joint_model=setup.joints.model)
-    params = filter_log.likeliest_params(setup, samples_from_log(log), options)
-    samples = samples_from_log(filter_log.without_useless(log, params))
-    found = identify(params, samples, options, mounting, gravity)
-    comments = {**setup.comments, **_comments(found, mounting, gravity)}
-    return IdentifyResult(replace(_with_tool(setup, found), comments=comments), found, mounting, gravity)
+    report = None
+    if isinstance(log, Poses):
+        found, report = identify_poses(setup, log, mounting, gravity)
+    else:
+        options = Options(joint_model=setup.joints.model)
+        params = filter_log.likeliest_params(setup, samples_from_log(log), options)
+        samples = samples_from_log(filter_log.without_useless(log, params))
+        found = identify(params, samples, options, mounting, gravity)
+    comments = {**setup.comments, **_comments(found, mounting, gravity, bias)}
+    result = replace(_with_tool(setup, found, mounting, gravity, bias), comments=comments)
+    return IdentifyResult(result, found, mounting, gravity, bias, report)
 
 
-def _with_tool(setup: Setup, found: Identified) -> Setup:
-    turned = setup.sensor.rotation @ np.asarray(rotation_from_vector(found.rotation))
-    tool = replace(setup.tool, mass=found.values[0], center_of_mass=found.values[1:4], inertia=found.values[4:])
+def _with_tool(setup: Setup, found: Identified, mounting: bool, gravity: bool, bias: bool) -> Setup:
+    tool = replace(setup.tool, mass=float(found.values[0]), center_of_mass=found.values[1:4], inertia=found.values[4:])
+    turned = setup.sensor.rotation @ rotation_from_vector(found.rotation)
+    prior = replace(setup.bias, initial=found.bias, initial_std=found.bias_stderr, initial_drift=np.zeros(6))
     return replace(
         setup,
         tool=tool,
-        sensor=replace(setup.sensor, rotation=turned),
-        robot=replace(setup.robot, gravity=found.gravity),
+        sensor=replace(setup.sensor, rotation=turned) if mounting else setup.sensor,
+        robot=replace(setup.robot, gravity=found.gravity) if gravity else setup.robot,
+        bias=prior if bias else setup.bias,
     )
 
 
-def _comments(found: Identified, mounting: bool, gravity: bool) -> dict[str, str]:
-    comments = {
-        "tool.mass": f"kg, identified ± {found.stderr[0]:.2g}",
-        "tool.center_of_mass": f"m, sensor frame, identified ± {_plain(found.stderr[1:4])}",
-        "tool.inertia": f"kg m^2, about the centre of mass, identified ± {_plain(found.stderr[4:])}",
-    }
+def _comments(found: Identified, mounting: bool, gravity: bool, bias: bool) -> dict[str, str]:
+    """On every line that was identified, its standard errors; on what was kept, why."""
+    comments = {}
+    for key, rows in (("mass", slice(0, 1)), ("center_of_mass", slice(1, 4)), ("inertia", slice(4, 10))):
+        errors, remarks = found.stderr[rows], [remark for remark in found.remarks[rows] if remark]
+        told = "" if np.isnan(errors).all() else f"identified ± {_plain(errors)}"
+        comments[f"tool.{key}"] = "; ".join(x for x in (told, *dict.fromkeys(remarks)) if x)
     if mounting:
         turned = _with_errors(found.rotation, found.rotation_stderr)
         comments["sensor.rotation_rpy"] = f"turned by the identified {turned}"
     if gravity:
         comments["robot.gravity"] = f"identified ± {_plain(found.gravity_stderr)}"
+    if bias:
+        comments["bias.initial"] = "at the end of the log that the tool was identified from"
     return comments
 
 
+def _motion_lines(found: Identified) -> list[str]:
+    lines = [f"likelihood gained: {found.gain:.1f} nats; condition number of the excitation: {found.condition:.0f}"]
+    if found.excess > MUCH:
+        lines.append(
+            f"what remains is {found.excess:.0f} times the noise stated: look for contact, a wrong unit or a delay "
+            "(ftbias diagnose)"
+        )
+    return lines
+
+
+def _pose_lines(report: PoseReport) -> list[str]:
+    drift = "constant bias"
+    if report.drift.any():
+        drift = f"bias drifting by {report.drift[0]:.2g} N, {report.drift[1]:.2g} Nm from pose to pose"
+    mass, *center = report.plain
+    where = " ".join(f"{1e3 * x:.2f}" for x in center)
+    return [
+        f"{report.poses} static poses, {drift}; each predicted from the others: {_errors(report.left_out)}",
+        f"plain least squares: {mass:.4f} kg, centre of mass {where} mm, {_errors(report.plain_left_out)}",
+    ]
+
+
+def _errors(rms: np.ndarray) -> str:
+    return f"rms {rms[0]:.3g} N, {rms[1]:.2g} Nm"
+
+
 def _plain(values: np.ndarray) -> str:
-    return " ".join(f"{x:.2g}" for x in values)
+    return " ".join("-" if np.isnan(x) else f"{x:.2g}" for x in values)
 
 
 def _with_errors(values: np.ndarray, stderr: np.ndarray) -> str:

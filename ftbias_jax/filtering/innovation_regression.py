@@ -44,6 +44,12 @@ class Linear(NamedTuple):
     """(T, 6) innovations of the error; 0 where nothing was measured."""
     information: np.ndarray
     """(P, P) for noise of the stated size."""
+    bias: np.ndarray
+    """(6,) N, Nm: the filtered bias after the last sample, less the one expected a priori."""
+    bias_slopes: np.ndarray
+    """(P, 6) its derivatives."""
+    bias_variance: np.ndarray
+    """(6,) N^2, Nm^2, for noise of the stated size."""
 
 
 def linearise(problem: WrenchProblem, predict: Predict) -> Callable[[np.ndarray], Linear]:
@@ -54,13 +60,25 @@ def linearise(problem: WrenchProblem, predict: Predict) -> Callable[[np.ndarray]
         predict: the model, differentiable, (P,) -> (T, 6) N, Nm, sensor frame.
     """
 
+    # What the filter predicts of a sample more is the bias; of a column that is 1 there alone, the variance.
+    last = problem.variance[-1:]
+    longer = problem._replace(
+        dt=jnp.append(problem.dt, 0.0),
+        wrench=jnp.concatenate([problem.wrench, jnp.zeros_like(last)]),
+        variance=jnp.concatenate([problem.variance, last]),
+    )
+
     @jax.jit
-    def compiled(values: Array) -> tuple[Array, Array, Array]:
+    def compiled(values: Array) -> tuple[Array, ...]:
         slopes = jnp.moveaxis(jax.jacfwd(predict)(values), -1, 0)
         error = (predict(values) - problem.wrench)[None]
-        white = whiten(problem, jnp.concatenate([slopes, error]))
-        flat = white[:-1].reshape(len(values), -1)
-        return white[:-1], white[-1], flat @ flat.T
+        series = jnp.concatenate([slopes, error, jnp.zeros_like(error)])
+        after = jnp.zeros_like(series[:, :1]).at[-1].set(1.0)
+        white = whiten(longer, jnp.concatenate([series, after], 1))
+        columns, residual, std = white[:-2, :-1], white[-2, :-1], 1 / white[-1, -1]
+        bias = -white[:-1, -1] * std[None]
+        flat = columns.reshape(len(values), -1)
+        return columns, residual, flat @ flat.T, bias[-1], bias[:-1], std**2 - last[0]
 
     def at(values: np.ndarray) -> Linear:
         return Linear(values, *(np.asarray(x) for x in compiled(jnp.asarray(values))))

@@ -14,8 +14,11 @@ from ftbias_jax.io.tables.csv import read_csv
 from ftbias_jax.io.tables.hdf5 import read_hdf5
 from ftbias_jax.io.tables.npz import read_npz
 from ftbias_jax.io.tables.parquet import read_parquet
+from ftbias_jax.io.tables.poses import Poses, read_poses
 from ftbias_jax.setup.types import Setup
 
+_OF_TIME = ("t", "time", "t_joints")
+"""Fields that a log without time, or with too little of it, is refused for."""
 READERS = {".npz": read_npz, ".csv": read_csv, ".parquet": read_parquet, ".h5": read_hdf5, ".hdf5": read_hdf5}
 
 
@@ -36,6 +39,23 @@ def read_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     """
     log = read_recorded(path, setup, salvage=salvage)
     return clean(log, clipped=not raw, stuck=not raw, file=os.fspath(path))
+
+
+def read_motion(path: str | os.PathLike[str], setup: Setup) -> Log | Poses:
+    """A log as of ``read_log``, or the static poses of a table without time, or of one with about 1 Hz or less.
+
+    Raises:
+        LogError: it is neither; the message is that of ``read_log``.
+    """
+    try:
+        return read_log(path, setup)
+    except LogError as error:
+        if error.field not in _OF_TIME:
+            raise
+        try:
+            return read_poses(path, setup)
+        except LogError:
+            raise error from None
 
 
 def read_recorded(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:

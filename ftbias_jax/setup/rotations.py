@@ -33,7 +33,7 @@ def rpy_from_rotation(rotation: Array) -> Array:
         rotation: (3, 3), orthogonal with determinant 1.
 
     Returns:
-        (3,) rad, pitch within +-pi/2.
+        (3,) rad, pitch within +-pi/2, roll and yaw in (-pi, pi].
     """
     R = rotation
     yaw = np.arctan2(R[1, 0], R[0, 0])
@@ -41,4 +41,34 @@ def rpy_from_rotation(rotation: Array) -> Array:
     # Near pitch = +-pi/2 yaw is mostly round-off; a roll that undoes exactly this yaw keeps the product right.
     s, c = np.sin(yaw), np.cos(yaw)
     roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
-    return np.array([roll, pitch, yaw])
+    angles = np.array([roll, pitch, yaw])
+    return np.where(angles <= -np.pi, np.pi, angles)
+
+
+def skew(vectors: Array) -> Array:
+    """Matrices [v] (..., 3, 3) of the cross product, [v] w = v x w, of vectors (..., 3)."""
+    return np.cross(np.asarray(vectors)[..., None, :], np.eye(3), axisb=-1).swapaxes(-1, -2)
+
+
+def rotation_from_vector(vector: Array) -> Array:
+    """(3, 3) of a rotation vector (3,) rad: axis times angle (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    r = skew(vector)
+    return np.eye(3) + np.sinc(angle / np.pi) * r + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * (r @ r)
+
+
+def vector_from_rotation(rotation: Array) -> Array:
+    """Rotation vector (3,) rad of a rotation (3, 3), at most pi long: axis times angle.
+
+    By the largest entry of the quaternion (Shepperd 1978), so it loses no digits at any angle.
+    """
+    R = rotation
+    squares = np.array([1 + np.trace(R), *(1 - np.trace(R) + 2 * np.diag(R))])  # 4 w^2, 4 x^2, 4 y^2, 4 z^2
+    odd = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])  # 4 w times the vector part
+    products = np.block([[squares[:1, None], odd[None]], [odd[:, None], R + R.T]])
+    products[np.diag_indices(4)] = squares
+    quaternion = products[squares.argmax()]
+    quaternion = quaternion / np.linalg.norm(quaternion) * (1.0 if quaternion[0] >= 0 else -1.0)
+    sine = np.linalg.norm(quaternion[1:])
+    angle = 2 * np.arctan2(sine, quaternion[0])
+    return quaternion[1:] * (angle / sine if sine > 0 else 2.0)

@@ -13,6 +13,7 @@ import tomlkit
 from tomlkit.items import Item, Table
 
 from ftbias_jax.errors import OutputError, SetupError
+from ftbias_jax.files import temporary
 from ftbias_jax.setup.dump import Line, dump_setup, lines_of
 from ftbias_jax.setup.keys.toml_text import toml_comment, toml_line, toml_value
 from ftbias_jax.setup.parse import parse_setup

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ftbias_jax.errors import UsageError
@@ -47,6 +49,19 @@ def pose_columns(pose: PoseSetup) -> tuple[int, int]:
     """How many columns the recorded pose has, and the recorded rates if there are any."""
     orientation = 9 if pose.orientation == "matrix" else 4
     return orientation + 3 * (pose.linear == "position"), 3 + 3 * (pose.linear == "specific_force")
+
+
+def orientation_alone(setup: Setup) -> Setup:
+    """The setup for poses at rest, of which only the orientation is read; one with joints as it is."""
+    pose = setup.pose
+    if pose is None:
+        return setup
+    still = replace(pose, linear="none", position_noise_std=pose.position_noise_std[:4])
+    entries = pose_columns(still)[0]
+    columns = {name: x[:entries] if name == "position" else x for name, x in setup.log.columns.items()}
+    joints = replace(setup.joints, position_noise_std=setup.joints.position_noise_std[:4])
+    robot = replace(setup.robot, screws=setup.robot.screws[:4], joint_names=setup.robot.joint_names[:4])
+    return replace(setup, pose=still, robot=robot, joints=joints, log=replace(setup.log, columns=columns))
 
 
 def require_arm(setup: Setup) -> None:

@@ -10,6 +10,7 @@ from ftbias_jax.filtering.likelihood import WrenchProblem
 COUNT, DT = 2000, 0.05
 T = DT * np.arange(COUNT)
 WAVES = np.stack([np.sin(3 * T), np.cos(5 * T), np.sin(7 * T)])[:, :, None] * np.ones(6)  # (3, T, 6)
+NO_BIAS = np.zeros((3, 6))
 STD = np.array([0.1, 0.2, 0.1, 0.01, 0.02, 0.01])
 
 
@@ -39,6 +40,19 @@ def test_a_model_is_linearised_where_it_stands():
     np.testing.assert_allclose(linear.residual, expected[2], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(linear.information, np.einsum("atc,btc->ab", expected[:2], expected[:2]), rtol=1e-9)
     assert (linear.residual[100:200, 2] == 0).all()
+
+
+def test_the_bias_after_the_last_sample_is_that_of_the_filter_and_moves_with_the_parameters():
+    """The bias is constant: the mean of what is left, with the prior as one reading more."""
+    at = np.array([0.7, -0.4])
+    wrench = noisy(1.0, 4) - np.array([3.0, -2.0, 8.0, 0.1, 0.2, -0.3])
+    linear = innovation_regression.linearise(problem_of(wrench), curved)(at)
+    weight = STD**-2.0 / (COUNT * STD**-2.0 + 1e-2)
+    error = np.asarray(curved(at)) - wrench
+    slopes = np.stack([WAVES[0] + at[1] * WAVES[1], at[0] * WAVES[1] + 2 * at[1] * WAVES[2]])
+    np.testing.assert_allclose(linear.bias, weight * error.sum(0), rtol=1e-4)
+    np.testing.assert_allclose(linear.bias_slopes, weight * slopes.sum(1), rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(linear.bias_variance, weight * STD**2, rtol=1e-4)
 
 
 def noisy(scale, seed, hold=1):
@@ -71,7 +85,9 @@ def linear_at(problem, at):
     slopes = np.stack([WAVES[0] + at[1] * WAVES[1], at[0] * WAVES[1] + 2 * at[1] * WAVES[2]])
     error = np.asarray(curved(at)) - np.asarray(problem.wrench)
     white = np.asarray(likelihood.whiten(problem, jnp.asarray(np.concatenate([slopes, error[None]]))))
-    return innovation_regression.Linear(at, white[:2], white[2], np.einsum("atc,btc->ab", white[:2], white[:2]))
+    return innovation_regression.Linear(
+        at, white[:2], white[2], np.einsum("atc,btc->ab", white[:2], white[:2]), *NO_BIAS
+    )
 
 
 def test_standard_errors_of_white_noise_are_those_of_the_information():

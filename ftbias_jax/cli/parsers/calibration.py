@@ -81,9 +81,18 @@ def add_identify(commands: Commands) -> None:
         help="find the tool's mass, centre of mass and inertia from a log",
         description="Fit the tool's inertial parameters, physically consistent, jointly with the bias.",
     )
-    parser.add_argument("log", metavar="LOG", help="log of free motion that turns the wrist")
+    parser.add_argument(
+        "log",
+        metavar="LOG",
+        help="log of free motion that turns the wrist, or a table of 4 to 1000 static poses, with or without time",
+    )
     parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, and a tool to start from")
     parser.add_argument("-o", "--output", metavar="OUT.toml", help="where to write the setup found")
     parser.add_argument("--in-place", action="store_true", help="replace SETUP.toml by the result")
     parser.add_argument("--mounting", action="store_true", help="also find how the sensor is turned on the flange")
     parser.add_argument("--gravity", action="store_true", help="also find the direction of gravity")
+    parser.add_argument(
+        "--bias",
+        action="store_true",
+        help="also write the bias at the end of LOG with its standard error, as the prior of logs recorded next",
+    )

@@ -28,7 +28,7 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
         LogError: an array is missing, or the log cannot be filtered (see ``check_log``).
     """
     if setup.pose is not None:
-        arrays = _with_pose(arrays, setup.pose, file)
+        arrays = with_pose(arrays, setup.pose, file)
     q = _get(arrays, "q", "no motion data: there is no array q (T, n) rad", file)
     wrench = _get(arrays, "wrench", "no wrench data: there is no array wrench (T, 6) N, Nm", file)
     dq, temperature = arrays.get("dq"), arrays.get("temperature")
@@ -50,7 +50,7 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
     )
 
 
-def _with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[str, Array]:
+def with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[str, Array]:
     """The arrays with those of the pose side by side as q and dq."""
     wanted = {"q": ["orientation"], "dq": ["angular_velocity"]}
     if pose.linear != "none":

@@ -14,7 +14,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.csv_columns import choose_columns
+from ftbias_jax.io.tables.csv_columns import choose_columns, named_arrays
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -39,11 +39,27 @@ def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
             cannot be filtered (see ``check_log``).
     """
     file = os.fspath(path)
+    arrays = csv_arrays(file, setup)
+    t, q, wrench = (arrays[name] for name in ("t", "q", "wrench"))
+    return check_log(t, q, wrench, arrays.get("dq"), arrays.get("temperature"), setup=setup, file=file)
+
+
+def csv_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:
+    """The columns of a log by the names of the native format (``arrays.ARRAYS``).
+
+    Args:
+        file: as for ``read_csv``.
+        setup: as for ``read_csv``.
+        static: of poses at rest: time is optional, rates are not read.
+
+    Raises:
+        LogError: as for ``read_csv``, but for what makes a log.
+    """
     budget = Budget(file)
     try:
         with open(file, encoding="utf-8-sig") as stream:
             header = read_header(stream, file)
-            columns = choose_columns(header, setup, file)
+            columns = choose_columns(header, setup, file, static=static)
             used = [header.index(name) for names in columns for name in names]
             values = _read_numbers(stream, header, used, budget)
     except OSError as error:
@@ -53,16 +69,7 @@ def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
     except csv.Error as error:
         raise LogError(f"is not CSV text: {error}", file=file, remedy="give a CSV file") from error
     ends = np.cumsum([len(names) for names in columns])
-    t, q, dq, wrench, temperature = np.split(values, ends[:-1], axis=1)
-    return check_log(
-        t[:, 0],
-        q,
-        wrench,
-        dq if columns.velocity else None,
-        temperature[:, 0] if columns.temperature else None,
-        setup=setup,
-        file=file,
-    )
+    return named_arrays(columns, np.split(values, ends[:-1], axis=1))
 
 
 def read_header(stream: TextIO, file: str) -> list[str]:

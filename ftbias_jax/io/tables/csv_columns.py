@@ -8,6 +8,7 @@ from typing import NamedTuple
 from ftbias_jax.errors import LogError
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.types import PoseSetup, Setup
+from ftbias_jax.types import Array
 
 Names = tuple[str, ...]
 
@@ -27,13 +28,26 @@ class Columns(NamedTuple):
     """1 or 0."""
 
 
-def choose_columns(header: Sequence[str], setup: Setup, file: str = "") -> Columns:
+def named_arrays(columns: Columns, values: Sequence[Array]) -> dict[str, Array]:
+    """What was found, by the names of the native format.
+
+    Args:
+        columns: of ``choose_columns``.
+        values: (T, k) of each quantity, with as many columns as it has names.
+    """
+    names = ("t", "q", "dq", "wrench", "temperature")
+    found = {name: x for name, x in zip(names, values, strict=True) if x.shape[1]}
+    return {name: x[:, 0] if name in ("t", "temperature") else x for name, x in found.items()}
+
+
+def choose_columns(header: Sequence[str], setup: Setup, file: str = "", static: bool = False) -> Columns:
     """Find the columns of a log.
 
     Args:
         header: the names of all columns.
         setup: names of the joints, and [log.columns], which comes first.
         file: the name in messages.
+        static: of poses at rest: time is optional, rates are not looked for.
 
     Raises:
         LogError: a quantity that every log needs has no columns, or a name is not there or not unique.
@@ -41,7 +55,11 @@ def choose_columns(header: Sequence[str], setup: Setup, file: str = "") -> Colum
     usual = usual_names(setup.robot.joint_names)
     if setup.pose is not None:
         usual |= pose_names(setup.pose)
-    chosen = [_choose(quantity, usual[quantity], header, setup, file) for quantity in Columns._fields]
+    optional = ("velocity", "temperature", "time") if static else ("velocity", "temperature")
+    chosen = [
+        () if static and quantity == "velocity" else _choose(quantity, usual[quantity], header, setup, optional, file)
+        for quantity in Columns._fields
+    ]
     for name in sum(chosen, ()):
         if header.count(name) > 1:
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
@@ -77,7 +95,9 @@ def pose_names(pose: PoseSetup) -> dict[str, list[Names]]:
     }
 
 
-def _choose(quantity: str, usual: Sequence[Names], header: Sequence[str], setup: Setup, file: str) -> Names:
+def _choose(
+    quantity: str, usual: Sequence[Names], header: Sequence[str], setup: Setup, optional: Names, file: str
+) -> Names:
     declared = setup.log.columns.get(quantity, ())
     names = (declared,) if isinstance(declared, str) else declared
     for name in names:
@@ -90,7 +110,7 @@ def _choose(quantity: str, usual: Sequence[Names], header: Sequence[str], setup:
     if present and not _one_more(present, header):
         return present
     some = any(name in header for candidate in usual for name in candidate)
-    if quantity in ("velocity", "temperature") and not some:  # some, but not all, is a mistake to report
+    if quantity in optional and not some:  # some, but not all, is a mistake to report
         return ()
     raise _not_found(quantity, usual, header, file)
 

@@ -13,7 +13,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.csv_columns import choose_columns
+from ftbias_jax.io.tables.csv_columns import choose_columns, named_arrays
 from ftbias_jax.io.unpack import need
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -38,31 +38,36 @@ def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
             log cannot be filtered (see ``check_log``).
     """
     file = os.fspath(path)
+    arrays = parquet_arrays(file, setup)
+    t, q, wrench = (arrays[name] for name in ("t", "q", "wrench"))
+    return check_log(t, q, wrench, arrays.get("dq"), arrays.get("temperature"), setup=setup, file=file)
+
+
+def parquet_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:
+    """The columns of a log by the names of the native format; arguments and errors as for ``csv.csv_arrays``."""
     arrow = need("pyarrow", "parquet", file)
     budget = Budget(file)
     with _opened(file) as table:
         schema = table.schema_arrow
         header = [str(name) for name in schema.names]
-        columns = choose_columns(header, setup, file)
+        columns = choose_columns(header, setup, file, static=static)
         used = [name for names in columns for name in names]
-        (time, *others), rows = used, _rows(table, budget)
-        t = np.empty(rows, _time_type(arrow, schema.field(time).type, time, file))
+        others, rows = used[len(columns.time) :], _rows(table, budget)
+        t = [np.empty(rows, _time_type(arrow, schema.field(name).type, name, file)) for name in columns.time]
         _check_numbers(arrow, schema, others, file)
-        budget.hold(t.nbytes + 8 * rows * len(others))
+        budget.hold(sum(x.nbytes for x in t) + 8 * rows * len(others))
         numbers = np.empty((rows, len(others)))
         first = 0
         for batch in table.iter_batches(BATCH, columns=used, use_threads=False):
             here = slice(first, first + batch.num_rows)
-            t[here] = _times(arrow, batch.column(time), time, file)
+            for times, name in zip(t, columns.time, strict=True):
+                times[here] = _times(arrow, batch.column(name), name, file)
             for i, name in enumerate(others):
                 numbers[here, i] = batch.column(name).cast("float64").to_numpy(zero_copy_only=False)
             first = here.stop
     ends = np.cumsum([len(names) for names in columns[1:]])
-    q, dq, wrench, temperature = (
-        part if part.shape[1] else None for part in np.split(numbers[:first], ends[:-1], axis=1)
-    )
-    t = t[:first]
-    return check_log(t, q, wrench, dq, None if temperature is None else temperature[:, 0], setup=setup, file=file)
+    times = np.stack(t, 1)[:first] if t else numbers[:first, :0]
+    return named_arrays(columns, [times, *np.split(numbers[:first], ends[:-1], axis=1)])
 
 
 def column_names(path: str | os.PathLike[str]) -> list[str]:

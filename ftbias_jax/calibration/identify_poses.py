@@ -1,0 +1,144 @@
+"""The tool's mass and centre of mass from static poses, the standard calibration of a force-torque sensor."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.calibration.identify import GRAVITY_STD, KEPT, MOUNTING_STD, PULLED, Identified
+from ftbias_jax.calibration.tool.mounting import likely_rotation
+from ftbias_jax.calibration.tool.physical import FIXED, NAMES, RADIUS, theta_of, tool_units
+from ftbias_jax.calibration.tool.shown import LEAST_KNOWN
+from ftbias_jax.calibration.tool.static import Estimate, Problem, estimate, weight_columns
+from ftbias_jax.io.tables.poses import Poses
+from ftbias_jax.model.kinematics.recorded_pose import motion_of
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.setup.rotations import skew, vector_from_rotation
+from ftbias_jax.setup.sensor_pose import orientation_alone
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
+
+CENTER_STD = 0.3
+"""m, prior of the centre of mass about the one stated; wide for any tool."""
+
+
+class PoseReport(NamedTuple):
+    """How well the poses are predicted."""
+
+    poses: int
+    drift: np.ndarray
+    """(2,) N, Nm: typical step of the bias of forces and torques from one pose to the next; 0 = it is constant."""
+    left_out: np.ndarray
+    """(2,) N, Nm: rms error of a pose predicted from all others, an axis of forces and of torques."""
+    plain: np.ndarray
+    """(4,) mass and centre of mass by plain least squares with a constant bias."""
+    plain_left_out: np.ndarray
+    """(2,) the same error of plain least squares."""
+
+
+def identify_poses(
+    setup: Setup, poses: Poses, mounting: bool = False, gravity: bool = False
+) -> tuple[Identified, PoseReport]:
+    """Fit mass, centre of mass and bias to readings at rest; the inertia stays as stated.
+
+    Args:
+        setup: robot, sensor, and a tool to start from.
+        poses: readings at rest.
+        mounting: also fit the sensor's rotation.
+        gravity: also fit its direction (its size is kept).
+    """
+    axes = _rotations(setup, poses)
+    down, tool = np.asarray(setup.robot.gravity), setup.tool
+    s = -np.einsum("nji,j->ni", axes, down)
+    std = np.asarray(setup.sensor.noise_std)
+    start = likely_rotation(weight_columns(s), poses.wrench, poses.t, std) if mounting else np.eye(3)
+    turns = np.repeat([MOUNTING_STD if mounting else FIXED, GRAVITY_STD if gravity else FIXED], 3)
+    prior_std = np.concatenate([[20 * tool.mass], [CENTER_STD * tool.mass] * 3, turns, [np.inf] * 6])
+    moment = tool.mass * np.asarray(tool.center_of_mass)
+
+    def fit(prior_std: Array, drifts: bool = True) -> Estimate:
+        return estimate(Problem(axes, poses.wrench, poses.t, prior_std), tool.mass, moment, down, start, drifts)
+
+    kept = _unknown(fit(prior_std), alone=True)
+    prior_std[:4] = np.where(kept, FIXED, prior_std[:4])
+    found, plain = fit(prior_std), fit(prior_std, drifts=False)
+    report = PoseReport(
+        poses=len(poses.t),
+        drift=found.drift,
+        left_out=_rms(found.left_out),
+        plain=np.array([plain.mass, *plain.first_moment / plain.mass]),
+        plain_left_out=_rms(plain.left_out),
+    )
+    return _identified(setup, found, kept, mounting, gravity), report
+
+
+def _identified(setup: Setup, found: Estimate, kept: Array, mounting: bool, gravity: bool) -> Identified:
+    center = found.first_moment / found.mass
+    to_sheet = np.zeros((4, 16))
+    to_sheet[0, 0] = 1
+    to_sheet[1:, 0], to_sheet[1:, 1:4] = -center / found.mass, np.eye(3) / found.mass
+    stated = np.array([setup.tool.mass, *setup.tool.center_of_mass, *setup.tool.inertia])
+    spread = np.sqrt(np.diag(to_sheet @ found.covariance @ to_sheet.T))
+    values = np.concatenate([np.where(kept, stated[:4], [found.mass, *center]), stated[4:]])
+    stderr = np.concatenate([np.where(kept, np.nan, spread), np.full(6, np.nan)])
+    pulled = _unknown(found) & ~kept
+    of_weight = [KEPT if k else PULLED if p else "" for k, p in zip(kept, pulled, strict=True)]
+    turn_std = np.sqrt(np.diag(found.covariance))[4:10]
+    down = skew(found.gravity)
+    gravity_std = np.sqrt(np.diag(down @ found.covariance[7:10, 7:10] @ down.T)) * gravity
+    unexcited = [name for name, remark in zip(NAMES, of_weight, strict=False) if remark] + list(NAMES[4:])
+    if mounting:
+        unexcited += [f"mounting about {x}" for x, e in zip("xyz", turn_std[:3], strict=True) if e > MOUNTING_STD / 2]
+    units = tool_units(found.mass)[:4]
+    strength = np.linalg.eigvalsh(_of_weight(found) * units[:, None] * units)
+    return Identified(
+        theta=theta_of(values),
+        values=values,
+        stderr=stderr,
+        rotation=vector_from_rotation(found.rotation),
+        rotation_stderr=turn_std[:3] * mounting,
+        gravity=found.gravity,
+        gravity_stderr=gravity_std,
+        condition=float(np.sqrt(strength[-1] / max(strength[0], 1e-12 * strength[-1]))),
+        unexcited=unexcited,
+        remarks=(*of_weight, *[KEPT] * 6),
+        bias=found.bias,
+        bias_stderr=found.bias_std,
+        excess=np.nan,
+        gain=np.nan,
+        converged=found.converged,
+    )
+
+
+def _unknown(found: Estimate, alone: bool = False) -> Array:
+    """(4,) whether the poses leave mass and centre of mass open; ``alone``: even with the others known."""
+    units = abs(found.mass) * np.array([1.0, RADIUS, RADIUS, RADIUS])
+    information = _of_weight(found) * units[:, None] * units
+    if alone:
+        variance = 1 / np.maximum(np.diag(information), 1e-12)
+    else:
+        variance = np.diag(np.linalg.inv(information + 1e-12 * np.trace(information) * np.eye(4)))
+    return np.asarray(variance > LEAST_KNOWN**2)
+
+
+def _of_weight(found: Estimate) -> Array:
+    """(4, 4) information of the poses on mass and first moment, with the bias unknown."""
+    own, cross, bias = found.information[:4, :4], found.information[:4, 10:], found.information[10:, 10:]
+    return own - cross @ np.linalg.solve(bias, cross.T)
+
+
+def _rms(errors: Array) -> Array:
+    """(2,) of forces and of torques."""
+    return np.sqrt(np.square(errors).reshape(-1, 2, 3).mean((0, 2)))
+
+
+def _rotations(setup: Setup, poses: Poses) -> Array:
+    """(N, 3, 3) axes of the sensor in the base frame."""
+    arm = params_from_setup(orientation_alone(setup)).arm
+    rest = jnp.zeros(poses.q.shape[1], arm.zero_rotation.dtype)
+    q = jnp.asarray(poses.q, arm.zero_rotation.dtype)
+    rotation = jax.jit(jax.vmap(lambda q: motion_of(arm, q, rest, rest).R_base_sensor))
+    return np.asarray(rotation(q), np.float64)

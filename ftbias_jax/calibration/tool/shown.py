@@ -1,0 +1,151 @@
+"""What a motion shows of a tool, judged by the log itself: blocks of it that scatter, and blocks that are left out.
+
+Innovations of recorded logs are neither white nor of the stated size: vibration, delays and contact are in them. The
+scores of whole blocks say how much less the log knows than its stated noise claims, and a fit without a block says
+whether what was found there also holds elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.calibration.tool.physical import (
+    COORDINATE,
+    FIXED,
+    NAMES,
+    OF_INERTIA,
+    Quadratic,
+    most_likely,
+    physical,
+    slope_of_physical,
+    tool_units,
+    total,
+)
+from ftbias_jax.filtering.innovation_regression import BLOCK_SECONDS, Linear, Prior
+
+FEWEST_BLOCKS, MOST_BLOCKS = 8, 16
+LEAST_KNOWN = 0.5
+"""A parameter is determined if its standard error is below this share of what a tool of size RADIUS could have."""
+STANDARD_ERRORS = 2.0
+"""By which inertia must predict the blocks that were left out better than the one stated."""
+
+
+class Shown(NamedTuple):
+    """A tool fitted to what a log shows of it."""
+
+    x: np.ndarray
+    """(P,) coordinates."""
+    prior: Prior
+    """With what is kept fixed."""
+    dispersion: float
+    """How many times the log's information is overstated by the noise stated."""
+    kept: tuple[str, ...]
+    """Names of parameters that this motion does not determine at all."""
+    poor: tuple[str, ...]
+    """Names of parameters that it does not determine by themselves, with the others unknown."""
+    inertia: bool
+    """Whether the log determines the inertia: predicts blocks that were left out better than with the stated one."""
+    gain: tuple[float, float]
+    """nats that the fitted inertia gains on blocks left out, and its standard error."""
+
+
+def in_blocks(linear: Linear, dt: np.ndarray) -> list[Quadratic]:
+    """The cost of a linearised model, block by block of the log.
+
+    Args:
+        linear: the model.
+        dt: (T,) s.
+    """
+    t = np.cumsum(dt)
+    count = int(np.clip(t[-1] / BLOCK_SECONDS, FEWEST_BLOCKS, MOST_BLOCKS))
+    block = np.minimum(t / t[-1] * count, count - 1).astype(int)
+    parts = []
+    for k in range(count):
+        columns, residual = linear.columns[:, block == k].reshape(len(linear.at), -1), linear.residual[block == k]
+        pull, information = columns @ residual.ravel(), columns @ columns.T
+        parts.append(Quadratic(linear.at, pull, information, float((residual**2).sum() / 2)))
+    return parts
+
+
+def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> Shown:
+    """Fit the tool to as much as its log determines of it.
+
+    Args:
+        parts: of ``in_blocks``.
+        x: (P,) coordinates to start from.
+        prior: of the coordinates; its mean is what the setup states.
+    """
+    cost = total(parts)
+    x = most_likely(cost, x, prior)
+    dispersion = overdispersion(parts, x, prior)
+    tempered = cost.scaled(1 / dispersion)
+    x = most_likely(tempered, x, prior)
+    units = tool_units(_at(x)[0])
+    kept, poor = undetermined(tempered, units, alone=True), undetermined(tempered, units)
+    prior = fixed(prior, [COORDINATE[name] for name in kept if name in COORDINATE])
+    with_stated = fixed(prior, range(*OF_INERTIA.indices(len(x))))
+    free = most_likely(tempered, x, prior)
+    stated = most_likely(tempered, x, with_stated)
+    gains = []
+    for part in parts:
+        rest = total([other for other in parts if other is not part]).scaled(1 / dispersion)
+        costs = (part(_at(most_likely(rest, start, p))) for start, p in ((stated, with_stated), (free, prior)))
+        without, with_ = costs
+        gains.append((without - with_) / dispersion)
+    gain, error = float(np.sum(gains)), float(np.std(gains) * np.sqrt(len(gains)))
+    if gain > STANDARD_ERRORS * error and gain > 0:
+        return Shown(free, prior, dispersion, kept, poor, True, (gain, error))
+    return Shown(stated, with_stated, dispersion, kept, poor, False, (gain, error))
+
+
+def overdispersion(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> float:
+    """How many times larger the scores of whole blocks scatter than white noise of the stated size would; 1 or more.
+
+    Args:
+        parts: blocks of the log.
+        x: (P,) coordinates near the optimum.
+        prior: of the coordinates; directions in which the log says less than the prior are left out.
+    """
+    slope = slope_of_physical(x) * prior.std
+    normal = slope.T @ total(parts).information @ slope
+    strength, directions = np.linalg.eigh(normal)
+    move = _at(x) - parts[0].at
+    scores = np.stack([part.pull + part.information @ move for part in parts]) @ slope @ directions
+    known = strength > 1.0
+    if not known.any():
+        return 1.0
+    scatter = scores.var(0)[known] * len(parts) ** 2 / (len(parts) - 1)
+    return float(max(1.0, np.mean(scatter / strength[known])))
+
+
+def undetermined(cost: Quadratic, units: np.ndarray, alone: bool = False) -> tuple[str, ...]:
+    """Names of the parameters whose standard error is larger than LEAST_KNOWN of their unit.
+
+    Args:
+        cost: of theta (10,), and maybe more, whose information is honest.
+        units: (10,) of ``tool_units``; or (4,), if the inertia is known.
+        alone: as if all other parameters were known: then there is no information of this one at all.
+    """
+    count = len(units)
+    information = cost.information[:count, :count] * units[:, None] * units
+    if alone:
+        variance = 1 / np.maximum(np.diag(information), 1e-12)
+    else:
+        strength, directions = np.linalg.eigh(information)
+        variance = (directions**2 / np.maximum(strength, 1e-12 * strength[-1])).sum(1)
+    return tuple(name for name, spread in zip(NAMES, variance, strict=False) if spread > LEAST_KNOWN**2)
+
+
+def fixed(prior: Prior, rows: Iterable[int]) -> Prior:
+    """The prior with these coordinates held where it has them."""
+    std = prior.std.copy()
+    std[list(rows)] = FIXED
+    return Prior(prior.mean, std)
+
+
+def _at(x: np.ndarray) -> np.ndarray:
+    return np.asarray(physical(jnp.asarray(x)))

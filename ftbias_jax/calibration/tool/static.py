@@ -1,0 +1,232 @@
+"""Mass and first moment from static poses: least squares on the weight, with the bias constant or drifting.
+
+At rest the sensor reads W = D theta - b with D theta = (m s, h x s), where s = -g in the axes of the sensor, m the mass
+and h the first moment; there is nothing of the inertia in it. Between poses the bias may move as a random walk. Its
+strength and the size of the noise are the likeliest ones given what the fit leaves over (restricted likelihood), for
+forces and torques apart. The noise of a sample is averaged out in a reading at rest; what is left is hysteresis,
+crosstalk and errors of the pose, so the axes of forces weigh alike, and those of torques.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.setup.rotations import rotation_from_vector, skew, vector_from_rotation
+from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+STRENGTHS = np.array([0.0, *np.logspace(-3, 1, 17)])
+"""Variances of a step of the bias, in variances of the noise, that are tried."""
+NATS = 3.0
+"""By which a drift must be more likely than none."""
+MAX_ITERATIONS = 30
+UNKNOWNS = 16
+"""Mass, first moment (3), turn of the sensor (3), turn of gravity (3), bias at the first pose (6)."""
+
+
+class Problem(NamedTuple):
+    """Readings at rest."""
+
+    rotations: Float[Array, "N 3 3"]
+    """(N, 3, 3) sensor axes in the base frame as stated: R v_sensor = v_base."""
+    wrench: Float[Array, "N 6"]
+    """(N, 6) N, Nm, with the sign of the report."""
+    t: Float[Array, " N"]
+    """(N,) s, or the numbers of the poses: the bias may drift in proportion to the root of their differences."""
+    prior_std: Float[Array, " 16"]
+    """(16,) standard deviation of every unknown about its start."""
+
+
+class Estimate(NamedTuple):
+    """What the poses say."""
+
+    mass: float
+    first_moment: Float[Array, " 3"]
+    rotation: Float[Array, "3 3"]
+    """(3, 3) sensor axes as found in the sensor axes as stated."""
+    gravity: Float[Array, " 3"]
+    covariance: Float[Array, "16 16"]
+    information: Float[Array, "16 16"]
+    """(16, 16) of the poses alone, without prior."""
+    bias: Float[Array, " 6"]
+    """(6,) N, Nm at the last pose."""
+    bias_std: Float[Array, " 6"]
+    left_out: Float[Array, "N 6"]
+    """(N, 6) N, Nm: reading of each pose less what all others predict of it, bias and drift included."""
+    noise: Float[Array, " 2"]
+    """(2,) N, Nm: size of the noise of forces and of torques."""
+    drift: Float[Array, " 2"]
+    """(2,) N, Nm: size of the bias' steps from one pose to the next; 0 = it is constant."""
+    converged: bool
+
+
+class _Point(NamedTuple):
+    """Values of the unknowns; rotations are kept as such, so that no angle is too large."""
+
+    mass: float
+    first_moment: Array
+    rotation: Array
+    turn: Array
+    """(3, 3) from the stated to the found direction of gravity."""
+    bias: Array
+
+
+def estimate(
+    problem: Problem, mass: float, first_moment: Array, gravity: Array, rotation: Array, drifts: bool = True
+) -> Estimate:
+    """Fit the unknowns, and the noise, in turn, until both stand still.
+
+    Args:
+        problem: readings, weights and prior.
+        mass: kg, where to start, and the prior's mean.
+        first_moment: (3,) kg m, the same.
+        gravity: (3,) m/s^2, base frame, as stated.
+        rotation: (3, 3) sensor axes to start from in those stated; the prior's mean.
+        drifts: whether the bias may drift; with a constant one this is plain least squares.
+    """
+    start = _Point(mass, np.asarray(first_moment), rotation, np.eye(3), np.zeros(6))
+    point, noise, drift = start, np.ones(2), np.zeros(2)
+    walk = _walk(problem.t)
+    for iteration in range(MAX_ITERATIONS):
+        design, residual = _linear(problem, point, gravity)
+        if iteration % 3 == 0:
+            noise, drift = _noise(problem, design, residual, walk, STRENGTHS if drifts else STRENGTHS[:1])
+        solver = _Solver(problem, design, walk, noise, drift)
+        step = solver.covariance @ (
+            solver.project(residual) - (_difference(point, start) / np.square(problem.prior_std))
+        )
+        point = _moved(point, step)
+        if converged := bool((np.abs(step) < 1e-6 * np.sqrt(np.diag(solver.covariance))).all()) and iteration > 3:
+            break
+    design, residual = _linear(problem, point, gravity)
+    solver = _Solver(problem, design, walk, noise, drift)
+    bias, bias_std = solver.last_bias(point.bias, residual)
+    return Estimate(
+        mass=point.mass,
+        first_moment=point.first_moment,
+        rotation=point.rotation,
+        gravity=point.turn @ gravity,
+        covariance=solver.covariance,
+        information=solver.information,
+        bias=bias,
+        bias_std=bias_std,
+        left_out=solver.left_out(residual),
+        noise=noise,
+        drift=noise * np.sqrt(drift),
+        converged=converged,
+    )
+
+
+_GROUPS = (slice(0, 3), slice(3, 6))
+
+
+class _Solver:
+    """Generalised least squares with the covariance noise^2 (I + strength walk) of each axis."""
+
+    def __init__(self, problem: Problem, design: Array, walk: Array, noise: Array, strength: Array) -> None:
+        self.design, self.walk, self.strength = design, walk, np.repeat(strength, 3)
+        self.variance = np.square(np.repeat(noise, 3))
+        both = [np.linalg.inv(np.eye(len(walk)) + s * walk) for s in strength]
+        self.inverse = np.stack([both[0]] * 3 + [both[1]] * 3) / self.variance[:, None, None]  # (6, N, N)
+        weighted = np.einsum("aij,jap->iap", self.inverse, design)
+        self.weighted = weighted
+        self.information = np.einsum("iap,iaq->pq", weighted, design)
+        self.covariance = np.linalg.inv(self.information + np.diag(problem.prior_std**-2.0))
+
+    def project(self, residual: Array) -> Array:
+        """Gradient (16,) of the likelihood by the unknowns."""
+        return np.einsum("iap,ia->p", self.weighted, residual)
+
+    def left_out(self, residual: Array) -> Array:
+        """(N, 6) errors of the prediction of every pose from all the others: (P_ii)^-1 (P y)_i, no fit is repeated."""
+        pulled = np.einsum("aij,ja->ia", self.inverse, residual)
+        own = np.einsum("aii->ia", self.inverse)[:, :, None] * np.eye(6)
+        own = own - np.einsum("iap,pq,ibq->iab", self.weighted, self.covariance, self.weighted)
+        return np.linalg.solve(own, pulled[:, :, None])[:, :, 0]
+
+    def last_bias(self, first: Array, residual: Array) -> tuple[Array, Array]:
+        """(6,) bias at the last pose, from that at the first one, and its standard deviation."""
+        reach = (self.strength * self.variance)[:, None] * self.walk[-1]  # (6, N): covariance with the readings
+        gain = np.einsum("aj,aji->ai", reach, self.inverse)
+        bias = first - np.einsum("ai,ia->a", gain, residual)
+        slope = np.eye(UNKNOWNS)[10:] + np.einsum("ai,iap->ap", gain, self.design)
+        own = self.strength * self.variance * self.walk[-1, -1] - (gain * reach).sum(1)
+        return bias, np.sqrt(own + np.einsum("ap,pq,aq->a", slope, self.covariance, slope))
+
+
+def weight_columns(s: Float[Array, "N 3"]) -> Float[Array, "N 6 4"]:
+    """(N, 6, 4) derivatives of the wrench by mass and first moment, at specific forces s (N, 3) m/s^2, sensor axes."""
+    columns = np.zeros((len(s), 6, 4))
+    columns[:, :3, 0] = s
+    columns[:, 3:, 1:] = -skew(s)
+    return columns
+
+
+def _linear(problem: Problem, point: _Point, gravity: Array) -> tuple[Array, Array]:
+    """Derivatives (N, 6, 16) of the prediction by the unknowns, and reading less prediction (N, 6)."""
+    axes = problem.rotations @ point.rotation
+    down = point.turn @ gravity
+    s = -np.einsum("nji,j->ni", axes, down)
+    by_tool = weight_columns(s)
+    by_force = np.concatenate([point.mass * np.eye(3), skew(point.first_moment)])
+    by_turn = by_force @ skew(s)
+    by_gravity = by_force @ np.einsum("nji,jk->nik", axes, skew(down))
+    by_bias = np.broadcast_to(-np.eye(6), (len(s), 6, 6))
+    design = np.concatenate([by_tool, by_turn, by_gravity, by_bias], 2)
+    predicted = by_tool @ np.array([point.mass, *point.first_moment]) - point.bias
+    return design, problem.wrench - predicted
+
+
+def _noise(problem: Problem, design: Array, residual: Array, walk: Array, tried: Array) -> tuple[Array, Array]:
+    """Size of the noise and strength of the drift, of forces and of torques: the likeliest, restricted to residuals."""
+    found = []
+    for axes in _GROUPS:
+        free = (np.abs(design[:, axes]).max((0, 1)) > 0) & (problem.prior_std > 1e-6)
+        X, y = design[:, axes][:, :, free], residual[:, axes]
+        nats, sizes = zip(*(_restricted(X, y, np.eye(len(walk)) + s * walk) for s in tried), strict=True)
+        best = int(np.argmax(nats))
+        best = best if nats[best] > nats[0] + NATS else 0
+        found.append((sizes[best], tried[best]))
+    sizes, strengths = zip(*found, strict=True)
+    return np.array(sizes), np.array(strengths)
+
+
+def _restricted(X: Array, y: Array, K: Array) -> tuple[float, float]:
+    """Restricted log-likelihood of residuals y (N, 3) with unknowns X (N, 3, p), and the size of their noise."""
+    lower = np.linalg.cholesky(K)
+    white = np.linalg.solve(lower, np.concatenate([X, y[:, :, None]], 2).reshape(len(y), -1)).reshape(len(y), 3, -1)
+    flat, target = white[..., :-1].reshape(y.size, -1), white[..., -1].ravel()
+    scale = np.linalg.norm(flat, axis=0)
+    solution, _, rank, singular = np.linalg.lstsq(flat / scale, target, rcond=1e-9)
+    left = max(1, y.size - rank)
+    square = max(float(((target - flat / scale @ solution) ** 2).sum()) / left, 1e-300)
+    spread = 2 * np.log(singular[:rank]).sum() + 2 * np.log(scale).sum()
+    determinant = 6 * np.log(np.diag(lower)).sum()
+    return -(left * np.log(square) + determinant + spread) / 2, float(np.sqrt(square))
+
+
+def _walk(t: Array) -> Array:
+    """(N, N) covariance of a random walk that starts at the first pose, in steps of the median length."""
+    steps = (t - t[0]) / np.median(np.diff(t))
+    return np.minimum(steps[:, None], steps)
+
+
+def _difference(point: _Point, start: _Point) -> Array:
+    """(16,) from the start to here; the bias has no prior."""
+    turn = vector_from_rotation(start.rotation.T @ point.rotation)
+    moment = point.first_moment - start.first_moment
+    return np.array([point.mass - start.mass, *moment, *turn, *vector_from_rotation(point.turn), *np.zeros(6)])
+
+
+def _moved(point: _Point, step: Array) -> _Point:
+    return _Point(
+        mass=point.mass + step[0],
+        first_moment=point.first_moment + step[1:4],
+        rotation=point.rotation @ rotation_from_vector(step[4:7]),
+        turn=rotation_from_vector(step[7:10]) @ point.turn,
+        bias=point.bias + step[10:],
+    )

@@ -1,0 +1,137 @@
+"""Static poses, the standard calibration: a table with one reading at rest a row, with or without time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.check import LOWEST_RATE, check_samples
+from ftbias_jax.io.log import Log, Repair, Repairs
+from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.pose import pose_entries
+from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, with_pose
+from ftbias_jax.io.tables.csv import csv_arrays
+from ftbias_jax.io.tables.hdf5 import load_hdf5
+from ftbias_jax.io.tables.parquet import parquet_arrays
+from ftbias_jax.setup.sensor_pose import orientation_alone
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+FEWEST, MOST = 4, 1000
+"""Poses: fewer do not tell a weight from a bias, more are a log of motion."""
+
+
+class Poses(NamedTuple):
+    """Readings at rest, one a pose."""
+
+    t: Float[Array, " N"]
+    """(N,) s, or 0, 1, 2, ... where no time was recorded."""
+    timed: bool
+    """Whether it was."""
+    q: Float[Array, "N n"]
+    """(N, n) rad (m for prismatic joints); of a setup with sensor_pose (N, 4): the quaternion w, x, y, z."""
+    wrench: Float[Array, "N 6"]
+    """(N, 6) N and Nm with the sign of the report, as ``Log.wrench``."""
+    repairs: Repairs = ()
+    """What was left out."""
+
+    @classmethod
+    def from_arrays(
+        cls,
+        setup: Setup,
+        wrench: Array,
+        q: Array | None = None,
+        *,
+        orientation: Array | None = None,
+        t: Array | None = None,
+    ) -> Poses:
+        """Poses from arrays in memory, checked as those that ``read_poses`` reads.
+
+        Args:
+            setup: gives the number of joints and the sensor's sign.
+            wrench: (N, 6) N, Nm, sensor frame, as the sensor reports it: the mean of a while at rest.
+            q: (N, n) rad (m); None if the setup has a sensor_pose.
+            orientation: (N, 4) or (N, 3, 3) of the sensor's mount in the base frame, as the setup's sensor_pose states.
+            t: (N,) s, or None: the bias may then drift from pose to pose, in the order of the rows.
+
+        Raises:
+            LogError: shapes disagree, a value is infinite, or there are fewer than FEWEST poses.
+        """
+        arrays = {"wrench": wrench, "q": q, "orientation": orientation, "t": t}
+        return poses_from_arrays({name: values for name, values in arrays.items() if values is not None}, setup)
+
+
+def read_poses(path: str | os.PathLike[str], setup: Setup) -> Poses:
+    """Read a table of static poses: CSV, Parquet, NPZ or HDF5 with the names of a log, time optional.
+
+    Args:
+        path: the file.
+        setup: gives the number and names of the joints, the sensor's sign, and column names. Of a sensor_pose only the
+            orientation is read.
+
+    Raises:
+        LogError: the file cannot be read, or is no table of 4 to 1000 readings at rest.
+    """
+    file = os.fspath(path)
+    reader = _READERS.get(Path(path).suffix.lower())
+    if reader is None:
+        raise LogError("is no table of poses", file=file, remedy=f"give a file that ends in {', '.join(_READERS)}")
+    return poses_from_arrays(reader(file, orientation_alone(setup)), setup, file)
+
+
+def poses_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> Poses:
+    """Poses of wrench (N, 6), q (N, n) or orientation, and maybe t (N,); others are ignored.
+
+    Raises:
+        LogError: an array is missing or of the wrong shape, or these are no static poses.
+    """
+    setup = orientation_alone(setup)
+    if setup.pose is not None and "q" not in arrays:
+        arrays = with_pose(arrays, setup.pose, file)
+    for name, what in (("q", "pose: q or orientation"), ("wrench", "reading: wrench (N, 6) N, Nm")):
+        if name not in arrays:
+            raise LogError(f"there is no {what}", file=file, field=name, remedy="record one of each a pose")
+    q, wrench = np.asarray(arrays["q"]), np.asarray(arrays["wrench"])
+    count = len(wrench) if wrench.ndim else 0
+    t = np.arange(count, dtype=float)
+    if timed := "t" in arrays:
+        stamps = np.asarray(arrays["t"])
+        t = (stamps - stamps[:1]) * (1e-9 if stamps.dtype.kind == "i" and count and np.ptp(stamps) > 1e6 else 1.0)
+    if setup.pose is not None:
+        q, _ = pose_entries(q, None, t, setup, file)
+    log = check_samples(Log(t, q, np.full(np.shape(q), np.nan), wrench, np.full(count, np.nan)), setup, file=file)
+    whole = np.isfinite(np.column_stack([t, log.q, log.wrench])).all(1)
+    t, lost = t[whole], int((~whole).sum())
+    _check(t, file)
+    repairs = (Repair(f"{lost} of the {count} poses left out: not complete", lost=True),) if lost else ()
+    return Poses(t, timed, log.q[whole], log.wrench[whole], repairs)
+
+
+def _check(t: Array, file: str) -> None:
+    if not FEWEST <= len(t) <= MOST:
+        remedy = f"give {FEWEST} to {MOST} static poses, or a log of motion with its time"
+        raise LogError(f"has {len(t)} poses", file=file, field="wrench", remedy=remedy)
+    steps = np.diff(t)
+    if (steps <= 0).any():
+        remedy = "sort the poses by time, or leave the time out"
+        raise LogError("time does not increase", file=file, field="t", remedy=remedy)
+    if 1 / np.median(steps) > LOWEST_RATE:
+        message = f"has a rate of {1 / np.median(steps):.3g} Hz, which is no series of static poses"
+        raise LogError(message, file=file, field="t", remedy="read it as a log, or give one reading a pose")
+
+
+_READERS: dict[str, Callable[[str, Setup], Mapping[str, Array]]] = {
+    ".csv": lambda file, setup: csv_arrays(file, setup, static=True),
+    ".parquet": lambda file, setup: parquet_arrays(file, setup, static=True),
+    ".npz": lambda file, setup: load_arrays(file, (*ARRAYS, *POSE_ARRAYS)),
+    ".h5": lambda file, setup: load_hdf5(file),
+    ".hdf5": lambda file, setup: load_hdf5(file),
+}
