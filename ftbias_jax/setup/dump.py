@@ -124,6 +124,10 @@ def _sections(setup: Setup) -> Iterable[_Line]:
     yield _Line("[sensor]", "rotation_rpy", rpy_from_rotation(sensor.rotation), "rad, fixed axes, in the flange frame")
     yield _Line("[sensor]", "noise_std", sensor.noise_std, "N, Nm")
     yield _Line("[sensor]", "reports", sensor.reports)
+    if sensor.compensated != "none":
+        yield _Line("[sensor]", "compensated", sensor.compensated)
+    if sensor.rezeroed:
+        yield _Line("[sensor]", "rezeroed", sensor.rezeroed)
     if sensor.correlated_std is not None:
         yield _Line("[sensor]", "correlated_std", sensor.correlated_std, "N, Nm")
         yield _Line("[sensor]", "correlated_time", sensor.correlated_time, "s")

@@ -14,6 +14,7 @@ from ftbias_jax.setup.fields import (
     POSITIVE,
     Section,
     check_keys,
+    flag,
     names,
     require,
     scalar,
@@ -28,6 +29,7 @@ from ftbias_jax.setup.robots import BUILT_IN, STANDARD_GRAVITY, built_in_robot, 
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.sensor_pose import parse_pose, pose_columns, pose_robot
 from ftbias_jax.setup.types import (
+    COMPENSATED,
     REPORTS,
     LogSetup,
     PoseSetup,
@@ -144,9 +146,10 @@ def _rotation(section: Section) -> Array:
 
 
 def _sensor(top: Section) -> SensorSetup:
-    known = ("translation", "rotation_rpy", "noise_std", "reports", "correlated_std", "correlated_time")
-    section = subsection(top, "sensor", known, required=True)
-    correlated = [key for key in known[4:] if key in section.values]
+    known = ("translation", "rotation_rpy", "noise_std", "reports", "compensated", "rezeroed")
+    pair = ("correlated_std", "correlated_time")
+    section = subsection(top, "sensor", (*known, *pair), required=True)
+    correlated = [key for key in pair if key in section.values]
     if len(correlated) == 1:
         raise section.error(correlated[0], "stands alone", "state correlated_std and correlated_time, or none of them")
     return SensorSetup(
@@ -154,9 +157,20 @@ def _sensor(top: Section) -> SensorSetup:
         rotation=_rotation(section),
         noise_std=vector(section, "noise_std", 6, within=POSITIVE, expand=True),
         reports=text(section, "reports", REPORTS[0], REPORTS),
-        correlated_std=vector(section, known[4], 6, within=NOT_NEGATIVE, expand=True) if correlated else None,
-        correlated_time=vector(section, known[5], 6, within=POSITIVE, expand=True) if correlated else None,
+        correlated_std=vector(section, pair[0], 6, within=NOT_NEGATIVE, expand=True) if correlated else None,
+        correlated_time=vector(section, pair[1], 6, within=POSITIVE, expand=True) if correlated else None,
+        compensated=_compensated(section),
+        rezeroed=flag(section, "rezeroed", False),
+        rotation_rpy=vector(section, "rotation_rpy", 3) if "rotation_rpy" in section.values else None,
     )
+
+
+def _compensated(section: Section) -> str:
+    """A name, or true for all of the tool's wrench."""
+    value = section.values.get("compensated", COMPENSATED[0])
+    if isinstance(value, bool):
+        return COMPENSATED[2] if value else COMPENSATED[0]
+    return text(section, "compensated", COMPENSATED[0], COMPENSATED)
 
 
 def _tool(top: Section, sensor: SensorSetup) -> ToolSetup:
