@@ -9,6 +9,7 @@ import numpy as np
 
 from ftbias_jax.calibration.identify import NAMES, UNITS, Identified, identify
 from ftbias_jax.filtering import filter_log
+from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Log
@@ -63,7 +64,9 @@ class IdentifyResult:
 
 
 @in_float64
-def identify_tool(setup: Setup, log: Log, *, mounting: bool = False, gravity: bool = False) -> IdentifyResult:
+def identify_tool(
+    setup: Setup, log: Log, *, mounting: bool = False, gravity: bool = False, unchecked: bool = False
+) -> IdentifyResult:
     """Find the tool's mass, centre of mass and inertia, physically consistent, jointly with the bias.
 
     Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
@@ -74,10 +77,16 @@ def identify_tool(setup: Setup, log: Log, *, mounting: bool = False, gravity: bo
         log: of free motion that turns the wrist, as ``read_log`` gives it.
         mounting: also find how the sensor is turned on the flange.
         gravity: also find the direction of gravity in the base frame; its size is kept.
+        unchecked: do not look first whether the setup can be right (``check_setup``).
 
     Returns:
         the setup found, with values in kg, m, kg m^2 about the centre of mass, sensor axes.
+
+    Raises:
+        SetupError: the setup is wrong in more than the tool, as the log shows. LogError: the log is in units or frames
+            that no setup states.
     """
+    require_right(setup, [log], "identify", unchecked)
     options = Options(joint_model=setup.joints.model)
     params = filter_log.likeliest_params(setup, samples_from_log(log), options)
     samples = samples_from_log(filter_log.without_useless(log, params))

@@ -10,7 +10,10 @@ from ftbias_jax.errors import SetupError
 from ftbias_jax.setup.fields import show
 from ftbias_jax.setup.types import Setup
 
-_OWN = {"bias": ("initial", "initial_drift", "initial_std", "initial_drift_std"), "sensor": ("rotation_rpy", "rezeroed")}
+_OWN = {
+    "bias": ("initial", "initial_drift", "initial_std", "initial_drift_std"),
+    "sensor": ("rotation_rpy", "rezeroed"),
+}
 """What may differ beside the tool: the prior of the bias, and how the rotation was written."""
 
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot
-from ftbias_jax.setup.rotations import rpy_from_rotation
-from ftbias_jax.setup.types import DATA_NOISE_UNITS, POSE, DataNoiseSetup, PoseSetup, RobotSetup, Setup
+from ftbias_jax.setup.rotations import rotation_from_rpy, rpy_from_rotation
+from ftbias_jax.setup.types import DATA_NOISE_UNITS, POSE, DataNoiseSetup, PoseSetup, RobotSetup, SensorSetup, Setup
+from ftbias_jax.types import Array
 
 Comments = Mapping[str, str]
 
@@ -121,7 +122,7 @@ def _sections(setup: Setup) -> Iterable[_Line]:
     inertia = "kg m^2: Ixx Ixy Ixz Iyy Iyz Izz about the centre of mass, sensor axes"
     density = {"integrated_jerk": "rad/s^2.5", "integrated_acceleration": "rad/s^1.5"}.get(joints.model, "rad/s^2")
     yield _Line("[sensor]", "translation", sensor.translation, "m, sensor origin in the flange frame")
-    yield _Line("[sensor]", "rotation_rpy", rpy_from_rotation(sensor.rotation), "rad, fixed axes, in the flange frame")
+    yield _Line("[sensor]", "rotation_rpy", _angles(sensor), "rad, fixed axes, in the flange frame")
     yield _Line("[sensor]", "noise_std", sensor.noise_std, "N, Nm")
     yield _Line("[sensor]", "reports", sensor.reports)
     if sensor.compensated != "none":
@@ -159,6 +160,14 @@ def _sections(setup: Setup) -> Iterable[_Line]:
         yield _Line("[log.columns]", key, value)
     for key, value in setup.log.topics.items():
         yield _Line("[log.topics]", key, value)
+
+
+def _angles(sensor: SensorSetup) -> Array:
+    """The sensor's rotation as it was written, if nothing has turned it since."""
+    written = sensor.rotation_rpy
+    if written is not None and np.array_equal(rotation_from_rpy(written), sensor.rotation):
+        return written
+    return rpy_from_rotation(sensor.rotation)
 
 
 def _data_noise(noise: DataNoiseSetup) -> Iterable[_Line]:

@@ -161,7 +161,7 @@ def _sensor(top: Section) -> SensorSetup:
         correlated_time=vector(section, pair[1], 6, within=POSITIVE, expand=True) if correlated else None,
         compensated=_compensated(section),
         rezeroed=flag(section, "rezeroed", False),
-        rotation_rpy=vector(section, "rotation_rpy", 3) if "rotation_rpy" in section.values else None,
+        rotation_rpy=vector(section, "rotation_rpy", 3, (0.0, 0.0, 0.0)),
     )
 
 

@@ -23,7 +23,9 @@ def run(arguments: argparse.Namespace) -> int:
     prepare_jax()
     from ftbias_jax.calibration.identify_tool import identify_tool
 
-    found = identify_tool(setup, log, mounting=arguments.mounting, gravity=arguments.gravity)
+    found = identify_tool(
+        setup, log, mounting=arguments.mounting, gravity=arguments.gravity, unchecked=arguments.unchecked
+    )
     print(found)
     if not found.converged:
         print("ftbias: the search did not converge; the values are the best so far", file=sys.stderr)

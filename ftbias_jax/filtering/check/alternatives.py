@@ -92,7 +92,7 @@ def _tool_units(state: State) -> Iterator[Alternative]:
         size = np.linalg.norm(center)
         moment, inertia = m * (0.04 + 0.5 * size), m * (0.1 + size) ** 2
         reach = np.concatenate([[0.25 * m], np.full(3, moment), np.full(6, inertia)])
-        values = {"tool.mass": m} if mass != 1 else {}
+        values: dict[str, float | list[float]] = {"tool.mass": m} if mass != 1 else {}
         if length != 1:
             values["tool.center_of_mass"] = [float(f"{x:.6g}") for x in center]
         yield Alternative(
@@ -127,7 +127,11 @@ def _degrees(state: State) -> Iterator[Alternative]:
         if not np.isfinite(bins.dq).any():
             break
     stated = setup.sensor.rotation_rpy
-    if stated is not None and np.abs(stated).max() > MOST_RPY and np.allclose(rotation_from_rpy(stated), setup.sensor.rotation):
+    if (
+        stated is not None
+        and np.abs(stated).max() > MOST_RPY
+        and np.allclose(rotation_from_rpy(stated), setup.sensor.rotation)
+    ):
         turned = setup.sensor.rotation.T @ rotation_from_rpy(np.radians(stated))
         yield Alternative(
             "angle_units",
@@ -160,9 +164,7 @@ def _swapped(state: State) -> Alternative:
     return Alternative(
         "force_torque_swapped",
         "the first three columns of the wrench are the torque: give force, then torque",
-        state.but(
-            wrench=state.wrench[:, [3, 4, 5, 0, 1, 2]], unit=state.unit[::-1].copy(), swapped=not state.swapped
-        ),
+        state.but(wrench=state.wrench[:, [3, 4, 5, 0, 1, 2]], unit=state.unit[::-1].copy(), swapped=not state.swapped),
         2,
     )
 
@@ -235,4 +237,4 @@ def _list(values: Array) -> list[float]:
 
 
 def _plain(values: Array) -> str:
-    return "[" + ", ".join(f"{x + 0.0:.4g}" for x in np.round(values, 6)) + "]"
+    return "[" + ", ".join(f"{x + 0.0:.4g}" for x in np.round(values, 6).tolist()) + "]"

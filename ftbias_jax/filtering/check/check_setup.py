@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,19 @@ import numpy as np
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check import poses, special
 from ftbias_jax.filtering.check.alternatives import all_alternatives
+from ftbias_jax.filtering.check.bins import bins_of, join_bins
 from ftbias_jax.filtering.check.judge import BAD, Evidence, best_alternative, decisively, evidence_of, score
-from ftbias_jax.filtering.check.regression import free_tool
+from ftbias_jax.filtering.check.regression import TRIM_MORE, free_tool
 from ftbias_jax.filtering.check.result import Check, Mistake
-from ftbias_jax.filtering.check.state import Case, Result, State, make_case, stated
+from ftbias_jax.filtering.check.state import Case, Result, State, case_of_bins, make_case, stated
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 MOST_MISTAKES = 2
 """That are looked for beside those of a recorded pose; the second one with the first one mended."""
+PART, MOST_PARTS = 1 << 17, 16
+"""Samples of a part of a long log, and parts that are looked at."""
 POSE_BETTER = 0.7
 """Share of what the stated convention of a pose leaves that another may leave."""
 POSE_TIE = 0.1
@@ -46,6 +50,27 @@ def check_setup(setup: Setup, logs: Sequence[Log]) -> Check:
     return check_case(make_case(setup, logs), setup)
 
 
+def require_right(setup: Setup, logs: Sequence[Log], command: str, unchecked: bool) -> None:
+    """Refuse a setup that the logs show to be wrong, or that leaves nothing to look for.
+
+    Args:
+        setup: of the logs.
+        logs: without the samples of stuck and clipped axes.
+        command: what it is wanted for: tune, identify or diagnose.
+        unchecked: do not look at the logs.
+
+    Raises:
+        UsageError: the tool is looked for in a reading from which the controller has subtracted it.
+        SetupError: the setup is wrong. LogError: the logs are in units or frames that no setup states.
+    """
+    if setup.sensor.compensated != "none" and command != "tune":
+        remedy = "record the raw wrench, or use filter and tune"
+        message = "the tool's weight is not in the reading"
+        raise UsageError(message, file=setup.path, field="sensor.compensated", remedy=remedy)
+    if not unchecked:
+        check_setup(setup, logs).require_ok(command)
+
+
 def check_case(case: Case | None, setup: Setup) -> Check:
     """The same from bins; None = too few of them.
 
@@ -55,7 +80,31 @@ def check_case(case: Case | None, setup: Setup) -> Check:
     """
     if case is None:
         return Check((), {}, setup.path)
-    state = stated(case)
+    check = _check(case)
+    if check.ok or check.findings[0].mistake == "worse_than_raw":
+        touched = _check(replace(case, layout=case.layout._replace(trim=TRIM_MORE)))
+        if not touched.ok and touched.findings[0].mistake != "worse_than_raw":
+            return touched
+    return check
+
+
+def check_parts(setup: Setup, parts: Callable[[int], Iterator[Log]], length: int) -> Check:
+    """The same of one log that is read in parts; of a long one some parts are looked at.
+
+    Args:
+        setup: of the log.
+        parts: reads the log in parts of so many samples.
+        length: samples of the log.
+    """
+    if length <= PART:
+        return check_setup(setup, [next(parts(length))])
+    every = max(1, length // PART // MOST_PARTS)
+    bins = [bins_of(part, setup) for i, part in enumerate(parts(PART)) if i % every == 0]
+    return check_case(case_of_bins(setup, [join_bins(bins)]), setup)
+
+
+def _check(case: Case) -> Check:
+    setup, state = case.setup, stated(case)
     first = evidence_of(state)
     if setup.sensor.compensated != "none":
         return Check(tuple(_of_bias(first)), _numbers(first, first.result), setup.path)
@@ -104,9 +153,10 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
         convention, state, result = min(ties, key=lambda entry: sum(vars(entry[0]).values()))
         for mistake, remedy, setup in convention.findings(pose.orientation):
             found.append(Mistake(mistake, _numbers(first, result), remedy, setup))
-    for remedy in (poses.gyroscope_remedy(state), poses.accelerometer_remedy(state)):
-        if remedy is not None:
-            found.append(Mistake("gyroscope_units", remedy[1], remedy[0]))
+    for of_imu in (poses.gyroscope_remedy(state), poses.accelerometer_remedy(state)):
+        if of_imu is not None:
+            words, ratio = of_imu
+            found.append(Mistake("gyroscope_units", ratio, words))
     if poses.accelerometer_remedy(state) is not None and state.specific_force is not None:
         state = state.but(specific_force=9.80665 * state.specific_force)
     return state, found

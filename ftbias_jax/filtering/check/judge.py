@@ -82,7 +82,8 @@ def best_alternative(base: Evidence, alternatives: Iterable[Alternative]) -> tup
     """
     if not (base.left > BAD).any():
         return None
-    tried, good = [], []
+    tried: list[tuple[Alternative, Result]] = []
+    good: list[tuple[Alternative, Result]] = []
     for alternative in alternatives:
         if alternative.rank >= LONG_LIST and any((result.square < CLEAR * base.raw).all() for _, result in good):
             break

@@ -10,7 +10,6 @@ import numpy as np
 
 from ftbias_jax.filtering.check.motion import body_motion, in_sensor
 from ftbias_jax.filtering.check.state import State
-from ftbias_jax.types import Array
 
 OTHER = {"quaternion_xyzw": "quaternion_wxyz", "quaternion_wxyz": "quaternion_xyzw"}
 GYROSCOPES = {
@@ -104,5 +103,3 @@ def accelerometer_remedy(state: State) -> tuple[str, dict[str, float]] | None:
         words = "the specific force is in g: multiply it by 9.80665"
         return words, {"median_specific_force": float(f"{size:.4g}")}
     return None
-
-

@@ -16,8 +16,9 @@ KNOT = 40.0
 """s between the knots of the drift that is left free."""
 BLOCKS = 20
 """Of every log: those of even number are held out from the others, and the other way round."""
-TRIM = 0.15
-"""Share of the bins that is left out as contact or spikes, the worst of every fit."""
+TRIM, TRIM_MORE = 0.15, 0.45
+"""Share of the bins that is left out as contact or spikes, the worst of every fit; and where that finds nothing, for
+logs that are touched for long."""
 ROUNDS = 3
 """Fits, each without what the one before it missed most."""
 GROUPS = (slice(0, 3), slice(3, 6))
@@ -35,6 +36,8 @@ class Layout(NamedTuple):
     """Number of the bin's block; the logs' blocks follow one another."""
     axes: Bool[Array, " 6"]
     """Which axes of the wrench are measured; the others are zero."""
+    trim: float = TRIM
+    """Share of the bins that fits leave out."""
 
 
 class Tool(NamedTuple):
@@ -132,7 +135,7 @@ def fit(D: Array, wrench: Array, tool: Tool, layout: Layout) -> Fit:
             left = D[held] @ theta - layout.basis[held] @ bias - wrench[held]
             errors[held] = np.stack([(left[:, group] ** 2).sum(1) for group in GROUPS], 1)
         badness = (errors / scale**2).sum(1)
-        kept = badness <= np.quantile(badness, 1 - TRIM)
+        kept = badness <= np.quantile(badness, 1 - layout.trim)
     theta, _ = _solve(D, wrench, tool, layout, kept, scale)
     return Fit(theta, errors, kept)
 

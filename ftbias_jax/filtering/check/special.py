@@ -80,7 +80,7 @@ def compensated(base: Evidence) -> tuple[str, str, dict[str, str]] | None:
     moving = score(base, weightless.fit()) > score(base, state.fit(no_tool())) + 0.1
     what = "weight" if moving else "tool"
     words = "the tool's weight is" if moving else "the tool's weight and inertia are"
-    remedy = f'{words} not in the reading, because the controller subtracts the payload: set sensor.compensated = "{what}"'
+    remedy = f'{words} not in the reading (the controller subtracts the payload): set sensor.compensated = "{what}"'
     return "compensated", remedy, {"sensor.compensated": what}
 
 
@@ -141,7 +141,7 @@ def tares(base: Evidence) -> list[float]:
         return []
     left = state.wrench - state.data() @ state.tool.theta
     zero = (np.abs(case.wrench) < ZERO * noise).all(1)
-    found = []
+    found: list[float] = []
     for i in np.flatnonzero(zero[2:-1]) + 2:
         before, after = left[i - 2], left[i + 1]
         gap = case.bins.t[i + 1] - case.bins.t[i - 2] > 3 * np.median(np.diff(case.bins.t)) + 1

@@ -12,7 +12,7 @@ from ftbias_jax.filtering.check.bins import Bins, bins_of, join_bins
 from ftbias_jax.filtering.check.motion import Motion, arm_motion, body_motion, data_matrices, in_sensor
 from ftbias_jax.filtering.check.regression import Fit, Layout, Tool, fit, make_layout, stated_tool
 from ftbias_jax.io.log import Log
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup.types import Setup, ToolSetup
 from ftbias_jax.types import Array
 
 MOST = 1500
@@ -142,8 +142,16 @@ def stated(case: Case) -> State:
     motion, specific_force = motion_as_stated(case), None
     if bins.acceleration is not None:
         specific_force = in_sensor(motion, bins.acceleration - setup.robot.gravity)
-    tool, gravity = stated_tool(setup.tool), setup.robot.gravity
-    return State(case, motion, gravity, case.wrench, tool, np.ones(2), specific_force=specific_force)
+    tool, gravity = stated_tool(known_tool(setup)), setup.robot.gravity
+    delay = float(setup.effects.get("time_delay", {}).get("delay", 0.0))
+    return State(case, motion, gravity, case.wrench, tool, np.ones(2), specific_force=specific_force, delay=delay)
+
+
+def known_tool(setup: Setup) -> ToolSetup:
+    """The tool with what [effects] say of its mass and centre of mass."""
+    mass = setup.effects.get("tool_mass", {}).get("mass", setup.tool.mass)
+    center = setup.effects.get("tool_com", {}).get("center_of_mass", setup.tool.center_of_mass)
+    return replace(setup.tool, mass=float(mass), center_of_mass=np.asarray(center, float))
 
 
 def motion_as_stated(case: Case) -> Motion:
