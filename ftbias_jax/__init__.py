@@ -6,6 +6,7 @@
 
     setup = ft.load_setup("setup.toml")
     log = ft.read_log("log.npz", setup)
+    check = ft.check_setup(setup, [log])                # print(check): units, signs, frames
     result = ft.filter_log(setup, log, smooth=True)     # result.bias, .bias_std, .wrench_unbiased, ...
     tuned = ft.tune(setup, [log])                       # tuned.setup
     found = ft.identify_tool(setup, log)                # found.setup
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from ftbias_jax.diagnosis.diagnose import diagnose
     from ftbias_jax.diagnosis.result import Candidate, Diagnosis
     from ftbias_jax.errors import FtbiasError, LogError, OutputError, SetupError, UsageError
+    from ftbias_jax.filtering.check.check_setup import check_setup
+    from ftbias_jax.filtering.check.result import Check, Mistake
     from ftbias_jax.filtering.likelihood import log_likelihood
     from ftbias_jax.filtering.pipeline import Options, options_from_setup
     from ftbias_jax.filtering.samples import samples_from_log
@@ -50,6 +53,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Candidate",
+    "Check",
     "Diagnosis",
     "FilterResult",
     "FtbiasError",
@@ -57,6 +61,7 @@ __all__ = [
     "IdentifyResult",
     "Log",
     "LogError",
+    "Mistake",
     "Options",
     "OutputError",
     "Params",
@@ -70,6 +75,7 @@ __all__ = [
     "Truth",
     "TuneResult",
     "UsageError",
+    "check_setup",
     "diagnose",
     "dump_setup",
     "filter_log",
@@ -95,6 +101,8 @@ _MODULES = {
     "diagnosis.diagnose": "diagnose",
     "diagnosis.result": "Candidate Diagnosis",
     "errors": "FtbiasError LogError OutputError SetupError UsageError",
+    "filtering.check.check_setup": "check_setup",
+    "filtering.check.result": "Check Mistake",
     "filtering.likelihood": "log_likelihood",
     "filtering.pipeline": "Options options_from_setup",
     "filtering.samples": "samples_from_log",

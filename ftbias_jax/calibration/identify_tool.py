@@ -11,6 +11,7 @@ from ftbias_jax.calibration.identify import NAMES, UNITS, Identified, identify
 from ftbias_jax.calibration.identify_poses import PoseReport, identify_poses
 from ftbias_jax.errors import LogError
 from ftbias_jax.filtering import filter_log
+from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Log
@@ -86,7 +87,13 @@ class IdentifyResult:
 
 @in_float64
 def identify_tool(
-    setup: Setup, log: Log | Poses, *, mounting: bool = False, gravity: bool = False, bias: bool = False
+    setup: Setup,
+    log: Log | Poses,
+    *,
+    mounting: bool = False,
+    gravity: bool = False,
+    bias: bool = False,
+    unchecked: bool = False,
 ) -> IdentifyResult:
     """Find the tool's mass, centre of mass and inertia, physically consistent, jointly with the bias.
 
@@ -101,15 +108,21 @@ def identify_tool(
         gravity: also find the direction of gravity in the base frame; its size is kept.
         bias: also put the bias at the end of the log, with its standard error, into the setup: the prior of logs that
             are recorded next, as long as nobody zeroes the sensor.
+        unchecked: do not look first whether the setup can be right (``check_setup``).
 
     Returns:
         the setup found, with values in kg, m, kg m^2 about the centre of mass, sensor axes.
+
+    Raises:
+        SetupError: the setup is wrong in more than the tool, as the log shows. LogError: the log is in units or frames
+            that no setup states.
     """
     setup = with_guessed_tool(setup)
     report = None
     if isinstance(log, Poses):
         found, report = identify_poses(setup, log, mounting, gravity)
     else:
+        require_right(setup, [log], "identify", unchecked)
         options = Options(joint_model=setup.joints.model)
         params = filter_log.likeliest_params(setup, samples_from_log(log), options)
         samples = samples_from_log(filter_log.without_useless(log, params))

@@ -19,6 +19,7 @@ from ftbias_jax.calibration.tune_blocks import LogInBlocks, is_correlated, look_
 from ftbias_jax.calibration.tune_result import HeldOut, TuneResult, comments_of, reasons_against, with_noise
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import filter_log
+from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_joints
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import samples_from_log
@@ -55,6 +56,7 @@ def tune(
     start: Log | None = None,
     report: ReportFit = _nobody,
     total: newton.Total = newton.alone,
+    unchecked: bool = False,
 ) -> TuneResult:
     """Fit the noise of joints, bias and sensor to logs by maximum likelihood.
 
@@ -76,13 +78,17 @@ def tune(
         start: the log whose likeliest joint noise to start from; None = the first one.
         report: told of every iteration.
         total: adds up the processes that tune together, as ``distributed.total`` does.
+        unchecked: do not look first whether the setups can be right (``check_setup``).
 
     Raises:
         UsageError: no log, or a name or share that does not exist.
-        SetupError: a further setup differs in more than its tool and the prior of its bias.
+        SetupError: a further setup differs in more than its tool and the prior of its bias; or a setup is wrong, as its
+            logs show. LogError: the logs are in units or frames that no setup states.
     """
     tools = [(setup, logs), *others]
     _check(tools, fit, tie, data_noise, hold_out, total)
+    for each, its_logs in tools:
+        require_right(each, its_logs, "tune", unchecked)
     options = Options(joint_model=setup.joints.model)
     first = filter_log.likeliest_params(setup, samples_from_log(start or logs[0]), options)
     stated = [first, *(params_from_setup(other)._replace(joint=first.joint) for other, _ in others)]

@@ -10,6 +10,13 @@ Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """What commands are added to."""
 
 
+def add_unchecked(parser: argparse.ArgumentParser) -> None:
+    """The option of the commands that look first whether a setup can be right."""
+    parser.add_argument(
+        "--unchecked", action="store_true", help="do not look first whether the setup can be right (ftbias check)"
+    )
+
+
 def count(text: str) -> int:
     """Of logs or processes."""
     return _whole(text, 1, 100_000)

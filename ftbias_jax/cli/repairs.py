@@ -9,6 +9,16 @@ from ftbias_jax.errors import printable
 from ftbias_jax.io.log import Repairs
 
 
+def tell_mistake(path: str, line: str) -> None:
+    """Print on standard error what is wrong with the setup of a log.
+
+    Args:
+        path: of the log.
+        line: what ``Check.lines`` gives.
+    """
+    print(printable(f"ftbias: {path}: {line}"), file=sys.stderr, flush=True)
+
+
 def tell_repairs(logs: Iterable[tuple[str, Repairs]]) -> int:
     """Print the repairs of every log on standard error; returns the exit code, 3 if samples were lost, else 0.
 

@@ -31,6 +31,7 @@ from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Gap
 from ftbias_jax.diagnosis.samples.types import Finding, together
 from ftbias_jax.diagnosis.search import search
 from ftbias_jax.errors import UsageError
+from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE, check_names
@@ -56,7 +57,9 @@ UNSURE = "; or something that is not in the catalogue, for it lasted long"
 
 
 @in_float64
-def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str] = (), without: Collection[str] = ()) -> Diagnosis:
+def diagnose(
+    setup: Setup, logs: Sequence[Log], names: Sequence[str] = (), without: Collection[str] = (), unchecked: bool = False
+) -> Diagnosis:
     """Diagnose one log, or several of one robot together: an effect then has the same parameters in all of them.
 
     Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
@@ -69,8 +72,10 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str] = (), witho
             ``repairs``.
         names: of the logs, one each, for the report; () = "log 1", "log 2", ...
         without: effects that may not be named, to see what the answer would be without them.
+        unchecked: do not look first whether the setup can be right (``check_setup``).
 
     Raises:
+        SetupError, LogError: the logs show a mistake of units, signs or frames.
         UsageError: no log, an unknown effect, or a setup without the joints of an arm.
     """
     require_arm(setup)
@@ -80,6 +85,7 @@ def diagnose(setup: Setup, logs: Sequence[Log], names: Sequence[str] = (), witho
         raise UsageError(message, field="logs", remedy="give one log or more, and a name for each or none")
     check_names(without, "without")
     logs = [clean(log, clipped=False) for log in logs]
+    require_right(setup, [clean(log) for log in logs], "diagnose", unchecked)
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)
     base, hold_out = fits.base(problem), Judge(problem)

@@ -13,7 +13,7 @@ import numpy as np
 from ftbias_jax.filtering import joint_filter, pipeline, smoother
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.joint_noise import likeliest_density
-from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State
+from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State, predict_wrench
 from ftbias_jax.filtering.result import Filtered, join, keep
 from ftbias_jax.filtering.samples import pad, samples_from_log
 from ftbias_jax.io.log import Log
@@ -49,12 +49,28 @@ def guard_against_lag(params: Params) -> Params:
 def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
     """Parameters from a setup; a joint process noise the setup leaves open is the likeliest of the log."""
     params = params_from_setup(setup, samples.q.dtype)
+    if setup.sensor.rezeroed:
+        params = zeroed_at_first(params, samples)
     if setup.joints.process_noise_density is not None:
         return params
     part = jax.tree.map(lambda x: x[:CHUNK], samples)
     part = pad(part, _bucket(part.dt.shape[0]))
     likeliest = likeliest_density(params.joint, part.dt, part.q, part.dq, options.joint_model)
     return params._replace(joint=params.joint._replace(process_density=likeliest))
+
+
+def zeroed_at_first(params: Params, samples: Sample) -> Params:
+    """The bias expected of a sensor that was set to zero in the first pose, at rest: what the tool makes it read there.
+
+    Args:
+        params: with the bias that the setup expects beside that.
+        samples: of the log, from its beginning.
+    """
+    q = joint_filter.first_measured(samples.q)
+    still = jnp.zeros_like(q)
+    _, weight = predict_wrench(params, jnp.stack([q, still, still], 1))
+    mean = params.bias.prior_mean.at[:6].add(weight)
+    return params._replace(bias=params.bias._replace(prior_mean=mean))
 
 
 def filter_with_params(

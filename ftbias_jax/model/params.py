@@ -92,11 +92,13 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
         SetupError: the setup does not state the tool's mass or centre of mass.
     """
     sensor, n = require_tool(setup).sensor, len(setup.robot.screws)
+    # What the controller has subtracted is not in the reading: all that the tool causes, or its weight alone.
+    there = {name: float(sensor.compensated != name) for name in ("weight", "tool")}
     tool = (as_array(x, dtype) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))
     params = Params(
         _sensor_base(setup, dtype),
-        setup.robot.gravity,
-        jax.jit(tool_parameters)(*tool),
+        there["weight"] * setup.robot.gravity,
+        there["tool"] * jax.jit(tool_parameters)(*tool),
         JointNoise(
             np.ones(n) if setup.joints.process_noise_density is None else setup.joints.process_noise_density,
             setup.joints.position_noise_std,
@@ -173,7 +175,7 @@ def _data_variance(setup: Setup, dtype: Any) -> Float[Array, " 36"] | None:
 
 def _unknown_acceleration(setup: Setup) -> Float[Array, " 6"]:
     """(6,) N^2, Nm^2: variance of the tool's wrench by accelerations that nobody recorded, the same in all axes."""
-    if setup.pose is None or setup.pose.linear != "none":
+    if setup.pose is None or setup.pose.linear != "none" or setup.sensor.compensated == "tool":
         return np.zeros(6)
     center = setup.tool.center_of_mass
     arm = center @ center - center**2  # squares of the distances of the centre of mass from the axes

@@ -12,9 +12,10 @@ from ftbias_jax.setup.types import Setup
 
 _OWN = {
     "bias": ("initial", "initial_drift", "initial_std", "initial_drift_std"),
+    "sensor": ("rotation_rpy", "rezeroed"),
     "robot": ("position_limits", "velocity_limits"),
 }
-"""What may differ beside the tool: the prior of the bias, and whether the same arm's limits are stated."""
+"""What may differ beside the tool: the prior of the bias, how the rotation was written, and the same arm's limits."""
 
 
 def require_one_robot(first: Setup, other: Setup) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 from ftbias_jax.setup.keys.table import key_of
 from ftbias_jax.setup.keys.toml_text import toml_key, toml_line
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot
-from ftbias_jax.setup.rotations import rpy_from_rotation
-from ftbias_jax.setup.types import DATA_NOISE_UNITS, POSE, DataNoiseSetup, PoseSetup, RobotSetup, Setup
+from ftbias_jax.setup.rotations import rotation_from_rpy, rpy_from_rotation
+from ftbias_jax.setup.types import DATA_NOISE_UNITS, POSE, DataNoiseSetup, PoseSetup, RobotSetup, SensorSetup, Setup
+from ftbias_jax.types import Array
 
 Comments = Mapping[str, str]
 
@@ -106,9 +107,13 @@ def _sections(setup: Setup) -> Iterable[Line]:
     sensor, tool, bias, joints = setup.sensor, setup.tool, setup.bias, setup.joints
     density = {"integrated_jerk": "rad/s^2.5", "integrated_acceleration": "rad/s^1.5"}.get(joints.model, "rad/s^2")
     yield Line("[sensor]", "translation", sensor.translation)
-    yield Line("[sensor]", "rotation_rpy", rpy_from_rotation(sensor.rotation))
+    yield Line("[sensor]", "rotation_rpy", _angles(sensor))
     yield Line("[sensor]", "noise_std", sensor.noise_std)
     yield Line("[sensor]", "reports", sensor.reports)
+    if sensor.compensated != "none":
+        yield Line("[sensor]", "compensated", sensor.compensated)
+    if sensor.rezeroed:
+        yield Line("[sensor]", "rezeroed", sensor.rezeroed)
     if sensor.correlated_std is not None:
         yield Line("[sensor]", "correlated_std", sensor.correlated_std)
         yield Line("[sensor]", "correlated_time", sensor.correlated_time)
@@ -142,6 +147,14 @@ def _sections(setup: Setup) -> Iterable[Line]:
         yield Line("[log.columns]", key, value)
     for key, value in setup.log.topics.items():
         yield Line("[log.topics]", key, value)
+
+
+def _angles(sensor: SensorSetup) -> Array:
+    """The sensor's rotation as it was written, if nothing has turned it since."""
+    written = sensor.rotation_rpy
+    if written is not None and np.array_equal(rotation_from_rpy(written), sensor.rotation):
+        return written
+    return rpy_from_rotation(sensor.rotation)
 
 
 def _data_noise(noise: DataNoiseSetup) -> Iterable[Line]:

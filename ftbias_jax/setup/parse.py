@@ -15,7 +15,16 @@ from ftbias_jax.setup.parse_noise import bias_section, data_noise_section, joint
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot, prismatic_screw, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.sensor_pose import parse_pose, pose_columns, pose_robot
-from ftbias_jax.setup.types import LogSetup, PoseSetup, RobotSetup, SensorSetup, Setup, ToolSetup, unknown_tool
+from ftbias_jax.setup.types import (
+    COMPENSATED,
+    LogSetup,
+    PoseSetup,
+    RobotSetup,
+    SensorSetup,
+    Setup,
+    ToolSetup,
+    unknown_tool,
+)
 from ftbias_jax.setup.urdf import Pose, Urdf, load_urdf
 from ftbias_jax.setup.urdf_robot import urdf_robot, urdf_tool
 from ftbias_jax.types import Array
@@ -128,8 +137,17 @@ def _sensor(top: Section) -> SensorSetup:
     correlated = [key for key in ("correlated_std", "correlated_time") if key in section.values]
     if len(correlated) == 1:
         raise section.error(correlated[0], "stands alone", "state correlated_std and correlated_time, or none of them")
-    values = {key: read(section, key) for key in SECTIONS["sensor"].keys if key != "rotation_rpy"}
-    return SensorSetup(rotation=_rotation(section), **values)
+    others = [key for key in SECTIONS["sensor"].keys if key != "compensated"]
+    values = {key: read(section, key) for key in others}
+    return SensorSetup(rotation=_rotation(section), compensated=_compensated(section), **values)
+
+
+def _compensated(section: Section) -> str:
+    """A name, or true for all of the tool's wrench."""
+    value = section.values.get("compensated")
+    if isinstance(value, bool):
+        return COMPENSATED[2] if value else COMPENSATED[0]
+    return str(read(section, "compensated"))
 
 
 def _tool(top: Section, sensor: SensorSetup) -> ToolSetup:

@@ -15,6 +15,7 @@ import numpy as np
 from ftbias_jax.types import Array
 
 REPORTS = ("wrench_on_tool", "wrench_on_sensor")
+COMPENSATED = ("none", "weight", "tool")
 JOINT_MODELS = ("integrated_jerk", "integrated_acceleration", "acceleration")
 SCREWS = "screws"
 """``RobotSetup.model`` of a robot that is not built in."""
@@ -71,6 +72,13 @@ class SensorSetup:
     """(6,) N and Nm: noise that is correlated in time, a first-order Gauss-Markov process; None = not stated."""
     correlated_time: Array | None = None
     """(6,) s, its correlation time."""
+    compensated: str = "none"
+    """One of COMPENSATED: what of the tool the controller has subtracted from the reading already."""
+    rezeroed: bool = False
+    """Whether the sensor was set to zero in the log's first pose, with the tool on: its bias is then the tool's wrench
+    there."""
+    rotation_rpy: Array | None = None
+    """(3,) the angles of ``rotation`` as they were written, rad, to recognise degrees; None = not written."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     check_names(arguments.without, "--without")
     names = [Path(path).name for path in arguments.logs]
-    diagnosis = diagnose(setup, logs, names, without=tuple(arguments.without))
+    diagnosis = diagnose(setup, logs, names, without=tuple(arguments.without), unchecked=arguments.unchecked)
     print(diagnosis)
     if arguments.json:
         diagnosis.to_json(arguments.json)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ftbias_jax.cli.commands import filter_archive
 from ftbias_jax.cli.commands.filter_archive import with_choices
-from ftbias_jax.cli.repairs import tell_repairs
+from ftbias_jax.cli.repairs import tell_mistake, tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
 from ftbias_jax.io.atomic import write_atomic
@@ -21,7 +21,7 @@ from ftbias_jax.setup import load_setup
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Filter a log into a file, or an archive into a folder; 3 if samples or logs were lost, else 0."""
+    """Filter a log into a file, or an archive into a folder; 3 if samples were lost or nothing was gained, else 0."""
     if _is_folder(arguments.output):
         return filter_archive.run(arguments)
     writer(arguments.output)
@@ -51,7 +51,10 @@ def run(arguments: argparse.Namespace) -> int:
 
     whole = bool(arguments.plot or arguments.check)
     progress = Progress(f"filtering {path}", 1.0)
-    outcome = filter_file(log, setup, arguments.output, Choices(arguments.smooth), progress, keep=whole)
+    choices = Choices(arguments.smooth, arguments.unchecked)
+    outcome = filter_file(
+        log, setup, arguments.output, choices, progress, keep=whole, warn=lambda line: tell_mistake(path, line)
+    )
     if arguments.plot:
         plot.save_figure(arguments.plot, plot.plot_filtered(outcome.filtered, Path(path).name))
     print(format_summary(outcome.summary))
@@ -69,7 +72,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(consistency.format_check(checked))
         lines = spectrum.find_lines(filtered.t, filtered.innovation)
         print(spectrum.format_lines(lines) if lines else "no hum or resonance in the innovations")
-    return tell_repairs([(path, outcome.repairs)])
+    code = tell_repairs([(path, outcome.repairs)])
+    if outcome.worse and not outcome.warnings:
+        tell_mistake(path, "the corrected wrench is worse than the raw one: ftbias check says why, or ftbias diagnose")
+    return 3 if outcome.worse else code
 
 
 def _is_folder(output: str) -> bool:

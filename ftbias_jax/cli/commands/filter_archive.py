@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.cli.jobs.one_file import Choices
 
     make_folder(folder)
-    choices = Choices(arguments.smooth)
+    choices = Choices(arguments.smooth, arguments.unchecked)
     wanted = {**choices._asdict(), "salvage": arguments.salvage}
     known = done_before(folder)
     entries: dict[str, Entry] = {}

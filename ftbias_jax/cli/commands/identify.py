@@ -22,7 +22,14 @@ def run(arguments: argparse.Namespace) -> int:
     prepare_jax()
     from ftbias_jax.calibration.identify_tool import identify_tool
 
-    found = identify_tool(setup, log, mounting=arguments.mounting, gravity=arguments.gravity, bias=arguments.bias)
+    found = identify_tool(
+        setup,
+        log,
+        mounting=arguments.mounting,
+        gravity=arguments.gravity,
+        bias=arguments.bias,
+        unchecked=arguments.unchecked,
+    )
     print(found)
     code = tell_repairs([(arguments.log, log.repairs)])
     found.save(output)

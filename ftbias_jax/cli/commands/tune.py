@@ -65,6 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         start=first,
         report=Reporter() if speaks else lambda label, iteration, value: None,
         total=total,
+        unchecked=arguments.unchecked,
     )
     if speaks:
         print(tuned)

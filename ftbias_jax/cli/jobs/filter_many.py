@@ -41,7 +41,7 @@ def filter_task(task: Task, setup: Setup, folder: str, choices: Choices, salvage
         return entry._replace(error=printable(f"{task.log}: {type(error).__name__}: {error}"))
     return entry._replace(
         status=LOSS if outcome.lost else OK,
-        repairs=tuple(printable(repair.what) for repair in outcome.repairs),
+        repairs=tuple(map(printable, (*outcome.warnings, *(repair.what for repair in outcome.repairs)))),
         samples=outcome.summary.samples,
         output_bytes=os.path.getsize(output),
     )

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.adapt.log_noise import LogNoise
+from ftbias_jax.filtering.check.check_setup import check_parts
+from ftbias_jax.filtering.check.result import Check
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability, summary
 from ftbias_jax.filtering.quality.summary import Summary
@@ -27,6 +29,8 @@ class Choices(NamedTuple):
 
     smooth: bool = False
     """Add the bias given past and future."""
+    unchecked: bool = False
+    """Do not look first whether the setup can be right."""
 
 
 DEFAULT_CHOICES = Choices()
@@ -43,11 +47,15 @@ class Outcome(NamedTuple):
     """What was mended or lost, for the owner to know."""
     filtered: Filtered
     """The whole result if it was asked for, otherwise the last part of it."""
+    warnings: tuple[str, ...] = ()
+    """Mistakes of the setup that the log shows, a line each."""
+    worse: bool = False
+    """Whether the corrected wrench is worse than the raw one."""
 
     @property
     def lost(self) -> bool:
-        """Whether samples were left out or an axis was never measured."""
-        return any(repair.lost for repair in self.repairs)
+        """Whether samples were left out, an axis was never measured, or nothing was gained."""
+        return self.worse or any(repair.lost for repair in self.repairs)
 
 
 def filter_file(
@@ -58,6 +66,7 @@ def filter_file(
     progress: Callable[[float], None] = lambda share: None,
     *,
     keep: bool = False,
+    warn: Callable[[str], None] = lambda line: None,
 ) -> Outcome:
     """Filter a log into a file, which appears whole or not at all.
 
@@ -70,10 +79,14 @@ def filter_file(
         choices: see there.
         progress: told the share that is done.
         keep: also return the result.
+        warn: told the mistakes of the setup before anything is computed.
 
     Raises:
         LogError: the log is damaged. OutputError, UsageError: the result cannot be written.
     """
+    check = Check(()) if choices.unchecked else check_parts(setup, log.parts, log.length)
+    for line in check.lines():
+        warn(line)
     options = options_from_setup(setup)
     likeliest = filter_log.likeliest_params(setup, samples_from_log(next(log.parts(filter_log.CHUNK))), options)
     size = filter_log.CHUNK if likeliest.effects is None else log.length  # effects with a memory need the whole log
@@ -98,4 +111,6 @@ def filter_file(
         assert tally.last is not None  # no log is empty
         filtered = tally.last
     repairs = (*log.repairs, *observability.remarks(turning))
-    return Outcome(summary.finish(tally), ready.params, ready.noise, repairs, filtered)
+    told = summary.finish(tally)
+    worse = check.worse_than_raw or summary.worse_than_raw(told)
+    return Outcome(told, ready.params, ready.noise, repairs, filtered, tuple(check.lines()), worse)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import Commands, process, restarts, share
+from ftbias_jax.cli.argument_types import Commands, add_unchecked, process, restarts, share
 
 
 def add_tune(commands: Commands) -> None:
@@ -72,6 +72,7 @@ def add_tune(commands: Commands) -> None:
         metavar="HOST:PORT,N,I",
         help="one of N processes, the I-th from 0, that share the logs; nothing to give under Slurm or MPI",
     )
+    add_unchecked(parser)
 
 
 def add_identify(commands: Commands) -> None:
@@ -96,3 +97,4 @@ def add_identify(commands: Commands) -> None:
         action="store_true",
         help="also write the bias at the end of LOG with its standard error, as the prior of logs recorded next",
     )
+    add_unchecked(parser)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import Commands, count, numbers, seed
+from ftbias_jax.cli.argument_types import Commands, add_unchecked, count, numbers, seed
 
 
 def add_diagnose(commands: Commands) -> None:
@@ -23,6 +23,7 @@ def add_diagnose(commands: Commands) -> None:
     parser.add_argument(
         "--without", action="append", default=[], metavar="EFFECT", help="leave this effect out; may be repeated"
     )
+    add_unchecked(parser)
 
 
 def add_validate(commands: Commands) -> None:

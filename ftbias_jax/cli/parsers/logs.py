@@ -42,6 +42,19 @@ def add_info(commands: Commands) -> None:
     parser.add_argument("--setup", metavar="SETUP.toml", help="also tell whether LOG can be filtered with it")
 
 
+def add_check(commands: Commands) -> None:
+    """The command ``check``."""
+    parser = commands.add_parser(
+        "check",
+        help="see from logs whether a setup can be right: signs, units, frames",
+        description="Say which mistakes of sign, unit, frame or convention LOGs show in a setup, and what to write "
+        "instead. Exits with 1 if there are any. The other commands look for the same first.",
+    )
+    parser.add_argument("logs", nargs="+", metavar="LOG", help="logs of the same robot, sensor and tool")
+    parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
+    parser.add_argument("--json", metavar="OUT.json", help="also write the findings for programs")
+
+
 def add_demo(commands: Commands) -> None:
     """The command ``demo``."""
     parser = commands.add_parser(

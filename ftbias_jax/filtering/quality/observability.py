@@ -41,7 +41,7 @@ def start() -> Turning:
 
 def add(turning: Turning, params: Params, part: Filtered) -> Turning:
     """Take in poses of the next part."""
-    if not len(part.t):
+    if not len(part.t) or not (np.any(params.gravity) and np.any(params.theta)):  # no weight is in the reading
         return turning
     rows = np.linspace(0, len(part.t) - 1, POSES).astype(int)
     joints = np.stack([part.q[rows], part.dq[rows], part.ddq[rows]], 2)
@@ -64,7 +64,7 @@ def unobservable(turning: Turning) -> list[str]:
 
 def remarks(turning: Turning) -> Repairs:
     """What the owner of a log should know of its motion; () if it shows enough."""
-    if hidden := unobservable(turning):
+    if turning.poses and (hidden := unobservable(turning)):
         what = f"the sensor turns too little: errors of the tool's {' and '.join(hidden)} would look like bias"
         return (Repair(what),)
     return ()

@@ -11,6 +11,8 @@ from ftbias_jax.types import AXES, Array
 
 AHEAD = 1.0
 """s: how far ahead the reading is predicted."""
+WORSE = 1.1
+"""Factor from which a residual is larger than the reading itself."""
 FAR = 8.0
 """Standard deviations: noise does not do that."""
 
@@ -135,6 +137,19 @@ def finish(tally: Tally) -> Summary:
 def summarise(filtered: Filtered) -> Summary:
     """The summary of a result that is whole."""
     return finish(add(start(), filtered))
+
+
+def worse_than_raw(summary: Summary) -> bool:
+    """Whether correcting the wrench has made it worse: force or torque lie farther off the tool model than they vary.
+
+    Args:
+        summary: of the whole log.
+    """
+    for axes in (slice(0, 3), slice(3, 6)):
+        raw, residual = (np.sqrt(np.nansum(x[axes] ** 2)) for x in (summary.raw_std, summary.residual_std))
+        if residual > WORSE * raw:
+            return True
+    return False
 
 
 def format_summary(summary: Summary) -> str:

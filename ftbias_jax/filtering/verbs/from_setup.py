@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering import filter_log as chunks
+from ftbias_jax.filtering.check.check_setup import check_setup
 from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
@@ -17,7 +18,7 @@ from ftbias_jax.filtering.recorded.ready import in_parts, ready_to_filter, smoot
 from ftbias_jax.filtering.result import join
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
-from ftbias_jax.io.log import Log
+from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
@@ -35,6 +36,7 @@ def filter_log(
     *,
     smooth: bool = False,
     as_stated: bool = False,
+    unchecked: bool = False,
     progress: Callable[[int], None] = _nobody,
 ) -> FilterResult:
     """Bias, drift and corrected wrench of a log, each from the wrench samples before it.
@@ -50,11 +52,13 @@ def filter_log(
         smooth: add the bias given past and future.
         as_stated: as a filter on the robot would: joints from the past alone, noise and gate as the setup states. The
             joints' process noise is then LAG_GUARD times the likeliest.
+        unchecked: do not look first whether the setup can be right (``check_setup``); ``print`` says so if it is not.
         progress: told the samples done so far.
 
     Returns:
         arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints.
     """
+    wrong = () if unchecked else check_setup(setup, [log]).lines()
     if as_stated:
         setup = replace(setup, bias=replace(setup.bias, adapt=False))
     options = options_from_setup(setup)
@@ -73,7 +77,8 @@ def filter_log(
         params=ready.params,
         noise=ready.noise,
         joint_model=setup.joints.model,
-        repairs=(*log.repairs, *observability.remarks(turning)),
+        repairs=(*map(Repair, wrong), *log.repairs, *observability.remarks(turning)),
+        warnings=tuple(wrong),
         start=log.start,
         summary=summarise(filtered),
         **extra,

@@ -108,6 +108,8 @@ class FilterResult:
     """s, stamp of the log's first sample."""
     summary: Summary
     """The numbers that ``print`` shows."""
+    warnings: tuple[str, ...] = ()
+    """Mistakes of the setup that the log shows, a line each."""
     used: Array | None = None
     """(T,) whether the sample passed the gate, and nothing touched the tool."""
     reading_std: Array | None = None
@@ -143,7 +145,8 @@ class FilterResult:
         return find_lines(self.t, self.innovation)
 
     def __str__(self) -> str:
-        lines = [format_summary(self.summary), *describe(self.noise), format_joint_noise(self.params, self.joint_model)]
+        told = [*self.warnings, format_summary(self.summary), *describe(self.noise)]
+        lines = [*told, format_joint_noise(self.params, self.joint_model)]
         return "\n".join(lines)
 
 

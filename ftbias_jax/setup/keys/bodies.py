@@ -5,7 +5,7 @@ from __future__ import annotations
 from ftbias_jax.setup.fields import NOT_NEGATIVE, POSITIVE
 from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind, SectionKeys, names, number, numbers, text
 from ftbias_jax.setup.robots import BUILT_IN, STANDARD_GRAVITY
-from ftbias_jax.setup.types import LINEAR, ORIENTATIONS, REPORTS
+from ftbias_jax.setup.types import COMPENSATED, LINEAR, ORIENTATIONS, REPORTS
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -67,6 +67,18 @@ SENSOR = SectionKeys(
             "`wrench_on_tool`, or `wrench_on_sensor` for a sensor that reports the opposite sign",
             choices=REPORTS,
             default=REPORTS[0],
+        ),
+        "compensated": text(
+            "what the controller has subtracted from the reading already: `weight` of the payload, or all that the "
+            "`tool` causes (`true` means the same); the corrected wrench is then what else acts on the tool",
+            choices=COMPENSATED,
+            default=COMPENSATED[0],
+        ),
+        "rezeroed": Key(
+            Kind.FLAG,
+            "the sensor was set to zero in the log's first pose, at rest and with the tool on: the bias starts at the "
+            "tool's wrench there, beside `bias.initial`",
+            default=False,
         ),
         "correlated_std": numbers(
             "standard deviation of noise that is correlated in time: a first-order Gauss-Markov process on each axis",

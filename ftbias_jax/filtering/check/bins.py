@@ -1,0 +1,172 @@
+"""A log in short bins: the mean wrench of each, and the motion at that moment by parabolas through the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.io.log import Log
+from ftbias_jax.io.pose import product
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+WIDTH = 0.1
+"""s: wide enough for accelerations, narrow enough that a robot's acceleration hardly changes within."""
+LEAST = 6
+"""Samples of the joints that a bin should have."""
+WIDEST = 0.5
+"""s: samples that are farther apart than that are poses at rest."""
+MOST = 150_000
+"""Samples looked at; a longer log is looked at in stretches."""
+STRETCH = 200
+"""Bins in a row, where a log is looked at in stretches."""
+SPEED, ACCELERATION = 10.0, 50.0
+"""rad/s, rad/s^2 or m/s, m/s^2: standard deviations of a very weak prior, which makes sparse bins solvable."""
+
+
+class Bins(NamedTuple):
+    """Means of a log over N bins; NaN where an axis was not measured."""
+
+    t: Float[Array, " N"]
+    """s, of the log; increasing."""
+    q: Float[Array, "N n"]
+    """rad, m; of a recorded pose: its entries, by the pose alone."""
+    dq: Float[Array, "N n"]
+    ddq: Float[Array, "N n"]
+    wrench: Float[Array, "N 6"]
+    """N, Nm: on the tool, as the log has it."""
+    count: Float[Array, " N"]
+    """Wrench samples of the bin."""
+    gyroscope: Array | None = None
+    """(N, 3) rad/s, sensor frame, as recorded; None = none."""
+    acceleration: Array | None = None
+    """(N, 3) m/s^2, base frame, by an accelerometer and the orientation as stated; None = none."""
+
+
+def bins_of(log: Log, setup: Setup) -> Bins:
+    """A log in bins that have both motion and wrench.
+
+    Args:
+        log: as ``read_log`` gives it, or a part of one.
+        setup: says how well the joints are measured, and whether a pose was recorded instead.
+    """
+    log = _stretches(log)
+    joints = np.isfinite(log.q).any(1) | np.isfinite(log.dq).any(1)
+    step = np.median(np.diff(log.t[joints])) if joints.sum() > 1 else WIDTH
+    width = max(WIDTH, LEAST * step) if step < WIDEST / 2 else step
+    label = np.floor((log.t - log.t[0]) / width).astype(int)
+    first = np.flatnonzero(np.diff(label, prepend=-1))
+    half = width / 2
+    u = (log.t - log.t[0] - (label + 0.5) * width) / half
+
+    read = np.isfinite(log.wrench)
+    measured = read.any(1)
+    count = _sums(measured, first)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        wrench = _sums(np.where(read, log.wrench, 0), first) / _sums(read, first)
+        at = _sums(np.where(measured, u, 0), first) / count
+    at = np.nan_to_num(at)
+    noise, rate_noise = setup.joints.position_noise_std, setup.joints.velocity_noise_std
+    pose = setup.pose is not None
+    rates = np.full_like(log.dq, np.nan) if pose else log.dq
+    q, dq, ddq = _parabola(log.q, rates, u, first, half, (noise, rate_noise), at)
+    if step >= WIDEST / 2:
+        dq, ddq = np.zeros_like(q), np.zeros_like(q)
+    gyroscope = _gyroscope(log, setup, u, first, at) if pose else None
+    acceleration = None
+    if setup.pose is not None and setup.pose.linear == "specific_force":
+        acceleration = _line(log.dq[:, 4:], u, first, np.zeros_like(at))[1] / half
+        q[:, 4:], dq[:, 4:], ddq[:, 4:] = 0, 0, acceleration
+    whole = np.isfinite(q).all(1) & np.isfinite(ddq).all(1) & (count > 0)
+    t = log.t[0] + (label[first] + 0.5) * width + at * half
+    bins = Bins(t, q, dq, ddq, wrench, count, gyroscope, acceleration)
+    return Bins(*(None if x is None else x[whole] for x in bins))
+
+
+def join_bins(parts: Iterable[Bins]) -> Bins:
+    """Bins of one log after another's."""
+    columns = zip(*parts, strict=True)
+    return Bins(*(None if any(x is None for x in column) else np.concatenate(column) for column in columns))
+
+
+def _stretches(log: Log) -> Log:
+    """The log, or stretches of it that are spread over all of it."""
+    if len(log.t) <= MOST:
+        return log
+    samples = max(LEAST * STRETCH, round(STRETCH * WIDTH / max(np.median(np.diff(log.t)), 1e-6)))
+    pieces = max(1, MOST // samples)
+    starts = np.linspace(0, max(0, len(log.t) - samples), pieces).astype(int)
+    rows = np.unique(np.concatenate([np.arange(start, min(start + samples, len(log.t))) for start in starts]))
+    t, q, dq, wrench, temperature = (x[rows] for x in log[:5])
+    return Log(t, q, dq, wrench, temperature, log.start)
+
+
+def _sums(values: Array, first: Array) -> Array:
+    return np.add.reduceat(values, first, axis=0, dtype=float)
+
+
+def _parabola(
+    values: Array, rates: Array, u: Array, first: Array, half: float, noise: tuple[Array, Array], at: Array
+) -> tuple[Array, Array, Array]:
+    """Least squares of c0 + c1 u + c2 u^2 to values and of its slope to rates, in each bin; at u = ``at``.
+
+    Returns:
+        value, rate and acceleration (N, n); NaN where a bin has no value.
+    """
+    u = u[:, None]
+    has, has_rate = np.isfinite(values), np.isfinite(rates)
+    x, v = np.where(has, values, 0), np.where(has_rate, rates * half, 0)
+    S = [_sums(has * u**k, first) for k in range(5)]
+    V = [_sums(has_rate * u**k, first) for k in range(3)]
+    weight = (noise[0] / (noise[1] * half)) ** 2
+    prior = [(noise[0] / (SPEED * half)) ** 2, (2 * noise[0] / (ACCELERATION * half**2)) ** 2]
+    normal = np.empty((*S[0].shape, 3, 3))
+    for i in range(3):
+        for j in range(3):
+            normal[..., i, j] = S[i + j]
+    normal[..., 1, 1] += weight * V[0] + prior[0]
+    normal[..., 1, 2] += 2 * weight * V[1]
+    normal[..., 2, 1] += 2 * weight * V[1]
+    normal[..., 2, 2] += 4 * weight * V[2] + prior[1]
+    right = np.stack([_sums(x * u**k, first) for k in range(3)], -1)
+    right[..., 1] += weight * _sums(v, first)
+    right[..., 2] += 2 * weight * _sums(v * u, first)
+    empty = S[0] == 0
+    normal[empty] = np.eye(3)
+    c = np.linalg.solve(normal, right[..., None])[..., 0]
+    c[empty] = np.nan
+    at = at[:, None]
+    return (
+        c[..., 0] + c[..., 1] * at + c[..., 2] * at**2,
+        (c[..., 1] + 2 * c[..., 2] * at) / half,
+        2 * c[..., 2] / half**2,
+    )
+
+
+def _line(values: Array, u: Array, first: Array, at: Array) -> tuple[Array, Array]:
+    """Value at u = ``at`` and slope (N, k) of a line through the values of each bin; slope 0 where there is but one."""
+    u = u[:, None]
+    has = np.isfinite(values)
+    x = np.where(has, values, 0)
+    n, s, ss = (_sums(has * u**k, first) for k in range(3))
+    y, sy = _sums(x, first), _sums(x * u, first)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        spread = ss - s * s / n
+        slope = np.where(spread > 1e-6, (sy - s * y / n) / spread, 0)
+        return y / n + slope * (at[:, None] - s / n), slope
+
+
+def _gyroscope(log: Log, setup: Setup, u: Array, first: Array, at: Array) -> Array | None:
+    """The rates that a recording had before they were turned into rates of the quaternion (``io.pose``)."""
+    known, rated = (np.isfinite(x[:, :4]).all(1) for x in (log.q, log.dq))
+    if not rated.any() or not known.any():
+        return None
+    between = np.stack([np.interp(log.t, log.t[known], column) for column in log.q[known, :4].T], 1)
+    between /= np.linalg.norm(between, axis=1, keepdims=True)
+    turn = 2 * product(between * [1, -1, -1, -1], log.dq[:, :4])[:, 1:]
+    return _line(turn @ setup.sensor.rotation, u, first, at)[0]

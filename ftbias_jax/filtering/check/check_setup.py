@@ -1,0 +1,212 @@
+"""The verb ``check_setup``: mistakes of content in a setup, recognised from logs before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ftbias_jax.errors import UsageError
+from ftbias_jax.filtering.check import poses, special
+from ftbias_jax.filtering.check.alternatives import all_alternatives
+from ftbias_jax.filtering.check.bins import bins_of, join_bins
+from ftbias_jax.filtering.check.judge import BAD, Evidence, best_alternative, decisively, evidence_of, score
+from ftbias_jax.filtering.check.regression import TRIM_MORE, free_tool
+from ftbias_jax.filtering.check.result import Check, Mistake
+from ftbias_jax.filtering.check.state import Case, Result, State, case_of_bins, make_case, stated
+from ftbias_jax.io.log import Log
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
+
+MOST_MISTAKES = 2
+"""That are looked for beside those of a recorded pose; the second one with the first one mended."""
+PART, MOST_PARTS = 1 << 17, 16
+"""Samples of a part of a long log, and parts that are looked at."""
+POSE_BETTER = 0.7
+"""Share of what the stated convention of a pose leaves that another may leave."""
+POSE_TIE = 0.1
+"""Difference of scores within which two conventions of a pose do equally well."""
+
+
+def check_setup(setup: Setup, logs: Sequence[Log]) -> Check:
+    """Whether a setup can be right, as far as logs show it: signs, units, frames, gravity, an offset.
+
+    The wrench is fitted by least squares with the bias free, once as the setup states and once with each of a list of
+    mistakes undone. A mistake is named only if undoing it explains decisively more on blocks of the log that the fit
+    has not seen, and neither an effect of the catalogue nor another tool would do. Takes a fraction of a second, and
+    does not need JAX.
+
+    Args:
+        setup: what the robot's owner believes.
+        logs: of this robot, sensor and tool, as ``read_log`` gives them.
+
+    Raises:
+        UsageError: there is no log.
+    """
+    if not logs:
+        raise UsageError("there is no log to check", field="logs", remedy="give at least one")
+    return check_case(make_case(setup, logs), setup)
+
+
+def require_right(setup: Setup, logs: Sequence[Log], command: str, unchecked: bool) -> None:
+    """Refuse a setup that the logs show to be wrong, or that leaves nothing to look for.
+
+    Args:
+        setup: of the logs.
+        logs: without the samples of stuck and clipped axes.
+        command: what it is wanted for: tune, identify or diagnose.
+        unchecked: do not look at the logs.
+
+    Raises:
+        UsageError: the tool is looked for in a reading from which the controller has subtracted it.
+        SetupError: the setup is wrong. LogError: the logs are in units or frames that no setup states.
+    """
+    if setup.sensor.compensated != "none" and command != "tune":
+        remedy = "record the raw wrench, or use filter and tune"
+        message = "the tool's weight is not in the reading"
+        raise UsageError(message, file=setup.path, field="sensor.compensated", remedy=remedy)
+    if not unchecked:
+        check_setup(setup, logs).require_ok(command)
+
+
+def check_case(case: Case | None, setup: Setup) -> Check:
+    """The same from bins; None = too few of them.
+
+    Args:
+        case: of ``make_case``.
+        setup: of the logs.
+    """
+    if case is None:
+        return Check((), {}, setup.path)
+    check = _check(case)
+    if check.ok or check.findings[0].mistake == "worse_than_raw":
+        touched = _check(replace(case, layout=case.layout._replace(trim=TRIM_MORE)))
+        if not touched.ok and touched.findings[0].mistake != "worse_than_raw":
+            return touched
+    return check
+
+
+def check_parts(setup: Setup, parts: Callable[[int], Iterator[Log]], length: int) -> Check:
+    """The same of one log that is read in parts; of a long one some parts are looked at.
+
+    Args:
+        setup: of the log.
+        parts: reads the log in parts of so many samples.
+        length: samples of the log.
+    """
+    if length <= PART:
+        return check_setup(setup, [next(parts(length))])
+    every = max(1, length // PART // MOST_PARTS)
+    bins = [bins_of(part, setup) for i, part in enumerate(parts(PART)) if i % every == 0]
+    return check_case(case_of_bins(setup, [join_bins(bins)]), setup)
+
+
+def _check(case: Case) -> Check:
+    setup, state = case.setup, stated(case)
+    first = evidence_of(state)
+    if setup.sensor.compensated != "none":
+        return Check(tuple(_of_bias(first)), _numbers(first, first.result), setup.path)
+    found: list[Mistake] = []
+    if setup.pose is not None:
+        state, of_pose = _of_pose(first)
+        found += of_pose
+    base = evidence_of(state) if found else first
+    for _ in range(MOST_MISTAKES):
+        best = best_alternative(base, all_alternatives(base.state))
+        if best is None:
+            break
+        alternative, result = best
+        evidence = _numbers(first, result)
+        found.append(Mistake(alternative.mistake, evidence, alternative.remedy, alternative.setup or {}))
+        base = evidence_of(alternative.state)
+    if not found:
+        found += _of_absence(base)
+    if not any(mistake.mistake == "compensated" for mistake in found):
+        found += _of_time(base, first)
+        found += _of_bias(base)
+    worse = special.worse_than_raw(first)
+    if worse and not found:
+        remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
+        found.append(Mistake("worse_than_raw", _numbers(first, first.result), remedy))
+    return Check(tuple(found), {**_numbers(first, first.result), "worse_than_raw": worse}, setup.path)
+
+
+def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
+    """The state with the pose's conventions put right, and what was wrong with them."""
+    state, found = first.state, []
+    pose = state.case.setup.pose
+    assert pose is not None
+    tried = [(convention, s, s.fit(free_tool(s.tool))) for convention, s in poses.conventions(state)]
+    as_stated = tried[0][2]
+    good = [
+        (convention, s, result)
+        for convention, s, result in tried[1:]
+        if result.square[0] < POSE_BETTER * as_stated.square[0]
+        and result.square[0] < BAD * first.raw[0]
+        and decisively(as_stated, result, (0,), state.case.layout.block)
+    ]
+    if good:
+        best = max(score(first, result) for *_, result in good)
+        ties = [entry for entry in good if score(first, entry[2]) > best - POSE_TIE]
+        convention, state, result = min(ties, key=lambda entry: sum(vars(entry[0]).values()))
+        for mistake, remedy, setup in convention.findings(pose.orientation):
+            found.append(Mistake(mistake, _numbers(first, result), remedy, setup))
+    for of_imu in (poses.gyroscope_remedy(state), poses.accelerometer_remedy(state)):
+        if of_imu is not None:
+            words, ratio = of_imu
+            found.append(Mistake("gyroscope_units", ratio, words))
+    if poses.accelerometer_remedy(state) is not None and state.specific_force is not None:
+        state = state.but(specific_force=9.80665 * state.specific_force)
+    return state, found
+
+
+def _of_absence(base: Evidence) -> Iterator[Mistake]:
+    """The tool's weight is not in the reading."""
+    absent = special.compensated(base)
+    if absent is not None:
+        mistake, remedy, setup = absent
+        share = special.share_of_tool(base, 0).value
+        rms = {"rms_as_stated": _rms(base.result.square[0]), "rms_if_mended": _rms(base.raw[0])}
+        yield Mistake(mistake, {**rms, "share_of_the_weight": float(f"{share:.3g}")}, remedy, setup)
+
+
+def _of_time(base: Evidence, first: Evidence) -> Iterator[Mistake]:
+    """The clocks of wrench and motion differ."""
+    offset = special.time_offset(base)
+    if offset is not None:
+        delay, result = offset
+        later, than = ("wrench", "motion") if delay > 0 else ("motion", "wrench")
+        remedy = f"the {later} is stamped {abs(delay):.2f} s later than the {than}: shift its stamps"
+        states = -1 <= delay <= 2 and base.state.case.setup.pose is None
+        setup = {"effects.time_delay.delay": round(delay, 3)} if states else {}
+        yield Mistake("time_offset", {**_numbers(first, result), "offset_s": round(delay, 3)}, remedy, setup)
+
+
+def _of_bias(base: Evidence) -> Iterator[Mistake]:
+    """The bias is not what its prior says, or was set to zero on the way."""
+    times = special.tares(base)
+    if times:
+        words = ", ".join(f"{t:.1f} s" for t in times[:5])
+        remedy = f"the sensor was set to zero while it recorded, at {words}: cut the log there, and filter the pieces"
+        yield Mistake("rezeroed", {"times": times}, remedy)
+        return
+    beyond = special.bias_beyond_prior(base)
+    if beyond is not None:
+        mistake, remedy, setup = beyond
+        offset = np.abs(np.median(base.state.wrench, 0)).max()
+        yield Mistake(mistake, {"largest_reading": float(f"{offset:.5g}")}, remedy, setup, mistake == "rezeroed")
+
+
+def _numbers(first: Evidence, result: Result) -> dict[str, Any]:
+    """Rms of what is left as stated and if mended, and of the reading itself, force and torque."""
+    numbers = {"rms_raw": first.raw, "rms_as_stated": first.exact}
+    if result is not first.result:
+        numbers["rms_if_mended"] = result.square
+    named = {name: _rms(square[0]) for name, square in numbers.items()}
+    return named | {f"torque_{name}": _rms(square[1]) for name, square in numbers.items()}
+
+
+def _rms(square: Array) -> float:
+    return float(f"{np.sqrt(square):.4g}")

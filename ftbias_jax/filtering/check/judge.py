@@ -1,0 +1,153 @@
+"""Which alternative is named: one that explains what neither the setup nor a small effect nor another tool does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ftbias_jax.filtering.check.regression import BLOCKS, exactly, free_tool, no_tool
+from ftbias_jax.filtering.check.state import PENALTY, Alternative, Result, State
+from ftbias_jax.types import Array
+
+BAD = 0.3
+"""Share of the raw variance that the stated model must leave before another is looked for: effects of the catalogue at
+their typical size leave 0.1 and less."""
+BETTER = 0.25
+"""Share of what the stated model leaves that an alternative may leave."""
+GOOD = 0.3
+"""Share of the raw variance that it may leave."""
+SAME = 1.5
+"""Factor within which another tool does as well as an alternative."""
+SLACK = 0.03
+"""Share of the raw variance that is added to that."""
+TIE = 0.35
+"""Difference of scores within which two alternatives do equally well."""
+SURE = 3.0
+"""Standard errors over blocks by which an alternative must be better."""
+LONG_LIST, CLEAR = 5, 0.02
+"""Rank from which alternatives are very many, and share of the raw variance that makes them needless."""
+ABSENT = 0.2
+"""Coefficient of the tool's wrench below which it is not in the reading."""
+LEVER = 0.5
+"""m: no tool's centre of mass is farther off."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Of the setup as stated."""
+
+    state: State
+    raw: Array
+    """(2,) variance of the reading without bias and drift, force and torque: N^2, Nm^2."""
+    exact: Array
+    """(2,) with the tool as stated."""
+    result: Result
+    """With a tool near the stated one."""
+    free: Array | None
+    """(2,) with any tool that could exist; None if the best one could not."""
+
+    @property
+    def left(self) -> Array:
+        """(2,) share of the raw variance that the setup leaves."""
+        share: Array = self.result.square / self.raw
+        return share
+
+
+def evidence_of(state: State) -> Evidence:
+    """How well a state explains the reading."""
+    raw = state.fit(no_tool()).square + 1e-30
+    free = state.fit(free_tool(state.tool))
+    return Evidence(
+        state,
+        raw,
+        state.fit(exactly(state.tool)).square,
+        state.fit(),
+        free.square if is_possible(free.fit.theta) else None,
+    )
+
+
+def is_possible(theta: Array) -> bool:
+    """Whether a tool of these inertial parameters could exist."""
+    return bool(theta[0] > 0 and np.linalg.norm(theta[1:4]) < LEVER * theta[0])
+
+
+def best_alternative(base: Evidence, alternatives: Iterable[Alternative]) -> tuple[Alternative, Result] | None:
+    """The alternative that is decisively better than the stated model; None if there is none.
+
+    Args:
+        base: the stated model.
+        alternatives: to it.
+    """
+    if not (base.left > BAD).any():
+        return None
+    tried: list[tuple[Alternative, Result]] = []
+    good: list[tuple[Alternative, Result]] = []
+    for alternative in alternatives:
+        if alternative.rank >= LONG_LIST and any((result.square < CLEAR * base.raw).all() for _, result in good):
+            break
+        result = alternative.state.fit()
+        tried.append((alternative, result))
+        if _is_named(base, alternative, result):
+            good.append((alternative, result))
+    if not good:  # the tool may be wrong, too
+        tried = [(a, a.state.fit(free_tool(a.state.tool))) for a, _ in tried if not a.scale]
+        good = [(a, r) for a, r in tried if is_possible(r.fit.theta) and _is_named(base, a, r, any_tool=True)]
+    if not good:
+        return None
+    best = max(score(base, result) for _, result in good)
+    ties = [(a, r) for a, r in good if score(base, r) > best - TIE]
+    return min(ties, key=lambda pair: pair[0].rank)
+
+
+def score(base: Evidence, result: Result) -> float:
+    """Logarithm of the share that is left, force and torque; larger is better."""
+    return float(-np.log(result.square / base.raw + PENALTY).sum())
+
+
+def decisively(base: Result, better: Result, groups: tuple[int, ...], layout_block: Array) -> bool:
+    """Whether a fit is better than another on blocks held out, by more than chance.
+
+    Args:
+        base: the fit to beat.
+        better: the fit that may be better.
+        groups: 0 for force, 1 for torque.
+        layout_block: (N,) number of each bin's block.
+    """
+    rows = base.fit.kept & better.fit.kept
+    ratio = []
+    for block in np.unique(layout_block[rows]):
+        inside = rows & (layout_block == block)
+        sums = [sum(r.errors[inside, g].mean() for g in groups) for r in (base, better)]
+        ratio.append(np.log((sums[0] + 1e-30) / (sums[1] + 1e-30)))
+    if len(ratio) < BLOCKS // 4:
+        return False
+    mean, spread = np.mean(ratio), np.std(ratio) / np.sqrt(len(ratio))
+    return bool(mean > SURE * spread)
+
+
+def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_tool: bool = False) -> bool:
+    groups = list(alternative.groups)
+    left, stated = (result.square / base.raw)[groups], base.left[groups]
+    absent = alternative.mistake == "base_frame_wrench"  # its weight does not turn, so that little variance is there
+    if not ((stated > BAD) & (left < BETTER * stated)).all():
+        return False
+    if absent:
+        return score(base, result) > TIE + float(-np.log(np.ones(2) + PENALTY).sum()) and _is_sure(
+            base, alternative, result
+        )
+    if not (left < GOOD).all():
+        return False
+    other = [1 - group for group in groups if 1 - group not in groups]
+    if other and not any_tool and (result.square > 2 * np.maximum(base.result.square, base.raw))[other].any():
+        return False
+    if base.free is not None and not (left < SAME * (base.free / base.raw)[groups] + SLACK).all():
+        return False
+    if any_tool and base.free is not None and not (left < BETTER * (base.free / base.raw)[groups]).all():
+        return False
+    return _is_sure(base, alternative, result)
+
+
+def _is_sure(base: Evidence, alternative: Alternative, result: Result) -> bool:
+    return decisively(base.result, result, alternative.groups, base.state.case.layout.block)

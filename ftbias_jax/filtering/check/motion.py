@@ -1,0 +1,131 @@
+"""Motion of the sensor over many bins, in NumPy: of an arm, or of a body whose pose was recorded."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.setup.types import RobotSetup, SensorSetup
+from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+
+class Motion(NamedTuple):
+    """Of the sensor, over N bins."""
+
+    rotation: Float[Array, "N 3 3"]
+    """R_base_sensor."""
+    acceleration: Float[Array, "N 3"]
+    """m/s^2 of the sensor's origin, base frame."""
+    velocity: Float[Array, "N 3"]
+    """rad/s, angular, base frame."""
+    turning: Float[Array, "N 3"]
+    """rad/s^2, angular acceleration, base frame."""
+    position: Float[Array, "N 3"]
+    """m of the sensor's origin, base frame."""
+
+
+def arm_motion(robot: RobotSetup, sensor: SensorSetup, q: Array, dq: Array, ddq: Array) -> Motion:
+    """Motion of a sensor on an arm, by the recursion of ``model.kinematics.screws.sensor_motion``.
+
+    Args:
+        robot: the arm.
+        sensor: where it is mounted on the flange.
+        q: (N, n) rad, m.
+        dq: (N, n) rad/s, m/s.
+        ddq: (N, n) rad/s^2, m/s^2.
+    """
+    count = len(q)
+    R, p = np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
+    v, w, dv, dw = (np.zeros((count, 3)) for _ in range(4))  # spatial twist and its rate, about the base's origin
+    for screw, x, dx, ddx in zip(robot.screws, q.T, dq.T, ddq.T, strict=True):
+        angular = R @ screw[3:]
+        linear = R @ screw[:3] + np.cross(p, angular)
+        dv = dv + linear * ddx[:, None] + (np.cross(w, linear) + np.cross(v, angular)) * dx[:, None]
+        dw = dw + angular * ddx[:, None] + np.cross(w, angular) * dx[:, None]
+        v, w = v + linear * dx[:, None], w + angular * dx[:, None]
+        S = skew(screw[3:])
+        sin, versine = np.sin(x)[:, None], 2 * np.sin(x / 2)[:, None] ** 2
+        turn = np.eye(3) + sin[..., None] * S + versine[..., None] * (S @ S)
+        step = x[:, None] * screw[:3] + versine * (S @ screw[:3]) + (x[:, None] - sin) * (S @ S @ screw[:3])
+        p = p + _apply(R, step)
+        R = R @ turn
+    position = p + R @ (robot.flange_translation + robot.flange_rotation @ sensor.translation)
+    velocity = v + np.cross(w, position)
+    acceleration = dv + np.cross(dw, position) + np.cross(w, velocity)
+    return Motion(R @ (robot.flange_rotation @ sensor.rotation), acceleration, w, dw, position)
+
+
+def body_motion(sensor: SensorSetup, lever: Array, q: Array, dq: Array, ddq: Array, *, in_body: bool = False) -> Motion:
+    """Motion of a sensor on a body whose pose was recorded (``model.kinematics.recorded_pose``).
+
+    Args:
+        sensor: how it is turned in the body's frame.
+        lever: (3,) m from the body's origin to the sensor's, body frame.
+        q: (N, 4 or 7) quaternion w, x, y, z of the body in the base, and position in m.
+        dq: its rates.
+        ddq: the rates of those.
+        in_body: the position has the body's axes instead of the base's.
+    """
+    length = np.linalg.norm(q[:, :4], axis=1)
+    n2 = (length**2)[:, None]
+    w0, u = q[:, :1], q[:, 1:4]
+    R = np.eye(3) + 2 / n2[..., None] * (w0[..., None] * skew(u) + skew(u) @ skew(u))
+
+    def rate(x: Array) -> Array:
+        return 2 / n2 * (-u * x[:, :1] + w0 * x[:, 1:4] + np.cross(u, x[:, 1:4]))
+
+    w = rate(dq)
+    dw = rate(ddq) - 2 * (q[:, :4] * dq[:, :4]).sum(1, keepdims=True) / n2 * w
+    p, v, a = (x[:, 4:] if x.shape[1] > 4 else np.zeros((len(x), 3)) for x in (q, dq, ddq))
+    if in_body:
+        p, v, a = (_apply(R, x) for x in (p, v, a))
+        a = a + 2 * np.cross(w, v) + np.cross(dw, p) + np.cross(w, np.cross(w, p))
+    arm = R @ lever
+    a = a + np.cross(dw, arm) + np.cross(w, np.cross(w, arm))
+    return Motion(R @ sensor.rotation, a, w, dw, p + arm)
+
+
+def data_matrices(motion: Motion, gravity: Array, specific_force: Array | None = None) -> Float[Array, "N 6 10"]:
+    """D of every bin, with W = D theta (``model.wrench.tool_wrench.data_matrix``).
+
+    Args:
+        motion: of the sensor.
+        gravity: (3,) m/s^2, base frame.
+        specific_force: (N, 3) m/s^2, sensor frame, where an accelerometer measured it.
+    """
+    f = in_sensor(motion, motion.acceleration - gravity) if specific_force is None else specific_force
+    w, a = in_sensor(motion, motion.velocity), in_sensor(motion, motion.turning)
+    D = np.zeros((len(f), 6, 10))
+    D[:, :3, 0] = f
+    D[:, :3, 1:4] = skew(w) @ skew(w) + skew(a)
+    D[:, 3:, 1:4] = -skew(f)
+    D[:, 3:, 4:] = _of_inertia(a) + skew(w) @ _of_inertia(w)
+    return D
+
+
+def in_sensor(motion: Motion, vectors: Array) -> Float[Array, "N 3"]:
+    """Vectors (N, 3) of the base frame, in the sensor's."""
+    return np.einsum("nji,nj->ni", motion.rotation, vectors)
+
+
+def skew(x: Array) -> Array:
+    """(..., 3) -> (..., 3, 3) with skew(x) y = x cross y."""
+    zero = np.zeros(x.shape[:-1])
+    rows = [[zero, -x[..., 2], x[..., 1]], [x[..., 2], zero, -x[..., 0]], [-x[..., 1], x[..., 0], zero]]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def _of_inertia(x: Array) -> Array:
+    """(N, 3) -> (N, 3, 6) with I x for I = Ixx Ixy Ixz Iyy Iyz Izz."""
+    zero = np.zeros(len(x))
+    a, b, c = x.T
+    rows = [[a, b, c, zero, zero, zero], [zero, a, zero, b, c, zero], [zero, zero, a, zero, b, c]]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def _apply(R: Array, x: Array) -> Array:
+    return np.einsum("nij,nj->ni", R, x)

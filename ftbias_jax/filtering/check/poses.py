@@ -1,0 +1,105 @@
+"""Conventions of a recorded pose that are easily mistaken: the quaternion, the axes of the position, an IMU's units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ftbias_jax.filtering.check.motion import body_motion, in_sensor
+from ftbias_jax.filtering.check.state import State
+
+OTHER = {"quaternion_xyzw": "quaternion_wxyz", "quaternion_wxyz": "quaternion_xyzw"}
+GYROSCOPES = {
+    180 / np.pi: "in deg/s: convert it to rad/s",
+    np.pi / 180: "57.3 times too small: it was converted from degrees twice",
+    30 / np.pi: "in revolutions per minute: convert it to rad/s",
+    1e3: "in mrad/s: convert it to rad/s",
+}
+"""Factor of the recorded rates -> what they are."""
+NEAR = 1.25
+"""Factor by which a ratio may be off."""
+TURNING = 0.02
+"""rad/s, rms: what turns less says nothing of a gyroscope."""
+ALIKE = 0.8
+"""Correlation of gyroscope and orientation from which their sizes can be compared."""
+MOST_G, LEAST_G = 1.3, 0.7
+"""Typical length of a specific force in g."""
+
+
+@dataclass(frozen=True)
+class Convention:
+    """How a recorded pose is read, where it differs from the setup."""
+
+    reordered: bool = False
+    """The quaternion has the other order of its entries."""
+    inverse: bool = False
+    """It turns vectors of the base into the body's axes."""
+    in_body: bool = False
+    """The position has the body's axes."""
+
+    def findings(self, orientation: str) -> Iterator[tuple[str, str, dict[str, str]]]:
+        """Mistake, remedy and setup of each difference."""
+        words, setup = [], {}
+        if self.reordered:
+            setup = {"sensor_pose.orientation": OTHER[orientation]}
+            words.append(f'the quaternion is in the other order: set sensor_pose.orientation = "{OTHER[orientation]}"')
+        if self.inverse:
+            what = "matrix" if orientation == "matrix" else "quaternion"
+            verb = "transpose it" if what == "matrix" else "record its conjugate"
+            words.append(f"the {what} turns vectors of the base into the body's axes: {verb}")
+        if words:
+            yield "quaternion_convention", "; ".join(words), setup
+        if self.in_body:
+            remedy = "the position has the body's axes: turn it into the base frame, p_base = R p_body"
+            yield "position_frame", remedy, {}
+
+
+def conventions(state: State) -> Iterator[tuple[Convention, State]]:
+    """Every way of reading the pose, the stated one first, and what is believed then."""
+    case = state.case
+    pose = case.setup.pose
+    assert pose is not None
+    reorder = (False, True) if pose.orientation in OTHER else (False,)
+    position = (False, True) if pose.linear == "position" else (False,)
+    to_other = [1, 2, 3, 0] if pose.orientation == "quaternion_xyzw" else [3, 0, 1, 2]
+    lever = np.zeros(3) if pose.linear == "specific_force" else case.setup.sensor.translation
+    for inverse, reordered, in_body in product((False, True), reorder, position):
+        entries = [*(to_other if reordered else range(4)), *range(4, case.bins.q.shape[1])]
+        signs = np.ones(len(entries))
+        signs[1:4] = -1 if inverse else 1
+        arrays = (x[:, entries] * signs for x in (case.bins.q, case.bins.dq, case.bins.ddq))
+        motion = body_motion(case.setup.sensor, lever, *arrays, in_body=in_body)
+        yield Convention(reordered, inverse, in_body), state.but(motion=motion)
+
+
+def gyroscope_remedy(state: State) -> tuple[str, dict[str, float]] | None:
+    """What is wrong with the units of the gyroscope, and the ratio that shows it; None if nothing is."""
+    measured = state.case.bins.gyroscope
+    if measured is None:
+        return None
+    known = in_sensor(state.motion, state.motion.velocity)
+    rows = np.isfinite(measured).all(1)
+    measured, known = measured[rows], known[rows]
+    if not rows.any() or np.sqrt((known**2).sum(1).mean()) < TURNING:
+        return None
+    overlap = (measured * known).sum()
+    alike = overlap / np.sqrt((measured**2).sum() * (known**2).sum() + 1e-300)
+    ratio = overlap / (known**2).sum()
+    for factor, words in GYROSCOPES.items():
+        if alike > ALIKE and factor / NEAR < ratio < factor * NEAR:
+            return f"the gyroscope is {words}", {"ratio_to_the_orientation": float(f"{ratio:.4g}")}
+    return None
+
+
+def accelerometer_remedy(state: State) -> tuple[str, dict[str, float]] | None:
+    """What is wrong with the unit of an accelerometer."""
+    if state.specific_force is None:
+        return None
+    size = float(np.median(np.linalg.norm(state.specific_force, axis=1)))
+    if LEAST_G < size < MOST_G:
+        words = "the specific force is in g: multiply it by 9.80665"
+        return words, {"median_specific_force": float(f"{size:.4g}")}
+    return None

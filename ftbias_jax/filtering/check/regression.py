@@ -1,0 +1,189 @@
+"""How well a tool near the stated one explains the wrench, with bias and drift free, on blocks that were held out."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.setup.types import ToolSetup
+from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
+
+KNOT = 40.0
+"""s between the knots of the drift that is left free."""
+BLOCKS = 20
+"""Of every log: those of even number are held out from the others, and the other way round."""
+TRIM, TRIM_MORE = 0.15, 0.45
+"""Share of the bins that is left out as contact or spikes, the worst of every fit; and where that finds nothing, for
+logs that are touched for long."""
+ROUNDS = 3
+"""Fits, each without what the one before it missed most."""
+GROUPS = (slice(0, 3), slice(3, 6))
+"""Force and torque."""
+STEPS = np.logspace(-12, 8, 81)
+"""Lagrange multipliers to try, relative to the largest curvature."""
+
+
+class Layout(NamedTuple):
+    """What all fits to one set of bins share."""
+
+    basis: Float[Array, "N K"]
+    """Bias and drift of each log: piecewise linear in time."""
+    block: Float[Array, " N"]
+    """Number of the bin's block; the logs' blocks follow one another."""
+    axes: Bool[Array, " 6"]
+    """Which axes of the wrench are measured; the others are zero."""
+    trim: float = TRIM
+    """Share of the bins that fits leave out."""
+
+
+class Tool(NamedTuple):
+    """Inertial parameters theta (10,) and how far off they may be, for a statement that is not exact."""
+
+    theta: Float[Array, " 10"]
+    reach: Float[Array, " 10"]
+    """Half axes of the ellipsoid around theta that a fit may use; infinite = free."""
+
+
+class Fit(NamedTuple):
+    """Of one alternative, on bins that its parameters have not seen."""
+
+    theta: Float[Array, " 10"]
+    """Of a fit to all bins."""
+    errors: Float[Array, "N 2"]
+    """Squared norm of what is left of force and torque, N^2 and Nm^2."""
+    kept: Bool[Array, " N"]
+    """Bins that are not left out as contact or spikes."""
+
+    @property
+    def square(self) -> Float[Array, " 2"]:
+        """Mean squared error of force and torque, N^2 and Nm^2."""
+        mean: Array = self.errors[self.kept].mean(0)
+        return mean
+
+
+def make_layout(t: Array, log: Array, axes: Array) -> Layout:
+    """Bias, drift and blocks of bins.
+
+    Args:
+        t: (N,) s.
+        log: (N,) number of the log that each belongs to.
+        axes: (6,) which axes are measured.
+    """
+    columns, blocks, count = [], np.zeros(len(t), int), 0
+    for number in np.unique(log):
+        rows = np.flatnonzero(log == number)
+        order = np.arange(len(rows)) * BLOCKS // len(rows)
+        blocks[rows] = count + order
+        count += BLOCKS
+        span = t[rows] - t[rows[0]]
+        knots = np.linspace(0, max(span[-1], 1e-9), 2 + int(span[-1] // KNOT))
+        hats = np.stack([np.interp(span, knots, unit) for unit in np.eye(len(knots))], 1)
+        column = np.zeros((len(t), len(knots)))
+        column[rows] = hats
+        columns.append(column)
+    return Layout(np.concatenate(columns, 1), blocks, axes)
+
+
+def stated_tool(tool: ToolSetup) -> Tool:
+    """The tool of a setup; a merely inexact statement is within reach."""
+    m, c = tool.mass, tool.center_of_mass
+    x, y, z = c
+    steiner = m * np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+    theta = np.concatenate([[m], m * c, tool.inertia + steiner])
+    length = np.linalg.norm(c)
+    moment = m * (0.04 + 0.5 * length)
+    inertia = m * (0.1 + length) ** 2 + np.abs(tool.inertia).max()
+    return Tool(theta, np.concatenate([[0.25 * m], np.full(3, moment), np.full(6, inertia)]))
+
+
+def free_tool(tool: Tool) -> Tool:
+    """Any tool."""
+    return Tool(tool.theta, np.full(10, np.inf))
+
+
+def no_tool() -> Tool:
+    """None at all: what is left is the reading without its bias."""
+    return Tool(np.zeros(10), np.zeros(10))
+
+
+def exactly(tool: Tool) -> Tool:
+    """The tool to the last digit."""
+    return Tool(tool.theta, np.zeros(10))
+
+
+def fit(D: Array, wrench: Array, tool: Tool, layout: Layout) -> Fit:
+    """Least squares of W = D theta - b with theta within the tool's reach, b free, and the worst bins left out.
+
+    Args:
+        D: (N, 6, 10).
+        wrench: (N, 6) N, Nm.
+        tool: where theta may lie.
+        layout: bias, drift and blocks.
+    """
+    D = D * layout.axes[:, None]
+    scale = _scales(wrench, layout)
+    kept = np.ones(len(wrench), bool)
+    errors = np.zeros((len(wrench), 2))
+    for _ in range(ROUNDS):
+        for part in (0, 1):
+            held = layout.block % 2 == part
+            theta, bias = _solve(D, wrench, tool, layout, kept & ~held, scale)
+            left = D[held] @ theta - layout.basis[held] @ bias - wrench[held]
+            errors[held] = np.stack([(left[:, group] ** 2).sum(1) for group in GROUPS], 1)
+        badness = (errors / scale**2).sum(1)
+        kept = badness <= np.quantile(badness, 1 - layout.trim)
+    theta, _ = _solve(D, wrench, tool, layout, kept, scale)
+    return Fit(theta, errors, kept)
+
+
+def without_bias(values: Array, layout: Layout) -> Array:
+    """Columns (N, ...) less the bias and drift that fit them best."""
+    flat = values.reshape(len(values), -1)
+    coefficients = np.linalg.lstsq(layout.basis, flat, rcond=None)[0]
+    cleaned: Array = (flat - layout.basis @ coefficients).reshape(values.shape)
+    return cleaned
+
+
+def _scales(wrench: Array, layout: Layout) -> Float[Array, " 2"]:
+    """Typical size of force and torque without their bias, N and Nm: the weights of the two."""
+    free = without_bias(wrench, layout)
+    return np.array([np.sqrt(np.median((free[:, group] ** 2).sum(1))) for group in GROUPS]) + 1e-9
+
+
+def _solve(
+    D: Array, wrench: Array, tool: Tool, layout: Layout, rows: Array, scale: Array
+) -> tuple[Float[Array, " 10"], Float[Array, "K 6"]]:
+    B = layout.basis[rows]
+    count = len(B)
+    columns = np.concatenate([D[rows].reshape(count, 60), wrench[rows]], 1)
+    gram = B.T @ B
+    gram += 1e-9 * max(np.trace(gram), 1e-300) / len(gram) * np.eye(len(gram))
+    fitted = np.linalg.solve(gram, B.T @ columns)
+    free = columns - B @ fitted
+    X = free[:, :60].reshape(count, 6, 10) / np.repeat(scale, 3)[:, None]
+    y = free[:, 60:] / np.repeat(scale, 3)
+    X, y = X.reshape(-1, 10), y.reshape(-1)
+    theta = _within_reach(X.T @ X, X.T @ y, tool)
+    return theta, fitted[:, :60].reshape(-1, 6, 10) @ theta - fitted[:, 60:]
+
+
+def _within_reach(normal: Array, right: Array, tool: Tool) -> Float[Array, " 10"]:
+    """argmin of theta' normal theta - 2 right' theta in the tool's ellipsoid."""
+    if not tool.reach.any():
+        return tool.theta
+    if np.isinf(tool.reach).all():
+        size = np.sqrt(np.diag(normal)) + 1e-12
+        scaled = normal / np.outer(size, size) + 1e-9 * np.eye(10)
+        free: Array = np.linalg.solve(scaled, right / size) / size
+        return free
+    S = tool.reach
+    d, V = np.linalg.eigh(normal * np.outer(S, S))
+    g = V.T @ (S * (right - normal @ tool.theta))
+    steps = STEPS[:, None] * max(d[-1], 1e-300)
+    x = g / (np.maximum(d, 0) + steps)
+    inside = np.flatnonzero((x**2).sum(1) <= 1)
+    return tool.theta + S * (V @ x[inside[0] if inside.size else -1])

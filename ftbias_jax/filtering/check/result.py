@@ -1,0 +1,132 @@
+"""What a check finds, in words and for programs."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ftbias_jax.errors import FtbiasError, LogError, SetupError
+from ftbias_jax.io.atomic import write_json
+
+MISTAKES: Mapping[str, str] = {
+    "sign": "the sensor reports the opposite sign",
+    "gravity": "gravity points another way in the base frame",
+    "wrench_units": "force or torque are in other units than N and Nm",
+    "tool_units": "the tool's mass or lengths are in other units than kg and m",
+    "angle_units": "joint angles or the sensor's rotation are in degrees",
+    "force_torque_swapped": "the torque stands where the force should be",
+    "sensor_axes": "the sensor's axes are turned, swapped or mirrored",
+    "quaternion_convention": "the quaternion has another order, or is the inverse",
+    "position_frame": "the recorded position has the axes of the body",
+    "gyroscope_units": "the gyroscope or the accelerometer is in other units",
+    "compensated": "the controller has subtracted the payload already",
+    "rezeroed": "the sensor was set to zero with the tool on",
+    "time_offset": "the wrench and the motion have clocks that differ",
+    "base_frame_wrench": "the wrench has the axes of the base frame",
+    "raw_offset": "the reading's offset is far beyond what the setup expects of the bias",
+    "worse_than_raw": "the model makes the reading worse than doing nothing",
+}
+"""Every mistake that is recognised, and what it is."""
+NOT_FOR = {"identify": ("worse_than_raw",)}
+"""Mistakes that a command can do with: it is there to mend them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mistake:
+    """One mistake in a setup or a log."""
+
+    mistake: str
+    """One of MISTAKES."""
+    evidence: Mapping[str, Any]
+    """Numbers that show it: rms of what is left of force (N) and torque (Nm), with the bias free, and more."""
+    remedy: str
+    """What to write into the setup, or to do to the log."""
+    setup: Mapping[str, Any] = field(default_factory=dict)
+    """Dotted keys with the values that mend it, where a setup can."""
+    harmless: bool = False
+    """Whether results are right all the same, if less sure than they could be."""
+
+    def __str__(self) -> str:
+        return f"{self.mistake}: {self.remedy}"
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """Whether a setup can be right, as far as logs show it."""
+
+    findings: tuple[Mistake, ...]
+    evidence: Mapping[str, Any] = field(default_factory=dict)
+    """The same numbers of the setup as stated; empty if the logs are too short to tell."""
+    setup_path: str = ""
+    """Where the setup was read from."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether no mistake was found."""
+        return not self.findings
+
+    @property
+    def worse_than_raw(self) -> bool:
+        """Whether the model makes the reading worse than doing nothing."""
+        return bool(self.evidence.get("worse_than_raw", False))
+
+    def lines(self) -> list[str]:
+        """What to tell a user first: a line for every mistake."""
+        worse = "with this setup the corrected wrench is worse than the raw one: "
+        first = [worse if self.worse_than_raw else "the setup seems wrong: "]
+        return [(first.pop() if first else "also ") + str(finding) for finding in self.findings]
+
+    def require_ok(self, command: str = "") -> None:
+        """Refuse a setup that is wrong.
+
+        Args:
+            command: what it is wanted for; ``identify`` may start from a tool that is wrong.
+
+        Raises:
+            SetupError: the setup is wrong, and says what to write into it.
+            LogError: the log has other units or conventions than the setup can state.
+        """
+        bad = [f for f in self.findings if not f.harmless and f.mistake not in NOT_FOR.get(command, ())]
+        if not bad:
+            return
+        first = bad[0]
+        kind: type[FtbiasError] = SetupError if first.setup else LogError
+        worse = ", and the model makes the reading worse than doing nothing" if self.worse_than_raw else ""
+        message = f"{MISTAKES[first.mistake]}{worse}"
+        remedy = "; ".join(finding.remedy for finding in bad)
+        raise kind(message, file=self.setup_path, field=first.mistake, remedy=f"{remedy}; --unchecked goes on anyway")
+
+    def as_dict(self) -> dict[str, Any]:
+        """What ``to_json`` writes."""
+        findings = [
+            {"mistake": f.mistake, "evidence": dict(f.evidence), "remedy": f.remedy, "setup": dict(f.setup)}
+            for f in self.findings
+        ]
+        return {"ok": self.ok, "findings": findings, "evidence": dict(self.evidence)}
+
+    def to_json(self, path: str | os.PathLike[str]) -> None:
+        """Write the findings for programs, whole or not at all.
+
+        Args:
+            path: the file to make or replace.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        write_json(path, json.loads(json.dumps(self.as_dict())))
+
+    def __str__(self) -> str:
+        if self.findings:
+            return "\n".join(f"{finding}{_shown(finding.evidence)}" for finding in self.findings)
+        if not self.evidence:
+            return "no mistake found; the logs are too short to show much"
+        return f"no mistake found{_shown(self.evidence)}"
+
+
+def _shown(evidence: Mapping[str, Any]) -> str:
+    """The numbers, behind the sentence."""
+    words = [f"{name.replace('_', ' ')} {value}" for name, value in evidence.items() if not isinstance(value, bool)]
+    return f" ({', '.join(words)})" if words else ""

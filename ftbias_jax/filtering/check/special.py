@@ -1,0 +1,152 @@
+"""Mistakes that are not another reading of the same model: an absent weight, an offset, a tare, clocks that differ."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.filtering.check.judge import ABSENT, Evidence, decisively, score
+from ftbias_jax.filtering.check.regression import no_tool, without_bias
+from ftbias_jax.filtering.check.state import Result, delayed
+
+CLEAR = 3.0
+"""Times the noise of a bin that the tool's wrench must vary to be missed."""
+WORSE = 1.15
+"""Factor of the raw variance from which a model is worse than nothing."""
+OFFSETS = np.concatenate([np.arange(-5, -0.19, 0.05), np.arange(0.2, 5.01, 0.05)])
+"""s, delays of the wrench that are tried; shorter ones are effects (time_delay, low_pass), not mistakes."""
+OFFSET_BAD, OFFSET_BETTER = 0.05, 0.25
+"""Share of the raw variance that must be left without the offset, and share of that which it may leave."""
+LAGS = (0.1, 0.2, 0.3, 0.5, 0.8)
+"""s, time constants of a low pass, which can look like an offset."""
+FAR = 8.0
+"""Standard deviations of the prior beyond which the bias is not what the setup expects."""
+FIRST = 0.5
+"""s at the start that show whether the sensor was zeroed there."""
+ZERO = 6.0
+"""Standard deviations of a sample within which a reading is zero."""
+
+
+class Share(NamedTuple):
+    """How much of the tool's wrench is in the reading."""
+
+    value: float
+    stderr: float
+    clear: bool
+    """Whether the tool's wrench varies by more than the noise."""
+
+
+def share_of_tool(base: Evidence, group: int) -> Share:
+    """Regression of the reading on the stated tool's wrench, with bias and drift free.
+
+    Args:
+        base: the stated model.
+        group: 0 for force, 1 for torque.
+    """
+    state, layout = base.state, base.state.case.layout
+    rows = state.fit(no_tool()).fit.kept & base.result.fit.kept
+    axes = slice(3 * group, 3 * group + 3)
+    tool = without_bias(state.data() @ state.tool.theta, layout)[rows, axes]
+    reading = without_bias(state.wrench, layout)[rows, axes]
+    blocks = np.unique(layout.block[rows], return_inverse=True)[1]
+    above, below = (np.bincount(blocks, (x * tool).sum(1)) for x in (reading, tool))
+    value = above.sum() / max(below.sum(), 1e-300)
+    without = (above.sum() - above) / np.maximum(below.sum() - below, 1e-300)
+    stderr = np.sqrt((len(without) - 1) * np.mean((without - without.mean()) ** 2))
+    setup, bins = state.case.setup, state.case.bins
+    noise = np.sqrt((setup.sensor.noise_std[axes] ** 2).sum() / np.median(bins.count))
+    return Share(float(value), float(stderr), bool(np.sqrt((tool**2).sum(1).mean()) > CLEAR * noise))
+
+
+def worse_than_raw(base: Evidence) -> bool:
+    """Whether the tool exactly as stated leaves more of force or torque than no tool would."""
+    for group in (0, 1):
+        share = share_of_tool(base, group)
+        if share.clear and base.exact[group] > WORSE * base.raw[group] and share.value + 3 * share.stderr < 0.5:
+            return True
+    return False
+
+
+def compensated(base: Evidence) -> tuple[str, str, dict[str, str]] | None:
+    """Mistake, remedy and setup if the tool's weight is not in the reading; None if it is, or if nothing shows it."""
+    share = share_of_tool(base, 0)
+    if not share.clear or abs(share.value) + 2 * share.stderr > ABSENT or base.left[0] < 1:
+        return None
+    state = base.state
+    weightless = state.but(gravity=np.zeros(3))
+    if state.specific_force is not None:  # an accelerometer has gravity in it
+        weightless = state.but(specific_force=None)
+    moving = score(base, weightless.fit()) > score(base, state.fit(no_tool())) + 0.1
+    what = "weight" if moving else "tool"
+    words = "the tool's weight is" if moving else "the tool's weight and inertia are"
+    remedy = f'{words} not in the reading (the controller subtracts the payload): set sensor.compensated = "{what}"'
+    return "compensated", remedy, {"sensor.compensated": what}
+
+
+def time_offset(base: Evidence) -> tuple[float, Result] | None:
+    """How much later than the motion the wrench is stamped, s, and the fit with it; None if that is not the mistake."""
+    left = base.left[0]
+    if left < OFFSET_BAD:
+        return None
+    state = base.state
+    tool = state.data() @ base.result.fit.theta
+    layout = state.case.layout
+    reading = without_bias(state.wrench, layout)
+    scale = np.repeat([np.sqrt(np.median((reading[:, g] ** 2).sum(1))) + 1e-9 for g in (slice(0, 3), slice(3, 6))], 3)
+
+    def misfit(offset: float) -> float:
+        moved = without_bias(delayed(state.case, tool, offset), layout)
+        return float(np.median((((reading - moved) / scale) ** 2).sum(1)))
+
+    best = min(OFFSETS, key=misfit)
+    result = state.but(delay=float(best)).fit()
+    if not result.square[0] < OFFSET_BETTER * base.result.square[0] or result.square[0] > OFFSET_BAD * 6 * base.raw[0]:
+        return None
+    for lag in LAGS:
+        if state.but(lag=lag).fit().square[0] < 2 * result.square[0]:
+            return None
+    return (float(best), result) if decisively(base.result, result, (0,), layout.block) else None
+
+
+def bias_beyond_prior(base: Evidence) -> tuple[str, str, dict[str, object]] | None:
+    """A bias that the setup's prior excludes: by the sensor's raw offset, or because it was zeroed with the tool on."""
+    state = base.state
+    setup, bins = state.case.setup, state.case.bins
+    if setup.sensor.rezeroed or (state.unit != 1).any():
+        return None
+    tool = state.data() @ state.tool.theta
+    rows = bins.t - bins.t[0] < max(FIRST, 2 * float(np.median(np.diff(bins.t[:10]))))
+    axes = state.case.layout.axes
+    zero = (np.abs(state.case.wrench[rows]) < ZERO * setup.sensor.noise_std)[:, axes].all()
+    std = setup.bias.initial_std
+    if zero and (np.abs(tool[rows].mean(0) - setup.bias.initial)[axes] > std[axes]).any():
+        remedy = "the sensor was set to zero with the tool on: set sensor.rezeroed = true"
+        return "rezeroed", remedy, {"sensor.rezeroed": True}
+    bias = np.median(tool - state.wrench, 0)
+    off = np.abs(bias - setup.bias.initial) - 2 * np.abs(tool).max(0)
+    if (off[axes] > FAR * std[axes]).any():
+        stated = [float(f"{x:.6g}") for x in bias]
+        remedy = f"the reading is offset by {np.abs(bias).max():.4g}: set bias.initial = {stated}"
+        return "raw_offset", remedy, {"bias.initial": stated}
+    return None
+
+
+def tares(base: Evidence) -> list[float]:
+    """Times, s, at which the sensor was set to zero while it recorded: the reading jumps to zero on every axis."""
+    state = base.state
+    case = state.case
+    noise = case.setup.sensor.noise_std
+    if (state.unit != 1).any() or not case.layout.axes.all():
+        return []
+    left = state.wrench - state.data() @ state.tool.theta
+    zero = (np.abs(case.wrench) < ZERO * noise).all(1)
+    found: list[float] = []
+    for i in np.flatnonzero(zero[2:-1]) + 2:
+        before, after = left[i - 2], left[i + 1]
+        gap = case.bins.t[i + 1] - case.bins.t[i - 2] > 3 * np.median(np.diff(case.bins.t)) + 1
+        jumped = (np.abs(after - before) > 4 * ZERO * noise)[:3].any()
+        quiet = not zero[i - 2]
+        if jumped and quiet and not gap and (not found or case.bins.t[i] - found[-1] > 1):
+            found.append(float(case.bins.t[i]))
+    return found

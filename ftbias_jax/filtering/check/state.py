@@ -1,0 +1,183 @@
+"""What is believed of a log, as one bundle that each alternative changes in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ftbias_jax.filtering.check.bins import Bins, bins_of, join_bins
+from ftbias_jax.filtering.check.motion import Motion, arm_motion, body_motion, data_matrices, in_sensor
+from ftbias_jax.filtering.check.regression import Fit, Layout, Tool, fit, make_layout, stated_tool
+from ftbias_jax.io.log import Log
+from ftbias_jax.setup.types import Setup, ToolSetup
+from ftbias_jax.types import Array
+
+MOST = 1500
+"""Bins that are fitted; of more, stretches that are spread over all."""
+STRETCH = 100
+"""Bins of a stretch."""
+FEWEST = 24
+"""Bins below which nothing is said."""
+HALF = 0.5
+"""Of the bins that the best axis has: an axis with less counts as not measured."""
+PENALTY = 2e-3
+"""Share of the raw variance below which better is no evidence."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Bins of all logs."""
+
+    setup: Setup
+    bins: Bins
+    log: Array
+    """(N,) number of the log."""
+    layout: Layout
+
+    @property
+    def wrench(self) -> Array:
+        """(N, 6) N, Nm; zeros in axes that were not measured."""
+        return np.where(self.layout.axes, self.bins.wrench, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What is believed: the motion, gravity, the reading's meaning and the tool."""
+
+    case: Case
+    motion: Motion
+    gravity: Array
+    wrench: Array
+    """(N, 6) N, Nm, sensor frame, on the tool: the reading, put right."""
+    tool: Tool
+    unit: Array
+    """(2,) what readings of force and torque were divided by."""
+    swapped: bool = False
+    specific_force: Array | None = None
+    """(N, 3) m/s^2, sensor frame."""
+    delay: float = 0.0
+    """s by which the wrench is stamped later than the motion."""
+    lag: float = 0.0
+    """s, time constant of a low pass on the wrench."""
+
+    def but(self, **changes: Any) -> State:
+        """The same with some of it changed."""
+        return replace(self, **changes)
+
+    def data(self) -> Array:
+        """D (N, 6, 10)."""
+        D = data_matrices(self.motion, self.gravity, self.specific_force)
+        if self.delay:
+            D = delayed(self.case, D, self.delay)
+        return lagged(self.case, D, self.lag) if self.lag else D
+
+    def fit(self, tool: Tool | None = None) -> Result:
+        """Least squares with this tool, or the one believed."""
+        done = fit(self.data(), self.wrench, self.tool if tool is None else tool, self.case.layout)
+        square = done.square * self.unit**2
+        errors = done.errors * self.unit**2
+        order = [1, 0] if self.swapped else [0, 1]
+        return Result(done, square[order], errors[:, order])
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A fit, told in the units and the order of the reading."""
+
+    fit: Fit
+    square: Array
+    """(2,) mean squared error of force and torque, N^2 and Nm^2."""
+    errors: Array
+    """(N, 2) of every bin."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """A state that differs from the stated one by one mistake."""
+
+    mistake: str
+    remedy: str
+    state: State
+    rank: float
+    """Of two that do equally well the one of the lower rank is named."""
+    groups: tuple[int, ...] = (0,)
+    """What it must explain: force (0), torque (1)."""
+    setup: Mapping[str, Any] | None = None
+    scale: bool = False
+    """It only makes the wrench or the tool larger or smaller."""
+
+
+def make_case(setup: Setup, logs: Sequence[Log]) -> Case | None:
+    """Bins of logs; None if there are too few.
+
+    Args:
+        setup: of all logs.
+        logs: as ``read_log`` gives them.
+    """
+    return case_of_bins(setup, [bins_of(log, setup) for log in logs])
+
+
+def case_of_bins(setup: Setup, parts: Sequence[Bins]) -> Case | None:
+    """The same from bins, those of each log together."""
+    bins = join_bins(parts)
+    log = np.repeat(np.arange(len(parts)), [len(part.t) for part in parts])
+    read = np.isfinite(bins.wrench)
+    axes = read.sum(0) > HALF * max(read.sum(0).max(initial=0), 1)
+    rows = np.flatnonzero(read[:, axes].all(1)) if axes.any() else np.zeros(0, int)
+    if len(rows) < FEWEST:
+        return None
+    if len(rows) > MOST:
+        starts = np.linspace(0, len(rows) - STRETCH, MOST // STRETCH).astype(int)
+        rows = rows[np.unique((starts[:, None] + np.arange(STRETCH)).ravel())]
+    bins = Bins(*(None if x is None else x[rows] for x in bins))
+    return Case(setup, bins, log[rows], make_layout(bins.t, log[rows], axes))
+
+
+def stated(case: Case) -> State:
+    """What the setup says."""
+    setup, bins = case.setup, case.bins
+    motion, specific_force = motion_as_stated(case), None
+    if bins.acceleration is not None:
+        specific_force = in_sensor(motion, bins.acceleration - setup.robot.gravity)
+    tool, gravity = stated_tool(known_tool(setup)), setup.robot.gravity
+    delay = float(setup.effects.get("time_delay", {}).get("delay", 0.0))
+    return State(case, motion, gravity, case.wrench, tool, np.ones(2), specific_force=specific_force, delay=delay)
+
+
+def known_tool(setup: Setup) -> ToolSetup:
+    """The tool with what [effects] say of its mass and centre of mass."""
+    mass = setup.effects.get("tool_mass", {}).get("mass", setup.tool.mass)
+    center = setup.effects.get("tool_com", {}).get("center_of_mass", setup.tool.center_of_mass)
+    return replace(setup.tool, mass=float(mass), center_of_mass=np.asarray(center, float))
+
+
+def motion_as_stated(case: Case) -> Motion:
+    """Of the sensor, by the setup."""
+    setup, bins = case.setup, case.bins
+    if setup.pose is None:
+        return arm_motion(setup.robot, setup.sensor, bins.q, bins.dq, bins.ddq)
+    lever = np.zeros(3) if setup.pose.linear == "specific_force" else setup.sensor.translation
+    return body_motion(setup.sensor, lever, bins.q, bins.dq, bins.ddq)
+
+
+def delayed(case: Case, values: Array, delay: float) -> Array:
+    """Values (N, ...) of bins as they were ``delay`` seconds before, log by log."""
+    flat, result = values.reshape(len(values), -1), np.empty((len(values), values[0].size))
+    for number in np.unique(case.log):
+        rows = case.log == number
+        t = case.bins.t[rows]
+        result[rows] = np.stack([np.interp(t - delay, t, column) for column in flat[rows].T], 1)
+    return result.reshape(values.shape)
+
+
+def lagged(case: Case, values: Array, time: float) -> Array:
+    """Values (N, ...) of bins behind a low pass of the first order with this time constant, s."""
+    step = float(np.median(np.diff(case.bins.t)))
+    kernel = np.exp(-np.arange(0, 5 * time + step, step) / time)
+    kernel /= kernel.sum()
+    flat = values.reshape(len(values), -1)
+    padded = np.concatenate([np.repeat(flat[:1], len(kernel) - 1, 0), flat])
+    return np.stack([np.convolve(column, kernel, "valid") for column in padded.T], 1).reshape(values.shape)
