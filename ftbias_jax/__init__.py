@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
     from ftbias_jax.io import read_log
     from ftbias_jax.io.log import Log, Repair
+    from ftbias_jax.model.effects.catalogue import CATALOGUE
+    from ftbias_jax.model.effects.types import Effect, Parameter, Signals, Twin
+    from ftbias_jax.model.own_effects import load_effects
     from ftbias_jax.model.params import Params
     from ftbias_jax.model.simulate_log import SimulationResult, Truth, simulate
     from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
@@ -48,8 +51,10 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "CATALOGUE",
     "Candidate",
     "Diagnosis",
+    "Effect",
     "FilterResult",
     "FtbiasError",
     "Identified",
@@ -58,20 +63,24 @@ __all__ = [
     "LogError",
     "Options",
     "OutputError",
+    "Parameter",
     "Params",
     "Repair",
     "Sample",
     "Setup",
     "SetupError",
+    "Signals",
     "SimulationResult",
     "SmoothResult",
     "Truth",
     "TuneResult",
+    "Twin",
     "UsageError",
     "diagnose",
     "dump_setup",
     "filter_log",
     "identify_tool",
+    "load_effects",
     "load_setup",
     "log_likelihood",
     "options_from_setup",
@@ -99,6 +108,9 @@ _MODULES = {
     "filtering.verbs.results": "FilterResult SmoothResult",
     "io": "read_log",
     "io.log": "Log Repair",
+    "model.effects.catalogue": "CATALOGUE",
+    "model.effects.types": "Effect Parameter Signals Twin",
+    "model.own_effects": "load_effects",
     "model.params": "Params",
     "model.simulate_log": "SimulationResult Truth simulate",
     "setup": "Setup dump_setup load_setup parse_setup",

@@ -23,6 +23,7 @@ from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_j
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.compare import require_one_robot
@@ -55,6 +56,7 @@ def tune(
     start: Log | None = None,
     report: ReportFit = _nobody,
     total: newton.Total = newton.alone,
+    effects: Sequence[Effect] = (),
 ) -> TuneResult:
     """Fit the noise of joints, bias and sensor to logs by maximum likelihood.
 
@@ -76,11 +78,14 @@ def tune(
         start: the log whose likeliest joint noise to start from; None = the first one.
         report: told of every iteration.
         total: adds up the processes that tune together, as ``distributed.total`` does.
+        effects: of your own that the setups state.
 
     Raises:
         UsageError: no log, or a name or share that does not exist.
         SetupError: a further setup differs in more than its tool and the prior of its bias.
     """
+    setup = setup.with_effects(effects)
+    others = [(other.with_effects(effects), their_logs) for other, their_logs in others]
     tools = [(setup, logs), *others]
     _check(tools, fit, tie, data_noise, hold_out, total)
     options = Options(joint_model=setup.joints.model)

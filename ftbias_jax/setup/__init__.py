@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Sequence
+from typing import Any
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup.dump import dump_setup
@@ -36,8 +38,12 @@ __all__ = [
 MAX_BYTES = 1 << 20  # a setup is a page of text; anything larger is another kind of file
 
 
-def load_setup(path: str | os.PathLike[str]) -> Setup:
+def load_setup(path: str | os.PathLike[str], effects: Sequence[Any] = ()) -> Setup:
     """Read a setup file.
+
+    Args:
+        path: of the TOML file.
+        effects: ``Effect`` objects of your own that it may state as [effects.NAME].
 
     Raises:
         SetupError: the file cannot be read, is not TOML, or says something impossible (see ``parse_setup``).
@@ -57,4 +63,4 @@ def load_setup(path: str | os.PathLike[str]) -> Setup:
         mapping = tomllib.loads(content.decode())
     except (ValueError, RecursionError) as error:  # broken UTF-8, broken TOML (says where), arrays nested without end
         raise SetupError(f"is not valid TOML: {error}", file=file, remedy="correct the syntax") from error
-    return parse_setup(mapping, file)
+    return parse_setup(mapping, file).with_effects(effects)

@@ -39,6 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     prepare_jax()
     from ftbias_jax.calibration import distributed, newton
     from ftbias_jax.calibration.tune_setup import tune
+    from ftbias_jax.model.own_effects import load_all
 
     total = newton.alone
     if arguments.distributed is not None:
@@ -65,6 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         start=first,
         report=Reporter() if speaks else lambda label, iteration, value: None,
         total=total,
+        effects=load_all(tuple(arguments.own_effects)),
     )
     if speaks:
         print(tuned)

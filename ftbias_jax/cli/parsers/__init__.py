@@ -10,6 +10,7 @@ ADD = (
     calibration.add_identify,
     logs.add_simulate,
     diagnosis.add_diagnose,
+    diagnosis.add_effects_command,
     logs.add_info,
     diagnosis.add_validate,
     logs.add_demo,

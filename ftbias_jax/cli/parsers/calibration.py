@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import Commands, process, restarts, share
+from ftbias_jax.cli.argument_types import Commands, add_effects, process, restarts, share
 
 
 def add_tune(commands: Commands) -> None:
@@ -72,6 +72,7 @@ def add_tune(commands: Commands) -> None:
         metavar="HOST:PORT,N,I",
         help="one of N processes, the I-th from 0, that share the logs; nothing to give under Slurm or MPI",
     )
+    add_effects(parser)
 
 
 def add_identify(commands: Commands) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -18,6 +18,7 @@ from ftbias_jax.filtering.result import join
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
@@ -36,6 +37,7 @@ def filter_log(
     smooth: bool = False,
     as_stated: bool = False,
     progress: Callable[[int], None] = _nobody,
+    effects: Sequence[Effect] = (),
 ) -> FilterResult:
     """Bias, drift and corrected wrench of a log, each from the wrench samples before it.
 
@@ -51,10 +53,12 @@ def filter_log(
         as_stated: as a filter on the robot would: joints from the past alone, noise and gate as the setup states. The
             joints' process noise is then LAG_GUARD times the likeliest.
         progress: told the samples done so far.
+        effects: of your own that the setup states.
 
     Returns:
         arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints.
     """
+    setup = setup.with_effects(effects)
     if as_stated:
         setup = replace(setup, bias=replace(setup.bias, adapt=False))
     options = options_from_setup(setup)
