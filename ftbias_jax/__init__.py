@@ -44,6 +44,9 @@ if TYPE_CHECKING:
     from ftbias_jax.io import read_log
     from ftbias_jax.io.log import Log, Repair
     from ftbias_jax.io.tables.poses import Poses, read_poses
+    from ftbias_jax.model.effects.catalogue import CATALOGUE
+    from ftbias_jax.model.effects.types import Effect, Parameter, Signals, Twin
+    from ftbias_jax.model.own_effects import load_effects
     from ftbias_jax.model.params import Params
     from ftbias_jax.model.simulate_log import SimulationResult, Truth, simulate
     from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
@@ -52,9 +55,11 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "CATALOGUE",
     "Candidate",
     "Check",
     "Diagnosis",
+    "Effect",
     "FilterResult",
     "FtbiasError",
     "Identified",
@@ -64,22 +69,26 @@ __all__ = [
     "Mistake",
     "Options",
     "OutputError",
+    "Parameter",
     "Params",
     "Poses",
     "Repair",
     "Sample",
     "Setup",
     "SetupError",
+    "Signals",
     "SimulationResult",
     "SmoothResult",
     "Truth",
     "TuneResult",
+    "Twin",
     "UsageError",
     "check_setup",
     "diagnose",
     "dump_setup",
     "filter_log",
     "identify_tool",
+    "load_effects",
     "load_setup",
     "log_likelihood",
     "options_from_setup",
@@ -111,6 +120,9 @@ _MODULES = {
     "io": "read_log",
     "io.log": "Log Repair",
     "io.tables.poses": "Poses read_poses",
+    "model.effects.catalogue": "CATALOGUE",
+    "model.effects.types": "Effect Parameter Signals Twin",
+    "model.own_effects": "load_effects",
     "model.params": "Params",
     "model.simulate_log": "SimulationResult Truth simulate",
     "setup": "Setup dump_setup load_setup parse_setup",

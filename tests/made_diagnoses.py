@@ -24,6 +24,7 @@ def candidate(effect: str = "tool_mass", gain: float = 1.93, **changes) -> Candi
         0.97,
         "the tool is heavier than stated",
         "weigh the tool",
+        {"mass": "kg"},
     )
     return base._replace(**changes)
 
@@ -42,7 +43,7 @@ def make_diagnosis() -> MakeDiagnosis:
         series = Series(t, before, after, np.tile(NOISE, (bins, 1)), regressor, "predicted change [N]")
         rms = [np.sqrt(np.nanmean(x**2, 0)) for x in (before, after)]
         cause = candidate(indistinguishable_from=("gain",), separate_by=("turn the wrist",))
-        gain = candidate("gain", 1.9, parameters={"gain": [1.1] * 6}, stderr={"gain": [0.01] * 6})
+        gain = candidate("gain", 1.9, parameters={"gain": [1.1] * 6}, stderr={"gain": [0.01] * 6}, units={"gain": "1"})
         where = Where(
             ("tool", "sensor"),
             dict(zip(("fx", "fy", "fz", "tx", "ty", "tz"), (0.5, 0, 0, 0, 0.5, 0), strict=True)),

@@ -24,6 +24,7 @@ from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_j
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.compare import require_one_robot
@@ -57,6 +58,7 @@ def tune(
     report: ReportFit = _nobody,
     total: newton.Total = newton.alone,
     unchecked: bool = False,
+    effects: Sequence[Effect] = (),
 ) -> TuneResult:
     """Fit the noise of joints, bias and sensor to logs by maximum likelihood.
 
@@ -79,12 +81,15 @@ def tune(
         report: told of every iteration.
         total: adds up the processes that tune together, as ``distributed.total`` does.
         unchecked: do not look first whether the setups can be right (``check_setup``).
+        effects: of your own that the setups state.
 
     Raises:
         UsageError: no log, or a name or share that does not exist.
         SetupError: a further setup differs in more than its tool and the prior of its bias; or a setup is wrong, as its
             logs show. LogError: the logs are in units or frames that no setup states.
     """
+    setup = setup.with_effects(effects)
+    others = [(other.with_effects(effects), their_logs) for other, their_logs in others]
     tools = [(setup, logs), *others]
     _check(tools, fit, tie, data_noise, hold_out, total)
     for each, its_logs in tools:

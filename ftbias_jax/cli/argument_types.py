@@ -91,3 +91,16 @@ def process(text: str) -> tuple[str, int, int]:
         if index < count:
             return coordinator, count, index
     raise ArgumentTypeError(f"must be HOST:PORT,N,I with I from 0 to N - 1, not {text!r}")
+
+
+def add_effects(parser: argparse.ArgumentParser) -> None:
+    """The option for effects that the caller brings."""
+    parser.add_argument(
+        "--effects",
+        dest="own_effects",
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="Python file that defines effects of your own, which is run; or the name of an installed package's; may "
+        "be repeated",
+    )

@@ -8,6 +8,7 @@ from dataclasses import replace
 from ftbias_jax.diagnosis.report.tables import parameter_words
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.model.effects.catalogue import values_from_setup
+from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.setup.types import Setup
 
 
@@ -19,7 +20,7 @@ def with_causes(setup: Setup, causes: Sequence[Candidate]) -> Setup:
         causes: their values replace those the setup has for the same effect.
     """
     effects = {**setup.effects, **{cause.effect: cause.parameters for cause in causes}}
-    values_from_setup(effects)  # what is written can be read
+    values_from_setup(effects, catalogue=catalogue_of_setup(setup))  # what is written can be read
     comments = {
         f"effects.{cause.effect}.{name}": f"ftbias diagnose: {words}"
         for cause in causes

@@ -12,6 +12,7 @@ from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals import bias_changes, contact, flexibility
 from ftbias_jax.diagnosis.proposals.cables import cables
+from ftbias_jax.diagnosis.proposals.own import own
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.dictionary import Found, Library
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
@@ -69,6 +70,7 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
         found += flexibility.loose(problem, standing)
     if "cable" not in taken:
         found += cables(problem, standing)
+    found += own(problem, standing, taken)
     for make in (bias_changes.slow, bias_changes.jump):
         found += make(problem, library, accepted, taken)
     smooth = np.concatenate([accepted.columns.moving, *columns.values()])
@@ -93,7 +95,7 @@ def _start(number: int, h: Hypothesis) -> float:
     """What tells starting points of one effect apart that are all fitted."""
     if h.effect == flexibility.EFFECT:
         return flexibility.start_of(h)
-    return float(number) if h.effect == "cable" else _joint(h)
+    return float(number) if h.each else _joint(h)
 
 
 def _joint(h: Hypothesis) -> float:

@@ -22,6 +22,7 @@ from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
 from ftbias_jax.diagnosis.evidence.twins import twins_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.proposals.contact import is_sure
+from ftbias_jax.diagnosis.recorded import not_tested
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.precompile import compiled_ahead
@@ -35,6 +36,8 @@ from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE, check_names
+from ftbias_jax.model.effects.types import Effect
+from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.sensor_pose import require_arm
 from ftbias_jax.setup.types import Setup
@@ -58,7 +61,12 @@ UNSURE = "; or something that is not in the catalogue, for it lasted long"
 
 @in_float64
 def diagnose(
-    setup: Setup, logs: Sequence[Log], names: Sequence[str] = (), without: Collection[str] = (), unchecked: bool = False
+    setup: Setup,
+    logs: Sequence[Log],
+    names: Sequence[str] = (),
+    without: Collection[str] = (),
+    effects: Sequence[Effect] = (),
+    unchecked: bool = False,
 ) -> Diagnosis:
     """Diagnose one log, or several of one robot together: an effect then has the same parameters in all of them.
 
@@ -72,6 +80,7 @@ def diagnose(
             ``repairs``.
         names: of the logs, one each, for the report; () = "log 1", "log 2", ...
         without: effects that may not be named, to see what the answer would be without them.
+        effects: of your own, looked for beside those of the catalogue.
         unchecked: do not look first whether the setup can be right (``check_setup``).
 
     Raises:
@@ -79,11 +88,12 @@ def diagnose(
         UsageError: no log, an unknown effect, or a setup without the joints of an arm.
     """
     require_arm(setup)
+    setup = setup.with_effects(effects)
     names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
     if not logs or len(names) != len(logs):
         message = f"got {len(logs)} logs and {len(names)} names"
         raise UsageError(message, field="logs", remedy="give one log or more, and a name for each or none")
-    check_names(without, "without")
+    check_names(without, "without", catalogue_of_setup(setup))
     logs = [clean(log, clipped=False) for log in logs]
     require_right(setup, [clean(log) for log in logs], "diagnose", unchecked)
     with compiled_ahead(setup, logs):
@@ -110,12 +120,13 @@ def diagnose(
         candidates=_ranking(problem, hold_out, base, rounds, found, total),
         gap=gap,
         where=where(problem, before, stages),
-        not_tested=_not_tested(setup, logs, without),
+        not_tested=not_tested(setup, problem.catalogue, problem.recorded, without),
         series=show(problem, base, accepted, before, after),
         logs=tuple(names),
         repairs=tuple(log.repairs for log in logs),
         by_log=compare(problem, names, accepted if causes else base, before, after),
         setup_name=Path(setup.path).name,
+        own_effects=setup.own_effects,
     )
 
 
@@ -169,7 +180,7 @@ def _causes(
         twins = twins_of(problem, base, accepted, hypothesis, scored)
         values, stderr = parameters(problem, accepted, hypothesis)
         held, shrink = _judged(problem, hold_out, scored[0].fit, previous, total)
-        named = _candidate(hypothesis.effect, values, stderr, held, shrink, twins)
+        named = _candidate(problem.catalogue[hypothesis.effect], values, stderr, held, shrink, twins)
         unsure = hypothesis.local and not is_sure(hypothesis)
         of_mean.append(named._replace(explanation=named.explanation + UNSURE) if unsure else named)
         previous = scored[0].fit
@@ -185,7 +196,7 @@ def _comes_first(effect: str) -> bool:
     What is cut off is missing from the mean reading, too, and much else can look like that. Noise that changes over
     the log is what all else is judged by.
     """
-    return effect == "saturation" or bool(CATALOGUE[effect].filter_noise)
+    return effect == "saturation" or (effect in CATALOGUE and bool(CATALOGUE[effect].filter_noise))
 
 
 def _judged(problem: Problem, hold_out: Judge, better: Fit, worse: Fit, total: float) -> tuple[HeldOut, float]:
@@ -195,12 +206,11 @@ def _judged(problem: Problem, hold_out: Judge, better: Fit, worse: Fit, total: f
 
 
 def _candidate(
-    effect: str, values: Parameters, stderr: Parameters, held: HeldOut, shrink: float, twins: tuple[str, ...] = ()
+    entry: Effect, values: Parameters, stderr: Parameters, held: HeldOut, shrink: float, twins: tuple[str, ...] = ()
 ) -> Candidate:
-    entry = CATALOGUE[effect]
     words = {twin.effect: twin.separate_by for twin in entry.twins}
     return Candidate(
-        effect=effect,
+        effect=entry.name,
         stage=entry.stage,
         indistinguishable_from=twins,
         separate_by=tuple(words.get(twin, "") for twin in twins),
@@ -211,6 +221,7 @@ def _candidate(
         shrink=float(np.clip(shrink, 0, 1)),
         explanation=entry.explanation,
         remedy=entry.remedy,
+        units={parameter.name: parameter.unit for parameter in entry.parameters},
     )
 
 
@@ -219,9 +230,8 @@ def _of_finding(finding: Finding, duration: float) -> Candidate:
     nothing = np.zeros((0, 6))
     scatter = np.sqrt(2 * max(finding.nats, 0)) if finding.nats_stderr is None else finding.nats_stderr
     held = HeldOut(nothing, gain, scatter / max(duration, 1e-9))
-    candidate = _candidate(
-        finding.effect, cast(Parameters, finding.parameters), cast(Parameters, finding.stderr), held, 0.0
-    )
+    values, stderr = cast(Parameters, finding.parameters), cast(Parameters, finding.stderr)
+    candidate = _candidate(CATALOGUE[finding.effect], values, stderr, held, 0.0)
     return candidate._replace(explanation=f"{candidate.explanation}: {finding.sentence}")
 
 
@@ -238,13 +248,5 @@ def _ranking(
     for scored in rounds[0][:CANDIDATES] if rounds else []:
         values, stderr = parameters(problem, scored.fit, scored.hypothesis)
         held, shrink = _judged(problem, hold_out, scored.fit, base, total)
-        ranked.append(_candidate(scored.hypothesis.effect, values, stderr, held, shrink))
+        ranked.append(_candidate(problem.catalogue[scored.hypothesis.effect], values, stderr, held, shrink))
     return tuple(sorted(ranked, key=lambda candidate: -candidate.held_out_gain))
-
-
-def _not_tested(setup: Setup, logs: Sequence[Log], without: Collection[str]) -> tuple[tuple[str, str], ...]:
-    reasons = [(name, "left out on request") for name in without]
-    reasons += [(name, "the setup has it already") for name in setup.effects]
-    if not any(np.isfinite(log.temperature).any() for log in logs):
-        reasons.append(("temperature_drift", "no temperature was recorded"))
-    return tuple(reasons)

@@ -59,6 +59,8 @@ class Hypothesis(NamedTuple):
     every contact (log, start, end, number of series)."""
     local: bool = False
     """Whether it acts for a short time only."""
+    each: bool = False
+    """Whether every starting point of its effect that is proposed is fitted, and not only the best one."""
 
 
 def penalty(h: Hypothesis) -> float:

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.diagnosis.recorded import recorded_in
 from ftbias_jax.diagnosis.samples.read import inspect_samples
 from ftbias_jax.diagnosis.samples.types import SampleFindings
 from ftbias_jax.filtering import filter_log, pipeline, smoother
@@ -18,8 +19,11 @@ from ftbias_jax.filtering.likelihood import WrenchProblem, without_bias
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import pad, samples_from_log
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.compose import fill_temperature
+from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Model, Signals, Values
+from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
@@ -63,6 +67,10 @@ class Problem(NamedTuple):
     """(6,) N, Nm, of one sample at rest, as measured."""
     known: Values
     """Effects that the setup knows of."""
+    catalogue: Catalogue = CATALOGUE
+    """The effects that are looked for."""
+    recorded: frozenset[str] = frozenset()
+    """What the logs have beside joints and wrench, of what effects may need."""
 
     @property
     def duration(self) -> float:
@@ -107,6 +115,8 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
         durations=tuple(float(log.t[-1]) for log in logs),
         noise_std=np.sqrt(np.mean([one.noise_std**2 for one in found], axis=0)),
         known=prepared[0][2],
+        catalogue=catalogue_of_setup(setup),
+        recorded=recorded_in(logs),
     ), found
 
 

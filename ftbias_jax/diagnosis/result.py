@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from typing import NamedTuple, TypeAlias
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -37,6 +39,8 @@ class Candidate(NamedTuple):
     """Share of the mean square gap it removes, 0 to 1."""
     explanation: str
     remedy: str
+    units: Mapping[str, str] = MappingProxyType({})
+    """Of the parameters; {} = not known."""
 
 
 class Gap(NamedTuple):
@@ -132,6 +136,8 @@ class Diagnosis(NamedTuple):
     """One a log: what was mended or left out to diagnose it, such as the samples of an axis that stands still."""
     setup_name: str = ""
     """The file name of the setup, for titles; "" = from memory."""
+    own_effects: tuple[Any, ...] = ()
+    """``Effect`` objects that the caller brought, for the setup that ``apply`` makes."""
 
     @property
     def losses(self) -> tuple[str, ...]:
@@ -183,4 +189,4 @@ class Diagnosis(NamedTuple):
         """
         from ftbias_jax.diagnosis.apply import with_causes
 
-        return with_causes(setup, self.causes)
+        return with_causes(setup.with_effects(self.own_effects), self.causes)

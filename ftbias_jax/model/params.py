@@ -10,10 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.model.effects.catalogue import CATALOGUE, values_from_setup
+from ftbias_jax.model.effects.catalogue import CATALOGUE, values_from_setup, values_of
+from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm, make_arm
+from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 from ftbias_jax.setup.require import require_tool
@@ -116,19 +118,26 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
             drift_time=setup.bias.drift_time,
         ),
     )
-    effects, noise = split_noise(values_from_setup(setup.effects, setup.path), n, setup.path)
-    params = params._replace(effects=effects or None, bias=params.bias._replace(**noise))
+    catalogue = catalogue_of_setup(setup)
+    stated = values_from_setup(setup.effects, setup.path, catalogue)
+    effects, noise = split_noise(stated, n, setup.path, catalogue)
+    params = params._replace(
+        effects=values_of(effects, catalogue) if effects else None, bias=params.bias._replace(**noise)
+    )
     converted: Params = jax.tree.map(partial(as_array, dtype=dtype), params)
     return converted
 
 
-def split_noise(values: Values, joints: int, file: str = "") -> tuple[Values, dict[str, Array]]:
+def split_noise(
+    values: Values, joints: int, file: str = "", catalogue: Catalogue = CATALOGUE
+) -> tuple[Values, dict[str, Array]]:
     """Effects that the filter knows as such, and fields of ``BiasNoise`` for those that it knows as noise.
 
     Args:
         values: of the setup's effects.
         joints: n of the robot.
         file: the setup's path, for messages.
+        catalogue: that has the effects.
 
     Returns:
         the other effects, and field -> (n, 6) N^2, Nm^2 per squared unit of each joint's speed.
@@ -138,7 +147,7 @@ def split_noise(values: Values, joints: int, file: str = "") -> tuple[Values, di
     """
     noise = {}
     for name in values:
-        effect = CATALOGUE[name]
+        effect = catalogue[name]
         if effect.filter_noise:
             key = effect.parameters[0].name
             rows = values[name][key]
@@ -146,7 +155,7 @@ def split_noise(values: Values, joints: int, file: str = "") -> tuple[Values, di
                 remedy = f"give six numbers, or a row of six for each of the {joints} joints"
                 raise SetupError(f"has {len(rows)} rows", file=file, field=f"effects.{name}.{key}", remedy=remedy)
             noise[effect.filter_noise] = np.broadcast_to(rows, (joints, 6))
-    return {name: x for name, x in values.items() if not CATALOGUE[name].filter_noise}, noise
+    return {name: x for name, x in values.items() if not catalogue[name].filter_noise}, noise
 
 
 def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:

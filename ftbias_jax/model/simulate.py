@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from ftbias_jax.model.effects import compose
-from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, values_of
 from ftbias_jax.model.effects.types import Model, Record, Signals, Values
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.trajectories import Trajectory, excitation_sines, minimum_jerk_moves, replay
@@ -113,7 +113,7 @@ def simulate(
         temperature: (T,) deg C; None = constant.
     """
     t, q, dq, ddq = trajectory
-    effects = _effects_of_noise(params) | (effects or {})
+    effects = values_of(_effects_of_noise(params) | (effects or {}), catalogue_of(effects or {}))
     temperature = jnp.zeros_like(t) if temperature is None else temperature
     start_key, bias_key, noise_key, record_key = jax.random.split(key, 4)
     model = Model(params.arm, params.gravity, params.theta)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -23,8 +23,11 @@ from ftbias_jax.model.effects.catalogue import (
     complete,
     typical_values,
     values_from_setup,
+    values_of,
 )
-from ftbias_jax.model.effects.types import Model, Values
+from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.model.effects.types import Effect, Model, Values
+from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import simulate as simulate_with_params
 from ftbias_jax.model.simulate import temperature_course
@@ -127,6 +130,7 @@ def simulate(
     rate: float = 500.0,
     motion: str | Log = "sines",
     seed: int = 0,
+    own: Sequence[Effect] = (),
 ) -> SimulationResult:
     """Simulate a log of the setup's robot, sensor and tool, with effects of the catalogue; the noise is the setup's.
 
@@ -140,21 +144,24 @@ def simulate(
         rate: samples a second.
         motion: "sines", "moves", or a log whose joints are replayed, with its own stamps.
         seed: of the random numbers; the same gives the same motion, bias and noise with any effects.
+        own: effects of your own beside those of the catalogue.
 
     Raises:
         SetupError: an effect of the setup is unknown or impossible. UsageError: one of ``effects`` is, or another
             argument.
     """
     require_arm(setup)
+    setup = setup.with_effects(own)
     _check_motion(duration, rate, motion)
     params = params_from_setup(setup)
     model = Model(params.arm, params.gravity, params.theta)
-    values = {
-        name: complete(CATALOGUE[name], value, model) for name, value in all_values(setup, effects or {}, model).items()
-    }
+    catalogue = catalogue_of_setup(setup)
+    stated = all_values(setup, effects or {}, model)
+    values = values_of({name: complete(catalogue[name], value, model) for name, value in stated.items()}, catalogue)
     motion_key, log_key = jax.random.split(jax.random.key(seed))
     trajectory = _trajectory(setup, motion, duration, rate, motion_key)
-    temperature = temperature_course(trajectory.t) if "temperature_drift" in values else None
+    warming = any("temperature" in catalogue[name].needs for name in values)
+    temperature = temperature_course(trajectory.t) if warming else None
     made = simulate_with_params(log_key, params, trajectory, values, temperature)
     made, trajectory, values = jax.tree.map(np.asarray, (made, trajectory, values))
     recorded = np.full(len(made.t), np.nan) if temperature is None else made.temperature
@@ -174,24 +181,29 @@ def simulate(
 
 def all_values(setup: Setup, effects: Mapping[str, Mapping[str, Any]], model: Model) -> Values:
     """Effects of the setup with others on top, in the catalogue's order; {} stands for typical values."""
-    checked = check_effects(effects)
-    typical = {name: typical_values(CATALOGUE[name], model) for name in effects if name not in checked}
-    values = values_from_setup(setup.effects, setup.path) | typical | checked
-    return {name: values[name] for name in CATALOGUE if name in values}
+    catalogue = catalogue_of_setup(setup)
+    checked = check_effects(effects, catalogue=catalogue)
+    typical = {name: typical_values(catalogue[name], model) for name in effects if name not in checked}
+    values = values_from_setup(setup.effects, setup.path, catalogue) | typical | checked
+    return {name: values[name] for name in catalogue if name in values}
 
 
 def _usage(message: str, field: str = "", remedy: str = "") -> UsageError:
     return UsageError(message, file="effects", field=field, remedy=remedy)
 
 
-def check_effects(effects: Mapping[str, Mapping[str, Any]], error: MakeError = _usage) -> Values:
+def check_effects(
+    effects: Mapping[str, Mapping[str, Any]], error: MakeError = _usage, catalogue: Catalogue = CATALOGUE
+) -> Values:
     """Values of the effects that state any.
 
     Args:
         effects: effect -> parameter -> value.
         error: makes what is raised for an unknown name, a wrong shape or a value out of bounds.
+        catalogue: that has the effects.
     """
-    return check_values({name: values for name, values in effects.items() if values or name not in CATALOGUE}, error)
+    stated = {name: values for name, values in effects.items() if values or name not in catalogue}
+    return check_values(stated, error, catalogue=catalogue)
 
 
 def working_range(setup: Setup) -> tuple[Array, Array]:

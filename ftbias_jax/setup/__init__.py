@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.files import no_regular_file
@@ -39,11 +41,12 @@ __all__ = [
 MAX_BYTES = 1 << 20  # a setup is a page of text; anything larger is another kind of file
 
 
-def load_setup(path: str | os.PathLike[str], *, with_tool: bool = False) -> Setup:
+def load_setup(path: str | os.PathLike[str], effects: Sequence[Any] = (), *, with_tool: bool = False) -> Setup:
     """Read a setup file.
 
     Args:
         path: of the TOML file.
+        effects: ``Effect`` objects of your own that it may state as [effects.NAME].
         with_tool: refuse a setup that does not state the tool's mass and centre of mass.
 
     Raises:
@@ -67,5 +70,5 @@ def load_setup(path: str | os.PathLike[str], *, with_tool: bool = False) -> Setu
         mapping = tomllib.loads(source)
     except (ValueError, RecursionError) as error:  # broken UTF-8, broken TOML (says where), arrays nested without end
         raise SetupError(f"is not valid TOML: {error}", file=file, remedy="correct the syntax") from error
-    setup = replace(parse_setup(mapping, file), source=source)
+    setup = replace(parse_setup(mapping, file), source=source).with_effects(effects)
     return require_tool(setup) if with_tool else setup

@@ -6,8 +6,8 @@ Equality is identity, because arrays do not compare to one truth value.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -221,6 +221,17 @@ class Setup:
     """The text it was read from, whose comments and order ``save`` keeps; "" = from memory."""
     comments: Mapping[str, str] = field(default_factory=dict)
     """Remarks on full keys such as ``tool.mass``, which ``save`` writes on their lines: how a value was found."""
+    own_effects: tuple[Any, ...] = ()
+    """``Effect`` objects beside the built-in ones. The caller gives them; no file names code that is then run."""
+
+    def with_effects(self, effects: Sequence[Any]) -> Setup:
+        """The setup with further effects to know of, which [effects.NAME] may then state.
+
+        Args:
+            effects: ``Effect`` objects, such as ``load_effects`` gives; those that it has already count once.
+        """
+        known = {id(effect) for effect in self.own_effects}
+        return replace(self, own_effects=(*self.own_effects, *(one for one in effects if id(one) not in known)))
 
     @property
     def files(self) -> tuple[str, str]:

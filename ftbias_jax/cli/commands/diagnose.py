@@ -24,8 +24,10 @@ def run(arguments: argparse.Namespace) -> int:
     prepare_jax()
     from ftbias_jax.diagnosis.diagnose import diagnose
     from ftbias_jax.model.effects.catalogue import check_names
+    from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
 
-    check_names(arguments.without, "--without")
+    setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
+    check_names(arguments.without, "--without", catalogue_of_setup(setup))
     names = [Path(path).name for path in arguments.logs]
     diagnosis = diagnose(setup, logs, names, without=tuple(arguments.without), unchecked=arguments.unchecked)
     print(diagnosis)

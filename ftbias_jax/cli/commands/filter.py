@@ -48,7 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.filtering.quality import consistency, plot, spectrum
     from ftbias_jax.filtering.quality.summary import format_summary
     from ftbias_jax.filtering.verbs.results import format_joint_noise
+    from ftbias_jax.model.own_effects import load_all
 
+    setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
     whole = bool(arguments.plot or arguments.check)
     progress = Progress(f"filtering {path}", 1.0)
     choices = Choices(arguments.smooth, arguments.unchecked)

@@ -18,6 +18,7 @@ from ftbias_jax.cli.jobs.archive import (
     Entry,
     done_before,
     find_logs,
+    hashes,
     manifest_name,
     provenance,
     save_manifest,
@@ -53,7 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     make_folder(folder)
     choices = Choices(arguments.smooth, arguments.unchecked)
-    wanted = {**choices._asdict(), "salvage": arguments.salvage}
+    own = tuple(arguments.own_effects)
+    wanted = {**choices._asdict(), "salvage": arguments.salvage, **hashes(own)}
     known = done_before(folder)
     entries: dict[str, Entry] = {}
     for task in tasks:
@@ -65,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     sizes = {task.output: entries[task.output].made_from["log_bytes"] for task in waiting}
     progress, done, saved = Progress(f"filtering {len(waiting)} logs", sum(sizes.values())), 0, float("-inf")
-    work = partial(filter_task, setup=setup, folder=folder, choices=choices, salvage=arguments.salvage)
+    work = partial(filter_task, setup=setup, folder=folder, choices=choices, salvage=arguments.salvage, own=own)
     for entry in run_tasks(work, waiting, arguments.jobs):
         entries[entry.output], done = entry, done + sizes[entry.output]
         progress(done)

@@ -31,10 +31,12 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.runtime.jax_config import prepare_jax
 
     prepare_jax()
+    from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
     from ftbias_jax.model.simulate_log import check_effects, simulate
 
+    setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
     effects = dict(map(split_effect, arguments.effect))
-    check_effects(effects, partial(UsageError, file="--effect"))
+    check_effects(effects, partial(UsageError, file="--effect"), catalogue_of_setup(setup))
     simulated = simulate(
         setup,
         effects,

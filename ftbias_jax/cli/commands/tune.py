@@ -39,6 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     prepare_jax()
     from ftbias_jax.calibration import distributed, newton
     from ftbias_jax.calibration.tune_setup import tune
+    from ftbias_jax.model.own_effects import load_all
 
     total = newton.alone
     if arguments.distributed is not None:
@@ -66,6 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         report=Reporter() if speaks else lambda label, iteration, value: None,
         total=total,
         unchecked=arguments.unchecked,
+        effects=load_all(tuple(arguments.own_effects)),
     )
     if speaks:
         print(tuned)

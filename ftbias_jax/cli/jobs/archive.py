@@ -92,6 +92,12 @@ def manifest_name(index: int, count: int) -> str:
     return "manifest.json" if count == 1 else f"manifest-{index}-of-{count}.json"
 
 
+def hashes(own: Iterable[str]) -> dict[str, str]:
+    """What results depend on of the files of effects of one's own; {} without any."""
+    files = [Path(path) for path in own if Path(path).is_file()]
+    return {f"effects {path}": hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
 def provenance(task: Task, setup: Setup, choices: Mapping[str, Any]) -> dict[str, Any]:
     """What a result is made from; the setup with all that it takes from a URDF."""
     files = sorted(path for path in Path(task.log).rglob("*") if path.is_file()) or [Path(task.log)]

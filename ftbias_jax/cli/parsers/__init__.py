@@ -12,6 +12,7 @@ ADD = (
     logs.add_check,
     logs.add_simulate,
     diagnosis.add_diagnose,
+    diagnosis.add_effects_command,
     logs.add_info,
     diagnosis.add_validate,
     logs.add_demo,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import Commands, add_unchecked, process, restarts, share
+from ftbias_jax.cli.argument_types import Commands, add_effects, add_unchecked, process, restarts, share
 
 
 def add_tune(commands: Commands) -> None:
@@ -73,6 +73,7 @@ def add_tune(commands: Commands) -> None:
         help="one of N processes, the I-th from 0, that share the logs; nothing to give under Slurm or MPI",
     )
     add_unchecked(parser)
+    add_effects(parser)
 
 
 def add_identify(commands: Commands) -> None:

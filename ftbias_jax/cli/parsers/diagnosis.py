@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import Commands, add_unchecked, count, numbers, seed
+from ftbias_jax.cli.argument_types import Commands, add_effects, add_unchecked, count, numbers, seed
 
 
 def add_diagnose(commands: Commands) -> None:
@@ -24,6 +24,19 @@ def add_diagnose(commands: Commands) -> None:
         "--without", action="append", default=[], metavar="EFFECT", help="leave this effect out; may be repeated"
     )
     add_unchecked(parser)
+    add_effects(parser)
+
+
+def add_effects_command(commands: Commands) -> None:
+    """The command ``effects``."""
+    parser = commands.add_parser(
+        "effects",
+        help="list and describe the effects that are looked for, or check your own",
+        description="List all effects; describe those named; or find faults in a Python file with your own.",
+        epilog="Examples: ftbias effects; ftbias effects cable; ftbias effects check my_effects.py",
+    )
+    parser.add_argument("words", nargs="*", metavar="NAME", help="effects to describe; or: check FILE.py")
+    add_effects(parser)
 
 
 def add_validate(commands: Commands) -> None:

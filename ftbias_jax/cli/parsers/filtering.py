@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import Commands, add_unchecked, count, gate, shard
+from ftbias_jax.cli.argument_types import Commands, add_effects, add_unchecked, count, gate, shard
 
 
 def add_filter(commands: Commands) -> None:
@@ -43,6 +43,7 @@ def add_filter(commands: Commands) -> None:
         help="filter as on the robot: joints from the past alone, noise as the setup states, contact not looked for",
     )
     add_unchecked(parser)
+    add_effects(parser)
     folders = parser.add_argument_group("for a folder OUT")
     folders.add_argument("--jobs", type=count, default=1, metavar="N", help="logs at a time (%(default)s)")
     folders.add_argument(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import Commands, positive, seed
+from ftbias_jax.cli.argument_types import Commands, add_effects, positive, seed
 
 
 def add_simulate(commands: Commands) -> None:
@@ -29,6 +29,7 @@ def add_simulate(commands: Commands) -> None:
         "--motion", default="sines", metavar="sines|moves|FILE", help="motion, or a log to replay (%(default)s)"
     )
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
+    add_effects(parser)
 
 
 def add_info(commands: Commands) -> None:

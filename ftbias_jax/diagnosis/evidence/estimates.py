@@ -72,7 +72,8 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
     z = np.repeat(fit.z[None], len(variance) + 2, 0)
     z[1:-1, list(h.free)] += np.sqrt(np.maximum(variance, 0))[:, None] * axes.T
     z[-1, list(h.free)] *= 1 - FORM_ERRORS.get(h.effect, FORM_ERROR)
-    values, offsets = zip(*(chain_model.to_values(signals, row, link) for row in z), strict=True)
+    made = [chain_model.to_values(signals, row, link, problem.catalogue) for row in z]
+    values, offsets = zip(*made, strict=True)
     if h.effect == "encoder_offset":
         joint = int(h.detail[0])
         at = np.array([float(offset[joint - 1]) for offset in offsets])

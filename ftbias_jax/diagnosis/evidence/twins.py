@@ -8,7 +8,6 @@ from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, block_scores, fit
-from ftbias_jax.model.effects.catalogue import CATALOGUE
 
 SAME = 3.0
 """Standard errors of the comparison within which two explanations are as good as one another."""
@@ -42,7 +41,7 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     without = fit(problem, rest, accepted) if rest else base
     gain, blocks = accepted.log_likelihood - without.log_likelihood, block_scores(problem, accepted)
     left = max(-accepted.log_likelihood - (problem.samples > 0).sum() / 2, 0.0)
-    declared = {twin.effect for twin in CATALOGUE[cause.effect].twins}
+    declared = {twin.effect for twin in problem.catalogue[cause.effect].twins}
     twins: dict[str, None] = {}
     hopeful = [s for s in scored if s.hypothesis.effect not in named and s.gain > HOPELESS * scored[0].gain]
     for other in hopeful[:MOST_TRIED]:

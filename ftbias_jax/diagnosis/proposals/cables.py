@@ -56,7 +56,8 @@ def cables(problem: Problem, standing: Standing) -> list[tuple[float, Hypothesis
     for gain_of, k, rest, anchor, link in sorted(found, key=lambda one: -one[0]):
         if all(other != link or np.linalg.norm(anchor - place) > APART for place, other in kept):
             values = (("stiffness", k), ("rest_length", rest - 0.1), ("anchor", anchor), ("attachment", 0.0))
-            chosen.append((gain_of, at_values(problem, "cable", *values, link=float(link))))
+            start = at_values(problem, "cable", *values, link=float(link))._replace(each=True)
+            chosen.append((gain_of, start))
             kept.append((anchor, link))
         if len(chosen) == STARTS:
             break

@@ -8,15 +8,16 @@ motion of the arm, which only the joints' offsets change, is worked out apart, s
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.diagnosis.regression.coordinates import Block, own_blocks, own_effects, own_values
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values
 from ftbias_jax.model.effects.kinematics import motion_of, subtract_offsets
+from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.types import Array
@@ -38,21 +39,8 @@ MOVING = ("encoder_offset",)
 """Effects that change how the arm moves; all else is worked out from the motion."""
 
 
-class Block(NamedTuple):
-    """Coordinates of one effect within the whole vector; 0 is neutral and 1 a typical departure."""
-
-    effect: str
-    parameter: str
-    size: int
-    unit: float | np.ndarray
-    """Of the parameter, per coordinate."""
-    least: float = -np.inf
-    most: float = np.inf
-    """Bounds of the coordinates."""
-
-
-def blocks(n: int) -> tuple[Block, ...]:
-    """Coordinates of all chained effects for an arm with n joints."""
+def blocks(n: int, catalogue: Catalogue = CATALOGUE) -> tuple[Block, ...]:
+    """Coordinates of all chained effects for an arm with n joints; those of the caller's own effects come last."""
     lever = np.array([1.0] * 3 + [0.1] * 3)
     return (
         Block("tool_mass", "mass", 1, 0.05),
@@ -75,43 +63,56 @@ def blocks(n: int) -> tuple[Block, ...]:
         Block("cable", "rest_length", 1, 0.1),
         Block("cable", "anchor", 3, 0.1),
         Block("cable", "attachment", 3, 0.03),
+        *own_blocks(catalogue),
     )
 
 
-def slices(n: int) -> dict[tuple[str, str], slice]:
+def slices(n: int, catalogue: Catalogue = CATALOGUE) -> dict[tuple[str, str], slice]:
     """Where each parameter's coordinates are."""
-    ends = np.cumsum([block.size for block in blocks(n)])
-    return {(b.effect, b.parameter): slice(e - b.size, e) for b, e in zip(blocks(n), ends, strict=True)}
+    laid_out = blocks(n, catalogue)
+    ends = np.cumsum([block.size for block in laid_out])
+    return {(b.effect, b.parameter): slice(e - b.size, e) for b, e in zip(laid_out, ends, strict=True)}
 
 
 def coordinates(n: int, effect: str) -> np.ndarray:
-    """Indices of all coordinates of an effect."""
+    """Indices of all coordinates of a built-in effect."""
     places = slices(n)
     return np.concatenate([np.arange(s.start, s.stop) for (name, _), s in places.items() if name == effect])
 
 
-def bounds(n: int) -> tuple[np.ndarray, np.ndarray]:
+def bounds(n: int, catalogue: Catalogue = CATALOGUE) -> tuple[np.ndarray, np.ndarray]:
     """(P,), (P,) least and most value of every coordinate."""
-    sizes = [b.size for b in blocks(n)]
-    return np.repeat([b.least for b in blocks(n)], sizes), np.repeat([b.most for b in blocks(n)], sizes)
+    least, most = ([np.broadcast_to(edge(b), b.size) for b in blocks(n, catalogue)] for edge in (_least, _most))
+    return np.concatenate(least), np.concatenate(most)
 
 
-def size(n: int) -> int:
+def _least(block: Block) -> float | np.ndarray:
+    return block.least
+
+
+def _most(block: Block) -> float | np.ndarray:
+    return block.most
+
+
+def size(n: int, catalogue: Catalogue = CATALOGUE) -> int:
     """Length of the whole vector."""
-    return sum(block.size for block in blocks(n))
+    return sum(block.size for block in blocks(n, catalogue))
 
 
-@jax.jit
-def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[str, Array]], Array]:
+@partial(jax.jit, static_argnames="catalogue")
+def to_values(
+    signals: Signals, z: Array, link: Array, catalogue: Catalogue = CATALOGUE
+) -> tuple[dict[str, dict[str, Array]], Array]:
     """Catalogue values of all chained effects, and encoder offsets (n,) rad.
 
     Args:
         signals: of the log.
         z: (P,) coordinates.
         link: () which link carries the anchor of a cable, 0 = world.
+        catalogue: that has the effects.
     """
     n, model = signals.q.shape[1], signals.model
-    places, units = slices(n), {(b.effect, b.parameter): jnp.asarray(b.unit) for b in blocks(n)}
+    places, units = slices(n, catalogue), {(b.effect, b.parameter): jnp.asarray(b.unit) for b in blocks(n)}
 
     def move(effect: str, parameter: str) -> Array:
         value = z[places[effect, parameter]] * units[effect, parameter]
@@ -152,6 +153,9 @@ def to_values(signals: Signals, z: Array, link: Array) -> tuple[dict[str, dict[s
             "link": link,
         },
     }
+    for effect in own_effects(catalogue):
+        own = {parameter.name: z[places[effect.name, parameter.name]] for parameter in effect.parameters}
+        values[effect.name] = own_values(effect, model, own)
     return values, move("encoder_offset", "offset")
 
 
@@ -171,8 +175,15 @@ def motion_slopes(signals: Signals, known: Values, z: Array) -> tuple[ArmMotion,
     return tuple(jax.tree.map(lambda x, i=i: x[i], slopes) for i in range(len(places)))
 
 
-@jax.jit
-def readings(signals: Signals, known: Values, moving: tuple[ArmMotion, ...], z: Array, link: Array) -> Array:
+@partial(jax.jit, static_argnames="catalogue")
+def readings(
+    signals: Signals,
+    known: Values,
+    moving: tuple[ArmMotion, ...],
+    z: Array,
+    link: Array,
+    catalogue: Catalogue = CATALOGUE,
+) -> Array:
     """(C, B, 6) N, Nm: noise-free readings at several coordinates at once.
 
     Args:
@@ -181,11 +192,12 @@ def readings(signals: Signals, known: Values, moving: tuple[ArmMotion, ...], z: 
         moving: C times ``motion`` at z.
         z: (C, P) coordinates.
         link: (C,) which link carries the anchor of a cable.
+        catalogue: that has the effects.
     """
-    return jax.vmap(partial(_reading, signals, known))(_stack(moving), z, link)
+    return jax.vmap(partial(_reading, signals, known, catalogue))(_stack(moving), z, link)
 
 
-@jax.jit
+@partial(jax.jit, static_argnames="catalogue")
 def slopes(
     signals: Signals,
     known: Values,
@@ -194,6 +206,7 @@ def slopes(
     link: Array,
     directions: Array,
     changes: tuple[ArmMotion, ...],
+    catalogue: Catalogue = CATALOGUE,
 ) -> Array:
     """(D, B, 6) N, Nm: derivatives of the reading.
 
@@ -205,19 +218,23 @@ def slopes(
         link: ().
         directions: (D, P).
         changes: of the motion along each direction; zeros if it moves no joint.
+        catalogue: that has the effects.
     """
 
     def along(direction: Array, change: ArmMotion) -> Array:
-        reading = partial(_reading, signals, known)
+        reading = partial(_reading, signals, known, catalogue)
         slope: Array = jax.jvp(lambda moving, z: reading(moving, z, link), (moving, z), (change, direction))[1]
         return slope
 
     return jax.vmap(along)(directions, _stack(changes))
 
 
-def _reading(signals: Signals, known: Values, moving: ArmMotion, z: Array, link: Array) -> Array:
-    values = to_values(signals, z, link)[0] | {name: known[name] for name in known if name not in MOVING}
-    return compose.predict(signals._replace(motion=moving), values)
+def _reading(signals: Signals, known: Values, catalogue: Catalogue, moving: ArmMotion, z: Array, link: Array) -> Array:
+    chained, offsets = to_values(signals, z, link, catalogue)
+    values = chained | {name: known[name] for name in known if name not in MOVING}
+    if catalogue.own:  # these may move the joints, or look at where they are
+        signals = subtract_offsets(offsets, signals)
+    return compose.predict(signals._replace(motion=moving), values, catalogue)
 
 
 def _stack(moving: tuple[ArmMotion, ...]) -> ArmMotion:

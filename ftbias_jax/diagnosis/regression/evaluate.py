@@ -13,6 +13,8 @@ from jax.stages import Lowered
 from ftbias_jax.diagnosis.problem import Part, Problem
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.filtering.likelihood import WrenchProblem, whiten
+from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.types import Array
@@ -23,26 +25,30 @@ WHITE_LANES = (8, 32)
 """Series that one call whitens, if there are few and if there are many."""
 
 
-def lower_programs(signals: Signals, wrench: WrenchProblem, known: Values) -> Iterator[Lowered]:
+def lower_programs(
+    signals: Signals, wrench: WrenchProblem, known: Values, catalogue: Catalogue = CATALOGUE
+) -> Iterator[Lowered]:
     """The programs that the functions below call, ready to be compiled, the longest first.
 
     Args:
         signals: of one log; of series, shapes are enough.
         wrench: of one log; of series, shapes are enough.
         known: effects that the setup knows of.
+        catalogue: that has the effects.
     """
     bins, n = signals.q.shape
 
     def of(*shape: int) -> jax.ShapeDtypeStruct:
         return jax.ShapeDtypeStruct(shape, signals.q.dtype)
 
-    one, many, link = of(chain_model.size(n)), of(LANES, chain_model.size(n)), of()
+    size = chain_model.size(n, catalogue)
+    one, many, link = of(size), of(LANES, size), of()
     moving = jax.eval_shape(chain_model.motion, signals, known, one)
-    yield chain_model.slopes.lower(signals, known, moving, one, link, many, (moving,) * LANES)
+    yield chain_model.slopes.lower(signals, known, moving, one, link, many, (moving,) * LANES, catalogue)
     yield chain_model.motion_slopes.lower(signals, known, one)
-    yield chain_model.readings.lower(signals, known, (moving,) * LANES, many, of(LANES))
+    yield chain_model.readings.lower(signals, known, (moving,) * LANES, many, of(LANES), catalogue)
     yield chain_model.motion.lower(signals, known, one)
-    yield chain_model.to_values.lower(signals, one, link)
+    yield chain_model.to_values.lower(signals, one, link, catalogue)
     for lanes in WHITE_LANES:
         yield whiten.lower(wrench, of(lanes, bins, 6))
 
@@ -61,7 +67,7 @@ def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
 
         def some(z: np.ndarray, link: np.ndarray) -> Array:
             moving = tuple(motion(*offsets) for offsets in z[:, joints])
-            return chain_model.readings(part.signals, problem.known, moving, z, link)
+            return chain_model.readings(part.signals, problem.known, moving, z, link, problem.catalogue)
 
         return in_pieces(some, LANES, z, link)[:, : part.used]
 
@@ -81,9 +87,8 @@ def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) 
 
         def some(places: np.ndarray) -> Array:
             changes = tuple(change.get(place, still) for place in places)
-            return chain_model.slopes(
-                signals, known, moving, z, np.asarray(link, z.dtype), np.eye(len(z))[places], changes
-            )
+            directions, at = np.eye(len(z))[places], np.asarray(link, z.dtype)
+            return chain_model.slopes(signals, known, moving, z, at, directions, changes, problem.catalogue)
 
         return in_pieces(some, LANES, np.array(places))[:, : part.used]
 
@@ -92,7 +97,7 @@ def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) 
 
 def believed_motions(problem: Problem) -> list[ArmMotion]:
     """How the arm moves in each log, if the joints are where the setup believes; B samples, with the padding."""
-    z = np.zeros(chain_model.size(problem.joints))
+    z = np.zeros(chain_model.size(problem.joints, problem.catalogue))
     return [chain_model.motion(part.signals, problem.known, z) for part in problem.parts]
 
 

@@ -59,7 +59,7 @@ class Fit(NamedTuple):
 def base(problem: Problem) -> Fit:
     """The believed model."""
     nothing = Columns(*np.zeros((2, 0, len(problem.t), 6)))
-    z = np.zeros(chain_model.size(problem.joints))
+    z = np.zeros(chain_model.size(problem.joints, problem.catalogue))
     error = _errors(problem, z[None], 0.0)[0]
     return Fit((), z, 0.0, np.zeros(0), error, nothing, (), _log_likelihood(error))
 
@@ -92,7 +92,7 @@ def fit(
         error = _errors(problem, z[None], link)[0]
     (coefficients,), (error,) = project(error[None])
     cost = _cost(error, z, free)
-    first, moving, bounds = cost, None, chain_model.bounds(problem.joints)
+    first, moving, bounds = cost, None, chain_model.bounds(problem.joints, problem.catalogue)
     for _ in range(most if free and np.isfinite(cost) else 0):
         moving = whitened(problem, slopes(problem, z, link, free))
         columns = project(moving)[1]

@@ -19,6 +19,7 @@ from ftbias_jax.diagnosis.regression.evaluate import lower_programs
 from ftbias_jax.filtering.likelihood import WrenchProblem
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.types import Model, Signals, Values
+from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.runtime.jax_config import same_precision
 from ftbias_jax.setup.types import Setup
@@ -56,7 +57,7 @@ def lower_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Lowered]:
     params = params_from_setup(setup)
     for bins in dict.fromkeys(padded_bins(log) for log in logs):
         signals, wrench, known = outline(params, bins)
-        yield from lower_programs(signals, wrench, known)
+        yield from lower_programs(signals, wrench, known, catalogue_of_setup(setup))
 
 
 def outline(params: Params, bins: int) -> tuple[Signals, WrenchProblem, Values]:

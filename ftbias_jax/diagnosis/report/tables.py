@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, Gap, Where
-from ftbias_jax.model.effects.catalogue import CATALOGUE
 
 SCHEMA = 1
 LONGEST_LIST = 6
@@ -48,7 +47,7 @@ def _gap_json(gap: Gap) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """What ``json`` can write, all the way down."""
     match value:
-        case dict():
+        case Mapping():
             return {str(key): _plain(item) for key, item in value.items()}
         case list() | tuple():
             return [_plain(item) for item in value]
@@ -96,8 +95,7 @@ def _cause_lines(cause: Candidate) -> list[str]:
 
 def parameter_words(candidate: Candidate) -> list[tuple[str, str]]:
     """(name, value ± standard error and unit) of the parameters of a candidate."""
-    effect = CATALOGUE.get(candidate.effect)
-    units = {parameter.name: parameter.unit for parameter in effect.parameters} if effect else {}
+    units = candidate.units
     return [
         (name, f"{_numbers_words(value, candidate.stderr.get(name))} {units.get(name, '')}".rstrip())
         for name, value in candidate.parameters.items()

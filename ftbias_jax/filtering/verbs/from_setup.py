@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -19,6 +19,7 @@ from ftbias_jax.filtering.result import join
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
 from ftbias_jax.io.log import Log, Repair
+from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
@@ -38,6 +39,7 @@ def filter_log(
     as_stated: bool = False,
     unchecked: bool = False,
     progress: Callable[[int], None] = _nobody,
+    effects: Sequence[Effect] = (),
 ) -> FilterResult:
     """Bias, drift and corrected wrench of a log, each from the wrench samples before it.
 
@@ -54,10 +56,12 @@ def filter_log(
             joints' process noise is then LAG_GUARD times the likeliest.
         unchecked: do not look first whether the setup can be right (``check_setup``); ``print`` says so if it is not.
         progress: told the samples done so far.
+        effects: of your own that the setup states.
 
     Returns:
         arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints.
     """
+    setup = setup.with_effects(effects)
     wrong = () if unchecked else check_setup(setup, [log]).lines()
     if as_stated:
         setup = replace(setup, bias=replace(setup.bias, adapt=False))

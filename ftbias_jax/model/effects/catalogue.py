@@ -1,4 +1,4 @@
-"""The table of all effects, in the order in which they act, and the values their parameters may have.
+"""The table of the built-in effects, in the order in which they act, and the values their parameters may have.
 
 Adding an effect is adding one entry where it acts: simulator, fit, report and tests read this table.
 """
@@ -14,15 +14,13 @@ import numpy as np
 
 from ftbias_jax.errors import FtbiasError, SetupError, UsageError
 from ftbias_jax.model.effects import bias, environment, kinematics, sampling, sensor, timing, tool
+from ftbias_jax.model.effects.table import Catalogue, OwnValues
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Values
 from ftbias_jax.setup.fields import nearest, show
 from ftbias_jax.types import Array
 
-Catalogue = Mapping[str, Effect]
-
-CATALOGUE: Catalogue = {
-    effect.name: effect
-    for effect in (
+CATALOGUE = Catalogue(
+    (
         *tool.EFFECTS,
         *kinematics.EFFECTS,
         *environment.FLEXIBILITY,
@@ -35,8 +33,19 @@ CATALOGUE: Catalogue = {
         *sampling.EFFECTS,
         *timing.DROPS,
     )
-}
-"""Name -> effect; the order is physical, from what acts at the tool to what acts on single samples."""
+)
+"""The built-in effects; the order is physical, from what acts at the tool to what acts on single samples."""
+
+
+def values_of(values: Values, catalogue: Catalogue) -> Values:
+    """The values, with the catalogue where the built-in one does not have all of them."""
+    return dict(values) if all(name in CATALOGUE for name in values) else OwnValues(values, catalogue)
+
+
+def catalogue_of(values: Values) -> Catalogue:
+    """The catalogue that values belong to."""
+    return values.catalogue if isinstance(values, OwnValues) else CATALOGUE
+
 
 MakeError = Callable[..., FtbiasError]
 """(message, field=..., remedy=...) -> the error to raise."""
@@ -75,7 +84,7 @@ def check_values(
     raw: Mapping[str, Mapping[str, Any]],
     error: MakeError = SetupError,
     prefix: str = "",
-    catalogue: Catalogue = CATALOGUE,
+    catalogue: Mapping[str, Effect] = CATALOGUE,
 ) -> Values:
     """Numbers as read from a file or typed, checked against the catalogue.
 
@@ -91,7 +100,10 @@ def check_values(
     """
     for name in raw:
         if name not in catalogue:
-            raise error(f"unknown effect {name!r}", field=f"{prefix}{name}", remedy=nearest(name, catalogue))
+            remedy = nearest(name, catalogue)
+            if remedy.startswith("known"):  # nothing here has a name like this
+                remedy = f"give the file that defines it by --effects; {remedy}"
+            raise error(f"unknown effect {name!r}", field=f"{prefix}{name}", remedy=remedy)
     return {
         name: _check_effect(effect, raw[name], partial(_at, error, f"{prefix}{name}"))
         for name, effect in catalogue.items()
@@ -99,32 +111,36 @@ def check_values(
     }
 
 
-def check_names(names: Collection[str], field: str) -> None:
+def check_names(names: Collection[str], field: str, catalogue: Catalogue = CATALOGUE) -> None:
     """Refuse names that are not in the catalogue.
 
     Args:
         names: of effects.
         field: where they stand, for the message.
+        catalogue: the table.
 
     Raises:
         UsageError: an unknown effect.
     """
     for name in names:
-        if name not in CATALOGUE:
-            raise UsageError(f"unknown effect {name!r}", field=field, remedy=nearest(name, CATALOGUE))
+        if name not in catalogue:
+            raise UsageError(f"unknown effect {name!r}", field=field, remedy=nearest(name, catalogue))
 
 
-def values_from_setup(effects: Mapping[str, Mapping[str, Any]], file: str = "") -> Values:
+def values_from_setup(
+    effects: Mapping[str, Mapping[str, Any]], file: str = "", catalogue: Catalogue = CATALOGUE
+) -> Values:
     """The ``[effects.NAME]`` sections of a setup.
 
     Args:
         effects: ``Setup.effects``.
         file: its path, for messages.
+        catalogue: the table.
 
     Raises:
         SetupError: an unknown effect or parameter, a wrong shape, a value out of bounds.
     """
-    return check_values(effects, partial(SetupError, file=file), "effects.")
+    return check_values(effects, partial(SetupError, file=file), "effects.", catalogue)
 
 
 def _at(error: MakeError, section: str, message: str, field: str = "", remedy: str = "") -> FtbiasError:

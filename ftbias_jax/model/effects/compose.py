@@ -5,15 +5,16 @@ Motion and model -> transforms -> wrench of the tool -> readings -> bias and noi
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, complete
+from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, complete
 from ftbias_jax.model.effects.kinematics import motion_of
-from ftbias_jax.model.effects.types import Model, Record, Signals, Values
+from ftbias_jax.model.effects.types import Effect, Model, Record, Signals, Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.model.wrench.batch import wrenches_in_motion
@@ -21,7 +22,7 @@ from ftbias_jax.model.wrench.tool_wrench import tool_wrench
 from ftbias_jax.types import Array
 
 
-def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Array:
+def predict(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Array:
     """Noise-free reading with the effects, without the bias process.
 
     Pure in ``signals`` and ``values``: ``jax.jvp`` with respect to values gives regressors, ``vmap`` maps over either.
@@ -29,7 +30,7 @@ def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) 
     Args:
         signals: motion and believed model of one log.
         values: effect -> parameters; {} = the believed model.
-        catalogue: the table of effects.
+        catalogue: the table of effects; None = that of the values.
 
     Returns:
         (T, 6) N, Nm, sensor frame, wrench on the tool; biases of effects are subtracted, as the report's are.
@@ -48,36 +49,53 @@ def tool_wrenches(signals: Signals) -> Array:
     return wrenches_in_motion(signals.model.gravity, signals.model.theta, motion_of(signals))
 
 
-def transform(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Signals:
+def transform(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Signals:
     """Model and motion as they are, where effects say that the believed ones are wrong."""
-    for name, effect in catalogue.items():
-        if name in values and effect.transform:
-            signals = effect.transform(complete(effect, values[name], signals.model), signals)
+    for name, effect in _acting(values, catalogue):
+        if effect.transform:
+            moved = effect.transform(complete(effect, values[name], signals.model), signals)
+            signals = moved if _moves_alike(moved, signals) else moved._replace(motion=None)
     return signals
 
 
-def read(signals: Signals, values: Values, wrench: Array, catalogue: Catalogue = CATALOGUE) -> Array:
+def _acting(values: Values, catalogue: Mapping[str, Effect] | None) -> Iterator[tuple[str, Effect]]:
+    """The effects that have values, in the order in which they act."""
+    entries = catalogue_of(values) if catalogue is None else catalogue
+    if catalogue is None and not entries.keys() >= values.keys():
+        raise KeyError(f"no effect {', '.join(sorted(values.keys() - entries.keys()))} in the catalogue of the values")
+    yield from ((name, effect) for name, effect in entries.items() if name in values)
+
+
+def _moves_alike(moved: Signals, signals: Signals) -> bool:
+    """Whether the motion that was worked out before a change still holds, because neither joints nor arm changed."""
+    before, after = ((s.q, s.dq, s.ddq, s.model.arm) for s in (signals, moved))
+    return moved.motion is not signals.motion or all(a is b for a, b in zip(before, after, strict=True))
+
+
+def read(signals: Signals, values: Values, wrench: Array, catalogue: Mapping[str, Effect] | None = None) -> Array:
     """What the sensor makes of the tool's wrench; (T, 6) -> (T, 6).
 
     Args:
         signals: after ``transform``.
         values: effect -> parameters.
         wrench: (T, 6) D theta.
-        catalogue: the table of effects.
+        catalogue: the table of effects; None = that of the values.
     """
-    for name, effect in catalogue.items():
-        if name in values and effect.reading:
+    for name, effect in _acting(values, catalogue):
+        if effect.reading:
             wrench = effect.reading(complete(effect, values[name], signals.model), signals, wrench)
     return wrench
 
 
-def bias(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Array:
+def bias(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Array:
     """(T, 6) N, Nm: the part of the bias that comes from effects of the bias stage, in the report's sign."""
-    of_bias = {name: effect for name, effect in catalogue.items() if effect.stage == "bias"}
+    of_bias = {name: effect for name, effect in _acting(values, catalogue) if effect.stage == "bias"}
     return -read(signals, values, jnp.zeros((signals.t.shape[0], 6), signals.q.dtype), of_bias)
 
 
-def record(key: Array, recorded: Record, model: Model, values: Values, catalogue: Catalogue = CATALOGUE) -> Record:
+def record(
+    key: Array, recorded: Record, model: Model, values: Values, catalogue: Mapping[str, Effect] | None = None
+) -> Record:
     """What becomes of the samples on the way to the file. Each effect has random numbers of its own.
 
     Args:
@@ -85,26 +103,28 @@ def record(key: Array, recorded: Record, model: Model, values: Values, catalogue
         recorded: samples with bias and noise: t (T,) s, wrench (T, 6) N, Nm.
         model: what the setup states.
         values: of the effects.
-        catalogue: the table of effects.
+        catalogue: the table of effects; None = that of the values.
     """
-    for i, (name, effect) in enumerate(catalogue.items()):
-        if name in values and effect.recording:
+    entries = catalogue_of(values) if catalogue is None else catalogue
+    numbers = {name: i for i, name in enumerate(dict.fromkeys((*CATALOGUE, *entries)))}
+    for name, effect in _acting(values, entries):
+        if effect.recording:
             completed = complete(effect, values[name], model)
-            recorded = effect.recording(completed, jax.random.fold_in(key, i), recorded)
+            recorded = effect.recording(completed, jax.random.fold_in(key, numbers[name]), recorded)
     return recorded
 
 
-def correct_record(wrench: Array, model: Model, values: Values, catalogue: Catalogue = CATALOGUE) -> Array:
+def correct_record(wrench: Array, model: Model, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Array:
     """(T, 6) N, Nm recorded, with NaN where known effects make a sample useless: saturated, spike or repetition."""
     # Backwards: a repetition is recognised before a spike is taken out of it.
-    for name, effect in reversed(list(catalogue.items())):
-        if name in values and effect.screen:
+    for name, effect in reversed(list(_acting(values, catalogue))):
+        if effect.screen:
             wrench = effect.screen(complete(effect, values[name], model), wrench)
     return wrench
 
 
 def noise_variance(
-    variance: Array, rate: Array, model: Model, values: Values, catalogue: Catalogue = CATALOGUE
+    variance: Array, rate: Array, model: Model, values: Values, catalogue: Mapping[str, Effect] | None = None
 ) -> Array:
     """Variance of the reading's noise with the known effects that act like noise.
 
@@ -113,14 +133,14 @@ def noise_variance(
         rate: (T, 6) N/s, Nm/s, of the noise-free reading.
         model: what the setup states.
         values: of the effects.
-        catalogue: the table of effects.
+        catalogue: the table of effects; None = that of the values.
 
     Returns:
         (T, 6) N^2, Nm^2.
     """
     variance = jnp.broadcast_to(variance, rate.shape)
-    for name, effect in catalogue.items():
-        if name in values and effect.widen:
+    for name, effect in _acting(values, catalogue):
+        if effect.widen:
             variance = effect.widen(complete(effect, values[name], model), variance, rate)
     return variance
 

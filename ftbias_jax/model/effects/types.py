@@ -7,9 +7,12 @@ why a real sensor reads something else. Signs are those of the report: reading =
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
 
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.model.kinematics.sensor_path import SensorPath, sensor_path
 from ftbias_jax.model.wrench.tool_wrench import Model as Model
 from ftbias_jax.types import Array
 
@@ -35,6 +38,30 @@ class Signals(NamedTuple):
     model: Model
     motion: ArmMotion | None = None
     """Of the arm, if it was worked out before; effects get it by ``kinematics.motion_of``."""
+
+    @property
+    def path(self) -> SensorPath:
+        """How the sensor moves: pose, velocities and accelerations (T, 3), base frame."""
+        return sensor_path(self.model.arm, self.q, self.dq, self.ddq, self.motion)
+
+    def in_sensor(self, vectors: Array) -> Array:
+        """Vectors (T, 3) in base axes -> the same in the sensor's axes."""
+        return jnp.einsum("tji,tj->ti", self.path.rotation, vectors)
+
+    def in_base(self, vectors: Array) -> Array:
+        """Vectors (T, 3) in the sensor's axes -> the same in base axes."""
+        return jnp.einsum("tij,tj->ti", self.path.rotation, vectors)
+
+    def push(self, force: Array, point: Array | float = 0.0) -> Array:
+        """What the reading changes by (T, 6) if the environment pushes the tool: the sensor has less to hold.
+
+        Args:
+            force: (T, 3) N, base axes, on the tool.
+            point: (3,) m, where it acts, sensor frame; 0 = at the sensor's origin.
+        """
+        force = self.in_sensor(force)
+        torque = jnp.cross(jnp.broadcast_to(jnp.asarray(point, force.dtype), force.shape), force)
+        return -jnp.concatenate([force, torque], 1)
 
 
 class Record(NamedTuple):
@@ -73,6 +100,8 @@ class Parameter(NamedTuple):
     """At zero strength the derivative by it says nothing (a time, a time constant, a threshold): try several starts."""
     optional: bool = False
     """May be left out of a setup, and is then neutral."""
+    starts: tuple[Any, ...] = ()
+    """Values that a search begins at; () = spread over the bounds, or around neutral."""
 
 
 class Twin(NamedTuple):

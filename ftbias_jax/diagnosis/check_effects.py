@@ -1,0 +1,217 @@
+"""Whether effects of one's own can be simulated, filtered and looked for: each fault in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache, partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.diagnosis.proposals.own import starts_of
+from ftbias_jax.diagnosis.regression.coordinates import own_values, strengths, to_coordinates, why_not_fitted
+from ftbias_jax.model.effects import compose
+from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values, typical_values
+from ftbias_jax.model.effects.kinematics import motion_of
+from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Record, Signals
+from ftbias_jax.model.kinematics.screws import make_arm
+from ftbias_jax.model.own_effects import fault_of
+from ftbias_jax.model.wrench.tool_wrench import tool_parameters
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup.robots import STANDARD_GRAVITY, built_in_robot
+from ftbias_jax.types import Array
+
+SAMPLES, SECONDS = 400, 8.0
+"""Of the motion that effects are tried on."""
+NEUTRAL = 1e-9
+"""N, Nm; a larger change by an effect that is switched off is a fault."""
+SEEN = 1e-6
+"""N, Nm; a smaller change by an effect of typical size is none."""
+STEP = 1e-4
+"""Of a coordinate, for differences that derivatives are compared with."""
+AGREE, CORNERS = 0.5, 0.2
+"""Share of its size by which a derivative may differ from the difference, and of the samples where it may differ by
+more: the derivative at a corner is that of one side, but what is rounded has none anywhere."""
+
+WITHOUT_SLOPE = "at neutral the reading does not depend on it: mark it search=True, or give it another neutral value"
+FromPython = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
+"""What JAX raises where code needs a plain number."""
+
+
+@in_float64
+def check_effects(effects: Sequence[Any]) -> list[str]:
+    """Faults of effects, a sentence each; [] = they can be used.
+
+    Args:
+        effects: ``Effect`` objects, such as ``load_effects`` gives.
+    """
+    known, faults = set(CATALOGUE), list[str]()
+    for effect in effects:
+        fault = fault_of(effect, known)
+        faults += [fault] if fault else [f"effect {effect.name!r}: {words}" for words in _faults(effect, effects)]
+        known |= {effect.name} if isinstance(effect, Effect) else set()
+    return faults
+
+
+def _faults(effect: Effect, effects: Sequence[Any]) -> Iterator[str]:
+    names = {"none", *CATALOGUE, *(one.name for one in effects if isinstance(one, Effect))}
+    for twin in effect.twins:
+        if twin.effect not in names:
+            yield f"its twin {twin.effect!r} is no effect"
+    signals = _motion()
+    try:
+        if effect.hook == "record":
+            yield from _faults_of_recording(effect, signals)
+        else:
+            yield from _faults_of_reading(effect, signals)
+    except FromPython:
+        yield "it needs a plain number where JAX has none yet: use jnp.where instead of if, and jnp instead of numpy"
+    except Exception as error:  # the caller's code: whatever it raises is told
+        yield f"its code raises {type(error).__name__}: {' '.join(str(error).split())[:200]}"
+
+
+@lru_cache
+def _motion() -> Signals:
+    """A Panda that moves all its joints, with all that an effect may need; what it does is worked out once."""
+    robot = built_in_robot("panda", STANDARD_GRAVITY)
+    t = np.linspace(0, SECONDS, SAMPLES)
+    phase, rate = t[:, None] * (0.7 + 0.13 * np.arange(7)) + np.arange(7), 0.7 + 0.13 * np.arange(7)
+    q = np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8]) + 0.5 * np.sin(phase)
+    arm = make_arm(jnp.asarray(robot.screws), jnp.asarray(robot.flange_translation), jnp.asarray(robot.flange_rotation))
+    theta = tool_parameters(jnp.asarray(0.9), jnp.array([0.01, -0.005, 0.06]), jnp.array([2e-3, 0, 0, 2e-3, 0, 1e-3]))
+    signals = Signals(
+        t=jnp.asarray(t),
+        q=jnp.asarray(q),
+        dq=jnp.asarray(0.5 * rate * np.cos(phase)),
+        ddq=jnp.asarray(-0.5 * rate**2 * np.sin(phase)),
+        temperature=jnp.asarray(25 + np.sin(t)),
+        model=Model(arm, jnp.asarray(robot.gravity), theta),
+    )
+    return signals._replace(motion=jax.jit(motion_of)(signals))
+
+
+@lru_cache
+def _believed() -> Array:
+    """(T, 6) the reading without any effect."""
+    return jax.jit(compose.tool_wrenches)(_motion())
+
+
+def _faults_of_reading(effect: Effect, signals: Signals) -> Iterator[str]:
+    believed = _believed()
+    predict = jax.jit(partial(_predict, effect, signals))
+    wrong = _wrong_type(effect, signals, believed)
+    if wrong:
+        yield wrong
+        return
+    model, searched = signals.model, [p for p in effect.parameters if p.search]
+    neutral = neutral_values(effect, model)
+    starts = {p.name: starts_of(effect, p, model)[0] for p in searched} if strengths(effect) else {}
+    for words, values in {"at neutral": neutral, "switched off, at a start of its search": neutral | starts}.items():
+        change = np.abs(np.asarray(predict(values) - believed)).max()
+        if not np.isfinite(change):
+            yield f"{words} the reading is no number; neutral values must change nothing"
+            return
+        if change > NEUTRAL:
+            yield f"{words} it changes the reading by {change:.2g} N or Nm; neutral values must change nothing"
+            return
+    typical = np.asarray(predict(typical_values(effect, model)) - believed)
+    if not np.isfinite(typical).all():
+        yield "with typical values (neutral plus scale) the reading is no number"
+    elif np.abs(typical).max() < SEEN:
+        yield "typical values (neutral plus scale) change nothing: give its parameters a scale"
+    elif not why_not_fitted(effect):
+        yield from _faults_of_slopes(effect, signals, believed)
+
+
+def _predict(effect: Effect, signals: Signals, values: EffectValues) -> Array:
+    own, catalogue = {effect.name: values}, {effect.name: effect}
+    if not effect.transform:  # the tool's wrench stays as it is
+        return compose.read(signals, own, _believed(), catalogue)
+    return compose.predict(signals, own, catalogue)
+
+
+def _wrong_type(effect: Effect, signals: Signals, wrench: Array) -> str:
+    values = typical_values(effect, signals.model)
+    if effect.transform:
+        moved = jax.eval_shape(effect.transform, values, signals)
+        if not isinstance(moved, Signals):
+            return f"its transform returns {type(moved).__name__}, and must return signals._replace(...)"
+    if effect.reading:
+        reading = jax.eval_shape(effect.reading, values, signals, wrench)
+        if getattr(reading, "shape", None) != wrench.shape:
+            return f"its reading returns {_shape(reading)}, and must return an array (T, 6) like the wrench it gets"
+    return ""
+
+
+def _shape(made: Any) -> str:
+    return f"the shape {made.shape}" if hasattr(made, "shape") else type(made).__name__
+
+
+def _faults_of_slopes(effect: Effect, signals: Signals, believed: Array) -> Iterator[str]:
+    """What a fit needs: derivatives that are numbers, tell of every parameter, and agree with differences."""
+    model = signals.model
+    neutral = {name: np.asarray(value) for name, value in neutral_values(effect, model).items()}
+    at = {
+        p.name: np.zeros(neutral[p.name].size)
+        if not p.search
+        else to_coordinates(effect, p, neutral[p.name], _middle(starts_of(effect, p, model)))
+        for p in effect.parameters
+    }
+    on = at | {p.name: np.full(neutral[p.name].size, 0.5) for p in strengths(effect)}
+    reading: Callable[[Any], Array] = jax.jit(lambda z: _predict(effect, signals, own_values(effect, model, z)))
+    for parameter in effect.parameters:
+        scale, moved = np.broadcast_to(np.asarray(parameter.scale, float), parameter.shape).ravel(), False
+        for i in np.flatnonzero(scale):
+            z = on if parameter.search else at
+            direction = {name: np.zeros_like(x) for name, x in z.items()}
+            direction[parameter.name][i] = 1.0
+            slope = np.asarray(jax.jvp(reading, (z,), (direction,))[1])
+            name = parameter.name if not parameter.shape else f"number {i + 1} of {parameter.name}"
+            difference = _difference(reading, z, direction)
+            fault = _fault_of_slope(slope, difference)
+            if fault:
+                yield f"{name}: {fault}"
+                return
+            moved = moved or parameter.search or np.abs([slope, difference]).max() > SEEN
+        if not moved and scale.any():
+            yield f"{parameter.name}: {WITHOUT_SLOPE}"
+
+
+def _middle(starts: list[np.ndarray]) -> np.ndarray:
+    return starts[len(starts) // 2]
+
+
+def _difference(reading: Callable[[Any], Array], z: Any, direction: Any) -> np.ndarray:
+    ahead = jax.tree.map(lambda x, d: x + STEP * d, z, direction)
+    behind = jax.tree.map(lambda x, d: x - STEP * d, z, direction)
+    return np.asarray(reading(ahead) - reading(behind)) / (2 * STEP)
+
+
+def _fault_of_slope(slope: np.ndarray, difference: np.ndarray) -> str:
+    if not np.isfinite(slope).all():
+        return "the reading cannot be differentiated by it where a fit begins (0/0, or a root of 0): use jnp.where"
+    size = max(np.abs(slope).max(), np.abs(difference).max())
+    # Clipped at a bound, the difference is half of the derivative inside.
+    off = np.minimum(np.abs(difference - slope), np.abs(difference - slope / 2))
+    if size > SEEN and (off > AGREE * size).any(1).mean() > CORNERS:
+        return "the reading is not differentiable by it; a whole number, which is rounded, needs scale=0, search=True"
+    return ""
+
+
+def _faults_of_recording(effect: Effect, signals: Signals) -> Iterator[str]:
+    wrench = _believed()
+    noise = 0.01 * jax.random.normal(jax.random.key(0), wrench.shape)
+    recorded = Record(signals.t, wrench + noise, noise, signals.dq)
+    for words, values in {
+        "neutral": neutral_values(effect, signals.model),
+        "typical": typical_values(effect, signals.model),
+    }.items():
+        assert effect.recording is not None
+        made = jax.jit(effect.recording)(values, jax.random.key(1), recorded)
+        if not isinstance(made, Record) or made.wrench.shape != wrench.shape:
+            yield "its recording must return record._replace(...) with a wrench (T, 6)"
+            return
+        if words == "neutral" and not np.abs(np.asarray(made.wrench - recorded.wrench)).max() < NEUTRAL:
+            yield "at neutral it changes samples; neutral values must change nothing"

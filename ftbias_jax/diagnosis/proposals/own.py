@@ -1,0 +1,149 @@
+"""The caller's own effects: starting points of their fits, by what each says of its parameters.
+
+Parameters that switch an effect off are found by one linearisation; those that need a search are held at each of their
+starts meanwhile. The best few starts are fitted with everything free but what has no scale, such as a joint's number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.hypothesis import Hypothesis
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.coordinates import (
+    LINEAR,
+    kind_of,
+    own_effects,
+    strengths,
+    to_coordinates,
+)
+from ftbias_jax.diagnosis.regression.dictionary import Found
+from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
+from ftbias_jax.diagnosis.regression.fit import keep
+from ftbias_jax.diagnosis.regression.score_test import Standing, gains
+from ftbias_jax.model.effects.catalogue import neutral_values
+from ftbias_jax.model.effects.types import Effect, Model, Parameter
+
+FITTED = 3
+"""Starts of an effect that are fitted: the best ones."""
+MOST_STARTS = 256
+"""Combinations of starts of an effect that are tried."""
+GRID = 7
+"""Starts of one parameter, if it does not say which."""
+SPREAD = 10.0
+"""Largest start of a positive parameter without bounds over its typical value, and that over the smallest one."""
+MOST_BOUNDS = 1e4
+"""Ratio of bounds up to which starts are spread over all between them."""
+NUMBERS = 64
+"""Values of a whole number, if it does not say which."""
+
+
+class _Start(NamedTuple):
+    """Where a search begins: coordinates and their values."""
+
+    free: tuple[int, ...]
+    values: tuple[float, ...]
+    fixed: tuple[tuple[int, float], ...]
+
+
+def own(problem: Problem, standing: Standing, taken: Collection[str]) -> list[Found]:
+    """The most promising starts of every own effect, with their gains in nats beside a fit."""
+    return [
+        found
+        for effect in own_effects(problem.catalogue)
+        if effect.name not in taken and all(need in problem.recorded for need in effect.needs)
+        for found in _best_starts(problem, standing, effect)
+    ]
+
+
+def _best_starts(problem: Problem, standing: Standing, effect: Effect) -> list[Found]:
+    places = chain_model.slices(problem.joints, problem.catalogue)
+    linear = [
+        places[effect.name, parameter.name].start + int(i)
+        for parameter in strengths(effect)
+        for i in np.flatnonzero(np.broadcast_to(parameter.scale, parameter.shape))
+    ]
+    starts = list(_starts(problem, effect))
+    tried = [_linearised(problem, standing, effect.name, linear, start) for start in starts]
+    if not linear:
+        tried = _as_they_are(problem, standing, effect.name, starts)
+    return sorted(tried, key=lambda found: -found[0])[:FITTED]
+
+
+def _linearised(problem: Problem, standing: Standing, name: str, linear: list[int], start: _Start) -> Found:
+    """What the strengths would gain with the rest held at a start, none of them outside of its bounds."""
+    h = Hypothesis(name, (*linear, *start.free), (0.0,) * len(linear) + start.values, start.fixed, each=True)
+    if not linear:
+        return 0.0, h
+    z = keep(standing.fit.z, h)
+    z[list(h.free)] = h.start
+    prepared = gains(standing, whitened(problem, slopes(problem, z, standing.fit.link, linear)))
+    least, most = (bound[linear] for bound in chain_model.bounds(problem.joints, problem.catalogue))
+    best = np.clip(prepared.coefficients(list(range(len(linear)))), least, most)
+    gain = float(-prepared.pull @ best - best @ prepared.normal @ best / 2)
+    return gain, h._replace(start=(*best.tolist(), *start.values))
+
+
+def _as_they_are(problem: Problem, standing: Standing, name: str, starts: list[_Start]) -> list[Found]:
+    """Gain of each start as it is, for an effect whose parameters all need a search."""
+    accepted = standing.fit
+    found = [Hypothesis(name, start.free, start.values, start.fixed, each=True) for start in starts]
+    z = np.stack([keep(accepted.z, h) for h in found])
+    for row, h in zip(z, found, strict=True):
+        row[list(h.free)] = h.start
+    made = readings(problem, np.stack([accepted.z, *z]), np.full(len(z) + 1, accepted.link))
+    changes = whitened(problem, made[1:] - made[0])
+    gain = -(accepted.error * changes).sum((1, 2)) - (changes**2).sum((1, 2)) / 2
+    return list(zip(gain.tolist(), found, strict=True))
+
+
+def _starts(problem: Problem, effect: Effect) -> Iterator[_Start]:
+    """All combinations of the starts of the parameters that need a search, evenly thinned out if there are too many."""
+    places = chain_model.slices(problem.joints, problem.catalogue)
+    model = problem.parts[0].signals.model
+    neutral = {name: np.asarray(value) for name, value in neutral_values(effect, model).items()}
+    searched = [parameter for parameter in effect.parameters if parameter.search]
+    every = list(product(*(starts_of(effect, parameter, model) for parameter in searched)))
+    chosen = np.unique(np.linspace(0, len(every) - 1, min(len(every), MOST_STARTS)).astype(int))
+    for combination in (every[i] for i in chosen):
+        free, fixed = dict[int, float](), dict[int, float]()
+        for parameter, value in zip(searched, combination, strict=True):
+            at = to_coordinates(effect, parameter, neutral[parameter.name], value)
+            is_free = np.broadcast_to(np.asarray(parameter.scale) > 0, parameter.shape).ravel()
+            for i, (x, movable) in enumerate(zip(at.tolist(), is_free, strict=True)):
+                (free if movable else fixed)[places[effect.name, parameter.name].start + i] = x
+        yield _Start(tuple(free), tuple(free.values()), tuple(fixed.items()))
+
+
+def starts_of(effect: Effect, parameter: Parameter, model: Model) -> list[np.ndarray]:
+    """Values at which the search for a parameter begins, in its shape: as stated, or spread over what is possible."""
+    if parameter.starts:
+        return [np.broadcast_to(np.asarray(start, float), parameter.shape) for start in parameter.starts]
+    lower, upper, scale = (
+        np.broadcast_to(np.asarray(x, float), parameter.shape)
+        for x in (parameter.lower, parameter.upper, parameter.scale)
+    )
+    neutral = np.asarray(neutral_values(effect, model)[parameter.name])
+    if not scale.any():
+        if parameter.shape or not np.isfinite(upper - lower):
+            return [neutral]
+        return [np.asarray(float(x)) for x in range(int(np.ceil(lower)), int(upper) + 1)[:NUMBERS]]
+    if kind_of(effect, parameter) != LINEAR:
+        return _spread_by_factors(lower, upper, np.where(np.isfinite(neutral) & (neutral > 0), neutral, scale))
+    if not parameter.shape and np.isfinite(upper - lower):
+        return [lower + share * (upper - lower) for share in (np.arange(GRID) + 0.5) / GRID]
+    axes = np.eye(scale.size).reshape(-1, *scale.shape)
+    steps = [sign * scale * axis for axis in axes for sign in (1, -1)]
+    around = [neutral, *(neutral + step for step in steps)]
+    return [np.clip(start, lower, upper) for start in around]
+
+
+def _spread_by_factors(lower: np.ndarray, upper: np.ndarray, middle: np.ndarray) -> list[np.ndarray]:
+    narrow = np.all((lower > 0) & np.isfinite(upper) & (upper < MOST_BOUNDS * np.maximum(lower, 1e-300)))
+    least, most = (lower, upper) if narrow else (middle / SPREAD, middle * SPREAD)
+    return [np.clip(start, lower, upper) for start in np.geomspace(least, most, GRID)]

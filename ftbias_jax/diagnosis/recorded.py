@@ -1,0 +1,37 @@
+"""What logs have beside joints and wrench, and which effects they cannot speak about."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from ftbias_jax.diagnosis.regression.coordinates import why_not_fitted
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.setup.types import Setup
+
+
+def recorded_in(logs: Sequence[Log]) -> frozenset[str]:
+    """What effects may need beside joints and wrench, and the logs have: "temperature"."""
+    return frozenset({"temperature"} if any(np.isfinite(log.temperature).any() for log in logs) else ())
+
+
+def not_tested(
+    setup: Setup, catalogue: Catalogue, recorded: Collection[str], without: Collection[str]
+) -> tuple[tuple[str, str], ...]:
+    """(effect, why) of those that the logs are not asked about.
+
+    Args:
+        setup: of the diagnosis.
+        catalogue: the effects that could be looked for.
+        recorded: as of ``recorded_in``.
+        without: effects that the caller left out.
+    """
+    reasons = [(name, "left out on request") for name in without]
+    reasons += [(name, "the setup has it already") for name in setup.effects]
+    for name, effect in catalogue.items():
+        reasons += [(name, f"no {need} was recorded") for need in effect.needs if need not in recorded]
+    for effect in catalogue.own:
+        reasons += [(effect.name, reason) for reason in [why_not_fitted(effect)] if reason]
+    return tuple(reasons)

@@ -1,0 +1,95 @@
+"""Where the fits of own effects begin, and a log that has one."""
+
+import jax.numpy as jnp
+import numpy as np
+import own_effects
+import pytest
+
+from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis.diagnose import diagnose
+from ftbias_jax.diagnosis.proposals.own import starts_of
+from ftbias_jax.filtering.verbs.from_setup import filter_log
+from ftbias_jax.model.effects.types import Effect, Model, Parameter
+from ftbias_jax.model.own_effects import load_effects
+from ftbias_jax.model.simulate_log import simulate
+from ftbias_jax.setup import parse_setup
+
+MODEL = Model(None, jnp.zeros(3), jnp.ones(10))
+SIZE = Parameter("size", "N", "", scale=1.0)
+
+
+def starts(parameter, *others):
+    effect = Effect("own", "sensor", (parameter, *others), "", "", reading=lambda v, s, w: w)
+    return np.stack(starts_of(effect, parameter, MODEL))
+
+
+def test_stated_starts_are_taken():
+    stated = Parameter("place", "m", "", (3,), scale=1.0, search=True, starts=((0, 0, 1), (1, 0, 0)))
+    np.testing.assert_array_equal(starts(stated), [[0, 0, 1], [1, 0, 0]])
+
+
+def test_a_positive_parameter_is_searched_by_factors_between_its_bounds():
+    found = starts(Parameter("tau", "s", "", (), 0.1, 100.0, 1.0, 1.0, search=True), SIZE)
+    assert found[0] == pytest.approx(0.1)
+    assert found[-1] == pytest.approx(100.0)
+    np.testing.assert_allclose(found[1:] / found[:-1], found[1] / found[0])
+
+
+def test_wide_bounds_are_no_hint():
+    found = starts(Parameter("tau", "s", "", (), 1e-6, 1e6, 1.0, 1.0, search=True), SIZE)
+    assert found[0] == pytest.approx(0.1)
+    assert found[-1] == pytest.approx(10.0)
+
+
+def test_a_whole_number_is_searched_one_by_one():
+    np.testing.assert_array_equal(
+        starts(Parameter("joint", "1", "", (), 1, 7, 1.0, 0.0, search=True), SIZE), range(1, 8)
+    )
+
+
+def test_a_place_is_searched_around_neutral_within_its_bounds():
+    found = starts(Parameter("place", "m", "", (3,), -0.1, 5.0, 0.0, 0.3, search=True), SIZE)
+    assert len(found) == 7
+    assert found.min() == -0.1
+    assert found.max() == 0.3
+
+
+@pytest.fixture(scope="module")
+def hose(tmp_path_factory):
+    path = tmp_path_factory.mktemp("own") / "hose.py"
+    path.write_text(own_effects.HOSE)
+    return load_effects(path)
+
+
+@pytest.fixture(scope="module")
+def dragged(hose):
+    return simulate(parse_setup(SETUP), {"hose_drag": {"coefficient": 4.0}}, own=hose, duration=20, rate=100, seed=1)
+
+
+@pytest.fixture(scope="module")
+def diagnosis(dragged, hose):
+    return diagnose(dragged.setup, [dragged.log], effects=hose)
+
+
+def test_an_own_effect_is_named_with_its_parameter(diagnosis):
+    (cause,) = diagnosis.causes
+    assert (diagnosis.verdict, cause.effect, cause.stage) == ("explained", "hose_drag", "environment")
+    assert abs(cause.parameters["coefficient"] - 4.0) < 3 * cause.stderr["coefficient"] < 0.6
+    assert diagnosis.candidates[0].effect == "hose_drag"
+
+
+def test_it_is_told_like_a_built_in_one(diagnosis):
+    text = str(diagnosis)
+    assert "hose_drag explains the gap" in text
+    assert "N s/m" in text
+    assert "what to do: route the hose so that it moves freely" in text
+
+
+def test_the_setup_that_is_made_filters_it_away(diagnosis, dragged, hose, tmp_path):
+    fixed = diagnosis.apply(dragged.setup)
+    fixed.save(tmp_path / "fixed.toml")
+    assert "[effects.hose_drag]" in (tmp_path / "fixed.toml").read_text()
+    before, after = (
+        np.abs(filter_log(setup, dragged.log).bias - dragged.truth.bias).mean(0) for setup in (dragged.setup, fixed)
+    )
+    assert (after[:3] < before[:3] / 3).all()
