@@ -131,7 +131,8 @@ def split_noise(values: Values, joints: int, file: str = "") -> tuple[Values, di
         SetupError: rows that are neither one for each joint nor one for all.
     """
     noise = {}
-    for name in values:
+    catalogued = {name: value for name, value in values.items() if name in CATALOGUE}
+    for name in catalogued:
         effect = CATALOGUE[name]
         if effect.filter_noise:
             key = effect.parameters[0].name
@@ -140,7 +141,7 @@ def split_noise(values: Values, joints: int, file: str = "") -> tuple[Values, di
                 remedy = f"give six numbers, or a row of six for each of the {joints} joints"
                 raise SetupError(f"has {len(rows)} rows", file=file, field=f"effects.{name}.{key}", remedy=remedy)
             noise[effect.filter_noise] = np.broadcast_to(rows, (joints, 6))
-    return {name: x for name, x in values.items() if not CATALOGUE[name].filter_noise}, noise
+    return {name: x for name, x in values.items() if name not in CATALOGUE or not CATALOGUE[name].filter_noise}, noise
 
 
 def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:

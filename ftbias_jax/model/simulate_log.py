@@ -24,6 +24,8 @@ from ftbias_jax.model.effects.catalogue import (
     typical_values,
     values_from_setup,
 )
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import flat_numbers
 from ftbias_jax.model.effects.types import Model, Values
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import simulate as simulate_with_params
@@ -64,7 +66,7 @@ class Truth(NamedTuple):
     def arrays(self) -> dict[str, Array]:
         """Named arrays as they stand in a file; effect parameters as ``effects.NAME.PARAMETER``."""
         series = {name: value for name, value in self._asdict().items() if name != "effects"}
-        return series | {f"effects.{e}.{p}": x for e, values in self.effects.items() for p, x in values.items()}
+        return series | {f"effects.{e}.{p}": x for e, values in plain(self.effects).items() for p, x in values.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +110,7 @@ class SimulationResult:
         """What is true, in short: the effects, and the bias once a second."""
         t = self.truth.t
         seconds = np.searchsorted(t, np.arange(np.floor(t[-1]) + 1))
-        effects = self.truth.effects
+        effects = plain(self.truth.effects)
         return {
             "seed": self.seed,
             "effects": {e: {p: np.asarray(x).tolist() for p, x in values.items()} for e, values in effects.items()},
@@ -148,7 +150,8 @@ def simulate(
     params = params_from_setup(setup)
     model = Model(params.arm, params.gravity, params.theta)
     values = {
-        name: complete(CATALOGUE[name], value, model) for name, value in all_values(setup, effects or {}, model).items()
+        name: complete(CATALOGUE[name], value, model) if name in CATALOGUE else value
+        for name, value in all_values(setup, effects or {}, model).items()
     }
     motion_key, log_key = jax.random.split(jax.random.key(seed))
     trajectory = _trajectory(setup, motion, duration, rate, motion_key)
@@ -175,7 +178,12 @@ def all_values(setup: Setup, effects: Mapping[str, Mapping[str, Any]], model: Mo
     checked = check_effects(effects)
     typical = {name: typical_values(CATALOGUE[name], model) for name in effects if name not in checked}
     values = values_from_setup(setup.effects, setup.path) | typical | checked
-    return {name: values[name] for name in CATALOGUE if name in values}
+    return {name: values[name] for name in (*CATALOGUE, TERM) if name in values}
+
+
+def plain(effects: Values) -> Values:
+    """Effect -> parameter -> numbers; the numbers of terms are named after the number of their section."""
+    return {name: flat_numbers(values) if name == TERM else values for name, values in effects.items()}
 
 
 def _usage(message: str, field: str = "", remedy: str = "") -> UsageError:

@@ -45,7 +45,7 @@ def dump_setup(setup: Setup, comments: Comments | None = None) -> str:
     left = dict(setup.comments if comments is None else comments)
     text, section = "", ""
     for line in lines:
-        if line.section != section or line.key == "axis":
+        if line.section != section or line.key == "axis" or (not line.key and line.section.startswith("[[")):
             text, section = f"{text}\n{line.section}\n" if text else f"{line.section}\n", line.section
         if line.key:
             comment = "; ".join(part for part in (line.unit, left.pop(_full_key(line), "")) if part)
@@ -180,6 +180,11 @@ def _pose(pose: PoseSetup) -> Iterable[_Line]:
 
 def _effects(setup: Setup) -> Iterable[_Line]:
     for name, values in setup.effects.items():
+        if isinstance(values, (list, tuple)):  # [[effects.term]]
+            for number, entry in enumerate(values, 1):
+                yield _Line(f"[[effects.{_key(name)}]]", "", number)
+                yield from (_Line(f"[[effects.{_key(name)}]]", key, value) for key, value in entry.items())
+            continue
         section = f"[effects.{_key(name)}]"
         yield _Line(section, "", None)  # an effect without parameters is still an effect
         for key, value in values.items():

@@ -13,6 +13,8 @@ import numpy as np
 
 from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, complete
 from ftbias_jax.model.effects.kinematics import motion_of
+from ftbias_jax.model.effects.terms.columns import change, state_of
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Model, Record, Signals, Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
@@ -37,7 +39,14 @@ def predict(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) 
     signals = transform(signals, values, catalogue)
     if not isinstance(signals.model.arm, FreeBody):
         signals = signals._replace(motion=motion_of(signals))
-    return read(signals, values, tool_wrenches(signals), catalogue)
+    return with_terms(signals, values, read(signals, values, tool_wrenches(signals), catalogue))
+
+
+def with_terms(signals: Signals, values: Values, reading: Array) -> Array:
+    """The reading (T, 6) N, Nm with what the setup's terms add; their load is the reading before."""
+    if TERM not in values:
+        return reading
+    return reading + change(jnp, values[TERM], state_of(jnp, signals, reading))
 
 
 def tool_wrenches(signals: Signals) -> Array:
@@ -74,7 +83,10 @@ def read(signals: Signals, values: Values, wrench: Array, catalogue: Catalogue =
 def bias(signals: Signals, values: Values, catalogue: Catalogue = CATALOGUE) -> Array:
     """(T, 6) N, Nm: the part of the bias that comes from effects of the bias stage, in the report's sign."""
     of_bias = {name: effect for name, effect in catalogue.items() if effect.stage == "bias"}
-    return -read(signals, values, jnp.zeros((signals.t.shape[0], 6), signals.q.dtype), of_bias)
+    nothing = jnp.zeros((signals.t.shape[0], 6), signals.q.dtype)
+    found: Array = -read(signals, values, nothing, of_bias)
+    terms = {name: term for name, term in values.get(TERM, {}).items() if term.acts_as == "bias"}
+    return found - change(jnp, terms, state_of(jnp, signals, nothing)) if terms else found
 
 
 def record(key: Array, recorded: Record, model: Model, values: Values, catalogue: Catalogue = CATALOGUE) -> Record:
