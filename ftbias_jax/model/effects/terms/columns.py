@@ -68,7 +68,7 @@ def _along_axes(xp: Any, frame: str, vectors: Array, rotation: Array) -> Array:
 def _of_three(xp: Any, term: Term, vectors: Array) -> Array:
     """(T, K, 3) forces or torques -> (T, K, 6)."""
     torques = xp.concatenate([xp.zeros_like(vectors), vectors], 2)
-    forces = xp.concatenate([vectors, xp.cross(term.point, vectors)], 2)
+    forces = xp.concatenate([vectors, xp.cross(term.point[None, None], vectors)], 2)
     if term.acts_as == "wrench":
         return xp.concatenate([forces, torques], 1)
     return torques if term.acts_as == "torque" else forces

@@ -53,6 +53,7 @@ LENGTH = Parameter("length", "m", 0.005, 5.0)
 FIELD = (*PLACE, Parameter("power", "1", 0.2, 6.0))
 PLANE = (*NORMAL, Parameter("offset", "m", -10, 10), LENGTH)
 
+LATE = ("late", "difference")
 SQUARED = ("linear", "squared")
 WAVES = ("sin", "cos")
 MAP = ("x", "y", "z", "xx_yy", "zz", "xy", "xz", "yz", "size_x", "size_y", "size_z")
@@ -68,9 +69,7 @@ FORMS = {
         Form("time", "quadratic", "scalars", slow_series.powers_of_time, "s", labels=("t", "t2")),
         Form("temperature", "linear", "scalars", slow_series.temperature, "K", (LAG,)),
         Form("temperature", "quadratic", "scalars", slow_series.temperature_squared, "K", (LAG,), labels=SQUARED),
-        Form(
-            "temperature", "gradient", "scalars", slow_series.warming_side, "K", (LAG,), labels=("late", "difference")
-        ),
+        Form("temperature", "gradient", "scalars", slow_series.warming_side, "K", (LAG,), labels=LATE),
         Form("temperature", "sensitivity", "channels", slow_series.sensitivity, "K", (LAG,)),
         Form("position", "spring", "vectors", series.spring, "m", labels=("stiffness", "x", "y", "z")),
         Form("position", "attraction", "vectors", series.attraction, "1", FIELD),

@@ -35,7 +35,7 @@ def spring(xp: Any, s: State, p: Numbers, joint: int) -> Array:
 
 def attraction(xp: Any, s: State, p: Numbers, joint: int) -> Array:
     """Towards a place, falling with a power of the distance; 1 at half a metre."""
-    away = xp.stack([p["x"], p["y"], p["z"]]) - s.position
+    away = xp.stack([p["x"], p["y"], p["z"]])[None] - s.position
     distance = xp.sqrt((away**2).sum(1, keepdims=True) + 0.02**2)
     return (away / distance * (0.5 / distance) ** p["power"])[:, None]
 
@@ -43,7 +43,7 @@ def attraction(xp: Any, s: State, p: Numbers, joint: int) -> Array:
 def barrier(xp: Any, s: State, p: Numbers, joint: int) -> Array:
     """A force that sets in beyond a plane and grows with the distance, softly over a length."""
     normal = xp.stack([p["x"], p["y"], p["z"]])
-    beyond = (s.position @ normal) / _length(xp, normal) - p["offset"]
+    beyond = (s.position @ normal) / xp.sqrt(normal @ normal + 1e-12) - p["offset"]
     return xp.logaddexp(0.0, beyond / p["length"])[:, None] * p["length"]
 
 
@@ -60,7 +60,7 @@ def place_squared(xp: Any, s: State, p: Numbers, joint: int) -> Array:
 
 def _seen(xp: Any, s: State, direction: Array) -> Array:
     """(T, 3) a direction of the base as the sensor sees it."""
-    return xp.einsum("tij,i->tj", s.rotation, direction) / _length(xp, direction)
+    return xp.einsum("tij,i->tj", s.rotation, direction) / xp.sqrt(direction @ direction + 1e-12)
 
 
 def gravity(xp: Any, s: State, p: Numbers, joint: int) -> Array:

@@ -64,7 +64,7 @@ def temperature_squared(xp: Any, s: State, p: Numbers, joint: int) -> Array:
 
 def warming_side(xp: Any, s: State, p: Numbers, joint: int) -> Array:
     """The part of the tool that follows the thermometer late, and the difference from it: a gradient of temperature."""
-    warmer = s.temperature[:, None] - s.temperature[0]
+    warmer = (s.temperature - s.temperature[0])[:, None]
     felt = _warmer(xp, s, p)
     return xp.concatenate([felt, warmer - felt], 1)
 
