@@ -10,16 +10,10 @@ import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.evidence.compare import compare
-from ftbias_jax.diagnosis.evidence.cross_validation import (
-    HeldOut,
-    Judge,
-    excess_by_chance,
-    excess_by_channel,
-    excess_stderr,
-    gap_removed,
-)
+from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
 from ftbias_jax.diagnosis.evidence.twins import twins_of
+from ftbias_jax.diagnosis.gap import USEFUL_SHARE, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.proposals.contact import is_sure
 from ftbias_jax.diagnosis.recorded import not_tested
@@ -28,32 +22,25 @@ from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.precompile import compiled_ahead
 from ftbias_jax.diagnosis.report.sentence import sentence_of
 from ftbias_jax.diagnosis.report.series import show, where
-from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Gap
+from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, together
 from ftbias_jax.diagnosis.search import search
+from ftbias_jax.diagnosis.terms.describe import describe
+from ftbias_jax.diagnosis.terms.found import found_terms
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE, check_names
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.sensor_pose import require_arm
 from ftbias_jax.setup.types import Setup
 
-SILENT = 0.12
-"""Gap in noise sigmas below which nothing is missing: the joints' own error reaches half of it."""
 LEADS = 0.3
 """Gap in noise sigmas below which what single samples show comes before what explains the mean reading."""
-USEFUL_SHARE = 0.5
-"""Of the gap; causes that remove less explain nothing."""
-LEFT = 0.05
-"""Share of the gap in sigmas that an explanation may leave; more is told as partly explained."""
-FAINT = 1 / 3
-"""Share of a faint gap in sigmas that an explanation may leave, even if that is next to nothing."""
-SAME = 3.0
-"""Standard errors by which a gap must exceed chance."""
 CANDIDATES = 12
 UNSURE = "; or something that is not in the catalogue, for it lasted long"
 """Added to the explanation of a contact that is not surely one."""
@@ -93,29 +80,41 @@ def diagnose(
     if not logs or len(names) != len(logs):
         message = f"got {len(logs)} logs and {len(names)} names"
         raise UsageError(message, field="logs", remedy="give one log or more, and a name for each or none")
-    check_names(without, "without", catalogue_of_setup(setup))
+    check_names([name for name in without if name != TERM], "without", catalogue_of_setup(setup))
     logs = [clean(log, clipped=False) for log in logs]
     require_right(setup, [clean(log) for log in logs], "diagnose", unchecked)
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)
     base, hold_out = fits.base(problem), Judge(problem)
     accepted, rounds = search(problem, base, hold_out, without)
-    before, after = (hold_out(found, base.error) for found in (base, accepted))
-    gap = _gap(problem, before, after)
+    before, after = (hold_out(one, base.error) for one in (base, accepted))
+    gap = measure_gap(problem, before, after)
     found = tuple(finding for finding in together(samples) if finding.effect not in without)
     total = gap.before_sigmas**2 - 1
     causes = _causes(problem, hold_out, base, accepted, rounds, found, total)
-    if gap.shrink < USEFUL_SHARE:  # what does not hold on unseen blocks is no cause
-        accepted, after, gap = base, before, _gap(problem, before, before)
-        causes = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
     sure = all(is_sure(h) for h in accepted.hypotheses if h.local)
-    verdict = _verdict(problem, gap, causes, found, sure)
+    verdict = verdict_of(problem, gap, len(causes), len(found), sure)
+    terms: tuple[FoundTerm, ...] = ()
+    if not is_quiet(problem, gap) and TERM not in without:
+        described = describe(problem, hold_out, base, accepted, rounds, verdict == "explained")
+        if described is not None:
+            accepted, after = described.kept, hold_out(described.fit, base.error)
+            gap = measure_gap(problem, before, after)
+            terms = found_terms(problem, described, gap)
+            causes = _causes(problem, hold_out, base, accepted, rounds, found, total)
+    if gap.shrink < USEFUL_SHARE:  # what does not hold on unseen blocks is no cause
+        causes = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
+        accepted = base
+        if not terms:
+            after, gap = before, measure_gap(problem, before, before)
+    sure = all(is_sure(h) for h in accepted.hypotheses if h.local)
+    verdict = verdict_of(problem, gap, len(causes), len(found), sure, len(terms))
     if verdict in ("unknown", "none"):
         causes = ()
     stages = tuple(dict.fromkeys(cause.stage for cause in causes))
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence_of(verdict, gap, causes),
+        sentence=sentence_of(verdict, gap, causes, terms),
         causes=causes,
         candidates=_ranking(problem, hold_out, base, rounds, found, total),
         gap=gap,
@@ -127,41 +126,8 @@ def diagnose(
         by_log=compare(problem, names, accepted if causes else base, before, after),
         setup_name=Path(setup.path).name,
         own_effects=setup.own_effects,
+        terms=terms,
     )
-
-
-def _gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
-    first, last = (excess_by_channel(problem, held.error) for held in (before, after))
-    # Where less is left than expected, the joints are better known than was thought: then so much was noise before.
-    spare = np.minimum(last, 0)
-    first, last = np.maximum(first - spare, 0), last - spare
-    total, left = float(first.mean()), float(last.mean())
-    shrink = float(np.clip(1 - left / total, 0, 1)) if total > 0 else 0.0
-    return Gap(
-        before_rms=problem.noise_std * np.sqrt(1 + first),
-        after_rms=problem.noise_std * np.sqrt(1 + last),
-        noise_floor=problem.noise_std,
-        before_sigmas=float(np.sqrt(1 + total)),
-        after_sigmas=float(np.sqrt(1 + left)),
-        shrink=shrink,
-        shrink_stderr=min(excess_stderr(problem, after.error) / total, 1.0) if total > 0 else 0.0,
-    )
-
-
-def _verdict(problem: Problem, gap: Gap, causes: tuple[Candidate, ...], found: tuple[Finding, ...], sure: bool) -> str:
-    before_gap, after_gap = np.sqrt(gap.before_sigmas**2 - 1), np.sqrt(gap.after_sigmas**2 - 1)
-    quiet_before = before_gap < SILENT or before_gap**2 < SAME * excess_by_chance(problem)
-    # What is left must be small for the owner and small against what was there, or no more than chance.
-    small = max(LEFT * before_gap, min(SILENT, FAINT * before_gap))
-    quiet_after = after_gap < small or after_gap**2 < excess_by_chance(problem)
-    of_the_mean = len(causes) > len(found)
-    if not causes:
-        return "none" if quiet_before else "unknown"
-    if not of_the_mean:
-        return "explained" if quiet_before else "partly_explained"
-    if quiet_after and sure:
-        return "explained"
-    return "partly_explained" if gap.shrink >= USEFUL_SHARE or found else "unknown"
 
 
 def _causes(

@@ -13,7 +13,7 @@ from ftbias_jax.io.atomic import write_atomic, write_json
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.setup.types import Setup
 
-VERDICTS = ("none", "explained", "partly_explained", "unknown")
+VERDICTS = ("none", "explained", "described", "partly_explained", "unknown")
 CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 Numbers: TypeAlias = "float | list[Numbers]"
@@ -41,6 +41,56 @@ class Candidate(NamedTuple):
     remedy: str
     units: Mapping[str, str] = MappingProxyType({})
     """Of the parameters; {} = not known."""
+
+
+class FoundTerm(NamedTuple):
+    """A part of the gap that no effect of the catalogue explains, described by what drives it."""
+
+    drive: str
+    form: str
+    frame: str
+    acts_as: str
+    text: str
+    """In words and numbers."""
+    coefficients: dict[str, Numbers]
+    """Unit -> number, or numbers along the axes."""
+    stderr: dict[str, Numbers]
+    parameters: dict[str, float]
+    """What the form is not linear in, such as a time constant."""
+    parameters_stderr: dict[str, float]
+    point: list[float] | None
+    """m, sensor frame, where a force acts."""
+    equivalent_to: tuple[str, ...]
+    """Drives that describe the logs as well."""
+    separate_by: tuple[str, ...]
+    """The motion that would tell each of them apart."""
+    resembles: tuple[str, ...]
+    """Kinds of causes that look so."""
+    check: str
+    """What to look at on the robot."""
+    held_out_gain: float
+    """nats per second of log that the fit has not seen, over the model without it."""
+    held_out_gain_stderr: float
+    shrink: float
+    """Its share of the whole gap on held-out blocks."""
+    section: dict[str, Any]
+    """The term as a section ``[[effects.term]]`` of a setup."""
+    curve: Curve | None = None
+
+
+class Curve(NamedTuple):
+    """What was left of the reading against a term's drive, and what the term adds."""
+
+    drive: np.ndarray
+    """(B,) the quantity, at coarse means."""
+    drive_name: str
+    """With its unit."""
+    left: np.ndarray
+    """(B,) N or Nm, without the term."""
+    fitted: np.ndarray
+    """(B,) N or Nm, of the term."""
+    left_name: str
+    """With its unit."""
 
 
 class Gap(NamedTuple):
@@ -138,6 +188,8 @@ class Diagnosis(NamedTuple):
     """The file name of the setup, for titles; "" = from memory."""
     own_effects: tuple[Any, ...] = ()
     """``Effect`` objects that the caller brought, for the setup that ``apply`` makes."""
+    terms: tuple[FoundTerm, ...] = ()
+    """What is not in the catalogue, described; best first."""
 
     @property
     def losses(self) -> tuple[str, ...]:
@@ -182,11 +234,13 @@ class Diagnosis(NamedTuple):
         write_json(path, to_json(self))
 
     def apply(self, setup: Setup) -> Setup:
-        """A setup with the causes among its effects; they replace what it says of the same effect.
+        """A setup with the causes and the terms among its effects.
+
+        Causes replace what it says of the same effect, terms come after those it has.
 
         Args:
             setup: of the diagnosis.
         """
         from ftbias_jax.diagnosis.apply import with_causes
 
-        return with_causes(setup.with_effects(self.own_effects), self.causes)
+        return with_causes(setup.with_effects(self.own_effects), self.causes, self.terms)

@@ -21,6 +21,7 @@ import numpy as np
 from ftbias_jax.errors import FtbiasError, UsageError
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect, Parameter
 from ftbias_jax.setup.types import Setup
 
@@ -44,7 +45,7 @@ def catalogue_with(own: Sequence[Any]) -> Catalogue:
     Raises:
         UsageError: as ``catalogue_of_setup``.
     """
-    known = set(CATALOGUE)
+    known = {*CATALOGUE, TERM}
     for effect in own:
         fault = fault_of(effect, known)
         if fault:

@@ -145,17 +145,18 @@ def split_noise(
     Raises:
         SetupError: rows that are neither one for each joint nor one for all.
     """
-    noise = {}
-    for name in values:
+    noise, others = {}, dict(values)
+    for name in values.keys() & catalogue.keys():
         effect = catalogue[name]
         if effect.filter_noise:
+            del others[name]
             key = effect.parameters[0].name
             rows = values[name][key]
             if len(rows) not in (1, joints):
                 remedy = f"give six numbers, or a row of six for each of the {joints} joints"
                 raise SetupError(f"has {len(rows)} rows", file=file, field=f"effects.{name}.{key}", remedy=remedy)
             noise[effect.filter_noise] = np.broadcast_to(rows, (joints, 6))
-    return {name: x for name, x in values.items() if not catalogue[name].filter_noise}, noise
+    return others, noise
 
 
 def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:

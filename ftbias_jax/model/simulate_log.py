@@ -26,6 +26,8 @@ from ftbias_jax.model.effects.catalogue import (
     values_of,
 )
 from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import flat_numbers
 from ftbias_jax.model.effects.types import Effect, Model, Values
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import params_from_setup
@@ -69,7 +71,7 @@ class Truth(NamedTuple):
     def arrays(self) -> dict[str, Array]:
         """Named arrays as they stand in a file; effect parameters as ``effects.NAME.PARAMETER``."""
         series = {name: value for name, value in self._asdict().items() if name != "effects"}
-        return series | {f"effects.{e}.{p}": x for e, values in self.effects.items() for p, x in values.items()}
+        return series | {f"effects.{e}.{p}": x for e, values in plain(self.effects).items() for p, x in values.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +115,7 @@ class SimulationResult:
         """What is true, in short: the effects, and the bias once a second."""
         t = self.truth.t
         seconds = np.searchsorted(t, np.arange(np.floor(t[-1]) + 1))
-        effects = self.truth.effects
+        effects = plain(self.truth.effects)
         return {
             "seed": self.seed,
             "effects": {e: {p: np.asarray(x).tolist() for p, x in values.items()} for e, values in effects.items()},
@@ -157,10 +159,14 @@ def simulate(
     model = Model(params.arm, params.gravity, params.theta)
     catalogue = catalogue_of_setup(setup)
     stated = all_values(setup, effects or {}, model)
-    values = values_of({name: complete(catalogue[name], value, model) for name, value in stated.items()}, catalogue)
+    completed = {
+        name: complete(catalogue[name], value, model) if name in catalogue else value for name, value in stated.items()
+    }
+    values = values_of(completed, catalogue)
     motion_key, log_key = jax.random.split(jax.random.key(seed))
     trajectory = _trajectory(setup, motion, duration, rate, motion_key)
-    warming = any("temperature" in catalogue[name].needs for name in values)
+    drives = {term.drive for term in values.get(TERM, {}).values()}
+    warming = "temperature" in drives or any("temperature" in catalogue[x].needs for x in values if x in catalogue)
     temperature = temperature_course(trajectory.t) if warming else None
     made = simulate_with_params(log_key, params, trajectory, values, temperature)
     made, trajectory, values = jax.tree.map(np.asarray, (made, trajectory, values))
@@ -185,7 +191,12 @@ def all_values(setup: Setup, effects: Mapping[str, Mapping[str, Any]], model: Mo
     checked = check_effects(effects, catalogue=catalogue)
     typical = {name: typical_values(catalogue[name], model) for name in effects if name not in checked}
     values = values_from_setup(setup.effects, setup.path, catalogue) | typical | checked
-    return {name: values[name] for name in catalogue if name in values}
+    return {name: values[name] for name in (*catalogue, TERM) if name in values}
+
+
+def plain(effects: Values) -> Values:
+    """Effect -> parameter -> numbers; the numbers of terms are named after the number of their section."""
+    return {name: flat_numbers(values) if name == TERM else values for name, values in effects.items()}
 
 
 def _usage(message: str, field: str = "", remedy: str = "") -> UsageError:

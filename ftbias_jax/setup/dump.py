@@ -55,7 +55,7 @@ def dump_setup(setup: Setup, comments: Comments | None = None) -> str:
     left = dict(setup.comments if comments is None else comments)
     text, section = "", ""
     for line in lines:
-        if line.section != section or line.key == "axis":
+        if line.section != section or line.key == "axis" or (not line.key and line.section.startswith("[[")):
             text, section = f"{text}\n{line.section}\n" if text else f"{line.section}\n", line.section
         if line.key:
             text += f"{toml_line(line.key, line.value, line.comment(left.pop(line.full_key, '')))}\n"
@@ -180,6 +180,12 @@ def _pose(pose: PoseSetup) -> Iterable[Line]:
 
 def _effects(setup: Setup) -> Iterable[Line]:
     for name, values in setup.effects.items():
+        if isinstance(values, (list, tuple)):  # [[effects.term]]
+            section = f"[[effects.{toml_key(name)}]]"
+            for number, entry in enumerate(values, 1):
+                yield Line(section, "", number)
+                yield from (Line(section, key, value) for key, value in entry.items())
+            continue
         section = f"[effects.{toml_key(name)}]"
         yield Line(section, "", None)  # an effect without parameters is still an effect
         for key, value in values.items():

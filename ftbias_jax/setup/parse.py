@@ -195,6 +195,7 @@ def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
     )
 
 
-def _effects(top: Section) -> dict[str, dict[str, Any]]:
+def _effects(top: Section) -> dict[str, Any]:
     section = table(top, "effects")
-    return {name: dict(table(section, name).values) for name in section.values}
+    several = {name: value for name, value in section.values.items() if name == "term" and isinstance(value, list)}
+    return {name: dict(table(section, name).values) for name in section.values if name not in several} | several

@@ -207,8 +207,9 @@ class Setup:
     bias: BiasSetup
     joints: JointSetup
     log: LogSetup = field(default_factory=LogSetup)
-    effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """[effects.NAME] as written; the catalogue of effects checks names and keys."""
+    effects: Mapping[str, Any] = field(default_factory=dict)
+    """[effects.NAME] as written, a table each, and "term": the tables [[effects.term]]; the model's effects check names
+    and keys."""
     data_noise: DataNoiseSetup | None = None
     """Sigma_D; None = zero."""
     pose: PoseSetup | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from importlib import resources
 
 import numpy as np
@@ -25,6 +25,7 @@ from ftbias_jax.diagnosis.report.tables import (
     value_words,
     verdict_words,
 )
+from ftbias_jax.diagnosis.report.terms import capital, html_table, show_terms
 from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, Series, Where
 
 MAX_LOGS = 3
@@ -39,8 +40,8 @@ HOW_TO_READ = (
     "Every effect of the catalogue was fitted to a part of the data and judged on the rest: the gain says how much more"
     " likely it makes data that it has not seen (nats per second), and a gain within two or three standard errors of"
     " zero, or of another effect's gain, decides nothing.",
-    "Effects that this log cannot tell apart are named together, with the measurement that would separate them; an"
-    " effect that is not in the catalogue can only show as what remains unexplained.",
+    "Effects that this log cannot tell apart are named together, with the measurement that would separate them. What is"
+    " not in the catalogue is described by what drives it, if a few such terms hold on data that they have not seen.",
 )
 
 
@@ -53,7 +54,8 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
     """
     sections = (
         _section("Causes", _causes(diagnosis.causes)),
-        _section("The gap before and after" if diagnosis.causes else "The gap", _gap(diagnosis)),
+        _section("Not in the catalogue", show_terms(diagnosis.terms)),
+        _section("The gap before and after" if _has_after(diagnosis) else "The gap", _gap(diagnosis)),
         _section("Log by log", "".join(f"<p>{escape(line)}</p>" for line in log_lines(diagnosis))),
         _section("What is left, against time", _times(diagnosis)),
         _section("What is left, against the cause", _regressor(diagnosis)),
@@ -61,8 +63,8 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
         _section("Twins: what the data do not tell apart", _twins(diagnosis.causes)),
         _section("What to do", _remedies(diagnosis)),
         _section("Where the gap is", _where(diagnosis.where, diagnosis.verdict)),
-        _section("Samples that were lost", _table(("what",), [(loss,) for loss in diagnosis.losses])),
-        _section("What was not tested", _table(("effect", "why"), diagnosis.not_tested)),
+        _section("Samples that were lost", html_table(("what",), [(loss,) for loss in diagnosis.losses])),
+        _section("What was not tested", html_table(("effect", "why"), diagnosis.not_tested)),
         _section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
     )
     style = resources.files("ftbias_jax.diagnosis.report").joinpath("report.css").read_text(encoding="utf-8")
@@ -79,8 +81,11 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
 def _header(diagnosis: Diagnosis, title: str) -> str:
     gap = diagnosis.gap
     numbers = [("gap", f"{gap.before_sigmas:.2f} noise sigmas")]
-    if diagnosis.causes:
-        numbers += [("with the causes", f"{gap.after_sigmas:.2f} noise sigmas"), ("shrinks by", shrink_words(gap))]
+    if _has_after(diagnosis):
+        numbers += [
+            ("with what was found" if diagnosis.terms else "with the causes", f"{gap.after_sigmas:.2f} noise sigmas"),
+            ("shrinks by", shrink_words(gap)),
+        ]
     items = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in numbers)
     logs = f"<p class='small'>Logs: {escape(', '.join(diagnosis.logs))}</p>" if diagnosis.logs else ""
     return (
@@ -95,28 +100,18 @@ def _section(title: str, content: str) -> str:
     return f"<section><h2>{escape(title)}</h2>{content}</section>\n" if content else ""
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table whose first column names the row; empty without rows."""
-    lines = [
-        f'<tr><th scope="row">{escape(first)}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in rest)}</tr>'
-        for first, *rest in rows
-    ]
-    columns = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
-    table = f"<table><thead><tr>{columns}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
-    return f'<div class="scroll">{table}</div>' if lines else ""
-
-
 def _causes(causes: Sequence[Candidate]) -> str:
     parts = []
     for cause in causes:
         head = f"{escape(cause.effect)}<small>{escape(cause.stage)}, {percent(cause.shrink)} of the gap</small>"
-        parts.append(f"<h3>{head}</h3><p>{escape(_sentence(cause.explanation))}</p>")
-        parts.append(_table(("parameter", "value ± standard error"), parameter_words(cause)))
+        parts.append(f"<h3>{head}</h3><p>{escape(capital(cause.explanation))}</p>")
+        parts.append(html_table(("parameter", "value ± standard error"), parameter_words(cause)))
     return "".join(parts)
 
 
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:].removesuffix('.')}." if text else ""
+def _has_after(diagnosis: Diagnosis) -> bool:
+    """Whether anything was found that the reading after it is shown with."""
+    return bool(diagnosis.causes or diagnosis.terms)
 
 
 def _legend(with_after: bool, noise: bool) -> str:
@@ -128,17 +123,17 @@ def _legend(with_after: bool, noise: bool) -> str:
 
 
 def _gap(diagnosis: Diagnosis) -> str:
-    gap, after = diagnosis.gap, bool(diagnosis.causes)
+    gap, after = diagnosis.gap, _has_after(diagnosis)
     columns = {"before": gap.before_rms, "after": gap.after_rms, "noise alone": gap.noise_floor}
     shown = {name: rms for name, rms in columns.items() if after or name != "after"}
     rows = [(channel_title(i), *(f"{rms[i]:.3g}" for rms in shown.values())) for i in range(len(CHANNELS))]
-    table = _table(("held-out rms", *shown), rows)
+    table = html_table(("held-out rms", *shown), rows)
     figure = f"<figure>{plot_gap(gap, after)}<figcaption>Dashed: what noise alone leaves (1).</figcaption></figure>"
     return f"{_legend(after, noise=False)}<div class='pair'>{figure}{table}</div>"
 
 
 def _times(diagnosis: Diagnosis) -> str:
-    after = bool(diagnosis.causes)
+    after = _has_after(diagnosis)
     parts = [_legend(after, noise=True)] if diagnosis.series else []
     for number, series in enumerate(diagnosis.series[:MAX_LOGS]):
         if len(diagnosis.series) > 1:
@@ -178,7 +173,7 @@ def _ranking(diagnosis: Diagnosis) -> str:
     rows = [
         (c.effect, c.stage, value_words(c.held_out_gain, c.held_out_gain_stderr), percent(c.shrink)) for c in ranked
     ]
-    table = _table(("effect", "stage", "held-out gain [nats/s]", "of the gap"), rows)
+    table = html_table(("effect", "stage", "held-out gain [nats/s]", "of the gap"), rows)
     named = "● named as a cause; " if diagnosis.causes else ""
     caption = f"{named}whiskers: one standard error. Judged on data the fit has not seen."
     figure = f"<figure class='wide'>{plot}<figcaption>{caption}</figcaption></figure>"
@@ -197,10 +192,10 @@ def _twins(causes: Sequence[Candidate]) -> str:
 def _remedies(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
         return "<p>Nothing: the setup describes these logs.</p>"
-    items = [f"<li><b>{escape(c.effect)}</b>: {escape(_sentence(c.remedy))}</li>" for c in diagnosis.causes if c.remedy]
-    if diagnosis.causes:
+    items = [f"<li><b>{escape(c.effect)}</b>: {escape(capital(c.remedy))}</li>" for c in diagnosis.causes if c.remedy]
+    if _has_after(diagnosis):
         items.append(f"<li>Or let the model know: <code>{escape(APPLY)}</code></li>")
-    if diagnosis.verdict != "explained":
+    if diagnosis.verdict not in ("explained", "described"):
         items.append("<li>For what is not explained, start with the channels, times and regimes below.</li>")
     return f"<ul>{''.join(items)}</ul>"
 
@@ -215,8 +210,8 @@ def _where(where: Where, verdict: str) -> str:
     intervals = [(f"{start:.2f}", f"{end:.2f}", f"{sigmas:.1f}") for start, end, sigmas in where.intervals]
     bands = [(f"{low:.3g}", f"{high:.3g}", percent(share)) for low, high, share in where.bands]
     tables = (
-        _table(("regime", "of the gap", "of the time"), regimes),
-        _table(("from [s]", "to [s]", "noise sigmas"), intervals),
-        _table(("from [Hz]", "to [Hz]", "of the gap"), bands),
+        html_table(("regime", "of the gap", "of the time"), regimes),
+        html_table(("from [s]", "to [s]", "noise sigmas"), intervals),
+        html_table(("from [Hz]", "to [Hz]", "of the gap"), bands),
     )
     return f"{stages}<div class='grid'>{shares if where.channels else ''}{''.join(tables)}</div>"

@@ -22,7 +22,7 @@ from ftbias_jax.diagnosis.report.svg import (
     x_axis,
 )
 from ftbias_jax.diagnosis.report.tables import percent, sigmas_by_channel, value_words
-from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Gap, Series
+from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Curve, Gap, Series
 
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 MAX_BUCKETS = 230
@@ -115,6 +115,27 @@ def plot_regressor(series: Sequence[Series], channel: int) -> str:
     words = f"Means of {MEAN_BINS} bins with standard errors; a flat line at zero: nothing is left to explain."
     title = f"{channel_title(channel)} against {series[0].regressor_name}"
     return drawing("regressor", axes.top + axes.height + 34, title, words, parts)
+
+
+def plot_term(found: Curve, name: str) -> str:
+    """What was left against the drive of a term, with the means of the term itself.
+
+    Args:
+        found: of the term.
+        name: unique in the page.
+    """
+    sparse = slice(None, None, max(1, len(found.drive) // MAX_DOTS))
+    axes = Axes(data_range(found.drive), data_range(found.left[sparse], found.fitted[sparse]), top=24, height=190)
+    parts = [
+        frame(axes, found.drive_name, found.left_name),
+        dots(axes, found.drive[sparse], found.left[sparse], "dots-before"),
+    ]
+    for style, y in (("before", found.left), ("after", found.fitted)):
+        middles, means, errors = binned_means(found.drive, y, MEAN_BINS)
+        parts.append(curve(axes, middles, means, f"line-{style} thick"))
+        parts.append(error_bars(axes, middles, means, errors, f"mean-{style}"))
+    title = f"{found.left_name} against {found.drive_name}"
+    return drawing(name, axes.top + axes.height + 34, title, f"Means of {MEAN_BINS} bins with standard errors.", parts)
 
 
 def _before_and_after(series: Sequence[Series]) -> tuple[list[np.ndarray], list[np.ndarray]]:

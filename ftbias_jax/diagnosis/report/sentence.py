@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from ftbias_jax.diagnosis.result import Candidate, Gap
+from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap
 
 MEAN_GAP = 0.01
 """Noise sigmas by which the error must exceed noise alone for a sentence about it."""
 
 
-def sentence_of(verdict: str, gap: Gap, causes: tuple[Candidate, ...]) -> str:
+def sentence_of(verdict: str, gap: Gap, causes: tuple[Candidate, ...], terms: tuple[FoundTerm, ...] = ()) -> str:
     """One sentence; errors are held-out rms over all channels."""
     before, after = f"{gap.before_sigmas:.2f}", f"{gap.after_sigmas:.2f} noise sigmas (1 = noise alone)"
     named = " and ".join(" or ".join((cause.effect, *cause.indistinguishable_from)) for cause in causes)
     if verdict == "none":
         return "The log agrees with the setup: nothing beyond the stated model is needed."
+    if terms:
+        beside = f"{named}, and beside that what is not in the catalogue: " if causes else "Not in the catalogue: "
+        return f"{beside}{'; '.join(term.text for term in terms)}. The error falls from {before} to {after}."
     if verdict == "unknown":
         return f"The error is {before} noise sigmas (1 = noise alone), and no effect of the catalogue explains it."
     if gap.before_sigmas - 1 < MEAN_GAP:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, Gap, Where
+from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, FoundTerm, Gap, Where
 
-SCHEMA = 1
+SCHEMA = 2
 LONGEST_LIST = 6
 """Numbers of one parameter that a table shows; the JSON has all."""
 
@@ -22,6 +22,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": diagnosis.verdict,
         "sentence": diagnosis.sentence,
         "causes": [cause._asdict() for cause in diagnosis.causes],
+        "terms": [_term_json(term) for term in diagnosis.terms],
         "gap": _gap_json(diagnosis.gap),
         "where": where._asdict() | {"regimes": [regime._asdict() for regime in where.regimes]},
         "candidates": [candidate._asdict() for candidate in diagnosis.candidates],
@@ -42,6 +43,11 @@ def _gap_json(gap: Gap) -> dict[str, Any]:
         "shrink_stderr": gap.shrink_stderr,
         "noise_floor": gap.noise_floor,
     }
+
+
+def _term_json(term: FoundTerm) -> dict[str, Any]:
+    """A term without the points of its plot."""
+    return {key: value for key, value in term._asdict().items() if key != "curve"}
 
 
 def _plain(value: Any) -> Any:
@@ -66,6 +72,7 @@ def to_table(diagnosis: Diagnosis) -> str:
     parts = [
         [one_line(f"{verdict_words(diagnosis.verdict)}: {diagnosis.sentence}")],
         *(_cause_lines(cause) for cause in diagnosis.causes),
+        *(_term_lines(term) for term in diagnosis.terms),
         _gap_lines(diagnosis.gap),
         log_lines(diagnosis),
         _where_lines(diagnosis.where) if diagnosis.verdict != "none" else [],
@@ -80,6 +87,7 @@ def verdict_words(verdict: str) -> str:
     return {
         "none": "no gap",
         "explained": "explained",
+        "described": "described",
         "partly_explained": "partly explained",
         "unknown": "not explained",
     }.get(verdict, verdict)
@@ -91,6 +99,26 @@ def _cause_lines(cause: Candidate) -> list[str]:
     lines += [f"  {name} = {value}" for name, value in parameter_words(cause)]
     lines += [f"  or {twin}: {how}" for twin, how in twin_words(cause)]
     return [one_line(line) for line in (*lines, f"  what to do: {cause.remedy}" if cause.remedy else "") if line]
+
+
+def _term_lines(term: FoundTerm) -> list[str]:
+    gain = f"{value_words(term.held_out_gain, term.held_out_gain_stderr)} nats/s held out"
+    lines = [f"not in the catalogue: {term.text}, {gain}", f"  driven by: {term.drive} ({term.form})"]
+    lines += [f"  {name} = {value}" for name, value in term_numbers(term)]
+    lines += [
+        f"  or {drive}; to tell them apart: {how}"
+        for drive, how in zip(term.equivalent_to, term.separate_by, strict=True)
+    ]
+    lines += [f"  looks like: {', '.join(term.resembles)}", f"  what to check: {term.check}"]
+    return [one_line(line) for line in lines]
+
+
+def term_numbers(term: FoundTerm) -> list[tuple[str, str]]:
+    """(name, value ± standard error) of a term's numbers."""
+    rows = [(name, _numbers_words(value, term.stderr[name])) for name, value in term.coefficients.items()]
+    rows += [(n, value_words(value, term.parameters_stderr.get(n, np.nan))) for n, value in term.parameters.items()]
+    point = [("point [m]", ", ".join(f"{x:.3f}" for x in term.point))] if term.point else []
+    return rows + point
 
 
 def parameter_words(candidate: Candidate) -> list[tuple[str, str]]:

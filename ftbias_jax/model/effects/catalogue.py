@@ -15,6 +15,8 @@ import numpy as np
 from ftbias_jax.errors import FtbiasError, SetupError, UsageError
 from ftbias_jax.model.effects import bias, environment, kinematics, sampling, sensor, timing, tool
 from ftbias_jax.model.effects.table import Catalogue, OwnValues
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import parse_terms
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Values
 from ftbias_jax.setup.fields import nearest, show
 from ftbias_jax.types import Array
@@ -39,7 +41,7 @@ CATALOGUE = Catalogue(
 
 def values_of(values: Values, catalogue: Catalogue) -> Values:
     """The values, with the catalogue where the built-in one does not have all of them."""
-    return dict(values) if all(name in CATALOGUE for name in values) else OwnValues(values, catalogue)
+    return dict(values) if all(name in CATALOGUE or name == TERM for name in values) else OwnValues(values, catalogue)
 
 
 def catalogue_of(values: Values) -> Catalogue:
@@ -127,10 +129,8 @@ def check_names(names: Collection[str], field: str, catalogue: Catalogue = CATAL
             raise UsageError(f"unknown effect {name!r}", field=field, remedy=nearest(name, catalogue))
 
 
-def values_from_setup(
-    effects: Mapping[str, Mapping[str, Any]], file: str = "", catalogue: Catalogue = CATALOGUE
-) -> Values:
-    """The ``[effects.NAME]`` sections of a setup.
+def values_from_setup(effects: Mapping[str, Any], file: str = "", catalogue: Catalogue = CATALOGUE) -> Values:
+    """The ``[effects.NAME]`` and ``[[effects.term]]`` sections of a setup.
 
     Args:
         effects: ``Setup.effects``.
@@ -140,7 +140,9 @@ def values_from_setup(
     Raises:
         SetupError: an unknown effect or parameter, a wrong shape, a value out of bounds.
     """
-    return check_values(effects, partial(SetupError, file=file), "effects.", catalogue)
+    error = partial(SetupError, file=file)
+    values = check_values({name: raw for name, raw in effects.items() if name != TERM}, error, "effects.", catalogue)
+    return values | ({TERM: parse_terms(effects[TERM], error)} if TERM in effects else {})
 
 
 def _at(error: MakeError, section: str, message: str, field: str = "", remedy: str = "") -> FtbiasError:

@@ -14,6 +14,8 @@ import numpy as np
 
 from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, complete
 from ftbias_jax.model.effects.kinematics import motion_of
+from ftbias_jax.model.effects.terms.columns import change, state_of
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect, Model, Record, Signals, Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
@@ -38,7 +40,14 @@ def predict(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | 
     signals = transform(signals, values, catalogue)
     if not isinstance(signals.model.arm, FreeBody):
         signals = signals._replace(motion=motion_of(signals))
-    return read(signals, values, tool_wrenches(signals), catalogue)
+    return with_terms(signals, values, read(signals, values, tool_wrenches(signals), catalogue))
+
+
+def with_terms(signals: Signals, values: Values, reading: Array) -> Array:
+    """The reading (T, 6) N, Nm with what the setup's terms add; their load is the reading before."""
+    if TERM not in values:
+        return reading
+    return reading + change(jnp, values[TERM], state_of(jnp, signals, reading))
 
 
 def tool_wrenches(signals: Signals) -> Array:
@@ -61,8 +70,9 @@ def transform(signals: Signals, values: Values, catalogue: Mapping[str, Effect] 
 def _acting(values: Values, catalogue: Mapping[str, Effect] | None) -> Iterator[tuple[str, Effect]]:
     """The effects that have values, in the order in which they act."""
     entries = catalogue_of(values) if catalogue is None else catalogue
-    if catalogue is None and not entries.keys() >= values.keys():
-        raise KeyError(f"no effect {', '.join(sorted(values.keys() - entries.keys()))} in the catalogue of the values")
+    unknown = values.keys() - entries.keys() - {TERM}
+    if catalogue is None and unknown:
+        raise KeyError(f"no effect {', '.join(sorted(unknown))} in the catalogue of the values")
     yield from ((name, effect) for name, effect in entries.items() if name in values)
 
 
@@ -90,7 +100,10 @@ def read(signals: Signals, values: Values, wrench: Array, catalogue: Mapping[str
 def bias(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Array:
     """(T, 6) N, Nm: the part of the bias that comes from effects of the bias stage, in the report's sign."""
     of_bias = {name: effect for name, effect in _acting(values, catalogue) if effect.stage == "bias"}
-    return -read(signals, values, jnp.zeros((signals.t.shape[0], 6), signals.q.dtype), of_bias)
+    nothing = jnp.zeros((signals.t.shape[0], 6), signals.q.dtype)
+    found: Array = -read(signals, values, nothing, of_bias)
+    terms = {name: term for name, term in values.get(TERM, {}).items() if term.acts_as == "bias"}
+    return found - change(jnp, terms, state_of(jnp, signals, nothing)) if terms else found
 
 
 def record(

@@ -9,7 +9,7 @@ from ftbias_jax.diagnosis.report.tables import parameter_words, to_json, to_tabl
 
 def test_the_json_has_the_keys_of_the_format(make_diagnosis):
     content = to_json(make_diagnosis())
-    assert content["schema"] == 1
+    assert content["schema"] == 2
     assert content["verdict"] == "explained"
     assert (
         content["causes"][0].items()

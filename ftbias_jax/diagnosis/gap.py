@@ -1,0 +1,77 @@
+"""The size of the gap before and after, and the verdict on it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ftbias_jax.diagnosis.evidence.cross_validation import (
+    HeldOut,
+    excess_by_chance,
+    excess_by_channel,
+    excess_stderr,
+)
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.result import Gap
+
+SILENT = 0.12
+"""Gap in noise sigmas below which nothing is missing: the joints' own error reaches half of it."""
+USEFUL_SHARE = 0.5
+"""Of the gap; causes that remove less explain nothing."""
+LEFT = 0.05
+"""Share of the gap in sigmas that an explanation may leave; more is told as partly explained."""
+FAINT = 1 / 3
+"""Share of a faint gap in sigmas that an explanation may leave, even if that is next to nothing."""
+SAME = 3.0
+"""Standard errors by which a gap must exceed chance."""
+
+
+def measure_gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
+    """The gap on unseen blocks, without and with what was found."""
+    first, last = (excess_by_channel(problem, held.error) for held in (before, after))
+    # Where less is left than expected, the joints are better known than was thought: then so much was noise before.
+    spare = np.minimum(last, 0)
+    first, last = np.maximum(first - spare, 0), last - spare
+    total, left = float(first.mean()), float(last.mean())
+    shrink = float(np.clip(1 - left / total, 0, 1)) if total > 0 else 0.0
+    return Gap(
+        before_rms=problem.noise_std * np.sqrt(1 + first),
+        after_rms=problem.noise_std * np.sqrt(1 + last),
+        noise_floor=problem.noise_std,
+        before_sigmas=float(np.sqrt(1 + total)),
+        after_sigmas=float(np.sqrt(1 + left)),
+        shrink=shrink,
+        shrink_stderr=min(excess_stderr(problem, after.error) / total, 1.0) if total > 0 else 0.0,
+    )
+
+
+def is_quiet(problem: Problem, gap: Gap) -> bool:
+    """Whether there is no gap of the mean reading to speak of."""
+    before = np.sqrt(gap.before_sigmas**2 - 1)
+    return bool(before < SILENT or before**2 < SAME * excess_by_chance(problem))
+
+
+def is_closed(problem: Problem, gap: Gap) -> bool:
+    """Whether what is left is small for the owner and against what was there, or no more than chance."""
+    before, after = np.sqrt(gap.before_sigmas**2 - 1), np.sqrt(gap.after_sigmas**2 - 1)
+    small = max(LEFT * before, min(SILENT, FAINT * before))
+    return bool(after < small or after**2 < excess_by_chance(problem))
+
+
+def verdict_of(problem: Problem, gap: Gap, causes: int, found: int, sure: bool, terms: int = 0) -> str:
+    """One of ``result.VERDICTS``.
+
+    Args:
+        problem: of the logs.
+        gap: without and with what was found.
+        causes: effects of the catalogue that are named.
+        found: those of them that single samples show.
+        sure: no cause could as well be something else.
+        terms: of what is not in the catalogue.
+    """
+    if not causes and not terms:
+        return "none" if is_quiet(problem, gap) else "unknown"
+    if causes == found and not terms:
+        return "explained" if is_quiet(problem, gap) else "partly_explained"
+    if is_closed(problem, gap) and sure:
+        return "described" if terms else "explained"
+    return "partly_explained" if gap.shrink >= USEFUL_SHARE or found else "unknown"

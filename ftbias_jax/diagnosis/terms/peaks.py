@@ -1,0 +1,51 @@
+"""What stands out in the spectrum of the innovations: lines in time, and in the angle of a joint."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.model.effects.terms.types import State
+
+LINES = 4
+HIGHEST_MULTIPLE = 120
+LEAST_POWER = 25.0
+"""Of the median of a spectrum: what does not stand out so far is no line."""
+
+
+def lines(problem: Problem, error: np.ndarray) -> list[float]:
+    """Hz of the strongest lines in the longest log, strongest first."""
+    log = int(np.argmax(problem.durations))
+    own = problem.log == log
+    t, e = problem.t[own], error[own]
+    if len(t) < 64:
+        return []
+    even = np.linspace(t[0], t[-1], len(t))
+    window = np.hanning(len(t))[:, None]
+    series = np.stack([np.interp(even, t, column) for column in e.T], 1)
+    power = (np.abs(np.fft.rfft(series * window, 2 * len(t), axis=0)) ** 2).sum(1)
+    frequency = np.fft.rfftfreq(2 * len(t), even[1] - even[0])
+    inner = power[1:-1]
+    peak = (inner > power[:-2]) & (inner >= power[2:]) & (frequency[1:-1] > 1.5 / max(t[-1], 1e-9))
+    peak &= inner > LEAST_POWER * np.median(power)
+    places = np.flatnonzero(peak) + 1
+    return [float(f) for f in frequency[places[np.argsort(-power[places])][:LINES]]]
+
+
+def multiples(state: State, error: np.ndarray) -> list[tuple[int, float]]:
+    """(joint, multiple) of the strongest fast harmonics of a joint's angle: cogging, teeth, magnets."""
+    candidates = np.arange(5, HIGHEST_MULTIPLE + 1)
+    found = []
+    for j in range(state.q.shape[1]):
+        q = state.q[:, j]
+        if np.ptp(q) < 0.2:
+            continue
+        turn = np.exp(1j * q)
+        wave = turn ** candidates[0]
+        power = np.zeros(len(candidates))
+        for k in range(len(candidates)):
+            power[k] = (np.abs(wave @ error) ** 2).sum()
+            wave = wave * turn
+        best = int(np.argmax(power))
+        found.append((float(power[best]), j + 1, float(candidates[best])))
+    return [(joint, multiple) for _, joint, multiple in sorted(found, reverse=True)[:2]]

@@ -1,0 +1,147 @@
+"""What is said of each drive and of each form."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Words(NamedTuple):
+    """What is said of a drive, whatever its form."""
+
+    resembles: tuple[str, ...]
+    check: str
+    separate_by: str
+    """The motion that tells it from another drive."""
+
+
+DRIVE_WORDS = {
+    "constant": Words(
+        ("wind or a fan", "a balancer or bungee", "a hanging cable", "a field"),
+        "look for what pulls the tool in one direction of the room whatever the pose",
+        "hold several wrist orientations at one place: a constant force keeps its direction in the room",
+    ),
+    "time": Words(
+        ("material that is used up or collected", "drying or leaking", "a slow disturbance of the amplifier"),
+        "weigh the tool before and after, and record a log at rest as long as this one",
+        "repeat the same motion at different times after the start",
+    ),
+    "temperature": Words(
+        ("warm gauges", "a warm side of the sensor", "a heated tool"),
+        "record the temperature at the sensor, and a log at rest while it warms",
+        "warm the sensor while the robot rests",
+    ),
+    "position": Words(
+        ("a spring or hose fixed in the room", "a magnet", "a wall or brush at the edge of the workspace"),
+        "look for what is near the tool where the plot rises",
+        "visit the same places with other wrist orientations",
+    ),
+    "orientation": Words(
+        ("a liquid or loose part in the tool", "a sagging hose", "a magnetic field", "a sensor that bends"),
+        "turn the wrist slowly at one place and listen for what moves in the tool",
+        "turn the wrist at one place, then move the arm with the wrist level",
+    ),
+    "velocity": Words(
+        ("drag", "a damper", "a hose pulled along"),
+        "look for what the tool pulls along or moves through",
+        "repeat one path at half and at twice the speed, and with single joints",
+    ),
+    "angular_velocity": Words(
+        ("a spinning spindle", "a viscous joint in the tool", "a hose that twists"),
+        "stop what turns in the tool and record again",
+        "turn the tool about each axis at the same place",
+    ),
+    "acceleration": Words(
+        ("entrained air or liquid", "sloshing", "a part that swings", "a load that is not in the tool's model"),
+        "tap the tool and watch what keeps swinging; empty tanks and record again",
+        "accelerate along one line at several frequencies",
+    ),
+    "joint_angle": Words(
+        ("a cable bundle wound about the joint", "cogging or a magnet near the joint", "a gearbox that pushes"),
+        "move this joint alone, slowly, forth and back",
+        "move this joint alone, and then the others with this one still",
+    ),
+    "joint_velocity": Words(
+        ("a seal or a brush on the joint", "friction of a cable bundle", "heat of the motors"),
+        "move this joint alone at several speeds, forth and back",
+        "move this joint alone, and then the others with this one still",
+    ),
+    "load": Words(
+        ("gauges that are not linear", "overload protection that touches", "a bent flexure"),
+        "hang known weights on the sensor, and compare its readings with straight lines",
+        "hang other weights on the tool and repeat the motion",
+    ),
+    "load_time": Words(
+        ("an amplifier that ages or settles", "glue that creeps", "a load that changes with time"),
+        "hang a known weight at the start and at the end",
+        "weigh the tool at the start and at the end: a changed gain scales all axes, a changed mass does not",
+    ),
+    "frequency": Words(
+        ("mains hum", "a fan, pump or motor", "a structure that rings"),
+        "record at rest with motors, pumps and lamps on and off",
+        "record at rest, and at a second sampling rate",
+    ),
+    "noise": Words(
+        ("vibration of the drives", "a loose connector", "a worn gear"),
+        "record at rest and at several speeds, and compare the scatter",
+        "repeat the motion with another load and at another speed",
+    ),
+}
+
+FORM_WORDS = {
+    ("constant", "steady"): "that keeps its direction in the room",
+    ("time", "exponential"): "that settles with a time constant of {time_constant:.3g} s",
+    ("time", "linear"): "that grows by the second",
+    ("time", "quadratic"): "that changes slowly with time",
+    ("time", "step"): "that sets in at {time:.4g} s",
+    ("time", "wave"): "that rises and falls with a period of {period:.3g} s",
+    ("temperature", "linear"): "that follows the temperature",
+    ("temperature", "quadratic"): "that follows the temperature and its square",
+    ("temperature", "gradient"): "that follows the temperature late, with a time constant of {lag:.3g} s",
+    ("temperature", "sensitivity"): "in proportion to the load and the temperature",
+    ("position", "spring"): "of a spring between the tool and a place of the room",
+    ("position", "attraction"): "towards the place ({x:.2f}, {y:.2f}, {z:.2f}) m, falling with power {power:.2g} of "
+    "the distance (coefficient: at 0.5 m)",
+    ("position", "barrier"): "that grows beyond a plane at {offset:.3g} m along ({x:.2f}, {y:.2f}, {z:.2f})",
+    ("position", "linear"): "that depends on the place linearly",
+    ("position", "quadratic"): "that depends on the place",
+    ("orientation", "linear"): "that depends on the direction of gravity",
+    ("orientation", "map"): "that depends on the direction of gravity as the sensor sees it",
+    ("orientation", "field"): "that depends on how the sensor sees the direction ({x:.2f}, {y:.2f}, {z:.2f}) of the "
+    "room",
+    ("velocity", "linear"): "against the velocity of the tool",
+    ("velocity", "quadratic"): "against the velocity of the tool, with the square of the speed",
+    ("velocity", "cubic"): "against the velocity of the tool, with the third power of the speed",
+    ("velocity", "coulomb"): "against the direction of motion of the tool, whatever the speed",
+    ("angular_velocity", "linear"): "against the rotation of the tool",
+    ("angular_velocity", "quadratic"): "against the rotation of the tool, with the square of the rate",
+    ("angular_velocity", "coulomb"): "against the rotation of the tool, whatever the rate",
+    ("angular_velocity", "gyroscopic"): "of a rotor in the tool, across its axis and the rotation",
+    ("acceleration", "linear"): "against the acceleration of the tool, without a weight",
+    ("acceleration", "swing"): "of a mass that swings at {frequency:.3g} Hz with damping {damping_ratio:.2g}",
+    ("acceleration", "trailing"): "that follows the acceleration {lag:.2g} s late",
+    ("acceleration", "turning"): "against the angular acceleration of the tool",
+    ("joint_angle", "linear"): "in proportion to the angle of joint {joint}",
+    ("joint_angle", "cubic"): "that grows with the angle of joint {joint}",
+    ("joint_angle", "harmonic"): "that repeats {multiple:.3g} times in a turn of joint {joint}",
+    ("joint_velocity", "viscous"): "against the speed of joint {joint}",
+    ("joint_velocity", "friction"): "against the direction in which joint {joint} moves, whatever its speed",
+    ("joint_velocity", "quadratic"): "against the speed of joint {joint}, with its square",
+    ("joint_velocity", "heat"): "that follows the squared speed of {joints}, forgotten in {time_constant:.3g} s",
+    ("load", "square"): "with the square of the load",
+    ("load", "signed_square"): "with the square of the load and its sign",
+    ("load", "cube"): "with the third power of the load",
+    ("load", "size"): "with the size of the load",
+    ("load_time", "linear"): "in proportion to the load, growing by the second",
+    ("load_time", "exponential"): "in proportion to the load, settling in {time_constant:.3g} s",
+    ("load_time", "wave"): "in proportion to the load, with a period of {period:.3g} s",
+    ("load_time", "step"): "in proportion to the load, from {time:.4g} s on",
+    ("frequency", "line"): "at {frequency:.5g} Hz",
+}
+"""What each form does, with its parameters to be filled in."""
+
+PER = {
+    "(m/s)^2": "(m/s)^2",
+    "1": "",
+    "N, Nm": "",
+    "N^2, Nm^2": "",
+}

@@ -1,0 +1,151 @@
+"""Which terms describe what the catalogue does not explain: the best one added while it earns it on unseen blocks."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.candidates import LEAST_GAIN
+from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression.fit import Fit, block_scores
+from ftbias_jax.diagnosis.regression.score_test import stand
+from ftbias_jax.diagnosis.search import LEAST_SHARE, LEAST_SIGMAS, gap_of
+from ftbias_jax.diagnosis.terms.fit_terms import Described, fit_terms
+from ftbias_jax.diagnosis.terms.grid import free_names, make_grid
+from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank
+from ftbias_jax.diagnosis.terms.states import state_of_problem, tool_point
+from ftbias_jax.model.effects.terms.columns import has_point
+from ftbias_jax.model.effects.terms.types import State, Term
+
+MOST_TERMS = 3
+WORTH_FITTING = 0.25
+"""Share of the best merit on the grid from which on a term is fitted: its parameters were only roughly right."""
+MOST_FITTED = 9
+FORMS_OF_A_DRIVE = 2
+"""Forms of one drive that are fitted."""
+ROUGH_STEPS = 5
+STEADY = 1.3
+"""Standard errors of the gain over blocks."""
+AS_GOOD = 0.95
+"""Share of the best gain that an equivalent drive must reach."""
+FORM = 0.02
+"""Share of the gain that a form, which is never quite the real one, may lose: less does not separate two drives."""
+SAME = 3.0
+"""Standard errors of the comparison within which two drives are as good as one another."""
+
+
+class Step(NamedTuple):
+    """One more term, with all that were chosen before."""
+
+    described: Described
+    """Of all terms so far; the new one comes last."""
+    gain: float
+    """nats over the step before."""
+    rivals: tuple[Term, ...]
+    """The best term of each other drive that describes the logs as well in its place."""
+    held: HeldOut
+    """On blocks it has not seen, over the step before."""
+    share: float
+    """Mean square gap that it removes there, in noise variances."""
+
+
+class Search:
+    """The terms of one problem; the grid is whitened once."""
+
+    def __init__(self, problem: Problem, base: Fit, hold_out: Judge) -> None:
+        self.problem, self.base, self.hold_out = problem, base, hold_out
+        self.state: State = state_of_problem(problem, base)
+        self.library: Library = make_library(
+            problem, self.state, make_grid(problem, self.state, tool_point(problem), base.error)
+        )
+
+    def best(self, start: Fit) -> list[tuple[float, Described]]:
+        """The most promising terms fitted beside the effects of a fit, with their merits, best first."""
+        ranked = rank(self.library, stand(start))
+        top = ranked[0].merit if ranked else 0.0
+        few = [one for one in _of_each_drive(ranked) if one.merit > max(WORTH_FITTING * top, 0.0)][:MOST_FITTED]
+        fitted = [fit_terms(self.problem, self.state, start, (one.term,), ROUGH_STEPS) for one in few]
+        scored = [(self.merit(start, described), described) for described in fitted]
+        return sorted(scored, key=lambda pair: -pair[0])
+
+    def merit(self, start: Fit, described: Described) -> float:
+        """nats that count of what terms gain over a fit."""
+        gain = described.fit.log_likelihood - start.log_likelihood
+        return merit_of(gain, sum(numbers_of(term) for term in described.terms))
+
+    def grow(self, start: Fit, first: list[tuple[float, Described]] | None = None) -> list[Step]:
+        """Terms beside the effects of a fit, while each removes enough on blocks that it has not seen.
+
+        Args:
+            start: the effects of the catalogue that stay.
+            first: ``best(start)``, if it was worked out before.
+        """
+        steps: list[Step] = []
+        gap = gap_of(self.problem, self.base)
+        least = max(LEAST_SIGMAS**2, LEAST_SHARE * gap)
+        now = start
+        while len(steps) < MOST_TERMS and gap_of(self.problem, now) > least:
+            chosen = steps[-1].described.terms if steps else ()
+            found = first if first is not None and not steps else self.best(now)
+            step = next(
+                (s for s in (self._step(start, now, chosen, found, i) for i in range(min(2, len(found)))) if s), None
+            )
+            if step is None or step.share <= least:
+                break
+            steps.append(step)
+            now = step.described.fit
+        return steps
+
+    def _step(
+        self, start: Fit, now: Fit, chosen: tuple[Term, ...], found: list[tuple[float, Described]], place: int
+    ) -> Step | None:
+        """One candidate fitted with all that were chosen, and judged on unseen blocks."""
+        problem, (_, one) = self.problem, found[place]
+        described = fit_terms(problem, self.state, start, (*chosen, *one.terms))
+        gain = described.fit.log_likelihood - now.log_likelihood
+        if merit_of(gain, numbers_of(one.terms[0])) < LEAST_GAIN:
+            return None
+        difference = block_scores(problem, described.fit) - block_scores(problem, now)
+        if difference.sum() < STEADY * np.sqrt(len(difference)) * difference.std():
+            return None
+        reference = self.hold_out(now, now.error).error
+        held = self.hold_out(described.fit, reference)
+        share = gap_removed(problem, reference, held.error)
+        return Step(described, gain, self._rivals(now, described, [d for _, d in found], place), held, share)
+
+    def _rivals(self, now: Fit, described: Described, found: list[Described], place: int) -> tuple[Term, ...]:
+        """Terms of other drives that could stand in the place of the one that was chosen."""
+        best = found[place].fit
+        gain, blocks = best.log_likelihood - now.log_likelihood, block_scores(self.problem, best)
+        rivals: dict[str, Term] = {}
+        drive = found[place].terms[0].drive
+        for other in found:
+            term = other.terms[0]
+            difference = blocks - block_scores(self.problem, other.fit)
+            lost = best.log_likelihood - other.fit.log_likelihood
+            error = SAME * float(np.sqrt(len(difference)) * difference.std())
+            close = lost < FORM * gain or (lost < error and lost < (1 - AS_GOOD) * gain)
+            if term.drive != drive and close:
+                rivals.setdefault(term.drive, term)
+        return tuple(rivals.values())
+
+
+def numbers_of(term: Term) -> int:
+    """Free numbers of a term."""
+    return len(term.coefficients) + len(free_names(term)) + 3 * has_point(term)
+
+
+def _of_each_drive(ranked: list[Ranked]) -> list[Ranked]:
+    """The best few forms of every drive, best first."""
+    found: list[Ranked] = []
+    seen: dict[str, set[tuple[str, ...]]] = {}
+    for one in ranked:
+        term = one.term
+        forms = seen.setdefault(term.drive, set())
+        key = (term.form, term.frame, term.acts_as)
+        if key not in forms and len(forms) < FORMS_OF_A_DRIVE:
+            forms.add(key)
+            found.append(one)
+    return found

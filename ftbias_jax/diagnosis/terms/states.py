@@ -1,0 +1,36 @@
+"""What the drives see of the problem's logs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression.evaluate import believed_motions, readings
+from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.model.effects.terms.columns import state_of
+from ftbias_jax.model.effects.terms.types import State
+from ftbias_jax.model.wrench.inertia import about_center_of_mass
+
+SHARED = ("gravity", "width")
+"""Of all logs, not of a bin."""
+
+
+def state_of_problem(problem: Problem, fit: Fit) -> State:
+    """All logs end to end, (U, ...); the load is the reading that the fit predicts."""
+    load = readings(problem, fit.z[None], np.array([fit.link]))[0]
+    pieces, end = [], 0
+    for part, motion in zip(problem.parts, believed_motions(problem), strict=True):
+        used, signals = part.used, part.signals
+        padded = np.zeros((len(signals.t), 6))
+        padded[:used], end = load[end : end + used], end + used
+        width = float(np.median(np.diff(np.asarray(signals.t)[:used])))
+        whole = state_of(np, signals, padded, motion, width)
+        pieces.append(whole._asdict() | {k: x[:used] for k, x in whole._asdict().items() if k not in SHARED})
+    return State(
+        **{k: pieces[0][k] if k in SHARED else np.concatenate([piece[k] for piece in pieces]) for k in State._fields}
+    )
+
+
+def tool_point(problem: Problem) -> np.ndarray:
+    """(3,) m, sensor frame: the stated centre of mass."""
+    return np.asarray(about_center_of_mass(problem.parts[0].signals.model.theta)[1])

@@ -1,0 +1,150 @@
+"""What a term does to the reading: columns that are linear in its coefficients, from motion, time and load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ftbias_jax.model.effects.kinematics import motion_of
+from ftbias_jax.model.effects.terms.forms import FORMS
+from ftbias_jax.model.effects.terms.types import State, Term
+from ftbias_jax.model.effects.types import Signals
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.types import Array
+
+
+def columns(xp: Any, term: Term, state: State) -> Array:
+    """(T, K, 6) N, Nm per coefficient, sensor frame: what lowers the reading.
+
+    Args:
+        xp: numpy or jax.numpy, of the state.
+        term: its coefficients do not matter.
+        state: of the log.
+    """
+    moved = at_point(xp, state, term.point) if has_point(term) else state
+    form = FORMS[term.drive, term.form]
+    series = form.make(xp, moved, term.parameters, term.joint)
+    if form.kind == "channels":
+        found = series[:, :, None] * xp.eye(6, dtype=series.dtype)[None]
+    elif form.kind == "vectors":
+        found = _of_three(xp, term, _along_axes(xp, term.frame, series, state.rotation))
+    elif term.frame == "joint":
+        axis = xp.einsum("tji,tj->ti", state.rotation, state.axes[:, term.joint - 1])
+        found = _of_three(xp, term, series[:, :, None] * axis[:, None])
+    elif term.frame == "sensor" and term.acts_as in ("wrench", "bias"):
+        found = _each(xp, series, xp.eye(6, dtype=series.dtype))
+    else:
+        # The rows are the axes in the sensor's coordinates.
+        axes = xp.eye(3, dtype=series.dtype)[None] if term.frame == "sensor" else state.rotation
+        found = _of_three(xp, term, (series[:, :, None, None] * axes[:, None]).reshape(len(series), -1, 3))
+    return found[:, list(term.used)] if term.used else found
+
+
+def count_columns(term: Term) -> int:
+    """How many columns a term's form has, whichever of them are used."""
+    form = FORMS[term.drive, term.form]
+    if form.kind == "channels":
+        return 6
+    if form.kind == "vectors":
+        return form.series * (3 if term.frame == "sensor" and form.series == 1 else 1)
+    if term.frame == "joint":
+        return form.series
+    return form.series * (6 if term.acts_as in ("wrench", "bias") else 3)
+
+
+def _each(xp: Any, series: Array, axes: Array) -> Array:
+    """(T, S) series along each of k axes (k, k): (T, S k, k)."""
+    return (series[:, :, None, None] * axes[None, None]).reshape(len(series), -1, len(axes))
+
+
+def _along_axes(xp: Any, frame: str, vectors: Array, rotation: Array) -> Array:
+    """(T, V, 3) in base axes -> sensor coordinates; a single one in the sensor's frame by components."""
+    inside = xp.einsum("tji,tvj->tvi", rotation, vectors)
+    if frame != "sensor" or vectors.shape[1] > 1:
+        return inside
+    return (inside[:, :, :, None] * xp.eye(3, dtype=inside.dtype)[None, None]).reshape(len(inside), -1, 3)
+
+
+def _of_three(xp: Any, term: Term, vectors: Array) -> Array:
+    """(T, K, 3) forces or torques -> (T, K, 6)."""
+    torques = xp.concatenate([xp.zeros_like(vectors), vectors], 2)
+    forces = xp.concatenate([vectors, xp.cross(term.point[None, None], vectors)], 2)
+    if term.acts_as == "wrench":
+        return xp.concatenate([forces, torques], 1)
+    return torques if term.acts_as == "torque" else forces
+
+
+def has_point(term: Term) -> bool:
+    """Whether it is a force at a point of the tool."""
+    return term.acts_as == "force" or (term.acts_as == "wrench" and term.frame == "base")
+
+
+def at_point(xp: Any, state: State, point: Array) -> State:
+    """The motion of a point (3,) m of the tool, sensor frame."""
+    arm = state.rotation @ point
+    w, w_rate = state.angular_velocity, state.angular_acceleration
+    turning = xp.cross(w, arm)
+    return state._replace(
+        position=state.position + arm,
+        velocity=state.velocity + turning,
+        acceleration=state.acceleration + xp.cross(w_rate, arm) + xp.cross(w, turning),
+    )
+
+
+def change(xp: Any, terms: Mapping[str, Term], state: State, acts_as: tuple[str, ...] = ()) -> Array:
+    """(T, 6) N, Nm: what terms add to the reading.
+
+    Args:
+        xp: numpy or jax.numpy.
+        terms: name -> term.
+        state: of the log.
+        acts_as: only terms that act so; () = all.
+    """
+    total = xp.zeros_like(state.load)
+    for term in terms.values():
+        if not acts_as or term.acts_as in acts_as:
+            total = total - xp.einsum("tkc,k->tc", columns(xp, term, state), term.coefficients)
+    return total
+
+
+def state_of(xp: Any, signals: Signals, load: Array, motion: ArmMotion | None = None, width: float = 0.0) -> State:
+    """What drives see of a log.
+
+    Args:
+        xp: numpy or jax.numpy.
+        signals: of the log.
+        load: (T, 6) N, Nm, the reading before the terms act.
+        motion: of the arm, if it was worked out before.
+        width: s over which every reading is a mean.
+    """
+    moving = motion_of(signals) if motion is None else motion
+    arm, as_array = signals.model.arm, xp.asarray
+    dq, position = as_array(signals.dq), as_array(moving.sensor_position).T
+    velocity, axes = _velocity(xp, as_array(arm.linear), as_array(arm.angular), moving, dq, position)
+    return State(
+        as_array(signals.t),
+        as_array(signals.temperature),
+        as_array(signals.q),
+        dq,
+        xp.moveaxis(as_array(moving.sensor_rotation), 2, 0),
+        position,
+        velocity,
+        as_array(moving.acceleration).T,
+        as_array(moving.angular_velocity).T,
+        as_array(moving.angular_acceleration).T,
+        as_array(signals.model.gravity),
+        as_array(load),
+        axes,
+        as_array(width, dtype=dq.dtype),
+    )
+
+
+def _velocity(
+    xp: Any, linear: Array, angular: Array, moving: ArmMotion, dq: Array, position: Array
+) -> tuple[Array, Array]:
+    """(T, 3) m/s of the sensor's origin and (T, n, 3) axes: each joint's screw (n, 3), moved by the links before it."""
+    R = xp.moveaxis(xp.asarray(moving.link_rotation)[:, :, :-1], (3, 2, 0, 1), (0, 1, 2, 3))
+    p = xp.moveaxis(xp.asarray(moving.link_position)[:, :-1], (2, 1, 0), (0, 1, 2))
+    turn = xp.einsum("tnij,nj->tni", R, angular)
+    slide = xp.einsum("tnij,nj->tni", R, linear) + xp.cross(p, turn)
+    return xp.einsum("tni,tn->ti", slide + xp.cross(turn, position[:, None]), dq), turn

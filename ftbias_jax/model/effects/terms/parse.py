@@ -1,0 +1,106 @@
+"""The ``[[effects.term]]`` sections of a setup: any number of terms, each with its drive, form and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ftbias_jax.errors import FtbiasError, SetupError
+from ftbias_jax.model.effects.terms.columns import count_columns, has_point
+from ftbias_jax.model.effects.terms.forms import FORMS
+from ftbias_jax.model.effects.terms.types import ACTS_AS, DRIVES, FRAMES, Term
+from ftbias_jax.setup.fields import nearest, show
+
+NAME = "term"
+"""Of the effect."""
+FIXED = ("drive", "form", "frame", "acts_as", "joint", "columns", "point", "coefficients", "text")
+
+MakeError = Callable[..., FtbiasError]
+"""(message, field=..., remedy=...) -> the error to raise."""
+
+
+def parse_terms(sections: Any, error: MakeError = SetupError) -> dict[str, Term]:
+    """Terms by the number of their section, from 1.
+
+    Args:
+        sections: ``effects["term"]`` of a setup.
+        error: makes the error to raise.
+
+    Raises:
+        SetupError: an unknown drive, form or key, a missing or wrong number.
+    """
+    if not isinstance(sections, Sequence) or not all(isinstance(section, Mapping) for section in sections):
+        raise error(f"expected tables, got {show(sections)}", field="effects.term", remedy="write [[effects.term]]")
+    return {str(i): _term(section, i, error) for i, section in enumerate(sections, 1)}
+
+
+def _term(section: Mapping[str, Any], number: int, error: MakeError) -> Term:
+    def fail(key: str, message: str, remedy: str) -> FtbiasError:
+        return error(message, field=f"effects.term[{number}].{key}", remedy=remedy)
+
+    def choice(key: str, allowed: Sequence[str]) -> str:
+        value = section.get(key)
+        if value not in allowed:
+            message = "missing key" if value is None else f"got {show(value)}"
+            raise fail(key, message, nearest(str(value), allowed))
+        return str(value)
+
+    def numbers(key: str, size: int) -> np.ndarray:
+        value = np.asarray(section.get(key, np.nan))
+        if value.dtype.kind not in "iuf" or value.size != size or not np.isfinite(value).all():
+            message = f"got {show(section[key])}" if key in section else "missing key"
+            raise fail(key, message, f"give {size} number{'s' if size > 1 else ''}")
+        return value.astype(float).reshape(-1)
+
+    drive = choice("drive", [name for name in DRIVES if any(drive == name for drive, _ in FORMS)])
+    form = FORMS[drive, choice("form", [name for own, name in FORMS if own == drive])]
+    known = (*FIXED, *(parameter.name for parameter in form.parameters))
+    for key in section:
+        if key not in known:
+            raise fail(key, "unknown key", nearest(key, known))
+    parameters = {parameter.name: numbers(parameter.name, 1)[0] for parameter in form.parameters}
+    for parameter in form.parameters:
+        if not parameter.least <= parameters[parameter.name] <= parameter.most:
+            remedy = f"give {parameter.unit} from {parameter.least:g} to {parameter.most:g}"
+            raise fail(parameter.name, f"got {parameters[parameter.name]:g}", remedy)
+    joint = int(numbers("joint", 1)[0]) if "joint" in section else 0
+    used = tuple(int(x) for x in np.ravel(section.get("columns", ())))
+    term = Term(
+        drive,
+        form.name,
+        choice("frame", FRAMES),
+        choice("acts_as", ACTS_AS),
+        joint,
+        used,
+        parameters,
+        numbers("point", 3) if "point" in section else np.zeros(3),
+        np.zeros(0),
+    )
+    if joint < 0 or (drive in ("joint_angle", "joint_velocity") and not joint and form.name != "heat"):
+        raise fail("joint", f"got {joint}", "give the number of a joint, from 1")
+    count = count_columns(term)
+    if any(not 0 <= column < count for column in used):
+        raise fail("columns", f"got {show(list(used))}", f"give numbers from 0 to {count - 1}")
+    return Term(**{**vars(term), "coefficients": numbers("coefficients", len(used) or count)})
+
+
+def section_of(term: Term, text: str = "") -> dict[str, Any]:
+    """A term as a setup states it."""
+    section: dict[str, Any] = {"text": text} if text else {}
+    section |= {"drive": term.drive, "form": term.form, "frame": term.frame, "acts_as": term.acts_as}
+    section |= {"joint": term.joint} if term.joint else {}
+    section |= {name: float(value) for name, value in term.parameters.items()}
+    section |= {"columns": list(term.used)} if term.used else {}
+    section |= {"point": np.asarray(term.point, float).tolist()} if has_point(term) else {}
+    return section | {"coefficients": np.asarray(term.coefficients, float).tolist()}
+
+
+def flat_numbers(terms: Mapping[str, Term]) -> dict[str, Any]:
+    """What is not text in terms: ``1.coefficients``, ``1.point``, ``1.time_constant``, ..."""
+    return {
+        f"{number}.{name}": value
+        for number, term in terms.items()
+        for name, value in {"coefficients": term.coefficients, "point": term.point, **term.parameters}.items()
+    }

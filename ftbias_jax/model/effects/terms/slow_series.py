@@ -1,0 +1,115 @@
+"""Series of time, temperature and load."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ftbias_jax.model.effects.terms.memory import low_passed
+from ftbias_jax.model.effects.terms.series import Numbers, stack
+from ftbias_jax.model.effects.terms.types import State
+from ftbias_jax.types import Array
+
+
+def ones(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """1 at all times."""
+    return xp.ones_like(s.t)[:, None]
+
+
+def exponential(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """A constant, and what decays with a time constant."""
+    return stack(xp, xp.ones_like(s.t), xp.exp(-s.t / p["time_constant"]))
+
+
+def linear_in_time(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """s since the first sample."""
+    return s.t[:, None]
+
+
+def step(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """1 from a time on."""
+    return (s.t >= p["time"])[:, None] * 1.0
+
+
+def wave(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Sine and cosine of a frequency."""
+    angle = 2 * xp.pi * p["frequency"] * s.t
+    return stack(xp, xp.sin(angle), xp.cos(angle))
+
+
+def line(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """A sine as it is left in means over a width."""
+    return wave(xp, s, p, joint) * xp.sinc(p["frequency"] * s.width)
+
+
+def powers_of_time(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Time and its square."""
+    return stack(xp, s.t, s.t**2)
+
+
+def _warmer(xp: Any, s: State, p: Numbers) -> Array:
+    felt = low_passed(xp, s.t, s.temperature[:, None], p["lag"])
+    return felt - felt[:1]
+
+
+def temperature(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Temperature since the first sample, felt late."""
+    return _warmer(xp, s, p)
+
+
+def temperature_squared(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """The same, and its square."""
+    warmer = _warmer(xp, s, p)
+    return xp.concatenate([warmer, warmer**2], 1)
+
+
+def warming_side(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """The part of the tool that follows the thermometer late, and the difference from it: a gradient of temperature."""
+    warmer = (s.temperature - s.temperature[0])[:, None]
+    felt = _warmer(xp, s, p)
+    return xp.concatenate([felt, warmer - felt], 1)
+
+
+def sensitivity(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """The load times the temperature."""
+    return -_warmer(xp, s, p) * s.load
+
+
+def load_squared(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Squares of the reading."""
+    return -(s.load**2)
+
+
+def load_signed(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Squares of the reading with its sign."""
+    return -s.load * xp.abs(s.load)
+
+
+def load_cubed(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Third powers of the reading."""
+    return -(s.load**3)
+
+
+def load_size(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Sizes of the reading."""
+    return -xp.abs(s.load)
+
+
+def load_in_time(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """The reading times the time."""
+    return -s.load * s.t[:, None]
+
+
+def load_settling(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """The reading times what settles with a time constant."""
+    return s.load * xp.expm1(-s.t / p["time_constant"])[:, None]
+
+
+def load_wave(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """The reading times a slow sine."""
+    angle = 2 * xp.pi * p["frequency"] * s.t[:, None]
+    return -s.load * xp.sin(angle)
+
+
+def load_step(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """The reading from a time on."""
+    return -s.load * (s.t >= p["time"])[:, None]

@@ -1,0 +1,96 @@
+"""What a term is, and what of a log its drive may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+
+from ftbias_jax.types import Array
+
+DRIVES = (
+    "constant",
+    "time",
+    "temperature",
+    "position",
+    "orientation",
+    "velocity",
+    "angular_velocity",
+    "acceleration",
+    "joint_angle",
+    "joint_velocity",
+    "load",
+    "load_time",
+    "frequency",
+    "noise",
+)
+FRAMES = ("base", "sensor", "joint", "none")
+ACTS_AS = ("force", "torque", "wrench", "bias", "noise")
+
+
+class State(NamedTuple):
+    """One log as the drives see it; vectors in base axes. Arrays of NumPy or of JAX."""
+
+    t: Array
+    """(T,) s since the first sample."""
+    temperature: Array
+    """(T,) deg C, without gaps."""
+    q: Array
+    """(T, n) rad."""
+    dq: Array
+    """(T, n) rad/s."""
+    rotation: Array
+    """(T, 3, 3) R_base_sensor."""
+    position: Array
+    """(T, 3) m, of the sensor's origin."""
+    velocity: Array
+    """(T, 3) m/s, of the sensor's origin."""
+    acceleration: Array
+    """(T, 3) m/s^2, of the sensor's origin, without gravity."""
+    angular_velocity: Array
+    """(T, 3) rad/s."""
+    angular_acceleration: Array
+    """(T, 3) rad/s^2."""
+    gravity: Array
+    """(3,) m/s^2, pointing down."""
+    load: Array
+    """(T, 6) N, Nm, sensor frame: the reading before the term acts."""
+    axes: Array
+    """(T, n, 3) unit axis of each joint; zero of a prismatic one."""
+    width: Array
+    """() s over which every reading is a mean; 0 = single samples."""
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("parameters", "point", "coefficients"),
+    meta_fields=("drive", "form", "frame", "acts_as", "joint", "used"),
+)
+@dataclass(frozen=True)
+class Term:
+    """One drive that acts on the tool or on the sensor; a pytree whose numbers are leaves.
+
+    What it makes of the tool, ``coefficients`` times the columns of its form, lowers the reading, as a force on the
+    tool and a bias do.
+    """
+
+    drive: str
+    form: str
+    frame: str
+    acts_as: str
+    joint: int
+    """From 1; 0 = all joints, or a drive that speaks of none."""
+    used: tuple[int, ...]
+    """Columns of the form that the coefficients belong to; () = all, in order."""
+    parameters: dict[str, Array]
+    """Numbers of the form in which it is not linear, such as a time constant, s."""
+    point: Array
+    """(3,) m, sensor frame: where a force acts, and where the motion is taken."""
+    coefficients: Array
+    """(K,)."""
+
+
+Description = dict[str, Any]
+"""A term as a section of a setup states it."""

@@ -1,0 +1,112 @@
+"""Terms against mechanics written out naively, by NumPy and by JAX."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.model.effects.terms.columns import at_point, change, columns, count_columns, state_of
+from ftbias_jax.model.effects.terms.forms import FORMS
+from ftbias_jax.model.effects.terms.types import State, Term
+from ftbias_jax.model.effects.types import Signals
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.model.wrench.tool_wrench import Model
+from ftbias_jax.setup import parse_setup
+
+POINT = np.array([0.02, -0.03, 0.13])
+SETUP = {
+    "robot": {"model": "panda"},
+    "sensor": {"noise_std": [0.1, 0.01]},
+    "tool": {"mass": 0.7, "center_of_mass": [0.0, 0.0, 0.06]},
+}
+
+
+@pytest.fixture(scope="module")
+def signals() -> Signals:
+    t = np.linspace(0, 2, 801)
+    phase = np.outer(t, np.linspace(0.5, 2.0, 7)) + np.arange(7)
+    rate = np.linspace(0.5, 2.0, 7)
+    q = np.array([0, -0.5, 0, -2, 0, 1.8, 0.7]) + 0.4 * np.sin(phase)
+    params = params_from_setup(parse_setup(SETUP))
+    series = (t, q, 0.4 * rate * np.cos(phase), -0.4 * rate**2 * np.sin(phase), 25 + t)
+    return Signals(*(jnp.asarray(x) for x in series), Model(params.arm, params.gravity, params.theta))
+
+
+@pytest.fixture(scope="module")
+def state(signals) -> State:
+    load = np.outer(np.sin(np.asarray(signals.t)) - 2, [1, 2, 3, 0.1, 0.2, 0.3])
+    found = state_of(np, signals, load)
+    return State(*(np.asarray(x, float) for x in found))
+
+
+def a_term(drive, form, frame="base", acts_as="force", joint=0, coefficients=(1.0,), **parameters):
+    return Term(drive, form, frame, acts_as, joint, (), parameters, POINT, np.array(coefficients))
+
+
+def some_term(form) -> Term:
+    """A term of any form, with every column in use."""
+    numbers = {p.name: np.clip(0.7, p.least, p.most) for p in form.parameters}
+    frame, acts_as = ("sensor", "wrench") if form.kind == "channels" else ("base", "force")
+    joint = 3 if form.drive.startswith("joint") else 0
+    term = a_term(form.drive, form.name, frame, acts_as, joint, (), **numbers)
+    return Term(**{**vars(term), "coefficients": np.linspace(0.5, 1.5, count_columns(term))})
+
+
+def test_the_velocity_of_a_point_is_the_slope_of_its_place(state):
+    moved = at_point(np, state, POINT)
+    slope = np.gradient(moved.position, state.t, axis=0)
+    np.testing.assert_allclose(moved.velocity[2:-2], slope[2:-2], atol=2e-4)
+    np.testing.assert_allclose(moved.acceleration[2:-2], np.gradient(moved.velocity, state.t, axis=0)[2:-2], atol=3e-3)
+
+
+def test_drag_is_a_force_against_the_velocity_at_its_point(state):
+    found = change(np, {"1": a_term("velocity", "linear", coefficients=[6.0])}, state)
+    for k in (0, 100, 700):
+        R = state.rotation[k]
+        moved = state.velocity[k] + np.cross(state.angular_velocity[k], R @ POINT)
+        force = R.T @ (-6.0 * moved)
+        # A force on the tool lowers the reading.
+        np.testing.assert_allclose(found[k], -np.concatenate([force, np.cross(POINT, force)]), rtol=1e-10)
+
+
+def test_a_torque_about_a_joint_is_along_its_axis(state):
+    found = change(np, {"1": a_term("joint_velocity", "viscous", "joint", "torque", 7, [0.5])}, state)
+    expected = -np.einsum("tji,tj->ti", state.rotation, state.axes[:, 6]) * (-0.5 * state.dq[:, 6:7])
+    np.testing.assert_allclose(found[:, 3:], expected, atol=1e-12)
+    assert not found[:, :3].any()
+
+
+def test_a_rotor_resists_by_its_momentum_across_the_rotation(state):
+    momentum = np.array([0.0, 0.01, 0.04])
+    found = change(np, {"1": a_term("angular_velocity", "gyroscopic", "sensor", "torque", 0, momentum)}, state)
+    for k in (0, 400):
+        R = state.rotation[k]
+        on_tool = -np.cross(R.T @ state.angular_velocity[k], momentum)
+        np.testing.assert_allclose(found[k, 3:], -on_tool, atol=1e-12)
+
+
+def test_a_load_that_is_not_linear_acts_on_its_own_channel(state):
+    found = change(np, {"1": a_term("load", "cube", "sensor", "wrench", 0, [0.1, 0, 0, 0, 0, 2.0])}, state)
+    np.testing.assert_allclose(found[:, 0], 0.1 * state.load[:, 0] ** 3)
+    np.testing.assert_allclose(found[:, 5], 2.0 * state.load[:, 5] ** 3)
+    assert not found[:, 1:5].any()
+
+
+def test_used_columns_are_those_that_are_named(state):
+    whole = columns(np, a_term("position", "linear"), state)
+    few = Term(**{**vars(a_term("position", "linear")), "used": (1, 5)})
+    np.testing.assert_array_equal(columns(np, few, state), whole[:, [1, 5]])
+
+
+def test_every_form_has_the_columns_it_counts_and_is_the_same_in_jax(state):
+    terms = {f"{drive} {name}": some_term(form) for (drive, name), form in FORMS.items()}
+    on_jax = jax.jit(lambda terms, state: {n: change(jnp, {"1": x}, state) for n, x in terms.items()})(terms, state)
+    for name, term in terms.items():
+        assert columns(np, term, state).shape == (len(state.t), count_columns(term), 6), name
+        found = change(np, {"1": term}, state)
+        np.testing.assert_allclose(on_jax[name], found, rtol=2e-3, atol=2e-3 * np.abs(found).max(), err_msg=name)
+
+
+def test_only_what_acts_as_bias_counts_as_bias(state):
+    terms = {"1": a_term("velocity", "linear"), "2": a_term("time", "linear", "sensor", "bias", 0, np.ones(6))}
+    np.testing.assert_allclose(change(np, terms, state, ("bias",)), -np.repeat(state.t[:, None], 6, 1))
