@@ -16,23 +16,14 @@ from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.npz import save_npz
 from ftbias_jax.model import trajectories
-from ftbias_jax.model.effects.catalogue import (
-    CATALOGUE,
-    MakeError,
-    check_values,
-    complete,
-    typical_values,
-    values_from_setup,
-    values_of,
-)
-from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.model.effects.catalogue import complete, values_of
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
-from ftbias_jax.model.effects.terms.parse import flat_numbers
 from ftbias_jax.model.effects.types import Effect, Model, Values
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import simulate as simulate_with_params
 from ftbias_jax.model.simulate import temperature_course
+from ftbias_jax.model.simulated_effects import all_values, plain
 from ftbias_jax.model.trajectories import Trajectory
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.sensor_pose import require_arm
@@ -183,38 +174,6 @@ def simulate(
         effects=values,
     )
     return SimulationResult(Log(made.t, made.q, made.dq, made.wrench, recorded), truth, setup, seed)
-
-
-def all_values(setup: Setup, effects: Mapping[str, Mapping[str, Any]], model: Model) -> Values:
-    """Effects of the setup with others on top, in the catalogue's order; {} stands for typical values."""
-    catalogue = catalogue_of_setup(setup)
-    checked = check_effects(effects, catalogue=catalogue)
-    typical = {name: typical_values(catalogue[name], model) for name in effects if name not in checked}
-    values = values_from_setup(setup.effects, setup.path, catalogue) | typical | checked
-    return {name: values[name] for name in (*catalogue, TERM) if name in values}
-
-
-def plain(effects: Values) -> Values:
-    """Effect -> parameter -> numbers; the numbers of terms are named after the number of their section."""
-    return {name: flat_numbers(values) if name == TERM else values for name, values in effects.items()}
-
-
-def _usage(message: str, field: str = "", remedy: str = "") -> UsageError:
-    return UsageError(message, file="effects", field=field, remedy=remedy)
-
-
-def check_effects(
-    effects: Mapping[str, Mapping[str, Any]], error: MakeError = _usage, catalogue: Catalogue = CATALOGUE
-) -> Values:
-    """Values of the effects that state any.
-
-    Args:
-        effects: effect -> parameter -> value.
-        error: makes what is raised for an unknown name, a wrong shape or a value out of bounds.
-        catalogue: that has the effects.
-    """
-    stated = {name: values for name, values in effects.items() if values or name not in catalogue}
-    return check_values(stated, error, catalogue=catalogue)
 
 
 def working_range(setup: Setup) -> tuple[Array, Array]:

@@ -208,8 +208,7 @@ class Setup:
     joints: JointSetup
     log: LogSetup = field(default_factory=LogSetup)
     effects: Mapping[str, Any] = field(default_factory=dict)
-    """[effects.NAME] as written, a table each, and "term": the tables [[effects.term]]; the model's effects check names
-    and keys."""
+    """[effects.NAME] as written, a table each, and the tables [[effects.term]]; the model's effects check them."""
     data_noise: DataNoiseSetup | None = None
     """Sigma_D; None = zero."""
     pose: PoseSetup | None = None
@@ -226,11 +225,7 @@ class Setup:
     """``Effect`` objects beside the built-in ones. The caller gives them; no file names code that is then run."""
 
     def with_effects(self, effects: Sequence[Any]) -> Setup:
-        """The setup with further effects to know of, which [effects.NAME] may then state.
-
-        Args:
-            effects: ``Effect`` objects, such as ``load_effects`` gives; those that it has already count once.
-        """
+        """The setup with further ``Effect`` objects, which [effects.NAME] may then state; each counts once."""
         known = {id(effect) for effect in self.own_effects}
         return replace(self, own_effects=(*self.own_effects, *(one for one in effects if id(one) not in known)))
 

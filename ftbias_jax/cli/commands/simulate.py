@@ -32,7 +32,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     prepare_jax()
     from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
-    from ftbias_jax.model.simulate_log import check_effects, simulate
+    from ftbias_jax.model.simulate_log import simulate
+    from ftbias_jax.model.simulated_effects import check_effects
 
     setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
     effects = dict(map(split_effect, arguments.effect))
