@@ -11,6 +11,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.io.ros.read import read_ros
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
 from ftbias_jax.io.tables.csv import read_csv
+from ftbias_jax.io.tables.files import read_files
 from ftbias_jax.io.tables.hdf5 import read_hdf5
 from ftbias_jax.io.tables.npz import read_npz
 from ftbias_jax.io.tables.parquet import read_parquet
@@ -29,7 +30,7 @@ def read_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     range are left out; ``repairs`` of the log counts all of that.
 
     Args:
-        path: the file.
+        path: the file; any of them if [log.files] of the setup names several.
         setup: gives the number and names of the joints, the sensor's sign, and column names.
         salvage: of a damaged ROS recording, read what is whole.
         raw: leave the samples of stuck and clipped axes in, as recorded; ``repairs`` names them all the same.
@@ -60,6 +61,8 @@ def read_motion(path: str | os.PathLike[str], setup: Setup) -> Log | Poses:
 
 def read_recorded(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
     """As ``read_log``, before anybody has looked whether the sensor was in order."""
+    if setup.log.files:
+        return read_files(path, setup)
     if is_ros(path):
         return read_ros(path, setup, salvage=salvage)
     reader = READERS.get(Path(path).suffix.lower())

@@ -6,6 +6,8 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import as_stamps, put_in_order
+from ftbias_jax.io.conventions.axes import in_sensor_axes
+from ftbias_jax.io.conventions.units import angles
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.pose import pose_entries
 from ftbias_jax.setup.types import Setup
@@ -53,6 +55,7 @@ def check_log(
     nothing = np.full(np.shape(q), np.nan) if dq is None else dq
     unknown = np.full(len(t), np.nan) if temperature is None else temperature
     log = check_samples(Log(t, q, nothing, wrench, unknown, start, (*repairs, *ordering)), setup, file=file)
+    log = in_sensor_axes(log, setup, file)
     check_content(~np.isnan(log.q).all(0), t[~np.isnan(log.wrench).all(1)], setup, file=file)
     return log
 
@@ -66,6 +69,8 @@ def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> 
     length, n = len(log.t), len(setup.robot.joint_names)
     shapes = {"q": (length, n), "dq": (length, n), "wrench": (length, 6), "temperature": (length,)}
     floats = {name: _floats(getattr(log, name), shape, name, file, first) for name, shape in shapes.items()}
+    for name in ("q", "dq"):
+        floats[name] = angles(floats[name], setup)
     if setup.sensor.reports == "wrench_on_sensor":
         floats["wrench"] = -floats["wrench"]
     return log._replace(**floats)
@@ -131,7 +136,8 @@ def _check_rate(t: Array, file: str) -> None:
     rate = 1 / np.median(np.diff(t)) if len(t) > 1 else LOWEST_RATE
     if not LOWEST_RATE <= rate <= HIGHEST_RATE:
         message = f"the wrench has a rate of {rate:.4g} Hz, which is implausible"
-        raise LogError(message, file=file, field="t", remedy="give floating-point time in s, integer time in ns")
+        remedy = "give floating-point time in s, integer time in ns, or state log.time_unit in the setup"
+        raise LogError(message, file=file, field="t", remedy=remedy)
 
 
 def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first: int) -> Array:

@@ -22,6 +22,7 @@ from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
 from ftbias_jax.io.ros.read import log_of, skew
 from ftbias_jax.io.ros.record import Stream, Topic, read_recording
 from ftbias_jax.io.tables.csv import read_header
+from ftbias_jax.io.tables.delimiters import with_commas
 from ftbias_jax.io.tables.hdf5 import dataset_shapes
 from ftbias_jax.io.tables.parquet import column_names
 from ftbias_jax.setup.parse import parse_setup
@@ -185,7 +186,7 @@ def _header(path: str | os.PathLike[str]) -> list[str]:
     file = Budget(path).file
     try:
         with open(file, encoding="utf-8-sig", errors="replace") as stream:
-            return read_header(stream, file)
+            return read_header(with_commas(stream), file)
     except (OSError, csv.Error):
         return []  # the reader says it better
 

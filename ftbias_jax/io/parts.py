@@ -50,7 +50,9 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
         LogError: it cannot be read, or cannot be filtered (``check_log``).
     """
     file = os.fspath(path)
-    opened = _open_npz(file, setup) if Path(file).suffix.lower() == ".npz" and not setup.pose else None
+    usual = not setup.pose and setup.log.time_unit is None and setup.log.rate is None
+    usual = usual and setup.log.wrench_axes == "sensor" and not setup.log.files
+    opened = _open_npz(file, setup) if usual and Path(file).suffix.lower() == ".npz" else None
     if opened is None:
         log = read_recorded(path, setup, salvage=salvage)
         length, start, split, repairs = len(log.t), log.start, slices(log), log.repairs

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.setup.sensor_pose import pose_columns
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
+from ftbias_jax.setup.sensor_pose import ORIENTATION_COLUMNS, pose_columns
+from ftbias_jax.setup.types import PoseSetup, Setup
 from ftbias_jax.types import Array
 
 TOLERANCE = 0.05
@@ -18,8 +19,8 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
 
     Args:
         pose: (T, k) orientation in the order the setup states, then position m, base frame, if the setup says so.
-        rates: (T, 3 or 6) angular velocity rad/s and specific force m/s^2 (a - g), sensor frame, or None. NaN = not
-            measured.
+        rates: (T, 3 or 6) angular velocity and specific force (a - g), whichever the setup says are used, or None. NaN
+            = not measured.
         t: (T,) s.
         setup: has a sensor_pose.
         file: the name in messages.
@@ -34,21 +35,23 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
     stated = setup.pose
     assert stated is not None
     pose = _columns(pose, pose_columns(stated)[0], "pose", file)
-    split = 9 if stated.orientation == "matrix" else 4
-    quaternion = continuous(_quaternions(pose[:, :split], stated.orientation, file))
+    split = ORIENTATION_COLUMNS.get(stated.orientation, 4)
+    quaternion = continuous(_quaternions(pose[:, :split], setup, file))
     dq = np.full((len(t), len(setup.robot.joint_names)), np.nan)
     q = dq.copy()
     q[:, :4] = quaternion
     if stated.linear == "position":
         q[:, 4:] = pose[:, split:]
+        if stated.position_axes == "body" and np.isfinite(quaternion).all(1).any():
+            q[:, 4:] = rotate(interpolated(quaternion, t), q[:, 4:])
     recorded = rates is not None and np.isfinite(rates).any()
     if not recorded and stated.linear == "specific_force":
         raise LogError(
             "there is no specific force", file=file, field="specific_force", remedy='record it, or set linear = "none"'
         )
     if recorded and np.isfinite(quaternion).all(1).any():
-        rates = _columns(rates, pose_columns(stated)[1], "rates", file)
-        at_imu = _interpolated(quaternion, t)
+        rates = _imu(_rates(rates, stated, file), setup)
+        at_imu = interpolated(quaternion, t)
         turn = rates[:, :3] @ setup.sensor.rotation.T
         dq[:, :4] = product(at_imu, np.column_stack([np.zeros(len(t)), turn])) / 2
         if stated.linear == "specific_force":
@@ -97,8 +100,40 @@ def quaternions_of(matrices: Array) -> Array:
     return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
 
 
-def _quaternions(orientation: Array, order: str, file: str) -> Array:
+def _rates(rates: Array, stated: PoseSetup, file: str) -> Array:
+    """(T, 3 or 6) as the setup states them; an IMU without a gyroscope records three."""
+    width = pose_columns(stated)[1]
+    rates = np.asarray(rates)
+    if stated.linear == "specific_force" and stated.gyroscope and rates.ndim == 2 and rates.shape[1] == 3:
+        rates = np.concatenate([np.full(rates.shape, np.nan), rates], 1)
+    return _columns(rates, width, "rates", file)
+
+
+def _imu(rates: Array, setup: Setup) -> Array:
+    """(T, 6) angular velocity rad/s and specific force m/s^2 in the sensor's axes; NaN for what is not recorded."""
+    stated = setup.pose
+    assert stated is not None
+    gyroscope, accelerometer = np.full((2, len(rates), 3), np.nan)
+    if stated.gyroscope:
+        gyroscope = rates[:, :3] * (np.pi / 180 if setup.log.angle_unit == "deg" else 1.0)
+    if stated.linear == "specific_force":
+        accelerometer = rates[:, -3:] * (STANDARD_GRAVITY if setup.log.acceleration_unit == "g" else 1.0)
+    return np.concatenate([gyroscope @ stated.imu_rotation.T, accelerometer @ stated.imu_rotation.T], 1)
+
+
+def _quaternions(orientation: Array, setup: Setup, file: str) -> Array:
     """(T, 4) w, x, y, z of length one; NaN for rows that were not measured."""
+    stated = setup.pose
+    assert stated is not None
+    quaternion = _as_recorded(orientation, stated.orientation, setup.log.angle_unit, file)
+    return quaternion * np.array([1.0, -1, -1, -1]) if stated.conjugate else quaternion
+
+
+def _as_recorded(orientation: Array, order: str, unit: str, file: str) -> Array:
+    if order == "axis_angle":
+        vector = orientation * (np.pi / 180 if unit == "deg" else 1.0)
+        half = np.linalg.norm(vector, axis=1, keepdims=True) / 2
+        return np.concatenate([np.cos(half), np.sinc(half / np.pi) * vector / 2], 1)
     if order == "matrix":
         matrices = orientation.reshape(-1, 3, 3)
         off = np.abs(np.einsum("tij,tkj->tik", matrices, matrices) - np.eye(3)).max((1, 2))
@@ -119,8 +154,8 @@ def _refuse(bad: Array, what: str, file: str) -> None:
         raise LogError(f"sample {np.flatnonzero(bad)[0]} {what}", file=file, field="orientation", remedy=remedy)
 
 
-def _interpolated(quaternion: Array, t: Array) -> Array:
-    """Quaternions (T, 4) of length one at all stamps, between the measured ones."""
+def interpolated(quaternion: Array, t: Array) -> Array:
+    """Quaternions (T, 4) of length one at all stamps (T,), between the measured ones."""
     known = np.isfinite(quaternion).all(1)
     between = np.stack([np.interp(t, t[known], column[known]) for column in quaternion.T], 1)
     return between / np.linalg.norm(between, axis=1, keepdims=True)

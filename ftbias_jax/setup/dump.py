@@ -11,7 +11,16 @@ from ftbias_jax.setup.keys.table import key_of
 from ftbias_jax.setup.keys.toml_text import toml_key, toml_line
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot
 from ftbias_jax.setup.rotations import rotation_from_rpy, rpy_from_rotation
-from ftbias_jax.setup.types import DATA_NOISE_UNITS, POSE, DataNoiseSetup, PoseSetup, RobotSetup, SensorSetup, Setup
+from ftbias_jax.setup.types import (
+    DATA_NOISE_UNITS,
+    POSE,
+    DataNoiseSetup,
+    LogSetup,
+    PoseSetup,
+    RobotSetup,
+    SensorSetup,
+    Setup,
+)
 from ftbias_jax.types import Array
 
 Comments = Mapping[str, str]
@@ -143,10 +152,18 @@ def _sections(setup: Setup) -> Iterable[Line]:
     yield Line("[joints]", "initial_std", joints.initial_std)
     if setup.data_noise is not None:
         yield from _data_noise(setup.data_noise)
-    for key, value in setup.log.columns.items():
-        yield Line("[log.columns]", key, value)
-    for key, value in setup.log.topics.items():
-        yield Line("[log.topics]", key, value)
+    yield from _log(setup.log)
+
+
+def _log(log: LogSetup) -> Iterable[Line]:
+    """How to read a log, where it is not the usual way."""
+    usual = LogSetup()
+    for key in ("time_unit", "rate", "angle_unit", "acceleration_unit", "wrench_axes"):
+        if getattr(log, key) != getattr(usual, key):
+            yield Line("[log]", key, getattr(log, key))
+    for name in ("columns", "topics", "files"):
+        for key, value in getattr(log, name).items():
+            yield Line(f"[log.{name}]", key, value)
 
 
 def _angles(sensor: SensorSetup) -> Array:
@@ -173,9 +190,15 @@ def _pose(pose: PoseSetup) -> Iterable[Line]:
     yield Line("[sensor_pose]", "linear", pose.linear)
     if pose.linear == "none":
         yield Line("[sensor_pose]", "acceleration_std", pose.acceleration_std, "m/s^2")
-    for key in ("frame", "base"):
+    for key in ("frame", "base", "conjugate"):
         if getattr(pose, key):
             yield Line("[sensor_pose]", key, getattr(pose, key))
+    if pose.position_axes != "base":
+        yield Line("[sensor_pose]", "position_axes", pose.position_axes)
+    if not pose.gyroscope:
+        yield Line("[sensor_pose]", "gyroscope", pose.gyroscope)
+    if (pose.imu_rotation != np.eye(3)).any():
+        yield Line("[sensor_pose]", "imu_rotation_rpy", rpy_from_rotation(pose.imu_rotation))
 
 
 def _effects(setup: Setup) -> Iterable[Line]:

@@ -188,11 +188,12 @@ def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
     position, velocity = pose_columns(pose) if pose else (n, n)
     sizes = {"position": position, "velocity": velocity}
     log = open_section(top, "log")
-    columns, topics = (open_section(log, key) for key in ("columns", "topics"))
-    return LogSetup(
-        {key: read(columns, key, sizes.get(key)) for key in columns.values},
-        {key: read(topics, key) for key in topics.values},
-    )
+    tables = {key: open_section(log, key) for key in ("columns", "topics", "files")}
+    columns, topics, files = ({key: read(part, key, sizes.get(key)) for key in part.values} for part in tables.values())
+    if files and not {"position", "wrench"} <= files.keys():
+        raise log.error("files", f"names {', '.join(files)}", "name the files of position and wrench")
+    stated: dict[str, Any] = {key: read(log, key) for key in SECTIONS["log"].keys if key not in tables}
+    return LogSetup(columns, topics, files, **stated)
 
 
 def _effects(top: Section) -> dict[str, Any]:

@@ -9,9 +9,12 @@ import numpy as np
 from ftbias_jax.errors import UsageError
 from ftbias_jax.setup.fields import Section, require, subsection
 from ftbias_jax.setup.keys.read import open_section, read
+from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.types import POSE, PoseSetup, RobotSetup, Setup
 from ftbias_jax.types import Array
 
+ORIENTATION_COLUMNS = {"matrix": 9, "axis_angle": 3}
+"""Of a quaternion there are four."""
 NAMES = ("orientation w", "orientation x", "orientation y", "orientation z", "position x", "position y", "position z")
 
 
@@ -25,7 +28,7 @@ def parse_pose(top: Section) -> PoseSetup | None:
     linear = read(section, "linear")
     if "acceleration_std" in section.values and linear != "none":
         raise section.error("acceleration_std", f"excluded by linear = {linear!r}", "remove one of the two")
-    if "frame" in section.values and section.values.get("orientation") == "matrix":
+    if "frame" in section.values and section.values.get("orientation") in ("matrix", "axis_angle"):
         raise section.error("frame", "TF has quaternions", "leave orientation out")
     if "base" in section.values:
         require(section, "frame", "name the frame of TF that the sensor is mounted on")
@@ -42,13 +45,17 @@ def parse_pose(top: Section) -> PoseSetup | None:
         acceleration_std=read(section, "acceleration_std"),
         frame=read(section, "frame") or "",
         base=read(section, "base") or "",
+        conjugate=read(section, "conjugate"),
+        position_axes=read(section, "position_axes"),
+        gyroscope=read(section, "gyroscope"),
+        imu_rotation=rotation_from_rpy(read(section, "imu_rotation_rpy")),
     )
 
 
 def pose_columns(pose: PoseSetup) -> tuple[int, int]:
     """How many columns the recorded pose has, and the recorded rates if there are any."""
-    orientation = 9 if pose.orientation == "matrix" else 4
-    return orientation + 3 * (pose.linear == "position"), 3 + 3 * (pose.linear == "specific_force")
+    orientation = ORIENTATION_COLUMNS.get(pose.orientation, 4)
+    return orientation + 3 * (pose.linear == "position"), 3 * pose.gyroscope + 3 * (pose.linear == "specific_force")
 
 
 def orientation_alone(setup: Setup) -> Setup:

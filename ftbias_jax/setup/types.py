@@ -23,8 +23,14 @@ SCREWS = "screws"
 
 POSE = "sensor_pose"
 """``RobotSetup.model`` where the pose of the sensor is recorded, instead of joints."""
-ORIENTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix")
+ORIENTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix", "axis_angle")
 LINEAR = ("position", "specific_force", "none")
+POSITION_AXES = ("base", "body")
+TIME_UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+"""Unit of stamps -> its length in ns."""
+ANGLE_UNITS = ("rad", "deg")
+ACCELERATION_UNITS = ("m/s^2", "g")
+WRENCH_AXES = ("sensor", "base")
 DATA_NOISE_UNITS = {
     "linear_acceleration": "m/s^2",
     "angular_acceleration": "rad/s^2",
@@ -185,6 +191,14 @@ class PoseSetup:
     """Frame of TF that the sensor is mounted on; "" = a topic of PoseStamped."""
     base: str
     """Frame of TF that is the base; "" = the root."""
+    conjugate: bool = False
+    """Whether the orientation is recorded the other way round: of the base frame in the body."""
+    position_axes: str = "base"
+    """One of POSITION_AXES: in which axes the position is recorded."""
+    gyroscope: bool = True
+    """Whether a recorded angular velocity is used."""
+    imu_rotation: Array = field(default_factory=lambda: np.eye(3))
+    """(3, 3) axes of the IMU in the sensor's frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +209,18 @@ class LogSetup:
     """CSV columns of "time", "temperature" (one name) and "position", "velocity", "wrench" (n, n and 6 names)."""
     topics: Mapping[str, str] = field(default_factory=dict)
     """Topics of a ROS recording: "joints" (or "pose") and "wrench", where there is more than one to choose from."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """Names of the files that make up one log, by quantity, with * for what their names share; {} = one file."""
+    time_unit: str | None = None
+    """One of TIME_UNITS; None = s, or ns if the stamps are integers."""
+    rate: float | None = None
+    """Hz, instead of stamps."""
+    angle_unit: str = "rad"
+    """One of ANGLE_UNITS: of joints, and of the rates of joints and gyroscope."""
+    acceleration_unit: str = "m/s^2"
+    """One of ACCELERATION_UNITS: of an accelerometer."""
+    wrench_axes: str = "sensor"
+    """One of WRENCH_AXES: in which axes the wrench is recorded, about the sensor's origin."""
 
 
 @dataclass(frozen=True, eq=False)

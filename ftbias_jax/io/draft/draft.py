@@ -10,21 +10,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
-from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.errors import UsageError
 from ftbias_jax.io import is_ros, read_recorded
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.draft.gravity import Weighed, sensor_rotations, weigh
+from ftbias_jax.io.conventions.axes import sensor_rotations
+from ftbias_jax.io.draft.gravity import Weighed, weigh
 from ftbias_jax.io.draft.noise import quietest_noise
 from ftbias_jax.io.draft.recording import look_into, sensor_frame
 from ftbias_jax.io.draft.robot import Keys, built_in, from_urdf, mounting, robots_with
-from ftbias_jax.io.log import Log
 from ftbias_jax.setup.keys.template import MEASURE, Known, write_template
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.setup.urdf import load_urdf
-from ftbias_jax.types import Array
 
 GUESS = Known([0.1, 0.004], f"a guess: {MEASURE}")
 """N, Nm: noise of a usual wrist sensor, where there is no log to look at."""
@@ -148,7 +145,8 @@ def _of_log(setup: Setup, path: str) -> tuple[Keys, list[str]]:
     noise = quietest_noise(log.t, log.wrench)
     if noise:
         keys["sensor.noise_std"] = Known(noise, "of the quietest second of the log")
-    found = weigh(log.t, _rotations(log, setup), setup.robot.gravity, log.wrench)
+    rotations = sensor_rotations(log.t, log.q, setup, path)
+    found = weigh(log.t, rotations, setup.robot.gravity, log.wrench)
     if found is None:
         notes.append("the sensor is not turned in this log, so its weight shows nothing of the tool")
     elif not found.credible:
@@ -172,12 +170,3 @@ def _tool(found: Weighed) -> Keys:
     if found.mass < 0:
         keys["sensor.reports"] = Known("wrench_on_sensor", "because the weight has the opposite sign")
     return keys
-
-
-def _rotations(log: Log, setup: Setup) -> Array:
-    """(T, 3, 3) sensor frame in the base frame at all stamps, between those of the joints."""
-    known = np.isfinite(log.q).all(1)
-    if known.sum() < 2:
-        raise LogError("no row has all joints", field="q", remedy="record them together")
-    q = np.stack([np.interp(log.t, log.t[known], column[known]) for column in log.q.T], 1)
-    return sensor_rotations(setup.robot, setup.sensor, q)

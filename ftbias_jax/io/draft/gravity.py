@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.setup.types import RobotSetup, SensorSetup
 from ftbias_jax.types import Array
 
 MOST_SAMPLES = 5000
@@ -33,17 +32,6 @@ class Weighed(NamedTuple):
     def credible(self) -> bool:
         """Whether the motion determines the mass at all."""
         return bool(self.mass_stderr < CREDIBLE * abs(self.mass))
-
-
-def sensor_rotations(robot: RobotSetup, sensor: SensorSetup, q: Array) -> Array:
-    """(T, 3, 3) sensor frame in the base frame, of joint positions (T, n)."""
-    rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3))
-    for screw, angle in zip(robot.screws, q.T, strict=True):
-        x, y, z = screw[3:]
-        K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        turn = np.eye(3) + np.sin(angle)[:, None, None] * K + (1 - np.cos(angle))[:, None, None] * (K @ K)
-        rotation = rotation @ turn
-    return rotation @ robot.flange_rotation @ sensor.rotation
 
 
 def weigh(t: Array, rotations: Array, gravity: Array, wrench: Array) -> Weighed | None:

@@ -9,11 +9,13 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
 from ftbias_jax.io.clock import put_in_order
+from ftbias_jax.io.conventions.units import rows_at_rate, stamps
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.merge import merge_streams
 from ftbias_jax.setup.types import PoseSetup, Setup
 from ftbias_jax.types import Array
 
+STAMPS = ("t", "t_joints", "t_wrench")
 ARRAYS = ("t", "t_joints", "t_wrench", "q", "dq", "wrench", "temperature")
 POSE_ARRAYS = ("orientation", "position", "angular_velocity", "specific_force")
 """Instead of q and dq, where the setup has a sensor_pose."""
@@ -22,7 +24,8 @@ POSE_ARRAYS = ("orientation", "position", "angular_velocity", "specific_force")
 def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> Log:
     """A log of t (T,), q (T, n), wrench (T, 6), and if there dq (T, n) and temperature (T,).
 
-    Instead of t, t_joints (J,) may stamp q and dq, and t_wrench (W,) the wrench and the temperature.
+    Instead of t, t_joints (J,) may stamp q and dq, and t_wrench (W,) the wrench and the temperature; a setup that
+    states log.rate needs no stamps.
 
     Raises:
         LogError: an array is missing, or the log cannot be filtered (see ``check_log``).
@@ -32,6 +35,10 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
     q = _get(arrays, "q", "no motion data: there is no array q (T, n) rad", file)
     wrench = _get(arrays, "wrench", "no wrench data: there is no array wrench (T, 6) N, Nm", file)
     dq, temperature = arrays.get("dq"), arrays.get("temperature")
+    counted = rows_at_rate(len(wrench), setup.log)
+    if counted is not None:
+        return check_log(counted, q, wrench, dq, temperature, setup=setup, file=file)
+    arrays = {name: stamps(values, setup.log) if name in STAMPS else values for name, values in arrays.items()}
     if "t" in arrays:
         if {"t_joints", "t_wrench"} & arrays.keys():
             message = "stands beside t_joints or t_wrench"
@@ -52,7 +59,8 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
 
 def with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[str, Array]:
     """The arrays with those of the pose side by side as q and dq."""
-    wanted = {"q": ["orientation"], "dq": ["angular_velocity"]}
+    gyroscope = pose.gyroscope and ("angular_velocity" in arrays or pose.linear != "specific_force")
+    wanted = {"q": ["orientation"], "dq": ["angular_velocity"] if gyroscope else []}
     if pose.linear != "none":
         wanted["q" if pose.linear == "position" else "dq"].append(pose.linear)
     joined = {name: values for name, values in arrays.items() if name not in POSE_ARRAYS}

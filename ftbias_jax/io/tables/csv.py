@@ -5,16 +5,18 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TextIO
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
+from ftbias_jax.io.conventions.units import recorded_times
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.csv_columns import choose_columns, named_arrays
+from ftbias_jax.io.tables.csv_columns import Columns, choose_columns, named_arrays
+from ftbias_jax.io.tables.delimiters import Commas, with_commas
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -27,10 +29,10 @@ _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|na
 
 
 def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
-    """Read a log whose stamps are in s; lines may have joints only or a wrench only: the log is a merged timeline.
+    """Read a log; lines may have joints only or a wrench only: the log is a merged timeline.
 
     Args:
-        path: the file, UTF-8, cells separated by commas.
+        path: the file, UTF-8, cells separated by commas, semicolons, tabs or spaces; stamps in s, or as [log] states.
         setup: [log.columns] names the columns, where the header does not use the usual names (see
             ``csv_columns.usual_names``).
 
@@ -40,7 +42,7 @@ def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
     """
     file = os.fspath(path)
     arrays = csv_arrays(file, setup)
-    t, q, wrench = (arrays[name] for name in ("t", "q", "wrench"))
+    t, q, wrench = recorded_times(arrays, setup.log), arrays["q"], arrays["wrench"]
     return check_log(t, q, wrench, arrays.get("dq"), arrays.get("temperature"), setup=setup, file=file)
 
 
@@ -55,11 +57,21 @@ def csv_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array
     Raises:
         LogError: as for ``read_csv``, but for what makes a log.
     """
+    return named_columns(file, lambda header: choose_columns(header, setup, file, static=static))
+
+
+def named_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
+    """The chosen columns of a file, by the names of the native format.
+
+    Raises:
+        LogError: the file cannot be read, or a cell is not a number.
+    """
     budget = Budget(file)
     try:
-        with open(file, encoding="utf-8-sig") as stream:
+        with open(file, encoding="utf-8-sig") as text:
+            stream = with_commas(text)
             header = read_header(stream, file)
-            columns = choose_columns(header, setup, file, static=static)
+            columns = choose(header)
             used = [header.index(name) for names in columns for name in names]
             values = _read_numbers(stream, header, used, budget)
     except OSError as error:
@@ -72,7 +84,7 @@ def csv_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array
     return named_arrays(columns, np.split(values, ends[:-1], axis=1))
 
 
-def read_header(stream: TextIO, file: str) -> list[str]:
+def read_header(stream: TextIO | Commas, file: str) -> list[str]:
     """The names in the first line.
 
     Raises:
@@ -84,7 +96,7 @@ def read_header(stream: TextIO, file: str) -> list[str]:
     return [name.strip() for name in next(csv.reader([line.removeprefix("#")]), [])]
 
 
-def _read_numbers(stream: TextIO, header: Sequence[str], used: Sequence[int], budget: Budget) -> Array:
+def _read_numbers(stream: TextIO | Commas, header: Sequence[str], used: Sequence[int], budget: Budget) -> Array:
     """The used columns of all lines after the header, (lines, len(used)) float64."""
     blocks, line_number = [np.empty((0, len(used)))], 2
     for text in _whole_lines(stream, budget.file):
@@ -95,7 +107,7 @@ def _read_numbers(stream: TextIO, header: Sequence[str], used: Sequence[int], bu
     return np.concatenate(blocks)
 
 
-def _whole_lines(stream: TextIO, file: str) -> Iterator[str]:
+def _whole_lines(stream: TextIO | Commas, file: str) -> Iterator[str]:
     """The text in pieces of about BLOCK characters that end where lines do, without the last line's end."""
     rest, line_number = "", 2
     while text := stream.read(BLOCK):

@@ -17,7 +17,7 @@ class Columns(NamedTuple):
     """Column names of every quantity; () = the log does not have it."""
 
     time: Names
-    """1."""
+    """1, or 0 if the setup states the rate."""
     position: Names
     """n, in the order of the setup's joints."""
     velocity: Names
@@ -56,14 +56,30 @@ def choose_columns(header: Sequence[str], setup: Setup, file: str = "", static: 
     if setup.pose is not None:
         usual |= pose_names(setup.pose)
     optional = ("velocity", "temperature", "time") if static else ("velocity", "temperature")
+    unwanted = {"velocity"} if static else {"time"} if setup.log.rate is not None else set()
     chosen = [
-        () if static and quantity == "velocity" else _choose(quantity, usual[quantity], header, setup, optional, file)
+        () if quantity in unwanted else _choose(quantity, usual[quantity], header, setup, optional, file)
         for quantity in Columns._fields
     ]
     for name in sum(chosen, ()):
         if header.count(name) > 1:
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
     return Columns(*chosen)
+
+
+def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, file: str) -> Columns:
+    """The columns of a file that has only some quantities, of which the first must be there.
+
+    Raises:
+        LogError: the first quantity, or the time, has no columns.
+    """
+    usual = usual_names(setup.robot.joint_names) | (pose_names(setup.pose) if setup.pose else {})
+    needed = ["time", *quantities] if setup.log.rate is None else quantities
+    optional = ("velocity", "temperature")
+    found = {quantity: _choose(quantity, usual[quantity], header, setup, optional, file) for quantity in needed}
+    if not found[quantities[0]]:
+        raise _not_found(quantities[0], usual[quantities[0]], header, file)
+    return Columns(*(found.get(quantity, ()) for quantity in Columns._fields))
 
 
 def usual_names(joint_names: Sequence[str]) -> dict[str, list[Names]]:
@@ -85,13 +101,18 @@ def usual_names(joint_names: Sequence[str]) -> dict[str, list[Names]]:
 
 def pose_names(pose: PoseSetup) -> dict[str, list[Names]]:
     """The same for a recorded pose: positions are orientation and position, velocities what an IMU says."""
-    matrix = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
-    orders = {"quaternion_xyzw": ("qx", "qy", "qz", "qw"), "quaternion_wxyz": ("qw", "qx", "qy", "qz")}
+    orders = {
+        "quaternion_xyzw": ("qx", "qy", "qz", "qw"),
+        "quaternion_wxyz": ("qw", "qx", "qy", "qz"),
+        "matrix": tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)),
+        "axis_angle": ("rx", "ry", "rz"),
+    }
     position = ("x", "y", "z") if pose.linear == "position" else ()
     force = ("ax", "ay", "az") if pose.linear == "specific_force" else ()
+    gyroscope = [("wx", "wy", "wz", *force)] if pose.gyroscope else []
     return {
-        "position": [(*orders.get(pose.orientation, matrix), *position)],
-        "velocity": [("wx", "wy", "wz", *force)],
+        "position": [(*orders[pose.orientation], *position)],
+        "velocity": [*gyroscope, *([force] if force else [])],  # some IMUs have no gyroscope
     }
 
 
@@ -129,5 +150,5 @@ def _not_found(quantity: str, usual: Sequence[Names], header: Sequence[str], fil
         f"no columns for the {quantity}: looked for {wanted}; the header has {found}",
         file=file,
         field=quantity,
-        remedy=f"separate columns by commas; name them in the setup: [log.columns] {quantity} = {example}",
+        remedy=f"name them in the setup: [log.columns] {quantity} = {example}",
     )

@@ -11,6 +11,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
+from ftbias_jax.io.conventions.units import recorded_times
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.csv_columns import choose_columns, named_arrays
@@ -30,7 +31,8 @@ def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
     """Read a log; rows may have joints only or a wrench only: the log is a merged timeline.
 
     Args:
-        path: the file; time in s if floating point, in ns if integer, or a timestamp of any unit.
+        path: the file; time in s if floating point, in ns if integer, or a timestamp of any unit;
+            or as [log] states.
         setup: [log.columns] names the columns, where they do not have the usual names (see ``csv_columns``).
 
     Raises:
@@ -39,7 +41,7 @@ def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
     """
     file = os.fspath(path)
     arrays = parquet_arrays(file, setup)
-    t, q, wrench = (arrays[name] for name in ("t", "q", "wrench"))
+    t, q, wrench = recorded_times(arrays, setup.log), arrays["q"], arrays["wrench"]
     return check_log(t, q, wrench, arrays.get("dq"), arrays.get("temperature"), setup=setup, file=file)
 
 

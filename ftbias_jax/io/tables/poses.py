@@ -11,6 +11,8 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import LOWEST_RATE, check_samples
+from ftbias_jax.io.conventions.axes import in_sensor_axes
+from ftbias_jax.io.conventions.units import stamps
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.io.pose import pose_entries
@@ -103,11 +105,12 @@ def poses_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "")
     count = len(wrench) if wrench.ndim else 0
     t = np.arange(count, dtype=float)
     if timed := "t" in arrays:
-        stamps = np.asarray(arrays["t"])
-        t = (stamps - stamps[:1]) * (1e-9 if stamps.dtype.kind == "i" and count and np.ptp(stamps) > 1e6 else 1.0)
+        times = stamps(arrays["t"], setup.log)
+        t = (times - times[:1]) * (1e-9 if times.dtype.kind == "i" and count and np.ptp(times) > 1e6 else 1.0)
     if setup.pose is not None:
         q, _ = pose_entries(q, None, t, setup, file)
     log = check_samples(Log(t, q, np.full(np.shape(q), np.nan), wrench, np.full(count, np.nan)), setup, file=file)
+    log = in_sensor_axes(log, setup, file)
     whole = np.isfinite(np.column_stack([t, log.q, log.wrench])).all(1)
     t, lost = t[whole], int((~whole).sum())
     _check(t, file)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ftbias_jax.setup.fields import NOT_NEGATIVE, POSITIVE
 from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind, SectionKeys, names, number, numbers, text
 from ftbias_jax.setup.robots import BUILT_IN, STANDARD_GRAVITY
-from ftbias_jax.setup.types import COMPENSATED, LINEAR, ORIENTATIONS, REPORTS
+from ftbias_jax.setup.types import COMPENSATED, LINEAR, ORIENTATIONS, POSITION_AXES, REPORTS
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -117,6 +117,14 @@ SENSOR_POSE = SectionKeys(
             "m/s^2",
             within=NOT_NEGATIVE,
             default=0.3,
+        ),
+        "conjugate": Key(
+            Kind.FLAG, "the orientation is recorded the other way round: of the base frame in the body", default=False
+        ),
+        "position_axes": text("axes of the recorded position", choices=POSITION_AXES, default=POSITION_AXES[0]),
+        "gyroscope": Key(Kind.FLAG, "use a recorded angular velocity", default=True),
+        "imu_rotation_rpy": numbers(
+            "how the axes of the IMU are turned", "rad, fixed axes, in the sensor's frame", 3, default=ZERO
         ),
         "frame": text("frame of TF that the sensor is mounted on", absent="a topic of PoseStamped", example="tool0"),
         "base": text("frame of TF that is the base", absent="the root", example="base"),

@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
-from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind, SectionKeys, names, text
+from ftbias_jax.setup.fields import POSITIVE
+from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind, SectionKeys, names, number, text
+from ftbias_jax.setup.types import ACCELERATION_UNITS, ANGLE_UNITS, TIME_UNITS, WRENCH_AXES
 
 LOG = SectionKeys(
-    "How to find things in a log that does not use the usual names.",
+    "How to read a log that does not use the usual names and units.",
     {
         "columns": Key(Kind.TABLE, "names of the columns of a CSV or Parquet file", absent="the usual names"),
         "topics": Key(Kind.TABLE, "topics, where a recording has several that fit", absent="found by type"),
+        "files": Key(Kind.TABLE, "the files of one log, where every stream has its own", absent="one file"),
+        "time_unit": text(
+            "unit of the stamps", choices=tuple(TIME_UNITS), absent="s, or ns if they are integers", example="us"
+        ),
+        "rate": number("samples a second, instead of stamps", "Hz", within=POSITIVE, absent="stamps", example=1000.0),
+        "angle_unit": text("unit of joints and rates", choices=ANGLE_UNITS, default=ANGLE_UNITS[0]),
+        "acceleration_unit": text(
+            "unit of an accelerometer", choices=ACCELERATION_UNITS, default=ACCELERATION_UNITS[0]
+        ),
+        "wrench_axes": text(
+            "axes in which the wrench is recorded, about the sensor's origin",
+            choices=WRENCH_AXES,
+            default=WRENCH_AXES[0],
+        ),
     },
 )
 COLUMNS = SectionKeys(
@@ -27,5 +43,14 @@ TOPICS = SectionKeys(
         "joints": text("topic of the joint states", absent="found by type", example="/joint_states"),
         "pose": text("topic of the sensor's pose", absent="found by type", example="/pose"),
         "wrench": text("topic of the wrench", absent="found by type", example="/wrench"),
+    },
+)
+FILES = SectionKeys(
+    "The files of one log, each with stamps of its own. A * stands for what the names share: LOG is any of the files.",
+    {
+        "position": text("CSV file of the joints, or of the pose", absent="none", example="*_joints.csv"),
+        "velocity": text("of their velocities, or of an IMU", absent="none", example="*_imu.csv"),
+        "wrench": text("of the wrench", absent="none", example="*_wrench.csv"),
+        "temperature": text("of the temperature", absent="none", example="*_temperature.csv"),
     },
 )

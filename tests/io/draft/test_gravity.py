@@ -2,7 +2,8 @@ import made_weights as made
 import numpy as np
 import pytest
 
-from ftbias_jax.io.draft.gravity import sensor_rotations, weigh
+from ftbias_jax.io.conventions.axes import arm_rotations
+from ftbias_jax.io.draft.gravity import weigh
 from ftbias_jax.io.draft.noise import quietest_noise
 from ftbias_jax.setup import parse_setup
 
@@ -10,12 +11,12 @@ SETUP = parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": [0.1, 0
 
 
 def weighed(t, q, wrench):
-    return weigh(t, sensor_rotations(SETUP.robot, SETUP.sensor, q), SETUP.robot.gravity, wrench)
+    return weigh(t, arm_rotations(SETUP.robot, SETUP.sensor, q), SETUP.robot.gravity, wrench)
 
 
 def test_the_sensor_is_turned_as_matrix_exponentials_say():
     _, q, _ = made.arm_log(samples=5)
-    ours = sensor_rotations(SETUP.robot, SETUP.sensor, q)
+    ours = arm_rotations(SETUP.robot, SETUP.sensor, q)
     np.testing.assert_allclose(ours, made.rotations(SETUP.robot, q), atol=1e-12)
 
 

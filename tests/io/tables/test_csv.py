@@ -156,7 +156,6 @@ def test_the_line_of_a_bad_cell_counts_blank_lines(tmp_path, setup):
         ("t,q0,q1,dq0,dq1,dq2,fx,fy,fz,tx,ty,tz", "velocity: no columns", "[log.columns] velocity = "),
         ("t,q0,q1,dq1,fx,fy,fz,tx,ty,tz", "velocity: no columns", "[log.columns] velocity = "),
         ("t,q0,q1,fx,fy,fz", "looked for fx fy fz tx ty tz or fx fy fz mx my mz", "[log.columns] wrench = "),
-        ("t;q0;q1", "the header has t;q0;q1", "separate columns by commas"),
         ("", "the header has ", "[log.columns] time = "),
         ("t,q0,q1,fx,fy,fz,tx,ty,tz,fx", "fx: two columns have this name", "rename one of them"),
     ],

@@ -32,6 +32,8 @@ CONTEXT = {
     "sensor_pose.acceleration_std": {"robot": {}, "sensor_pose": {"linear": "none"}},
     "sensor_pose.base": {"robot": {}, "sensor_pose": {"frame": "tool0"}},
 }
+FILES = {"log": {"files": {"position": "*_joints.csv", "wrench": "*_wrench.csv"}}}
+CONTEXT |= {f"log.files.{key}": FILES for key in SECTIONS["log.files"].keys}
 OF_FILES = ("robot.urdf", "robot.base_link", "robot.tip_link", "tool.from_urdf_link")
 """Keys that name a URDF or what is in it: tests/setup/test_urdf.py has them."""
 
