@@ -24,24 +24,25 @@ def run(arguments: argparse.Namespace) -> int:
         width = max(map(len, BUILT_IN))
         print("\n".join(f"{name:{width}s}  {describe_robot(name)}" for name in BUILT_IN))
         return 0
-    if not (arguments.log or arguments.robot or arguments.urdf):
+    if not (arguments.logs or arguments.robot or arguments.urdf):
         remedy = "name a built-in robot, or give --urdf FILE or a LOG; --list shows the robots"
         raise UsageError("nothing says which robot", field="--robot", remedy=remedy)
     output = arguments.output or ""
     places = {"--output": output, "the recording's URDF": urdf_beside(output) if output else ""}
-    check_outputs(places, (arguments.log, arguments.urdf))
+    check_outputs(places, (*arguments.logs, arguments.urdf))
     if output:
         check_writable(output, ".toml")
         _refuse(output)
     found = draft(
         Request(
-            log=arguments.log or "",
+            logs=arguments.logs,
             robot=arguments.robot,
             urdf=arguments.urdf,
             base_link=arguments.base,
             tip_link=arguments.tip,
             mass=arguments.mass,
             center_of_mass=arguments.center_of_mass,
+            rate=arguments.rate,
             output=output or "setup.toml",
         )
     )

@@ -17,7 +17,9 @@ def add_setup(commands: Commands) -> None:
         "'measure me'.",
         epilog="Example: ftbias setup pick.bag --robot ur10e -o setup.toml",
     )
-    parser.add_argument("log", nargs="?", metavar="LOG", help="a log that shall be filtered with it")
+    parser.add_argument(
+        "logs", nargs="*", metavar="LOG", help="a log that shall be filtered with it; or all its files, one a stream"
+    )
     parser.add_argument("--robot", default="", metavar="NAME", help="a built-in robot; --list shows them")
     parser.add_argument("--urdf", default="", metavar="FILE", help="a URDF instead")
     parser.add_argument("--base", default="", metavar="LINK", help="base link of the URDF (default: the root)")
@@ -26,6 +28,7 @@ def add_setup(commands: Commands) -> None:
     parser.add_argument(
         "--center-of-mass", type=float, nargs=3, metavar=("X", "Y", "Z"), help="of the same, m, sensor frame"
     )
+    parser.add_argument("--rate", type=positive, metavar="HZ", help="of a log without stamps")
     parser.add_argument("-o", "--output", metavar="SETUP.toml", help="the file to write (default: standard output)")
     parser.add_argument("--schema", action="store_true", help="print the JSON Schema of setups, for editors")
     parser.add_argument("--list", action="store_true", help="print the built-in robots")

@@ -10,14 +10,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import is_ros, read_recorded
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.conventions.axes import sensor_rotations
+from ftbias_jax.io.draft.conventions import Read, accelerometer, best_reading, gyroscope, position_axes, ways_of
 from ftbias_jax.io.draft.gravity import Weighed, weigh
 from ftbias_jax.io.draft.noise import quietest_noise
 from ftbias_jax.io.draft.recording import look_into, sensor_frame
 from ftbias_jax.io.draft.robot import Keys, built_in, from_urdf, mounting, robots_with
+from ftbias_jax.io.draft.table import Table, look, patterns, time_unit
+from ftbias_jax.io.log import Log
 from ftbias_jax.setup.keys.template import MEASURE, Known, write_template
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
@@ -33,7 +38,8 @@ Next: ftbias info LOG --setup {file}; without the tool's mass also ftbias identi
 class Request(NamedTuple):
     """What somebody asks for."""
 
-    log: str = ""
+    logs: Sequence[str] = ()
+    """One log: a file, or several of which each has a stream."""
     robot: str = ""
     """Name of a built-in one."""
     urdf: str = ""
@@ -43,6 +49,8 @@ class Request(NamedTuple):
     """kg."""
     center_of_mass: Sequence[float] | None = None
     """(3,) m, sensor frame."""
+    rate: float | None = None
+    """Hz, of a log without stamps."""
     output: str = "setup.toml"
 
 
@@ -65,18 +73,21 @@ def draft(request: Request) -> Draft:
     if request.robot and request.urdf:
         raise UsageError("the robot is named twice", field="--robot, --urdf", remedy="remove one of the two")
     with _folder(request) as folder:
-        keys, urdf = _robot(request, folder)
+        file = os.path.join(folder, Path(request.output).name)
+        keys, urdf, tables = _of_robot(request, folder)
         if request.mass is not None:
             keys["tool.mass"] = Known(request.mass, "as stated")
         if request.center_of_mass is not None:
             keys["tool.center_of_mass"] = Known(list(request.center_of_mass), "as stated")
-        keys.setdefault("sensor.noise_std", GUESS)
+        if request.rate is not None:
+            keys["log.rate"] = Known(request.rate, "as stated")
+        stated = {"sensor.noise_std": GUESS} | keys
         notes: list[str] = []
-        if request.log:
-            found, notes = _of_log(_parsed(keys, folder, request), request.log)
-            keys |= {key: known for key, known in found.items() if key not in keys or keys[key] is GUESS}
-        text = write_template(keys, _about(request))
-        setup = parse_setup(tomllib.loads(text), os.path.join(folder, Path(request.output).name))
+        if request.logs:
+            found, notes = _of_log(stated, request.logs[0], tables, file)
+            stated = {"sensor.noise_std": GUESS} | found | keys
+        text = write_template(stated, _about(request))
+        setup = parse_setup(tomllib.loads(text), file)
     notes += [f"not known: {', '.join(f'tool.{key}' for key in setup.tool.unknown)}"] if setup.tool.unknown else []
     return Draft(text, urdf, tuple(notes))
 
@@ -96,25 +107,30 @@ def _folder(request: Request) -> Iterator[str]:
         yield folder
 
 
-def _robot(request: Request, folder: str) -> tuple[Keys, str]:
-    """Keys of robot, mounting and topics, and the URDF that the recording has if it is needed."""
+def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
+    """Keys of robot, mounting and topics; the URDF that the recording has, if it is needed; what is in tables."""
     links = (request.base_link, request.tip_link)
-    if not (request.log and is_ros(request.log)):
+    tables = [] if not request.logs or is_ros(request.logs[0]) else [look(path) for path in request.logs]
+    if tables or not request.logs:
+        keys = {}
         if request.urdf:
-            return from_urdf(request.urdf, *links, folder), ""
-        return built_in(_named(request, ())), ""
-    recorded = look_into(request.log)
+            keys = from_urdf(request.urdf, *links, folder)
+        elif request.robot or not any(table.orientation for table in tables):
+            keys = built_in(_named(request, ()))
+        return keys, "", tables
+    (path,) = request.logs
+    recorded = look_into(path)
     urdf = "" if request.robot or request.urdf else recorded.description
     if not request.urdf and not urdf:
         model = built_in(_named(request, recorded.joints), recorded.joints)
-        return {**model, **sensor_frame(recorded), **recorded.keys}, ""
+        return {**model, **sensor_frame(recorded), **recorded.keys}, "", []
     path = request.urdf
     if urdf:
         path = os.path.join(folder, Path(urdf_beside(request.output)).name)
         Path(path).write_text(urdf, encoding="utf-8")
     keys = from_urdf(path, *links, folder)
     mounted = mounting(load_urdf(path), str(keys["robot.tip_link"].value), recorded.frame) if recorded.frame else {}
-    return {**keys, **(mounted or sensor_frame(recorded)), **recorded.keys}, urdf
+    return {**keys, **(mounted or sensor_frame(recorded)), **recorded.keys}, urdf, []
 
 
 def _named(request: Request, recorded: Sequence[str]) -> str:
@@ -128,33 +144,73 @@ def _named(request: Request, recorded: Sequence[str]) -> str:
     raise UsageError(words, field="--robot", remedy="name a built-in robot, or give --urdf FILE")
 
 
-def _parsed(keys: Keys, folder: str, request: Request) -> Setup:
-    file = os.path.join(folder, Path(request.output).name)
-    return parse_setup(tomllib.loads(write_template(keys)), file)
-
-
 def _about(request: Request) -> str:
-    source = f" from {Path(request.log).name}" if request.log else ""
+    source = f" from {', '.join(Path(log).name for log in request.logs)}" if request.logs else ""
     return ABOUT.format(source=source, measure=MEASURE, file=Path(request.output).name)
 
 
-def _of_log(setup: Setup, path: str) -> tuple[Keys, list[str]]:
-    """What the samples of a log tell: the noise of the sensor, its sign, and the tool by its weight."""
-    log = clean(read_recorded(path, setup, salvage=True), file=path)
-    keys, notes = {}, []
+def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tuple[Keys, list[str]]:
+    """What a log tells: how it was recorded, the noise of the sensor, its sign, and the tool by its weight."""
+    keys = _of_tables(tables)
+
+    def read(further: Keys) -> tuple[Setup, Log]:
+        text = write_template({**stated, **keys, **further})
+        setup = parse_setup(tomllib.loads(text), file)
+        return setup, clean(read_recorded(path, setup, salvage=True), file=path)
+
+    has_pose = any(table.orientation for table in tables) and not any(key.startswith("robot.") for key in stated)
+    if has_pose:
+        body = next(table for table in tables if table.orientation)
+        keys |= {"sensor_pose.linear": Known("none"), "sensor_pose.orientation": Known(body.orientation)}
+        if not any(table.gyroscope for table in tables):
+            keys["sensor_pose.gyroscope"] = Known(False, "none is recorded")
+        best = best_reading(ways_of(body), read)
+        keys |= best.keys if best else {}
+        keys |= _of_motion(tables, body, best.weighed if best else None, read)
+    elif tables and max(table.joints for table in tables):
+        keys |= _degrees(read)
+    setup, log = read({})
     noise = quietest_noise(log.t, log.wrench)
     if noise:
         keys["sensor.noise_std"] = Known(noise, "of the quietest second of the log")
-    rotations = sensor_rotations(log.t, log.q, setup, path)
-    found = weigh(log.t, rotations, setup.robot.gravity, log.wrench)
+    found = weigh(log.t, sensor_rotations(log.t, log.q, setup, path), setup.robot.gravity, log.wrench)
     if found is None:
-        notes.append("the sensor is not turned in this log, so its weight shows nothing of the tool")
-    elif not found.credible:
-        notes.append(f"the weight that the log shows is not credible: {_words(found)}")
-    else:
-        keys |= _tool(found)
-        notes.append(f"weighed by the log: {_words(found)}")
-    return keys, notes
+        return keys, ["the sensor is not turned in this log, so its weight shows nothing of the tool"]
+    if not found.credible:
+        return keys, [f"the weight that the log shows is not credible: {_words(found)}"]
+    return {**keys, **_tool(found)}, [f"weighed by the log: {_words(found)}"]
+
+
+def _of_tables(tables: Sequence[Table]) -> Keys:
+    """Files and units of time."""
+    keys: Keys = {}
+    if len(tables) > 1:
+        keys |= {f"log.files.{role}": Known(pattern) for role, pattern in patterns(tables).items()}
+    times = [table.time for table in tables if table.time is not None and len(table.time) > 1]
+    if times and (unit := time_unit(times[0])):
+        keys["log.time_unit"] = Known(unit, "by the rate and the date")
+    return keys
+
+
+def _of_motion(tables: Sequence[Table], body: Table, weighed: Weighed | None, read: Read) -> Keys:
+    """How the acceleration is known, and whether a gyroscope can be believed."""
+    keys = gyroscope(read) if any(table.gyroscope for table in tables) else {}
+    imu = next((table for table in tables if table.accelerometer is not None), None)
+    if imu is not None:
+        keys |= accelerometer(imu, lambda more: read({**keys, **more}))
+    if body.position and weighed and "sensor_pose.linear" not in keys:
+        keys |= position_axes(lambda more: read({**keys, **more}), weighed.mass)
+    return keys
+
+
+def _degrees(read: Read) -> Keys:
+    """Joints that are beyond every limit are in degrees."""
+    setup, log = read({})
+    limits = setup.robot.position_limits
+    if limits is None or not np.isfinite(log.q).any():
+        return {}
+    beyond = np.nanmax(np.abs(log.q), 0) > np.where(np.isfinite(limits), np.abs(limits), 4 * np.pi).max(1) + 0.5
+    return {"log.angle_unit": Known("deg", "because joints are beyond their limits in rad")} if beyond.any() else {}
 
 
 def _words(found: Weighed) -> str:

@@ -7,17 +7,18 @@ import numpy as np
 from ftbias_jax.types import Array
 
 QUIET = 1.0
-"""s, length of the stretch that is looked for."""
+"""s, length of the stretches that are looked at."""
 FEWEST = 20
 """Samples that a stretch must have."""
-TO_STD = 1.4826 / np.sqrt(6.0)
-"""Median size of the second differences of white noise -> its standard deviation."""
+QUIETEST = 0.1
+"""Share of the stretches that are quieter than the one that is believed."""
 
 
 def quietest_noise(t: Array, wrench: Array) -> list[float] | None:
     """(6,) N, Nm: standard deviation of one sample where the log is quietest, rounded to two digits.
 
-    Second differences are blind to a bias, a drift and a slow motion.
+    Of every second a cubic is taken off, so that bias, drift and slow motion do not count, but noise that a filter
+    in the sensor has made smooth does.
 
     Args:
         t: (T,) s.
@@ -28,15 +29,20 @@ def quietest_noise(t: Array, wrench: Array) -> list[float] | None:
     """
     rows = np.isfinite(wrench).all(1)
     t, wrench = t[rows], wrench[rows]
-    moved = np.flatnonzero(np.any(wrench[1:] != wrench[:-1], axis=1)) + 1  # rows that only repeat the one before
-    t, wrench = t[moved], wrench[moved]
     if len(t) < FEWEST:
         return None
-    second = np.abs(wrench[2:] - 2 * wrench[1:-1] + wrench[:-2])
-    stretches = np.floor((t[1:-1] - t[0]) / QUIET).astype(int)
-    found = [second[stretches == k] for k in np.unique(stretches)]
-    medians = np.array([np.median(part, 0) for part in found if len(part) >= FEWEST] or [np.median(second, 0)])
-    quietest = medians[np.argmin((medians / np.median(medians, 0).clip(1e-300)).sum(1))] * TO_STD
-    if not (quietest > 0).all():
+    stretch = np.floor((t - t[0]) / QUIET).astype(int)
+    parts = [stretch == k for k in np.unique(stretch)]
+    stds = [_about_cubic(t[part], wrench[part]) for part in parts if part.sum() >= FEWEST]
+    quiet = np.quantile(np.array(stds or [_about_cubic(t, wrench)]), QUIETEST, axis=0)
+    if not (quiet > 0).all():
         return None
-    return [float(f"{std:.2g}") for std in quietest]
+    return [float(f"{std:.2g}") for std in quiet]
+
+
+def _about_cubic(t: Array, wrench: Array) -> Array:
+    """(6,) standard deviation of what a cubic of time leaves."""
+    columns = np.vander((t - t[0]) / max(np.ptp(t), 1e-9), 4)
+    left = wrench - columns @ np.linalg.lstsq(columns, wrench, rcond=None)[0]
+    std: Array = np.sqrt((left**2).sum(0) / (len(t) - 4))
+    return std

@@ -15,6 +15,7 @@ from ftbias_jax.io.conventions.units import rows_at_rate, stamps
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.tables.csv import named_columns
 from ftbias_jax.io.tables.csv_columns import choose_some
+from ftbias_jax.setup.sensor_pose import pose_columns
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -62,7 +63,10 @@ def read_files(path: str | os.PathLike[str], setup: Setup) -> Log:
     """
     parts: list[tuple[Array, dict[str, Array]]] = []
     repairs: list[Repair] = []
+    unused = {"velocity"} if setup.pose and not pose_columns(setup.pose)[1] else set()
     for key, file in files_of(path, setup).items():
+        if key in unused:
+            continue
         t, columns, mended = _read_one(file, key, setup)
         parts.append((t, columns))
         repairs += mended

@@ -35,18 +35,20 @@ def write_template(known: Mapping[str, Known], about: str = "") -> str:
     for name in SECTIONS:
         stated = {key: known[f"{name}.{key}"] for key in SECTIONS[name].keys if f"{name}.{key}" in known}
         if name in ALWAYS or stated:
-            parts.append(_section(name, stated))
+            parts.append(_section(name, stated, known))
     return "\n".join(part for part in parts if part)
 
 
-def _section(name: str, known: Mapping[str, Known]) -> str:
+def _section(name: str, known: Mapping[str, Known], everything: Mapping[str, Known]) -> str:
     section = SECTIONS[name]
+    # Of the robot, only gravity goes with a recorded pose.
+    elsewhere = name == "robot" and "sensor_pose.orientation" in everything
     lines = [f"[{name}]  # {section.about}"]
     for key, spec in section.keys.items():
         if key in known:
             comment = "; ".join(part for part in (spec.unit, known[key].remark) if part)
             lines.append(toml_line(key, known[key].value, comment))
-        elif spec.kind not in (Kind.TABLE, Kind.TABLES) and _has_value(spec):
+        elif spec.kind not in (Kind.TABLE, Kind.TABLES) and _has_value(spec) and not (elsewhere and key != "gravity"):
             lines.append(f"# {toml_line(key, _example(spec), _words(name, key, spec))}")
     return "\n".join(lines) + "\n"
 

@@ -1,0 +1,160 @@
+"""What is in a table or a file of arrays, before anybody has said how to read it."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
+from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS
+from ftbias_jax.io.tables.csv import named_columns
+from ftbias_jax.io.tables.csv_columns import Columns
+from ftbias_jax.io.tables.hdf5 import load_hdf5
+from ftbias_jax.io.tables.parquet import column_names
+from ftbias_jax.setup.types import TIME_UNITS
+from ftbias_jax.types import Array
+
+CENTURY = (9.4e8, 4.1e9)
+"""s since 1970: stamps of a clock that is set lie between 2000 and 2100."""
+WIDTHS = {3: "axis_angle", 9: "matrix", 4: "quaternion_xyzw"}
+"""Numbers of an orientation -> what it may be."""
+FORCE = ("ax", "ay", "az")
+COLUMNS = {
+    "quaternion_xyzw": ("qx", "qy", "qz", "qw"),
+    "matrix": ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33"),
+    "axis_angle": ("rx", "ry", "rz"),
+}
+
+
+class Table(NamedTuple):
+    """One file."""
+
+    path: str
+    time: Array | None
+    """(T,) stamps as stored; None = none."""
+    joints: int
+    """How many joints have positions."""
+    orientation: str
+    """One of ORIENTATIONS, or "" = none."""
+    named: bool
+    """Whether names of columns say which entry of the orientation is which."""
+    position: bool
+    gyroscope: bool
+    accelerometer: Array | None
+    """(T, 3) as stored; None = none."""
+    wrench: bool
+    temperature: bool
+
+
+def look(path: str) -> Table:
+    """What a file has.
+
+    Raises:
+        LogError: it cannot be read.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".npz":
+        return _of_arrays(path, load_arrays(path, (*ARRAYS, *POSE_ARRAYS)))
+    if suffix in (".h5", ".hdf5"):
+        return _of_arrays(path, load_hdf5(path))
+    if suffix == ".parquet":
+        return _of_columns(path, column_names(path), {})
+    if suffix != ".csv":
+        raise LogError(
+            f"unknown format {suffix!r}", file=path, remedy="give .npz .h5 .csv .parquet or a recording of ROS"
+        )
+    if not os.path.isfile(path):
+        raise LogError("cannot be read: there is no such file", file=path, remedy="check the path")
+    header: list[str] = []
+
+    def choose(found: Sequence[str]) -> Columns:
+        header.extend(found)
+        time = next(((name,) for name in ("t", "time") if name in found), ())
+        force = FORCE if set(FORCE) <= set(found) else ()
+        return Columns(time, (), force, (), ())
+
+    values = named_columns(path, choose)
+    return _of_columns(path, header, values)
+
+
+def _of_arrays(path: str, arrays: Mapping[str, Array]) -> Table:
+    orientation = arrays.get("orientation")
+    width = 0 if orientation is None else int(np.prod(np.shape(orientation)[1:]))
+    time = arrays.get("t", arrays.get("t_wrench"))
+    return Table(
+        path=path,
+        time=None if time is None else np.asarray(time),
+        joints=np.shape(arrays["q"])[1] if "q" in arrays and np.ndim(arrays["q"]) == 2 else 0,
+        orientation=WIDTHS.get(width, ""),
+        named=width != 4,
+        position="position" in arrays,
+        gyroscope="angular_velocity" in arrays,
+        accelerometer=arrays.get("specific_force"),
+        wrench="wrench" in arrays,
+        temperature="temperature" in arrays,
+    )
+
+
+def _of_columns(path: str, header: Sequence[str], values: Mapping[str, Array]) -> Table:
+    """Of the names of all columns, and as "t" and "dq" the stamps and the accelerometer."""
+
+    def has(names: Sequence[str]) -> bool:
+        return set(names) <= set(header)
+
+    return Table(
+        path=path,
+        time=values.get("t"),
+        joints=sum(re.fullmatch(r"q\d+|position_.+", name) is not None for name in header),
+        orientation=next((kind for kind, names in COLUMNS.items() if has(names)), ""),
+        named=True,
+        position=has("xyz"),
+        gyroscope=has(("wx", "wy", "wz")),
+        accelerometer=values.get("dq"),
+        wrench=has(("fx", "fy", "fz")),
+        temperature="temperature" in header,
+    )
+
+
+def time_unit(t: Array) -> str:
+    """The unit of stamps, if it is not the usual one: "" = s, or ns of integers.
+
+    A rate that sensors have, and a date of this century, are plausible.
+    """
+    t = np.asarray(t, np.float64) if np.asarray(t).dtype.kind == "f" else np.asarray(t, np.int64)
+    steps = np.diff(t)
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    usual = "ns" if t.dtype.kind == "i" else "s"
+    for unit in (usual, *(other for other in TIME_UNITS if other != usual)):
+        seconds = TIME_UNITS[unit] * 1e-9
+        start = abs(float(t[0])) * seconds
+        if LOWEST_RATE <= 1 / (step * seconds) <= HIGHEST_RATE and (start < 1e8 or CENTURY[0] < start < CENTURY[1]):
+            return "" if unit == usual else unit
+    return ""
+
+
+def patterns(tables: Sequence[Table]) -> dict[str, str]:
+    """[log.files] of several tables: what their names share at the start is the *.
+
+    Raises:
+        LogError: two of them have the same quantity, or one has none.
+    """
+    names = [Path(table.path).name for table in tables]
+    shared = next(i for i, letters in enumerate(zip(*names, strict=False)) if len(set(letters)) > 1)
+    found: dict[str, str] = {}
+    for table in tables:
+        moves = bool(table.orientation or table.joints)
+        roles = {"wrench": table.wrench, "position": moves, "temperature": table.temperature}
+        roles["velocity"] = table.gyroscope or table.accelerometer is not None
+        role = next((name for name in ("position", "wrench", "velocity", "temperature") if roles[name]), "")
+        if not role or role in found:
+            what = f"has {role} too" if role else "has neither joints, pose, wrench nor an IMU"
+            raise LogError(what, file=table.path, remedy="give one file for each stream")
+        found[role] = f"*{Path(table.path).name[shared:]}"
+    return found

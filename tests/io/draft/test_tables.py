@@ -1,0 +1,181 @@
+"""Tables and arrays that nobody has described: the draft finds how they were recorded, and weighs the tool."""
+
+import made_weights as made
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.io import read_log
+from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
+from ftbias_jax.io.draft.draft import Request, draft
+from ftbias_jax.io.draft.table import look, patterns, time_unit
+from ftbias_jax.setup import load_setup
+from ftbias_jax.setup.robots import built_in_robot
+
+RATE, SAMPLES = 100, 2000
+T = np.arange(SAMPLES) / RATE
+EPOCH = 1_708_857_503_931_759
+
+
+def motion():
+    """Rotations, position, angular velocity in the body, acceleration; 20 s that swing about all axes."""
+    robot = built_in_robot("ur5e")
+    q = 0.8 * np.sin(0.7 * T[:, None] + np.arange(6)) - 0.3
+    turned = made.rotations(robot, q)
+    position = 0.3 * np.stack([np.sin(2.1 * T), np.cos(1.7 * T), np.sin(1.3 * T)], 1)
+    acceleration = np.gradient(np.gradient(position, T, axis=0), T, axis=0)
+    rate = Rotation.from_matrix(turned[:-1].transpose(0, 2, 1) @ turned[1:]).as_rotvec() * RATE
+    return turned, position, np.vstack([rate, rate[-1:]]), acceleration
+
+
+def wrench_of(turned, acceleration=0.0, sign=1.0):
+    force = made.MASS * np.einsum("tji,tj->ti", turned, acceleration - made.GRAVITY + 0 * turned[:, 0])
+    noise = np.random.default_rng(0).normal(size=(SAMPLES, 6)) * [0.05, 0.05, 0.05, 0.002, 0.002, 0.002]
+    return sign * np.hstack([force, np.cross(made.CENTER, force)]) - made.BIAS + noise
+
+
+def drafted(tmp_path, *logs, **more):
+    found = draft(Request(logs=[str(log) for log in logs], output=str(tmp_path / "setup.toml"), **more))
+    (tmp_path / "setup.toml").write_text(found.text)
+    return load_setup(tmp_path / "setup.toml")
+
+
+def assert_weighed(setup):
+    assert abs(setup.tool.mass - made.MASS) < 0.05
+    np.testing.assert_allclose(setup.tool.center_of_mass, made.CENTER, atol=4e-3)
+
+
+ORIENTATIONS = {
+    ("quaternion_xyzw", False): lambda r: r.as_quat(),
+    ("quaternion_wxyz", False): lambda r: r.as_quat()[:, [3, 0, 1, 2]],
+    ("quaternion_xyzw", True): lambda r: r.inv().as_quat(),
+    ("quaternion_wxyz", True): lambda r: r.inv().as_quat()[:, [3, 0, 1, 2]],
+    ("matrix", False): lambda r: r.as_matrix(),
+    ("matrix", True): lambda r: r.inv().as_matrix(),
+    ("axis_angle", False): lambda r: r.as_rotvec(),
+}
+
+
+@pytest.mark.parametrize(("order", "conjugate"), ORIENTATIONS)
+def test_the_convention_of_an_orientation_is_the_one_that_gravity_fits(tmp_path, order, conjugate):
+    turned, *_ = motion()
+    recorded = ORIENTATIONS[order, conjugate](Rotation.from_matrix(turned))
+    np.savez(tmp_path / "log.npz", t=T, orientation=recorded, wrench=wrench_of(turned))
+    setup = drafted(tmp_path, tmp_path / "log.npz")
+    assert (setup.pose.orientation, setup.pose.conjugate) == (order, conjugate)
+    assert setup.pose.linear == "none"
+    assert_weighed(setup)
+
+
+def test_a_wrench_in_base_axes_of_the_opposite_sign(tmp_path):
+    turned, *_ = motion()
+    sensor = wrench_of(turned, sign=-1.0)
+    base = np.hstack([np.einsum("tij,tj->ti", turned, part) for part in (sensor[:, :3], sensor[:, 3:])])
+    orientation = Rotation.from_matrix(turned).as_quat()
+    np.savez(tmp_path / "log.npz", t=T, orientation=orientation, wrench=base)
+    setup = drafted(tmp_path, tmp_path / "log.npz")
+    assert setup.log.wrench_axes == "base"
+    assert setup.sensor.reports == "wrench_on_sensor"
+    assert_weighed(setup)
+
+
+@pytest.mark.parametrize("axes", ["base", "body"])
+def test_the_axes_of_a_position_are_those_whose_acceleration_the_forces_show(tmp_path, axes):
+    turned, position, _, acceleration = motion()
+    recorded = position if axes == "base" else np.einsum("tji,tj->ti", turned, position)
+    arrays = {"orientation": Rotation.from_matrix(turned).as_quat(), "position": recorded}
+    np.savez(tmp_path / "log.npz", t=T, wrench=wrench_of(turned, acceleration), **arrays)
+    setup = drafted(tmp_path, tmp_path / "log.npz")
+    assert (setup.pose.linear, setup.pose.position_axes) == ("position", axes)
+
+
+@pytest.mark.parametrize(
+    ("factor", "used", "unit"), [(1.0, True, "rad"), (180 / np.pi, True, "deg"), (0.01745, False, "rad")]
+)
+def test_a_gyroscope_is_compared_with_the_orientation(tmp_path, factor, used, unit):
+    turned, _, rate, _ = motion()
+    arrays = {"orientation": Rotation.from_matrix(turned).as_quat(), "angular_velocity": factor * rate}
+    np.savez(tmp_path / "log.npz", t=T, wrench=wrench_of(turned), **arrays)
+    setup = drafted(tmp_path, tmp_path / "log.npz")
+    assert (setup.pose.gyroscope, setup.log.angle_unit) == (used, unit)
+
+
+def write(path, names, t, values):
+    np.savetxt(path, np.column_stack([t, values]), "%.17g", ",", header=",".join(["t", *names]), comments="")
+    return path
+
+
+def three_files(folder):
+    turned, _, _, acceleration = motion()
+    t = EPOCH + (T * 1e6).astype(np.int64)
+    imu = Rotation.from_euler("xyz", [0.3, 1.2, -2.0])
+    felt = imu.inv().apply(np.einsum("tji,tj->ti", turned, acceleration - made.GRAVITY)) / STANDARD_GRAVITY
+    names = {"wrench": ["fx", "fy", "fz", "tx", "ty", "tz"], "accel": ["ax", "ay", "az"]}
+    names["orientations"] = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]
+    values = {"wrench": wrench_of(turned), "accel": felt, "orientations": turned.reshape(-1, 9)}
+    late = {"wrench": 300, "accel": 700, "orientations": 0}
+    return [write(folder / f"1-{name}.csv", names[name], t + late[name], values[name]) for name in names], imu
+
+
+def test_three_files_in_microseconds_and_g(tmp_path):
+    files, imu = three_files(tmp_path)
+    setup = drafted(tmp_path, *files)
+    assert setup.log.files == {"position": "*orientations.csv", "velocity": "*accel.csv", "wrench": "*wrench.csv"}
+    assert (setup.log.time_unit, setup.log.acceleration_unit) == ("us", "g")
+    assert (setup.pose.orientation, setup.pose.linear, setup.pose.gyroscope) == ("matrix", "specific_force", False)
+    off = Rotation.from_matrix(setup.pose.imu_rotation.T @ imu.as_matrix()).magnitude()
+    assert off < 0.05
+    assert_weighed(setup)
+    log = read_log(files[0], setup)
+    assert len(log.t) == 3 * SAMPLES
+    assert log.start == pytest.approx(EPOCH * 1e-6, abs=1e-3)
+
+
+def test_joints_in_degrees_are_beyond_their_limits(tmp_path):
+    t, q, wrench = made.arm_log("ur5e")
+    names = [*(f"q{i}" for i in range(6)), "fx", "fy", "fz", "tx", "ty", "tz"]
+    write(tmp_path / "log.csv", names, t, np.hstack([np.degrees(q), wrench]))
+    setup = drafted(tmp_path, tmp_path / "log.csv", robot="ur5e")
+    assert setup.log.angle_unit == "deg"
+    assert_weighed(setup)
+
+
+def test_rows_without_stamps_need_a_rate(tmp_path):
+    turned, *_ = motion()
+    orientation = Rotation.from_matrix(turned).as_quat()
+    np.savez(tmp_path / "log.npz", orientation=orientation, wrench=wrench_of(turned))
+    with pytest.raises(LogError, match="there is no time"):
+        drafted(tmp_path, tmp_path / "log.npz")
+    setup = drafted(tmp_path, tmp_path / "log.npz", rate=float(RATE))
+    assert setup.log.rate == RATE
+    assert_weighed(setup)
+
+
+@pytest.mark.parametrize(
+    ("t", "unit"),
+    [
+        (T, ""),
+        (T * 1e3, "ms"),
+        (T * 1e6, "us"),
+        (EPOCH * 1e-6 + T, ""),
+        (EPOCH + (T * 1e6).astype(int), "us"),
+        (EPOCH * 1000 + (T * 1e9).astype(int), ""),
+        ((EPOCH // 1000 + T * 1e3).astype(int), "ms"),
+    ],
+)
+def test_the_unit_of_stamps_is_a_plausible_one(t, unit):
+    assert time_unit(t) == unit
+
+
+def test_files_that_do_not_go_together_are_refused(tmp_path):
+    files, _ = three_files(tmp_path)
+    with pytest.raises(LogError, match="has wrench too"):
+        patterns([look(str(files[0])), look(str(files[0]))._replace(path="2-wrench.csv")])
+    write(tmp_path / "1-other.csv", ["x1"], T, T)
+    with pytest.raises(LogError, match="has neither joints, pose, wrench nor an IMU"):
+        patterns([look(str(files[0])), look(str(tmp_path / "1-other.csv"))])
+    with pytest.raises(LogError, match="no such file"):
+        look(str(tmp_path / "none.csv"))
+    with pytest.raises(UsageError, match="which robot is it"):
+        drafted(tmp_path, files[0])
