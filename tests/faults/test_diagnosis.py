@@ -15,6 +15,7 @@ from ftbias_jax.diagnosis.evidence import estimates
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.catalogue import CATALOGUE
 
 
 def test_a_wrench_that_is_all_nan(setup):
@@ -37,7 +38,7 @@ def test_a_covariance_that_is_no_number_leaves_the_standard_error_unknown(monkey
         return {"tool_mass": {"mass": 0.7 + z[3]}}, np.zeros(7)
 
     monkeypatch.setattr(estimates.chain_model, "to_values", to_values)
-    problem = SimpleNamespace(parts=[SimpleNamespace(signals=None)])
+    problem = SimpleNamespace(parts=[SimpleNamespace(signals=None)], catalogue=CATALOGUE)
     fit = small_fit(np.ones((2, 5, 6)), np.ones((5, 6)), (3, 4))
     values, stderr = estimates.parameters(problem, fit, Hypothesis("tool_mass", (3,), (0.0,)))
     assert values == {"mass": 0.7}
