@@ -8,6 +8,7 @@ from typing import Any
 
 from ftbias_jax.diagnosis.report.tables import parameter_words
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm
+from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import values_from_setup
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.own_effects import catalogue_of_setup
@@ -15,20 +16,43 @@ from ftbias_jax.setup.types import Setup
 
 
 def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm] = ()) -> Setup:
-    """The setup with the causes and terms among its effects; the same setup if there are none.
+    """The setup with the causes and terms among its effects, but for those that ``refused`` names.
 
     Args:
         setup: of the diagnosis.
         causes: their values replace those the setup has for the same effect.
         terms: come after those that the setup has.
     """
+    causes = [cause for cause in causes if not _refusal(setup, {cause.effect: cause.parameters})]
+    sections = [term.section for term in terms if not _refusal(setup, {TERM: [term.section]})]
     effects: dict[str, Any] = {**setup.effects, **{cause.effect: cause.parameters for cause in causes}}
-    if terms:
-        effects[TERM] = [*effects.get(TERM, ()), *(term.section for term in terms)]
-    values_from_setup(effects, catalogue=catalogue_of_setup(setup))  # what is written can be read
+    if sections:
+        effects[TERM] = [*effects.get(TERM, ()), *sections]
     comments = {
         f"effects.{cause.effect}.{name}": f"ftbias diagnose: {words}"
         for cause in causes
         for name, words in parameter_words(cause)
     }
     return replace(setup, effects=effects, comments={**setup.comments, **comments})
+
+
+def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm] = ()) -> tuple[str, ...]:
+    """Why no setup can state some causes or terms: a value that fits the log may be outside the catalogue's bounds.
+
+    Args:
+        setup: of the diagnosis.
+        causes: as for ``with_causes``.
+        terms: as for ``with_causes``.
+    """
+    sections: list[dict[str, Any]] = [{cause.effect: cause.parameters} for cause in causes]
+    sections += [{TERM: [term.section]} for term in terms]
+    return tuple(why for section in sections if (why := _refusal(setup, section)))
+
+
+def _refusal(setup: Setup, effects: dict[str, Any]) -> str:
+    """Why a setup cannot state these effects; "" if it can."""
+    try:
+        values_from_setup(effects, catalogue=catalogue_of_setup(setup))
+    except SetupError as error:
+        return str(error)
+    return ""

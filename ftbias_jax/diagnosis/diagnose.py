@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored
+from ftbias_jax.diagnosis.degenerate import with_typed_errors
 from ftbias_jax.diagnosis.evidence.compare import compare
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
@@ -47,6 +48,7 @@ UNSURE = "; or something that is not in the catalogue, for it lasted long"
 
 
 @in_float64
+@with_typed_errors
 def diagnose(
     setup: Setup,
     logs: Sequence[Log],
@@ -71,7 +73,7 @@ def diagnose(
         unchecked: do not look first whether the setup can be right (``check_setup``).
 
     Raises:
-        SetupError, LogError: the logs show a mistake of units, signs or frames.
+        SetupError, LogError: the logs show a mistake of units, signs or frames, have no wrench, or fit nothing.
         UsageError: no log, an unknown effect, or a setup without the joints of an arm.
     """
     require_arm(setup)

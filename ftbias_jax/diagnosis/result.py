@@ -236,7 +236,8 @@ class Diagnosis(NamedTuple):
     def apply(self, setup: Setup) -> Setup:
         """A setup with the causes and the terms among its effects.
 
-        Causes replace what it says of the same effect, terms come after those it has.
+        Causes replace what it says of the same effect, terms come after those it has. Those with values that no setup
+        can state are left out (``apply.refused``).
 
         Args:
             setup: of the diagnosis.

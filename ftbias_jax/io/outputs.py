@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ftbias_jax.errors import OutputError, UsageError
+from ftbias_jax.files import no_regular_file
 
 Place = str | os.PathLike[str]
 
@@ -44,12 +45,15 @@ def check_writable(output: Place, suffix: str = "", option: str = "--output") ->
         option: what names it on the command line.
 
     Raises:
-        UsageError: it has another suffix. OutputError: its folder does not exist.
+        UsageError: it has another suffix. OutputError: its folder does not exist, or it is a FIFO or a device.
     """
     if not os.fspath(output).endswith(suffix):
         raise UsageError(f"cannot write {os.fspath(output)!r}", field=option, remedy=f"end the name in {suffix}")
     if not Path(output).absolute().parent.is_dir():
         raise OutputError("the folder does not exist", file=output, remedy="create it, or name another")
+    with suppress(OSError):  # not there yet
+        if kind := no_regular_file(output):
+            raise OutputError(kind, file=output, remedy="give the path of a file to write")
 
 
 def output_of_setup(output: str | None, setup: str, in_place: bool) -> tuple[str, list[str]]:

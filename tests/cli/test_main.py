@@ -255,7 +255,7 @@ def test_bad_paths_end_in_one_line_and_write_nothing(demo, tmp_path, monkeypatch
 
 def test_a_demo_without_samples_is_refused(tmp_path, capsys):
     assert main(["demo", "-o", str(tmp_path / "new"), "--duration", "0.001"]) == 2
-    assert_one_line(capsys, "--duration: 0 samples are no log")
+    assert_one_line(capsys, "--duration: 0.25 samples are no demonstration")
     assert os.listdir(tmp_path) == []
 
 

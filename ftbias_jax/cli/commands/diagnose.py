@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from ftbias_jax.cli.repairs import tell_repairs
@@ -14,7 +15,7 @@ from ftbias_jax.setup.sensor_pose import require_arm
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Diagnose the logs; returns 3 if samples of a log were lost, else 0."""
+    """Diagnose the logs; 1 if a cause cannot be applied, 3 if samples of a log were lost, else 0."""
     setup = check_arguments(arguments)
     require_arm(setup)
     logs = [read_log(path, setup, raw=True) for path in arguments.logs]
@@ -22,6 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.runtime.jax_config import prepare_jax
 
     prepare_jax()
+    from ftbias_jax.diagnosis.apply import refused
     from ftbias_jax.diagnosis.diagnose import diagnose
     from ftbias_jax.model.effects.catalogue import check_names
     from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
@@ -35,12 +37,17 @@ def run(arguments: argparse.Namespace) -> int:
         diagnosis.to_json(arguments.json)
     if arguments.html:
         diagnosis.to_html(arguments.html)
-    if arguments.apply:
+    not_stated = refused(setup, diagnosis.causes, diagnosis.terms) if arguments.apply else ()
+    applied = arguments.apply and (not not_stated or len(not_stated) < len(diagnosis.causes) + len(diagnosis.terms))
+    if applied:
         diagnosis.apply(setup).save(arguments.output)
-    outputs = [path for path in (arguments.json, arguments.html, arguments.output) if path]
+    outputs = [path for path in (arguments.json, arguments.html, applied and arguments.output) if path]
     if outputs:
         print(f"wrote {', '.join(outputs)}")
-    return tell_repairs(zip(arguments.logs, diagnosis.repairs, strict=True))
+    for why in not_stated:
+        print(f"ftbias: not applied: {why}", file=sys.stderr)
+    code = tell_repairs(zip(arguments.logs, diagnosis.repairs, strict=True))
+    return 1 if not_stated else code
 
 
 def check_arguments(arguments: argparse.Namespace) -> Setup:

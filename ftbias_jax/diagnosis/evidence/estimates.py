@@ -39,7 +39,10 @@ def parameters(problem: Problem, fit: Fit, hypothesis: Hypothesis) -> tuple[Para
         return _of_coordinates(problem, fit._replace(z=z), whole, of_entries)
     slow = [h for h in fit.hypotheses if h.effect in TIME_CONSTANT]
     further = np.concatenate([fit.columns.moving[:0], *(_by_time_constant(problem, fit, h) for h in slow)])
-    spread = covariance(problem, fit, further)
+    try:
+        spread = covariance(problem, fit, further)
+    except np.linalg.LinAlgError:  # of columns that are no numbers, or all the same: no standard error is known
+        spread = np.full((len(fit.free) + len(further) + len(fit.coefficients),) * 2, np.nan)
     if hypothesis.shapes:
         _, of_times, of_series = np.split(np.sqrt(np.diag(spread)), np.cumsum([len(fit.free), len(slow)]))
         of_time = next((float(stderr) for h, stderr in zip(slow, of_times, strict=True) if h is hypothesis), 0.0)
@@ -64,11 +67,12 @@ def rows_of(fit: Fit, h: Hypothesis) -> slice:
 def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarray) -> tuple[Parameters, Parameters]:
     """Standard errors from a step of one standard deviation along every principal axis of the covariance (F, F).
 
-    So a direction that changes no parameter, such as the size of gravity, adds nothing. A step towards neutral adds the
-    error of the form.
+    All NaN if the covariance is no number. A direction that changes no parameter, such as the size of gravity, adds
+    nothing. A step towards neutral adds the error of the form.
     """
     link, signals = np.asarray(fit.link), problem.parts[0].signals
-    variance, axes = np.linalg.eigh(spread)
+    unknown = not np.isfinite(spread).all()
+    variance, axes = (np.full(len(spread), np.nan), spread) if unknown else np.linalg.eigh(spread)
     z = np.repeat(fit.z[None], len(variance) + 2, 0)
     z[1:-1, list(h.free)] += np.sqrt(np.maximum(variance, 0))[:, None] * axes.T
     z[-1, list(h.free)] *= 1 - FORM_ERRORS.get(h.effect, FORM_ERROR)

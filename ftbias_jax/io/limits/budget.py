@@ -22,8 +22,8 @@ MAX_CHUNK = 256 << 20
 """Unpacked bytes of one chunk or message of a recording; recorders write chunks of a megabyte, cameras of some ten."""
 SMALL_RECORDING = 64 << 20
 """As SMALL, of all chunks and messages of a recording."""
-FEW_RECORDS = 500_000
-"""Records that any recording may hold; they take two seconds."""
+FEW_RECORDS = 200_000
+"""Records that any recording may hold; they take a second or two."""
 LEAST_RECORD = 8
 """Stored bytes a record in larger recordings: less than the smallest message takes, compressed."""
 

@@ -48,8 +48,7 @@ def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
 def parquet_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:
     """The columns of a log by the names of the native format; arguments and errors as for ``csv.csv_arrays``."""
     arrow = need("pyarrow", "parquet", file)
-    budget = Budget(file)
-    with _opened(file) as table:
+    with _opened(file) as (table, budget):
         schema = table.schema_arrow
         header = [str(name) for name in schema.names]
         columns = choose_columns(header, setup, file, static=static)
@@ -78,21 +77,22 @@ def column_names(path: str | os.PathLike[str]) -> list[str]:
     Raises:
         LogError: pyarrow is not installed, or the file cannot be read.
     """
-    with _opened(os.fspath(path)) as table:
+    with _opened(os.fspath(path)) as (table, _):
         return [str(name) for name in table.schema_arrow.names]
 
 
 @contextmanager
-def _opened(file: str) -> Iterator[Any]:
-    """The file, and what pyarrow raises as errors of ours."""
+def _opened(file: str) -> Iterator[tuple[Any, Budget]]:
+    """The file and its budget; what pyarrow raises as errors of ours."""
     arrow, parquet = need("pyarrow", "parquet", file), need("pyarrow.parquet", "parquet", file)
+    budget = Budget(file)
     try:
         # A memory map, not a path: pyarrow would take a folder of files, or the address of a server.
         with arrow.memory_map(file) as source:
             _check_footer(source, file)
             limits = {"thrift_container_size_limit": MAX_LIST, "thrift_string_size_limit": MAX_FOOTER}
             with parquet.ParquetFile(source, **limits) as table:
-                yield table
+                yield table, budget
     except OSError as error:
         words = error.strerror or error
         raise LogError(f"cannot be read: {words}", file=file, remedy="check the path and the file") from error

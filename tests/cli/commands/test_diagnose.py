@@ -42,7 +42,7 @@ def calls(make_diagnosis, monkeypatch):
     """What ``diagnose`` was called with; it answers with a made-up diagnosis."""
     kept = []
 
-    def diagnose(setup, logs, names, without=()):
+    def diagnose(setup, logs, names, without=(), unchecked=False):
         kept.append((setup, logs, names, without))
         return make_diagnosis()._replace(logs=tuple(names), repairs=tuple(log.repairs for log in logs))
 
@@ -62,7 +62,7 @@ def test_it_prints_and_writes_what_was_asked_for(folder, calls, capsys):
     out = capsys.readouterr().out
     assert out.startswith("explained: The tool weighs 0.81 kg.")
     assert out.endswith("wrote out.json, out.html, fixed.toml\n")
-    assert json.loads((folder / "out.json").read_text())["schema"] == 1
+    assert json.loads((folder / "out.json").read_text())["schema"] == 2
     assert (folder / "out.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 

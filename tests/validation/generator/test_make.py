@@ -45,8 +45,12 @@ OWN_FORMS = {
 """The forms that are the catalogue's own."""
 
 
+PLUMBING = ("ftbias_jax.errors", "ftbias_jax.io.atomic", "ftbias_jax.runtime.processes")
+"""What has no physics in it."""
+
+
 def foreign_imports(source):
-    """Modules of the package, outside the generator, that a source imports anywhere in it."""
+    """Modules of the package, outside the generator and the plumbing, that a source imports anywhere in it."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):
             names = [f"{node.module}.{alias.name}" for alias in node.names] if node.level == 0 else ["ftbias_jax.up"]
@@ -55,7 +59,7 @@ def foreign_imports(source):
         else:
             continue
         for name in names:
-            inside = f"{name}.".startswith("ftbias_jax.validation.generator.") or name.startswith("ftbias_jax.errors")
+            inside = f"{name}.".startswith("ftbias_jax.validation.generator.") or name.startswith(PLUMBING)
             if name.split(".")[0] == "ftbias_jax" and not inside:
                 yield name
 

@@ -1,0 +1,142 @@
+"""Ctrl-C and SIGTERM: exit code 1 at once, no children and no temporary files left, no half result under its name."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+import ftbias_jax
+from ftbias_jax.cli.main import main
+from ftbias_jax.cli.terminal import print_what_the_terminal_can
+
+START = """
+import sys, time
+from ftbias_jax.runtime.signals import end_on_signals
+if __name__ == "__main__":
+    end_on_signals("interrupted\\n")
+"""
+WRITING = """
+    from ftbias_jax.io.atomic import write_atomic
+    def write(file):
+        file.write(b"half")
+        print("ready", flush=True)
+        time.sleep(60)
+    write_atomic("result.npz", write)
+"""
+SAVING = """
+    import os
+    from ftbias_jax.files import temporary_folder
+    with temporary_folder() as folder:
+        open(folder + "/unpacked", "w").close()
+        print(folder, flush=True)
+        time.sleep(60)
+"""
+SWALLOWING = """
+    print("ready", flush=True)
+    while True:
+        try:
+            time.sleep(60)
+        except BaseException:
+            pass
+"""
+
+
+def start(folder, program):
+    (folder / "program.py").write_text(START + program)
+    environment = {**os.environ, "PYTHONPATH": os.path.dirname(os.path.dirname(ftbias_jax.__file__))}
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    return subprocess.Popen([sys.executable, "program.py"], cwd=folder, env=environment, **streams)
+
+
+every_signal = pytest.mark.parametrize("numbers", [[signal.SIGINT], [signal.SIGINT] * 3, [signal.SIGTERM]])
+
+
+@every_signal
+def test_a_signal_ends_a_process_that_writes_and_leaves_nothing(tmp_path, numbers):
+    process = start(tmp_path, WRITING)
+    assert process.stdout.readline() == "ready\n"
+    assert len(list(tmp_path.iterdir())) == 2  # the program, and what is not finished
+    for number in numbers:
+        process.send_signal(number)
+    printed, _ = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert printed == "interrupted\n"
+    assert os.listdir(tmp_path) == ["program.py"]
+
+
+def test_a_signal_removes_what_was_unpacked_elsewhere(tmp_path):
+    process = start(tmp_path, SAVING)
+    folder = process.stdout.readline().strip()
+    assert os.path.isdir(folder)
+    process.terminate()
+    process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert not os.path.exists(folder)
+
+
+def test_an_interrupt_where_exceptions_are_swallowed_ends_all_the_same(tmp_path):
+    process = start(tmp_path, SWALLOWING)
+    process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=20)
+    assert process.returncode == 1
+
+
+SLEEPING = """
+import os, time
+def sleep(task):
+    open(f"child-{os.getpid()}", "w").close()
+    time.sleep(100)
+"""
+
+
+@every_signal
+def test_a_signal_ends_the_processes_of_jobs(tmp_path, numbers):
+    (tmp_path / "sleeping.py").write_text(SLEEPING)
+    program = """
+    from ftbias_jax.runtime.processes import run_each
+    from sleeping import sleep
+    for _ in run_each(sleep, range(4), 2):
+        print("a task ended")
+"""
+    process = start(tmp_path, program)
+    deadline = time.monotonic() + 60
+    while len(children := list(tmp_path.glob("child-*"))) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    for number in numbers:
+        process.send_signal(number)
+    printed, _ = process.communicate(timeout=20)  # also ends only when no child holds the pipe
+    assert process.returncode == 1
+    assert printed.startswith("interrupted\n")
+    assert "a task ended" not in printed
+    assert "Traceback" not in printed
+    for child in children:
+        assert not os.path.exists(f"/proc/{child.name.removeprefix('child-')}/exe")
+
+
+def test_a_set_of_logs_that_is_interrupted_has_no_half_log(tmp_path, monkeypatch):
+    """Whatever has a log's name is whole: what is not finished never has it."""
+    make = pytest.importorskip("ftbias_jax.validation.generator.make")
+
+    def interrupted(file, **columns):
+        file.write(b"half a log")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(make.np, "savez_compressed", interrupted)
+    monkeypatch.chdir(tmp_path)
+    assert main(["validate", "make", "set", "--count", "1", "--duration", "3,4", "--effects", "none"]) == 1
+    assert os.listdir("set") == []
+
+
+@pytest.mark.parametrize(("encoding", "shown"), [("ascii", "0.8 +- 0.1 kg, ?\n"), ("utf-8", "0.8 ± 0.1 kg, 工\n")])
+def test_tables_are_printed_whatever_the_terminal_knows(monkeypatch, encoding, shown):
+    printed = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(printed, encoding))
+    print_what_the_terminal_can()
+    print("0.8 ± 0.1 kg, 工", flush=True)
+    assert printed.getvalue().decode(encoding) == shown
