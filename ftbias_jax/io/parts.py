@@ -50,7 +50,8 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
         LogError: it cannot be read, or cannot be filtered (``check_log``).
     """
     file = os.fspath(path)
-    opened = _open_npz(file, setup) if Path(file).suffix.lower() == ".npz" and not setup.pose else None
+    in_parts = Path(file).suffix.lower() == ".npz" and not setup.pose and not setup.log.extra
+    opened = _open_npz(file, setup) if in_parts else None
     if opened is None:
         log = read_recorded(path, setup, salvage=salvage)
         length, start, split, repairs = len(log.t), log.start, slices(log), log.repairs

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import difflib
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 
-from ftbias_jax.setup.fields import Section, check_keys, require, show, table
+from ftbias_jax.setup.fields import Section, check_keys, require, show, subsection, table, text
 from ftbias_jax.setup.keys.read import check_section, open_section, read
-from ftbias_jax.setup.keys.table import SECTIONS, top_sections
+from ftbias_jax.setup.keys.table import SECTIONS, section_keys, top_sections
 from ftbias_jax.setup.parse_noise import bias_section, data_noise_section, joints_section
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot, prismatic_screw, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
@@ -188,11 +189,19 @@ def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
     position, velocity = pose_columns(pose) if pose else (n, n)
     sizes = {"position": position, "velocity": velocity}
     log = open_section(top, "log")
-    columns, topics = (open_section(log, key) for key in ("columns", "topics"))
+    known, topics = section_keys("log.columns").keys, open_section(log, "topics")
+    columns = subsection(log, "columns", _column_keys(log, known))
     return LogSetup(
-        {key: read(columns, key, sizes.get(key)) for key in columns.values},
+        {key: read(columns, key, sizes.get(key)) if key in known else text(columns, key, "") for key in columns.values},
         {key: read(topics, key) for key in topics.values},
     )
+
+
+def _column_keys(log: Section, known: Collection[str]) -> tuple[str, ...]:
+    """Keys that [log.columns] may have: any name that is not nearly one of those known."""
+    given = log.values.get("columns")
+    further = (key for key in given if key not in known) if isinstance(given, Mapping) else ()
+    return (*known, *(key for key in further if key.isidentifier() and not difflib.get_close_matches(key, known)))
 
 
 def _effects(top: Section) -> dict[str, Any]:

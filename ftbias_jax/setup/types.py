@@ -34,6 +34,10 @@ DATA_NOISE_UNITS = {
 """The four physical numbers of [data_noise] and their units."""
 
 
+QUANTITIES = ("time", "position", "velocity", "wrench", "temperature")
+"""Keys of [log.columns] that every log may have."""
+
+
 @dataclass(frozen=True, eq=False)
 class RobotSetup:
     """A serial arm and the gravity it stands in."""
@@ -192,9 +196,16 @@ class LogSetup:
     """How to find things in a log that does not use the native names."""
 
     columns: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
-    """CSV columns of "time", "temperature" (one name) and "position", "velocity", "wrench" (n, n and 6 names)."""
+    """CSV columns of "time", "temperature" (one name) and "position", "velocity", "wrench" (n, n and 6 names); any
+    other key is a further quantity for effects to see, and its value the name of a column or an array."""
     topics: Mapping[str, str] = field(default_factory=dict)
     """Topics of a ROS recording: "joints" (or "pose") and "wrench", where there is more than one to choose from."""
+
+    @property
+    def extra(self) -> dict[str, str]:
+        """Further quantities, by the name that effects know them by: their name in the file."""
+        named = {key: name for key, name in self.columns.items() if key not in QUANTITIES}
+        return {key: name for key, name in named.items() if isinstance(name, str)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ import csv
 import os
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TextIO
 
 import numpy as np
@@ -14,7 +15,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.csv_columns import choose_columns, named_arrays
+from ftbias_jax.io.tables.csv_columns import check_names, choose_columns, named_arrays
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -56,20 +57,42 @@ def csv_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array
         LogError: as for ``read_csv``, but for what makes a log.
     """
     budget = Budget(file)
+    with _opened(file) as stream:
+        header = read_header(stream, file)
+        columns = choose_columns(header, setup, file, static=static)
+        used = [header.index(name) for names in columns for name in names]
+        values = _read_numbers(stream, header, used, budget)
+    ends = np.cumsum([len(names) for names in columns])
+    return named_arrays(columns, np.split(values, ends[:-1], axis=1))
+
+
+def load_csv(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, dict[str, Array]]:
+    """The stamps (T,) s of a log and further columns (T,) of it.
+
+    Raises:
+        LogError: as ``read_csv``; a column is not there.
+    """
+    with _opened(file) as stream:
+        header = read_header(stream, file)
+        (time,) = choose_columns(header, setup, file).time
+        check_names(names, header, file)
+        used = [header.index(name) for name in (time, *names)]
+        values = _read_numbers(stream, header, used, Budget(file))
+    return values[:, 0], dict(zip(names, values.T[1:], strict=True))
+
+
+@contextmanager
+def _opened(file: str) -> Iterator[TextIO]:
+    """The file, and what reading it raises as errors of ours."""
     try:
         with open(file, encoding="utf-8-sig") as stream:
-            header = read_header(stream, file)
-            columns = choose_columns(header, setup, file, static=static)
-            used = [header.index(name) for names in columns for name in names]
-            values = _read_numbers(stream, header, used, budget)
+            yield stream
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror}", file=file, remedy="check the path") from error
     except UnicodeDecodeError as error:
         raise LogError("is not UTF-8 text", file=file, remedy="give a CSV file") from error
     except csv.Error as error:
         raise LogError(f"is not CSV text: {error}", file=file, remedy="give a CSV file") from error
-    ends = np.cumsum([len(names) for names in columns])
-    return named_arrays(columns, np.split(values, ends[:-1], axis=1))
 
 
 def read_header(stream: TextIO, file: str) -> list[str]:
