@@ -17,6 +17,7 @@ from ftbias_jax.io.clock import as_stamps
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.npz_archive import stored_arrays
 from ftbias_jax.io.tables.arrays import ARRAYS
+from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.types import Setup
 
 LONG = 1 << 20
@@ -50,7 +51,7 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
         LogError: it cannot be read, or cannot be filtered (``check_log``).
     """
     file = os.fspath(path)
-    in_parts = Path(file).suffix.lower() == ".npz" and not setup.pose and not setup.log.extra
+    in_parts = Path(file).suffix.lower() == ".npz" and not setup.pose and not further_columns(setup.log.columns)
     opened = _open_npz(file, setup) if in_parts else None
     if opened is None:
         log = read_recorded(path, setup, salvage=salvage)

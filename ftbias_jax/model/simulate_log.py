@@ -24,6 +24,7 @@ from ftbias_jax.model.simulate import simulate as simulate_with_params
 from ftbias_jax.model.simulate import temperature_course
 from ftbias_jax.model.simulated_effects import all_values, plain
 from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.sensor_pose import require_arm
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -82,7 +83,7 @@ class SimulationResult:
         wrench = self.log.wrench if self.setup.sensor.reports == "wrench_on_tool" else -self.log.wrench
         log = {"t": self.log.t, "q": self.log.q, "dq": self.log.dq, "wrench": wrench}
         measured = np.isfinite(self.log.temperature).any()
-        extra = self.setup.log.extra
+        extra = further_columns(self.setup.log.columns)
         columns = {extra.get(name, name): column.at(self.log.t) for name, column in self.log.columns.items()}
         save_npz(path, log | columns | ({"temperature": self.log.temperature} if measured else {}))
         if truth is None:

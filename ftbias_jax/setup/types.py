@@ -34,10 +34,6 @@ DATA_NOISE_UNITS = {
 """The four physical numbers of [data_noise] and their units."""
 
 
-QUANTITIES = ("time", "position", "velocity", "wrench", "temperature")
-"""Keys of [log.columns] that every log may have."""
-
-
 @dataclass(frozen=True, eq=False)
 class RobotSetup:
     """A serial arm and the gravity it stands in."""
@@ -196,16 +192,9 @@ class LogSetup:
     """How to find things in a log that does not use the native names."""
 
     columns: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
-    """CSV columns of "time", "temperature" (one name) and "position", "velocity", "wrench" (n, n and 6 names); any
-    other key is a further quantity for effects to see, and its value the name of a column or an array."""
+    """Columns: "time", "temperature" (one name), "position", "velocity", "wrench" (n, n, 6), and what effects see."""
     topics: Mapping[str, str] = field(default_factory=dict)
     """Topics of a ROS recording: "joints" (or "pose") and "wrench", where there is more than one to choose from."""
-
-    @property
-    def extra(self) -> dict[str, str]:
-        """Further quantities, by the name that effects know them by: their name in the file."""
-        named = {key: name for key, name in self.columns.items() if key not in QUANTITIES}
-        return {key: name for key, name in named.items() if isinstance(name, str)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,8 +226,8 @@ class Setup:
 
     def with_effects(self, effects: Sequence[Any]) -> Setup:
         """The setup with further ``Effect`` objects, which [effects.NAME] may then state; each counts once."""
-        known = {id(effect) for effect in self.own_effects}
-        return replace(self, own_effects=(*self.own_effects, *(one for one in effects if id(one) not in known)))
+        new = (effect for effect in effects if all(effect is not known for known in self.own_effects))
+        return replace(self, own_effects=(*self.own_effects, *new))
 
     @property
     def files(self) -> tuple[str, str]:

@@ -16,6 +16,7 @@ from ftbias_jax.io.tables.csv import load_csv
 from ftbias_jax.io.tables.csv_columns import check_names
 from ftbias_jax.io.tables.hdf5 import load_hdf5
 from ftbias_jax.io.tables.parquet import load_parquet
+from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -33,7 +34,7 @@ def with_extra_columns(log: Log, path: str | os.PathLike[str], setup: Setup) -> 
     Raises:
         LogError: a column is not there, is no list of numbers, or the format has no columns.
     """
-    wanted = setup.log.extra
+    wanted = further_columns(setup.log.columns)
     if not wanted:
         return log
     file = os.fspath(path)
