@@ -95,6 +95,7 @@ def setup_page() -> str:
     ]
     for name, section in SECTIONS.items():
         rows = [(f"`{key}`", _default(known), known.unit, known.meaning) for key, known in section.keys.items()]
+        rows += [("any other", "", "", section.further)] if section.further else []
         title = f"[[{name}]]" if name == "robot.joints" else f"[{name}]"
         parts += [
             f"## `{title}` {{ #{name.replace('.', '-')} }}\n",

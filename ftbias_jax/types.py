@@ -31,6 +31,8 @@ class Sample(NamedTuple):
     """(6,) N, Nm, sensor frame, wrench on the tool."""
     temperature: Float[Array, " ..."] | None = None
     """deg C, for effects that follow it; without gaps. None = not recorded."""
+    columns: Any = None
+    """Further quantities for effects to see: name -> array, without gaps. None = none are named."""
 
 
 class Gaussian(NamedTuple):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.types import Sample
+from ftbias_jax.types import Array, Sample
 
 
 def stack(logs: Sequence[Sample], length: int = 0) -> Sample:
@@ -19,16 +20,18 @@ def stack(logs: Sequence[Sample], length: int = 0) -> Sample:
         length: samples to pad to, if it is more than the longest has.
     """
     length = max(length, *(log.dt.shape[0] for log in logs))
-    bundle = []
-    for name, leaves in zip(Sample._fields, zip(*logs, strict=True), strict=True):
-        if any(leaf is None for leaf in leaves):
-            continue
+
+    def fill(value: float, *leaves: Array) -> jax.Array:
         # numpy, for every new shape would cost JAX a compilation
-        filled = np.full((len(logs), length, *leaves[0].shape[1:]), 0.0 if name == "dt" else np.nan, leaves[0].dtype)
+        filled = np.full((len(logs), length, *leaves[0].shape[1:]), value, leaves[0].dtype)
         for row, leaf in zip(filled, leaves, strict=True):
             row[: len(leaf)] = leaf
-        bundle.append(jnp.asarray(filled))
-    return Sample(*bundle)
+        return jnp.asarray(filled)
+
+    everywhere = {name for name in Sample._fields if all(getattr(log, name) is not None for log in logs)}
+    rest = [log._replace(dt=None, **dict.fromkeys(set(Sample._fields[1:]) - everywhere)) for log in logs]
+    stacked: Sample = jax.tree.map(partial(fill, np.nan), *rest)
+    return stacked._replace(dt=fill(0.0, *(log.dt for log in logs)))
 
 
 def cut(log: Sample, length: int) -> list[Sample]:

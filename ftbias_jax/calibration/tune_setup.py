@@ -211,5 +211,5 @@ def _first_share(log: Log, share: float) -> Log:
 def _part(samples: Sample, begin: float, end: float) -> Sample:
     """A share of a log as a log of its own."""
     rows = slice(round(begin * len(samples.dt)), round(end * len(samples.dt)))
-    part = Sample(*(None if x is None else np.asarray(x)[rows] for x in samples))
+    part: Sample = jax.tree.map(lambda x: np.asarray(x)[rows], samples)
     return part._replace(dt=np.concatenate([[0], part.dt[1:]]))

@@ -61,6 +61,8 @@ def _faults(effect: Effect, effects: Sequence[Any]) -> Iterator[str]:
         if twin.effect not in names:
             yield f"its twin {twin.effect!r} is no effect"
     signals = _motion()
+    needed = {need: signals.temperature for need in effect.needs if need != "temperature"}
+    signals = signals._replace(columns=needed)
     try:
         if effect.hook == "record":
             yield from _faults_of_recording(effect, signals)

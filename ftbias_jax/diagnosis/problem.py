@@ -201,11 +201,12 @@ def _bin(
     rows = np.isfinite(wrench).any(1)
     index, _, padded = bins_of(log.t[rows], float(log.t[-1]))
     count = _sum(index, np.isfinite(wrench[rows]))
+    columns = {name: _mean(index, column.at(log.t)[rows]) for name, column in log.columns.items()}
     series = (log.t, states, temperature, wrench, joint_variance, sample_variance)
     t, joints, temperature, reading, coherent, white = (_mean(index, x[rows]) for x in series)
     # The smoothed joints' error hangs together over longer than a bin, so averaging does not reduce it.
     variance = np.where(count > 0, (found.noise_std**2 + white) / np.maximum(count, 1) + coherent, 1.0)
-    return _part(params, padded, t, joints, temperature, reading, variance), count
+    return _part(params, padded, t, joints, temperature, reading, variance, columns), count
 
 
 def _part(
@@ -216,13 +217,15 @@ def _part(
     temperature: np.ndarray,
     reading: np.ndarray,
     variance: np.ndarray,
+    columns: dict[str, np.ndarray],
 ) -> Part:
     """Bins (U, ...) with the stated bias off their readings, padded to so many."""
     used, bias, place = len(t), params.bias, jnp.asarray
     t, joints, temperature = (_pad(x, padded, x[-1]) for x in (t, joints, temperature))
     q, dq, ddq = (place(x) for x in np.moveaxis(joints, 2, 0))
     stated = Model(params.arm, params.gravity, params.theta)
-    signals = Signals(place(t), q, dq, ddq, place(temperature), stated)
+    seen = {name: place(_pad(x, padded, x[-1])) for name, x in columns.items()}
+    signals = Signals(place(t), q, dq, ddq, place(temperature), stated, columns=seen)
     wrench = without_bias(place(_pad(reading, padded, np.nan)), bias.prior_mean, signals.t)
     dt, variance = place(np.diff(t, prepend=t[0])), _pad(variance, padded, 1.0)
     return Part(signals, WrenchProblem(dt, wrench, place(variance), bias.density, bias.prior_std), used)

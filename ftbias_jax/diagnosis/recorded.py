@@ -13,8 +13,9 @@ from ftbias_jax.setup.types import Setup
 
 
 def recorded_in(logs: Sequence[Log]) -> frozenset[str]:
-    """What effects may need beside joints and wrench, and the logs have: "temperature"."""
-    return frozenset({"temperature"} if any(np.isfinite(log.temperature).any() for log in logs) else ())
+    """What effects may need beside joints and wrench: "temperature" if a log has it, and columns that all have."""
+    warm = {"temperature"} if any(np.isfinite(log.temperature).any() for log in logs) else set()
+    return frozenset(warm).union(set(logs[0].columns).intersection(*(log.columns for log in logs)))
 
 
 def not_tested(

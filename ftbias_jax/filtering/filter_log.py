@@ -118,7 +118,7 @@ def filter_parts(
         log = without_useless(log, params)
         samples = samples_from_log(log, dtype, before)
         if params.effects is None:
-            samples = samples._replace(temperature=None)
+            samples = samples._replace(temperature=None, columns=None)
         if state is None:
             state = pipeline.init(params, samples._replace(q=jnp.asarray(first_q, dtype)[None]))
         length = max(length, padded_length(len(log.t)))  # a short last part runs the program of the others

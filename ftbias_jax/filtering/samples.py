@@ -25,8 +25,10 @@ def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -
     """
     dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0] if before is None else before)
     temperature = fill_temperature(log.t, log.temperature) if np.isfinite(log.temperature).any() else None
-    columns = (dt, log.q, log.dq, log.wrench, temperature)
-    return Sample(*(None if x is None else as_array(x, dtype) for x in columns))
+    columns = {name: column.at(log.t) for name, column in log.columns.items()}
+    arrays = Sample(dt, log.q, log.dq, log.wrench, temperature, columns or None)
+    samples: Sample = jax.tree.map(partial(as_array, dtype=dtype), arrays)
+    return samples
 
 
 @partial(jax.jit, static_argnames="length")
@@ -40,5 +42,5 @@ def pad(samples: Sample, length: int) -> Sample:
         return jnp.concatenate([x, jnp.full((missing, *x.shape[1:]), value, x.dtype)])
 
     q, dq, wrench = (lengthen(x, jnp.nan) for x in samples[1:4])
-    temperature = None if samples.temperature is None else jnp.pad(samples.temperature, (0, missing), mode="edge")
-    return Sample(lengthen(samples.dt, 0.0), q, dq, wrench, temperature)
+    temperature, columns = jax.tree.map(lambda x: jnp.pad(x, (0, missing), mode="edge"), samples[4:])
+    return Sample(lengthen(samples.dt, 0.0), q, dq, wrench, temperature, columns)

@@ -11,6 +11,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.io.ros.read import read_ros
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
 from ftbias_jax.io.tables.csv import read_csv
+from ftbias_jax.io.tables.extra import with_extra_columns
 from ftbias_jax.io.tables.files import read_files
 from ftbias_jax.io.tables.hdf5 import read_hdf5
 from ftbias_jax.io.tables.npz import read_npz
@@ -64,13 +65,13 @@ def read_recorded(path: str | os.PathLike[str], setup: Setup, *, salvage: bool =
     if setup.log.files:
         return read_files(path, setup)
     if is_ros(path):
-        return read_ros(path, setup, salvage=salvage)
+        return with_extra_columns(read_ros(path, setup, salvage=salvage), path, setup)
     reader = READERS.get(Path(path).suffix.lower())
     if reader is None:
         *most, last = (*READERS, *SUFFIXES)
         remedy = f"give a log that ends in {', '.join(most)} or {last}, or a ROS 2 bag's folder"
         raise LogError(f"unknown format {Path(path).suffix!r}", file=os.fspath(path), remedy=remedy)
-    return reader(path, setup)
+    return with_extra_columns(reader(path, setup), path, setup)
 
 
 def is_ros(path: str | os.PathLike[str]) -> bool:

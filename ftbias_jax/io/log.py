@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -21,6 +25,19 @@ class Repair(NamedTuple):
 
 
 Repairs = tuple[Repair, ...]
+
+
+class Column(NamedTuple):
+    """A quantity that the setup names beside those of every log, with stamps of its own."""
+
+    t: Float[Array, " K"]
+    """(K,) s, increasing, relative to the first sample of the log."""
+    values: Float[Array, " K"]
+    """(K,) in its own unit, all of them measured."""
+
+    def at(self, t: Float[Array, " T"]) -> Float[Array, " T"]:
+        """(T,) values at other stamps: straight lines between those measured, the first and last value outside."""
+        return np.interp(t, self.t, self.values)
 
 
 class Log(NamedTuple):
@@ -43,6 +60,8 @@ class Log(NamedTuple):
     """s, the log's own stamp of the first sample: t + start are the stamps as recorded."""
     repairs: Repairs = ()
     """What was mended or left out, and what else its owner should know."""
+    columns: Mapping[str, Column] = MappingProxyType({})
+    """Further quantities by the names that the setup gives them in [log.columns]; those of a part are of the whole."""
 
     @classmethod
     def from_arrays(
@@ -58,6 +77,7 @@ class Log(NamedTuple):
         position: Array | None = None,
         angular_velocity: Array | None = None,
         specific_force: Array | None = None,
+        columns: Mapping[str, Array] | None = None,
         raw: bool = False,
     ) -> Log:
         """A log from arrays in memory, checked and cleaned as one that ``read_log`` reads.
@@ -74,6 +94,7 @@ class Log(NamedTuple):
             position: (T, 3) m, base frame, of the same.
             angular_velocity: (T, 3) rad/s of an IMU, as the setup's sensor_pose states.
             specific_force: (T, 3) m/s^2, acceleration less gravity, of the same.
+            columns: name -> (T,) further quantities for effects to see, at the stamps (of the wrench).
             raw: leave the samples of stuck and clipped axes in, as recorded; ``repairs`` names them all the same.
 
         Raises:
@@ -82,6 +103,7 @@ class Log(NamedTuple):
         # Imported here, because what checks and cleans a log is made of logs.
         from ftbias_jax.io.cleaning import clean
         from ftbias_jax.io.tables.arrays import log_from_arrays
+        from ftbias_jax.io.tables.extra import column_of
 
         times = {"t_joints": t[0], "t_wrench": t[1]} if isinstance(t, tuple) else {"t": t}
         arrays = times | {
@@ -95,4 +117,6 @@ class Log(NamedTuple):
             "specific_force": specific_force,
         }
         log = log_from_arrays({name: values for name, values in arrays.items() if values is not None}, setup)
-        return clean(log, clipped=not raw, stuck=not raw)
+        stamps = t[1] if isinstance(t, tuple) else t
+        extra = {name: column_of(stamps, values, log.start, field=name) for name, values in (columns or {}).items()}
+        return clean(log._replace(columns=extra), clipped=not raw, stuck=not raw)

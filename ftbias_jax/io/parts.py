@@ -17,6 +17,7 @@ from ftbias_jax.io.clock import as_stamps
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.npz_archive import stored_arrays
 from ftbias_jax.io.tables.arrays import ARRAYS
+from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.types import Setup
 
 LONG = 1 << 20
@@ -52,6 +53,7 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     file = os.fspath(path)
     usual = not setup.pose and setup.log.time_unit is None and setup.log.rate is None
     usual = usual and setup.log.wrench_axes == "sensor" and not setup.log.files
+    usual = usual and not further_columns(setup.log.columns)
     opened = _open_npz(file, setup) if usual and Path(file).suffix.lower() == ".npz" else None
     if opened is None:
         log = read_recorded(path, setup, salvage=salvage)

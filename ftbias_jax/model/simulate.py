@@ -98,6 +98,7 @@ def simulate(
     trajectory: Trajectory,
     effects: Values | None = None,
     temperature: Array | None = None,
+    columns: dict[str, Array] | None = None,
 ) -> Simulation:
     """A log of the given motion by the filter's own model and the given effects, noise as stated in params.
 
@@ -111,13 +112,14 @@ def simulate(
         trajectory: (T, ...).
         effects: effect -> parameters; None = none.
         temperature: (T,) deg C; None = constant.
+        columns: name -> (T,) further quantities for effects to see; None = none.
     """
     t, q, dq, ddq = trajectory
     effects = values_of(_effects_of_noise(params) | (effects or {}), catalogue_of(effects or {}))
     temperature = jnp.zeros_like(t) if temperature is None else temperature
     start_key, bias_key, noise_key, record_key = jax.random.split(key, 4)
     model = Model(params.arm, params.gravity, params.theta)
-    signals = Signals(t, q, dq, ddq, temperature, model)
+    signals = Signals(t, q, dq, ddq, temperature, model, columns=columns or {})
     wrench_tool = compose.predict(signals, {})
     clean = compose.predict(signals, effects) if effects else wrench_tool
     start = params.bias.prior_mean + params.bias.prior_std * jax.random.normal(start_key, (12,), t.dtype)

@@ -8,33 +8,26 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import write_json
-from ftbias_jax.io.log import Log
+from ftbias_jax.io.log import Column, Log
 from ftbias_jax.io.write.npz import save_npz
-from ftbias_jax.model import trajectories
 from ftbias_jax.model.effects.catalogue import complete, values_of
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect, Model, Values
+from ftbias_jax.model.motions import check_motion, check_needs, columns_of, trajectory_of
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import simulate as simulate_with_params
 from ftbias_jax.model.simulate import temperature_course
 from ftbias_jax.model.simulated_effects import all_values, plain
-from ftbias_jax.model.trajectories import Trajectory
 from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.sensor_pose import require_arm
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
-
-FRANKA_CENTER = (0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8)  # rad, a pose with the tool in front of the arm
-FRANKA_EXCURSION = (0.8, 0.5, 0.8, 0.5, 1.2, 1.0, 1.5)  # rad, within the joint limits around it
-MOST_SAMPLES = 100_000_000
-"""Of one simulated log: a day at 1 kHz."""
-EXCURSION = (0.8, 0.1)  # rad, m: of the joints of any other arm, around zero
 
 
 class Truth(NamedTuple):
@@ -90,7 +83,9 @@ class SimulationResult:
         wrench = self.log.wrench if self.setup.sensor.reports == "wrench_on_tool" else -self.log.wrench
         log = {"t": self.log.t, "q": self.log.q, "dq": self.log.dq, "wrench": wrench}
         measured = np.isfinite(self.log.temperature).any()
-        save_npz(path, log | ({"temperature": self.log.temperature} if measured else {}))
+        extra = further_columns(self.setup.log.columns)
+        columns = {extra.get(name, name): column.at(self.log.t) for name, column in self.log.columns.items()}
+        save_npz(path, log | columns | ({"temperature": self.log.temperature} if measured else {}))
         if truth is None:
             return
         if os.fspath(truth).endswith(".json"):
@@ -124,6 +119,7 @@ def simulate(
     motion: str | Log = "sines",
     seed: int = 0,
     own: Sequence[Effect] = (),
+    columns: Mapping[str, Array] | None = None,
 ) -> SimulationResult:
     """Simulate a log of the setup's robot, sensor and tool, with effects of the catalogue; the noise is the setup's.
 
@@ -138,6 +134,8 @@ def simulate(
         motion: "sines", "moves", or a log whose joints are replayed, with its own stamps.
         seed: of the random numbers; the same gives the same motion, bias and noise with any effects.
         own: effects of your own beside those of the catalogue.
+        columns: name -> (T,) further quantities that effects look at, at the stamps; None = those of the log that is
+            replayed.
 
     Raises:
         SetupError: an effect of the setup is unknown or impossible. UsageError: one of ``effects`` is, or another
@@ -145,7 +143,7 @@ def simulate(
     """
     require_arm(setup)
     setup = setup.with_effects(own)
-    _check_motion(duration, rate, motion)
+    check_motion(duration, rate, motion)
     params = params_from_setup(setup)
     model = Model(params.arm, params.gravity, params.theta)
     catalogue = catalogue_of_setup(setup)
@@ -155,11 +153,13 @@ def simulate(
     }
     values = values_of(completed, catalogue)
     motion_key, log_key = jax.random.split(jax.random.key(seed))
-    trajectory = _trajectory(setup, motion, duration, rate, motion_key)
+    trajectory = trajectory_of(setup, motion, duration, rate, motion_key)
     drives = {term.drive for term in values.get(TERM, {}).values()}
     warming = "temperature" in drives or any("temperature" in catalogue[x].needs for x in values if x in catalogue)
     temperature = temperature_course(trajectory.t) if warming else None
-    made = simulate_with_params(log_key, params, trajectory, values, temperature)
+    seen = columns_of(columns, motion, np.asarray(trajectory.t))
+    check_needs(catalogue, values, seen)
+    made = simulate_with_params(log_key, params, trajectory, values, temperature, seen)
     made, trajectory, values = jax.tree.map(np.asarray, (made, trajectory, values))
     recorded = np.full(len(made.t), np.nan) if temperature is None else made.temperature
     truth = Truth(
@@ -173,41 +173,9 @@ def simulate(
         ddq=trajectory.ddq,
         effects=values,
     )
-    return SimulationResult(Log(made.t, made.q, made.dq, made.wrench, recorded), truth, setup, seed)
-
-
-def working_range(setup: Setup) -> tuple[Array, Array]:
-    """Center and excursion (n,) rad of a sensible motion of the robot."""
-    if setup.robot.model.split("_")[0] in ("panda", "fr3"):
-        return np.array(FRANKA_CENTER), np.array(FRANKA_EXCURSION)
-    revolute = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0
-    excursion = np.where(revolute, *EXCURSION)
-    if setup.robot.position_limits is None:
-        return np.zeros(len(revolute)), excursion
-    lowest, highest = setup.robot.position_limits.T
-    excursion = np.minimum(excursion, (highest - lowest) / 2)
-    return np.clip(0.0, lowest + excursion, highest - excursion), excursion
-
-
-def _trajectory(setup: Setup, motion: str | Log, duration: float, rate: float, key: Array) -> Trajectory:
-    """The motion that is asked for."""
-    if isinstance(motion, Log):
-        return trajectories.replay(motion)
-    center, excursion = working_range(setup)
-    t = jnp.arange(max(round(duration * rate), 2)) / rate
-    generate = trajectories.excitation_sines if motion == "sines" else trajectories.minimum_jerk_moves
-    return generate(key, t, jnp.asarray(center), jnp.asarray(excursion))
-
-
-def _check_motion(duration: float, rate: float, motion: str | Log) -> None:
-    if not isinstance(motion, Log) and motion not in ("sines", "moves"):
-        raise UsageError(f"got {motion!r}", field="motion", remedy="give 'sines', 'moves', or a log that read_log read")
-    for name, value in {"duration": duration, "rate": rate}.items():
-        if not 0 < value < float("inf"):
-            raise UsageError(f"must be a positive number, not {value!r}", field=name)
-    if duration * rate > MOST_SAMPLES:
-        remedy = f"ask for at most {MOST_SAMPLES} samples: seconds times rate"
-        raise UsageError(f"{duration * rate:.3g} samples do not fit the memory", field="duration", remedy=remedy)
+    kept = {name: Column(made.t, values) for name, values in seen.items()}
+    log = Log(made.t, made.q, made.dq, made.wrench, recorded, columns=kept)
+    return SimulationResult(log, truth, setup, seed)
 
 
 def _check_paths(path: str, truth: str | None) -> None:

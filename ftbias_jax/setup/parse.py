@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import difflib
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 
-from ftbias_jax.setup.fields import Section, check_keys, require, show, table
+from ftbias_jax.setup.fields import Section, check_keys, require, show, subsection, table, text
 from ftbias_jax.setup.keys.read import check_section, open_section, read
-from ftbias_jax.setup.keys.table import SECTIONS, top_sections
+from ftbias_jax.setup.keys.table import SECTIONS, section_keys, top_sections
 from ftbias_jax.setup.parse_noise import bias_section, data_noise_section, joints_section
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot, prismatic_screw, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
@@ -188,12 +189,23 @@ def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
     position, velocity = pose_columns(pose) if pose else (n, n)
     sizes = {"position": position, "velocity": velocity}
     log = open_section(top, "log")
-    tables = {key: open_section(log, key) for key in ("columns", "topics", "files")}
-    columns, topics, files = ({key: read(part, key, sizes.get(key)) for key in part.values} for part in tables.values())
+    known = section_keys("log.columns").keys
+    tables = {key: open_section(log, key) for key in ("topics", "files")}
+    topics, files = ({key: read(part, key, sizes.get(key)) for key in part.values} for part in tables.values())
     if files and not {"position", "wrench"} <= files.keys():
         raise log.error("files", f"names {', '.join(files)}", "name the files of position and wrench")
-    stated: dict[str, Any] = {key: read(log, key) for key in SECTIONS["log"].keys if key not in tables}
+    part = subsection(log, "columns", _column_keys(log, known))
+    columns = {key: read(part, key, sizes.get(key)) if key in known else text(part, key, "") for key in part.values}
+    others = [key for key in SECTIONS["log"].keys if key not in ("columns", *tables)]
+    stated: dict[str, Any] = {key: read(log, key) for key in others}
     return LogSetup(columns, topics, files, **stated)
+
+
+def _column_keys(log: Section, known: Collection[str]) -> tuple[str, ...]:
+    """Keys that [log.columns] may have: any name that is not nearly one of those known."""
+    given = log.values.get("columns")
+    further = (key for key in given if key not in known) if isinstance(given, Mapping) else ()
+    return (*known, *(key for key in further if key.isidentifier() and not difflib.get_close_matches(key, known)))
 
 
 def _effects(top: Section) -> dict[str, Any]:

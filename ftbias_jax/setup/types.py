@@ -206,7 +206,7 @@ class LogSetup:
     """How to find things in a log that does not use the native names."""
 
     columns: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
-    """CSV columns of "time", "temperature" (one name) and "position", "velocity", "wrench" (n, n and 6 names)."""
+    """Columns: "time", "temperature" (one name), "position", "velocity", "wrench" (n, n, 6), and what effects see."""
     topics: Mapping[str, str] = field(default_factory=dict)
     """Topics of a ROS recording: "joints" (or "pose") and "wrench", where there is more than one to choose from."""
     files: Mapping[str, str] = field(default_factory=dict)
@@ -252,8 +252,8 @@ class Setup:
 
     def with_effects(self, effects: Sequence[Any]) -> Setup:
         """The setup with further ``Effect`` objects, which [effects.NAME] may then state; each counts once."""
-        known = {id(effect) for effect in self.own_effects}
-        return replace(self, own_effects=(*self.own_effects, *(one for one in effects if id(one) not in known)))
+        new = (effect for effect in effects if all(effect is not known for known in self.own_effects))
+        return replace(self, own_effects=(*self.own_effects, *new))
 
     @property
     def files(self) -> tuple[str, str]:

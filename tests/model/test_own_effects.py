@@ -1,5 +1,6 @@
 """Effects that the caller brings."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import jax
@@ -8,6 +9,8 @@ import own_effects
 import pytest
 
 from ftbias_jax.errors import SetupError, UsageError
+from ftbias_jax.filtering.verbs.from_setup import filter_log
+from ftbias_jax.io import read_log
 from ftbias_jax.model import own_effects as loading
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, values_of
@@ -176,6 +179,40 @@ def test_a_simulated_hose_pulls_against_the_velocity_of_the_sensor(file):
     np.testing.assert_allclose(on_tool[2:-2], -4.0 * velocity[2:-2], atol=0.02)
     assert np.abs(on_tool).max() > 0.5
     np.testing.assert_allclose(changed[:, 3:], 0, atol=1e-12)
+
+
+def spinning(values, signals, wrench):
+    return wrench + values["per_ampere"] * signals.columns["current"][:, None]
+
+
+SPINNING = Effect(
+    "spinning", "sensor", (Parameter("per_ampere", "N/A", "", scale=0.1),), "", "", reading=spinning, needs=("current",)
+)
+
+
+def test_a_column_that_an_effect_needs_is_simulated_filtered_and_kept_in_the_file(tmp_path):
+    setup = parse_setup(STATED | {"log": {"columns": {"current": "I"}}}).with_effects([SPINNING])
+    current = np.sin(np.arange(200) / 7)
+    made = simulate(setup, {"spinning": {"per_ampere": 2.0}}, duration=2, rate=100, columns={"current": current})
+    change = made.truth.wrench_clean - made.truth.wrench_tool
+    np.testing.assert_allclose(change, 2.0 * current[:, None] * np.ones(6), atol=1e-9)
+    made.save(tmp_path / "log.npz")
+    log = read_log(tmp_path / "log.npz", setup)
+    np.testing.assert_allclose(log.columns["current"].at(log.t), current, atol=1e-6)
+    knowing = replace(setup, effects={"spinning": {"per_ampere": 2.0}})
+    filtered = filter_log(knowing, log)
+    np.testing.assert_allclose(filtered.wrench_tool, made.truth.wrench_clean, atol=0.05)
+    again = simulate(knowing, motion=log)
+    np.testing.assert_allclose(again.truth.wrench_clean[5:], made.truth.wrench_clean[5:], atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"), [(None, "needs the column 'current'"), ({"current": [1.0]}, "for 200 stamps")]
+)
+def test_a_column_that_is_missing_or_of_another_length_is_told(columns, message):
+    setup = parse_setup(STATED).with_effects([SPINNING])
+    with pytest.raises(UsageError, match=message):
+        simulate(setup, {"spinning": {}}, duration=2, rate=100, columns=columns)
 
 
 def _pose(arm, q):

@@ -55,19 +55,20 @@ def lower_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Lowered]:
     A log that loses bins while it is cleaned may turn out shorter; then its programs are compiled when they are called.
     """
     params = params_from_setup(setup)
-    for bins in dict.fromkeys(padded_bins(log) for log in logs):
-        signals, wrench, known = outline(params, bins)
+    for bins, columns in dict.fromkeys((padded_bins(log), tuple(log.columns)) for log in logs):
+        signals, wrench, known = outline(params, bins, columns)
         yield from lower_programs(signals, wrench, known, catalogue_of_setup(setup))
 
 
-def outline(params: Params, bins: int) -> tuple[Signals, WrenchProblem, Values]:
+def outline(params: Params, bins: int, columns: Sequence[str] = ()) -> tuple[Signals, WrenchProblem, Values]:
     """What ``problem.make_problem`` will make of a log, with shapes in place of what is not known yet."""
     n, bias = params.joint.process_density.shape[0], params.bias
 
     def of(*shape: int) -> Any:
         return jax.ShapeDtypeStruct((bins, *shape), params.theta.dtype)
 
-    signals = Signals(of(), of(n), of(n), of(n), of(), Model(params.arm, params.gravity, params.theta))
+    model, seen = Model(params.arm, params.gravity, params.theta), {name: of() for name in columns}
+    signals = Signals(of(), of(n), of(n), of(n), of(), model, columns=seen)
     wrench = WrenchProblem(of(), of(6), of(6), bias.density, bias.prior_std)
     return signals, wrench, params.effects or {}
 

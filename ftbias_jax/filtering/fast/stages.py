@@ -227,8 +227,8 @@ def signals_of(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -
     """What the effects of the catalogue see of a log; joints (T, n, 3)."""
     t = jnp.cumsum(samples.dt)
     temperature = jnp.zeros_like(t) if samples.temperature is None else samples.temperature
-    q, dq, ddq = jnp.moveaxis(joints, 2, 0)
-    return Signals(t, q, dq, ddq, temperature, Model(params.arm, params.gravity, params.theta))
+    (q, dq, ddq), model = jnp.moveaxis(joints, 2, 0), Model(params.arm, params.gravity, params.theta)
+    return Signals(t, q, dq, ddq, temperature, model, None, samples.columns or {})
 
 
 def state_of(joint: Track, wrench: Track) -> State:

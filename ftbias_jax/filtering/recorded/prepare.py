@@ -95,7 +95,7 @@ def _smooth_part(
 
 def _samples(params: Params, log: Log, before: float | None) -> Sample:
     samples = samples_from_log(log, params.theta.dtype, before)
-    return samples if params.effects is not None else samples._replace(temperature=None)
+    return samples if params.effects is not None else samples._replace(temperature=None, columns=None)
 
 
 def _append(samples: Sample, following: Sample) -> Sample:

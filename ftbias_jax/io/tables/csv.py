@@ -6,6 +6,7 @@ import csv
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TextIO
 
 import numpy as np
@@ -15,7 +16,7 @@ from ftbias_jax.io.check import check_log
 from ftbias_jax.io.conventions.units import recorded_times
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.csv_columns import Columns, choose_columns, named_arrays
+from ftbias_jax.io.tables.csv_columns import Columns, check_names, choose_columns, named_arrays
 from ftbias_jax.io.tables.delimiters import Commas, with_commas
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -67,21 +68,43 @@ def named_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict
         LogError: the file cannot be read, or a cell is not a number.
     """
     budget = Budget(file)
+    with _opened(file) as stream:
+        header = read_header(stream, file)
+        columns = choose(header)
+        used = [header.index(name) for names in columns for name in names]
+        values = _read_numbers(stream, header, used, budget)
+    ends = np.cumsum([len(names) for names in columns])
+    return named_arrays(columns, np.split(values, ends[:-1], axis=1))
+
+
+def load_csv(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, dict[str, Array]]:
+    """The stamps (T,) of a log, or its rows' numbers if it has none, and further columns (T,) of it.
+
+    Raises:
+        LogError: as ``read_csv``; a column is not there.
+    """
+    with _opened(file) as stream:
+        header = read_header(stream, file)
+        time = choose_columns(header, setup, file).time
+        check_names(names, header, file)
+        used = [header.index(name) for name in (*time, *names)]
+        values = _read_numbers(stream, header, used, Budget(file))
+    t = values[:, 0] if time else np.arange(len(values))
+    return t, dict(zip(names, values.T[len(time) :], strict=True))
+
+
+@contextmanager
+def _opened(file: str) -> Iterator[TextIO | Commas]:
+    """The file, and what reading it raises as errors of ours."""
     try:
         with open(file, encoding="utf-8-sig") as text:
-            stream = with_commas(text)
-            header = read_header(stream, file)
-            columns = choose(header)
-            used = [header.index(name) for names in columns for name in names]
-            values = _read_numbers(stream, header, used, budget)
+            yield with_commas(text)
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror}", file=file, remedy="check the path") from error
     except UnicodeDecodeError as error:
         raise LogError("is not UTF-8 text", file=file, remedy="give a CSV file") from error
     except csv.Error as error:
         raise LogError(f"is not CSV text: {error}", file=file, remedy="give a CSV file") from error
-    ends = np.cumsum([len(names) for names in columns])
-    return named_arrays(columns, np.split(values, ends[:-1], axis=1))
 
 
 def read_header(stream: TextIO | Commas, file: str) -> list[str]:

@@ -82,6 +82,25 @@ def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, 
     return Columns(*(found.get(quantity, ()) for quantity in Columns._fields))
 
 
+def check_names(names: Sequence[str], header: Sequence[str], file: str = "") -> None:
+    """Refuse further columns that are not there, or not unique.
+
+    Args:
+        names: in the file, as [log.columns] of the setup states.
+        header: the names of all columns.
+        file: the name in messages.
+
+    Raises:
+        LogError: it names the column.
+    """
+    for name in names:
+        if name not in header:
+            message = "log.columns of the setup names this column, but it is not there"
+            raise LogError(message, file=file, field=name, remedy=nearest(name, header))
+        if header.count(name) > 1:
+            raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
+
+
 def usual_names(joint_names: Sequence[str]) -> dict[str, list[Names]]:
     """Sets of column names that need no declaration, by quantity, the first that is complete wins."""
     n = len(joint_names)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -28,13 +28,13 @@ def read_hdf5(path: str | os.PathLike[str], setup: Setup) -> Log:
     return log_from_arrays(load_hdf5(path), setup, os.fspath(path))
 
 
-def load_hdf5(path: str | os.PathLike[str]) -> dict[str, Array]:
-    """The datasets of a log by name.
+def load_hdf5(path: str | os.PathLike[str], names: Sequence[str] = (*ARRAYS, *POSE_ARRAYS)) -> dict[str, Array]:
+    """The datasets of a log by name; those that are not there are left out.
 
     Raises:
         LogError: h5py is not installed, the file cannot be read, or a dataset lies outside of it or is too large.
     """
-    with _opened(os.fspath(path)) as datasets:
+    with _opened(os.fspath(path), names) as datasets:
         return {name: np.asarray(dataset[()]) for name, dataset in datasets.items()}
 
 
@@ -49,7 +49,7 @@ def dataset_shapes(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
 
 
 @contextmanager
-def _opened(file: str) -> Iterator[dict[str, Any]]:
+def _opened(file: str, names: Sequence[str] = (*ARRAYS, *POSE_ARRAYS)) -> Iterator[dict[str, Any]]:
     """The datasets of a log, none of which takes more than it may; what h5py raises as errors of ours."""
     h5py = need("h5py", "hdf5", file)
     budget = Budget(file)
@@ -57,7 +57,7 @@ def _opened(file: str) -> Iterator[dict[str, Any]]:
         with open(file, "rb"):  # the system's own words for a file that may not be read
             pass
         with h5py.File(file, "r") as root:
-            datasets = {name: _dataset(h5py, root, name, file) for name in (*ARRAYS, *POSE_ARRAYS) if name in root}
+            datasets = {name: _dataset(h5py, root, name, file) for name in names if name in root}
             for name, dataset in datasets.items():
                 budget.hold(dataset.size * 8, name)
             for name, dataset in datasets.items():

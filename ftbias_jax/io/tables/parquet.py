@@ -14,7 +14,7 @@ from ftbias_jax.io.check import check_log
 from ftbias_jax.io.conventions.units import recorded_times
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.csv_columns import choose_columns, named_arrays
+from ftbias_jax.io.tables.csv_columns import check_names, choose_columns, named_arrays
 from ftbias_jax.io.unpack import need
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -69,6 +69,25 @@ def parquet_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, A
     ends = np.cumsum([len(names) for names in columns[1:]])
     times = np.stack(t, 1)[:first] if t else numbers[:first, :0]
     return named_arrays(columns, [times, *np.split(numbers[:first], ends[:-1], axis=1)])
+
+
+def load_parquet(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, dict[str, Array]]:
+    """The stamps (T,) of a log, or its rows' numbers if it has none, and further columns (T,) of it.
+
+    Raises:
+        LogError: as ``read_parquet``; a column is not there.
+    """
+    arrow = need("pyarrow", "parquet", file)
+    with _opened(file) as (table, budget):
+        header = [str(name) for name in table.schema_arrow.names]
+        time = choose_columns(header, setup, file).time
+        check_names(names, header, file)
+        _check_numbers(arrow, table.schema_arrow, names, file)
+        budget.hold(8 * _rows(table, budget) * (1 + len(names)))
+        content = table.read(columns=[*time, *names], use_threads=False)
+        found = {name: content.column(name).cast("float64").to_numpy() for name in names}
+        rows = np.arange(content.num_rows)
+        return (_times(arrow, content.column(time[0]), time[0], file) if time else rows), found
 
 
 def column_names(path: str | os.PathLike[str]) -> list[str]:

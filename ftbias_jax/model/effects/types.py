@@ -22,6 +22,9 @@ Values = dict[str, EffectValues]
 """Parameters of several effects: effect -> parameters. A pytree: differentiate or map ``predict`` over it."""
 
 
+_NO_COLUMNS: dict[str, Array] = {}
+
+
 class Signals(NamedTuple):
     """The motion of one log and the model that turns it into a wrench."""
 
@@ -38,6 +41,9 @@ class Signals(NamedTuple):
     model: Model
     motion: ArmMotion | None = None
     """Of the arm, if it was worked out before; effects get it by ``kinematics.motion_of``."""
+    columns: dict[str, Array] = _NO_COLUMNS
+    """(T,) further quantities of the log by the names that [log.columns] of the setup gives them, without gaps. An
+    effect that looks at one states its name in ``Effect.needs``."""
 
     @property
     def path(self) -> SensorPath:

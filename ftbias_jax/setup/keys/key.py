@@ -54,6 +54,8 @@ class SectionKeys(NamedTuple):
     about: str
     keys: Mapping[str, Key]
     required: bool = False
+    further: str = ""
+    """What any other key means, whose value is text; "" = there is no other key."""
 
 
 def number(meaning: str, unit: str = "", **more: Any) -> Key:

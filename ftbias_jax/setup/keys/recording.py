@@ -36,6 +36,7 @@ COLUMNS = SectionKeys(
         "wrench": names("columns of force, then torque", 6, absent="`fx` to `tz`"),
         "temperature": text("column of the temperature", absent="`temperature`", example="T"),
     },
+    further="column, or array of an NPZ or HDF5 file, that effects of your own see under this name",
 )
 TOPICS = SectionKeys(
     "Topics, where a recording has several that fit.",

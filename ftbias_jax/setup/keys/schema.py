@@ -36,7 +36,7 @@ def _section(name: str) -> dict[str, Any]:
         "description": section.about,
         "properties": {key: _key(f"{name}.{key}", known) for key, known in section.keys.items()},
         "required": [key for key, known in section.keys.items() if known.required],
-        "additionalProperties": False,
+        "additionalProperties": {"type": "string", "description": section.further} if section.further else False,
     }
 
 

@@ -35,6 +35,16 @@ def top_sections() -> tuple[str, ...]:
     return (*(name for name in SECTIONS if "." not in name), EFFECTS)
 
 
+def further_columns(columns: Mapping[str, str | tuple[str, ...]]) -> dict[str, str]:
+    """Columns that effects see by a name of the owner's choice: their name in the file.
+
+    Args:
+        columns: [log.columns] of a setup.
+    """
+    named = {key: name for key, name in columns.items() if key not in COLUMNS.keys}
+    return {key: name for key, name in named.items() if isinstance(name, str)}
+
+
 def section_keys(name: str) -> SectionKeys:
     """The section of a full name such as ``robot.joints[2]``."""
     return SECTIONS[re.sub(r"\[\d+\]", "", name)]

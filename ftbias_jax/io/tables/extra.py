@@ -1,0 +1,92 @@
+"""Columns of a log beside joints, wrench and temperature: what the setup names in [log.columns], for effects to see."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.clock import SECOND, as_stamps, tidy
+from ftbias_jax.io.conventions.units import recorded_times
+from ftbias_jax.io.log import Column, Log
+from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.tables.csv import load_csv
+from ftbias_jax.io.tables.csv_columns import check_names
+from ftbias_jax.io.tables.hdf5 import load_hdf5
+from ftbias_jax.io.tables.parquet import load_parquet
+from ftbias_jax.setup.keys.table import further_columns
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
+
+ARRAY_FILES = (".npz", ".h5", ".hdf5")
+
+
+def with_extra_columns(log: Log, path: str | os.PathLike[str], setup: Setup) -> Log:
+    """The log with the further columns that the setup names.
+
+    Args:
+        log: as read from the file; its stamps decide where time begins.
+        path: the file: .npz, .h5, .csv or .parquet.
+        setup: [log.columns] NAME = "name in the file".
+
+    Raises:
+        LogError: a column is not there, is no list of numbers, or the format has no columns.
+    """
+    wanted = further_columns(setup.log.columns)
+    if not wanted:
+        return log
+    file = os.fspath(path)
+    suffix = Path(file).suffix.lower()
+    if suffix in ARRAY_FILES:
+        stamps, found = _of_arrays(file, suffix, wanted)
+    elif suffix in (".csv", ".parquet"):
+        load = load_csv if suffix == ".csv" else load_parquet
+        stamps, found = load(file, setup, tuple(wanted.values()))
+    else:
+        raise LogError(
+            f"[log.columns] of the setup names {next(iter(wanted))}, but a recording of ROS has no columns",
+            file=file,
+            remedy="write the log as .npz, .csv or .parquet",
+        )
+    times = recorded_times({"t": stamps, "wrench": stamps}, setup.log)
+    columns = {name: column_of(times, found[there], log.start, file, there) for name, there in wanted.items()}
+    return log._replace(columns=columns)
+
+
+def _of_arrays(file: str, suffix: str, wanted: Mapping[str, str]) -> tuple[Array, dict[str, Array]]:
+    names = (*wanted.values(), "t", "t_wrench")
+    arrays = load_arrays(file, names) if suffix == ".npz" else load_hdf5(file, names)
+    check_names(tuple(wanted.values()), list(arrays), file)
+    return arrays["t"] if "t" in arrays else arrays["t_wrench"], dict(arrays)
+
+
+def column_of(stamps: Array, values: Array, start: float, file: str = "", field: str = "") -> Column:
+    """The values that were measured, with stamps since the first sample of the log.
+
+    Args:
+        stamps: (T,) floating point in s, or integers in ns.
+        values: (T,) NaN = not measured.
+        start: s, stamp of the log's first sample.
+        file: where they come from, for messages.
+        field: their name, for messages.
+
+    Raises:
+        LogError: they are no list of finite numbers, one a stamp.
+    """
+    t, values = as_stamps(stamps, file=file), np.asarray(values)
+    if values.shape != t.shape or values.dtype.kind not in "fiu":
+        message = f"has shape {values.shape} and type {values.dtype} for {len(t)} stamps"
+        raise LogError(message, file=file, field=field, remedy="give one real number per stamp, NaN = not measured")
+    values = values.astype(float)
+    if np.isinf(values).any():
+        raise LogError("is infinite", file=file, field=field, remedy="write NaN where nothing was measured")
+    known = np.isfinite(values)
+    if not known.any():
+        raise LogError("was never measured", file=file, field=field, remedy="leave it out of [log.columns]")
+    # Integers are subtracted as integers: nanoseconds since 1970 do not fit the 53 bits of a float.
+    seconds = (t - round(start * SECOND)) / SECOND if t.dtype.kind == "i" else t - start
+    ordered = tidy(seconds[known], values[known, None])
+    return Column(ordered.t, ordered.values[:, 0])
