@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import permutations, product
+from itertools import product
 
 import numpy as np
 
 from ftbias_jax.filtering.check.motion import arm_motion
+from ftbias_jax.filtering.check.mounts import AXIS_NAMES, mount_in_degrees, mounts
 from ftbias_jax.filtering.check.regression import Tool
 from ftbias_jax.filtering.check.state import Alternative, State
-from ftbias_jax.setup.rotations import rotation_from_rpy, rpy_from_rotation
-from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array
 
 G = 9.80665
 UNITS = {
@@ -30,24 +28,23 @@ TORQUE_UNITS = {
     "lbf in": (8.8507458, "multiply the torque by 0.112985"),
     "lbf ft": (0.7375621, "multiply the torque by 1.35582"),
 }
-MOST_RPY = 3.2
-"""rad: no angle need be larger."""
+LEAST_DEGREES = 7.0
+"""A joint that never turns this far, in whatever it is, is not in degrees."""
 OTHER = {"wrench_on_tool": "wrench_on_sensor", "wrench_on_sensor": "wrench_on_tool"}
-AXIS_NAMES = "xyz"
 
 
 def all_alternatives(state: State) -> Iterator[Alternative]:
     """Every alternative to a state that is but one mistake away; recorded poses have more (``poses``)."""
-    setup = state.case.setup
     yield _sign(state)
     yield from _wrench_units(state)
     yield from _tool_units(state)
     yield from _degrees(state)
+    yield from mount_in_degrees(state)
     yield from _gravity(state)
     if state.case.layout.axes.all():
         yield _swapped(state)
         yield from _base_frame(state)
-        yield from _sensor_axes(state, setup)
+        yield from mounts(state)
 
 
 def _sign(state: State) -> Alternative:
@@ -109,9 +106,9 @@ def _tool_units(state: State) -> Iterator[Alternative]:
 def _degrees(state: State) -> Iterator[Alternative]:
     case = state.case
     setup, bins = case.setup, case.bins
-    if setup.pose is not None:
-        return
     turning = setup.robot.screws[:, 3:].any(1)
+    if setup.pose is not None or not (np.abs(bins.q[:, turning]) > LEAST_DEGREES).any():
+        return
     factor = np.where(turning, np.pi / 180, 1)
     with_rates = ((1.0, "q and dq are"), (180 / np.pi, "q is"))
     for rate, words in with_rates:
@@ -126,20 +123,6 @@ def _degrees(state: State) -> Iterator[Alternative]:
         )
         if not np.isfinite(bins.dq).any():
             break
-    stated = setup.sensor.rotation_rpy
-    if (
-        stated is not None
-        and np.abs(stated).max() > MOST_RPY
-        and np.allclose(rotation_from_rpy(stated), setup.sensor.rotation)
-    ):
-        turned = setup.sensor.rotation.T @ rotation_from_rpy(np.radians(stated))
-        yield Alternative(
-            "angle_units",
-            "sensor.rotation_rpy is in degrees: give rad",
-            turned_mount(state, turned),
-            2,
-            setup={"sensor.rotation_rpy": [float(x) for x in np.radians(stated)]},
-        )
 
 
 def _gravity(state: State) -> Iterator[Alternative]:
@@ -147,7 +130,7 @@ def _gravity(state: State) -> Iterator[Alternative]:
         return  # an accelerometer has gravity in it
     standard = np.allclose(state.gravity, [0, 0, -9.81], atol=0.1)
     for axis, sign in product(range(3), (-1.0, 1.0)):
-        gravity = sign * 9.81 * np.eye(3)[axis]
+        gravity = sign * 9.81 * np.eye(3)[axis] + 0.0
         if np.linalg.norm(gravity - state.gravity) < 1:
             continue
         yield Alternative(
@@ -169,38 +152,6 @@ def _swapped(state: State) -> Alternative:
     )
 
 
-def _sensor_axes(state: State, setup: Setup) -> Iterator[Alternative]:
-    """Signed permutations: proper ones are another mount, the others columns with a wrong sign or order."""
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        P = np.eye(3)[list(order)] * signs
-        proper = np.linalg.det(P) > 0
-        about_z = P[2, 2] == 1
-        half_turn = np.trace(P) == -1 and np.array_equal(P, P.T)
-        for torque in (1.0, -1.0):
-            if np.array_equal(P, np.eye(3)) or (np.array_equal(P, -np.eye(3)) and torque == 1):
-                continue  # the stated one, one that only the torque shows; -I with the same torque sign is 'sign'
-            wrench = np.concatenate([state.wrench[:, :3] @ P.T, torque * state.wrench[:, 3:] @ P.T], 1)
-            simple = proper and torque == 1
-            rank = 5 + 0.3 * (not about_z) + 0.2 * (not half_turn) + (0 if simple else 1)
-            if simple:
-                rotation = setup.sensor.rotation @ P
-                rpy = rpy_from_rotation(rotation)
-                words = f"the sensor is turned on the flange: set sensor.rotation_rpy = {_plain(rpy)}"
-                center = P.T @ setup.tool.center_of_mass
-                values = {"sensor.rotation_rpy": _list(rpy), "tool.center_of_mass": _list(center)}
-                remedy = f"{words}, and tool.center_of_mass = {_plain(center)} if it was meant along the axes as stated"
-                yield Alternative("sensor_axes", remedy, state.but(wrench=wrench), rank, setup=values)
-                yield Alternative(
-                    "sensor_axes",
-                    words,
-                    turned_mount(state, P),
-                    rank + 0.05,
-                    setup={"sensor.rotation_rpy": _list(rpy)},
-                )
-            else:
-                yield Alternative("sensor_axes", _columns(P, torque), state.but(wrench=wrench), rank)
-
-
 def _base_frame(state: State) -> Iterator[Alternative]:
     R = state.motion.rotation
     force, torque = state.wrench[:, :3], state.wrench[:, 3:]
@@ -213,28 +164,3 @@ def _base_frame(state: State) -> Iterator[Alternative]:
             state.but(wrench=turned),
             3.5,
         )
-
-
-def turned_mount(state: State, turned: Array) -> State:
-    """The state with the sensor's axes turned on the flange: R v_turned = v_stated."""
-    rotation = state.motion.rotation @ turned
-    force = None if state.specific_force is None else state.specific_force @ turned
-    return state.but(motion=state.motion._replace(rotation=rotation), specific_force=force)
-
-
-def _columns(P: Array, torque: float) -> str:
-    """What stands in the columns, in words."""
-    read = []
-    for row in P:
-        axis = int(np.abs(row).argmax())
-        read.append(f"{'-' if row[axis] < 0 else ''}{AXIS_NAMES[axis]}")
-    more = "" if torque > 0 else ", the torque with the opposite signs"
-    return f"the axes of the wrench are not those of the sensor: x, y, z are its columns {', '.join(read)}{more}"
-
-
-def _list(values: Array) -> list[float]:
-    return [float(f"{x:.6g}") + 0.0 for x in values]
-
-
-def _plain(values: Array) -> str:
-    return "[" + ", ".join(f"{x + 0.0:.4g}" for x in np.atleast_1d(np.round(values, 6))) + "]"

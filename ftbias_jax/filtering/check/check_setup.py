@@ -12,8 +12,18 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check import poses, special
 from ftbias_jax.filtering.check.alternatives import all_alternatives
 from ftbias_jax.filtering.check.bins import bins_of, join_bins
-from ftbias_jax.filtering.check.judge import BAD, Evidence, best_alternative, decisively, evidence_of, score
-from ftbias_jax.filtering.check.regression import TRIM_MORE, free_tool
+from ftbias_jax.filtering.check.judge import (
+    BAD,
+    TIE,
+    Evidence,
+    best_alternative,
+    decisively,
+    evidence_of,
+    score,
+    slightly,
+)
+from ftbias_jax.filtering.check.mounts import mount_in_degrees
+from ftbias_jax.filtering.check.regression import TRIM_MORE, no_tool
 from ftbias_jax.filtering.check.result import Check, Mistake
 from ftbias_jax.filtering.check.state import Case, Result, State, case_of_bins, make_case, stated
 from ftbias_jax.io.log import Log
@@ -24,6 +34,8 @@ MOST_MISTAKES = 2
 """That are looked for beside those of a recorded pose; the second one with the first one mended."""
 PART, MOST_PARTS = 1 << 17, 16
 """Samples of a part of a long log, and parts that are looked at."""
+FAR_BETTER = 2.0
+"""Score by which an alternative must explain a reading that has nothing of the tool."""
 POSE_BETTER = 0.7
 """Share of what the stated convention of a pose leaves that another may leave."""
 POSE_TIE = 0.1
@@ -106,25 +118,34 @@ def check_parts(setup: Setup, parts: Callable[[int], Iterator[Log]], length: int
 def _check(case: Case) -> Check:
     setup, state = case.setup, stated(case)
     first = evidence_of(state)
+    if setup.sensor.compensated == "weight":
+        state = state.but(gravity=np.zeros(3))
+    if setup.sensor.compensated == "tool":
+        state = state.but(tool=no_tool())
     if setup.sensor.compensated != "none":
+        first = evidence_of(state)
         return Check(tuple(_of_bias(first)), _numbers(first, first.result), setup.path)
     found: list[Mistake] = []
     if setup.pose is not None:
         state, of_pose = _of_pose(first)
         found += of_pose
     base = evidence_of(state) if found else first
+    absent = tuple(_of_absence(base))
+    enough = score(base, base.state.fit(no_tool())) + FAR_BETTER if absent else -np.inf
     for _ in range(MOST_MISTAKES):
-        best = best_alternative(base, all_alternatives(base.state))
-        if best is None:
+        best = best_alternative(base, all_alternatives(base.state)) or slightly(base, mount_in_degrees(base.state))
+        moved = special.time_offset(base)
+        if moved is not None and (best is None or score(base, moved[1]) > score(base, best[1]) + TIE):
+            found.append(_of_time(base, first, *moved))
+            break
+        if best is None or score(base, best[1]) < enough:
             break
         alternative, result = best
         evidence = _numbers(first, result)
         found.append(Mistake(alternative.mistake, evidence, alternative.remedy, alternative.setup or {}))
-        base = evidence_of(alternative.state)
-    if not found:
-        found += _of_absence(base)
-    if not any(mistake.mistake == "compensated" for mistake in found):
-        found += _of_time(base, first)
+        base, enough = evidence_of(alternative.state), -np.inf
+    found += absent if not found else ()
+    if not any(mistake.mistake in ("compensated", "time_offset") for mistake in found):
         found += _of_bias(base)
     worse = special.worse_than_raw(first)
     if worse and not found:
@@ -138,7 +159,7 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
     state, found = first.state, []
     pose = state.case.setup.pose
     assert pose is not None
-    tried = [(convention, s, s.fit(free_tool(s.tool))) for convention, s in poses.conventions(state)]
+    tried = [(convention, s, _of_either_sign(s)) for convention, s in poses.conventions(state)]
     as_stated = tried[0][2]
     good = [
         (convention, s, result)
@@ -162,6 +183,11 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
     return state, found
 
 
+def _of_either_sign(state: State) -> Result:
+    """The better fit of the reading and of its opposite: the sign is looked at later."""
+    return min((state.fit(), state.but(wrench=-state.wrench).fit()), key=lambda result: result.square[0])
+
+
 def _of_absence(base: Evidence) -> Iterator[Mistake]:
     """The tool's weight is not in the reading."""
     absent = special.compensated(base)
@@ -172,16 +198,13 @@ def _of_absence(base: Evidence) -> Iterator[Mistake]:
         yield Mistake(mistake, {**rms, "share_of_the_weight": float(f"{share:.3g}")}, remedy, setup)
 
 
-def _of_time(base: Evidence, first: Evidence) -> Iterator[Mistake]:
+def _of_time(base: Evidence, first: Evidence, delay: float, result: Result) -> Mistake:
     """The clocks of wrench and motion differ."""
-    offset = special.time_offset(base)
-    if offset is not None:
-        delay, result = offset
-        later, than = ("wrench", "motion") if delay > 0 else ("motion", "wrench")
-        remedy = f"the {later} is stamped {abs(delay):.2f} s later than the {than}: shift its stamps"
-        states = -1 <= delay <= 2 and base.state.case.setup.pose is None
-        setup = {"effects.time_delay.delay": round(delay, 3)} if states else {}
-        yield Mistake("time_offset", {**_numbers(first, result), "offset_s": round(delay, 3)}, remedy, setup)
+    later, than = ("wrench", "motion") if delay > 0 else ("motion", "wrench")
+    remedy = f"the {later} is stamped {abs(delay):.2f} s later than the {than}: shift its stamps"
+    states = -1 <= delay <= 2 and base.state.case.setup.pose is None
+    setup = {"effects.time_delay.delay": round(delay, 3)} if states else {}
+    return Mistake("time_offset", {**_numbers(first, result), "offset_s": round(delay, 3)}, remedy, setup)
 
 
 def _of_bias(base: Evidence) -> Iterator[Mistake]:

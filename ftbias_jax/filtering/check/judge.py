@@ -20,7 +20,7 @@ GOOD = 0.3
 """Share of the raw variance that it may leave."""
 SAME = 1.5
 """Factor within which another tool does as well as an alternative."""
-SLACK = 0.03
+SLACK = 0.01
 """Share of the raw variance that is added to that."""
 TIE = 0.35
 """Difference of scores within which two alternatives do equally well."""
@@ -30,6 +30,8 @@ LONG_LIST, CLEAR = 5, 0.02
 """Rank from which alternatives are very many, and share of the raw variance that makes them needless."""
 ABSENT = 0.2
 """Coefficient of the tool's wrench below which it is not in the reading."""
+CLEARLY = 2.0
+"""Times the noise of a bin that a reading must vary to show anything."""
 LEVER = 0.5
 """m: no tool's centre of mass is farther off."""
 
@@ -80,7 +82,7 @@ def best_alternative(base: Evidence, alternatives: Iterable[Alternative]) -> tup
         base: the stated model.
         alternatives: to it.
     """
-    if not (base.left > BAD).any():
+    if not (base.left > BAD).any() or not shows_anything(base):
         return None
     tried: list[tuple[Alternative, Result]] = []
     good: list[tuple[Alternative, Result]] = []
@@ -91,7 +93,8 @@ def best_alternative(base: Evidence, alternatives: Iterable[Alternative]) -> tup
         tried.append((alternative, result))
         if _is_named(base, alternative, result):
             good.append((alternative, result))
-    if not good:  # the tool may be wrong, too
+    right_but_for_the_tool = base.free is not None and (base.free < BAD * base.raw)[0]
+    if not good and not right_but_for_the_tool:  # the tool may be wrong, too
         tried = [(a, a.state.fit(free_tool(a.state.tool))) for a, _ in tried if not a.scale]
         good = [(a, r) for a, r in tried if is_possible(r.fit.theta) and _is_named(base, a, r, any_tool=True)]
     if not good:
@@ -99,6 +102,32 @@ def best_alternative(base: Evidence, alternatives: Iterable[Alternative]) -> tup
     best = max(score(base, result) for _, result in good)
     ties = [(a, r) for a, r in good if score(base, r) > best - TIE]
     return min(ties, key=lambda pair: pair[0].rank)
+
+
+def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> tuple[Alternative, Result] | None:
+    """The first alternative that is better at all, by more than chance: for what only a mistake can have brought about.
+
+    Args:
+        base: the stated model.
+        alternatives: to it.
+    """
+    for alternative in alternatives:
+        result = alternative.state.fit()
+        if score(base, result) > score(base, base.result) + TIE and _is_sure(base, alternative, result):
+            return alternative, result
+    return None
+
+
+def noise_of_bins(state: State) -> Array:
+    """(2,) standard deviation of the mean force and torque of a bin, N and Nm, all axes together."""
+    noise = state.case.setup.sensor.noise_std.reshape(2, 3)
+    size: Array = np.sqrt((noise**2).sum(1) / np.median(state.case.bins.count))
+    return size
+
+
+def shows_anything(base: Evidence) -> bool:
+    """Whether the reading varies by more than noise."""
+    return bool((np.sqrt(base.raw) > CLEARLY * noise_of_bins(base.state)).any())
 
 
 def score(base: Evidence, result: Result) -> float:
@@ -139,6 +168,8 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
         )
     if not (left < GOOD).all():
         return False
+    if groups == [1] and base.left[0] > BAD:
+        return False  # what is wrong with the force comes first
     other = [1 - group for group in groups if 1 - group not in groups]
     if other and not any_tool and (result.square > 2 * np.maximum(base.result.square, base.raw))[other].any():
         return False

@@ -183,7 +183,14 @@ def _within_reach(normal: Array, right: Array, tool: Tool) -> Float[Array, " 10"
     S = tool.reach
     d, V = np.linalg.eigh(normal * np.outer(S, S))
     g = V.T @ (S * (right - normal @ tool.theta))
-    steps = STEPS[:, None] * max(d[-1], 1e-300)
-    x = g / (np.maximum(d, 0) + steps)
-    inside = np.flatnonzero((x**2).sum(1) <= 1)
-    return tool.theta + S * (V @ x[inside[0] if inside.size else -1])
+    d = np.maximum(d, 0)
+
+    def first_inside(steps: Array) -> int:
+        inside = np.flatnonzero(((g / (d + steps[:, None])) ** 2).sum(1) <= 1)
+        return int(inside[0]) if inside.size else len(steps) - 1
+
+    steps = STEPS * max(d[-1], 1e-300)
+    for _ in range(2):  # the second time between two steps of the first
+        i = first_inside(steps)
+        steps = np.geomspace(steps[max(i - 1, 0)], steps[i], len(STEPS))
+    return tool.theta + S * (V @ (g / (d + steps[first_inside(steps)])))

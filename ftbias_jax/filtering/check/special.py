@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.check.judge import ABSENT, Evidence, decisively, score
+from ftbias_jax.filtering.check.judge import ABSENT, Evidence, decisively, noise_of_bins, score
 from ftbias_jax.filtering.check.regression import no_tool, without_bias
 from ftbias_jax.filtering.check.state import Result, delayed
 
@@ -22,8 +22,8 @@ LAGS = (0.1, 0.2, 0.3, 0.5, 0.8)
 """s, time constants of a low pass, which can look like an offset."""
 FAR = 8.0
 """Standard deviations of the prior beyond which the bias is not what the setup expects."""
-FIRST = 0.5
-"""s at the start that show whether the sensor was zeroed there."""
+FIRST = 2.0
+"""s at the start that show the bias which the prior speaks of."""
 ZERO = 6.0
 """Standard deviations of a sample within which a reading is zero."""
 
@@ -54,9 +54,8 @@ def share_of_tool(base: Evidence, group: int) -> Share:
     value = above.sum() / max(below.sum(), 1e-300)
     without = (above.sum() - above) / np.maximum(below.sum() - below, 1e-300)
     stderr = np.sqrt((len(without) - 1) * np.mean((without - without.mean()) ** 2))
-    setup, bins = state.case.setup, state.case.bins
-    noise = np.sqrt((setup.sensor.noise_std[axes] ** 2).sum() / np.median(bins.count))
-    return Share(float(value), float(stderr), bool(np.sqrt((tool**2).sum(1).mean()) > CLEAR * noise))
+    clear = np.sqrt((tool**2).sum(1).mean()) > CLEAR * noise_of_bins(state)[group]
+    return Share(float(value), float(stderr), bool(clear))
 
 
 def worse_than_raw(base: Evidence) -> bool:
@@ -116,14 +115,13 @@ def bias_beyond_prior(base: Evidence) -> tuple[str, str, dict[str, object]] | No
     if setup.sensor.rezeroed or (state.unit != 1).any():
         return None
     tool = state.data() @ state.tool.theta
-    rows = bins.t - bins.t[0] < max(FIRST, 2 * float(np.median(np.diff(bins.t[:10]))))
-    axes = state.case.layout.axes
-    zero = (np.abs(state.case.wrench[rows]) < ZERO * setup.sensor.noise_std)[:, axes].all()
-    std = setup.bias.initial_std
-    if zero and (np.abs(tool[rows].mean(0) - setup.bias.initial)[axes] > std[axes]).any():
+    axes, std = state.case.layout.axes, setup.bias.initial_std
+    moved = np.abs(tool[1] - tool[0])  # since the first sample, at most
+    zero = (np.abs(state.case.wrench[0]) < ZERO * setup.sensor.noise_std + moved)[axes].all()
+    if zero and (np.abs(tool[0] - setup.bias.initial)[axes] > std[axes] + moved[axes]).any():
         remedy = "the sensor was set to zero with the tool on: set sensor.rezeroed = true"
         return "rezeroed", remedy, {"sensor.rezeroed": True}
-    bias = np.median(tool - state.wrench, 0)
+    bias = np.median((tool - state.wrench)[bins.t - bins.t[0] < FIRST], 0)
     off = np.abs(bias - setup.bias.initial) - 2 * np.abs(tool).max(0)
     if (off[axes] > FAR * std[axes]).any():
         stated = [float(f"{x:.6g}") for x in bias]

@@ -15,7 +15,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.setup.types import Setup, ToolSetup
 from ftbias_jax.types import Array
 
-MOST = 1500
+MOST = 900
 """Bins that are fitted; of more, stretches that are spread over all."""
 STRETCH = 100
 """Bins of a stretch."""

@@ -1,0 +1,121 @@
+"""Sensors that are mounted otherwise than stated, or whose columns have another order or sign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import permutations, product
+
+import numpy as np
+
+from ftbias_jax.filtering.check.regression import without_bias
+from ftbias_jax.filtering.check.state import Alternative, State
+from ftbias_jax.setup.rotations import rotation_from_rpy, rpy_from_rotation
+from ftbias_jax.types import Array
+
+AXIS_NAMES = "xyz"
+MOST_RPY = 3.2
+"""rad: no angle need be larger."""
+LEAST_TURN = np.radians(25.0)
+"""rad: a sensor that is turned by less is an effect (mount_rotation), not a mistake."""
+SPIKE = 4.0
+"""Times the typical reading beyond which a bin does not count for the rotation."""
+
+
+def mounts(state: State) -> Iterator[Alternative]:
+    """Signed permutations of the sensor's axes, and the rotation that fits best.
+
+    Proper permutations are another mount; improper ones, and those with another sign of the torque alone, are columns
+    that a driver writes in its own way.
+    """
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        P = np.eye(3)[list(order)] * signs
+        for torque in (1.0, -1.0):
+            if np.array_equal(P, np.eye(3)) or (np.array_equal(P, -np.eye(3)) and torque == 1):
+                continue  # the first is the stated one, or shows in the torque alone; the second is 'sign'
+            yield from _permuted(state, P, torque)
+    yield from _turned_freely(state)
+
+
+def mount_in_degrees(state: State) -> Iterator[Alternative]:
+    """The sensor's rotation was written in degrees; nothing if its numbers are small."""
+    sensor = state.case.setup.sensor
+    written = sensor.rotation_rpy
+    if written is None or np.abs(written).max() <= MOST_RPY:
+        return
+    if np.allclose(rotation_from_rpy(written), sensor.rotation):  # nothing has replaced the rotation since
+        yield Alternative(
+            "angle_units",
+            "sensor.rotation_rpy is in degrees: give rad",
+            turned_mount(state, sensor.rotation.T @ rotation_from_rpy(np.radians(written))),
+            2,
+            setup={"sensor.rotation_rpy": [float(x) for x in np.radians(written)]},
+        )
+
+
+def turned_mount(state: State, turned: Array) -> State:
+    """The state with the sensor's axes turned on the flange: R v_turned = v_stated."""
+    rotation = state.motion.rotation @ turned
+    force = None if state.specific_force is None else state.specific_force @ turned
+    return state.but(motion=state.motion._replace(rotation=rotation), specific_force=force)
+
+
+def _permuted(state: State, P: Array, torque: float) -> Iterator[Alternative]:
+    proper = np.linalg.det(P) > 0 and torque == 1
+    half_turn = np.trace(P) == -1 and np.array_equal(P, P.T)
+    rank = 5 + 0.3 * (P[2, 2] != 1) + 0.2 * (not half_turn) + (not proper)
+    if not proper:
+        yield Alternative("sensor_axes", _columns(P, torque), state.but(wrench=_turned_wrench(state, P, torque)), rank)
+        return
+    yield _mount(state, P, rank)
+    rpy = rpy_from_rotation(state.case.setup.sensor.rotation @ P)
+    words = f"the sensor is turned on the flange: set sensor.rotation_rpy = {_plain(rpy)}"
+    values = {"sensor.rotation_rpy": _list(rpy)}
+    yield Alternative("sensor_axes", words, turned_mount(state, P), rank + 0.05, setup=values)
+
+
+def _turned_freely(state: State) -> Iterator[Alternative]:
+    """The rotation that brings the reading nearest to the stated tool's wrench (Kabsch 1976)."""
+    layout = state.case.layout
+    tool, reading = (without_bias(x, layout) for x in (state.data() @ state.tool.theta, state.wrench))
+    overlap = np.zeros((3, 3))
+    for axes in (slice(0, 3), slice(3, 6)):
+        size, expected = (np.linalg.norm(x[:, axes], axis=1) for x in (reading, tool))
+        typical = np.median(size) + 1e-12
+        rows = size < SPIKE * typical
+        overlap += tool[rows, axes].T @ reading[rows, axes] / (typical * (np.median(expected) + 1e-12))
+    U, _, V = np.linalg.svd(overlap)
+    P = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))]) @ V
+    if np.arccos(np.clip((np.trace(P) - 1) / 2, -1, 1)) > LEAST_TURN:
+        yield _mount(state, P, 7)
+
+
+def _mount(state: State, P: Array, rank: float) -> Alternative:
+    """The sensor is mounted otherwise, with the tool as it was meant along the stated axes: R v_reading = v_stated."""
+    setup = state.case.setup
+    rpy, center = rpy_from_rotation(setup.sensor.rotation @ P), P.T @ setup.tool.center_of_mass
+    values = {"sensor.rotation_rpy": _list(rpy), "tool.center_of_mass": _list(center)}
+    words = f"the sensor is turned on the flange: set sensor.rotation_rpy = {_plain(rpy)}"
+    remedy = f"{words}, and tool.center_of_mass = {_plain(center)} if it was meant along the axes as stated"
+    return Alternative("sensor_axes", remedy, state.but(wrench=_turned_wrench(state, P)), rank, setup=values)
+
+
+def _turned_wrench(state: State, P: Array, torque: float = 1.0) -> Array:
+    return np.concatenate([state.wrench[:, :3] @ P.T, torque * state.wrench[:, 3:] @ P.T], 1)
+
+
+def _columns(P: Array, torque: float) -> str:
+    """What stands in the columns, in words."""
+    read = []
+    for row in P:
+        axis = int(np.abs(row).argmax())
+        read.append(f"{'-' if row[axis] < 0 else ''}{AXIS_NAMES[axis]}")
+    more = "" if torque > 0 else ", the torque with the opposite signs"
+    return f"the axes of the wrench are not those of the sensor: x, y, z are its columns {', '.join(read)}{more}"
+
+
+def _list(values: Array) -> list[float]:
+    return [float(f"{x:.6g}") + 0.0 for x in values]
+
+
+def _plain(values: Array) -> str:
+    return "[" + ", ".join(f"{x + 0.0:.4g}" for x in np.round(values, 6).tolist()) + "]"

@@ -1,0 +1,119 @@
+"""The command ``check``, and what the other commands do with a wrong setup."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+import small_checks
+
+import ftbias_jax as ft
+from ftbias_jax.cli.main import main
+from ftbias_jax.setup import dump_setup
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Writes a log and a setup, with changes to either; gives the beginning of a command's arguments."""
+
+    def write(change=lambda tables, arrays: None):
+        tables, arrays = small_checks.right_log(duration=20.0, rate=50.0)
+        tables["joints"]["process_noise_density"] = 5.0
+        change(tables, arrays)
+        np.savez(tmp_path / "log.npz", **arrays)
+        (tmp_path / "setup.toml").write_text(dump_setup(ft.parse_setup(tables)))
+        return [str(tmp_path / "log.npz"), "--setup", str(tmp_path / "setup.toml")]
+
+    return write
+
+
+def other_sign(tables, arrays):
+    tables["sensor"]["reports"] = "wrench_on_sensor"
+
+
+def torque_in_newton_millimetres(tables, arrays):
+    arrays["wrench"] = arrays["wrench"] * np.repeat([1.0, 1e3], 3)
+
+
+def test_a_right_setup_is_ok(files, capsys):
+    assert main(["check", *files()]) == 0
+    assert capsys.readouterr().out.startswith("no mistake found (rms raw ")
+
+
+def test_a_wrong_one_is_told_and_written(files, tmp_path, capsys):
+    arguments = files(other_sign)
+    assert main(["check", *arguments, "--json", str(tmp_path / "out.json")]) == 1
+    assert "sign: the sensor reports the wrench on tool: set sensor.reports" in capsys.readouterr().out
+    content = json.loads((tmp_path / "out.json").read_text())
+    assert [finding["mistake"] for finding in content["findings"]] == ["sign"]
+    mended = tomllib.loads((tmp_path / "setup.toml").read_text())
+    (finding,) = content["findings"]
+    for key, value in finding["setup"].items():
+        section, name = key.split(".")
+        mended[section][name] = value
+    (tmp_path / "setup.toml").write_text(dump_setup(ft.parse_setup(mended)))
+    assert main(["check", *arguments]) == 0
+
+
+def test_an_output_may_not_be_an_input(files, capsys):
+    arguments = files()
+    assert main(["check", *arguments, "--json", arguments[0]]) == 2
+    assert "--json" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["tune", "identify", "diagnose"])
+def test_a_command_that_would_explain_a_mistake_refuses(files, tmp_path, capsys, command):
+    more = ["--json", str(tmp_path / "out.json")] if command == "diagnose" else ["-o", str(tmp_path / "out.toml")]
+    assert main([command, *files(other_sign), *more]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    assert (
+        "setup.toml: sign: the sensor reports the opposite sign, and the model makes the reading worse" in printed.err
+    )
+    assert "--unchecked goes on anyway" in printed.err
+    assert not list(tmp_path.glob("out.*"))
+
+
+def test_filter_says_so_first_and_exits_with_3_where_it_makes_things_worse(files, tmp_path, capsys):
+    arguments = [*files(other_sign), "-o", str(tmp_path / "out.npz")]
+    assert main(["filter", *arguments]) == 3
+    assert "log.npz: with this setup the corrected wrench is worse than the raw one: sign: " in capsys.readouterr().err
+    assert main(["filter", *files(torque_in_newton_millimetres), "-o", str(tmp_path / "out.npz")]) == 0
+    assert "log.npz: the setup seems wrong: wrench_units: " in capsys.readouterr().err
+    assert main(["filter", *files(), "-o", str(tmp_path / "out.npz")]) == 0
+    assert "wrong" not in capsys.readouterr().err
+
+
+def test_a_compensated_reading_is_bias_and_contact(files, tmp_path):
+    """What the controller has subtracted is not taken off again; the tool is not looked for in what is left."""
+
+    def without_tool(tables, arrays):
+        noise = np.random.default_rng(0).normal(size=arrays["wrench"].shape)
+        arrays["wrench"] = noise * [0.1, 0.1, 0.1, 4e-3, 4e-3, 4e-3] - small_checks.BIAS
+        tables["sensor"]["compensated"] = True
+
+    arguments = files(without_tool)
+    setup = ft.load_setup(arguments[2])
+    assert setup.sensor.compensated == "tool"
+    result = ft.filter_log(setup, ft.read_log(arguments[0], setup))
+    assert not result.wrench_tool.any()
+    assert result.warnings == ()
+    np.testing.assert_allclose(result.bias[-1], small_checks.BIAS, atol=0.05)
+    assert main(["identify", *arguments, "-o", str(tmp_path / "out.toml")]) == 2
+
+
+def test_a_sensor_zeroed_with_a_heavy_tool_starts_at_its_weight(files):
+    def zeroed(tables, arrays):
+        tables["tool"]["mass"] = 8.0
+        tables["sensor"]["rezeroed"] = True
+        tables["bias"] = {"initial_std": 0.5}
+        weight = arrays["wrench"][:1] + small_checks.BIAS
+        arrays["wrench"] = 10 * (arrays["wrench"] + small_checks.BIAS - weight)
+
+    arguments = files(zeroed)
+    setup = ft.load_setup(arguments[2])
+    log = ft.read_log(arguments[0], setup)
+    result = ft.filter_log(setup, log, unchecked=True)
+    np.testing.assert_allclose(result.bias[0], result.wrench_tool[0], atol=2.5)
+    assert np.linalg.norm(result.bias[0, :3]) == pytest.approx(8 * 9.81, rel=0.1)

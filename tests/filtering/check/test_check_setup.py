@@ -1,0 +1,292 @@
+"""Mistakes of content are recognised, right setups are not suspected."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+import small_checks
+from small_checks import checked, right_log
+
+import ftbias_jax as ft
+from ftbias_jax.filtering.check import check_setup as module
+from ftbias_jax.filtering.check.result import MISTAKES, Check, Mistake
+from ftbias_jax.io.cleaning import slices
+
+
+def names(check):
+    return [finding.mistake for finding in check.findings]
+
+
+def turned(P):
+    P = np.array(P, float)
+    return lambda tables, arrays: arrays.update(
+        wrench=np.concatenate([arrays["wrench"][:, :3] @ P.T, arrays["wrench"][:, 3:] @ P.T], 1)
+    )
+
+
+def scaled(*factors):
+    return lambda tables, arrays: arrays.update(wrench=arrays["wrench"] * np.repeat(factors, 3))
+
+
+def setting(section, **values):
+    return lambda tables, arrays: tables[section].update(values)
+
+
+def shifted(seconds):
+    def change(tables, arrays):
+        step = round(100 * seconds)
+        arrays["wrench"] = np.roll(arrays["wrench"], step, 0)
+        arrays["wrench"][:step] = np.nan
+
+    return change
+
+
+CHANGES = {
+    "sign": (setting("sensor", reports="wrench_on_sensor"), {"sensor.reports": "wrench_on_tool"}),
+    "gravity": (setting("robot", gravity=[0.0, 0.0, 9.81]), {"robot.gravity": [0.0, 0.0, -9.81]}),
+    "wrench_units": (scaled(1 / 9.80665, 1 / 9.80665), {}),
+    "tool_units": (setting("tool", mass=800.0), {"tool.mass": 0.8}),
+    "angle_units": (
+        lambda tables, arrays: arrays.update(q=np.degrees(arrays["q"]), dq=np.degrees(arrays["dq"])),
+        {},
+    ),
+    "force_torque_swapped": (lambda t, arrays: arrays.update(wrench=arrays["wrench"][:, [3, 4, 5, 0, 1, 2]]), {}),
+    "sensor_axes": (turned([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), None),
+    "compensated": (
+        lambda t, arrays: arrays.update(wrench=0.1 * np.random.default_rng(1).normal(size=arrays["wrench"].shape)),
+        {"sensor.compensated": "tool"},
+    ),
+    "time_offset": (shifted(0.8), {"effects.time_delay.delay": 0.8}),
+    "raw_offset": (lambda t, arrays: arrays.update(wrench=arrays["wrench"] - 12800.0), None),
+}
+
+
+@pytest.mark.parametrize("mistake", CHANGES)
+def test_a_mistake_is_named_with_what_mends_it(mistake):
+    tables, arrays = right_log(seed=3)
+    change, setup = CHANGES[mistake]
+    change(tables, arrays)
+    found = checked(tables, arrays)
+    assert names(found) == [mistake]
+    assert not found.ok
+    if setup is not None:
+        told = found.findings[0].setup
+        assert told.keys() == setup.keys()
+        for key, value in setup.items():
+            assert told[key] == (value if isinstance(value, str) else pytest.approx(value, abs=0.06))
+
+
+@pytest.mark.parametrize("mistake", ["sign", "gravity", "tool_units", "sensor_axes", "compensated", "raw_offset"])
+def test_a_setup_that_is_mended_as_told_is_right(mistake):
+    tables, arrays = right_log(seed=4)
+    CHANGES[mistake][0](tables, arrays)
+    (finding,) = checked(tables, arrays).findings
+    for key, value in finding.setup.items():
+        section, name = key.split(".")
+        tables.setdefault(section, {})[name] = value
+    assert checked(tables, arrays).ok
+
+
+@pytest.mark.parametrize(("force", "torque"), [(1 / 4.4482216, 1 / 4.4482216), (1e3, 1e3), (102.0, 102.0), (1.0, 1e3)])
+def test_other_units_of_the_wrench_are_told_apart(force, torque):
+    tables, arrays = right_log(seed=5)
+    scaled(force, torque)(tables, arrays)
+    (finding,) = checked(tables, arrays).findings
+    words = {1e3: "millinewton", 102.0: "gram-force", 1.0: "Nmm"}.get(force, "pound-force")
+    assert words in finding.remedy
+
+
+def test_angles_of_the_mount_in_degrees_are_recognised_by_what_was_written():
+    tables, arrays = right_log()
+    tables["sensor"]["rotation_rpy"] = [0.0, 0.0, 30.0]
+    (finding,) = checked(tables, arrays).findings
+    assert finding.mistake == "angle_units"
+    np.testing.assert_allclose(finding.setup["sensor.rotation_rpy"], [0, 0, np.pi / 6])
+
+
+def test_what_is_on_no_list_is_worse_than_raw():
+    tables, arrays = right_log()
+    tables["tool"]["mass"] = 3 * 0.8
+    found = checked(tables, arrays)
+    assert names(found) == ["worse_than_raw"]
+    assert found.worse_than_raw
+    assert found.lines()[0].startswith("with this setup the corrected wrench is worse than the raw one: ")
+    found.require_ok("identify")  # which may start from a model that is off
+    with pytest.raises(ft.LogError, match="worse than doing nothing"):
+        found.require_ok("tune")
+
+
+def test_a_mount_at_an_odd_angle_is_found():
+    tables, arrays = right_log()
+    c, s = np.cos(2.4), np.sin(2.4)
+    turned([[c, -s, 0], [s, c, 0], [0, 0, 1]])(tables, arrays)
+    (finding,) = checked(tables, arrays).findings
+    assert finding.mistake == "sensor_axes"
+    expected = tables["sensor"]["rotation_rpy"][2] - 2.4  # readings turn opposite to axes
+    np.testing.assert_allclose(finding.setup["sensor.rotation_rpy"], [0, 0, expected], atol=0.05)
+
+
+def contact(tables, arrays):
+    arrays["wrench"][500:900, 2] += 25.0
+
+
+def strong_drift(tables, arrays):
+    arrays["wrench"] += np.cumsum(np.cumsum(np.random.default_rng(0).normal(size=arrays["wrench"].shape), 0), 0) * 2e-4
+
+
+def late(tables, arrays):
+    arrays["wrench"] = np.roll(arrays["wrench"], 5, 0)
+
+
+RIGHT = {
+    "as it is": lambda tables, arrays: None,
+    "heavier": setting("tool", mass=0.72),
+    "lighter": setting("tool", mass=1.1),
+    "another centre of mass": setting("tool", center_of_mass=[0.03, -0.005, 0.045]),
+    "gain": lambda t, arrays: arrays.update(wrench=arrays["wrench"] * [1.1, 0.9, 1.1, 0.9, 1.1, 0.9]),
+    "tilted": setting("robot", gravity=[0.5, -0.5, -9.78]),
+    "mount": setting("sensor", rotation_rpy=[0.05, -0.05, 0.6]),
+    "encoder": lambda t, arrays: arrays.update(q=arrays["q"] + [0, 0, 0.08, 0, 0, 0]),
+    "late": late,
+    "contact": contact,
+    "strong drift": strong_drift,
+    "noise": lambda t, arrays: arrays.update(
+        wrench=arrays["wrench"] + np.random.default_rng(0).normal(size=(3000, 6)) * [2, 2, 2, 0.1, 0.1, 0.1]
+    ),
+    "an axis missing": lambda t, arrays: arrays["wrench"].__setitem__((slice(None), 4), np.nan),
+    "at rest": lambda t, arrays: arrays.update(
+        q=arrays["q"][:1] + 0 * arrays["q"], dq=0 * arrays["dq"], wrench=arrays["wrench"][:1] + 0 * arrays["wrench"]
+    ),
+    "no tool": setting("tool", mass=1e-6),
+}
+
+
+@pytest.mark.parametrize("effect", RIGHT)
+def test_no_effect_is_taken_for_a_mistake(effect):
+    tables, arrays = right_log(seed=6)
+    if effect == "no tool":
+        arrays["wrench"] = 0.1 * np.random.default_rng(0).normal(size=arrays["wrench"].shape)
+    RIGHT[effect](tables, arrays)
+    if effect == "at rest":
+        arrays["wrench"] = arrays["wrench"] + 0.1 * np.random.default_rng(0).normal(size=arrays["wrench"].shape)
+    found = checked(tables, arrays)
+    assert found.ok, str(found)
+
+
+def test_a_tool_that_is_merely_wrong_is_no_mistake_of_units():
+    for factor in (0.4, 2.5):
+        tables, arrays = right_log(seed=7)
+        tables["tool"]["mass"] = 0.8 * factor
+        found = checked(tables, arrays)
+        assert set(names(found)) <= {"worse_than_raw"}
+        found.require_ok("identify")
+
+
+def test_a_sensor_that_was_zeroed_with_its_tool_needs_a_word_in_the_setup():
+    tables, arrays = right_log(seed=8)
+    rest = np.repeat(np.arange(3000), np.where(np.arange(3000) == 0, 101, 1))  # it stands still for a second
+    arrays = {name: values[rest] for name, values in arrays.items()}
+    arrays["t"] = np.arange(len(rest)) / 100
+    arrays["dq"][:101] = 0
+    arrays["wrench"] = arrays["wrench"] - arrays["wrench"][0]
+    arrays["wrench"][:101] = 0.1 * np.random.default_rng(0).normal(size=(101, 6)) * [1, 1, 1, 0.04, 0.04, 0.04]
+    found = checked(tables, arrays)
+    assert names(found) == ["rezeroed"]
+    assert found.findings[0].harmless
+    found.require_ok("tune")  # results are right all the same
+    tables["sensor"]["rezeroed"] = True
+    assert checked(tables, arrays).ok
+
+
+def test_a_sensor_that_is_zeroed_while_it_records_is_told_with_the_time():
+    tables, arrays = right_log(seed=9)
+    arrays["wrench"][1500:] -= arrays["wrench"][1500]
+    found = checked(tables, arrays)
+    assert names(found) == ["rezeroed"]
+    assert found.findings[0].evidence["times"] == pytest.approx([15.0], abs=0.2)
+
+
+def test_findings_are_written_as_the_formats_say(tmp_path):
+    tables, arrays = right_log()
+    setting("sensor", reports="wrench_on_sensor")(tables, arrays)
+    found = checked(tables, arrays)
+    found.to_json(tmp_path / "check.json")
+    content = json.loads((tmp_path / "check.json").read_text())
+    assert content["ok"] is False
+    (finding,) = content["findings"]
+    assert finding["mistake"] == "sign"
+    assert finding["setup"] == {"sensor.reports": "wrench_on_tool"}
+    assert finding["evidence"]["rms_if_mended"] < 0.1 * finding["evidence"]["rms_as_stated"]
+    assert str(found).startswith('sign: the sensor reports the wrench on tool: set sensor.reports = "wrench_on_tool" (')
+
+
+def test_every_mistake_has_its_words_and_a_refusal_names_file_and_remedy():
+    for name in MISTAKES:
+        check = Check((Mistake(name, {}, "mend it"),), {}, "setup.toml")
+        with pytest.raises(ft.LogError, match=rf"^setup.toml: {name}: .* \(mend it; --unchecked goes on anyway\)"):
+            check.require_ok("tune")
+
+
+def test_short_logs_and_no_logs():
+    tables, arrays = right_log(duration=1.0)
+    found = checked(tables, arrays)
+    assert found.ok
+    assert "too short" in str(found)
+    with pytest.raises(ft.UsageError, match="no log"):
+        ft.check_setup(ft.parse_setup(tables), [])
+
+
+def test_a_log_in_parts_and_several_logs_give_the_same_answer(monkeypatch):
+    tables, arrays = right_log()
+    setting("robot", gravity=[0.0, 0.0, 9.81])(tables, arrays)
+    setup = ft.parse_setup(tables)
+    log = ft.Log.from_arrays(setup, **arrays)
+    monkeypatch.setattr(module, "PART", 700)
+    assert names(module.check_parts(setup, slices(log), len(log.t))) == ["gravity"]
+    assert names(ft.check_setup(setup, [log, log])) == ["gravity"]
+
+
+def test_it_takes_no_time_where_the_setup_is_right():
+    tables, arrays = right_log(duration=60.0)
+    setup = ft.parse_setup(tables)
+    log = ft.Log.from_arrays(setup, **arrays)
+    start = time.process_time()
+    assert ft.check_setup(setup, [log]).ok
+    assert time.process_time() - start < 1.0
+
+
+def test_conventions_of_a_recorded_pose_are_recognised_together():
+    """A quaternion in the other order, a position in the body's axes and a gyroscope in deg/s, all at once."""
+    tables, arrays = pose_log()
+    setup = ft.parse_setup(tables)
+    R, p = arrays.pop("rotation"), arrays["position"]
+    assert ft.check_setup(setup, [ft.Log.from_arrays(setup, q=None, **arrays)]).ok
+    wrong = {
+        **arrays,
+        "orientation": arrays["orientation"][:, [3, 0, 1, 2]],
+        "position": np.einsum("nji,nj->ni", R, p),
+        "angular_velocity": np.degrees(arrays["angular_velocity"]),
+    }
+    found = ft.check_setup(setup, [ft.Log.from_arrays(setup, q=None, **wrong)])
+    assert names(found) == ["quaternion_convention", "position_frame", "gyroscope_units"]
+    assert dict(found.findings[0].setup) == {"sensor_pose.orientation": "quaternion_wxyz"}
+
+
+def pose_log():
+    from ftbias_jax.filtering.check.motion import arm_motion, in_sensor
+    from ftbias_jax.io.pose import continuous, quaternions_of
+
+    tables, arrays = right_log(seed=11)
+    setup = ft.parse_setup(tables)
+    motion = arm_motion(setup.robot, setup.sensor, *small_checks.motion_of_joints(arrays["t"], 11))
+    quaternion = continuous(quaternions_of(motion.rotation))[:, [1, 2, 3, 0]]
+    pose = {"sensor_pose": {}, "sensor": {"noise_std": [0.1, 0.004]}, "tool": tables["tool"]}
+    return pose, {
+        "t": arrays["t"],
+        "wrench": arrays["wrench"],
+        "orientation": quaternion,
+        "position": motion.position,
+        "angular_velocity": in_sensor(motion, motion.velocity),
+        "rotation": motion.rotation,
+    }

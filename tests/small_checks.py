@@ -1,0 +1,59 @@
+"""A small log for the tests of the check: an arm of six axes that swings, as arrays and tables, without JAX."""
+
+import copy
+
+import numpy as np
+
+import ftbias_jax as ft
+from ftbias_jax.filtering.check.motion import arm_motion, data_matrices
+from ftbias_jax.filtering.check.regression import stated_tool
+
+TABLES = {
+    "robot": {
+        "flange": {"translation": [0.82, 0.23, 0.06], "rotation_rpy": [-1.5708, 0.0, 0.0]},
+        "joints": [
+            {"axis": [0, 0, 1], "point": [0, 0, 0]},
+            {"axis": [0, 1, 0], "point": [0, 0, 0.16]},
+            {"axis": [0, 1, 0], "point": [0.42, 0, 0.16]},
+            {"axis": [0, 1, 0], "point": [0.82, 0, 0.16]},
+            {"axis": [0, 0, -1], "point": [0.82, 0.13, 0]},
+            {"axis": [0, 1, 0], "point": [0.82, 0, 0.06]},
+        ],
+    },
+    "sensor": {"rotation_rpy": [0.0, 0.0, 0.5235987755982988], "noise_std": [0.1, 0.004]},
+    "tool": {"mass": 0.8, "center_of_mass": [0.01, -0.005, 0.06], "inertia": [2e-3, 0, 0, 2e-3, 0, 1e-3]},
+    "joints": {"position_noise_std": 2e-5, "velocity_noise_std": 1e-3},
+}
+BIAS = np.array([2.0, -1.0, 3.0, 0.1, -0.2, 0.05])
+
+
+def motion_of_joints(t, seed=0):
+    """q, dq and ddq (T, 6) of sums of sines."""
+    rng = np.random.default_rng(seed)
+    omega = 2 * np.pi * rng.uniform(0.05, 0.3, (3, 6))
+    size, phase = rng.uniform(0.1, 0.35, (3, 6)), rng.uniform(0, 6, (3, 6))
+    angle = omega * t[:, None, None] + phase
+    return (
+        (size * np.sin(angle)).sum(1),
+        (size * omega * np.cos(angle)).sum(1),
+        (-size * omega**2 * np.sin(angle)).sum(1),
+    )
+
+
+def right_log(seed=0, duration=30.0, rate=100.0):
+    """Tables of a setup and arrays of a log that it is right for."""
+    rng, tables = np.random.default_rng(seed), copy.deepcopy(TABLES)
+    setup = ft.parse_setup(tables)
+    t = np.arange(0, duration, 1 / rate)
+    q, dq, ddq = motion_of_joints(t, seed)
+    motion = arm_motion(setup.robot, setup.sensor, q, dq, ddq)
+    wrench = data_matrices(motion, setup.robot.gravity) @ stated_tool(setup.tool).theta - BIAS
+    noise = setup.sensor.noise_std * rng.normal(size=wrench.shape)
+    arrays = {"q": q + 2e-5 * rng.normal(size=q.shape), "dq": dq + 1e-3 * rng.normal(size=q.shape)}
+    return tables, {"t": t, "wrench": wrench + noise, **arrays}
+
+
+def checked(tables, arrays):
+    """What the check says."""
+    setup = ft.parse_setup(tables)
+    return ft.check_setup(setup, [ft.Log.from_arrays(setup, **arrays)])
