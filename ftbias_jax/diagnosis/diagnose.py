@@ -28,6 +28,7 @@ from ftbias_jax.diagnosis.samples.types import Finding, together
 from ftbias_jax.diagnosis.search import search
 from ftbias_jax.diagnosis.terms.describe import describe
 from ftbias_jax.diagnosis.terms.found import found_terms
+from ftbias_jax.diagnosis.terms.peaks import fast_lines
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.io.cleaning import clean
@@ -98,7 +99,8 @@ def diagnose(
     verdict = verdict_of(problem, gap, len(causes), len(found), sure)
     terms: tuple[FoundTerm, ...] = ()
     if not is_quiet(problem, gap) and TERM not in without:
-        described = describe(problem, hold_out, base, accepted, rounds, verdict == "explained")
+        lines = fast_lines(logs, samples)
+        described = describe(problem, hold_out, base, accepted, rounds, verdict == "explained", lines)
         if described is not None:
             accepted, after = described.kept, hold_out(described.fit, base.error)
             gap = measure_gap(problem, before, after)

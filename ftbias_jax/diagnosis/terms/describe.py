@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from ftbias_jax.diagnosis.candidates import Scored
@@ -30,7 +31,13 @@ class Description(NamedTuple):
 
 
 def describe(
-    problem: Problem, hold_out: Judge, base: Fit, accepted: Fit, rounds: list[list[Scored]], explained: bool
+    problem: Problem,
+    hold_out: Judge,
+    base: Fit,
+    accepted: Fit,
+    rounds: list[list[Scored]],
+    explained: bool,
+    fast: Sequence[float] = (),
 ) -> Description | None:
     """Terms for what the catalogue does not explain; None if its answer stands.
 
@@ -41,11 +48,12 @@ def describe(
         accepted: the effects that were found.
         rounds: candidates of each, the accepted one first.
         explained: they explain the logs.
+        fast: Hz of lines in the single samples.
     """
     names = [h.effect for h in accepted.hypotheses]
     if explained and len(names) == 1 and names[0] not in FLEXIBLE:
         return None
-    search = Search(problem, base, hold_out)
+    search = Search(problem, base, hold_out, fast)
     found = search.best(base)
     kept = base
     for scored in rounds[: len(names)]:

@@ -22,6 +22,8 @@ DAMPINGS = (0.0, 0.1, 3.0)
 RELATIVE_STEP = 1e-3
 POINT_SCALE = 0.05
 """m."""
+RESOLUTION = 0.2
+"""Of one over the duration of the logs, in which a frequency is moved."""
 LONGEST_STEP = 0.7
 """Of a parameter's scale in one step."""
 
@@ -60,7 +62,7 @@ def fit_terms(
         terms: with parameters and points to start from.
         steps: of Gauss-Newton at most.
     """
-    places = _places(terms)
+    places = _places(terms, float(np.ptp(state.t)))
     now = _solve(problem, state, start, terms)
     for _ in range(steps if places else 0):
         slopes = _slopes(problem, state, now.terms, places)
@@ -76,12 +78,15 @@ def fit_terms(
     return _described(problem, state, start, now, places)
 
 
-def _places(terms: tuple[Term, ...]) -> list[_Place]:
+def _places(terms: tuple[Term, ...], duration: float) -> list[_Place]:
+    """Numbers that are not linear; a frequency may move by a part of what the duration (s) tells apart."""
     found = []
     for i, term in enumerate(terms):
         for parameter in FORMS[term.drive, term.form].parameters:
             value = float(term.parameters[parameter.name])
             scale = max(abs(value), 0.2 if parameter.unit in ("m", "1") else 0.02)
+            if parameter.name == "frequency" and term.form != "swing":
+                scale = RESOLUTION / duration
             found.append(_Place(i, parameter.name, 0, scale, parameter.least, parameter.most))
         if has_point(term):
             found += [_Place(i, "", axis, POINT_SCALE, -1.0, 1.0) for axis in range(3)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -42,7 +42,9 @@ def make_term(
     return Term(drive, form, frame, acts_as, joint, (), numbers, at, np.zeros(0))
 
 
-def make_grid(problem: Problem, state: State, point: np.ndarray, error: np.ndarray) -> list[Term]:
+def make_grid(
+    problem: Problem, state: State, point: np.ndarray, error: np.ndarray, fast: Sequence[float] = ()
+) -> list[Term]:
     """All terms to try.
 
     Args:
@@ -50,8 +52,14 @@ def make_grid(problem: Problem, state: State, point: np.ndarray, error: np.ndarr
         state: of all logs end to end.
         point: (3,) m, sensor frame, where forces act at first.
         error: (U, 6) innovations that remain, for what stands out in their spectrum.
+        fast: Hz of lines in the single samples.
     """
-    scalars = [*_slow(problem), *_of_places(state), *_of_joints(problem, state, error), *_lines(problem, error)]
+    scalars = [
+        *_slow(problem),
+        *_of_places(state),
+        *_of_joints(problem, state, error),
+        *_lines([*fast, *lines(problem, error)]),
+    ]
     found = [make_term(*term) for term in scalars]
     found += [make_term(*term) for term in _vectors(state)]
     found += [make_term(*term) for term in _channels(problem)]
@@ -144,8 +152,8 @@ def _of_joints(problem: Problem, state: State, error: np.ndarray) -> Iterator[Ro
         yield from _both("joint_angle", "harmonic", joint, {"multiple": multiple})
 
 
-def _lines(problem: Problem, error: np.ndarray) -> Iterator[Row]:
-    for frequency in lines(problem, error):
+def _lines(frequencies: Sequence[float]) -> Iterator[Row]:
+    for frequency in frequencies:
         yield from _both("frequency", "line", 0, {"frequency": frequency})
 
 
@@ -176,7 +184,7 @@ def _vectors(state: State) -> Iterator[Row]:
     for place in np.stack(np.meshgrid(*np.linspace(low - room, high + room, CENTRES).T), -1).reshape(-1, 3):
         for power in POWERS:
             centre = dict(zip("xyz", place.tolist(), strict=True))
-            yield "position", "attraction", "base", "force", 0, {**centre, "power": power}
+            yield "position", "attraction", "base", "force", 0, {**centre, "power": power, "core": 0.1}
 
 
 def _channels(problem: Problem) -> Iterator[Row]:

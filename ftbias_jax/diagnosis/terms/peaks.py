@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.samples.types import SampleFindings
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.terms.types import State
 
 LINES = 4
+PADDING = 8
+"""Times the length of a log over which its spectrum is taken, so that a line's frequency is known well enough."""
+STRIDE = 16 * PADDING
+"""Frequencies from one such median to the next."""
+LOWEST = 2.0
+"""Hz; below, motion has lines of its own in the samples."""
+NEIGHBOURS = 200 * PADDING + 1
+"""Frequencies over which the median of a spectrum is taken."""
 HIGHEST_MULTIPLE = 120
 LEAST_POWER = 25.0
 """Of the median of a spectrum: what does not stand out so far is no line."""
@@ -23,13 +35,32 @@ def lines(problem: Problem, error: np.ndarray) -> list[float]:
     even = np.linspace(t[0], t[-1], len(t))
     window = np.hanning(len(t))[:, None]
     series = np.stack([np.interp(even, t, column) for column in e.T], 1)
-    power = (np.abs(np.fft.rfft(series * window, 2 * len(t), axis=0)) ** 2).sum(1)
-    frequency = np.fft.rfftfreq(2 * len(t), even[1] - even[0])
+    power = (np.abs(np.fft.rfft(series * window, PADDING * len(t), axis=0)) ** 2).sum(1)
+    frequency = np.fft.rfftfreq(PADDING * len(t), even[1] - even[0])
     inner = power[1:-1]
     peak = (inner > power[:-2]) & (inner >= power[2:]) & (frequency[1:-1] > 1.5 / max(t[-1], 1e-9))
     peak &= inner > LEAST_POWER * np.median(power)
     places = np.flatnonzero(peak) + 1
     return [float(f) for f in frequency[places[np.argsort(-power[places])][:LINES]]]
+
+
+def fast_lines(logs: Sequence[Log], samples: Sequence[SampleFindings]) -> list[float]:
+    """Hz of lines in the single samples of the longest log, strongest first: bins alias those above their own range."""
+    log, found = max(zip(logs, samples, strict=True), key=lambda pair: float(pair[0].t[-1]))
+    rows = np.isfinite(found.clean_wrench).all(1)
+    t, wrench = np.asarray(log.t)[rows], found.clean_wrench[rows] / found.noise_std
+    if len(t) < 256:
+        return []
+    even = np.linspace(t[0], t[-1], len(t))
+    series = np.stack([np.interp(even, t, column) for column in np.diff(wrench, axis=0, prepend=wrench[:1]).T], 1)
+    power = (np.abs(np.fft.rfft(series * np.hanning(len(t))[:, None], PADDING * len(t), axis=0)) ** 2).sum(1)
+    frequency = np.fft.rfftfreq(PADDING * len(t), even[1] - even[0])
+    padded = np.pad(power, NEIGHBOURS // 2, mode="reflect")
+    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)[::STRIDE], axis=1)
+    floor = np.interp(np.arange(len(power)), np.arange(len(usual)) * STRIDE, usual)
+    peak = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]) & (frequency[1:-1] > LOWEST)) + 1
+    peak = peak[power[peak] > LEAST_POWER * floor[peak]]
+    return [float(f) for f in frequency[peak[np.argsort(-power[peak] / floor[peak])][:LINES]]]
 
 
 def multiples(state: State, error: np.ndarray) -> list[tuple[int, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,12 +21,16 @@ from ftbias_jax.model.effects.terms.columns import has_point
 from ftbias_jax.model.effects.terms.types import State, Term
 
 MOST_TERMS = 3
-WORTH_FITTING = 0.25
-"""Share of the best merit on the grid from which on a term is fitted: its parameters were only roughly right."""
-MOST_FITTED = 9
+WORTH_FITTING, WORTH_FITTING_FAR = 0.25, 0.08
+"""Share of the best merit on the grid from which on a term is fitted: parameters were only roughly right. The second
+is for forms whose grid is coarse."""
+MOST_FITTED = 12
 FORMS_OF_A_DRIVE = 2
 """Forms of one drive that are fitted."""
-ROUGH_STEPS = 5
+STARTS = {"attraction": 4, "barrier": 2}
+"""Points of the grid from which forms with several maxima are fitted."""
+ROUGH_STEPS, ROUGH_STEPS_FAR = 5, 15
+"""Of a first fit, and of one of those."""
 STEADY = 1.3
 """Standard errors of the gain over blocks."""
 AS_GOOD = 0.95
@@ -54,19 +59,20 @@ class Step(NamedTuple):
 class Search:
     """The terms of one problem; the grid is whitened once."""
 
-    def __init__(self, problem: Problem, base: Fit, hold_out: Judge) -> None:
+    def __init__(self, problem: Problem, base: Fit, hold_out: Judge, fast: Sequence[float] = ()) -> None:
+        """Whiten the grid; fast: Hz of lines in the single samples."""
         self.problem, self.base, self.hold_out = problem, base, hold_out
         self.state: State = state_of_problem(problem, base)
         self.library: Library = make_library(
-            problem, self.state, make_grid(problem, self.state, tool_point(problem), base.error)
+            problem, self.state, make_grid(problem, self.state, tool_point(problem), base.error, fast)
         )
 
     def best(self, start: Fit) -> list[tuple[float, Described]]:
         """The most promising terms fitted beside the effects of a fit, with their merits, best first."""
         ranked = rank(self.library, stand(start))
         top = ranked[0].merit if ranked else 0.0
-        few = [one for one in _of_each_drive(ranked) if one.merit > max(WORTH_FITTING * top, 0.0)][:MOST_FITTED]
-        fitted = [fit_terms(self.problem, self.state, start, (one.term,), ROUGH_STEPS) for one in few]
+        few = [one for one in _of_each_drive(ranked) if one.merit > max(_worth(one.term) * top, 0.0)][:MOST_FITTED]
+        fitted = [fit_terms(self.problem, self.state, start, (one.term,), _steps_of(one.term)) for one in few]
         scored = [(self.merit(start, described), described) for described in fitted]
         return sorted(scored, key=lambda pair: -pair[0])
 
@@ -137,15 +143,24 @@ def numbers_of(term: Term) -> int:
     return len(term.coefficients) + len(free_names(term)) + 3 * has_point(term)
 
 
+def _worth(term: Term) -> float:
+    return WORTH_FITTING_FAR if term.form in STARTS else WORTH_FITTING
+
+
+def _steps_of(term: Term) -> int:
+    return ROUGH_STEPS_FAR if term.form in STARTS else ROUGH_STEPS
+
+
 def _of_each_drive(ranked: list[Ranked]) -> list[Ranked]:
     """The best few forms of every drive, best first."""
     found: list[Ranked] = []
-    seen: dict[str, set[tuple[str, ...]]] = {}
+    seen: dict[str, dict[tuple[str, ...], int]] = {}
     for one in ranked:
         term = one.term
-        forms = seen.setdefault(term.drive, set())
+        forms = seen.setdefault(term.drive, {})
         key = (term.form, term.frame, term.acts_as)
-        if key not in forms and len(forms) < FORMS_OF_A_DRIVE:
-            forms.add(key)
+        room = key in forms or len(forms) < FORMS_OF_A_DRIVE or term.form in STARTS
+        if forms.get(key, 0) < STARTS.get(term.form, 1) and room:
+            forms[key] = forms.get(key, 0) + 1
             found.append(one)
     return found

@@ -11,7 +11,7 @@ from ftbias_jax.model.effects.terms.columns import state_of
 from ftbias_jax.model.effects.terms.types import State
 from ftbias_jax.model.wrench.inertia import about_center_of_mass
 
-SHARED = ("gravity", "width")
+SHARED = ("gravity", "period")
 """Of all logs, not of a bin."""
 
 
@@ -23,8 +23,10 @@ def state_of_problem(problem: Problem, fit: Fit) -> State:
         used, signals = part.used, part.signals
         padded = np.zeros((len(signals.t), 6))
         padded[:used], end = load[end : end + used], end + used
-        width = float(np.median(np.diff(np.asarray(signals.t)[:used])))
-        whole = state_of(np, signals, padded, motion, width)
+        counts = np.ones(len(padded))
+        counts[:used] = np.maximum(problem.samples[end - used : end].max(1), 1)
+        period = float(np.median(np.diff(np.asarray(signals.t)[:used])) / np.median(counts[:used]))
+        whole = state_of(np, signals, padded, motion, counts, period)
         pieces.append(whole._asdict() | {k: x[:used] for k, x in whole._asdict().items() if k not in SHARED})
     return State(
         **{k: pieces[0][k] if k in SHARED else np.concatenate([piece[k] for piece in pieces]) for k in State._fields}

@@ -107,7 +107,14 @@ def change(xp: Any, terms: Mapping[str, Term], state: State, acts_as: tuple[str,
     return total
 
 
-def state_of(xp: Any, signals: Signals, load: Array, motion: ArmMotion | None = None, width: float = 0.0) -> State:
+def state_of(
+    xp: Any,
+    signals: Signals,
+    load: Array,
+    motion: ArmMotion | None = None,
+    counts: Array | None = None,
+    period: float = 0.0,
+) -> State:
     """What drives see of a log.
 
     Args:
@@ -115,7 +122,8 @@ def state_of(xp: Any, signals: Signals, load: Array, motion: ArmMotion | None = 
         signals: of the log.
         load: (T, 6) N, Nm, the reading before the terms act.
         motion: of the arm, if it was worked out before.
-        width: s over which every reading is a mean.
+        counts: (T,) samples that every reading is the mean of; None = single ones.
+        period: s between them.
     """
     moving = motion_of(signals) if motion is None else motion
     arm, as_array = signals.model.arm, xp.asarray
@@ -135,7 +143,8 @@ def state_of(xp: Any, signals: Signals, load: Array, motion: ArmMotion | None = 
         as_array(signals.model.gravity),
         as_array(load),
         axes,
-        as_array(width, dtype=dq.dtype),
+        xp.ones_like(as_array(signals.t)) if counts is None else as_array(counts),
+        as_array(period, dtype=dq.dtype),
     )
 
 

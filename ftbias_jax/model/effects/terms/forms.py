@@ -50,7 +50,7 @@ TURN = Parameter("speed", "rad/s", 1e-3, 5.0)
 PLACE = tuple(Parameter(axis, "m", -10.0, 10.0) for axis in "xyz")
 NORMAL = tuple(Parameter(axis, "1", -1.5, 1.5) for axis in "xyz")
 LENGTH = Parameter("length", "m", 0.005, 5.0)
-FIELD = (*PLACE, Parameter("power", "1", 0.2, 6.0))
+FIELD = (*PLACE, Parameter("power", "1", 0.2, 8.0), Parameter("core", "m", 0.0, 1.0))
 PLANE = (*NORMAL, Parameter("offset", "m", -10, 10), LENGTH)
 
 LATE = ("late", "difference")

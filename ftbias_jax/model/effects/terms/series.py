@@ -34,9 +34,9 @@ def spring(xp: Any, s: State, p: Numbers, joint: int) -> Array:
 
 
 def attraction(xp: Any, s: State, p: Numbers, joint: int) -> Array:
-    """Towards a place, falling with a power of the distance; 1 at half a metre."""
+    """Towards a place, falling with a power of the distance beyond a core; 1 at half a metre."""
     away = xp.stack([p["x"], p["y"], p["z"]])[None] - s.position
-    distance = xp.sqrt((away**2).sum(1, keepdims=True) + 0.02**2)
+    distance = xp.sqrt((away**2).sum(1, keepdims=True) + p["core"] ** 2 + 1e-6)
     return (away / distance * (0.5 / distance) ** p["power"])[:, None]
 
 

@@ -37,8 +37,11 @@ def wave(xp: Any, s: State, p: Numbers, joint: int) -> Array:
 
 
 def line(xp: Any, s: State, p: Numbers, joint: int) -> Array:
-    """A sine as it is left in means over a width."""
-    return wave(xp, s, p, joint) * xp.sinc(p["frequency"] * s.width)
+    """A sine and a cosine, as they are left in means of evenly spaced samples."""
+    step = xp.pi * p["frequency"] * s.period
+    fast = xp.abs(xp.sin(step)) > 1e-6
+    left = xp.where(fast, xp.sin(s.counts * step) / (s.counts * xp.where(fast, xp.sin(step), 1.0)), 1.0)
+    return wave(xp, s, p, joint) * left[:, None]
 
 
 def powers_of_time(xp: Any, s: State, p: Numbers, joint: int) -> Array:

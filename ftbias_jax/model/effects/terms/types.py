@@ -59,8 +59,10 @@ class State(NamedTuple):
     """(T, 6) N, Nm, sensor frame: the reading before the term acts."""
     axes: Array
     """(T, n, 3) unit axis of each joint; zero of a prismatic one."""
-    width: Array
-    """() s over which every reading is a mean; 0 = single samples."""
+    counts: Array
+    """(T,) how many samples every reading is the mean of."""
+    period: Array
+    """() s between those samples."""
 
 
 @partial(
