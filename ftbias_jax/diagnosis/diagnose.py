@@ -113,8 +113,9 @@ def diagnose(
             after, gap = before, measure_gap(problem, before, before)
     sure = all(is_sure(h) for h in accepted.hypotheses if h.local)
     verdict = verdict_of(problem, gap, len(causes), len(found), sure, len(terms))
-    if verdict in ("unknown", "none"):
-        causes = ()
+    if verdict in ("unknown", "none"):  # what single samples show stays told
+        seen = {finding.effect for finding in found}
+        causes = tuple(cause for cause in causes if cause.effect in seen)
     stages = tuple(dict.fromkeys(cause.stage for cause in causes))
     return Diagnosis(
         verdict=verdict,

@@ -20,6 +20,7 @@ from ftbias_jax.diagnosis.report.tables import (
     log_lines,
     parameter_words,
     percent,
+    share_words,
     shrink_words,
     twin_words,
     value_words,
@@ -103,7 +104,7 @@ def _section(title: str, content: str) -> str:
 def _causes(causes: Sequence[Candidate]) -> str:
     parts = []
     for cause in causes:
-        head = f"{escape(cause.effect)}<small>{escape(cause.stage)}, {percent(cause.shrink)} of the gap</small>"
+        head = f"{escape(cause.effect)}<small>{escape(cause.stage)}, {share_words(cause)}</small>"
         parts.append(f"<h3>{head}</h3><p>{escape(capital(cause.explanation))}</p>")
         parts.append(html_table(("parameter", "value ± standard error"), parameter_words(cause)))
     return "".join(parts)

@@ -95,7 +95,7 @@ def verdict_words(verdict: str) -> str:
 
 def _cause_lines(cause: Candidate) -> list[str]:
     gain = f"{value_words(cause.held_out_gain, cause.held_out_gain_stderr)} nats/s held out"
-    lines = [f"cause: {cause.effect} ({cause.stage}), {percent(cause.shrink)} of the gap, {gain}"]
+    lines = [f"cause: {cause.effect} ({cause.stage}), {share_words(cause)}, {gain}"]
     lines += [f"  {name} = {value}" for name, value in parameter_words(cause)]
     lines += [f"  or {twin}: {how}" for twin, how in twin_words(cause)]
     return [one_line(line) for line in (*lines, f"  what to do: {cause.remedy}" if cause.remedy else "") if line]
@@ -119,6 +119,11 @@ def term_numbers(term: FoundTerm) -> list[tuple[str, str]]:
     rows += [(n, value_words(value, term.parameters_stderr.get(n, np.nan))) for n, value in term.parameters.items()]
     point = [("point [m]", ", ".join(f"{x:.3f}" for x in term.point))] if term.point else []
     return rows + point
+
+
+def share_words(cause: Candidate) -> str:
+    """The share of the gap that a cause removes; single samples say nothing of that."""
+    return f"{percent(cause.shrink)} of the gap" if cause.shrink > 0 else "seen in single samples"
 
 
 def parameter_words(candidate: Candidate) -> list[tuple[str, str]]:
