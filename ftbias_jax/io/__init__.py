@@ -60,14 +60,15 @@ def read_motion(path: str | os.PathLike[str], setup: Setup) -> Log | Poses:
 
 def read_recorded(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
     """As ``read_log``, before anybody has looked whether the sensor was in order."""
+    file = os.fspath(path)
     if is_ros(path):
-        return read_ros(path, setup, salvage=salvage)
+        return read_ros(path, setup, salvage=salvage)._replace(file=file)
     reader = READERS.get(Path(path).suffix.lower())
     if reader is None:
         *most, last = (*READERS, *SUFFIXES)
         remedy = f"give a log that ends in {', '.join(most)} or {last}, or a ROS 2 bag's folder"
-        raise LogError(f"unknown format {Path(path).suffix!r}", file=os.fspath(path), remedy=remedy)
-    return reader(path, setup)
+        raise LogError(f"unknown format {Path(path).suffix!r}", file=file, remedy=remedy)
+    return reader(path, setup)._replace(file=file)
 
 
 def is_ros(path: str | os.PathLike[str]) -> bool:

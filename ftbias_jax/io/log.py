@@ -43,6 +43,10 @@ class Log(NamedTuple):
     """s, the log's own stamp of the first sample: t + start are the stamps as recorded."""
     repairs: Repairs = ()
     """What was mended or left out, and what else its owner should know."""
+    file: str = ""
+    """Where it was read from; "" = from memory."""
+    frame: str = ""
+    """The sensor's frame, as a recording of ROS names it; "" = not known."""
 
     @classmethod
     def from_arrays(
