@@ -18,6 +18,7 @@ from ftbias_jax.diagnosis.report.plots import (
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.report.tables import (
     log_lines,
+    origin_rows,
     parameter_words,
     percent,
     share_words,
@@ -66,6 +67,7 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
         _section("Where the gap is", _where(diagnosis.where, diagnosis.verdict)),
         _section("Samples that were lost", html_table(("what",), [(loss,) for loss in diagnosis.losses])),
         _section("What was not tested", html_table(("effect", "why"), diagnosis.not_tested)),
+        _section("Where this comes from", html_table(("what", "value"), origin_rows(diagnosis))),
         _section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
     )
     style = resources.files("ftbias_jax.diagnosis.report").joinpath("report.css").read_text(encoding="utf-8")
