@@ -26,7 +26,6 @@ from ftbias_jax.filtering.check.mounts import mount_in_degrees
 from ftbias_jax.filtering.check.regression import TRIM_MORE, no_tool
 from ftbias_jax.filtering.check.result import Check, Mistake
 from ftbias_jax.filtering.check.state import Case, Result, State, case_of_bins, make_case, stated
-from ftbias_jax.filtering.check.unknown_tool import with_found_tool
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -93,7 +92,6 @@ def check_case(case: Case | None, setup: Setup) -> Check:
     """
     if case is None:
         return Check((), {}, setup.path)
-    case = with_found_tool(case)
     check = _check(case)
     if check.ok or check.findings[0].mistake == "worse_than_raw":
         touched = _check(replace(case, layout=case.layout._replace(trim=TRIM_MORE)))
