@@ -3,6 +3,7 @@
 import made_weights as made
 import numpy as np
 import pytest
+from small_checks import checked, right_log
 
 from ftbias_jax.filtering.check.check_setup import check_setup
 from ftbias_jax.filtering.check.state import make_case
@@ -41,3 +42,23 @@ def test_a_log_that_shows_no_tool_is_checked_with_a_guess():
     noise = np.random.default_rng(0).normal(size=log.wrench.shape) * [0.05, 0.05, 0.05, 0.002, 0.002, 0.002]
     checked = check_setup(setup, [log._replace(wrench=noise)])
     assert [finding.mistake for finding in checked.findings] in ([], ["compensated"], ["worse_than_raw"])
+
+
+def without_tool(tables):
+    for key in ("mass", "center_of_mass"):
+        del tables["tool"][key]
+
+
+@pytest.mark.parametrize(
+    ("mistake", "columns", "sign"),
+    [
+        ("sign", [0, 1, 2, 3, 4, 5], [-1.0] * 6),
+        ("force_torque_swapped", [3, 4, 5, 0, 1, 2], [1.0] * 6),
+        ("sensor_axes", [1, 0, 2, 4, 3, 5], [-1.0, 1, 1, -1, 1, 1]),
+    ],
+)
+def test_mistakes_are_named_without_a_tool(mistake, columns, sign):
+    tables, arrays = right_log(seed=3)
+    without_tool(tables)
+    arrays["wrench"] = np.asarray(sign) * arrays["wrench"][:, columns]
+    assert [finding.mistake for finding in checked(tables, arrays).findings] == [mistake]
