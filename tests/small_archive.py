@@ -32,8 +32,11 @@ def write_log(path, seed=0, samples=300):
     rng = np.random.default_rng(seed)
     t = np.arange(samples) * 0.01
     q = np.sin(t[:, None] * [1.0, 1.3]) + 1e-5 * rng.normal(size=(samples, 2))
+    up = np.stack([-np.sin(q[:, 1]), np.zeros(samples), np.cos(q[:, 1])], 1)  # of the base, in the sensor's frame
+    weight = 0.7 * 9.81 * up
     path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez(path, t=t, q=q, wrench=rng.normal(size=(samples, 6)))
+    wrench = np.concatenate([weight, np.cross([0, 0, 0.06], weight)], 1) + rng.normal(size=(samples, 6))
+    np.savez(path, t=t, q=q, wrench=wrench)
 
 
 def filter_archive(*arguments):

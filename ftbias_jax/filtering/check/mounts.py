@@ -118,4 +118,4 @@ def _list(values: Array) -> list[float]:
 
 
 def _plain(values: Array) -> str:
-    return "[" + ", ".join(f"{x + 0.0:.4g}" for x in np.atleast_1d(np.round(values, 6))) + "]"
+    return "[" + ", ".join(f"{round(float(x), 6) + 0.0:.4g}" for x in values) + "]"
