@@ -35,11 +35,11 @@ from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.catalogue import CATALOGUE, check_names
+from ftbias_jax.model.effects.shown import not_shown
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64
-from ftbias_jax.setup.sensor_pose import require_arm
 from ftbias_jax.setup.types import Setup
 
 LEADS = 0.3
@@ -76,9 +76,8 @@ def diagnose(
 
     Raises:
         SetupError, LogError: the logs show a mistake of units, signs or frames, have no wrench, or fit nothing.
-        UsageError: no log, an unknown effect, or a setup without the joints of an arm.
+        UsageError: no log, or an unknown effect.
     """
-    require_arm(setup)
     setup = setup.with_effects(effects)
     names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
     if not logs or len(names) != len(logs):
@@ -90,7 +89,7 @@ def diagnose(
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)
     base, hold_out = fits.base(problem), Judge(problem)
-    accepted, rounds = search(problem, base, hold_out, without)
+    accepted, rounds = search(problem, base, hold_out, {*without, *not_shown(setup)})
     before, after = (hold_out(one, base.error) for one in (base, accepted))
     gap = measure_gap(problem, before, after)
     found = tuple(finding for finding in together(samples) if finding.effect not in without)

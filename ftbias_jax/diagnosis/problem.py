@@ -130,9 +130,9 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     known = params.bias.vibration
     still = params._replace(bias=params.bias._replace(vibration=None))  # the noise of samples is added below
     joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(still, samples, options))
-    rate, speed = np.gradient(reading, log.t, axis=0), joints[:, :, 1]
-    found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate, speed, known)
-    joint_variance = variance - np.asarray(params.bias.wrench_variance)
+    rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None
+    found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate, speed if arm else None, known)
+    joint_variance = variance - setup.sensor.noise_std**2  # with that of accelerations that nobody recorded
     noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
     found = found._replace(noise_std=noise_std)
     late = float(np.max(found.stamp_jitter.parameters["std"])) if found.stamp_jitter.detected else 0.0

@@ -8,6 +8,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.regression.coordinates import why_not_fitted
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.shown import not_shown
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.setup.types import Setup
 
@@ -31,6 +32,7 @@ def not_tested(
     """
     reasons = [(name, "left out on request") for name in without]
     reasons += [(name, "the setup has it already") for name in setup.effects]
+    reasons += [(name, reason) for name, reason in not_shown(setup).items() if name not in without]
     for name, effect in catalogue.items():
         reasons += [(name, f"no {need} was recorded") for need in effect.needs if need not in recorded]
     for effect in catalogue.own:

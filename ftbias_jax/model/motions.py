@@ -12,6 +12,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.model import trajectories
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Values
+from ftbias_jax.model.pose_log import tumbling, with_positions
 from ftbias_jax.model.trajectories import Trajectory
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -39,10 +40,12 @@ def working_range(setup: Setup) -> tuple[Array, Array]:
 def trajectory_of(setup: Setup, motion: str | Log, duration: float, rate: float, key: Array) -> Trajectory:
     """The motion that is asked for."""
     if isinstance(motion, Log):
-        return trajectories.replay(motion)
-    center, excursion = working_range(setup)
+        return trajectories.replay(motion if setup.pose is None else with_positions(motion))
     t = jnp.arange(max(round(duration * rate), 2)) / rate
     generate = trajectories.excitation_sines if motion == "sines" else trajectories.minimum_jerk_moves
+    if setup.pose is not None:
+        return tumbling(generate, key, t, len(setup.robot.joint_names))
+    center, excursion = working_range(setup)
     return generate(key, t, jnp.asarray(center), jnp.asarray(excursion))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import CATALOGUE, values_from_setup, values_of
+from ftbias_jax.model.effects.shown import check_shown
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
@@ -120,6 +121,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     )
     catalogue = catalogue_of_setup(setup)
     stated = values_from_setup(setup.effects, setup.path, catalogue)
+    check_shown(setup.effects, setup, partial(SetupError, file=setup.path), "effects.")
     effects, noise = split_noise(stated, n, setup.path, catalogue)
     params = params._replace(
         effects=values_of(effects, catalogue) if effects else None, bias=params.bias._replace(**noise)

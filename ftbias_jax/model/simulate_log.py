@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.log import Column, Log
 from ftbias_jax.io.write.npz import save_npz
+from ftbias_jax.model import pose_log
 from ftbias_jax.model.effects.catalogue import complete, values_of
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect, Model, Values
@@ -25,7 +27,6 @@ from ftbias_jax.model.simulate import temperature_course
 from ftbias_jax.model.simulated_effects import all_values, plain
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.keys.table import further_columns
-from ftbias_jax.setup.sensor_pose import require_arm
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -68,6 +69,8 @@ class SimulationResult:
     setup: Setup
     """What the log's owner believes."""
     seed: int
+    recorded: Mapping[str, Array]
+    """What a recording has of the motion, by the names of the native format: q and dq, or orientation and so on."""
 
     def save(self, path: str | os.PathLike[str], truth: str | os.PathLike[str] | None = None) -> None:
         """Write the log in the sign that the setup's sensor reports, and the truth if it gets a name.
@@ -81,7 +84,7 @@ class SimulationResult:
         """
         _check_paths(os.fspath(path), None if truth is None else os.fspath(truth))
         wrench = self.log.wrench if self.setup.sensor.reports == "wrench_on_tool" else -self.log.wrench
-        log = {"t": self.log.t, "q": self.log.q, "dq": self.log.dq, "wrench": wrench}
+        log = {"t": self.log.t, **self.recorded, "wrench": wrench}
         measured = np.isfinite(self.log.temperature).any()
         extra = further_columns(self.setup.log.columns)
         columns = {extra.get(name, name): column.at(self.log.t) for name, column in self.log.columns.items()}
@@ -131,7 +134,8 @@ def simulate(
         effects: effect -> parameter -> value, in the catalogue's units, on top of the setup's; {} = typical values.
         duration: s.
         rate: samples a second.
-        motion: "sines", "moves", or a log whose joints are replayed, with its own stamps.
+        motion: "sines", "moves", or a log whose joints or poses are replayed, with its own stamps. Of a setup with
+            sensor_pose the sensor turns and shifts about and along three axes.
         seed: of the random numbers; the same gives the same motion, bias and noise with any effects.
         own: effects of your own beside those of the catalogue.
         columns: name -> (T,) further quantities that effects look at, at the stamps; None = those of the log that is
@@ -141,10 +145,11 @@ def simulate(
         SetupError: an effect of the setup is unknown or impossible. UsageError: one of ``effects`` is, or another
             argument.
     """
-    require_arm(setup)
     setup = setup.with_effects(own)
     check_motion(duration, rate, motion)
     params = params_from_setup(setup)
+    # Accelerations that nobody records count as noise for the filter; a simulated sensor turns where it stands.
+    params = params._replace(bias=params.bias._replace(wrench_variance=jnp.asarray(setup.sensor.noise_std) ** 2))
     model = Model(params.arm, params.gravity, params.theta)
     catalogue = catalogue_of_setup(setup)
     stated = all_values(setup, effects or {}, model)
@@ -161,7 +166,7 @@ def simulate(
     check_needs(catalogue, values, seen)
     made = simulate_with_params(log_key, params, trajectory, values, temperature, seen)
     made, trajectory, values = jax.tree.map(np.asarray, (made, trajectory, values))
-    recorded = np.full(len(made.t), np.nan) if temperature is None else made.temperature
+    felt = np.full(len(made.t), np.nan) if temperature is None else made.temperature
     truth = Truth(
         t=made.t,
         bias=made.bias,
@@ -174,8 +179,13 @@ def simulate(
         effects=values,
     )
     kept = {name: Column(made.t, values) for name, values in seen.items()}
-    log = Log(made.t, made.q, made.dq, made.wrench, recorded, columns=kept)
-    return SimulationResult(log, truth, setup, seed)
+    recorded = {"q": made.q, "dq": made.dq}
+    log = Log(made.t, made.q, made.dq, made.wrench, felt, columns=kept)
+    if setup.pose is not None:
+        recorded = pose_log.recorded_arrays(setup, made, trajectory, params.arm, log_key)
+        q, dq = pose_log.entries_of(setup, made.t, recorded)
+        log = log._replace(q=q, dq=dq)
+    return SimulationResult(log, truth, setup, seed, recorded)
 
 
 def _check_paths(path: str, truth: str | None) -> None:

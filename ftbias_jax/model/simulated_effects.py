@@ -7,6 +7,7 @@ from typing import Any
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.model.effects.catalogue import CATALOGUE, MakeError, check_values, typical_values, values_from_setup
+from ftbias_jax.model.effects.shown import check_shown
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.terms.parse import flat_numbers
@@ -19,6 +20,7 @@ def all_values(setup: Setup, effects: Mapping[str, Mapping[str, Any]], model: Mo
     """Effects of the setup with others on top, in the catalogue's order; {} stands for typical values."""
     catalogue = catalogue_of_setup(setup)
     checked = check_effects(effects, catalogue=catalogue)
+    check_shown(effects, setup, _usage)
     typical = {name: typical_values(catalogue[name], model) for name in effects if name not in checked}
     values = values_from_setup(setup.effects, setup.path, catalogue) | typical | checked
     return {name: values[name] for name in (*catalogue, TERM) if name in values}

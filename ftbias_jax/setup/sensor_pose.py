@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ftbias_jax.errors import UsageError
 from ftbias_jax.setup.fields import Section, require, subsection
 from ftbias_jax.setup.keys.read import open_section, read
 from ftbias_jax.setup.recorded import POSE, PoseSetup
@@ -24,8 +23,6 @@ def parse_pose(top: Section) -> PoseSetup | None:
     if "sensor_pose" not in top.values:
         return None
     section = open_section(top, "sensor_pose")
-    if "effects" in top.values:
-        raise section.error("", "does not go with [effects], which are of an arm", "remove one of the two")
     linear = read(section, "linear")
     if "acceleration_std" in section.values and linear != "none":
         raise section.error("acceleration_std", f"excluded by linear = {linear!r}", "remove one of the two")
@@ -70,16 +67,6 @@ def orientation_alone(setup: Setup) -> Setup:
     joints = replace(setup.joints, position_noise_std=setup.joints.position_noise_std[:4])
     robot = replace(setup.robot, screws=setup.robot.screws[:4], joint_names=setup.robot.joint_names[:4])
     return replace(setup, pose=still, robot=robot, joints=joints, log=replace(setup.log, columns=columns))
-
-
-def require_arm(setup: Setup) -> None:
-    """Refuse a setup whose pose is recorded, for work that needs the joints of an arm.
-
-    Raises:
-        UsageError: the setup has a section [sensor_pose].
-    """
-    if setup.pose is not None:
-        raise UsageError("needs the joints of an arm", file=setup.path, field="sensor_pose", remedy="use filter")
 
 
 def pose_robot(top: Section, pose: PoseSetup) -> RobotSetup:

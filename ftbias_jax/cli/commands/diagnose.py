@@ -11,13 +11,11 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_outputs, check_writable, output_of_setup
 from ftbias_jax.setup import Setup, load_setup
-from ftbias_jax.setup.sensor_pose import require_arm
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose the logs; 1 if a cause cannot be applied, 3 if samples of a log were lost, else 0."""
     setup = check_arguments(arguments)
-    require_arm(setup)
     logs = [read_log(path, setup, raw=True) for path in arguments.logs]
 
     from ftbias_jax.runtime.jax_config import prepare_jax

@@ -11,7 +11,6 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.setup import load_setup
-from ftbias_jax.setup.sensor_pose import require_arm
 
 GENERATED = ("sines", "moves")
 """Motions that are not read from a log."""
@@ -25,7 +24,6 @@ def run(arguments: argparse.Namespace) -> int:
     setup = load_setup(arguments.setup, with_tool=True)
     replayed = () if arguments.motion in GENERATED else (arguments.motion,)
     check_outputs({"--output": arguments.output, "--truth": truth_path}, (*replayed, *setup.files))
-    require_arm(setup)
     recorded = {path: read_log(path, setup) for path in replayed}
 
     from ftbias_jax.runtime.jax_config import prepare_jax

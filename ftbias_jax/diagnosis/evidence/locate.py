@@ -40,9 +40,9 @@ class Motion(NamedTuple):
     """What the robot was doing, at the bins of the residual; NaN = not known there."""
 
     speed: np.ndarray
-    """(B,) rad/s, norm of the joint velocities."""
+    """(B,) rad/s, norm of the joint velocities, or of the sensor's turning if its pose is recorded."""
     acceleration: np.ndarray
-    """(B,) rad/s^2, norm of the joint accelerations."""
+    """(B,) rad/s^2, norm of the joint accelerations, or of the sensor's angular one."""
     gravity: np.ndarray
     """(B, 3) direction of gravity in the sensor frame, unit vector."""
     load_rate: np.ndarray
@@ -166,13 +166,9 @@ def regimes(t: np.ndarray, motion: Motion) -> Iterator[tuple[str, np.ndarray]]:
         t: (B,) s.
         motion: at the bins.
     """
+    yield from _outer_thirds(motion.speed, "fast motion (over {:.2g} rad/s)", "slow motion (under {:.2g} rad/s)")
     yield from _outer_thirds(
-        motion.speed, "fast motion (joint speed over {:.2g} rad/s)", "slow motion (under {:.2g} rad/s)"
-    )
-    yield from _outer_thirds(
-        motion.acceleration,
-        "strong acceleration (joints over {:.2g} rad/s²)",
-        "weak acceleration (joints under {:.2g} rad/s²)",
+        motion.acceleration, "strong acceleration (over {:.2g} rad/s²)", "weak acceleration (under {:.2g} rad/s²)"
     )
     for column, axis in enumerate("xyz"):
         for sign, mark in ((1, "+"), (-1, "-")):

@@ -11,6 +11,8 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import believed_motions, measured, readings
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.result import CHANNELS, Series, Where
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody
+from ftbias_jax.model.kinematics.screws import Arm
 
 SERIES_SECONDS = 0.2
 BREAK = 10.0
@@ -84,15 +86,22 @@ def _motion(problem: Problem) -> Motion:
         arrays = [np.asarray(getattr(part.signals, name))[: part.used] for part in problem.parts]
         return np.concatenate(arrays)
 
+    motions = believed_motions(problem)
+    speed, acceleration = join("dq"), join("ddq")
+    carrier: Arm | FreeBody = problem.parts[0].signals.model.arm
+    if isinstance(carrier, FreeBody):
+        turning = [(m.angular_velocity.T, m.angular_acceleration.T) for m in motions]
+        used = [[np.asarray(x)[: part.used] for x in pair] for part, pair in zip(problem.parts, turning, strict=True)]
+        speed, acceleration = (np.concatenate(series) for series in zip(*used, strict=True))
     down = []
-    for part, motion in zip(problem.parts, believed_motions(problem), strict=True):
+    for part, motion in zip(problem.parts, motions, strict=True):
         gravity = np.asarray(part.signals.model.gravity)
         R = np.asarray(motion.sensor_rotation)[:, :, : part.used]
         down.append(np.einsum("i,ijt->tj", gravity / np.linalg.norm(gravity), R))
     load = np.linalg.norm(np.nan_to_num(measured(problem)[:, :3]), axis=1)
     return Motion(
-        speed=np.linalg.norm(join("dq"), axis=1),
-        acceleration=np.linalg.norm(join("ddq"), axis=1),
+        speed=np.linalg.norm(speed, axis=1),
+        acceleration=np.linalg.norm(acceleration, axis=1),
         gravity=np.concatenate(down),
         load_rate=np.gradient(load) if len(load) > 1 else np.zeros(len(load)),
         temperature=problem.temperature if np.ptp(problem.temperature) > 0 else None,

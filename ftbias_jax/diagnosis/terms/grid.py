@@ -63,6 +63,8 @@ def make_grid(
     found = [make_term(*term) for term in scalars]
     found += [make_term(*term) for term in _vectors(state)]
     found += [make_term(*term) for term in _channels(problem)]
+    shifts = state.q.shape[1] or problem.joints == ENTRIES
+    found = [term for term in found if shifts or term.drive not in LINEAR_DRIVES]
     return [_at(term, point) if has_point(term) else term for term in found]
 
 
@@ -70,6 +72,10 @@ def _at(term: Term, point: np.ndarray) -> Term:
     return replace(term, point=point)
 
 
+LINEAR_DRIVES = ("position", "velocity", "acceleration")
+"""Of the sensor's place; not known where only its orientation is recorded."""
+ENTRIES = 7
+"""Of a recorded pose with the place."""
 Row = tuple[str, str, str, str, int, dict[str, float]]
 """Drive, form, frame, what it acts as, joint, and parameters."""
 
@@ -128,7 +134,10 @@ def _about_joint(form: tuple[str, str], joint: int, **parameters: float) -> Row:
 
 
 def _of_joints(problem: Problem, state: State, error: np.ndarray) -> Iterator[Row]:
-    for j in range(1, problem.joints + 1):
+    count = state.q.shape[1]  # none, if the sensor's pose is recorded
+    if not count:
+        return
+    for j in range(1, count + 1):
         if np.ptp(state.q[:, j - 1]) < 0.02:
             continue
         yield from _both("joint_angle", "linear", j)
@@ -145,7 +154,7 @@ def _of_joints(problem: Problem, state: State, error: np.ndarray) -> Iterator[Ro
         yield from _both("joint_velocity", "quadratic", j)
         for speed in TURNS:
             yield from _both("joint_velocity", "friction", j, {"speed": speed})
-    for j in range(problem.joints + 1):
+    for j in range(count + 1):
         for tau in max(problem.durations) * np.array([0.05, 0.3, 3.0]):
             yield "joint_velocity", "heat", "sensor", "wrench", j, {"time_constant": float(tau)}
     for joint, multiple in multiples(state, error):

@@ -6,7 +6,6 @@ Motion and model -> transforms -> wrench of the tool -> readings -> bias and noi
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -17,10 +16,7 @@ from ftbias_jax.model.effects.kinematics import motion_of
 from ftbias_jax.model.effects.terms.columns import change, state_of
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect, Model, Record, Signals, Values
-from ftbias_jax.model.kinematics.recorded_pose import FreeBody
-from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.model.wrench.batch import wrenches_in_motion
-from ftbias_jax.model.wrench.tool_wrench import tool_wrench
 from ftbias_jax.types import Array
 
 
@@ -38,8 +34,7 @@ def predict(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | 
         (T, 6) N, Nm, sensor frame, wrench on the tool; biases of effects are subtracted, as the report's are.
     """
     signals = transform(signals, values, catalogue)
-    if not isinstance(signals.model.arm, FreeBody):
-        signals = signals._replace(motion=motion_of(signals))
+    signals = signals._replace(motion=motion_of(signals))
     return with_terms(signals, values, read(signals, values, tool_wrenches(signals), catalogue))
 
 
@@ -52,9 +47,6 @@ def with_terms(signals: Signals, values: Values, reading: Array) -> Array:
 
 def tool_wrenches(signals: Signals) -> Array:
     """(T, 6) N, Nm: wrench of the tool, D theta, for the motion and model of ``signals``."""
-    carrier: Arm | FreeBody = signals.model.arm
-    if isinstance(carrier, FreeBody):
-        return jax.vmap(partial(tool_wrench, *signals.model))(signals.q, signals.dq, signals.ddq)
     return wrenches_in_motion(signals.model.gravity, signals.model.theta, motion_of(signals))
 
 

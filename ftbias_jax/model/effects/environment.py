@@ -12,6 +12,8 @@ import numpy as np
 from ftbias_jax.model.effects.kinematics import motion_of
 from ftbias_jax.model.effects.responses import rung
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody
+from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.model.wrench.inertia import about_center_of_mass, spatial_inertia
 from ftbias_jax.types import Array
 
@@ -89,8 +91,11 @@ def _turns_about_xy(model: Model) -> Array:
 
 
 def _forearm(model: Model) -> Array:
-    """The link that the wrist, the last three joints, is attached to."""
-    return jnp.asarray(max(model.arm.linear.shape[-2] - 3, 0), model.theta.dtype)
+    """The link that the wrist, the last three joints, is attached to; the world if there are no joints."""
+    carrier: Arm | FreeBody = model.arm
+    if isinstance(carrier, FreeBody):
+        return jnp.zeros((), model.theta.dtype)
+    return jnp.asarray(max(carrier.linear.shape[-2] - 3, 0), model.theta.dtype)
 
 
 FLEXIBILITY = (

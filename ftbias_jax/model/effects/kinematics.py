@@ -6,7 +6,8 @@ import jax.numpy as jnp
 
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
-from ftbias_jax.model.kinematics.screws import rotation_from_vector
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motions
+from ftbias_jax.model.kinematics.screws import Arm, rotation_from_vector
 from ftbias_jax.model.wrench.inertia import turned
 from ftbias_jax.types import Array
 
@@ -40,10 +41,12 @@ def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
 
 
 def motion_of(signals: Signals) -> ArmMotion:
-    """How the arm moves, as it was worked out before or else now."""
+    """How the arm moves, or the body whose pose was recorded, as it was worked out before or else now."""
     if signals.motion is not None:
         return signals.motion
-    return arm_motion(signals.model.arm, signals.q.T, signals.dq.T, signals.ddq.T)
+    carrier: Arm | FreeBody = signals.model.arm
+    states = (signals.q.T, signals.dq.T, signals.ddq.T)
+    return body_motions(carrier, *states) if isinstance(carrier, FreeBody) else arm_motion(carrier, *states)
 
 
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:

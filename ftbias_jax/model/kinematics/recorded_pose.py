@@ -11,11 +11,14 @@ with * the conjugate, w the angular velocity and w' the angular acceleration, bo
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.kinematics.screws import Arm, Motion, sensor_motion, skew
 
 if TYPE_CHECKING:
@@ -71,4 +74,31 @@ def body_motion(body: FreeBody, q: Float[Array, " k"], dq: Float[Array, " k"], d
         acceleration + jnp.cross(angular_acceleration, lever) + turning,
         angular_acceleration,
         jnp.concatenate([linear, angular]),
+    )
+
+
+def body_motions(
+    body: FreeBody, q: Float[Array, "k T"], dq: Float[Array, "k T"], ddq: Float[Array, "k T"]
+) -> ArmMotion:
+    """The motion at many samples, as of an arm of one link: link 0 is the world, link 1 the body.
+
+    Args:
+        body: the body.
+        q: (k, T) as for ``body_motion``.
+        dq: rates of q.
+        ddq: rates of q.
+    """
+    time_last = partial(jax.vmap, in_axes=1, out_axes=-1)
+    sensor = time_last(lambda *state: body_motion(body, *state))(q, dq, ddq)
+    bare = FreeBody(jnp.zeros_like(body.zero_position), jnp.eye(3, dtype=q.dtype))
+    link = time_last(lambda *state: body_motion(bare, *state))(q, dq, ddq)
+    world = jnp.broadcast_to(jnp.eye(3, dtype=q.dtype)[:, :, None], link.R_base_sensor.shape)
+    return ArmMotion(
+        jnp.stack([world, link.R_base_sensor], 2),
+        jnp.stack([jnp.zeros_like(link.p_base_sensor), link.p_base_sensor], 1),
+        sensor.R_base_sensor,
+        sensor.p_base_sensor,
+        sensor.linear_acceleration,
+        sensor.angular_velocity,
+        sensor.angular_acceleration,
     )

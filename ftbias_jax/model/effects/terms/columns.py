@@ -10,6 +10,8 @@ from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import State, Term
 from ftbias_jax.model.effects.types import Signals
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody
+from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.types import Array
 
 
@@ -126,13 +128,18 @@ def state_of(
         period: s between them.
     """
     moving = motion_of(signals) if motion is None else motion
-    arm, as_array = signals.model.arm, xp.asarray
-    dq, position = as_array(signals.dq), as_array(moving.sensor_position).T
-    velocity, axes = _velocity(xp, as_array(arm.linear), as_array(arm.angular), moving, dq, position)
+    carrier: Arm | FreeBody = signals.model.arm
+    as_array = xp.asarray
+    q, dq, position = as_array(signals.q), as_array(signals.dq), as_array(moving.sensor_position).T
+    if isinstance(carrier, FreeBody):  # the entries of a pose are no joints
+        velocity, axes = as_array(signals.path.velocity), xp.zeros((len(q), 0, 3), q.dtype)
+        q, dq = q[:, :0], dq[:, :0]
+    else:
+        velocity, axes = _velocity(xp, as_array(carrier.linear), as_array(carrier.angular), moving, dq, position)
     return State(
         as_array(signals.t),
         as_array(signals.temperature),
-        as_array(signals.q),
+        q,
         dq,
         xp.moveaxis(as_array(moving.sensor_rotation), 2, 0),
         position,

@@ -1,0 +1,46 @@
+"""Which effects a log of the sensor's pose cannot show, because they are of the joints of an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ftbias_jax.errors import SetupError
+from ftbias_jax.model.effects.catalogue import MakeError
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.setup.types import Setup
+
+OF_JOINTS = ("encoder_offset", "cable", "vibration")
+OF_ACCELERATION = ("tool_flexibility",)
+
+
+def not_shown(setup: Setup) -> dict[str, str]:
+    """Effects that no log of this setup can show, and why.
+
+    Args:
+        setup: says what is recorded.
+    """
+    if setup.pose is None:
+        return {}
+    joints = "it is of the joints of an arm, and the sensor's pose is recorded instead"
+    still = "the sensor's acceleration is not recorded" if setup.pose.linear == "none" else ""
+    return dict.fromkeys(OF_JOINTS, joints) | (dict.fromkeys(OF_ACCELERATION, still) if still else {})
+
+
+def check_shown(effects: Mapping[str, Any], setup: Setup, error: MakeError = SetupError, prefix: str = "") -> None:
+    """Refuse effects that no log of this setup can show.
+
+    Args:
+        effects: name -> values, as written.
+        setup: says what is recorded.
+        error: makes the error to raise.
+        prefix: of the field in messages.
+    """
+    reasons = not_shown(setup)
+    of_terms = [section for section in effects.get(TERM, ()) if isinstance(section, Mapping)]
+    if setup.pose is not None and any("joint" in f"{s.get('drive')} {s.get('frame')}" for s in of_terms):
+        reasons[TERM] = reasons[OF_JOINTS[0]]
+    for name in effects:
+        if name in reasons:
+            message = f"does not go with [sensor_pose]: {reasons[name]}"
+            raise error(message, field=f"{prefix}{name}", remedy="remove it, or record the joints")

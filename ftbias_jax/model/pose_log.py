@@ -1,0 +1,127 @@
+"""Simulated logs of a sensor whose pose is recorded: how it tumbles, and what is recorded of that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
+from ftbias_jax.io.log import Log
+from ftbias_jax.io.pose import pose_entries, rotate
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motions
+from ftbias_jax.model.simulate import Simulation
+from ftbias_jax.model.trajectories import Trajectory
+from ftbias_jax.setup.rotations import vector_from_rotation
+from ftbias_jax.setup.types import PoseSetup, Setup
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+TURNS, SHIFTS = 1.2, 0.15
+"""rad about three axes, m along them: excursions of a simulated motion, within what a wrist can do."""
+Generate = Callable[[Array, Array, Array, Array], Trajectory]
+"""(key, t, center, excursion) -> motion of as many independent coordinates: of ``trajectories``."""
+
+
+def tumbling(generate: Generate, key: Array, t: Float[Array, " T"], entries: int) -> Trajectory:
+    """A motion that turns about three axes and shifts along three, as entries of a pose.
+
+    Args:
+        generate: makes the motion of angles and positions.
+        key: JAX key.
+        t: (T,) s.
+        entries: 4 of a quaternion (w, x, y, z), or 7 with a position.
+    """
+    count = entries - 1  # three angles, and three positions if there are any
+    excursion = jnp.asarray([TURNS] * 3 + [SHIFTS] * 3, t.dtype)[:count]
+    motion = generate(key, t, jnp.zeros(count, t.dtype), excursion)
+
+    def velocity(x: Array, dx: Array) -> tuple[Array, Array]:
+        return jax.jvp(_entries, (x,), (dx,))
+
+    def states(x: Array, dx: Array, ddx: Array) -> tuple[Array, Array, Array]:
+        (q, dq), (_, ddq) = jax.jvp(velocity, (x, dx), (dx, ddx))
+        return q, dq, ddq
+
+    return Trajectory(t, *jax.vmap(states)(*motion[1:]))
+
+
+def _entries(x: Array) -> Array:
+    """Quaternion of turns about x, then y, then z, (3,) rad, and the position (3,) m, if there is one."""
+    (cx, cy, cz), (sx, sy, sz) = jnp.cos(x[:3] / 2), jnp.sin(x[:3] / 2)
+    w = cx * cy * cz + sx * sy * sz
+    v = [sx * cy * cz - cx * sy * sz, cx * sy * cz + sx * cy * sz, cx * cy * sz - sx * sy * cz]
+    return jnp.concatenate([jnp.stack([w, *v]), x[3:]])
+
+
+def recorded_arrays(
+    setup: Setup, made: Simulation, trajectory: Trajectory, body: FreeBody, key: Array
+) -> dict[str, np.ndarray]:
+    """What a recording of the simulated log has of its motion, by the names of the native format.
+
+    Args:
+        setup: says what is recorded; the noise is its.
+        made: the log, with noise on the entries of the pose.
+        trajectory: the motion without noise.
+        body: carries the sensor.
+        key: JAX key, of the gyroscope's noise; a simulated accelerometer has none.
+    """
+    pose = setup.pose
+    assert pose is not None
+    degrees = 180 / np.pi if setup.log.angle_unit == "deg" else 1.0
+    quaternion = np.asarray(made.q[:, :4])
+    quaternion = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    back = quaternion * np.array([1.0, -1, -1, -1])
+    arrays = {"orientation": _as_stated(back if pose.conjugate else quaternion, pose, degrees)}
+    if pose.linear == "position":
+        position = np.asarray(made.q[:, 4:])
+        arrays["position"] = rotate(back, position) if pose.position_axes == "body" else position
+    if pose.linear == "specific_force":
+        motion = body_motions(body, *(x.T for x in trajectory[1:]))
+        force = motion.acceleration - jnp.asarray(setup.robot.gravity)[:, None]
+        felt = (jnp.einsum("jit,jt->ti", motion.sensor_rotation, x) for x in (motion.angular_velocity, force))
+        turning, pushing = (np.asarray(x) for x in felt)
+        std = 2 * setup.joints.velocity_noise_std[0]  # an angle moves the quaternion by half of it
+        noise = np.asarray(jax.random.normal(jax.random.fold_in(key, 1), turning.shape))
+        if pose.gyroscope:
+            arrays["angular_velocity"] = degrees * (turning + std * noise) @ pose.imu_rotation
+        gravities = STANDARD_GRAVITY if setup.log.acceleration_unit == "g" else 1.0
+        arrays["specific_force"] = pushing @ pose.imu_rotation / gravities
+    return arrays
+
+
+def entries_of(setup: Setup, t: np.ndarray, arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Entries of the pose and their rates, as a reader makes them of these arrays."""
+    flat = {name: values.reshape(len(values), -1) for name, values in arrays.items()}
+    pose = np.concatenate([flat[name] for name in ("orientation", "position") if name in flat], 1)
+    rates = [flat[name] for name in ("angular_velocity", "specific_force") if name in flat]
+    return pose_entries(pose, np.concatenate(rates, 1) if rates else None, t, setup)
+
+
+def with_positions(log: Log) -> Log:
+    """A log whose positions are open, with those that its recorded velocities add up to, so that it can be replayed."""
+    if log.q.shape[1] < 7 or np.isfinite(log.q[1:, 4:]).any():
+        return log
+    rows = np.flatnonzero(np.isfinite(log.dq[:, 4:]).all(1))
+    velocity = np.stack([np.interp(log.t, log.t[rows], column[rows]) for column in log.dq[:, 4:].T], 1)
+    steps = (velocity[1:] + velocity[:-1]) / 2 * np.diff(log.t)[:, None]
+    position = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, 0)])
+    return log._replace(q=np.concatenate([log.q[:, :4], position], 1))
+
+
+def _as_stated(quaternion: np.ndarray, pose: PoseSetup, degrees: float) -> np.ndarray:
+    """Quaternions (T, 4) w, x, y, z in the order or form that the setup states; angles in rad times ``degrees``."""
+    if pose.orientation == "quaternion_xyzw":
+        return quaternion[:, [1, 2, 3, 0]]
+    if pose.orientation == "quaternion_wxyz":
+        return quaternion
+    columns = [rotate(quaternion, np.broadcast_to(axis, (len(quaternion), 3))) for axis in np.eye(3)]
+    matrices = np.stack(columns, 2)
+    if pose.orientation == "axis_angle":
+        return degrees * np.stack([vector_from_rotation(matrix) for matrix in matrices])
+    return matrices

@@ -1,0 +1,67 @@
+"""The diagnosis of logs that have the sensor's pose instead of joints: the right cause, and what was not tested."""
+
+import numpy as np
+import pytest
+
+import ftbias_jax as ft
+from ftbias_jax.setup import parse_setup
+
+EFFECTS = {
+    "none": {},
+    "tool_mass": {"tool_mass": {"mass": 0.75}},
+    "gain": {"gain": {"gain": [1.08, 1.0, 1.0, 1.0, 1.0, 1.0]}},
+    "time_delay": {"time_delay": {"delay": 0.1}},
+    "mount_rotation": {"mount_rotation": {"rotation": [0.03, -0.02, 0.04]}},
+    "warmup": {"warmup": {"amplitude": [3.0, -2.0, 2.0, 0.1, 0.1, 0.1], "tau": 6.0}},
+}
+
+
+def setup_of(linear):
+    tables = {
+        "sensor": {"noise_std": [0.1, 0.004], "translation": [0.01, -0.02, 0.05], "rotation_rpy": [0.1, -0.2, 0.7]},
+        "tool": {"mass": 0.7, "center_of_mass": [0.01, 0, 0.06], "inertia": [0.002, 0, 0, 0.002, 0, 0.001]},
+        "sensor_pose": {"linear": linear},
+    }
+    return parse_setup(tables)
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return setup_of("position")
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_the_cause_of_a_pose_log_is_named(setup, name):
+    made = ft.simulate(setup, EFFECTS[name], duration=30, rate=200, seed=1)
+    diagnosis = ft.diagnose(setup, [made.log])
+    untested = dict(diagnosis.not_tested)
+    assert {"encoder_offset", "cable", "vibration"} <= untested.keys()
+    assert "joints of an arm" in untested["encoder_offset"]
+    if name == "none":
+        assert diagnosis.verdict == "none"
+        return
+    assert diagnosis.verdict == "explained"
+    assert diagnosis.causes[0].effect == name
+    assert len(diagnosis.causes) == 1
+
+
+@pytest.mark.parametrize("name", ["none", "gain"])
+def test_without_positions_turning_alone_shows_the_cause(name):
+    """The sensor's accelerations, which nobody recorded, count as noise that averaging does not reduce."""
+    setup = setup_of("none")
+    made = ft.simulate(setup, EFFECTS[name], duration=30, rate=200, seed=1)
+    diagnosis = ft.diagnose(setup, [made.log])
+    assert [cause.effect for cause in diagnosis.causes] == ([] if name == "none" else ["gain"])
+    assert dict(diagnosis.not_tested)["tool_flexibility"] == "the sensor's acceleration is not recorded"
+
+
+def test_the_mended_setup_filters_the_log(setup, tmp_path):
+    made = ft.simulate(setup, EFFECTS["mount_rotation"], duration=30, rate=200, seed=1)
+    diagnosis = ft.diagnose(setup, [made.log])
+    diagnosis.to_html(tmp_path / "report.html")
+    assert "mount_rotation" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    errors = [
+        np.sqrt(np.square(ft.filter_log(s, made.log).bias - made.truth.bias).mean())
+        for s in (setup, diagnosis.apply(setup))
+    ]
+    assert errors[1] < 0.5 * errors[0]
