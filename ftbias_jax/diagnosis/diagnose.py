@@ -24,11 +24,13 @@ from ftbias_jax.diagnosis.regression.precompile import compiled_ahead
 from ftbias_jax.diagnosis.report.sentence import sentence_of
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
-from ftbias_jax.diagnosis.samples.types import Finding, together
+from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
 from ftbias_jax.diagnosis.search import search
 from ftbias_jax.diagnosis.terms.describe import describe
 from ftbias_jax.diagnosis.terms.found import found_terms
+from ftbias_jax.diagnosis.terms.noise import louder, noise_term
 from ftbias_jax.diagnosis.terms.peaks import fast_lines
+from ftbias_jax.diagnosis.terms.states import state_of_problem
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.io.cleaning import clean
@@ -88,11 +90,16 @@ def diagnose(
     require_right(setup, [clean(log) for log in logs], "diagnose", unchecked)
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)
-    base, hold_out = fits.base(problem), Judge(problem)
+    found = tuple(finding for finding in together(samples) if finding.effect not in without)
+    base = fits.base(problem)
+    loud: tuple[FoundTerm, ...] = ()
+    if TERM not in without:
+        problem, found, loud = _with_noise(problem, logs, samples, base, found)
+        base = fits.base(problem) if loud else base
+    hold_out = Judge(problem)
     accepted, rounds = search(problem, base, hold_out, {*without, *not_shown(setup)})
     before, after = (hold_out(one, base.error) for one in (base, accepted))
     gap = measure_gap(problem, before, after)
-    found = tuple(finding for finding in together(samples) if finding.effect not in without)
     total = gap.before_sigmas**2 - 1
     causes = _causes(problem, hold_out, base, accepted, rounds, found, total)
     sure = all(is_sure(h) for h in accepted.hypotheses if h.local)
@@ -106,10 +113,11 @@ def diagnose(
             gap = measure_gap(problem, before, after)
             terms = found_terms(problem, described, gap)
             causes = _causes(problem, hold_out, base, accepted, rounds, found, total)
+    terms = (*terms, *loud)
     if gap.shrink < USEFUL_SHARE:  # what does not hold on unseen blocks is no cause
         causes = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
         accepted = base
-        if not terms:
+        if terms == loud:
             after, gap = before, measure_gap(problem, before, before)
     sure = all(is_sure(h) for h in accepted.hypotheses if h.local)
     verdict = verdict_of(problem, gap, len(causes), len(found), sure, len(terms))
@@ -134,6 +142,23 @@ def diagnose(
         terms=terms,
         provenance=provenance(setup, list(map(source_of, logs)), {"without": sorted(without)}, names),
     )
+
+
+def _with_noise(
+    problem: Problem,
+    logs: Sequence[Log],
+    samples: Sequence[SampleFindings],
+    base: Fit,
+    found: tuple[Finding, ...],
+) -> tuple[Problem, tuple[Finding, ...], tuple[FoundTerm, ...]]:
+    """The problem with noise that follows something, what is left of the findings, and the term if there is one."""
+    state = state_of_problem(problem, base)
+    term = noise_term(problem, logs, samples, state, found)
+    if term is None:
+        return problem, found, ()
+    # What grows is no constant, and no growth of the catalogue.
+    kept = tuple(one for one in found if one.effect not in ("noise_level", "vibration"))
+    return louder(problem, term, state), kept, (term,)
 
 
 def _causes(

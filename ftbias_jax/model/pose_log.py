@@ -16,8 +16,9 @@ from ftbias_jax.io.pose import pose_entries, rotate
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motions
 from ftbias_jax.model.simulate import Simulation
 from ftbias_jax.model.trajectories import Trajectory
+from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.rotations import vector_from_rotation
-from ftbias_jax.setup.types import PoseSetup, Setup
+from ftbias_jax.setup.types import Setup
 
 if TYPE_CHECKING:
     from jaxtyping import Float

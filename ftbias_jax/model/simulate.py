@@ -130,6 +130,8 @@ def simulate(
     noise_q, noise_dq, noise = jnp.split(
         std[None] * jax.random.normal(noise_key, (t.shape[0], 2 * n + 6), t.dtype), (n, 2 * n), 1
     )
+    louder = jnp.diagonal(R)[None] + compose.variance_of_terms(signals, effects, clean)
+    noise = noise * jnp.sqrt(louder / jnp.diagonal(R)[None])
     samples = compose.record(record_key, Record(t, clean - bias + noise, noise, dq), model, effects)
     return Simulation(
         samples.t,

@@ -15,8 +15,9 @@ def sentence_of(verdict: str, gap: Gap, causes: tuple[Candidate, ...], terms: tu
     if verdict == "none":
         return "The log agrees with the setup: nothing beyond the stated model is needed."
     if terms:
+        falls = f" The error falls from {before} to {after}." if gap.before_sigmas - 1 > MEAN_GAP else ""
         beside = f"{named}, and beside that what is not in the catalogue: " if causes else "Not in the catalogue: "
-        return f"{beside}{'; '.join(term.text for term in terms)}. The error falls from {before} to {after}."
+        return f"{beside}{'; '.join(term.text for term in terms)}.{falls}"
     if verdict == "unknown":
         seen = f" Seen in single samples: {named}." if causes else ""
         unexplained = (

@@ -106,10 +106,8 @@ def _term_lines(term: FoundTerm) -> list[str]:
     gain = f"{value_words(term.held_out_gain, term.held_out_gain_stderr)} nats/s held out"
     lines = [f"not in the catalogue: {term.text}, {gain}", f"  driven by: {term.drive} ({term.form})"]
     lines += [f"  {name} = {value}" for name, value in term_numbers(term)]
-    lines += [
-        f"  or {drive}; to tell them apart: {how}"
-        for drive, how in zip(term.equivalent_to, term.separate_by, strict=True)
-    ]
+    pairs = zip(term.equivalent_to, term.separate_by, strict=True)
+    lines += [f"  or {drive}; to tell them apart: {how}" for drive, how in pairs]
     lines += [f"  looks like: {', '.join(term.resembles)}", f"  what to check: {term.check}"]
     return [one_line(line) for line in lines]
 

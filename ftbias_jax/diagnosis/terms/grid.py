@@ -21,7 +21,7 @@ SPEEDS, TURNS = (0.005, 0.05), (0.01, 0.1)
 """m/s and rad/s below which dry friction gives way."""
 POWERS = (2.0,)
 """Of the distance by which a field falls."""
-CENTRES = 4
+CENTRES = 5
 """Places along every axis of the base where a field may come from."""
 QUANTILES = (0.3, 0.6, 0.85)
 """Of the tool's places along a normal, beyond which a wall begins."""
@@ -189,7 +189,7 @@ def _vectors(state: State) -> Iterator[Row]:
         yield "acceleration", "trailing", "base", "force", 0, {"lag": lag}
     yield "position", "spring", "base", "force", 0, {}
     low, high = state.position.min(0), state.position.max(0)
-    room = 0.6 * (high - low) + 0.15
+    room = 0.4 * (high - low) + 0.1
     for place in np.stack(np.meshgrid(*np.linspace(low - room, high + room, CENTRES).T), -1).reshape(-1, 3):
         for power in POWERS:
             centre = dict(zip("xyz", place.tolist(), strict=True))

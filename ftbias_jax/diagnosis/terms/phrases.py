@@ -136,6 +136,12 @@ FORM_WORDS = {
     ("load_time", "wave"): "in proportion to the load, with a period of {period:.3g} s",
     ("load_time", "step"): "in proportion to the load, from {time:.4g} s on",
     ("frequency", "line"): "at {frequency:.5g} Hz",
+    ("noise", "load"): "with the square of each channel's load",
+    ("noise", "force"): "with the square of the force on the sensor",
+    ("noise", "time"): "with time",
+    ("noise", "acceleration"): "with the square of the tool's acceleration",
+    ("noise", "speed"): "with the square of the tool's speed",
+    ("noise", "joints"): "with the squares of the joints' speeds",
 }
 """What each form does, with its parameters to be filled in."""
 

@@ -24,10 +24,10 @@ MOST_TERMS = 3
 WORTH_FITTING, WORTH_FITTING_FAR = 0.25, 0.08
 """Share of the best merit on the grid from which on a term is fitted: parameters were only roughly right. The second
 is for forms whose grid is coarse."""
-MOST_FITTED = 12
+MOST_FITTED = 10
 FORMS_OF_A_DRIVE = 2
 """Forms of one drive that are fitted."""
-STARTS = {"attraction": 4, "barrier": 2}
+STARTS = {"attraction": 5, "barrier": 2}
 """Points of the grid from which forms with several maxima are fitted."""
 ROUGH_STEPS, ROUGH_STEPS_FAR = 5, 15
 """Of a first fit, and of one of those."""
@@ -71,7 +71,8 @@ class Search:
         """The most promising terms fitted beside the effects of a fit, with their merits, best first."""
         ranked = rank(self.library, stand(start))
         top = ranked[0].merit if ranked else 0.0
-        few = [one for one in _of_each_drive(ranked) if one.merit > max(_worth(one.term) * top, 0.0)][:MOST_FITTED]
+        worth = [one for one in _of_each_drive(ranked) if one.merit > max(_worth(one.term) * top, 0.0)]
+        few = [one for place, one in enumerate(worth) if place < MOST_FITTED or one.term.form in STARTS]
         fitted = [fit_terms(self.problem, self.state, start, (one.term,), _steps_of(one.term)) for one in few]
         scored = [(self.merit(start, described), described) for described in fitted]
         return sorted(scored, key=lambda pair: -pair[0])

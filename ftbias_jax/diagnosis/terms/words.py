@@ -17,6 +17,9 @@ def units_of(term: Term) -> list[str]:
     form = FORMS[term.drive, term.form]
     whole = [_unit(term, k) for k in range(count_columns(term))]
     used = list(term.used) or range(len(whole))
+    if term.drive == "noise":
+        per = {"load": "per N^2, Nm^2", "time": "N^2, Nm^2 per s"}.get(form.name, f"N^2, Nm^2 per {form.unit}")
+        return [per for _ in used]
     if form.kind == "channels":
         load = {"square": "per N, Nm", "signed_square": "per N, Nm", "cube": "per N^2, Nm^2", "size": "1"}
         return [load.get(form.name, "1" if form.unit == "1" else f"per {form.unit}") for _ in used]
@@ -96,6 +99,7 @@ def _key(text: str) -> str:
     """A unit as part of a name: ``N per m/s`` -> ``N_per_m_s``, ``N per (m/s)^2`` -> ``N_per_m2_s2``."""
     for old, new in (("(m/s)^", "m^ s^"), ("(rad/s)^", "rad^ s^")):
         text = text.replace(f"{old}2", new.replace("^", "2")).replace(f"{old}3", new.replace("^", "3"))
+    text = text.replace("per N^2, Nm^2", "per load_squared").replace("per N, Nm", "per load")
     for old, new in ((", Nm", ""), ("^", ""), ("/", "_"), (" ", "_")):
         text = text.replace(old, new)
     return text

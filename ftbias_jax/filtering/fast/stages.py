@@ -197,15 +197,15 @@ def predict_wrenches(
     motion = bias_filter.vibration(params.bias, joints.mean[:, 1])
     if motion is not None:
         from_joints = from_joints + bias_filter.white_share(params.bias, motion)
-    variance = from_joints + stated[None]
     if params.effects is None:
-        return wrench_tool, variance
+        return wrench_tool, from_joints + stated[None]
     signals = signals_of(params, jnp.swapaxes(joints.mean, 1, 2), samples)
     reading = compose.predict(signals, params.effects)
     dt = samples.dt[1:, None]
     rate = jnp.diff(reading, axis=0) / jnp.where(dt > 0, dt, jnp.inf)
     rate = jnp.concatenate([rate[:1], rate])
-    return reading, from_joints + compose.noise_variance(stated, rate, signals.model, params.effects)
+    of_terms = compose.variance_of_terms(signals, params.effects, reading)
+    return reading, from_joints + of_terms + compose.noise_variance(stated, rate, signals.model, params.effects)
 
 
 def _of_free_body(params: Params, known_exactly: bool, mean: Array, covariance: Array) -> tuple[Array, Array]:

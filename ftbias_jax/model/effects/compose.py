@@ -14,6 +14,7 @@ import numpy as np
 from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, complete
 from ftbias_jax.model.effects.kinematics import motion_of
 from ftbias_jax.model.effects.terms.columns import change, state_of
+from ftbias_jax.model.effects.terms.columns import noise_variance as term_noise
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect, Model, Record, Signals, Values
 from ftbias_jax.model.wrench.batch import wrenches_in_motion
@@ -43,6 +44,12 @@ def with_terms(signals: Signals, values: Values, reading: Array) -> Array:
     if TERM not in values:
         return reading
     return reading + change(jnp, values[TERM], state_of(jnp, signals, reading))
+
+
+def variance_of_terms(signals: Signals, values: Values, reading: Array) -> Array:
+    """(T, 6) N^2, Nm^2: what the setup's terms add to the variance of the noise; 0 without any."""
+    terms = {name: term for name, term in values.get(TERM, {}).items() if term.acts_as == "noise"}
+    return term_noise(jnp, terms, state_of(jnp, signals, reading)) if terms else jnp.zeros_like(reading)
 
 
 def tool_wrenches(signals: Signals) -> Array:

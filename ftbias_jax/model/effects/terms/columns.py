@@ -104,8 +104,17 @@ def change(xp: Any, terms: Mapping[str, Term], state: State, acts_as: tuple[str,
     """
     total = xp.zeros_like(state.load)
     for term in terms.values():
-        if not acts_as or term.acts_as in acts_as:
+        if term.acts_as != "noise" and (not acts_as or term.acts_as in acts_as):
             total = total - xp.einsum("tkc,k->tc", columns(xp, term, state), term.coefficients)
+    return total
+
+
+def noise_variance(xp: Any, terms: Mapping[str, Term], state: State) -> Array:
+    """(T, 6) N^2, Nm^2: what terms add to the variance of the noise."""
+    total = xp.zeros_like(state.load)
+    for term in terms.values():
+        if term.acts_as == "noise":
+            total = total + xp.einsum("tkc,k->tc", columns(xp, term, state), term.coefficients)
     return total
 
 

@@ -141,6 +141,12 @@ FORMS = {
         Form("load_time", "exponential", "channels", slow_series.load_settling, "1", (TAU,)),
         Form("load_time", "wave", "channels", slow_series.load_wave, "1", (FREQUENCY,)),
         Form("load_time", "step", "channels", slow_series.load_step, "1", (TIME,)),
+        Form("noise", "load", "channels", slow_series.noise_of_load, "N^2, Nm^2"),
+        Form("noise", "force", "channels", slow_series.noise_of_force, "N^2"),
+        Form("noise", "time", "channels", slow_series.noise_of_time, "s"),
+        Form("noise", "acceleration", "channels", slow_series.noise_of_acceleration, "(m/s^2)^2"),
+        Form("noise", "speed", "channels", slow_series.noise_of_speed, "(m/s)^2"),
+        Form("noise", "joints", "channels", slow_series.noise_of_joints, "(rad/s)^2"),
         Form("frequency", "line", "scalars", slow_series.line, "1", (FREQUENCY,), labels=WAVES),
     )
 }

@@ -116,3 +116,37 @@ def load_wave(xp: Any, s: State, p: Numbers, joint: int) -> Array:
 def load_step(xp: Any, s: State, p: Numbers, joint: int) -> Array:
     """The reading from a time on."""
     return -s.load * (s.t >= p["time"])[:, None]
+
+
+def noise_of_load(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Square of each channel's load."""
+    return s.load**2
+
+
+def noise_of_force(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Square of the force on the sensor, for all channels."""
+    return _alike(xp, (s.load[:, :3] ** 2).sum(1))
+
+
+def noise_of_time(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Time since the first sample."""
+    return _alike(xp, s.t)
+
+
+def noise_of_acceleration(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Square of the acceleration."""
+    return _alike(xp, (s.acceleration**2).sum(1))
+
+
+def noise_of_speed(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Square of the speed."""
+    return _alike(xp, (s.velocity**2).sum(1))
+
+
+def noise_of_joints(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """Sum of the squared speeds of the joints."""
+    return _alike(xp, (s.dq**2).sum(1))
+
+
+def _alike(xp: Any, x: Array) -> Array:
+    return xp.broadcast_to(x[:, None], (len(x), 6))

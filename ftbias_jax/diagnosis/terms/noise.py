@@ -1,0 +1,177 @@
+"""Noise whose variance follows something: judged on single samples, by held-out likelihood against a constant."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.result import FoundTerm
+from ftbias_jax.diagnosis.samples.noise import WINDOW, fast_waves
+from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
+from ftbias_jax.diagnosis.samples.vibration import (
+    BLOCK_SECONDS,
+    BLOCKS,
+    CERTAIN,
+    FAR,
+    LEAST_NATS,
+    VISIBLE,
+    average_runs,
+    fit_variance,
+    held_out_gains,
+    variance_stderr,
+)
+from ftbias_jax.diagnosis.terms.grid import make_term
+from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
+from ftbias_jax.diagnosis.terms.words import grouped
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.terms.columns import columns
+from ftbias_jax.model.effects.terms.forms import FORMS
+from ftbias_jax.model.effects.terms.parse import section_of
+from ftbias_jax.model.effects.terms.types import State
+
+FORMS_OF_NOISE = tuple(name for drive, name in FORMS if drive == "noise")
+OF_MOTION = ("speed", "joints")
+"""What the effect ``vibration`` of the catalogue says better."""
+BETTER = 1.05
+"""Of the gain of that effect, that a term must have to be named instead."""
+LEAST_WINDOWS = 64
+MOST_ROWS = 4096
+"""Longer logs are averaged over runs of samples, in which no drive changes much."""
+MOST_FITTED = 2
+"""Forms that are fitted, the most promising ones."""
+
+
+class Growing(NamedTuple):
+    """One form, fitted to the variance of each channel."""
+
+    form: str
+    weight: np.ndarray
+    """(2, 6) N^2, Nm^2: at zero, and per unit of the form."""
+    stderr: np.ndarray
+    """(2, 6)."""
+    nats: float
+    """Over a constant, on blocks that it has not seen."""
+    nats_stderr: float
+    visible: float
+    """Standard deviation in the loudest tenth of the log per the quietest, in the channel that grows most."""
+
+
+def noise_term(
+    problem: Problem, logs: Sequence[Log], samples: Sequence[SampleFindings], state: State, found: Collection[Finding]
+) -> FoundTerm | None:
+    """The term that the noise of the longest log follows, if it is certain and no effect of the catalogue says it.
+
+    Args:
+        problem: of the logs.
+        logs: as read.
+        samples: what single samples show.
+        state: of all logs end to end.
+        found: effects of single samples that are named.
+    """
+    longest = int(np.argmax(problem.durations))
+    growing = _best(problem, logs[longest], samples[longest], state, longest)
+    if growing is None or growing.nats < max(LEAST_NATS, CERTAIN * growing.nats_stderr) or growing.visible < VISIBLE:
+        return None
+    vibration = next((finding.nats for finding in found if finding.effect == "vibration"), 0.0)
+    if growing.nats < BETTER * vibration or (vibration and growing.form in OF_MOTION):
+        return None
+    return _told(growing, problem.durations[longest])
+
+
+def _best(problem: Problem, log: Log, samples: SampleFindings, state: State, number: int) -> Growing | None:
+    rows = np.isfinite(samples.clean_wrench).all(1)
+    t = np.asarray(log.t, float)[rows]
+    if len(t) < LEAST_WINDOWS * WINDOW or samples.stamp_jitter.detected or samples.heavy_tailed:
+        return None
+    waves = fast_waves(t, samples.clean_wrench[rows])
+    when = t[waves.row.reshape(-1)]
+    run = -(-len(when) // MOST_ROWS)
+    when, squares = average_runs(when[:, None], run)[:, 0], average_runs(waves.top_squares, run)
+    block = ((when - when[0]) // min(BLOCK_SECONDS, np.ptp(when) / BLOCKS)).astype(int)
+    own = problem.log == number
+    drives = {}
+    for form in FORMS_OF_NOISE:
+        whole = columns(np, make_term("noise", form, "sensor", "noise"), state)
+        drives[form] = np.stack([np.interp(when, problem.t[own], whole[own, k, k]) for k in range(6)], 1)
+    scores = {form: run * _score(drive, squares) for form, drive in drives.items()}
+    hopeful = sorted((form for form in scores if scores[form] > LEAST_NATS), key=lambda form: -scores[form])[
+        :MOST_FITTED
+    ]
+    found = [_fitted(form, drives[form], squares, block, run) for form in hopeful]
+    return max(found, key=lambda growing: growing.nats, default=None)
+
+
+def _score(drive: np.ndarray, squares: np.ndarray) -> float:
+    """nats that a small share of a drive (N, 6) gains over a constant: the score test of normal noise."""
+    apart = drive - drive.mean(0)
+    surplus = np.minimum(squares / squares.mean(0), FAR) - 1
+    along = np.maximum((surplus * apart).sum(0), 0)
+    return float((along**2 / np.maximum(4 * (apart**2).sum(0), 1e-300)).sum())
+
+
+def _fitted(form: str, drive: np.ndarray, squares: np.ndarray, block: np.ndarray, run: int) -> Growing:
+    """A constant and one drive (N, 6) that is not negative, channel by channel."""
+    weight, stderr = np.zeros((2, 2, 6))
+    gains = np.zeros((block.max() + 1, 6))
+    visible = np.ones(6)
+    for k in range(6):
+        if drive[:, k].max() <= 0:
+            continue
+        design, own = np.column_stack([np.ones(len(drive)), drive[:, k]]), squares[:, k : k + 1]
+        of_blocks = held_out_gains(design, own, block)[:, 0] * run
+        gains[: len(of_blocks), k] = of_blocks
+        if of_blocks.sum() <= 0:
+            gains[:, k] = 0
+            continue
+        fitted = fit_variance(design, own)
+        weight[:, k] = fitted[:, 0]
+        stderr[:, k] = variance_stderr(design, own, fitted, block)[:, 0]
+        variance = np.sort(design @ fitted[:, 0])
+        tenth = max(len(variance) // 10, 1)
+        visible[k] = np.sqrt(variance[-tenth:].mean() / variance[:tenth].mean())
+    total = gains.sum(1)
+    return Growing(form, weight, stderr, total.sum(), np.sqrt(len(total)) * total.std(), float(visible.max()))
+
+
+def louder(problem: Problem, term: FoundTerm, state: State) -> Problem:
+    """The problem with the variance that a term adds to the noise of its bins."""
+    numbers = np.asarray(term.section["coefficients"])
+    added = columns(np, make_term("noise", term.form, "sensor", "noise"), state).sum(2) * numbers
+    added = added / np.maximum(problem.samples, 1)
+    ends = np.cumsum([part.used for part in problem.parts])
+    parts = []
+    for part, end in zip(problem.parts, ends, strict=True):
+        variance = np.array(part.wrench.variance)
+        variance[: part.used] += added[end - part.used : end]
+        parts.append(part._replace(wrench=part.wrench._replace(variance=jnp.asarray(variance))))
+    return problem._replace(parts=tuple(parts), variance=problem.variance + added)
+
+
+def _told(growing: Growing, duration: float) -> FoundTerm:
+    term = make_term("noise", growing.form, "sensor", "noise")
+    does, words = FORM_WORDS["noise", growing.form], DRIVE_WORDS["noise"]
+    text = f"noise whose variance grows {does}: it is up to {growing.visible:.2g} times as loud as where it is least"
+    return FoundTerm(
+        drive="noise",
+        form=growing.form,
+        frame="sensor",
+        acts_as="noise",
+        text=text,
+        coefficients=grouped(term, growing.weight[1]),
+        stderr=grouped(term, growing.stderr[1]),
+        parameters={},
+        parameters_stderr={},
+        point=None,
+        equivalent_to=(),
+        separate_by=(),
+        resembles=words.resembles,
+        check=words.check,
+        held_out_gain=growing.nats / max(duration, 1e-9),
+        held_out_gain_stderr=growing.nats_stderr / max(duration, 1e-9),
+        shrink=0.0,
+        section=section_of(term, text) | {"coefficients": growing.weight[1].tolist()},
+    )

@@ -1,0 +1,64 @@
+"""Terms of logs that the catalogue does not explain, and logs of which it does."""
+
+import numpy as np
+import pytest
+from demo_logs import recorder
+
+from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis.diagnose import diagnose
+from ftbias_jax.diagnosis.problem import make_problem
+from ftbias_jax.diagnosis.regression.evaluate import whitened
+from ftbias_jax.diagnosis.terms.whitening import whiten_many
+from ftbias_jax.model.effects.terms.types import Term
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.setup import load_setup, parse_setup
+
+POINT = np.array([0.02, -0.03, 0.13])
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return parse_setup(SETUP, "believed.toml")
+
+
+@pytest.fixture(scope="module")
+def record(setup):
+    """(effects or None) -> a log of 20 s."""
+    return recorder(params_from_setup(setup), 3)
+
+
+@pytest.mark.slow
+def test_whitening_many_series_is_whitening_each(setup, record):
+    problem, _ = make_problem(setup, [record(None)])
+    series = np.random.default_rng(0).normal(size=(5, len(problem.t), 6))
+    expected = whitened(problem, series)
+    np.testing.assert_allclose(whiten_many(problem, list(series)), expected, atol=2e-5 * np.abs(expected).max())
+
+
+@pytest.mark.slow
+def test_drag_is_described_applied_and_then_gone(setup, record, tmp_path):
+    drag = Term("velocity", "linear", "base", "force", 0, (), {}, POINT, np.array([4.0]))
+    log = record({"term": {"1": drag}})
+    found = diagnose(setup, [log], ["dragged"])
+    assert found.verdict == "described"
+    assert found.causes == ()
+    (term,) = found.terms
+    assert (term.drive, term.form, term.acts_as) == ("velocity", "linear", "force")
+    assert abs(term.coefficients["N_per_m_s"] - 4.0) < 3 * term.stderr["N_per_m_s"]
+    np.testing.assert_allclose(term.point, POINT, atol=0.01)
+    assert term.shrink > 0.95
+    assert "against the velocity of the tool" in found.sentence
+    assert "Not in the catalogue" in str(found)
+    found.to_html(tmp_path / "report.html")
+    assert "velocity along" in (tmp_path / "report.html").read_text()
+    found.apply(setup).save(tmp_path / "fixed.toml")
+    again = diagnose(load_setup(tmp_path / "fixed.toml"), [log], ["dragged"])
+    assert (again.verdict, again.terms) == ("none", ())
+
+
+@pytest.mark.slow
+def test_without_terms_the_catalogue_answers_alone(setup, record):
+    drag = Term("velocity", "linear", "base", "force", 0, (), {}, POINT, np.array([4.0]))
+    found = diagnose(setup, [record({"term": {"1": drag}})], ["dragged"], without=("term",))
+    assert found.terms == ()
+    assert found.verdict in ("unknown", "partly_explained")

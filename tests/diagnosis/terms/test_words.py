@@ -1,0 +1,51 @@
+"""Terms in words and numbers: units of every form, and names that programs can read."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.diagnosis.terms.grid import make_term
+from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
+from ftbias_jax.diagnosis.terms.words import grouped, labels_of, sentence, units_of
+from ftbias_jax.model.effects.terms.columns import count_columns
+from ftbias_jax.model.effects.terms.forms import FORMS
+from ftbias_jax.model.effects.terms.types import DRIVES
+
+
+def test_every_drive_and_every_form_has_words():
+    assert DRIVE_WORDS.keys() == set(DRIVES)
+    assert FORM_WORDS.keys() == FORMS.keys()
+
+
+@pytest.mark.parametrize("key", FORMS, ids=" ".join)
+@pytest.mark.parametrize(("frame", "acts_as"), [("base", "force"), ("base", "wrench"), ("sensor", "wrench")])
+def test_every_coefficient_has_a_unit_and_a_place(key, frame, acts_as):
+    form = FORMS[key]
+    if (form.kind == "vectors") and acts_as == "wrench":
+        pytest.skip("vectors act along themselves")
+    numbers = {parameter.name: 0.7 for parameter in form.parameters}
+    term = make_term(*key, "sensor" if form.kind == "channels" else frame, acts_as, 2, numbers)
+    count = count_columns(term)
+    assert len(units_of(term)) == len(labels_of(term)) == count
+    found = grouped(term, np.arange(1.0, count + 1))
+    assert sum(np.size(values) for values in found.values()) == count
+    if acts_as != "noise" and key[0] != "noise":
+        assert sentence(term, np.ones(count), 0.1 * np.ones(count), 0.5).endswith("(50 % of the gap)")
+
+
+@pytest.mark.parametrize(
+    ("key", "acts_as", "unit"),
+    [
+        (("velocity", "linear"), "force", "N_per_m_s"),
+        (("velocity", "quadratic"), "force", "N_per_m2_s2"),
+        (("angular_velocity", "linear"), "torque", "Nm_per_rad_s"),
+        (("constant", "steady"), "force", "N"),
+    ],
+)
+def test_names_of_coefficients_are_their_units(key, acts_as, unit):
+    term = make_term(*key, "base", acts_as)
+    assert list(grouped(term, np.ones(count_columns(term)))) == [unit]
+
+
+def test_the_sentence_says_how_much_of_what_where():
+    text = sentence(make_term("velocity", "linear", "base", "force"), np.array([23.6]), np.array([0.4]), 0.92)
+    assert text == "a force of 23.60 +- 0.40 N per m/s against the velocity of the tool, in base axes (92 % of the gap)"
