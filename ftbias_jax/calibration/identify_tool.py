@@ -117,12 +117,13 @@ def identify_tool(
         SetupError: the setup is wrong in more than the tool, as the log shows. LogError: the log is in units or frames
             that no setup states.
     """
-    setup = with_guessed_tool(setup)
     report = None
+    if not isinstance(log, Poses):
+        require_right(setup, [log], "identify", unchecked)
+    setup = with_guessed_tool(setup)
     if isinstance(log, Poses):
         found, report = identify_poses(setup, log, mounting, gravity)
     else:
-        require_right(setup, [log], "identify", unchecked)
         options = Options(joint_model=setup.joints.model)
         params = filter_log.likeliest_params(setup, samples_from_log(log), options)
         samples = samples_from_log(filter_log.without_useless(log, params))

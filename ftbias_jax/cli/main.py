@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from ftbias_jax import __version__
+from ftbias_jax.cli.completion import SHELLS, PrintCompletion
 from ftbias_jax.cli.parsers import ADD
 from ftbias_jax.cli.terminal import print_what_the_terminal_can
 from ftbias_jax.errors import FtbiasError
@@ -58,6 +59,13 @@ def build_parser() -> argparse.ArgumentParser:
         epilog="Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with data loss.",
     )
     parser.add_argument("--version", action="version", version=f"ftbias {__version__}")
+    parser.add_argument(
+        "--print-completion",
+        action=PrintCompletion,
+        choices=SHELLS,
+        metavar="SHELL",
+        help=f"print what makes a shell complete commands: {', '.join(SHELLS)}",
+    )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for add in ADD:
         add(commands)

@@ -33,6 +33,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.catalogue import CATALOGUE, check_names
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect
@@ -113,8 +114,9 @@ def diagnose(
             after, gap = before, measure_gap(problem, before, before)
     sure = all(is_sure(h) for h in accepted.hypotheses if h.local)
     verdict = verdict_of(problem, gap, len(causes), len(found), sure, len(terms))
-    if verdict in ("unknown", "none"):
-        causes = ()
+    if verdict in ("unknown", "none"):  # what single samples show stays told
+        seen = {finding.effect for finding in found}
+        causes = tuple(cause for cause in causes if cause.effect in seen)
     stages = tuple(dict.fromkeys(cause.stage for cause in causes))
     return Diagnosis(
         verdict=verdict,
@@ -131,6 +133,7 @@ def diagnose(
         setup_name=Path(setup.path).name,
         own_effects=setup.own_effects,
         terms=terms,
+        provenance=provenance(setup, list(map(source_of, logs)), {"without": sorted(without)}, names),
     )
 
 

@@ -21,6 +21,8 @@ LEFT = 0.05
 """Share of the gap in sigmas that an explanation may leave; more is told as partly explained."""
 FAINT = 1 / 3
 """Share of a faint gap in sigmas that an explanation may leave, even if that is next to nothing."""
+CHANCE = 2.0
+"""Standard errors by which the share of the gap that is explained must exceed zero."""
 SAME = 3.0
 """Standard errors by which a gap must exceed chance."""
 
@@ -70,8 +72,9 @@ def verdict_of(problem: Problem, gap: Gap, causes: int, found: int, sure: bool, 
     """
     if not causes and not terms:
         return "none" if is_quiet(problem, gap) else "unknown"
-    if causes == found and not terms:
-        return "explained" if is_quiet(problem, gap) else "partly_explained"
+    if causes == found and not terms:  # single samples say nothing of the mean reading
+        return "explained" if is_quiet(problem, gap) else "unknown"
     if is_closed(problem, gap) and sure:
         return "described" if terms else "explained"
-    return "partly_explained" if gap.shrink >= USEFUL_SHARE or found else "unknown"
+    useful = gap.shrink >= max(USEFUL_SHARE, CHANCE * gap.shrink_stderr)
+    return "partly_explained" if useful else "unknown"

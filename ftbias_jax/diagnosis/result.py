@@ -11,6 +11,7 @@ import numpy as np
 
 from ftbias_jax.io.atomic import write_atomic, write_json
 from ftbias_jax.io.log import Repairs
+from ftbias_jax.io.write.provenance import Provenance
 from ftbias_jax.setup.types import Setup
 
 VERDICTS = ("none", "explained", "described", "partly_explained", "unknown")
@@ -190,6 +191,8 @@ class Diagnosis(NamedTuple):
     """``Effect`` objects that the caller brought, for the setup that ``apply`` makes."""
     terms: tuple[FoundTerm, ...] = ()
     """What is not in the catalogue, described; best first."""
+    provenance: Provenance | None = None
+    """What it was made from."""
 
     @property
     def losses(self) -> tuple[str, ...]:

@@ -20,6 +20,8 @@ LEAST_SHARE = 0.02
 """Of the gap, that a further cause must remove."""
 STEADY = 1.3
 """Standard errors of the gain over blocks; a single block that gains everything is one."""
+SURE = 2.0
+"""Standard errors by which the gain on unseen blocks must exceed zero; what is sudden gains in too few of them."""
 LEAST_BESIDE = 0.1
 """Squared innovations that contacts must take away, as a share of what earlier causes did in the same time: the form
 of those is never quite the real one, and contacts take any shape."""
@@ -144,6 +146,8 @@ def _earned(problem: Problem, hold_out: Judge, bar: Bar, start: Fit, accepted: F
     if trial.hypothesis.local and not _stands_out(problem, start, accepted, trial.fit):
         return False
     held = hold_out(trial.fit, accepted.error)
+    if not _is_sudden(trial) and held.gain < SURE * held.gain_stderr:
+        return False
     return gap_removed(bar.elsewhere, accepted.error, held.error) > bar.least
 
 
@@ -156,8 +160,11 @@ def _stands_out(problem: Problem, start: Fit, accepted: Fit, trial: Fit) -> bool
 
 def _is_steady(problem: Problem, trial: Scored, accepted: Fit) -> bool:
     """Whether all blocks share in the gain; what is sudden gains in few of them."""
-    sudden = trial.hypothesis.local or trial.hypothesis.effect == "bias_jump"
-    return sudden or _z_of_gain(problem, trial.fit, accepted) > STEADY
+    return _is_sudden(trial) or _z_of_gain(problem, trial.fit, accepted) > STEADY
+
+
+def _is_sudden(trial: Scored) -> bool:
+    return trial.hypothesis.local or trial.hypothesis.effect == "bias_jump"
 
 
 def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:

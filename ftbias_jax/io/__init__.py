@@ -62,16 +62,17 @@ def read_motion(path: str | os.PathLike[str], setup: Setup) -> Log | Poses:
 
 def read_recorded(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
     """As ``read_log``, before anybody has looked whether the sensor was in order."""
+    file = os.fspath(path)
     if setup.log.files:
-        return read_files(path, setup)
+        return read_files(path, setup)._replace(file=file)
     if is_ros(path):
-        return with_extra_columns(read_ros(path, setup, salvage=salvage), path, setup)
+        return with_extra_columns(read_ros(path, setup, salvage=salvage), path, setup)._replace(file=file)
     reader = READERS.get(Path(path).suffix.lower())
     if reader is None:
         *most, last = (*READERS, *SUFFIXES)
         remedy = f"give a log that ends in {', '.join(most)} or {last}, or a ROS 2 bag's folder"
-        raise LogError(f"unknown format {Path(path).suffix!r}", file=os.fspath(path), remedy=remedy)
-    return with_extra_columns(reader(path, setup), path, setup)
+        raise LogError(f"unknown format {Path(path).suffix!r}", file=file, remedy=remedy)
+    return with_extra_columns(reader(path, setup), path, setup)._replace(file=file)
 
 
 def is_ros(path: str | os.PathLike[str]) -> bool:

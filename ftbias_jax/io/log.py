@@ -62,6 +62,10 @@ class Log(NamedTuple):
     """What was mended or left out, and what else its owner should know."""
     columns: Mapping[str, Column] = MappingProxyType({})
     """Further quantities by the names that the setup gives them in [log.columns]; those of a part are of the whole."""
+    file: str = ""
+    """Where it was read from; "" = from memory."""
+    frame: str = ""
+    """The sensor's frame, as a recording of ROS names it; "" = not known."""
 
     @classmethod
     def from_arrays(

@@ -17,6 +17,7 @@ from ftbias_jax.io.clock import as_stamps
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.npz_archive import stored_arrays
 from ftbias_jax.io.tables.arrays import ARRAYS
+from ftbias_jax.io.write.provenance import Source
 from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.types import Setup
 
@@ -33,10 +34,17 @@ class OpenLog(NamedTuple):
     parts: Split
     facts: Facts
     repairs: Repairs
+    source: Source
+    """What provenance says about it."""
+    frame: str = ""
+    """The sensor's frame, as a recording of ROS names it."""
+    salvaged: bool = False
+    """Whether what is damaged was to be skipped."""
 
     def whole(self) -> Log:
         """All of it in memory."""
-        return next(self.parts(self.length))._replace(repairs=self.repairs)
+        log = next(self.parts(self.length))
+        return log._replace(repairs=self.repairs, file=self.source.file, frame=self.frame)
 
 
 def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> OpenLog:
@@ -57,9 +65,9 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     opened = _open_npz(file, setup) if usual and Path(file).suffix.lower() == ".npz" else None
     if opened is None:
         log = read_recorded(path, setup, salvage=salvage)
-        length, start, split, repairs = len(log.t), log.start, slices(log), log.repairs
+        length, start, split, repairs, frame = len(log.t), log.start, slices(log), log.repairs, log.frame
     else:
-        (length, start, split), repairs = opened, ()
+        (length, start, split), repairs, frame = opened, (), ""
     facts = survey(split)
     check_content(~np.isnan(facts.first_q), facts.wrench_t, setup, file=file)
     check_rest(facts, clipped=True, stuck=True, file=file)
@@ -68,7 +76,8 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
         for part in split(size):
             yield part._replace(wrench=cleaned_wrench(part, facts))
 
-    return OpenLog(length, start, cleaned, facts, (*repairs, *findings(facts)))
+    source = Source(file, facts.wrench_t, start)
+    return OpenLog(length, start, cleaned, facts, (*repairs, *findings(facts)), source, frame, salvage)
 
 
 def _open_npz(file: str, setup: Setup) -> tuple[int, float, Split] | None:

@@ -6,8 +6,9 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
+from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.sensor_pose import ORIENTATION_COLUMNS, pose_columns
-from ftbias_jax.setup.types import PoseSetup, Setup
+from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 TOLERANCE = 0.05

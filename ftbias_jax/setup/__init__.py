@@ -12,17 +12,9 @@ from ftbias_jax.errors import SetupError
 from ftbias_jax.files import no_regular_file
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.parse import parse_setup
+from ftbias_jax.setup.recorded import LogSetup
 from ftbias_jax.setup.require import require_tool
-from ftbias_jax.setup.types import (
-    BiasSetup,
-    DataNoiseSetup,
-    JointSetup,
-    LogSetup,
-    RobotSetup,
-    SensorSetup,
-    Setup,
-    ToolSetup,
-)
+from ftbias_jax.setup.types import BiasSetup, DataNoiseSetup, JointSetup, RobotSetup, SensorSetup, Setup, ToolSetup
 
 __all__ = [
     "BiasSetup",

@@ -9,18 +9,10 @@ import numpy as np
 
 from ftbias_jax.setup.keys.table import key_of
 from ftbias_jax.setup.keys.toml_text import toml_key, toml_line
+from ftbias_jax.setup.recorded import POSE, LogSetup, PoseSetup
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot
 from ftbias_jax.setup.rotations import rotation_from_rpy, rpy_from_rotation
-from ftbias_jax.setup.types import (
-    DATA_NOISE_UNITS,
-    POSE,
-    DataNoiseSetup,
-    LogSetup,
-    PoseSetup,
-    RobotSetup,
-    SensorSetup,
-    Setup,
-)
+from ftbias_jax.setup.types import DATA_NOISE_UNITS, DataNoiseSetup, RobotSetup, SensorSetup, Setup
 from ftbias_jax.types import Array
 
 Comments = Mapping[str, str]

@@ -13,21 +13,13 @@ from ftbias_jax.setup.fields import Section, check_keys, require, show, subsecti
 from ftbias_jax.setup.keys.read import check_section, open_section, read
 from ftbias_jax.setup.keys.table import SECTIONS, section_keys, top_sections
 from ftbias_jax.setup.parse_noise import bias_section, data_noise_section, joints_section
+from ftbias_jax.setup.recorded import LogSetup, PoseSetup
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot, prismatic_screw, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.sensor_pose import parse_pose, pose_columns, pose_robot
-from ftbias_jax.setup.types import (
-    COMPENSATED,
-    LogSetup,
-    PoseSetup,
-    RobotSetup,
-    SensorSetup,
-    Setup,
-    ToolSetup,
-    unknown_tool,
-)
-from ftbias_jax.setup.urdf import Pose, Urdf, load_urdf
-from ftbias_jax.setup.urdf_robot import urdf_robot, urdf_tool
+from ftbias_jax.setup.types import COMPENSATED, RobotSetup, SensorSetup, Setup, ToolSetup, unknown_tool
+from ftbias_jax.setup.urdf.read import Pose, Urdf, load_urdf
+from ftbias_jax.setup.urdf.robot import urdf_robot, urdf_tool
 from ftbias_jax.types import Array
 
 AXIS_TOLERANCE = 1e-4  # an axis rounded to four digits still means a unit axis; more is a mistake

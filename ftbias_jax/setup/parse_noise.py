@@ -13,7 +13,8 @@ import numpy as np
 from ftbias_jax.setup.fields import Section
 from ftbias_jax.setup.keys.read import open_section, read
 from ftbias_jax.setup.keys.table import SECTIONS
-from ftbias_jax.setup.types import DATA_NOISE_UNITS, BiasSetup, DataNoiseSetup, JointSetup, PoseSetup
+from ftbias_jax.setup.recorded import PoseSetup
+from ftbias_jax.setup.types import DATA_NOISE_UNITS, BiasSetup, DataNoiseSetup, JointSetup
 
 
 def bias_section(top: Section) -> BiasSetup:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 import tomllib
 from collections.abc import MutableMapping
@@ -15,6 +16,7 @@ from tomlkit.items import Item, Table
 from ftbias_jax.errors import OutputError, SetupError
 from ftbias_jax.files import temporary
 from ftbias_jax.setup.dump import Line, dump_setup, lines_of
+from ftbias_jax.setup.keys.template import MEASURE
 from ftbias_jax.setup.keys.toml_text import toml_comment, toml_line, toml_value
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import RobotSetup, Setup
@@ -105,6 +107,8 @@ def _edited(setup: Setup, before: _Said, after: _Said, target: str) -> str:
         elif line.key:
             _put(table, line, remark)
     written = tomlkit.dumps(document)
+    for _, key in after.keys() - before.keys():  # the template's reminder of a key that is now stated
+        written = re.sub(rf"^# {re.escape(key)} = .*{MEASURE}\n", "", written, count=1, flags=re.MULTILINE)
     for section, lines in new.items():
         written = f"{written.rstrip()}\n\n{section}\n" + "".join(f"{text}\n" for text in lines if text)
     return written

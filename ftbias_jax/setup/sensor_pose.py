@@ -9,8 +9,9 @@ import numpy as np
 from ftbias_jax.errors import UsageError
 from ftbias_jax.setup.fields import Section, require, subsection
 from ftbias_jax.setup.keys.read import open_section, read
+from ftbias_jax.setup.recorded import POSE, PoseSetup
 from ftbias_jax.setup.rotations import rotation_from_rpy
-from ftbias_jax.setup.types import POSE, PoseSetup, RobotSetup, Setup
+from ftbias_jax.setup.types import RobotSetup, Setup
 from ftbias_jax.types import Array
 
 ORIENTATION_COLUMNS = {"matrix": 9, "axis_angle": 3}

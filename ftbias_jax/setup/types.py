@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.setup.recorded import LogSetup, PoseSetup
 from ftbias_jax.types import Array
 
 REPORTS = ("wrench_on_tool", "wrench_on_sensor")
@@ -19,18 +20,6 @@ COMPENSATED = ("none", "weight", "tool")
 JOINT_MODELS = ("integrated_jerk", "integrated_acceleration", "acceleration")
 SCREWS = "screws"
 """``RobotSetup.model`` of a robot that is not built in."""
-
-
-POSE = "sensor_pose"
-"""``RobotSetup.model`` where the pose of the sensor is recorded, instead of joints."""
-ORIENTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix", "axis_angle")
-LINEAR = ("position", "specific_force", "none")
-POSITION_AXES = ("base", "body")
-TIME_UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-"""Unit of stamps -> its length in ns."""
-ANGLE_UNITS = ("rad", "deg")
-ACCELERATION_UNITS = ("m/s^2", "g")
-WRENCH_AXES = ("sensor", "base")
 DATA_NOISE_UNITS = {
     "linear_acceleration": "m/s^2",
     "angular_acceleration": "rad/s^2",
@@ -171,56 +160,6 @@ class DataNoiseSetup:
     entries: Array | None = None
     """(36,) standard deviations of the live entries of D, column by column (tool_wrench.LIVE_ENTRIES), in m/s^2 for
     the mass's column and the torque rows of the first moment's, else rad/s^2; then the four above are zero."""
-
-
-@dataclass(frozen=True, eq=False)
-class PoseSetup:
-    """What is recorded of the sensor's pose, where there are no joints; n = 4, or 7 with a linear motion."""
-
-    orientation: str
-    """One of ORIENTATIONS: of the body that the sensor is mounted on, in the base frame."""
-    linear: str
-    """One of LINEAR: how the acceleration is known; the specific force is an accelerometer's, at the sensor."""
-    position_noise_std: Array
-    """(n,) of the quaternion's entries and the position, m."""
-    velocity_noise_std: Array
-    """(n,) of their rates, where an IMU is recorded."""
-    acceleration_std: float
-    """m/s^2 that the sensor's acceleration is typically from zero, if linear is "none"; then noise of the wrench."""
-    frame: str
-    """Frame of TF that the sensor is mounted on; "" = a topic of PoseStamped."""
-    base: str
-    """Frame of TF that is the base; "" = the root."""
-    conjugate: bool = False
-    """Whether the orientation is recorded the other way round: of the base frame in the body."""
-    position_axes: str = "base"
-    """One of POSITION_AXES: in which axes the position is recorded."""
-    gyroscope: bool = True
-    """Whether a recorded angular velocity is used."""
-    imu_rotation: Array = field(default_factory=lambda: np.eye(3))
-    """(3, 3) axes of the IMU in the sensor's frame."""
-
-
-@dataclass(frozen=True, eq=False)
-class LogSetup:
-    """How to find things in a log that does not use the native names."""
-
-    columns: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
-    """Columns: "time", "temperature" (one name), "position", "velocity", "wrench" (n, n, 6), and what effects see."""
-    topics: Mapping[str, str] = field(default_factory=dict)
-    """Topics of a ROS recording: "joints" (or "pose") and "wrench", where there is more than one to choose from."""
-    files: Mapping[str, str] = field(default_factory=dict)
-    """Names of the files that make up one log, by quantity, with * for what their names share; {} = one file."""
-    time_unit: str | None = None
-    """One of TIME_UNITS; None = s, or ns if the stamps are integers."""
-    rate: float | None = None
-    """Hz, instead of stamps."""
-    angle_unit: str = "rad"
-    """One of ANGLE_UNITS: of joints, and of the rates of joints and gyroscope."""
-    acceleration_unit: str = "m/s^2"
-    """One of ACCELERATION_UNITS: of an accelerometer."""
-    wrench_axes: str = "sensor"
-    """One of WRENCH_AXES: in which axes the wrench is recorded, about the sensor's origin."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ftbias_jax.setup import dump_setup, load_setup, parse_setup
+from ftbias_jax.setup.keys.template import Known, write_template
 
 TEXT = """# The robot of cell 3.
 # Measured in May.
@@ -150,6 +151,17 @@ def test_the_setup_of_a_urdf_keeps_the_reference_wherever_it_is_saved(tmp_path):
     again = load_setup(tmp_path / "found.toml")
     assert again.tool.mass == 0.5
     np.testing.assert_allclose(again.tool.inertia, setup.tool.inertia)
+
+
+def test_the_reminder_of_a_draft_goes_when_the_key_is_stated(tmp_path):
+    path = tmp_path / "setup.toml"
+    text = write_template({"robot.model": Known("ur5e"), "sensor.noise_std": Known([0.1, 0.004])})
+    path.write_text(text)
+    setup = load_setup(path)
+    found = replace(setup, tool=replace(setup.tool, mass=0.9, center_of_mass=np.array([0.0, 0.0, 0.05])))
+    gone, come = changed_lines(text, saved(found, tmp_path / "found.toml"))
+    assert [line.split(" = ")[0] for line in gone] == ["# mass", "# center_of_mass"]
+    assert come == ["mass = 0.9  # kg", "center_of_mass = [0.0, 0.0, 0.05]  # m, sensor frame"]
 
 
 def test_another_arm_is_written_anew(file, tmp_path):

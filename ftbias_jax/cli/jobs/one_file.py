@@ -20,6 +20,7 @@ from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write import save_results
 from ftbias_jax.io.write.npz import save_npz_parts
+from ftbias_jax.io.write.provenance import provenance
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
 
@@ -100,14 +101,16 @@ def filter_file(
             progress(min(i * size / log.length, 1.0))
             yield part
 
+    said = {"smooth": choices.smooth, "salvage": log.salvaged, "gate": setup.bias.gate, "adapt": setup.bias.adapt}
+    origin = provenance(setup, [log.source], said)
     if keep or choices.smooth or not os.fspath(output).lower().endswith(".npz"):
         filtered = join(list(results()))
         arrays = named_arrays(filtered)
         if choices.smooth:
             arrays |= smoothed_arrays(ready, log.whole(), options)
-        save_results(output, arrays, log.start)
+        save_results(output, arrays, log.start, log.frame, origin)
     else:
-        save_npz_parts(output, (named_arrays(part) for part in results()))
+        save_npz_parts(output, (named_arrays(part) for part in results()), origin)
         assert tally.last is not None  # no log is empty
         filtered = tally.last
     repairs = (*log.repairs, *observability.remarks(turning))

@@ -68,3 +68,15 @@ def add_demo(commands: Commands) -> None:
     parser.add_argument("--duration", type=positive, default=30.0, metavar="S", help="seconds (%(default)s)")
     parser.add_argument("--rate", type=positive, default=250.0, metavar="HZ", help="samples a second (%(default)s)")
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
+
+
+def add_compare(commands: Commands) -> None:
+    """The command ``compare``."""
+    parser = commands.add_parser(
+        "compare",
+        help="show what differs between two setups, results, diagnoses or checks",
+        description="Show the keys of two setups, the arrays of two results, or the values of two JSON files that "
+        "differ. The exit code is 1 if anything does.",
+    )
+    parser.add_argument("one", metavar="ONE", help="a setup (.toml), a result (.npz), a diagnosis or a check (.json)")
+    parser.add_argument("two", metavar="TWO", help="another of the same kind")

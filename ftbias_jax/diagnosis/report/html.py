@@ -18,8 +18,10 @@ from ftbias_jax.diagnosis.report.plots import (
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.report.tables import (
     log_lines,
+    origin_rows,
     parameter_words,
     percent,
+    share_words,
     shrink_words,
     twin_words,
     value_words,
@@ -65,6 +67,7 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
         _section("Where the gap is", _where(diagnosis.where, diagnosis.verdict)),
         _section("Samples that were lost", html_table(("what",), [(loss,) for loss in diagnosis.losses])),
         _section("What was not tested", html_table(("effect", "why"), diagnosis.not_tested)),
+        _section("Where this comes from", html_table(("what", "value"), origin_rows(diagnosis))),
         _section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
     )
     style = resources.files("ftbias_jax.diagnosis.report").joinpath("report.css").read_text(encoding="utf-8")
@@ -103,7 +106,7 @@ def _section(title: str, content: str) -> str:
 def _causes(causes: Sequence[Candidate]) -> str:
     parts = []
     for cause in causes:
-        head = f"{escape(cause.effect)}<small>{escape(cause.stage)}, {percent(cause.shrink)} of the gap</small>"
+        head = f"{escape(cause.effect)}<small>{escape(cause.stage)}, {share_words(cause)}</small>"
         parts.append(f"<h3>{head}</h3><p>{escape(capital(cause.explanation))}</p>")
         parts.append(html_table(("parameter", "value ± standard error"), parameter_words(cause)))
     return "".join(parts)

@@ -18,11 +18,13 @@ def sentence_of(verdict: str, gap: Gap, causes: tuple[Candidate, ...], terms: tu
         beside = f"{named}, and beside that what is not in the catalogue: " if causes else "Not in the catalogue: "
         return f"{beside}{'; '.join(term.text for term in terms)}. The error falls from {before} to {after}."
     if verdict == "unknown":
-        return f"The error is {before} noise sigmas (1 = noise alone), and no effect of the catalogue explains it."
+        seen = f" Seen in single samples: {named}." if causes else ""
+        unexplained = (
+            f"The error is {before} noise sigmas (1 = noise alone), and no effect of the catalogue explains it."
+        )
+        return unexplained + seen
     if gap.before_sigmas - 1 < MEAN_GAP:
         return f"{named}: seen in single samples; the mean reading agrees with the setup."
-    if gap.shrink == 0:
-        return f"{named}: seen in single samples; no effect explains the mean reading's error of {after}."
     if verdict == "explained":
         return f"{named} explains the gap: the error falls from {before} to {after}."
     return f"{named} explains {gap.shrink:.0%} of the gap: the error falls from {before} to {after}."

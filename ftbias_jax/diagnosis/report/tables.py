@@ -28,6 +28,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "candidates": [candidate._asdict() for candidate in diagnosis.candidates],
         "not_tested": dict(diagnosis.not_tested),
         "logs": diagnosis.logs,
+        "provenance": diagnosis.provenance,
         "losses": diagnosis.losses,
         "by_log": [log._asdict() for log in diagnosis.by_log],
     }
@@ -95,7 +96,7 @@ def verdict_words(verdict: str) -> str:
 
 def _cause_lines(cause: Candidate) -> list[str]:
     gain = f"{value_words(cause.held_out_gain, cause.held_out_gain_stderr)} nats/s held out"
-    lines = [f"cause: {cause.effect} ({cause.stage}), {percent(cause.shrink)} of the gap, {gain}"]
+    lines = [f"cause: {cause.effect} ({cause.stage}), {share_words(cause)}, {gain}"]
     lines += [f"  {name} = {value}" for name, value in parameter_words(cause)]
     lines += [f"  or {twin}: {how}" for twin, how in twin_words(cause)]
     return [one_line(line) for line in (*lines, f"  what to do: {cause.remedy}" if cause.remedy else "") if line]
@@ -119,6 +120,11 @@ def term_numbers(term: FoundTerm) -> list[tuple[str, str]]:
     rows += [(n, value_words(value, term.parameters_stderr.get(n, np.nan))) for n, value in term.parameters.items()]
     point = [("point [m]", ", ".join(f"{x:.3f}" for x in term.point))] if term.point else []
     return rows + point
+
+
+def share_words(cause: Candidate) -> str:
+    """The share of the gap that a cause removes; single samples say nothing of that."""
+    return f"{percent(cause.shrink)} of the gap" if cause.shrink > 0 else "seen in single samples"
 
 
 def parameter_words(candidate: Candidate) -> list[tuple[str, str]]:
@@ -227,3 +233,19 @@ def percent(share: float) -> str:
 def one_line(text: str) -> str:
     """The text without what would move a terminal's cursor or break the line."""
     return "".join(character if character.isprintable() else "?" for character in text)
+
+
+def origin_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """(what, value) of the provenance: one file a row, and what holds for all."""
+    origin = diagnosis.provenance
+    if origin is None:
+        return []
+    rows = [("ftbias", origin["version"]), ("robot", origin["robot"])]
+    for kind, file in (("setup", origin["setup"]), ("URDF", origin["urdf"])):
+        rows += [(f"{kind} {file['name']}", f"SHA-256 {file['sha256']}")] if file else []
+    for log in origin["logs"]:
+        measured = f"{log['samples']} samples of the wrench in {log['duration']:.6g} s, {log['rate'] or 0:.4g} Hz"
+        known = [log["date"], measured, f"SHA-256 {log['sha256']}" if log["sha256"] else "from memory"]
+        rows.append((f"log {log['name']}", ", ".join(filter(None, known))))
+    options = ", ".join(f"{name} = {value}" for name, value in origin["options"].items() if value)
+    return [*rows, ("options", options)] if options else rows

@@ -10,8 +10,9 @@ import numpy as np
 
 from ftbias_jax.filtering.check.bins import Bins, bins_of, join_bins
 from ftbias_jax.filtering.check.motion import Motion, arm_motion, body_motion, data_matrices, in_sensor
-from ftbias_jax.filtering.check.regression import Fit, Layout, Tool, fit, make_layout, stated_tool
+from ftbias_jax.filtering.check.regression import Fit, Layout, Tool, fit, free_tool, make_layout, stated_tool
 from ftbias_jax.io.log import Log
+from ftbias_jax.setup.require import with_guessed_tool
 from ftbias_jax.setup.types import Setup, ToolSetup
 from ftbias_jax.types import Array
 
@@ -23,6 +24,8 @@ FEWEST = 24
 """Bins below which nothing is said."""
 HALF = 0.5
 """Of the bins that the best axis has: an axis with less counts as not measured."""
+LIGHTEST, FARTHEST = 0.01, 1.0
+"""kg and m: a fitted tool that is lighter, or whose centre is farther away, is none."""
 PENALTY = 2e-3
 """Share of the raw variance below which better is no evidence."""
 
@@ -133,7 +136,20 @@ def case_of_bins(setup: Setup, parts: Sequence[Bins]) -> Case | None:
         starts = np.linspace(0, len(rows) - STRETCH, MOST // STRETCH).astype(int)
         rows = rows[np.unique((starts[:, None] + np.arange(STRETCH)).ravel())]
     bins = Bins(*(None if x is None else x[rows] for x in bins))
-    return Case(setup, bins, log[rows], make_layout(bins.t, log[rows], axes))
+    case = Case(setup, bins, log[rows], make_layout(bins.t, log[rows], axes))
+    return _with_likeliest_tool(case) if setup.tool.unknown else case
+
+
+def _with_likeliest_tool(case: Case) -> Case:
+    """The case with the tool that the logs show, in whichever sign, where the setup does not state one."""
+    guessed = with_guessed_tool(case.setup)
+    state = stated(replace(case, setup=guessed))
+    m, *moment = state.fit(free_tool(state.tool)).fit.theta[:4]
+    center = np.array(moment) / m if abs(m) > LIGHTEST else np.full(3, np.inf)
+    if np.linalg.norm(center) > FARTHEST:
+        return replace(case, setup=guessed)
+    tool = replace(guessed.tool, mass=abs(float(m)), center_of_mass=center)
+    return replace(case, setup=replace(guessed, tool=tool))
 
 
 def stated(case: Case) -> State:

@@ -19,6 +19,7 @@ from ftbias_jax.filtering.result import join
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
 from ftbias_jax.io.log import Log, Repair
+from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.jax_config import in_float64
@@ -74,6 +75,7 @@ def filter_log(
         parts.append(part)
         progress(sum(len(done.t) for done in parts))
     filtered = join(parts)
+    bias = setup.bias
     extra = smoothed_arrays(ready, log, options) if smooth else {}
     turning = observability.add(observability.start(), ready.params, filtered)
     return FilterResult(
@@ -85,6 +87,8 @@ def filter_log(
         warnings=tuple(wrong),
         start=log.start,
         summary=summarise(filtered),
+        frame=log.frame,
+        provenance=provenance(setup, [source_of(log)], {"smooth": smooth, "gate": bias.gate, "adapt": bias.adapt}),
         **extra,
     )
 
@@ -114,6 +118,8 @@ def smooth_log(setup: Setup, log: Log) -> SmoothResult:
         drift_std=std[:, 1],
         wrench_unbiased=log.wrench[rows] + mean[:, 0],
         start=log.start,
+        frame=log.frame,
+        provenance=provenance(setup, [source_of(log)], {}),
     )
 
 

@@ -14,6 +14,7 @@ from ftbias_jax.filtering.quality.spectrum import Line, find_lines
 from ftbias_jax.filtering.quality.summary import Summary, format_summary
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write import save_results
+from ftbias_jax.io.write.provenance import Provenance
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array
 
@@ -39,6 +40,10 @@ class SmoothResult:
     """(T, 6) N, Nm, measured + bias; NaN = not measured."""
     start: float
     """s, stamp of the log's first sample."""
+    frame: str = ""
+    """The sensor's frame, as a recording of ROS names it."""
+    provenance: Provenance | None = None
+    """What it was made from, as files say it."""
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the arrays, whole or not at all.
@@ -49,7 +54,7 @@ class SmoothResult:
         Raises:
             UsageError: no format has this suffix. OutputError: the file cannot be written, or a package is missing.
         """
-        save_results(path, _arrays(self), self.start)
+        save_results(path, _arrays(self), self.start, self.frame, self.provenance)
 
     def __str__(self) -> str:
         lines = [f"{len(self.t)} wrench samples, {self.t[-1] - self.t[0]:.1f} s, smoothed"]
@@ -124,6 +129,10 @@ class FilterResult:
     """(T, 6) N, Nm, standard deviation."""
     drift_smooth_std: Array | None = None
     """(T, 6) N/s, Nm/s, standard deviation."""
+    frame: str = ""
+    """The sensor's frame, as a recording of ROS names it."""
+    provenance: Provenance | None = None
+    """What it was made from, as files say it."""
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the arrays, whole or not at all; the same file that ``ftbias filter`` writes.
@@ -134,7 +143,7 @@ class FilterResult:
         Raises:
             UsageError: no format has this suffix. OutputError: the file cannot be written, or a package is missing.
         """
-        save_results(path, _arrays(self), self.start)
+        save_results(path, _arrays(self), self.start, self.frame, self.provenance)
 
     def check(self) -> Consistency:
         """Whether the error bars are right: innovations against their chi-square bounds, and their whiteness."""

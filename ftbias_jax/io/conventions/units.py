@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ftbias_jax.setup.types import TIME_UNITS, LogSetup, Setup
+from ftbias_jax.setup.recorded import TIME_UNITS, LogSetup
+from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 STANDARD_GRAVITY = 9.80665

@@ -18,7 +18,7 @@ from ftbias_jax.io.tables.csv import named_columns
 from ftbias_jax.io.tables.csv_columns import Columns
 from ftbias_jax.io.tables.hdf5 import load_hdf5
 from ftbias_jax.io.tables.parquet import column_names
-from ftbias_jax.setup.types import TIME_UNITS
+from ftbias_jax.setup.recorded import TIME_UNITS
 from ftbias_jax.types import Array
 
 CENTURY = (9.4e8, 4.1e9)

@@ -12,7 +12,7 @@ from ftbias_jax.io.pose import product, rotate
 from ftbias_jax.io.ros.messages import POSE_STAMPED, TF
 from ftbias_jax.io.ros.record import Recording, Stream
 from ftbias_jax.setup.fields import nearest
-from ftbias_jax.setup.types import PoseSetup
+from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.types import Array
 
 

@@ -67,7 +67,8 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Log:
     n = len(names)
     q, dq = (motion[:, :n], motion[:, n:]) if setup.pose is None else (motion, None)
     merged = merge_streams(joint_t, q, wrench_t, readings, dq, file=file)
-    return check_log(merged.t, merged.q, merged.wrench, merged.dq, setup=setup, file=file, repairs=tuple(mended))
+    log = check_log(merged.t, merged.q, merged.wrench, merged.dq, setup=setup, file=file, repairs=tuple(mended))
+    return log._replace(frame=wrench.names[0])
 
 
 def _credible(recording: Recording, mended: list[Repair]) -> Recording:

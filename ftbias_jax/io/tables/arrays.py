@@ -12,7 +12,8 @@ from ftbias_jax.io.clock import put_in_order
 from ftbias_jax.io.conventions.units import rows_at_rate, stamps
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.merge import merge_streams
-from ftbias_jax.setup.types import PoseSetup, Setup
+from ftbias_jax.setup.recorded import PoseSetup
+from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 STAMPS = ("t", "t_joints", "t_wrench")

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.setup.fields import nearest
-from ftbias_jax.setup.types import PoseSetup, Setup
+from ftbias_jax.setup.recorded import PoseSetup
+from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 Names = tuple[str, ...]

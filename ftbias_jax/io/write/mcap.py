@@ -12,6 +12,7 @@ import numpy as np
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.write.provenance import Provenance, as_text
 from ftbias_jax.types import Array
 
 TOPICS = ("wrench_unbiased", "bias", "bias_std", "bias_smooth", "wrench_tool", "innovation")
@@ -31,7 +32,11 @@ SCHEMA = _SEPARATOR.join(
 
 
 def save_mcap(
-    path: str | os.PathLike[str], arrays: Mapping[str, Array], start: float = 0.0, frame: str = FRAME
+    path: str | os.PathLike[str],
+    arrays: Mapping[str, Array],
+    start: float = 0.0,
+    frame: str = FRAME,
+    origin: Provenance | None = None,
 ) -> None:
     """Write the corrected wrench, the bias and what else is there as topics.
 
@@ -40,6 +45,7 @@ def save_mcap(
         arrays: t (T,) s, and (T, 6) arrays of TOPICS, N and Nm, signs as in the report.
         start: s, added to t.
         frame: of the sensor, for the headers.
+        origin: what they were made from, kept in the metadata record ``ftbias``.
 
     Raises:
         OutputError: the file cannot be written, the package mcap is not installed, or a stamp is not within 0 and the
@@ -64,6 +70,8 @@ def save_mcap(
         for i, stamp in enumerate(stamps.tolist()):
             for channel, wrenches in zip(channels, topics.values(), strict=True):
                 writer.add_message(channel, stamp, wrench_message(stamp, frame, wrenches[i]), stamp)
+        if origin is not None:
+            writer.add_metadata("ftbias", {"provenance": as_text(origin)})
         writer.finish()
 
     write_atomic(path, write)

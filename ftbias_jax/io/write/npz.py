@@ -15,19 +15,25 @@ import numpy as np
 
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.write.provenance import Provenance, as_text
 from ftbias_jax.types import Array
 
 COPY = 1 << 20
 """Bytes copied at once."""
 
 
-def save_npz(path: str | os.PathLike[str], arrays: Mapping[str, Array]) -> None:
+def save_npz(path: str | os.PathLike[str], arrays: Mapping[str, Array], origin: Provenance | None = None) -> None:
     """Write named arrays; the same arrays give the same bytes.
+
+    Args:
+        path: the file.
+        arrays: numbers.
+        origin: what they were made from, added as the text ``provenance``.
 
     Raises:
         OutputError: the file cannot be written. ValueError: an array holds Python objects.
     """
-    plain = {name: np.asarray(array) for name, array in arrays.items()}
+    plain = {name: np.asarray(array) for name, array in {**arrays, **_text(origin)}.items()}
     objects = [name for name, array in plain.items() if array.dtype.hasobject]
     if objects:
         raise ValueError(f"not plain numbers: {', '.join(objects)}")
@@ -38,7 +44,9 @@ def save_npz(path: str | os.PathLike[str], arrays: Mapping[str, Array]) -> None:
     write_atomic(path, write)
 
 
-def save_npz_parts(path: str | os.PathLike[str], parts: Iterable[Mapping[str, Array]]) -> None:
+def save_npz_parts(
+    path: str | os.PathLike[str], parts: Iterable[Mapping[str, Array]], origin: Provenance | None = None
+) -> None:
     """Write named arrays that come in parts, each array the parts one after the other; of () arrays the sum.
 
     What comes is kept in files beside ``path`` that have no name, so that they are gone with this process, until all of
@@ -47,6 +55,7 @@ def save_npz_parts(path: str | os.PathLike[str], parts: Iterable[Mapping[str, Ar
     Args:
         path: the file.
         parts: at least one, with the same names, types and shapes behind the first axis.
+        origin: as for ``save_npz``.
 
     Raises:
         OutputError: the file cannot be written. What ``parts`` raises passes through.
@@ -71,8 +80,16 @@ def save_npz_parts(path: str | os.PathLike[str], parts: Iterable[Mapping[str, Ar
                 for name, like in first.items():
                     with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
                         _write_array(member, like, sums[name], spools[name])
+                for name, text in _text(origin).items():
+                    with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as member:
+                        np.lib.format.write_array(member, text, allow_pickle=False)
 
     write_atomic(path, write)
+
+
+def _text(origin: Provenance | None) -> dict[str, Array]:
+    """The array with the words of provenance, if there are any."""
+    return {} if origin is None else {"provenance": np.array(as_text(origin))}
 
 
 def _write_array(member: IO[bytes], like: Array, total: Array, rows: IO[bytes]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.write.provenance import Provenance, as_text
 from ftbias_jax.types import AXES, Array
 
 JOINT_ARRAYS = ("q", "dq", "ddq", "ddq_std")
@@ -58,8 +59,13 @@ def save_csv(path: str | os.PathLike[str], arrays: Mapping[str, Array]) -> None:
     write_atomic(path, write)
 
 
-def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array]) -> None:
+def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], origin: Provenance | None = None) -> None:
     """Write a Parquet file that pandas, Polars and DuckDB read.
+
+    Args:
+        path: the file.
+        arrays: as for ``table``.
+        origin: what they were made from, kept in the metadata of the schema under ``ftbias``.
 
     Raises:
         OutputError: the file cannot be written, or pyarrow is not installed.
@@ -70,4 +76,6 @@ def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array]) -> N
         remedy = "pip install 'ftbias-jax[parquet]'"
         raise OutputError("writing it needs the package pyarrow", file=path, remedy=remedy) from error
     content = arrow.table(table(arrays))
+    if origin is not None:
+        content = content.replace_schema_metadata({"ftbias": as_text(origin)})
     write_atomic(path, lambda file: parquet.write_table(content, file))

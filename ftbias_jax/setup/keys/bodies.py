@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from ftbias_jax.setup.fields import NOT_NEGATIVE, POSITIVE
 from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind, SectionKeys, names, number, numbers, text
+from ftbias_jax.setup.recorded import LINEAR, ORIENTATIONS, POSITION_AXES
 from ftbias_jax.setup.robots import BUILT_IN, STANDARD_GRAVITY
-from ftbias_jax.setup.types import COMPENSATED, LINEAR, ORIENTATIONS, POSITION_AXES, REPORTS
+from ftbias_jax.setup.types import COMPENSATED, REPORTS
 
 ZERO = (0.0, 0.0, 0.0)
 

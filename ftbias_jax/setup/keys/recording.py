@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ftbias_jax.setup.fields import POSITIVE
 from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind, SectionKeys, names, number, text
-from ftbias_jax.setup.types import ACCELERATION_UNITS, ANGLE_UNITS, TIME_UNITS, WRENCH_AXES
+from ftbias_jax.setup.recorded import ACCELERATION_UNITS, ANGLE_UNITS, TIME_UNITS, WRENCH_AXES
 
 LOG = SectionKeys(
     "How to read a log that does not use the usual names and units.",

@@ -74,6 +74,18 @@ def test_the_fixed_setup_has_the_old_effects_and_the_causes(folder, calls):
     assert load_setup("fixed.toml").tool.mass == 0.73
 
 
+def test_a_value_that_no_setup_may_have_costs_no_other_output(folder, calls, make_diagnosis, monkeypatch, capsys):
+    wild = make_diagnosis().causes[0]._replace(effect="gain", parameters={"gain": [-1.078] * 6}, stderr={})
+    module = sys.modules["ftbias_jax.diagnosis.diagnose"]
+    monkeypatch.setattr(module, "diagnose", lambda *given, **options: make_diagnosis(causes=(wild,)))
+    command = "diagnose log.npz --setup setup.toml --json out.json --html out.html --apply -o fixed.toml"
+    assert main(command.split()) == 1
+    assert "effects.gain.gain: got" in capsys.readouterr().err
+    assert json.loads((folder / "out.json").read_text())["causes"][0]["parameters"] == {"gain": [-1.078] * 6}
+    assert (folder / "out.html").exists()
+    assert not (folder / "fixed.toml").exists()
+
+
 def test_without_outputs_nothing_is_written(folder, calls, capsys):
     before = set(folder.iterdir())
     assert main(["diagnose", "log.npz", "--setup", "setup.toml"]) == 0

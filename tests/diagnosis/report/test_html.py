@@ -1,3 +1,4 @@
+import json
 import re
 from html.parser import HTMLParser
 
@@ -171,3 +172,15 @@ def test_ticks_are_round_inside_and_readable():
     low, high = data_range(np.array([5.0, 5.0]))
     assert low < 5 < high
     assert escape("<a\x07") == "&lt;a\N{REPLACEMENT CHARACTER}"
+
+
+def test_the_report_and_the_json_say_where_it_comes_from(tmp_path, make_diagnosis):
+    log = {"name": "log.npz", "sha256": "ab" * 32, "date": None, "duration": 3.0, "rate": 100.0, "samples": 300}
+    origin = {"version": "9.9", "robot": "panda", "setup": {"name": "s.toml", "sha256": "cd" * 32}, "urdf": None}
+    origin |= {"logs": [log], "options": {"without": ["gain"]}}
+    diagnosis = make_diagnosis(provenance=origin)
+    text = to_html(diagnosis, "title")
+    for words in ("9.9", "panda", "s.toml", "ab" * 32, "cd" * 32, "300 samples", "without"):
+        assert words in text
+    diagnosis.to_json(tmp_path / "out.json")
+    assert json.loads((tmp_path / "out.json").read_text())["provenance"] == origin

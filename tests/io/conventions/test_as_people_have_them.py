@@ -9,8 +9,8 @@ from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.conventions.units import STANDARD_GRAVITY, stamps
 from ftbias_jax.setup import parse_setup
+from ftbias_jax.setup.recorded import LogSetup
 from ftbias_jax.setup.robots import built_in_robot
-from ftbias_jax.setup.types import LogSetup
 
 START = 1_708_857_503_931_759
 """Microseconds since 1970."""

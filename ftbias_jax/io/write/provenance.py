@@ -1,0 +1,117 @@
+"""Where a result comes from: program, setup, robot, logs and options. The same inputs give the same words."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ftbias_jax import __version__
+from ftbias_jax.errors import LogError
+from ftbias_jax.files import no_regular_file
+from ftbias_jax.io.health import sample_rate
+from ftbias_jax.io.log import Log
+from ftbias_jax.setup.dump import dump_setup
+from ftbias_jax.setup.types import SCREWS, Setup
+from ftbias_jax.types import Array
+
+FIRST_DATE, LAST_DATE = 946684800.0, 4102444800.0
+"""s since 1970 between which a stamp is a date, 2000 and 2100; other clocks start anywhere."""
+
+Provenance = dict[str, Any]
+"""As it stands in JSON."""
+
+
+class Source(NamedTuple):
+    """One log."""
+
+    file: str
+    """Its path; "" = from memory."""
+    wrench_t: Array
+    """(W,) s, stamps of the wrench."""
+    start: float
+    """s, added to the stamps."""
+
+
+def source_of(log: Log) -> Source:
+    """What provenance says about a log in memory."""
+    return Source(log.file, log.t[~np.isnan(log.wrench).all(1)], log.start)
+
+
+def provenance(
+    setup: Setup, sources: Sequence[Source], options: Mapping[str, Any], names: Sequence[str] = ()
+) -> Provenance:
+    """What a result of these logs was made from and with.
+
+    Args:
+        setup: with which it was made.
+        sources: the logs.
+        options: of the command or the function, plain numbers and words.
+        names: of the logs; () = their files' names.
+
+    Returns:
+        plain dicts for JSON: version, date (of the first log's start by its own stamps, None if they are no date),
+        setup and logs with the SHA-256 of their files (None if from memory), robot, options, and over all logs their
+        duration in s, mean rate in Hz and samples of the wrench.
+    """
+    logs = [_of_log(source) for source in sources]
+    for log, name in zip(logs, names, strict=bool(names)):
+        log["name"] = name
+    setups = [_of_file(file) for file in setup.files if file]
+    if not setup.path:
+        setups.insert(0, {"name": "", "sha256": hashlib.sha256(dump_setup(setup).encode()).hexdigest()})
+    built_in = setup.robot.model if setup.robot.model != SCREWS else ""
+    return {
+        "version": __version__,
+        "date": logs[0]["date"] if logs else None,
+        "setup": setups[0],
+        "urdf": setups[1] if len(setups) > 1 else None,
+        "robot": built_in or f"{len(setup.robot.joint_names)} joints",
+        "logs": logs,
+        "duration": sum(log["duration"] for log in logs),
+        "rate": float(np.mean([log["rate"] or 0.0 for log in logs])) if logs else 0.0,
+        "samples": sum(log["samples"] for log in logs),
+        "options": dict(options),
+    }
+
+
+def as_text(origin: Provenance) -> str:
+    """JSON on one line."""
+    return json.dumps(origin, allow_nan=False)
+
+
+def sha256_of(path: str) -> str:
+    """SHA-256 of a file; of a folder, which is a recording, that of the sums of its files by name.
+
+    Raises:
+        LogError: it cannot be read any more.
+    """
+    try:
+        if os.path.isdir(path):
+            files = sorted(file for file in Path(path).iterdir() if file.is_file() and not no_regular_file(file))
+            lines = "".join(f"{sha256_of(os.fspath(file))}  {file.name}\n" for file in files)
+            return hashlib.sha256(lines.encode()).hexdigest()
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise LogError(f"cannot be read: {error.strerror}", file=path, remedy="leave files in place") from error
+
+
+def _of_file(path: str) -> dict[str, Any]:
+    return {"name": os.path.basename(os.path.normpath(path)), "sha256": sha256_of(path)}
+
+
+def _of_log(source: Source) -> dict[str, Any]:
+    t, rate = source.wrench_t, sample_rate(source.wrench_t)
+    first = source.start + float(t[0]) if len(t) else 0.0
+    dated = FIRST_DATE < first < LAST_DATE
+    date = datetime.fromtimestamp(round(first, 3), UTC).isoformat(timespec="milliseconds") if dated else None
+    file = _of_file(source.file) if source.file else {"name": "", "sha256": None}
+    duration = float(t[-1] - t[0]) if len(t) else 0.0
+    return {**file, "date": date, "duration": duration, "rate": rate if np.isfinite(rate) else None, "samples": len(t)}

@@ -1,0 +1,56 @@
+"""The verdict, for gaps of every size and causes of every kind."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.diagnosis.gap import verdict_of
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.report.sentence import sentence_of
+from ftbias_jax.diagnosis.result import Gap
+
+
+@pytest.fixture
+def problem():
+    """10,000 bins of one sample each: a gap of 0.1 noise sigmas is more than chance."""
+    bins = 10_000
+    ones = np.ones((bins, 6))
+    t = 0.01 * np.arange(bins)
+    return Problem((), t, np.zeros(bins, int), ones, ones, np.zeros(bins), (t[-1],), np.ones(6), {})
+
+
+def gap(before, after, shrink_stderr=0.01):
+    """Gaps in noise sigmas, without the noise itself."""
+    six = np.ones(6)
+    sigmas = (float(np.hypot(1, size)) for size in (before, after))
+    return Gap(six, six, six, *sigmas, 1 - after**2 / max(before, 1e-9) ** 2, shrink_stderr)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "causes", "found", "sure", "verdict"),
+    [
+        (0.01, 0.01, 0, 0, True, "none"),
+        (2.0, 2.0, 0, 0, True, "unknown"),
+        (0.01, 0.01, 1, 1, True, "explained"),  # spikes, and the mean reading is right
+        (2.0, 2.0, 1, 1, True, "unknown"),  # spikes say nothing of the mean reading
+        (2.0, 0.02, 1, 0, True, "explained"),
+        (2.0, 0.02, 1, 0, False, "partly_explained"),
+        (2.0, 0.8, 1, 0, True, "partly_explained"),
+        (2.0, 0.8, 2, 1, True, "partly_explained"),
+        (2.0, 1.9, 1, 0, True, "unknown"),
+        (2.0, 1.9, 2, 1, True, "unknown"),
+    ],
+)
+def test_the_verdict(problem, before, after, causes, found, sure, verdict):
+    assert verdict_of(problem, gap(before, after), causes, found, sure) == verdict
+
+
+def test_a_share_within_two_standard_errors_of_zero_explains_nothing(problem):
+    assert verdict_of(problem, gap(2.0, 0.8, 0.5), 1, 0, True) == "unknown"
+    assert verdict_of(problem, gap(2.0, 0.8, 0.4), 1, 0, True) == "partly_explained"
+
+
+def test_what_single_samples_show_stays_told_where_the_mean_reading_is_not_explained(make_diagnosis):
+    (cause,) = make_diagnosis().causes
+    sentence = sentence_of("unknown", gap(2.0, 2.0), (cause._replace(effect="outliers", indistinguishable_from=()),))
+    assert "no effect of the catalogue explains it" in sentence
+    assert sentence.endswith("Seen in single samples: outliers.")
