@@ -17,6 +17,8 @@ MOST_RPY = 3.2
 """rad: no angle need be larger."""
 LEAST_TURN = np.radians(25.0)
 """rad: a sensor that is turned by less is an effect (mount_rotation), not a mistake."""
+LEAST_ALIKE = 0.5
+"""Correlation of the turned reading with the tool's force below which a permutation need not be fitted."""
 SPIKE = 4.0
 """Times the typical reading beyond which a bin does not count for the rotation."""
 
@@ -27,8 +29,11 @@ def mounts(state: State) -> Iterator[Alternative]:
     Proper permutations are another mount; improper ones, and those with another sign of the torque alone, are columns
     that a driver writes in its own way.
     """
+    overlap, sizes = _overlap(state, slice(0, 3))
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         P = np.eye(3)[list(order)] * signs
+        if (P * overlap).sum() < LEAST_ALIKE * sizes:
+            continue
         for torque in (1.0, -1.0):
             if np.array_equal(P, np.eye(3)) or (np.array_equal(P, -np.eye(3)) and torque == 1):
                 continue  # the first is the stated one, or shows in the torque alone; the second is 'sign'
@@ -75,18 +80,20 @@ def _permuted(state: State, P: Array, torque: float) -> Iterator[Alternative]:
 
 def _turned_freely(state: State) -> Iterator[Alternative]:
     """The rotation that brings the reading nearest to the stated tool's wrench (Kabsch 1976)."""
-    layout = state.case.layout
-    tool, reading = (without_bias(x, layout) for x in (state.data() @ state.tool.theta, state.wrench))
-    overlap = np.zeros((3, 3))
-    for axes in (slice(0, 3), slice(3, 6)):
-        size, expected = (np.linalg.norm(x[:, axes], axis=1) for x in (reading, tool))
-        typical = np.median(size) + 1e-12
-        rows = size < SPIKE * typical
-        overlap += tool[rows, axes].T @ reading[rows, axes] / (typical * (np.median(expected) + 1e-12))
-    U, _, V = np.linalg.svd(overlap)
+    force, torque = (_overlap(state, axes) for axes in (slice(0, 3), slice(3, 6)))
+    U, _, V = np.linalg.svd(force[0] / force[1] + torque[0] / torque[1])
     P = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))]) @ V
     if np.arccos(np.clip((np.trace(P) - 1) / 2, -1, 1)) > LEAST_TURN:
         yield _mount(state, P, 7)
+
+
+def _overlap(state: State, axes: slice) -> tuple[Array, float]:
+    """Sum of (stated tool's wrench) (reading)^T (3, 3) without bias and spikes, and the product of their sizes."""
+    layout = state.case.layout
+    tool, reading = (without_bias(x[:, axes], layout) for x in (state.data() @ state.tool.theta, state.wrench))
+    size = np.linalg.norm(reading, axis=1)
+    rows = size < SPIKE * np.median(size) + 1e-12
+    return tool[rows].T @ reading[rows], float(np.linalg.norm(tool[rows]) * np.linalg.norm(reading[rows])) + 1e-12
 
 
 def _mount(state: State, P: Array, rank: float) -> Alternative:
