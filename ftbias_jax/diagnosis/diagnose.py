@@ -86,7 +86,7 @@ def diagnose(
         message = f"got {len(logs)} logs and {len(names)} names"
         raise UsageError(message, field="logs", remedy="give one log or more, and a name for each or none")
     check_names([name for name in without if name != TERM], "without", catalogue_of_setup(setup))
-    logs = [clean(log, clipped=False) for log in logs]
+    logs = [clean(log, clipped=False, held=False) for log in logs]
     require_right(setup, [clean(log) for log in logs], "diagnose", unchecked)
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)

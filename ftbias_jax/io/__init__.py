@@ -34,13 +34,13 @@ def read_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
         path: the file; any of them if [log.files] of the setup names several.
         setup: gives the number and names of the joints, the sensor's sign, and column names.
         salvage: of a damaged ROS recording, read what is whole.
-        raw: leave the samples of stuck and clipped axes in, as recorded; ``repairs`` names them all the same.
+        raw: leave samples of stuck and clipped axes and repeats in, as recorded; ``repairs`` names them.
 
     Raises:
         LogError: the file cannot be read, or cannot be filtered with this setup (see ``check_log``).
     """
     log = read_recorded(path, setup, salvage=salvage)
-    return clean(log, clipped=not raw, stuck=not raw, file=os.fspath(path))
+    return clean(log, clipped=not raw, stuck=not raw, held=not raw, file=os.fspath(path))
 
 
 def read_motion(path: str | os.PathLike[str], setup: Setup) -> Log | Poses:

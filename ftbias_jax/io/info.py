@@ -18,6 +18,8 @@ from ftbias_jax.io.health import gaps, sample_rate, saturation, stuck_seconds
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.npz_archive import stored_arrays
+from ftbias_jax.io.rates.held import find_held
+from ftbias_jax.io.rates.jitter import jitter
 from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
 from ftbias_jax.io.ros.read import log_of, skew
 from ftbias_jax.io.ros.record import Stream, Topic, read_recording
@@ -157,6 +159,12 @@ def _stream_info(
         if sensor and not np.isnan(limits).all():
             ends = " and ".join(f"{end:.6g}" for end in limits if not np.isnan(end))
             trouble.append(f"{label}: saturated at {ends}")
+    readings = values[:, : len(names)] if kind == JOINT_STATE else values
+    if (repeated := find_held(readings)) is not None:
+        share = f"{100 * repeated.repeats.mean():.0f} % of the samples repeat the one before"
+        trouble.append(f"held: {share}, one reading for up to {repeated.samples} samples")
+    if scatter := jitter(t):
+        trouble.append(f"stamps scatter by {1e3 * scatter:.3g} ms about a steady clock")
     first, last = (start + t[0], start + t[-1]) if len(t) else (np.nan, np.nan)
     found = tuple((at - t[0], length) for at, length in gaps(t))
     return StreamInfo(name, kind, tuple(names), len(t), first, last, sample_rate(t), found, tuple(trouble))

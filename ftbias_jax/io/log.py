@@ -99,7 +99,7 @@ class Log(NamedTuple):
             angular_velocity: (T, 3) rad/s of an IMU, as the setup's sensor_pose states.
             specific_force: (T, 3) m/s^2, acceleration less gravity, of the same.
             columns: name -> (T,) further quantities for effects to see, at the stamps (of the wrench).
-            raw: leave the samples of stuck and clipped axes in, as recorded; ``repairs`` names them all the same.
+            raw: leave samples of stuck and clipped axes and repeats in, as recorded; ``repairs`` names them.
 
         Raises:
             LogError: shapes disagree, the clock was set back, a value is infinite, or there is no motion or no wrench.
@@ -123,4 +123,4 @@ class Log(NamedTuple):
         log = log_from_arrays({name: values for name, values in arrays.items() if values is not None}, setup)
         stamps = t[1] if isinstance(t, tuple) else t
         extra = {name: column_of(stamps, values, log.start, field=name) for name, values in (columns or {}).items()}
-        return clean(log._replace(columns=extra), clipped=not raw, stuck=not raw)
+        return clean(log._replace(columns=extra), clipped=not raw, stuck=not raw, held=not raw)

@@ -7,6 +7,7 @@ from importlib import resources
 
 import numpy as np
 
+from ftbias_jax.diagnosis.report.origin import origin_rows
 from ftbias_jax.diagnosis.report.plots import (
     channel_title,
     plot_gap,
@@ -18,7 +19,6 @@ from ftbias_jax.diagnosis.report.plots import (
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.report.tables import (
     log_lines,
-    origin_rows,
     parameter_words,
     percent,
     share_words,

@@ -231,19 +231,3 @@ def percent(share: float) -> str:
 def one_line(text: str) -> str:
     """The text without what would move a terminal's cursor or break the line."""
     return "".join(character if character.isprintable() else "?" for character in text)
-
-
-def origin_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """(what, value) of the provenance: one file a row, and what holds for all."""
-    origin = diagnosis.provenance
-    if origin is None:
-        return []
-    rows = [("ftbias", origin["version"]), ("robot", origin["robot"])]
-    for kind, file in (("setup", origin["setup"]), ("URDF", origin["urdf"])):
-        rows += [(f"{kind} {file['name']}", f"SHA-256 {file['sha256']}")] if file else []
-    for log in origin["logs"]:
-        measured = f"{log['samples']} samples of the wrench in {log['duration']:.6g} s, {log['rate'] or 0:.4g} Hz"
-        known = [log["date"], measured, f"SHA-256 {log['sha256']}" if log["sha256"] else "from memory"]
-        rows.append((f"log {log['name']}", ", ".join(filter(None, known))))
-    options = ", ".join(f"{name} = {value}" for name, value in origin["options"].items() if value)
-    return [*rows, ("options", options)] if options else rows

@@ -1,0 +1,135 @@
+"""Held readings are found and used once; a coarse sensor at rest, which repeats itself too, is left alone."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.io import read_log
+from ftbias_jax.io.cleaning import slices, survey, without_repeats
+from ftbias_jax.io.info import describe
+from ftbias_jax.io.log import Log
+from ftbias_jax.io.parts import open_log
+from ftbias_jax.io.rates.held import LEAST_SAMPLES, Repeats, extend_repeats, find_held, held_readings
+
+
+def arm(samples, rest=300, noise=0.3, step=0.0, speed=0.01, seed=0):
+    """(T, 6) readings of an arm that stops and goes every ``rest`` samples, on a lattice of ``step``; 0 = fine."""
+    rng = np.random.default_rng(seed)
+    phase = np.cumsum(np.where((np.arange(samples) // rest) % 2, speed, 0.0))
+    reading = 20 * np.sin(phase[:, None] * np.arange(1, 7) + np.arange(6)) + noise * rng.normal(size=(samples, 6))
+    return np.round(reading / step) * step if step else reading
+
+
+@pytest.mark.parametrize("samples", [2, 3, 4, 5, 10])
+@pytest.mark.parametrize("step", [0.0, 0.3, 1.0])
+def test_held_readings_are_found_and_every_one_is_kept_once(samples, step):
+    readings = arm(2000, step=step)
+    found = find_held(np.repeat(readings, samples, 0))
+    assert found.samples == samples
+    np.testing.assert_array_equal(found.repeats, np.arange(2000 * samples) % samples != 0)
+
+
+@pytest.mark.parametrize("pattern", [(2, 3), (1, 1, 1, 2), (1, 2)])
+def test_a_rate_that_is_no_multiple_of_the_sensors_is_found_too(pattern):
+    found = find_held(np.repeat(arm(3000), np.resize(pattern, 3000), 0))
+    assert found.samples == max(pattern)
+    assert found.repeats.mean() == pytest.approx(1 - len(pattern) / sum(pattern), abs=0.01)
+
+
+@pytest.mark.parametrize("rest", [50, 100, 317, 1000, 5000])
+@pytest.mark.parametrize("noise", [0.01, 0.05, 0.1, 0.3, 1.0])
+@pytest.mark.parametrize("speed", [0.0005, 0.003, 0.01, 0.05])
+def test_a_coarse_sensor_on_an_arm_that_rests_is_not_taken_for_held(rest, noise, speed):
+    for samples in (2000, 20_000):
+        assert find_held(arm(samples, rest, noise, 1.0, speed)) is None
+
+
+@pytest.mark.parametrize("noise", [1e-9, 0.1, 1.0])
+def test_encoders_that_move_slowly_are_not_taken_for_held(noise):
+    """Joints at constant speeds, whose encoders count every few samples."""
+    t = np.arange(20_000)[:, None]
+    counts = t * np.array([0.0, 0.31, 0.17, 0.0, 0.093, 0.41]) + noise * np.random.default_rng(0).normal(
+        size=(20_000, 6)
+    )
+    assert find_held(np.round(counts)) is None
+
+
+def test_one_axis_that_repeats_is_not_taken_for_held():
+    readings = arm(4000)
+    readings[:, 2] = np.repeat(readings[::4, 2], 4)
+    assert find_held(readings) is None
+
+
+@pytest.mark.parametrize(
+    "values", [np.zeros((5000, 6)), np.full((5000, 6), np.nan), arm(LEAST_SAMPLES - 1), np.zeros((0, 6))]
+)
+def test_constant_empty_and_short_streams_are_not_taken_for_held(values):
+    assert find_held(values) is None
+
+
+def test_parts_and_rows_without_a_sample_change_nothing():
+    values = np.repeat(arm(2000), 3, 0)
+    whole = find_held(values)
+    sparse = np.full((12_000, 6), np.nan)
+    sparse[::2] = values
+    seen = Repeats()
+    for part in np.split(sparse, [1, 777, 5000, 5001]):
+        seen = extend_repeats(seen, part)
+    np.testing.assert_array_equal(held_readings(seen).repeats, whole.repeats)
+
+
+def write(path, samples, joints=1):
+    """A log at 500 Hz whose wrench is held for ``samples`` and whose joints are held for ``joints``."""
+    rng = np.random.default_rng(1)
+    t = np.arange(6000) * 0.002
+    q = np.sin(t[:, None] * [1.0, 1.3]) + 1e-5 * rng.normal(size=(6000, 2))
+    place = np.arange(6000)
+    wrench = rng.normal(size=(6000, 6))[place - place % samples]
+    np.savez(path, t=t, q=q[place - place % joints], wrench=wrench)
+
+
+def test_a_log_uses_every_held_reading_once_and_says_so(tmp_path, setup):
+    write(tmp_path / "log.npz", 4, 2)
+    log = read_log(tmp_path / "log.npz", setup)
+    np.testing.assert_array_equal(np.isfinite(log.wrench).all(1), np.arange(6000) % 4 == 0)
+    np.testing.assert_array_equal(np.isfinite(log.q).all(1), np.arange(6000) % 2 == 0)
+    told = [(repair.what, repair.lost) for repair in log.repairs]
+    assert told == [
+        ("the wrench is held for up to 4 samples, 4500 of 6000 repeat: each reading is used once", False),
+        ("the joints are held for up to 2 samples, 3000 of 6000 repeat: each reading is used once", False),
+    ]
+    opened = open_log(tmp_path / "log.npz", setup)
+    assert opened.repairs == log.repairs
+    np.testing.assert_array_equal(opened.whole().wrench, log.wrench)
+    raw = read_log(tmp_path / "log.npz", setup, raw=True)
+    assert np.isfinite(raw.wrench).all()
+    assert [repair.what for repair in raw.repairs] == [
+        what.removesuffix(": each reading is used once") for what, _ in told
+    ]
+
+
+def test_a_log_as_measured_stays_as_it_is(tmp_path, setup):
+    write(tmp_path / "log.npz", 1)
+    log = read_log(tmp_path / "log.npz", setup)
+    assert log.repairs == ()
+    assert np.isfinite(log.wrench).all()
+
+
+def test_an_axis_that_is_stuck_in_a_held_log_is_found(tmp_path):
+    values = np.repeat(arm(2000), 2, 0)
+    values[1000:3000, 4] = 0.5
+    nothing = np.full((4000, 1), np.nan)
+    log = Log(np.arange(4000) * 0.002, nothing, nothing, values, nothing[:, 0])
+    facts = survey(slices(log))
+    assert [len(stretches) for stretches in facts.stuck] == [0, 0, 0, 0, 1, 0]
+    assert np.isnan(without_repeats(log, facts).wrench[1::2]).all()
+
+
+def test_info_tells_of_held_readings_and_of_stamps_that_scatter(tmp_path):
+    write(tmp_path / "log.npz", 4, 2)
+    joints, wrench = describe(tmp_path / "log.npz").streams
+    assert "held: 75 % of the samples repeat the one before, one reading for up to 4 samples" in wrench.trouble
+    assert "held: 50 % of the samples repeat the one before, one reading for up to 2 samples" in joints.trouble
+    arrays = dict(np.load(tmp_path / "log.npz"))
+    arrays["t"] = arrays["t"] + 5e-4 * np.random.default_rng(0).uniform(-1, 1, 6000)
+    np.savez(tmp_path / "log.npz", **arrays)
+    assert any("stamps scatter by 0." in trouble for trouble in describe(tmp_path / "log.npz").streams[1].trouble)
