@@ -12,11 +12,11 @@ from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.degenerate import with_typed_errors
 from ftbias_jax.diagnosis.evidence.compare import compare
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
+from ftbias_jax.diagnosis.evidence.doubts import doubt_of, is_sure
 from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
 from ftbias_jax.diagnosis.evidence.twins import twins_of
 from ftbias_jax.diagnosis.gap import USEFUL_SHARE, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
-from ftbias_jax.diagnosis.proposals.contact import is_sure
 from ftbias_jax.diagnosis.recorded import not_tested
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.fit import Fit
@@ -47,8 +47,6 @@ from ftbias_jax.setup.types import Setup
 LEADS = 0.3
 """Gap in noise sigmas below which what single samples show comes before what explains the mean reading."""
 CANDIDATES = 12
-UNSURE = "; or something that is not in the catalogue, for it lasted long"
-"""Added to the explanation of a contact that is not surely one."""
 
 
 @in_float64
@@ -102,7 +100,7 @@ def diagnose(
     gap = measure_gap(problem, before, after)
     total = gap.before_sigmas**2 - 1
     causes = _causes(problem, hold_out, base, accepted, rounds, found, total)
-    sure = all(is_sure(h) for h in accepted.hypotheses if h.local)
+    sure = is_sure(problem, accepted)
     verdict = verdict_of(problem, gap, len(causes), len(found), sure)
     terms: tuple[FoundTerm, ...] = ()
     if not is_quiet(problem, gap) and TERM not in without:
@@ -119,7 +117,7 @@ def diagnose(
         accepted = base
         if terms == loud:
             after, gap = before, measure_gap(problem, before, before)
-    sure = all(is_sure(h) for h in accepted.hypotheses if h.local)
+    sure = is_sure(problem, accepted)
     verdict = verdict_of(problem, gap, len(causes), len(found), sure, len(terms))
     if verdict in ("unknown", "none"):  # what single samples show stays told
         seen = {finding.effect for finding in found}
@@ -178,8 +176,8 @@ def _causes(
         values, stderr = parameters(problem, accepted, hypothesis)
         held, shrink = _judged(problem, hold_out, scored[0].fit, previous, total)
         named = _candidate(problem.catalogue[hypothesis.effect], values, stderr, held, shrink, twins)
-        unsure = hypothesis.local and not is_sure(hypothesis)
-        of_mean.append(named._replace(explanation=named.explanation + UNSURE) if unsure else named)
+        doubt = doubt_of(problem, accepted, hypothesis)
+        of_mean.append(named._replace(explanation=named.explanation + doubt, doubt=doubt.removeprefix("; ")))
         previous = scored[0].fit
     of_samples = [_of_finding(finding, problem.duration) for finding in found]
     if total < LEADS**2:

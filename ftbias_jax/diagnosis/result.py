@@ -42,6 +42,8 @@ class Candidate(NamedTuple):
     remedy: str
     units: Mapping[str, str] = MappingProxyType({})
     """Of the parameters; {} = not known."""
+    doubt: str = ""
+    """Why it may be something else, although it fits; "" = no reason."""
 
 
 class FoundTerm(NamedTuple):

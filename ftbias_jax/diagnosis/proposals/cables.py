@@ -9,9 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.evaluate import believed_motions, whitened
+from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.evaluate import believed_motions, readings, whitened
+from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import Standing, gain_of_each, gains
 from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values
 from ftbias_jax.model.effects.environment import cable_span
@@ -19,6 +22,7 @@ from ftbias_jax.model.effects.types import Signals
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.types import Array
 
+EFFECT = "cable"
 ANCHORS = 40
 """Random places tried for each link."""
 FOREARM = (2, 3, 4)
@@ -29,6 +33,8 @@ STARTS = 4
 """Starting points that are fitted."""
 FARTHEST = 5.0
 """m."""
+LONGEST, UNDETERMINED = 2.0, 1.0
+"""m: cables on robots are shorter, and nothing is said of one whose ends or length are known no better."""
 APART = 0.25
 """m; nearer anchors lead to the same maximum."""
 
@@ -102,3 +108,32 @@ def _without_slack(problem: Problem, standing: Standing, spans: np.ndarray, atta
     anchor = best[None, 1:] / max(float(best[0]), 1e-12)
     near: np.ndarray = anchor[(np.abs(anchor).max(1) < FARTHEST) & (best[0] > 0)]
     return near
+
+
+def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
+    """Why a cable may be something else: long and soft, it makes nearly any force, so that force is what is told."""
+    values, stderr = parameters(problem, found, h)
+    arm = problem.parts[0].signals.model.arm
+    apart = float(np.linalg.norm(np.asarray(values["anchor"]) - np.asarray(arm.zero_position)))
+    far = apart > FARTHEST or float(np.max(values["rest_length"])) > LONGEST
+    loose = max(np.max(stderr["anchor"]), np.max(stderr["rest_length"])) > UNDETERMINED
+    if not (far or loose):
+        return ""
+    why = "such a cable is not plausible" if far else "its length and anchor are not determined"
+    mean, varies = equivalent_force(problem, found)
+    size = ", ".join(f"{x:.2g}" for x in mean)
+    return f"; {why}, and any force like it would do: ({size}) N in base axes on the tool, varying by {varies:.2g} N"
+
+
+def equivalent_force(problem: Problem, found: Fit) -> tuple[np.ndarray, float]:
+    """(3,) N on the tool, base axes, that the cable of a fit exerts on average, and by how many N it varies."""
+    z = np.stack([found.z, found.z])
+    z[1, chain_model.slices(problem.joints)[EFFECT, "stiffness"]] = 0
+    with_it, without = readings(problem, z, np.full(2, found.link))
+    ends, motions = np.cumsum([part.used for part in problem.parts])[:-1], believed_motions(problem)
+    forces = [
+        -np.einsum("ijt,tj->ti", np.asarray(motion.sensor_rotation)[:, :, : len(change)], change[:, :3])
+        for change, motion in zip(np.split(with_it - without, ends), motions, strict=True)
+    ]
+    force = np.concatenate(forces)
+    return force.mean(0), float(np.sqrt(force.var(0).sum()))

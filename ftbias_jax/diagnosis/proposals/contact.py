@@ -15,6 +15,7 @@ from ftbias_jax.diagnosis.regression.evaluate import whitened_series
 from ftbias_jax.diagnosis.regression.fit import Fit, projection
 from ftbias_jax.diagnosis.regression.score_test import gain_of_series
 
+EFFECT = "contact"
 LEAST_EVENT = 60.0
 """nats of a single contact."""
 MOST_CONTACT = 0.35
@@ -72,9 +73,10 @@ def _is_short(problem: Problem, contact: Hypothesis) -> bool:
     return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_CONTACT * problem.duration)
 
 
-def is_sure(contact: Hypothesis) -> bool:
-    """Whether nothing but contacts is as short."""
-    return bool(_lengths(contact).max() < SURELY_EVENT)
+def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
+    """Why contacts may be something else: only they are short."""
+    short = bool(_lengths(h).max() < SURELY_EVENT)
+    return "" if short else "; or something that is not in the catalogue, for it lasted long"
 
 
 def _lengths(contact: Hypothesis) -> np.ndarray:

@@ -16,6 +16,10 @@ from ftbias_jax.diagnosis.regression.evaluate import slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import BLOCK_SECONDS, Fit
 from ftbias_jax.filtering.innovation_regression import widened_inverse
 
+EFFECT = "crosstalk"
+LIKE_A_ROTATION = 0.8
+"""Share of the matrix, in typical departures, that a rotation of the axes has, from which on it may be one: of leaks
+that are drawn at random it has a tenth."""
 ENTRY_STD = 3.0
 """Of an entry a priori, in typical departures: 6 % of the load of another axis."""
 
@@ -47,3 +51,39 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndar
     by_block = scores(columns, found.error + change(columns, step), problem.block(BLOCK_SECONDS))
     spread = widened_inverse(by_block, precision)[np.ix_(rows, rows)]
     return z, few._replace(free=tuple(entries), start=tuple(z[entries].tolist())), spread
+
+
+def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
+    """Why leaks between the channels may be a rotation of the sensor's axes: they make up one."""
+    z, whole, _ = whole_matrix(problem, found, h)
+    rotation, share = nearest_rotation(z[list(whole.free)])
+    if share < LIKE_A_ROTATION:
+        return ""
+    degrees = ", ".join(f"{x:.2f}" for x in np.rad2deg(rotation))
+    return (
+        f"; or the sensor is mounted turned, or an encoder is off: the leaks are those of a turn by ({degrees}) degrees"
+    )
+
+
+def nearest_rotation(leaks: np.ndarray) -> tuple[np.ndarray, float]:
+    """The small rotation of force and torque alike that leaks are nearest to.
+
+    Args:
+        leaks: (30,) typical departures, the entries beside the diagonal row by row.
+
+    Returns:
+        (3,) rad, from believed to true axes, and the share of the squared leaks that it makes up.
+    """
+    unit = next(np.asarray(b.unit) for b in chain_model.blocks(1) if b.effect == EFFECT)
+    turns = np.stack([_turn(axis)[~np.eye(6, dtype=bool)] / unit for axis in range(3)], 1)
+    rotation = np.linalg.lstsq(turns, leaks)[0]
+    left = leaks - turns @ rotation
+    return rotation, 1 - float(left @ left) / max(float(leaks @ leaks), 1e-300)
+
+
+def _turn(axis: int) -> np.ndarray:
+    """(6, 6) change of a wrench's coordinates by a small turn about one axis, per rad: R^T = 1 + r [axis]."""
+    skew = np.zeros((3, 3))
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    skew[first, second], skew[second, first] = 1.0, -1.0
+    return np.kron(np.eye(2), skew)

@@ -98,6 +98,7 @@ def _cause_lines(cause: Candidate) -> list[str]:
     gain = f"{value_words(cause.held_out_gain, cause.held_out_gain_stderr)} nats/s held out"
     lines = [f"cause: {cause.effect} ({cause.stage}), {share_words(cause)}, {gain}"]
     lines += [f"  {name} = {value}" for name, value in parameter_words(cause)]
+    lines += [f"  doubtful: {cause.doubt}"] if cause.doubt else []
     lines += [f"  or {twin}: {how}" for twin, how in twin_words(cause)]
     return [one_line(line) for line in (*lines, f"  what to do: {cause.remedy}" if cause.remedy else "") if line]
 

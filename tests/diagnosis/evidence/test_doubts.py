@@ -1,0 +1,80 @@
+"""Causes that fit and may be something else all the same."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ftbias_jax.diagnosis.evidence.doubts import doubt_of
+from ftbias_jax.diagnosis.hypothesis import Hypothesis
+from ftbias_jax.diagnosis.proposals import cables, contact, crosstalk_posterior
+from ftbias_jax.diagnosis.proposals.crosstalk_posterior import nearest_rotation
+from ftbias_jax.diagnosis.regression import chain_model
+
+UNIT = next(np.asarray(b.unit) for b in chain_model.blocks(7) if b.effect == "crosstalk")
+OFF = ~np.eye(6, dtype=bool)
+
+
+def leaks_of_a_turn(vector):
+    """Typical departures of R^T for force and torque alike, R by Rodrigues' formula."""
+    angle = np.linalg.norm(vector)
+    x, y, z = np.asarray(vector) / angle
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    R = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+    return np.kron(np.eye(2), R.T)[OFF] / UNIT
+
+
+def test_the_leaks_of_a_small_turn_are_known_as_one():
+    rotation, share = nearest_rotation(leaks_of_a_turn([0.01, -0.02, 0.005]))
+    np.testing.assert_allclose(rotation, [0.01, -0.02, 0.005], atol=5e-4)
+    assert share > 0.99
+
+
+def test_leaks_drawn_at_random_are_hardly_a_turn():
+    rng = np.random.default_rng(0)
+    shares = [nearest_rotation(rng.normal(size=30))[1] for _ in range(200)]
+    assert np.mean(shares) == pytest.approx(0.1, abs=0.02)
+    assert max(shares) < crosstalk_posterior.LIKE_A_ROTATION
+
+
+@pytest.mark.parametrize(("leaks", "doubtful"), [(leaks_of_a_turn([0.02, 0, 0]), True), (np.arange(30.0), False)])
+def test_crosstalk_that_makes_up_a_turn_is_doubtful(monkeypatch, leaks, doubtful):
+    whole = Hypothesis("crosstalk", tuple(range(30)))
+    monkeypatch.setattr(crosstalk_posterior, "whole_matrix", lambda *given: (leaks, whole, None))
+    said = doubt_of(None, None, whole)
+    assert bool(said) == doubtful
+    if doubtful:
+        assert "a turn by (1.15, 0.00, 0.00) degrees" in said
+
+
+@pytest.mark.parametrize(
+    ("anchor", "rest_length", "stderr", "words"),
+    [
+        ([0.5, 0.0, 0.8], 0.3, 0.1, ""),
+        ([0.5, 0.0, 0.8], 0.3, 1.5, "its length and anchor are not determined"),
+        ([0.5, 0.0, 0.8], 2.5, 0.1, "such a cable is not plausible"),
+        ([0.0, 0.0, -6.0], 0.3, 0.1, "such a cable is not plausible"),
+    ],
+)
+def test_a_cable_of_metres_or_anywhere_is_told_as_its_force(monkeypatch, anchor, rest_length, stderr, words):
+    values = {"anchor": anchor, "rest_length": rest_length}
+    errors = {"anchor": [0.05, stderr, 0.05], "rest_length": 0.05}
+    monkeypatch.setattr(cables, "parameters", lambda *given: (values, errors))
+    monkeypatch.setattr(cables, "equivalent_force", lambda *given: (np.array([1.0, -2.0, 0.5]), 0.25))
+    model = SimpleNamespace(arm=SimpleNamespace(zero_position=np.array([0.1, 0.0, 0.8])))
+    problem = SimpleNamespace(parts=[SimpleNamespace(signals=SimpleNamespace(model=model))])
+    said = doubt_of(problem, None, Hypothesis("cable"))
+    assert words in said
+    assert bool(said) == bool(words)
+    if words:
+        assert "(1, -2, 0.5) N in base axes on the tool, varying by 0.25 N" in said
+
+
+@pytest.mark.parametrize(("length", "doubtful"), [(1.0, False), (4.0, True)])
+def test_a_contact_that_lasts_is_doubtful(length, doubtful):
+    h = Hypothesis(contact.EFFECT, detail=(0.0, 5.0, 5.0 + length, 4.0), local=True)
+    assert bool(doubt_of(None, None, h)) == doubtful
+
+
+def test_other_effects_are_not_doubted():
+    assert doubt_of(None, None, Hypothesis("gain")) == ""
