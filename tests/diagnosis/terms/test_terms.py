@@ -18,7 +18,7 @@ POINT = np.array([0.02, -0.03, 0.13])
 
 @pytest.fixture(scope="module")
 def setup():
-    return parse_setup(SETUP, "believed.toml")
+    return parse_setup(SETUP)
 
 
 @pytest.fixture(scope="module")
