@@ -128,7 +128,7 @@ class Where(NamedTuple):
     channels: dict[str, float]
     """Share of each channel of the mean square gap, in noise units; sums to 1."""
     intervals: tuple[tuple[float, float, float], ...]
-    """Start s, end s, and gap in noise sigmas, of the times where it is largest."""
+    """Start s, end s, and gap in noise sigmas, where it is largest."""
     regimes: tuple[Regime, ...]
     bands: tuple[tuple[float, float, float], ...]
     """Low Hz, high Hz, and share of the gap's mean square."""
@@ -226,7 +226,7 @@ class Diagnosis(NamedTuple):
         write_atomic(path, lambda file: file.write(text.encode()))
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
-        """Write everything but the plots' series for programs, whole or not at all.
+        """Write all but the plots' series, for programs, whole or not at all.
 
         Args:
             path: the file.
@@ -239,10 +239,9 @@ class Diagnosis(NamedTuple):
         write_json(path, to_json(self))
 
     def apply(self, setup: Setup) -> Setup:
-        """A setup with the causes and the terms among its effects.
+        """A setup with the causes among its effects, in place of the same ones, and the terms after those it has.
 
-        Causes replace what it says of the same effect, terms come after those it has. Those with values that no setup
-        can state are left out (``apply.refused``).
+        Those with values that no setup can state are left out (``apply.refused``).
 
         Args:
             setup: of the diagnosis.

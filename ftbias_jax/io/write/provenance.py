@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax import __version__
-from ftbias_jax.errors import LogError
 from ftbias_jax.files import no_regular_file
 from ftbias_jax.io.health import sample_rate
 from ftbias_jax.io.log import Log
@@ -63,15 +62,14 @@ def provenance(
     logs = [_of_log(source) for source in sources]
     for log, name in zip(logs, names, strict=bool(names)):
         log["name"] = name
-    setups = [_of_file(file) for file in setup.files if file]
-    if not setup.path:
-        setups.insert(0, {"name": "", "sha256": hashlib.sha256(dump_setup(setup).encode()).hexdigest()})
+    # Of the text that was read, not of what the file holds by now; a setup made in a program has none.
+    text = (setup.source or dump_setup(setup)).encode()
     built_in = setup.robot.model if setup.robot.model != SCREWS else ""
     return {
         "version": __version__,
         "date": logs[0]["date"] if logs else None,
-        "setup": setups[0],
-        "urdf": setups[1] if len(setups) > 1 else None,
+        "setup": {"name": os.path.basename(setup.path), "sha256": hashlib.sha256(text).hexdigest()},
+        "urdf": _of_file(setup.urdf) if setup.urdf else None,
         "robot": built_in or f"{len(setup.robot.joint_names)} joints",
         "logs": logs,
         "duration": sum(log["duration"] for log in logs),
@@ -86,11 +84,10 @@ def as_text(origin: Provenance) -> str:
     return json.dumps(origin, allow_nan=False)
 
 
-def sha256_of(path: str) -> str:
+def sha256_of(path: str) -> str | None:
     """SHA-256 of a file; of a folder, which is a recording, that of the sums of its files by name.
 
-    Raises:
-        LogError: it cannot be read any more.
+    None, if it cannot be read any more: a result in memory may outlive the file of its log.
     """
     try:
         if os.path.isdir(path):
@@ -99,8 +96,8 @@ def sha256_of(path: str) -> str:
             return hashlib.sha256(lines.encode()).hexdigest()
         with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise LogError(f"cannot be read: {error.strerror}", file=path, remedy="leave files in place") from error
+    except OSError:
+        return None
 
 
 def _of_file(path: str) -> dict[str, Any]:
