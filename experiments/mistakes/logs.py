@@ -38,7 +38,6 @@ SHAPES = (
     ("six axes", "sines", 7000.0, 6.0, 1),
 )
 """Arm, motion, rate in Hz, duration in s, and every how many samples the wrench is measured."""
-EFFECT_SHAPE = ("panda", "sines", 250.0, 30.0, 1)
 
 
 def random_tables(arm, rng):
@@ -62,29 +61,23 @@ def random_tables(arm, rng):
     }
 
 
-def simulated(shape, seed, effects=None, change=None):
-    """Tables and arrays of a log whose setup is right but for the effects.
+def simulated(shape, seed):
+    """Tables and arrays of a log whose setup is right.
 
     Args:
         shape: as in SHAPES.
         seed: the same makes the same log.
-        effects: as for ``ft.simulate``.
-        change: changes the tables before anything is simulated.
     """
     arm, motion, rate, duration, every = shape
     rng = np.random.default_rng(seed)
     tables = random_tables(arm, rng)
-    if change is not None:
-        change(tables)
     setup = ft.parse_setup(tables)
-    log = ft.simulate(setup, effects or {}, duration=duration, rate=rate, motion=motion, seed=seed).log
+    log = ft.simulate(setup, duration=duration, rate=rate, motion=motion, seed=seed).log
     sign = 1.0 if tables["sensor"]["reports"] == "wrench_on_tool" else -1.0
     wrench = np.where((np.arange(len(log.t)) % every == 0)[:, None], sign * log.wrench, np.nan)
     arrays = {"t": log.t, "q": log.q, "wrench": wrench}
     if rng.uniform() < 0.7:
         arrays["dq"] = log.dq
-    if np.isfinite(log.temperature).any():
-        arrays["temperature"] = log.temperature
     return tables, arrays
 
 

@@ -101,8 +101,8 @@ def _first(arrays, count=20):
 
 
 def zeroed_at_start(tables, arrays, rng):
-    """With a heavy tool, so that the offset matters; it stands still for a second."""
-    arrays["wrench"] = arrays["wrench"] - _first(arrays, 3)
+    """At the first sample."""
+    arrays["wrench"] = arrays["wrench"] - _first(arrays, 1)
 
 
 def zeroed_on_the_way(tables, arrays, rng):

@@ -1,15 +1,18 @@
 """How often the right mistake is named, and how often a right setup is suspected; simulated and recorded logs."""
 
 import argparse
+import json
 import os
 import sys
+import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import ftbias_jax as ft
-from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.validation.generator.make import Limits, make_set
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 import logs  # noqa: E402
@@ -17,19 +20,19 @@ import mistakes  # noqa: E402
 from common import keep  # noqa: E402
 from recorded import recorded_logs  # noqa: E402
 
-SEEDS = int(os.environ.get("S", 4))
+SEEDS = 4
 """Logs of each shape; five shapes make 20 logs."""
-RIGHT = 8
-"""Logs with each effect of the catalogue."""
+RIGHT = 200
+"""Logs whose setup is right but for effects."""
 
 
 def check(tables, arrays):
     """Names of what was found, and the seconds it took."""
     setup = ft.parse_setup(tables)
     log = ft.Log.from_arrays(setup, **{"q": None, **arrays})
-    start = time.perf_counter()
+    start = time.process_time()
     found = ft.check_setup(setup, [log])
-    return [finding.mistake for finding in found.findings], time.perf_counter() - start
+    return [finding.mistake for finding in found.findings], time.process_time() - start
 
 
 def count(table, name, expected, found):
@@ -56,22 +59,25 @@ def simulated_mistakes(seconds):
                     found, took = check(*mistakes.mistaken(change, *right, rng))
                     seconds.append(took)
                     count(table, name, expected, found)
+                    if found[:1] != [expected] and (found or expected != "none"):
+                        print("   ", shape, seed, name, found, flush=True)
         print(shape, flush=True)
     return table
 
 
-def right_setups(seconds):
-    """Every effect of the catalogue at its typical size, and strong drift: nothing is to be found."""
+def right_setups(seconds, folder=None):
+    """Logs by foreign physics with each effect of the catalogue, with others and with none: nothing is to be found."""
+    if folder is None:
+        folder = Path(tempfile.mkdtemp())
+        make_set(folder, "all", RIGHT, 11, Limits((12.0, 25.0), (125.0, 200.0, 250.0, 400.0, 500.0), False))
     table = {}
-    for name in [*CATALOGUE, "strong drift"]:
-        for seed in range(RIGHT):
-            effects = {} if name == "strong drift" else {name: {}}
-            change = strong_drift if name == "strong drift" else None
-            tables, arrays = logs.simulated(logs.EFFECT_SHAPE, 5000 + seed, effects, change)
-            found, took = check(tables, arrays)
-            seconds.append(took)
-            count(table, name, "none", found)
-        print(name, flush=True)
+    for path in sorted(Path(folder).glob("log_*.npz")):
+        setup = ft.load_setup(path.with_suffix(".toml"))
+        log = ft.read_log(path, setup)
+        start = time.process_time()
+        found = [finding.mistake for finding in ft.check_setup(setup, [log]).findings]
+        seconds.append(time.process_time() - start)
+        count(table, "right setups", "none", found)
     return table
 
 
@@ -111,10 +117,6 @@ def nothing(tables, arrays, rng):
     """The setup is right."""
 
 
-def strong_drift(tables):
-    tables["bias"] = {"noise_density": [0.02, 1e-3], "initial_drift_std": [0.1, 5e-3]}
-
-
 def total(table):
     """Right and all."""
     return [sum(row["right"] for row in table.values()), sum(row["logs"] for row in table.values())]
@@ -123,22 +125,33 @@ def total(table):
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--part", choices=["simulated", "right", "recorded"])
-    part = parser.parse_args().part
-    seconds, result = [], {}
-    for name, work in (("simulated", simulated_mistakes), ("right", right_setups), ("recorded", recorded)):
+    parser.add_argument("--set", help="folder of labelled logs that 'ftbias validate make' made, to make none")
+    arguments = parser.parse_args()
+    part = arguments.part
+    right = partial(right_setups, folder=arguments.set)
+    parts = {"simulated": simulated_mistakes, "right": right, "recorded": recorded}
+    path = Path(__file__).parent / "result.json"
+    result = json.loads(path.read_text())["result"] if path.exists() else {}
+    for name, work in parts.items():
         if part in (None, name):
+            seconds = []
             result[name] = work(seconds)
+            result[f"seconds of a check, {name}"] = {
+                "median": round(float(np.median(seconds)), 3),
+                "most": round(max(seconds), 3),
+            }
             for table in [result[name], (result[name] or {}).get("with mistakes")]:
-                for mistake, row in (table or {}).items():
-                    if "logs" in row:
-                        print(f"{mistake:34s} {row['right']:3d} of {row['logs']:3d}  {row['instead'] or ''}")
-    result["seconds"] = {"median": round(float(np.median(seconds)), 3), "most": round(max(seconds), 3)}
-    for name in ("simulated", "right"):
-        if name in result:
-            result[f"{name}, right of all"] = total(result[name])
-    print(result["seconds"], {k: v for k, v in result.items() if k.endswith("all")})
-    if part is None:
-        keep(__file__, result)
+                show(table or {})
+            if name != "recorded":
+                result[f"{name}, right of all"] = total(result[name])
+    print({key: value for key, value in result.items() if key.endswith("all") or key.startswith("seconds")})
+    keep(__file__, result)
+
+
+def show(table):
+    for name, row in table.items():
+        if "logs" in row:
+            print(f"{name:34s} {row['right']:3d} of {row['logs']:3d}  {row['instead'] or ''}")
 
 
 if __name__ == "__main__":

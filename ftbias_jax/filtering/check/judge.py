@@ -168,7 +168,7 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
         )
     if not (left < GOOD).all():
         return False
-    if groups == [1] and base.left[0] > BAD:
+    if groups == [1] and result.square[0] > BAD * base.raw[0]:
         return False  # what is wrong with the force comes first
     other = [1 - group for group in groups if 1 - group not in groups]
     if other and not any_tool and (result.square > 2 * np.maximum(base.result.square, base.raw))[other].any():
