@@ -116,8 +116,7 @@ class Regime(NamedTuple):
     name: str
     share: float
     """Of the gap's mean square that lies there."""
-    expected: float
-    """Share of the time spent there: what chance would give."""
+    expected: float  # share of the time spent there: what chance would give
 
 
 class Where(NamedTuple):
@@ -221,8 +220,8 @@ class Diagnosis(NamedTuple):
         """
         from ftbias_jax.diagnosis.report.html import to_html
 
-        named = f" with {self.setup_name}" if self.setup_name else ""
-        text = to_html(self, title or f"Gap of {', '.join(self.logs)}{named}")
+        setup = f" with {self.setup_name}" if self.setup_name else ""
+        text = to_html(self, title or f"Gap of {', '.join(self.logs)}{setup}")
         write_atomic(path, lambda file: file.write(text.encode()))
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
