@@ -133,7 +133,7 @@ def main():
     right = partial(right_setups, folders=arguments.sets)
     parts = {"simulated": simulated_mistakes, "right": right, "recorded": recorded}
     path = Path(__file__).parent / "result.json"
-    result = json.loads(path.read_text())["result"] if path.exists() else {}
+    result = {}
     for name, work in parts.items():
         if part in (None, name):
             seconds = []
@@ -147,7 +147,8 @@ def main():
             if name != "recorded":
                 result[f"{name}, right of all"] = total(result[name])
     print({key: value for key, value in result.items() if key.endswith("all") or key.startswith("seconds")})
-    keep(__file__, result)
+    known = json.loads(path.read_text())["result"] if path.exists() else {}  # parts may be made one by one
+    keep(__file__, known | result)
 
 
 def show(table):
