@@ -40,10 +40,8 @@ class Candidate(NamedTuple):
     """Share of the mean square gap it removes, 0 to 1."""
     explanation: str
     remedy: str
-    units: Mapping[str, str] = MappingProxyType({})
-    """Of the parameters; {} = not known."""
-    doubt: str = ""
-    """Why it may be something else, although it fits; "" = no reason."""
+    units: Mapping[str, str] = MappingProxyType({})  # of the parameters; {} = not known
+    doubt: str = ""  # why it may be something else, although it fits; "" = no reason
 
 
 class FoundTerm(NamedTuple):

@@ -59,6 +59,8 @@ class Facts(NamedTuple):
     held_wrench: HeldStream = NOT_HELD
     """Readings that the sensor published more than once."""
     held_joints: HeldStream = NOT_HELD
+    held_rates: HeldStream = NOT_HELD
+    """Of the joints' velocities, or what an IMU says, which may have a clock of their own."""
 
 
 def clean(log: Log, *, clipped: bool = True, stuck: bool = True, held: bool = True, file: str = "") -> Log:
@@ -84,14 +86,17 @@ def clean(log: Log, *, clipped: bool = True, stuck: bool = True, held: bool = Tr
 
 def without_repeats(log: Log, facts: Facts) -> Log:
     """A log, or a part of it, in which samples that repeat a held reading are not measured."""
-    wrench = np.isin(log.t, facts.held_wrench.t, assume_unique=True)
-    joints = np.isin(log.t, facts.held_joints.t, assume_unique=True)
-    if wrench.any():
-        log = log._replace(wrench=np.where(wrench[:, None], np.nan, log.wrench))
-    if joints.any():
-        q, dq = (np.where(joints[:, None], np.nan, x) for x in (log.q, log.dq))
-        log = log._replace(q=q, dq=dq)
-    return log
+    return log._replace(
+        wrench=_without(facts.held_wrench, log.t, log.wrench),
+        q=_without(facts.held_joints, log.t, log.q),
+        dq=_without(facts.held_rates, log.t, log.dq),
+    )
+
+
+def _without(stream: HeldStream, t: Array, values: Array) -> Array:
+    """The samples (T, k) at t (T,) s of a stream, NaN where they repeat."""
+    repeats = np.isin(t, stream.t, assume_unique=True)
+    return np.where(repeats[:, None], np.nan, values) if repeats.any() else values
 
 
 def cleaned_wrench(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True) -> Array:
@@ -105,13 +110,16 @@ def cleaned_wrench(log: Log, facts: Facts, clipped: bool = True, stuck: bool = T
 def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: bool = True) -> Repairs:
     """What is wrong with the axes of the wrench and with the rates, one line a fault; see ``clean``."""
     found = []
-    for name, stream in (("wrench", facts.held_wrench), ("joints", facts.held_joints)):
+    streams = {
+        "the wrench is": facts.held_wrench,
+        "the joints are": facts.held_joints,
+        "the velocities are": facts.held_rates,
+    }
+    for which, stream in streams.items():
         if len(stream.t):
-            what = f"the {name} is held" if name == "wrench" else f"the {name} are held"
             used = ": each reading is used once" if held else ""
-            found.append(
-                Repair(f"{what} for up to {stream.samples} samples, {len(stream.t)} of {stream.of} repeat{used}")
-            )
+            repeats = f"{len(stream.t)} of {stream.of} repeat{used}"
+            found.append(Repair(f"{which} held for up to {stream.samples} samples, {repeats}"))
     if facts.clipped_count.any():
         what = "samples at the end of the sensor's range" + (" left out" if clipped else "")
         found.append(Repair(f"{what}: {_counted(facts.clipped_count)}", lost=clipped))
@@ -143,26 +151,30 @@ def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None
 def survey(split: Split) -> Facts:
     """Read a log for what must be known of all of it: once, and again if readings are held."""
     facts = _survey(split)
-    if not len(facts.held_wrench.t) and not len(facts.held_joints.t):
+    streams = (facts.held_wrench, facts.held_joints, facts.held_rates)
+    if not any(len(stream.t) for stream in streams):
         return facts
 
     def once(size: int) -> Iterator[Log]:
         return (without_repeats(part, facts) for part in split(size))
 
-    return _survey(once)._replace(held_wrench=facts.held_wrench, held_joints=facts.held_joints)
+    again = _survey(once)
+    return again._replace(held_wrench=streams[0], held_joints=streams[1], held_rates=streams[2])
 
 
 def _survey(split: Split) -> Facts:
     axes, helds, stamps = [Extremes()] * 6, [Held()] * 6, []
     first_q: Array = np.nan
-    wrenches, joints, joint_stamps = Repeats(), Repeats(), []
+    repeats, joint_t, rate_t = [Repeats()] * 3, [], []
     for part in split(PART):
         seen = ~np.isnan(part.q)
         first = np.where(seen.any(0), np.take_along_axis(part.q, seen.argmax(0)[None], 0)[0], np.nan)
         first_q = np.where(np.isnan(first_q), first, first_q)
         stamps.append(part.t[~np.isnan(part.wrench).all(1)])
-        joint_stamps.append(part.t[seen.any(1)])
-        wrenches, joints = extend_repeats(wrenches, part.wrench), extend_repeats(joints, part.q)
+        joint_t.append(part.t[seen.any(1)])
+        rate_t.append(part.t[~np.isnan(part.dq).all(1)])
+        readings = (part.wrench, part.q, part.dq)
+        repeats = [extend_repeats(one, values) for one, values in zip(repeats, readings, strict=True)]
         axes = [extend(axis, values) for axis, values in zip(axes, part.wrench.T, strict=True)]
         helds = [hold(held, part.t, values) for held, values in zip(helds, part.wrench.T, strict=True)]
     clipped = tuple(map(limits, axes))
@@ -176,12 +188,9 @@ def _survey(split: Split) -> Facts:
     )
     counts = [sum(still.samples for still in stretches) for stretches in stills]
     measured = np.array([held.samples for held in helds])
-    held_wrench = _held_stream(wrenches, np.concatenate(stamps))
-    held_joints = _held_stream(joints, np.concatenate(joint_stamps))
-    wrench_t = np.concatenate(stamps)
-    return Facts(
-        *(first_q, wrench_t, measured, clipped, np.array(ends), stills, np.array(counts)), held_wrench, held_joints
-    )
+    every_t = [np.concatenate(kept) for kept in (stamps, joint_t, rate_t)]
+    held = [_held_stream(one, t) for one, t in zip(repeats, every_t, strict=True)]
+    return Facts(first_q, every_t[0], measured, clipped, np.array(ends), stills, np.array(counts), *held)
 
 
 def _held_stream(seen: Repeats, t: Array) -> HeldStream:

@@ -129,6 +129,24 @@ def test_random_drops(filtered, simulated):
     assert np.abs(errors(result, simulated)).max() < 5
 
 
+def test_held_readings_of_wrench_and_joints_are_used_once(filtered, simulated):
+    """Published four times as often as measured: error bars are those of the readings, and the joints do not shake."""
+    place = np.arange(RATE * SECONDS)
+
+    def fault(log):
+        return {name: values if name == "t" else values[place - place % 4] for name, values in log.items()}
+
+    result, told = filtered(fault)
+    assert len(result["t"]) == RATE * SECONDS / 4
+    assert "the wrench is held for up to 4 samples, 6000 of 8000 repeat: each reading is used once" in told
+    for which in ("joints", "velocities"):
+        assert f"the {which} are held for up to 4 samples, 6000 of 8000 repeat: each reading is used once" in told
+    assert np.abs(errors(result, simulated)).max() < 5
+    once, _ = filtered(lambda log: {name: values[place % 4 == 0] for name, values in log.items()})
+    np.testing.assert_allclose(result["bias_std"][-1], once["bias_std"][-1], rtol=0.02)
+    np.testing.assert_allclose(result["ddq"][100:-100], once["ddq"][100:-100], atol=0.05)
+
+
 def test_a_gap_of_an_hour(filtered, simulated):
     """The bias may have moved by what its process allows, and is found again."""
     moved = np.repeat([3.0, 0.1], 3)

@@ -72,7 +72,7 @@ def test_many_stretches_are_told_in_short():
     wrench = np.random.default_rng(1).normal(size=(len(t), 6))
     for start in range(0, 4000, 800):
         wrench[start : start + 300, 0] = start
-    log = recorded(t=t, q=np.zeros((len(t), 2)), wrench=wrench)
+    log = recorded(t=t, q=np.zeros((len(t), 2)), dq=np.zeros((len(t), 2)), wrench=wrench)
     (repair,) = clean(log).repairs
     spans = "from 0.0 s to 3.0 s and from 8.0 s to 11.0 s and from 16.0 s to 19.0 s and 2 more times"
     assert repair.what == f"fx stands still {spans}: 1500 samples left out"

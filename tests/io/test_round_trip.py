@@ -92,6 +92,8 @@ def test_every_format_gives_the_same_result(streams, native, tmp_path, kind):
     assert len(result["t"]) == SAMPLES
     for name, values in expected.items():
         got = result[name]
+        if name == "provenance":  # names the file
+            continue
         if name == "t":  # files in seconds start at zero
             got, values = got - got[0], values - values[0]
             np.testing.assert_allclose(got, values, rtol=0, atol=1e-6)  # an epoch in float64 has 0.2 us

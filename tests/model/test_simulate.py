@@ -11,9 +11,9 @@ from ftbias_jax.cli.main import main
 from ftbias_jax.io.write.npz import load_npz
 from ftbias_jax.model.effects.catalogue import CATALOGUE, typical_values
 from ftbias_jax.model.effects.types import Model
+from ftbias_jax.model.motions import working_range
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import simulate, temperature_course
-from ftbias_jax.model.simulate_log import working_range
 from ftbias_jax.model.trajectories import excitation_sines
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, tool_parameters, tool_wrench
 from ftbias_jax.setup import parse_setup

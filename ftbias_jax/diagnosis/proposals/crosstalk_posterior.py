@@ -18,8 +18,8 @@ from ftbias_jax.filtering.innovation_regression import widened_inverse
 
 EFFECT = "crosstalk"
 LIKE_A_ROTATION = 0.8
-"""Share of the matrix, in typical departures, that a rotation of the axes has, from which on it may be one: of leaks
-that are drawn at random it has a tenth."""
+"""Share of what the log says of the matrix that a rotation of the axes makes up, from which on it may be one: of leaks
+that are drawn at random it makes up a tenth."""
 ENTRY_STD = 3.0
 """Of an entry a priori, in typical departures: 6 % of the load of another axis."""
 
@@ -55,8 +55,8 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndar
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     """Why leaks between the channels may be a rotation of the sensor's axes: they make up one."""
-    z, whole, _ = whole_matrix(problem, found, h)
-    rotation, share = nearest_rotation(z[list(whole.free)])
+    z, whole, spread = whole_matrix(problem, found, h)
+    rotation, share = nearest_rotation(z[list(whole.free)], np.linalg.pinv(spread))
     if share < LIKE_A_ROTATION:
         return ""
     degrees = ", ".join(f"{x:.2f}" for x in np.rad2deg(rotation))
@@ -65,20 +65,21 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     )
 
 
-def nearest_rotation(leaks: np.ndarray) -> tuple[np.ndarray, float]:
+def nearest_rotation(leaks: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
     """The small rotation of force and torque alike that leaks are nearest to.
 
     Args:
         leaks: (30,) typical departures, the entries beside the diagonal row by row.
+        precision: (30, 30) inverse covariance: what the log does not determine does not count.
 
     Returns:
-        (3,) rad, from believed to true axes, and the share of the squared leaks that it makes up.
+        (3,) rad, from believed to true axes, and the share of what the log says of the leaks that it makes up.
     """
     unit = next(np.asarray(b.unit) for b in chain_model.blocks(1) if b.effect == EFFECT)
     turns = np.stack([_turn(axis)[~np.eye(6, dtype=bool)] / unit for axis in range(3)], 1)
-    rotation = np.linalg.lstsq(turns, leaks)[0]
+    rotation = np.linalg.lstsq(turns.T @ precision @ turns, turns.T @ precision @ leaks)[0]
     left = leaks - turns @ rotation
-    return rotation, 1 - float(left @ left) / max(float(leaks @ leaks), 1e-300)
+    return rotation, 1 - float(left @ precision @ left) / max(float(leaks @ precision @ leaks), 1e-300)
 
 
 def _turn(axis: int) -> np.ndarray:

@@ -11,6 +11,7 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.terms.library import merit_of
 from ftbias_jax.diagnosis.terms.select import Search, Step, numbers_of
+from ftbias_jax.model.effects.catalogue import CATALOGUE
 
 FLEXIBLE = ("cable", "contact", "crosstalk", "bias_jump", "warmup", "hysteresis", "tool_flexibility")
 """Effects that can take nearly any shape: they compete with single terms even where they explain a log."""
@@ -58,7 +59,9 @@ def describe(
     kept = base
     for scored in rounds[: len(names)]:
         gain = scored[0].fit.log_likelihood - kept.log_likelihood
-        if found and found[0][0] > merit_of(gain, scored[0].fit.degrees - kept.degrees):
+        # What the caller brought has a name and a remedy: a term of the same form does not take its place.
+        ahead = 1.0 if scored[0].hypothesis.effect in CATALOGUE else CLEARLY
+        if found and found[0][0] > ahead * merit_of(gain, scored[0].fit.degrees - kept.degrees):
             break  # a single term does better
         kept = scored[0].fit
         found = search.best(kept)

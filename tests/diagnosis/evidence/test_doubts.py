@@ -25,14 +25,23 @@ def leaks_of_a_turn(vector):
 
 
 def test_the_leaks_of_a_small_turn_are_known_as_one():
-    rotation, share = nearest_rotation(leaks_of_a_turn([0.01, -0.02, 0.005]))
+    rotation, share = nearest_rotation(leaks_of_a_turn([0.01, -0.02, 0.005]), np.eye(30))
+    np.testing.assert_allclose(rotation, [0.01, -0.02, 0.005], atol=5e-4)
+    assert share > 0.99
+
+
+def test_leaks_that_the_log_does_not_determine_do_not_count():
+    leaks = leaks_of_a_turn([0.01, -0.02, 0.005])
+    known = np.arange(30) % 2 == 0
+    leaks[~known] += 5.0
+    rotation, share = nearest_rotation(leaks, np.diag(np.where(known, 1.0, 1e-9)))
     np.testing.assert_allclose(rotation, [0.01, -0.02, 0.005], atol=5e-4)
     assert share > 0.99
 
 
 def test_leaks_drawn_at_random_are_hardly_a_turn():
     rng = np.random.default_rng(0)
-    shares = [nearest_rotation(rng.normal(size=30))[1] for _ in range(200)]
+    shares = [nearest_rotation(rng.normal(size=30), np.eye(30))[1] for _ in range(200)]
     assert np.mean(shares) == pytest.approx(0.1, abs=0.02)
     assert max(shares) < crosstalk_posterior.LIKE_A_ROTATION
 
@@ -40,7 +49,7 @@ def test_leaks_drawn_at_random_are_hardly_a_turn():
 @pytest.mark.parametrize(("leaks", "doubtful"), [(leaks_of_a_turn([0.02, 0, 0]), True), (np.arange(30.0), False)])
 def test_crosstalk_that_makes_up_a_turn_is_doubtful(monkeypatch, leaks, doubtful):
     whole = Hypothesis("crosstalk", tuple(range(30)))
-    monkeypatch.setattr(crosstalk_posterior, "whole_matrix", lambda *given: (leaks, whole, None))
+    monkeypatch.setattr(crosstalk_posterior, "whole_matrix", lambda *given: (leaks, whole, np.eye(30)))
     said = doubt_of(None, None, whole)
     assert bool(said) == doubtful
     if doubtful:

@@ -84,7 +84,7 @@ def write(path, samples, joints=1):
     q = np.sin(t[:, None] * [1.0, 1.3]) + 1e-5 * rng.normal(size=(6000, 2))
     place = np.arange(6000)
     wrench = rng.normal(size=(6000, 6))[place - place % samples]
-    np.savez(path, t=t, q=q[place - place % joints], wrench=wrench)
+    np.savez(path, t=t, q=q[place - place % joints], dq=rng.normal(size=(6000, 2)), wrench=wrench)
 
 
 def test_a_log_uses_every_held_reading_once_and_says_so(tmp_path, setup):
@@ -92,6 +92,7 @@ def test_a_log_uses_every_held_reading_once_and_says_so(tmp_path, setup):
     log = read_log(tmp_path / "log.npz", setup)
     np.testing.assert_array_equal(np.isfinite(log.wrench).all(1), np.arange(6000) % 4 == 0)
     np.testing.assert_array_equal(np.isfinite(log.q).all(1), np.arange(6000) % 2 == 0)
+    assert np.isfinite(log.dq).all()  # they are new in every sample
     told = [(repair.what, repair.lost) for repair in log.repairs]
     assert told == [
         ("the wrench is held for up to 4 samples, 4500 of 6000 repeat: each reading is used once", False),

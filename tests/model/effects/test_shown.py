@@ -1,0 +1,76 @@
+"""What a log of the sensor's pose cannot show, and what drives of terms see of it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.errors import SetupError
+from ftbias_jax.model.effects.shown import check_shown, not_shown
+from ftbias_jax.model.effects.terms.columns import state_of
+from ftbias_jax.model.effects.types import Model, Signals
+from ftbias_jax.model.kinematics.recorded_pose import body_motion, body_motions
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.setup import parse_setup
+
+
+def setup_of(**sections):
+    tables = {
+        "sensor": {"noise_std": [0.1, 0.004], "translation": [0.01, -0.02, 0.05], "rotation_rpy": [0.1, -0.2, 0.7]},
+        "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]},
+    }
+    return parse_setup(tables | sections)
+
+
+def test_an_arm_shows_everything():
+    setup = setup_of(robot={"model": "panda"})
+    assert not_shown(setup) == {}
+    check_shown({"cable": {}, "encoder_offset": {}}, setup)
+
+
+def test_effects_of_joints_and_of_accelerations_are_not_shown_by_an_orientation():
+    turning, moving = (setup_of(sensor_pose={"linear": linear}) for linear in ("none", "position"))
+    assert set(not_shown(moving)) == {"encoder_offset", "cable", "vibration"}
+    assert set(not_shown(turning)) - set(not_shown(moving)) == {"tool_flexibility"}
+    check_shown({"gain": {}, "tool_flexibility": {}}, moving)
+
+
+@pytest.mark.parametrize(
+    "term", [{"drive": "joint_angle", "frame": "sensor"}, {"drive": "constant", "frame": "joint", "joint": 1}]
+)
+def test_terms_of_joints_are_refused(term):
+    setup = setup_of(sensor_pose={})
+    check_shown({"term": [{"drive": "constant", "frame": "base"}]}, setup)
+    with pytest.raises(SetupError, match=r"effects\.term: does not go with"):
+        check_shown({"term": [term]}, setup, prefix="effects.")
+
+
+def moving(count=30):
+    """Signals of a recorded pose with random states."""
+    setup = setup_of(sensor_pose={})
+    params = params_from_setup(setup)
+    q, dq, ddq = (jnp.asarray(x) for x in np.random.default_rng(0).normal(size=(3, count, 7)))
+    t = jnp.arange(count, dtype=float)
+    return Signals(t, q, dq, ddq, jnp.zeros(count), Model(params.arm, params.gravity, params.theta))
+
+
+def test_many_poses_move_as_each_of_them_does():
+    signals = moving()
+    states = (signals.q, signals.dq, signals.ddq)
+    together = body_motions(signals.model.arm, *(x.T for x in states))
+    each = jax.vmap(lambda *state: body_motion(signals.model.arm, *state))(*states)
+    np.testing.assert_allclose(jnp.moveaxis(together.sensor_rotation, 2, 0), each.R_base_sensor, atol=1e-12)
+    np.testing.assert_allclose(together.sensor_position.T, each.p_base_sensor, atol=1e-12)
+    np.testing.assert_allclose(together.acceleration.T, each.linear_acceleration, atol=1e-11)
+    np.testing.assert_allclose(together.angular_acceleration.T, each.angular_acceleration, atol=1e-11)
+    np.testing.assert_allclose(together.link_position[:, 1].T, signals.q[:, 4:], atol=1e-12)
+    np.testing.assert_array_equal(together.link_position[:, 0], 0)
+
+
+def test_terms_see_the_sensor_move_and_no_joints():
+    signals = moving()
+    state = state_of(jnp, signals, jnp.zeros((30, 6)))
+    each = jax.vmap(lambda *x: body_motion(signals.model.arm, *x))(signals.q, signals.dq, signals.ddq)
+    np.testing.assert_allclose(state.velocity, each.linear_velocity, atol=1e-12)
+    assert state.q.shape == state.dq.shape == (30, 0)
+    assert state.axes.shape == (30, 0, 3)
