@@ -185,7 +185,7 @@ MISTAKES = {
     "wrench in the base frame": ("base_frame_wrench", in_base_frame),
     "raw offset": ("raw_offset", offset),
     "sensor turned by an odd angle": ("sensor_axes", odd_mount),
-    "tool three times too heavy": ("worse_than_raw", setting("tool", "mass", lambda x: 3.2 * x)),
+    "tool 2.6 times too heavy": ("worse_than_raw", setting("tool", "mass", lambda x: 2.6 * x)),
 }
 """Name -> what is to be found, and the mistake."""
 

@@ -65,13 +65,15 @@ def simulated_mistakes(seconds):
     return table
 
 
-def right_setups(seconds, folder=None):
+def right_setups(seconds, folders=()):
     """Logs by foreign physics with each effect of the catalogue, with others and with none: nothing is to be found."""
-    if folder is None:
-        folder = Path(tempfile.mkdtemp())
-        make_set(folder, "all", RIGHT, 11, Limits((12.0, 25.0), (125.0, 200.0, 250.0, 400.0, 500.0), False))
+    if not folders:
+        folders = [tempfile.mkdtemp()]
+        make_set(Path(folders[0]), "all", RIGHT, 11, Limits((12.0, 25.0), (125.0, 200.0, 250.0, 400.0, 500.0), False))
     table = {}
-    for path in sorted(Path(folder).glob("log_*.npz")):
+    for path in sorted(path for folder in folders for path in Path(folder).glob("log_*.npz")):
+        if not path.with_suffix(".toml").exists():  # the set is still being made
+            continue
         setup = ft.load_setup(path.with_suffix(".toml"))
         log = ft.read_log(path, setup)
         start = time.process_time()
@@ -125,13 +127,13 @@ def total(table):
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--part", choices=["simulated", "right", "recorded"])
-    parser.add_argument("--set", help="folder of labelled logs that 'ftbias validate make' made, to make none")
+    parser.add_argument("--sets", nargs="+", default=(), help="labelled logs of 'ftbias validate make', to make none")
     arguments = parser.parse_args()
     part = arguments.part
-    right = partial(right_setups, folder=arguments.set)
+    right = partial(right_setups, folders=arguments.sets)
     parts = {"simulated": simulated_mistakes, "right": right, "recorded": recorded}
     path = Path(__file__).parent / "result.json"
-    result = json.loads(path.read_text())["result"] if path.exists() else {}
+    result = {}
     for name, work in parts.items():
         if part in (None, name):
             seconds = []
@@ -145,7 +147,8 @@ def main():
             if name != "recorded":
                 result[f"{name}, right of all"] = total(result[name])
     print({key: value for key, value in result.items() if key.endswith("all") or key.startswith("seconds")})
-    keep(__file__, result)
+    known = json.loads(path.read_text())["result"] if path.exists() else {}  # parts may be made one by one
+    keep(__file__, known | result)
 
 
 def show(table):

@@ -220,9 +220,9 @@ def seen(monkeypatch, make_diagnosis):
     monkeypatch.setattr(module, "compiled_ahead", look)
     real = module.diagnose
 
-    def diagnose(setup, logs, names, without=()):
+    def diagnose(setup, logs, names, without=(), unchecked=False):
         try:
-            real(setup, logs, names, without)
+            real(setup, logs, names, without, unchecked=unchecked)
         except Seen:
             repairs = tuple(log.repairs for log in kept[-len(logs) :])
             return make_diagnosis()._replace(logs=tuple(names), repairs=repairs)
