@@ -180,5 +180,3 @@ def test_an_arm_beside_a_pose_is_refused():
     tables = {"sensor_pose": {}, "sensor": {"noise_std": 0.1}, "tool": {"mass": 1.0, "center_of_mass": [0, 0, 0.1]}}
     with pytest.raises(SetupError, match=r"robot\.model: unknown key"):
         parse_setup({**tables, "robot": {"model": "panda"}})
-    with pytest.raises(SetupError, match=r"sensor_pose.*does not go with \[effects\]"):
-        parse_setup({**tables, "effects": {"gain": {}}})

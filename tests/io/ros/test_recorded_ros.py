@@ -80,7 +80,9 @@ def test_a_ur10e_that_picks(folder, shared_data, capsys):
     assert "joints: left_finger_joint, right_finger_joint" in told
     assert "can be filtered" in told
 
-    assert main(["filter", str(bag), "--setup", "setup.toml", "-o", "out.npz", "--gate", "5"]) == 0
+    # The arm turns by 0.1 mrad and its tool is made up: correcting by that weight makes the reading no better.
+    assert main(["filter", str(bag), "--setup", "setup.toml", "-o", "out.npz", "--gate", "5"]) == 3
+    assert "set sensor.rezeroed = true" in capsys.readouterr().err
     result = load_npz("out.npz")
     assert len(result["t"]) == 1346
     for name in ("bias", "drift", "bias_std", "q", "dq", "ddq", "wrench_unbiased"):
@@ -95,7 +97,7 @@ def test_frames_of_tf_give_the_bias_that_the_joints_give(folder, shared_data):
     (folder / "pose.toml").write_text(pose)
     results = []
     for setup in ("setup.toml", "pose.toml"):
-        assert main(["filter", bag, "--setup", setup, "-o", "out.npz"]) == 0
+        assert main(["filter", bag, "--setup", setup, "-o", "out.npz", "--unchecked"]) in (0, 3)
         results.append(load_npz("out.npz")["bias"][-1])
     np.testing.assert_allclose(*results, atol=2e-3)
 
