@@ -110,16 +110,18 @@ def _degrees(state: State) -> Iterator[Alternative]:
     if setup.pose is not None or not (np.abs(bins.q[:, turning]) > LEAST_DEGREES).any():
         return
     factor = np.where(turning, np.pi / 180, 1)
-    with_rates = ((1.0, "q and dq are"), (180 / np.pi, "q is"))
-    for rate, words in with_rates:
+    both = 'q and dq are in degrees: set log.angle_unit = "deg"'
+    only = "q is in degrees, dq is not: convert q to rad before filtering"
+    for rate, words, mend in ((1.0, both, {"log.angle_unit": "deg"}), (180 / np.pi, only, {})):
         motion = arm_motion(
             setup.robot, setup.sensor, *(x * factor * y for x, y in ((bins.q, 1.0), (bins.dq, rate), (bins.ddq, rate)))
         )
         yield Alternative(
             "angle_units",
-            f"{words} in degrees: convert to rad and rad/s before filtering",
+            words,
             state.but(motion=motion),
             2,
+            setup=mend,
         )
         if not np.isfinite(bins.dq).any():
             break
@@ -156,11 +158,17 @@ def _base_frame(state: State) -> Iterator[Alternative]:
     R = state.motion.rotation
     force, torque = state.wrench[:, :3], state.wrench[:, 3:]
     about_base = torque - np.cross(state.motion.position, force)
-    for words, moment in (("about the sensor", torque), ("about the base", about_base)):
+    mend = 'set log.wrench_axes = "base"'
+    elsewhere = "record it about the sensor's origin"
+    for words, moment, remedy, setup in (
+        ("about the sensor", torque, mend, {"log.wrench_axes": "base"}),
+        ("about the base's origin", about_base, elsewhere, {}),
+    ):
         turned = np.concatenate([np.einsum("nji,nj->ni", R, x) for x in (force, moment)], 1)
         yield Alternative(
             "base_frame_wrench",
-            f"the wrench has the axes of the base frame, torque {words}: record it in the sensor's own frame",
+            f"the wrench has the axes of the base frame, its torque is {words}: {remedy}",
             state.but(wrench=turned),
             3.5,
+            setup=setup,
         )

@@ -172,12 +172,12 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
         best = max(score(first, result) for *_, result in good)
         ties = [entry for entry in good if score(first, entry[2]) > best - POSE_TIE]
         convention, state, result = min(ties, key=lambda entry: sum(vars(entry[0]).values()))
-        for mistake, remedy, setup in convention.findings(pose.orientation):
+        for mistake, remedy, setup in convention.findings(pose):
             found.append(Mistake(mistake, _numbers(first, result), remedy, setup))
     for of_imu in (poses.gyroscope_remedy(state), poses.accelerometer_remedy(state)):
         if of_imu is not None:
-            words, ratio = of_imu
-            found.append(Mistake("gyroscope_units", ratio, words))
+            words, ratio, mend = of_imu
+            found.append(Mistake("gyroscope_units", ratio, words, mend))
     if poses.accelerometer_remedy(state) is not None and state.specific_force is not None:
         state = state.but(specific_force=9.80665 * state.specific_force)
     return state, found

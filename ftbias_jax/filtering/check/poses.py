@@ -10,15 +10,20 @@ import numpy as np
 
 from ftbias_jax.filtering.check.motion import body_motion, in_sensor
 from ftbias_jax.filtering.check.state import State
+from ftbias_jax.setup.recorded import PoseSetup
 
+Values = dict[str, str | bool]
+"""Full keys of a setup and what to write there."""
 OTHER = {"quaternion_xyzw": "quaternion_wxyz", "quaternion_wxyz": "quaternion_xyzw"}
-GYROSCOPES = {
-    180 / np.pi: "in deg/s: convert it to rad/s",
-    np.pi / 180: "57.3 times too small: it was converted from degrees twice",
-    30 / np.pi: "in revolutions per minute: convert it to rad/s",
-    1e3: "in mrad/s: convert it to rad/s",
+OTHER_AXES = {"base": "body", "body": "base"}
+DEGREES: Values = {"log.angle_unit": "deg"}
+GYROSCOPES: dict[float, tuple[str, Values]] = {
+    180 / np.pi: ('in deg/s: set log.angle_unit = "deg"', DEGREES),
+    np.pi / 180: ("57.3 times too small: it was converted from degrees twice", {}),
+    30 / np.pi: ("in revolutions per minute: convert it to rad/s", {}),
+    1e3: ("in mrad/s: convert it to rad/s", {}),
 }
-"""Factor of the recorded rates -> what they are."""
+"""Factor of the recorded rates -> what they are, and the keys of a setup that say so."""
 NEAR = 1.25
 """Factor by which a ratio may be off."""
 TURNING = 0.02
@@ -40,21 +45,25 @@ class Convention:
     in_body: bool = False
     """The position has the body's axes."""
 
-    def findings(self, orientation: str) -> Iterator[tuple[str, str, dict[str, str]]]:
+    def findings(self, pose: PoseSetup) -> Iterator[tuple[str, str, Values]]:
         """Mistake, remedy and setup of each difference."""
-        words, setup = [], {}
+        words: list[str] = []
+        setup: Values = {}
         if self.reordered:
-            setup = {"sensor_pose.orientation": OTHER[orientation]}
-            words.append(f'the quaternion is in the other order: set sensor_pose.orientation = "{OTHER[orientation]}"')
+            other = OTHER[pose.orientation]
+            setup["sensor_pose.orientation"] = other
+            words.append(f'the quaternion is in the other order: set sensor_pose.orientation = "{other}"')
         if self.inverse:
-            what = "matrix" if orientation == "matrix" else "quaternion"
-            verb = "transpose it" if what == "matrix" else "record its conjugate"
-            words.append(f"the {what} turns vectors of the base into the body's axes: {verb}")
+            setup["sensor_pose.conjugate"] = not pose.conjugate
+            turns = "the orientation turns vectors of the base into the body's axes"
+            turns = "the orientation turns vectors of the body into the base's axes" if pose.conjugate else turns
+            words.append(f"{turns}: set sensor_pose.conjugate = {'false' if pose.conjugate else 'true'}")
         if words:
             yield "quaternion_convention", "; ".join(words), setup
         if self.in_body:
-            remedy = "the position has the body's axes: turn it into the base frame, p_base = R p_body"
-            yield "position_frame", remedy, {}
+            axes = OTHER_AXES[pose.position_axes]
+            remedy = f'the position has the axes of the {axes}: set sensor_pose.position_axes = "{axes}"'
+            yield "position_frame", remedy, {"sensor_pose.position_axes": axes}
 
 
 def conventions(state: State) -> Iterator[tuple[Convention, State]]:
@@ -75,8 +84,8 @@ def conventions(state: State) -> Iterator[tuple[Convention, State]]:
         yield Convention(reordered, inverse, in_body), state.but(motion=motion)
 
 
-def gyroscope_remedy(state: State) -> tuple[str, dict[str, float]] | None:
-    """What is wrong with the units of the gyroscope, and the ratio that shows it; None if nothing is."""
+def gyroscope_remedy(state: State) -> tuple[str, dict[str, float], Values] | None:
+    """What is wrong with the units of the gyroscope, the ratio that shows it, and what mends it; None if nothing is."""
     measured = state.case.bins.gyroscope
     if measured is None:
         return None
@@ -88,18 +97,18 @@ def gyroscope_remedy(state: State) -> tuple[str, dict[str, float]] | None:
     overlap = (measured * known).sum()
     alike = overlap / np.sqrt((measured**2).sum() * (known**2).sum() + 1e-300)
     ratio = overlap / (known**2).sum()
-    for factor, words in GYROSCOPES.items():
+    for factor, (words, setup) in GYROSCOPES.items():
         if alike > ALIKE and factor / NEAR < ratio < factor * NEAR:
-            return f"the gyroscope is {words}", {"ratio_to_the_orientation": float(f"{ratio:.4g}")}
+            return f"the gyroscope is {words}", {"ratio_to_the_orientation": float(f"{ratio:.4g}")}, setup
     return None
 
 
-def accelerometer_remedy(state: State) -> tuple[str, dict[str, float]] | None:
-    """What is wrong with the unit of an accelerometer."""
+def accelerometer_remedy(state: State) -> tuple[str, dict[str, float], Values] | None:
+    """The same of an accelerometer."""
     if state.specific_force is None:
         return None
     size = float(np.median(np.linalg.norm(state.specific_force, axis=1)))
     if LEAST_G < size < MOST_G:
-        words = "the specific force is in g: multiply it by 9.80665"
-        return words, {"median_specific_force": float(f"{size:.4g}")}
+        words = 'the specific force is in g: set log.acceleration_unit = "g"'
+        return words, {"median_specific_force": float(f"{size:.4g}")}, {"log.acceleration_unit": "g"}
     return None

@@ -49,7 +49,7 @@ CHANGES = {
     "tool_units": (setting("tool", mass=800.0), {"tool.mass": 0.8}),
     "angle_units": (
         lambda tables, arrays: arrays.update(q=np.degrees(arrays["q"]), dq=np.degrees(arrays["dq"])),
-        {},
+        {"log.angle_unit": "deg"},
     ),
     "force_torque_swapped": (lambda t, arrays: arrays.update(wrench=arrays["wrench"][:, [3, 4, 5, 0, 1, 2]]), {}),
     "sensor_axes": (turned([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), None),
@@ -270,7 +270,25 @@ def test_conventions_of_a_recorded_pose_are_recognised_together():
     }
     found = ft.check_setup(setup, [ft.Log.from_arrays(setup, q=None, **wrong)])
     assert names(found) == ["quaternion_convention", "position_frame", "gyroscope_units"]
-    assert dict(found.findings[0].setup) == {"sensor_pose.orientation": "quaternion_wxyz"}
+    assert [dict(finding.setup) for finding in found.findings] == [
+        {"sensor_pose.orientation": "quaternion_wxyz"},
+        {"sensor_pose.position_axes": "body"},
+        {"log.angle_unit": "deg"},
+    ]
+
+
+def test_a_conjugate_orientation_is_mended_by_the_key_that_states_it():
+    tables, arrays = pose_log()
+    arrays.pop("rotation")
+    wrong = {**arrays, "orientation": arrays["orientation"] * [-1, -1, -1, 1]}
+    for stated in (False, True):
+        setup = ft.parse_setup({**tables, "sensor_pose": {"conjugate": stated}})
+        given = arrays if stated else wrong
+        (finding,) = ft.check_setup(setup, [ft.Log.from_arrays(setup, q=None, **given)]).findings
+        assert finding.setup == {"sensor_pose.conjugate": not stated}
+        assert finding.remedy.endswith(f"set sensor_pose.conjugate = {str(not stated).lower()}")
+        mended = ft.parse_setup({**tables, "sensor_pose": {"conjugate": not stated}})
+        assert ft.check_setup(mended, [ft.Log.from_arrays(mended, q=None, **given)]).ok
 
 
 def pose_log():
