@@ -138,6 +138,7 @@ def test_the_noise_is_tuned_judged_and_written_with_its_errors(setup, made, tmp_
     assert "tuned, relative standard errors" in (tmp_path / "tuned.toml").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_logs_of_two_tools_tell_the_noise_of_the_sensor_from_that_of_the_motion(setup, made, tmp_path):
     """Joints, bias, sensor and Sigma_D in one run; both setups get the same noise and keep their tools."""
     heavy = replace(setup, tool=replace(setup.tool, mass=3.0, center_of_mass=np.array([0.1, -0.1, 0.2])))

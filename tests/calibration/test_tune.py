@@ -144,6 +144,7 @@ def test_ties(tie, lanes):
     np.testing.assert_array_equal(tune.TIES[tie](6), lanes)
 
 
+@pytest.mark.slow
 def test_many_logs_are_worked_through_in_parts(truth, monkeypatch):
     """Three logs of unequal length, two at a time, one place left empty, give what all at once give."""
     logs = [

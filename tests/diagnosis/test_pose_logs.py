@@ -45,6 +45,7 @@ def test_the_cause_of_a_pose_log_is_named(setup, name):
     assert len(diagnosis.causes) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["none", "gain"])
 def test_without_positions_turning_alone_shows_the_cause(name):
     """The sensor's accelerations, which nobody recorded, count as noise that averaging does not reduce."""

@@ -100,6 +100,7 @@ def test_joined_blocks_do_not_make_slow_errors_look_smaller():
     assert (ratio < 5).all()
 
 
+@pytest.mark.slow
 def test_white_noise_stays_white():
     """In 100 logs on all six axes, with any factor of the variance that vibration leaves."""
     t = stamps(20, 20)

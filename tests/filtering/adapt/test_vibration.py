@@ -72,6 +72,7 @@ def test_a_long_log_is_judged_by_some_of_its_blocks(monkeypatch):
     assert found.variance(blocks, STD**2).shape == (COUNT, 6)
 
 
+@pytest.mark.slow
 def test_white_noise_does_not_vibrate():
     for seed in range(50):
         blocks = moving_blocks(np.random.default_rng(seed), count=200)

@@ -57,6 +57,7 @@ def sharp_encoders(count, dtype):
     return jax.tree.map(lambda x: jnp.asarray(x, dtype), values)
 
 
+@pytest.mark.slow
 def test_single_precision_stays_positive_definite_and_near_double():
     model = MODELS["integrated_jerk"]
     exact, rough = (at_once(model, sharp_encoders(4000, dtype)) for dtype in (jnp.float64, jnp.float32))
