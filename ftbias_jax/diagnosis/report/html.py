@@ -27,7 +27,7 @@ from ftbias_jax.diagnosis.report.tables import (
     value_words,
     verdict_words,
 )
-from ftbias_jax.diagnosis.report.terms import capital, html_table, show_terms
+from ftbias_jax.diagnosis.report.terms import capital, html_table, show_terms, typeset
 from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, Series, Where
 
 MAX_LOGS = 3
@@ -93,7 +93,7 @@ def _header(diagnosis: Diagnosis, title: str) -> str:
     logs = f"<p class='small'>Logs: {escape(', '.join(diagnosis.logs))}</p>" if diagnosis.logs else ""
     return (
         f"<header><p class='small'>{escape(title)}</p>"
-        f"<h1><span class='badge'>{escape(verdict_words(diagnosis.verdict))}</span> {escape(diagnosis.sentence)}</h1>"
+        f"<h1><span class='badge'>{escape(verdict_words(diagnosis.verdict))}</span> {typeset(diagnosis.sentence)}</h1>"
         f"<dl>{items}</dl>{logs}</header>"
     )
 
@@ -196,8 +196,9 @@ def _remedies(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
         return "<p>Nothing: the setup describes these logs.</p>"
     items = [f"<li><b>{escape(c.effect)}</b>: {escape(capital(c.remedy))}</li>" for c in diagnosis.causes if c.remedy]
+    items += [f"<li>{escape(capital(term.check))}</li>" for term in diagnosis.terms if term.check]
     if _has_after(diagnosis):
-        items.append(f"<li>Or let the model know: <code>{escape(APPLY)}</code></li>")
+        items.append(f"<li>{'Or let' if items else 'Let'} the model know: <code>{escape(APPLY)}</code></li>")
     if diagnosis.verdict not in ("explained", "described"):
         items.append("<li>For what is not explained, start with the channels, times and regimes below.</li>")
     return f"<ul>{''.join(items)}</ul>"

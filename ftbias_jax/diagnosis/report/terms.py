@@ -26,11 +26,16 @@ def capital(text: str) -> str:
     return f"{text[:1].upper()}{text[1:].removesuffix('.')}." if text else ""
 
 
+def typeset(text: str) -> str:
+    """A sentence that terminals of any encoding can show, as HTML."""
+    return escape(text.replace(" +- ", " ± "))
+
+
 def show_terms(terms: Sequence[FoundTerm]) -> str:
     """What no effect of the catalogue explains, described by its drive."""
     parts = []
     for number, term in enumerate(terms):
-        parts.append(f"<h3>{escape(capital(term.text))}</h3>")
+        parts.append(f"<h3>{typeset(capital(term.text))}</h3>")
         figure = ""
         if term.curve is not None:
             caption = "Orange: what was left of the reading; blue: the term. Markers: means with standard errors."
