@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ftbias_jax.diagnosis.candidates import Scored
-from ftbias_jax.diagnosis.evidence.cross_validation import Judge
+from ftbias_jax.diagnosis.evidence.cross_validation import Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.terms.library import merit_of
@@ -17,6 +17,8 @@ FLEXIBLE = ("cable", "contact", "crosstalk", "bias_jump", "warmup", "hysteresis"
 """Effects that can take nearly any shape: they compete with single terms even where they explain a log."""
 CLEARLY = 1.02
 """Of the merit of effects that explain the logs, that terms must have to be named instead."""
+AS_WELL = 0.98
+"""Of the gap that such effects remove on blocks that were held out, that terms must remove there."""
 
 
 class Description(NamedTuple):
@@ -77,7 +79,13 @@ def describe(
             merit_of(one.log_likelihood - base.log_likelihood, count)
             for one, count in ((fit, numbers), (accepted, accepted.degrees))
         )
-        if ours < CLEARLY * theirs:
+        if ours < CLEARLY * theirs or not _holds(problem, hold_out, base, fit, accepted):
             return None
     moved = kept._replace(z=fit.z, coefficients=fit.coefficients) if kept.hypotheses else kept
     return Description(moved, fit, tuple(steps), search)
+
+
+def _holds(problem: Problem, hold_out: Judge, base: Fit, fit: Fit, accepted: Fit) -> bool:
+    """Whether a fit removes as much of the gap as the accepted one on blocks that neither has seen."""
+    ours, theirs = (gap_removed(problem, base.error, hold_out(one, base.error).error) for one in (fit, accepted))
+    return ours > AS_WELL * theirs
