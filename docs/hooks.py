@@ -161,10 +161,11 @@ def verbs_page() -> str:
     rows, rest = [], []
     for name in getattr(ftbias_jax, "__all__", ()):
         thing = getattr(ftbias_jax, name)
-        path = elsewhere.get(id(thing), f"{thing.__module__}.{thing.__qualname__}")
+        own = getattr(thing, "__qualname__", name)  # a constant has no name of its own
+        path = elsewhere.get(id(thing), f"ftbias_jax.{ftbias_jax._MODULE_OF[name]}.{own}")
         summary = (thing.__doc__ or "").strip().splitlines()[0]
         rows.append((f"[`ft.{name}`][{path}]", summary))
-        if id(thing) not in elsewhere:
+        if id(thing) not in elsewhere and not name.isupper():  # a module's page has its constants
             rest.append(f"::: {path}\n    options:\n      heading: ft.{name}\n      toc_label: {name}\n")
     functions_first = sorted(rows, key=lambda row: row[0][len("[`ft.")].isupper())
     return "\n".join(
