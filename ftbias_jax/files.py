@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import BinaryIO
 
 _KINDS = {
     stat.S_IFIFO: "is a FIFO",
@@ -43,6 +45,24 @@ def temporary(path: str) -> Iterator[str]:
         _temporary.discard(path)
 
 
+def replace_whole(target: str, write: Callable[[BinaryIO], object]) -> None:
+    """Write a file through a temporary one beside it: written, flushed to disk, then renamed.
+
+    Args:
+        target: the file to make or replace, without links.
+        write: called once with the open temporary file.
+
+    Raises:
+        OSError: it cannot be written; what stood there before still stands there.
+    """
+    folder = os.path.dirname(target)
+    unfinished = os.path.join(folder, f".ftbias-{secrets.token_hex(8)}.tmp")
+    with temporary(unfinished):
+        _write_new(unfinished, write)
+        os.replace(unfinished, target)
+    _sync_folder(folder)
+
+
 @contextmanager
 def temporary_folder() -> Iterator[str]:
     """A new folder, which is removed at the end with all that is in it, also by a signal."""
@@ -60,3 +80,21 @@ def remove_temporary() -> None:
     for path in list(_temporary):
         with suppress(OSError):
             shutil.rmtree(path, ignore_errors=True) if os.path.isdir(path) else os.unlink(path)
+
+
+def _write_new(path: str, write: Callable[[BinaryIO], object]) -> None:
+    # Not the tempfile module: its files are private (mode 0600), a result has the mode of any new file.
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666), "wb") as file:
+        write(file)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: str) -> None:
+    """Make the rename itself last; where folders cannot be opened or synced the operating system decides."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

@@ -85,7 +85,7 @@ def diagnose(
         raise UsageError(message, field="logs", remedy="give one log or more, and a name for each or none")
     check_names([name for name in without if name != TERM], "without", catalogue_of_setup(setup))
     logs = [clean(log, clipped=False, held=False) for log in logs]
-    require_right(setup, [clean(log) for log in logs], "diagnose", unchecked)
+    require_right(setup, map(clean, logs), "diagnose", unchecked)
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)
     found = tuple(finding for finding in together(samples) if finding.effect not in without)

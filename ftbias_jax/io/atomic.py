@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from typing import Any, BinaryIO
 
 from ftbias_jax.errors import OutputError
-from ftbias_jax.files import temporary
+from ftbias_jax.files import replace_whole
 
 
 def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], object]) -> None:
@@ -29,13 +27,8 @@ def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], objec
     target = os.path.realpath(name)
     if os.path.exists(target) and not os.path.isfile(target):
         raise OutputError("is not a regular file", file=name, remedy="give the path of a file to write")
-    folder = os.path.dirname(target)
-    unfinished = os.path.join(folder, f".ftbias-{secrets.token_hex(8)}.tmp")
     try:
-        with temporary(unfinished):
-            _write_new(unfinished, write)
-            os.replace(unfinished, target)
-        _sync_folder(folder)
+        replace_whole(target, write)
     except OSError as error:
         remedy = "check that the folder exists, may be written to and has room"
         raise OutputError(f"cannot be written: {error.strerror or error}", file=name, remedy=remedy) from error
@@ -61,21 +54,3 @@ def make_folder(path: str | os.PathLike[str]) -> None:
         os.makedirs(path, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the folder: {error.strerror}", file=path, remedy="name another") from error
-
-
-def _write_new(path: str, write: Callable[[BinaryIO], object]) -> None:
-    # Not the tempfile module: its files are private (mode 0600), a result has the mode of any new file.
-    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666), "wb") as file:
-        write(file)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _sync_folder(folder: str) -> None:
-    """Make the rename itself last; where folders cannot be opened or synced the operating system decides."""
-    with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import secrets
 import tomllib
 from collections.abc import MutableMapping
 from typing import Any
@@ -14,7 +13,7 @@ import tomlkit
 from tomlkit.items import Item, Table
 
 from ftbias_jax.errors import OutputError, SetupError
-from ftbias_jax.files import temporary
+from ftbias_jax.files import replace_whole
 from ftbias_jax.setup.dump import Line, dump_setup, lines_of
 from ftbias_jax.setup.keys.template import MEASURE
 from ftbias_jax.setup.keys.toml_text import toml_comment, toml_line, toml_value
@@ -39,16 +38,9 @@ def save_setup(path: str | os.PathLike[str], setup: Setup) -> None:
     Raises:
         OutputError: the file cannot be written there.
     """
-    target = os.path.realpath(path)
-    text = edited_text(setup, os.fspath(path))
-    unfinished = os.path.join(os.path.dirname(target), f".ftbias-{secrets.token_hex(8)}.tmp")
+    content = edited_text(setup, os.fspath(path)).encode()
     try:
-        with temporary(unfinished):
-            with open(unfinished, "x", encoding="utf-8", newline="") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(unfinished, target)
+        replace_whole(os.path.realpath(path), lambda file: file.write(content))
     except OSError as error:
         remedy = "check that the folder exists, may be written to and has room"
         message = f"cannot be written: {error.strerror or error}"

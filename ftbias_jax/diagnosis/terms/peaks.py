@@ -32,16 +32,8 @@ def lines(problem: Problem, error: np.ndarray) -> list[float]:
     t, e = problem.t[own], error[own]
     if len(t) < 64:
         return []
-    even = np.linspace(t[0], t[-1], len(t))
-    window = np.hanning(len(t))[:, None]
-    series = np.stack([np.interp(even, t, column) for column in e.T], 1)
-    power = (np.abs(np.fft.rfft(series * window, PADDING * len(t), axis=0)) ** 2).sum(1)
-    frequency = np.fft.rfftfreq(PADDING * len(t), even[1] - even[0])
-    inner = power[1:-1]
-    peak = (inner > power[:-2]) & (inner >= power[2:]) & (frequency[1:-1] > 1.5 / max(t[-1], 1e-9))
-    peak &= inner > LEAST_POWER * np.median(power)
-    places = np.flatnonzero(peak) + 1
-    return [float(f) for f in frequency[places[np.argsort(-power[places])][:LINES]]]
+    frequency, power = _spectrum(t, e)
+    return _strongest(frequency, power, np.full(len(power), np.median(power)), 1.5 / max(t[-1], 1e-9))
 
 
 def fast_lines(logs: Sequence[Log], samples: Sequence[SampleFindings]) -> list[float]:
@@ -51,16 +43,27 @@ def fast_lines(logs: Sequence[Log], samples: Sequence[SampleFindings]) -> list[f
     t, wrench = np.asarray(log.t)[rows], found.clean_wrench[rows] / found.noise_std
     if len(t) < 256:
         return []
-    even = np.linspace(t[0], t[-1], len(t))
-    series = np.stack([np.interp(even, t, column) for column in np.diff(wrench, axis=0, prepend=wrench[:1]).T], 1)
-    power = (np.abs(np.fft.rfft(series * np.hanning(len(t))[:, None], PADDING * len(t), axis=0)) ** 2).sum(1)
-    frequency = np.fft.rfftfreq(PADDING * len(t), even[1] - even[0])
+    frequency, power = _spectrum(t, np.diff(wrench, axis=0, prepend=wrench[:1]))
     padded = np.pad(power, NEIGHBOURS // 2, mode="reflect")
     usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)[::STRIDE], axis=1)
     floor = np.interp(np.arange(len(power)), np.arange(len(usual)) * STRIDE, usual)
-    peak = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]) & (frequency[1:-1] > LOWEST)) + 1
+    return _strongest(frequency, power, floor, LOWEST)
+
+
+def _spectrum(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Hz and power, over all channels, of values (T, 6) at nearly even times (T,) s."""
+    even = np.linspace(t[0], t[-1], len(t))
+    series = np.stack([np.interp(even, t, column) for column in values.T], 1)
+    power = (np.abs(np.fft.rfft(series * np.hanning(len(t))[:, None], PADDING * len(t), axis=0)) ** 2).sum(1)
+    return np.fft.rfftfreq(PADDING * len(t), even[1] - even[0]), power
+
+
+def _strongest(frequency: np.ndarray, power: np.ndarray, floor: np.ndarray, lowest: float) -> list[float]:
+    """Hz of the peaks above a frequency that stand out most from the floor."""
+    peak = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]) & (frequency[1:-1] > lowest)) + 1
     peak = peak[power[peak] > LEAST_POWER * floor[peak]]
-    return [float(f) for f in frequency[peak[np.argsort(-power[peak] / floor[peak])][:LINES]]]
+    above = power[peak] / np.maximum(floor[peak], np.finfo(float).tiny)
+    return [float(f) for f in frequency[peak[np.argsort(-above)][:LINES]]]
 
 
 def multiples(state: State, error: np.ndarray) -> list[tuple[int, float]]:

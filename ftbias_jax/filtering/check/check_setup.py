@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -62,7 +62,7 @@ def check_setup(setup: Setup, logs: Sequence[Log]) -> Check:
     return check_case(make_case(setup, logs), setup)
 
 
-def require_right(setup: Setup, logs: Sequence[Log], command: str, unchecked: bool) -> None:
+def require_right(setup: Setup, logs: Iterable[Log], command: str, unchecked: bool) -> None:
     """Refuse a setup that the logs show to be wrong, or that leaves nothing to look for.
 
     Args:
@@ -80,7 +80,7 @@ def require_right(setup: Setup, logs: Sequence[Log], command: str, unchecked: bo
         message = "the tool's weight is not in the reading"
         raise UsageError(message, file=setup.path, field="sensor.compensated", remedy=remedy)
     if not unchecked:
-        check_setup(setup, logs).require_ok(command)
+        check_setup(setup, list(logs)).require_ok(command)
 
 
 def check_case(case: Case | None, setup: Setup) -> Check:
@@ -174,11 +174,12 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
         convention, state, result = min(ties, key=lambda entry: sum(vars(entry[0]).values()))
         for mistake, remedy, setup in convention.findings(pose):
             found.append(Mistake(mistake, _numbers(first, result), remedy, setup))
-    for of_imu in (poses.gyroscope_remedy(state), poses.accelerometer_remedy(state)):
+    in_g = poses.accelerometer_remedy(state)
+    for of_imu in (poses.gyroscope_remedy(state), in_g):
         if of_imu is not None:
             words, ratio, mend = of_imu
             found.append(Mistake("gyroscope_units", ratio, words, mend))
-    if poses.accelerometer_remedy(state) is not None and state.specific_force is not None:
+    if in_g is not None and state.specific_force is not None:
         state = state.but(specific_force=9.80665 * state.specific_force)
     return state, found
 

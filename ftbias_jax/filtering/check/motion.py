@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ftbias_jax.setup.rotations import skew
 from ftbias_jax.setup.types import RobotSetup, SensorSetup
 from ftbias_jax.types import Array
 
@@ -110,13 +111,6 @@ def data_matrices(motion: Motion, gravity: Array, specific_force: Array | None =
 def in_sensor(motion: Motion, vectors: Array) -> Float[Array, "N 3"]:
     """Vectors (N, 3) of the base frame, in the sensor's."""
     return np.einsum("nji,nj->ni", motion.rotation, vectors)
-
-
-def skew(x: Array) -> Array:
-    """(..., 3) -> (..., 3, 3) with skew(x) y = x cross y."""
-    zero = np.zeros(x.shape[:-1])
-    rows = [[zero, -x[..., 2], x[..., 1]], [x[..., 2], zero, -x[..., 0]], [-x[..., 1], x[..., 0], zero]]
-    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def _of_inertia(x: Array) -> Array:

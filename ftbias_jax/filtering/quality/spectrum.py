@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -77,7 +76,8 @@ def find_lines(t: Array, innovation: Array) -> list[Line]:
     ratio = np.where(usable & (noise > 0), spectrum / np.where(noise > 0, noise, 1), 0)
     ratio[:2] = 0  # the bias is there
     lines = [_line(piece, spectrum - noise, ratio, df, rate, threshold) for piece in _pieces(ratio.max(1) > threshold)]
-    return sorted(lines, key=lambda line: -float(np.max(line.amplitude / innovation_size(innovation))))
+    size_of_axes = innovation_size(innovation)
+    return sorted(lines, key=lambda line: -float(np.max(line.amplitude / size_of_axes)))
 
 
 def innovation_size(innovation: Array) -> Array:
@@ -120,9 +120,9 @@ def _welch(x: Array, size: int) -> tuple[Array, int]:
 
 def _baseline(spectrum: Array, reach: int) -> Array:
     """(F, 6) median of the spectrum within so many bins."""
-    padded = np.pad(spectrum, [(reach, reach), (0, 0)], mode="reflect") if len(spectrum) > reach else spectrum
-    if padded is spectrum:
+    if len(spectrum) <= reach:
         return np.broadcast_to(np.median(spectrum, axis=0), spectrum.shape)
+    padded = np.pad(spectrum, [(reach, reach), (0, 0)], mode="reflect")
     found: Array = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0), axis=-1)
     return found
 
@@ -130,7 +130,7 @@ def _baseline(spectrum: Array, reach: int) -> Array:
 def _pieces(above: Array) -> list[slice]:
     """Runs of frequencies that are above the threshold."""
     edges = np.flatnonzero(np.diff(np.r_[False, above, False].astype(int)))
-    return [slice(int(a), int(b)) for a, b in list(pairwise(edges))[::2]]
+    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _line(piece: slice, excess: Array, ratio: Array, df: float, rate: float, threshold: float) -> Line:
