@@ -15,9 +15,9 @@ import recordings
 from small_archive import SETUP, assert_same_outputs, filter_archive, manifest, outputs, write_log
 
 import ftbias_jax
+from ftbias_jax import files
 from ftbias_jax.cli.jobs import filter_many
 from ftbias_jax.cli.main import main
-from ftbias_jax.io import atomic
 from ftbias_jax.io.write.npz import load_npz
 
 
@@ -95,7 +95,7 @@ class File:
 def disk(monkeypatch):
     """Where results go; their readers see the true disk."""
     disk, make = Disk(), tempfile.TemporaryFile
-    monkeypatch.setattr(atomic, "open", lambda *how: disk.file(os.fdopen(*how), False), raising=False)
+    monkeypatch.setattr(files, "open", lambda *how: disk.file(os.fdopen(*how), False), raising=False)
     monkeypatch.setattr(tempfile, "TemporaryFile", lambda **where: disk.file(make(**where), True))
     return disk
 
