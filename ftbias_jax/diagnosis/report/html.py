@@ -1,4 +1,4 @@
-"""A diagnosis as one HTML file that needs nothing else: no network, no scripts, no fonts."""
+"""A diagnosis as one HTML file that needs nothing else: no network, no fonts, and no script but its own."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from importlib import resources
 
 import numpy as np
 
+from ftbias_jax.diagnosis.report.interactive import MAX_NUMBERS, data_block, policy, script
 from ftbias_jax.diagnosis.report.origin import origin_rows
 from ftbias_jax.diagnosis.report.plots import (
     channel_title,
@@ -34,8 +35,6 @@ MAX_LOGS = 3
 """Logs whose time plots are drawn."""
 MAX_RANKED = 12
 APPLY = "ftbias diagnose LOG --setup SETUP.toml --apply -o FIXED.toml"
-POLICY = "default-src 'none'; style-src 'unsafe-inline'"
-"""The browser itself refuses to load anything."""
 HOW_TO_READ = (
     "The gap is what the corrected wrench differs from the model of the setup, beyond bias, drift and the stated noise;"
     " 1 noise sigma means that noise alone is left.",
@@ -70,14 +69,16 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
         _section("Where this comes from", html_table(("what", "value"), origin_rows(diagnosis))),
         _section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
     )
+    runs = script() if diagnosis.series else ""
     style = resources.files("ftbias_jax.diagnosis.report").joinpath("report.css").read_text(encoding="utf-8")
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy(runs)}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<meta name="color-scheme" content="light dark">'
         f"<title>{escape(title)}</title><style>{style}</style></head>\n"
-        f"<body><main>{_header(diagnosis, title)}\n{''.join(sections)}</main></body></html>\n"
+        f"<body><main>{_header(diagnosis, title)}\n{''.join(sections)}</main>"
+        f"{f'<script>{runs}</script>' if runs else ''}</body></html>\n"
     )
 
 
@@ -138,11 +139,14 @@ def _gap(diagnosis: Diagnosis) -> str:
 def _times(diagnosis: Diagnosis) -> str:
     after = _has_after(diagnosis)
     parts = [_legend(after, noise=True)] if diagnosis.series else []
-    for number, series in enumerate(diagnosis.series[:MAX_LOGS]):
+    drawn = diagnosis.series[:MAX_LOGS]
+    for number, series in enumerate(drawn):
         if len(diagnosis.series) > 1:
             parts.append(f"<h3>{escape(diagnosis.logs[number])}</h3>")
         plots = (plot_time(series, channel, f"time-{number}-{channel}", after) for channel in range(6))
-        parts.append(f"<div class='grid'>{''.join(f'<figure>{plot}</figure>' for plot in plots)}</div>")
+        figures = "".join(f"<figure>{plot}</figure>" for plot in plots)
+        parts.append(f"<div class='grid' data-series='series-{number}'>{figures}</div>")
+        parts.append(data_block(series, f"series-{number}", after, MAX_NUMBERS // len(drawn)))
     if len(diagnosis.series) > MAX_LOGS:
         parts.append(f"<p>The plots of {len(diagnosis.series) - MAX_LOGS} more logs are left out.</p>")
     return "".join(parts)

@@ -82,15 +82,17 @@ def plot_time(series: Series, channel: int, name: str, with_after: bool) -> str:
     before, after, noise = (part[:, channel] for part in (series.before, series.after, series.noise))
     shown = [("before", before), ("after", after)] if with_after else [("before", before)]
     axes = Axes(_time_range(series.t), data_range(*(y for _, y in shown), 2 * noise, -2 * noise), top=24)
-    step = max(1, len(noise) // MAX_NOISE)
+    some = np.unique(np.linspace(0, len(noise) - 1, min(len(noise), MAX_NOISE)).astype(int))  # with both ends
+    t, noise = series.t[some], noise[some]
     parts = [
         frame(axes, "time [s]", channel_title(channel)),
-        band(axes, series.t[::step], -2 * noise[::step], 2 * noise[::step], "noise"),
+        band(axes, t, -2 * noise, 2 * noise, "noise"),
         *(curve(axes, *thin(series.t, y, MAX_BUCKETS), f"line-{style}") for style, y in shown),
-        *(curve(axes, series.t[::step], edge * noise[::step], "noise-edge") for edge in (-2, 2)),
+        *(curve(axes, t, edge * noise, "noise-edge") for edge in (-2, 2)),
     ]
     rms = ", ".join(f"rms {style} {np.sqrt(_mean(y**2)):.3g}" for style, y in shown)
-    return drawing(name, axes.top + axes.height + 34, f"{channel_title(channel)} against time", rms, parts)
+    data = {**axes.data, "channel": channel, "name": channel_title(channel)}
+    return drawing(name, axes.top + axes.height + 34, f"{channel_title(channel)} against time", rms, parts, data)
 
 
 def plot_regressor(series: Sequence[Series], channel: int) -> str:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 WIDTH = 360
 """Units across every drawing: those of a phone's screen, so that the letters keep their size there."""
+
+
+_NO_DATA: Mapping[str, object] = MappingProxyType({})
 
 
 class Axes(NamedTuple):
@@ -22,6 +26,12 @@ class Axes(NamedTuple):
     top: float = 12
     width: float = WIDTH - 46 - 10
     height: float = 130
+
+    @property
+    def data(self) -> dict[str, object]:
+        """What the page's script needs to know of it: left, top, width and height."""
+        numbers = (self.left, self.top, self.width, self.height)
+        return {"axes": " ".join(f"{number:.6g}" for number in numbers)}
 
     def across(self, values: np.ndarray) -> np.ndarray:
         """Data to drawing units, x."""
@@ -40,7 +50,9 @@ def escape(text: object) -> str:
     return html.escape(visible, quote=True)
 
 
-def drawing(name: str, height: float, title: str, description: str, parts: Iterable[str]) -> str:
+def drawing(
+    name: str, height: float, title: str, description: str, parts: Iterable[str], data: Mapping[str, object] = _NO_DATA
+) -> str:
     """A whole drawing with what a screen reader says about it.
 
     Args:
@@ -49,9 +61,11 @@ def drawing(name: str, height: float, title: str, description: str, parts: Itera
         title: plain text.
         description: plain text.
         parts: SVG elements, already escaped.
+        data: attributes ``data-...`` of the drawing, for the page's script.
     """
+    further = "".join(f' data-{key}="{escape(value)}"' for key, value in data.items())
     return (
-        f'<svg viewBox="0 0 {WIDTH} {height:g}" role="img" aria-labelledby="{name}-t {name}-d">'
+        f'<svg viewBox="0 0 {WIDTH} {height:g}" role="img" aria-labelledby="{name}-t {name}-d"{further}>'
         f'<title id="{name}-t">{escape(title)}</title><desc id="{name}-d">{escape(description)}</desc>'
         f"{''.join(parts)}</svg>"
     )
