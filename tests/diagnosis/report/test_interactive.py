@@ -69,7 +69,7 @@ def test_long_series_are_means_of_neighbours_and_their_noise_is_that_of_means():
 def test_a_browser_runs_the_script_and_takes_no_offence(make_diagnosis, tmp_path):
     page = tmp_path / "report.html"
     page.write_text(to_html(make_diagnosis(logs=2, bins=50), "a log"), encoding="utf-8")
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", f"--user-data-dir={tmp_path}/u"]
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", f"--user-data-dir={tmp_path}"]
     done = subprocess.run(
         [CHROMIUM, *options, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=60, check=True
     )
