@@ -14,6 +14,7 @@ from ftbias_jax.diagnosis.evidence.compare import compare
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.evidence.doubts import doubt_of, is_sure
 from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
+from ftbias_jax.diagnosis.evidence.nominal import with_nominal
 from ftbias_jax.diagnosis.evidence.twins import twins_of
 from ftbias_jax.diagnosis.gap import USEFUL_SHARE, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
@@ -126,7 +127,7 @@ def diagnose(
     return Diagnosis(
         verdict=verdict,
         sentence=sentence_of(verdict, gap, causes, terms),
-        causes=causes,
+        causes=tuple(with_nominal(problem, cause) for cause in causes),
         candidates=_ranking(problem, hold_out, base, rounds, found, total),
         gap=gap,
         where=where(problem, before, stages),

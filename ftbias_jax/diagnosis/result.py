@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from ftbias_jax.diagnosis.report.plotted import Curve, Series
 from ftbias_jax.io.atomic import write_atomic, write_json
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write.provenance import Provenance
@@ -42,6 +43,13 @@ class Candidate(NamedTuple):
     remedy: str
     units: Mapping[str, str] = MappingProxyType({})  # of the parameters; {} = not known
     doubt: str = ""  # why it may be something else, although it fits; "" = no reason
+    nominal: Mapping[str, Numbers] = MappingProxyType({})  # the setup's values of parameters that it states
+
+    @property
+    def title(self) -> str:
+        """The effect, with the joint's number if it is of one joint."""
+        joint = self.parameters.get("joint")
+        return self.effect if joint is None else f"{self.effect} (joint {joint:.0f})"
 
 
 class FoundTerm(NamedTuple):
@@ -79,21 +87,6 @@ class FoundTerm(NamedTuple):
     curve: Curve | None = None
 
 
-class Curve(NamedTuple):
-    """What was left of the reading against a term's drive, and what the term adds."""
-
-    drive: np.ndarray
-    """(B,) the quantity, at coarse means."""
-    drive_name: str
-    """With its unit."""
-    left: np.ndarray
-    """(B,) N or Nm, without the term."""
-    fitted: np.ndarray
-    """(B,) N or Nm, of the term."""
-    left_name: str
-    """With its unit."""
-
-
 class Gap(NamedTuple):
     """Size of the gap: the part of the innovations that the stated noise does not account for."""
 
@@ -129,22 +122,6 @@ class Where(NamedTuple):
     regimes: tuple[Regime, ...]
     bands: tuple[tuple[float, float, float], ...]
     """Low Hz, high Hz, and share of the gap's mean square."""
-
-
-class Series(NamedTuple):
-    """What the plots show, on a common coarse time axis."""
-
-    t: np.ndarray
-    """(B,) s."""
-    before: np.ndarray
-    """(B, 6) N, Nm, corrected wrench minus model without the causes."""
-    after: np.ndarray
-    """(B, 6) the same with the causes in the model."""
-    noise: np.ndarray
-    """(B, 6) N, Nm, standard deviation of these means by noise alone."""
-    regressor: np.ndarray
-    """(B,) the quantity the first cause acts through, such as its own predicted change of the wrench."""
-    regressor_name: str
 
 
 class LogGap(NamedTuple):
@@ -192,6 +169,8 @@ class Diagnosis(NamedTuple):
     """What is not in the catalogue, described; best first."""
     provenance: Provenance | None = None
     """What it was made from."""
+    command: str = ""
+    """What was typed to make it, for the report's advice; "" = made from names of logs and setup."""
 
     @property
     def losses(self) -> tuple[str, ...]:
@@ -231,7 +210,7 @@ class Diagnosis(NamedTuple):
         Raises:
             OutputError: the file cannot be written there.
         """
-        from ftbias_jax.diagnosis.report.tables import to_json
+        from ftbias_jax.diagnosis.report.as_json import to_json
 
         write_json(path, to_json(self))
 

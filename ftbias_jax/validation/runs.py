@@ -15,7 +15,7 @@ from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.evidence.cross_validation import excess_by_channel
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression.fit import base
-from ftbias_jax.diagnosis.report.tables import to_json
+from ftbias_jax.diagnosis.report.as_json import to_json
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import make_folder, write_json

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 
@@ -30,6 +31,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_names(arguments.without, "--without", catalogue_of_setup(setup))
     names = [Path(path).name for path in arguments.logs]
     diagnosis = diagnose(setup, logs, names, without=tuple(arguments.without), unchecked=arguments.unchecked)
+    command = shlex.join(("ftbias", "diagnose", *arguments.logs, "--setup", arguments.setup))
+    diagnosis = diagnosis._replace(command=command)
     print(diagnosis)
     if arguments.json:
         diagnosis.to_json(arguments.json)

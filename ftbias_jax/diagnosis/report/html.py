@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from importlib import resources
+from pathlib import PurePath
 
 import numpy as np
 
@@ -17,9 +19,11 @@ from ftbias_jax.diagnosis.report.plots import (
     plot_shares,
     plot_time,
 )
+from ftbias_jax.diagnosis.report.plotted import Series
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.report.tables import (
     log_lines,
+    nominal_words,
     parameter_words,
     percent,
     share_words,
@@ -29,12 +33,11 @@ from ftbias_jax.diagnosis.report.tables import (
     verdict_words,
 )
 from ftbias_jax.diagnosis.report.terms import capital, html_table, show_terms, typeset
-from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, Series, Where
+from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, Where
 
 MAX_LOGS = 3
 """Logs whose time plots are drawn."""
 MAX_RANKED = 12
-APPLY = "ftbias diagnose LOG --setup SETUP.toml --apply -o FIXED.toml"
 HOW_TO_READ = (
     "The gap is what the corrected wrench differs from the model of the setup, beyond bias, drift and the stated noise;"
     " 1 noise sigma means that noise alone is left.",
@@ -107,10 +110,23 @@ def _section(title: str, content: str) -> str:
 def _causes(causes: Sequence[Candidate]) -> str:
     parts = []
     for cause in causes:
-        head = f"{escape(cause.effect)}<small>{escape(cause.stage)}, {share_words(cause)}</small>"
+        head = f"{escape(cause.title)}<small>{escape(cause.stage)}, {share_words(cause)}</small>"
         parts.append(f"<h3>{head}</h3><p>{escape(capital(cause.explanation))}</p>")
-        parts.append(html_table(("parameter", "value ± standard error"), parameter_words(cause)))
+        found = parameter_words(cause)
+        nominal = nominal_words(cause)
+        if any(nominal.values()):
+            rows = [(name, nominal[name], words) for name, words in found]
+            parts.append(html_table(("parameter", "in the setup", "found ± standard error"), rows))
+        else:
+            parts.append(html_table(("parameter", "found ± standard error"), found))
     return "".join(parts)
+
+
+def _command(diagnosis: Diagnosis) -> str:
+    """What makes a setup with the causes, in the user's own names."""
+    logs, setup = diagnosis.logs or ("LOG",), diagnosis.setup_name or "SETUP.toml"
+    made = diagnosis.command or shlex.join(("ftbias", "diagnose", *logs, "--setup", setup))
+    return f"{made} --apply -o {shlex.quote(f'{PurePath(setup).stem}_fixed.toml')}"
 
 
 def _has_after(diagnosis: Diagnosis) -> bool:
@@ -156,7 +172,10 @@ def _regressor(diagnosis: Diagnosis) -> str:
     series = [one for one in diagnosis.series if np.isfinite(one.regressor).any()]
     if not (diagnosis.causes and series):
         return ""
-    caption = "Large markers: means of bins with their standard errors. Small dots: single values before."
+    caption = (
+        "Large markers: means of bins with their standard errors. Small dots: single values before. The bias is that of"
+        " the model with the causes."
+    )
     plot = plot_regressor(series, _responsible_channel(series))
     legend = _legend(with_after=True, noise=False)
     return f"{legend}<figure class='wide'>{plot}<figcaption>{caption}</figcaption></figure>"
@@ -166,7 +185,7 @@ def _responsible_channel(series: Sequence[Series]) -> int:
     """The channel that follows the regressor most, in units of its noise."""
     x = np.concatenate([one.regressor for one in series])[:, None]
     with np.errstate(invalid="ignore", divide="ignore"):
-        y = np.concatenate([one.before / one.noise for one in series])
+        y = np.concatenate([(one.before if one.refitted is None else one.refitted) / one.noise for one in series])
     seen = np.isfinite(x) & np.isfinite(y)
     x_centred = np.where(seen, x - np.nanmean(x), 0.0)
     return int(np.argmax(np.abs(np.sum(x_centred * np.where(seen, y, 0.0), axis=0))))
@@ -177,9 +196,7 @@ def _ranking(diagnosis: Diagnosis) -> str:
     if not ranked:
         return ""
     plot = plot_ranking(ranked[:MAX_RANKED], [cause.effect for cause in diagnosis.causes])
-    rows = [
-        (c.effect, c.stage, value_words(c.held_out_gain, c.held_out_gain_stderr), percent(c.shrink)) for c in ranked
-    ]
+    rows = [(c.title, c.stage, value_words(c.held_out_gain, c.held_out_gain_stderr), percent(c.shrink)) for c in ranked]
     table = html_table(("effect", "stage", "held-out gain [nats/s]", "of the gap"), rows)
     named = "● named as a cause; " if diagnosis.causes else ""
     caption = f"{named}whiskers: one standard error. Judged on data the fit has not seen."
@@ -189,7 +206,7 @@ def _ranking(diagnosis: Diagnosis) -> str:
 
 def _twins(causes: Sequence[Candidate]) -> str:
     items = "".join(
-        f"<li><b>{escape(cause.effect)}</b> could as well be <b>{escape(twin)}</b>; {escape(how)}.</li>"
+        f"<li><b>{escape(cause.title)}</b> could as well be <b>{escape(twin)}</b>; {escape(how)}.</li>"
         for cause in causes
         for twin, how in twin_words(cause)
     )
@@ -199,10 +216,12 @@ def _twins(causes: Sequence[Candidate]) -> str:
 def _remedies(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
         return "<p>Nothing: the setup describes these logs.</p>"
-    items = [f"<li><b>{escape(c.effect)}</b>: {escape(capital(c.remedy))}</li>" for c in diagnosis.causes if c.remedy]
+    items = [f"<li><b>{escape(c.title)}</b>: {escape(capital(c.remedy))}</li>" for c in diagnosis.causes if c.remedy]
     items += [f"<li>{escape(capital(term.check))}</li>" for term in diagnosis.terms if term.check]
     if _has_after(diagnosis):
-        items.append(f"<li>{'Or let' if items else 'Let'} the model know: <code>{escape(APPLY)}</code></li>")
+        items.append(
+            f"<li>{'Or let' if items else 'Let'} the model know: <code>{escape(_command(diagnosis))}</code></li>"
+        )
     if diagnosis.verdict not in ("explained", "described"):
         items.append("<li>For what is not explained, start with the channels, times and regimes below.</li>")
     return f"<ul>{''.join(items)}</ul>"

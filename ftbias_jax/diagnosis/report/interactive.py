@@ -12,7 +12,7 @@ from importlib import resources
 
 import numpy as np
 
-from ftbias_jax.diagnosis.result import Series
+from ftbias_jax.diagnosis.report.plotted import Series
 
 MAX_NUMBERS = 1500
 """Times of all logs together whose numbers are in the page; longer series are averaged."""

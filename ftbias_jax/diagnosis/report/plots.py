@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ftbias_jax.diagnosis.report.plotted import Curve, Series
 from ftbias_jax.diagnosis.report.svg import (
     WIDTH,
     Axes,
@@ -22,7 +23,7 @@ from ftbias_jax.diagnosis.report.svg import (
     x_axis,
 )
 from ftbias_jax.diagnosis.report.tables import percent, sigmas_by_channel, value_words
-from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Curve, Gap, Series
+from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Gap
 
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 MAX_BUCKETS = 230
@@ -31,6 +32,8 @@ MAX_NOISE = 60
 """Points of the band of noise, which is smooth."""
 MAX_DOTS = 900
 MEAN_BINS = 12
+NAMES = 138
+"""Drawing units for the names of effects."""
 ROW = 24
 """Drawing units from one horizontal bar to the next."""
 
@@ -141,7 +144,7 @@ def plot_term(found: Curve, name: str) -> str:
 
 
 def _before_and_after(series: Sequence[Series]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    return [one.before for one in series], [one.after for one in series]
+    return [one.before if one.refitted is None else one.refitted for one in series], [one.after for one in series]
 
 
 def plot_ranking(candidates: Sequence[Candidate], causes: Sequence[str]) -> str:
@@ -155,14 +158,14 @@ def plot_ranking(candidates: Sequence[Candidate], causes: Sequence[str]) -> str:
     errors = np.nan_to_num(np.array([candidate.held_out_gain_stderr for candidate in candidates]))
     height = len(candidates) * ROW
     x_range = data_range(gains - errors, gains + errors, zero=True)
-    axes = Axes(x_range, (0.0, 1.0), left=120, top=4, width=WIDTH - 120 - 74, height=height)
+    axes = Axes(x_range, (0.0, 1.0), left=NAMES, top=4, width=WIDTH - NAMES - 74, height=height)
     parts = [x_axis(axes, "held-out gain [nats/s]")]
     zero = float(axes.across(np.array(0.0)))
     for row, (candidate, gain, error) in enumerate(zip(candidates, gains, errors, strict=True)):
         middle = axes.top + (row + 0.5) * ROW
         low, end, high = (float(axes.across(np.array(x))) for x in (gain - error, gain, gain + error))
         cause = candidate.effect in causes
-        name = f"● {candidate.effect}" if cause else candidate.effect
+        name = f"● {candidate.title}" if cause else candidate.title
         parts += [
             label(axes.left - 6, middle + 4, name, "end", "name" if cause else ""),
             box(min(zero, end), middle - 7, abs(end - zero), 14, "fill-after" if cause else "fill-other"),
@@ -172,7 +175,7 @@ def plot_ranking(candidates: Sequence[Candidate], causes: Sequence[str]) -> str:
             label(WIDTH - 2, middle + 4, value_words(gain, error), "end"),
         ]
     parts.append(line(zero, axes.top, zero, axes.top + height, "axis"))
-    words = "; ".join(f"{c.effect}: {value_words(c.held_out_gain, c.held_out_gain_stderr)}" for c in candidates)
+    words = "; ".join(f"{c.title}: {value_words(c.held_out_gain, c.held_out_gain_stderr)}" for c in candidates)
     return drawing("ranking", axes.top + height + 36, "Held-out gain of the candidates", words, parts)
 
 

@@ -10,7 +10,8 @@ from ftbias_jax.diagnosis.evidence.locate import Motion, locate
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import believed_motions, measured, readings
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.result import CHANNELS, Series, Where
+from ftbias_jax.diagnosis.report.plotted import Series
+from ftbias_jax.diagnosis.result import CHANNELS, Where
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
 
@@ -44,6 +45,8 @@ def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: Hel
     channel = int((change / problem.noise_std).var(0).argmax())
     first, noise = _residual(problem, before)
     last, _ = _residual(problem, after)
+    # Innovations are nearly white: what is left with the causes, plus what they add, is what was left without them.
+    refitted = last + change - change.mean(0)
     found = []
     for log in range(len(problem.parts)):
         own = problem.log == log
@@ -61,6 +64,7 @@ def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: Hel
                 after=mean(last),
                 noise=np.sqrt(mean(noise**2) / count),
                 regressor=mean(change[:, channel : channel + 1])[:, 0],
+                refitted=mean(refitted),
                 regressor_name=f"predicted change of {CHANNELS[channel]} " + ("[N]" if channel < 3 else "[Nm]"),
             )
         )

@@ -1,71 +1,15 @@
-"""A diagnosis as JSON and as a table for the terminal."""
+"""A diagnosis as a table for the terminal."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 
 from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, FoundTerm, Gap, Where
 
-SCHEMA = 2
 LONGEST_LIST = 6
 """Numbers of one parameter that a table shows; the JSON has all."""
-
-
-def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The diagnosis for programs: plain dicts, lists, strings and finite numbers; None where there is no number."""
-    where = diagnosis.where
-    content = {
-        "schema": SCHEMA,
-        "verdict": diagnosis.verdict,
-        "sentence": diagnosis.sentence,
-        "causes": [cause._asdict() for cause in diagnosis.causes],
-        "terms": [_term_json(term) for term in diagnosis.terms],
-        "gap": _gap_json(diagnosis.gap),
-        "where": where._asdict() | {"regimes": [regime._asdict() for regime in where.regimes]},
-        "candidates": [candidate._asdict() for candidate in diagnosis.candidates],
-        "not_tested": dict(diagnosis.not_tested),
-        "logs": diagnosis.logs,
-        "provenance": diagnosis.provenance,
-        "losses": diagnosis.losses,
-        "by_log": [log._asdict() for log in diagnosis.by_log],
-    }
-    plain: dict[str, Any] = _plain(content)
-    return plain
-
-
-def _gap_json(gap: Gap) -> dict[str, Any]:
-    return {
-        "before": {"rms": gap.before_rms, "in_noise_sigmas": gap.before_sigmas},
-        "after": {"rms": gap.after_rms, "in_noise_sigmas": gap.after_sigmas},
-        "shrink": gap.shrink,
-        "shrink_stderr": gap.shrink_stderr,
-        "noise_floor": gap.noise_floor,
-    }
-
-
-def _term_json(term: FoundTerm) -> dict[str, Any]:
-    """A term without the points of its plot."""
-    return {key: value for key, value in term._asdict().items() if key != "curve"}
-
-
-def _plain(value: Any) -> Any:
-    """What ``json`` can write, all the way down."""
-    match value:
-        case Mapping():
-            return {str(key): _plain(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_plain(item) for item in value]
-        case None | bool() | int() | str():
-            return value
-    array = np.asarray(value)
-    return _plain(array.tolist()) if array.ndim else _finite(array.item())
-
-
-def _finite(number: Any) -> Any:
-    return number if not isinstance(number, float) or np.isfinite(number) else None
 
 
 def to_table(diagnosis: Diagnosis) -> str:
@@ -96,8 +40,10 @@ def verdict_words(verdict: str) -> str:
 
 def _cause_lines(cause: Candidate) -> list[str]:
     gain = f"{value_words(cause.held_out_gain, cause.held_out_gain_stderr)} nats/s held out"
-    lines = [f"cause: {cause.effect} ({cause.stage}), {share_words(cause)}, {gain}"]
-    lines += [f"  {name} = {value}" for name, value in parameter_words(cause)]
+    lines = [f"cause: {cause.title} ({cause.stage}), {share_words(cause)}, {gain}"]
+    nominal = nominal_words(cause)
+    for name, value in parameter_words(cause):
+        lines.append(f"  {name} = {value}" + (f" (setup: {nominal[name]})" if nominal[name] else ""))
     lines += [f"  doubtful: {cause.doubt}"] if cause.doubt else []
     lines += [f"  or {twin}: {how}" for twin, how in twin_words(cause)]
     return [one_line(line) for line in (*lines, f"  what to do: {cause.remedy}" if cause.remedy else "") if line]
@@ -130,9 +76,25 @@ def parameter_words(candidate: Candidate) -> list[tuple[str, str]]:
     """(name, value ± standard error and unit) of the parameters of a candidate."""
     units = candidate.units
     return [
-        (name, f"{_numbers_words(value, candidate.stderr.get(name))} {units.get(name, '')}".rstrip())
+        (name, f"{_numbers_words(value, candidate.stderr.get(name))} {unit_words(units.get(name, ''))}".rstrip())
         for name, value in candidate.parameters.items()
     ]
+
+
+def nominal_words(candidate: Candidate) -> dict[str, str]:
+    """Name -> what the setup states of a parameter, with its unit; "" where it states nothing."""
+    known = {name: np.asarray(value, float) for name, value in candidate.nominal.items()}
+    shown = {
+        name: f"{_numbers_words(value, None)} {unit_words(candidate.units.get(name, ''))}".rstrip()
+        for name, value in known.items()
+        if np.isfinite(value).all() and value.size <= LONGEST_LIST
+    }
+    return {name: shown.get(name, "") for name in candidate.parameters}
+
+
+def unit_words(unit: str) -> str:
+    """A unit behind a number: nothing where there is none."""
+    return "" if unit == "1" else unit
 
 
 def _numbers_words(value: object, stderr: object) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 
 from ftbias_jax.diagnosis.report.plots import plot_term
@@ -9,11 +10,14 @@ from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.report.tables import term_numbers
 from ftbias_jax.diagnosis.result import FoundTerm
 
+PRINTED = {r" \+- ": " ± ", r"(?<=[a-z])\^2\b(?!\.)": "²", r"(?<=[a-z])\^3\b": "³", r"\bdeg C\b": "°C"}
+"""What is written as plain text -> the same in print."""
+
 
 def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table whose first column names the row; empty without rows."""
     lines = [
-        f'<tr><th scope="row">{escape(first)}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in rest)}</tr>'
+        f'<tr><th scope="row">{typeset(first)}</th>{"".join(f"<td>{typeset(cell)}</td>" for cell in rest)}</tr>'
         for first, *rest in rows
     ]
     columns = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
@@ -27,8 +31,10 @@ def capital(text: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """A sentence that terminals of any encoding can show, as HTML."""
-    return escape(text.replace(" +- ", " ± "))
+    """What terminals of any encoding can show, as HTML: signs and powers of units as they are printed."""
+    for plain, printed in PRINTED.items():
+        text = re.sub(plain, printed, text)
+    return escape(text)
 
 
 def show_terms(terms: Sequence[FoundTerm]) -> str:

@@ -6,7 +6,8 @@ import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.result import CHANNELS, Curve
+from ftbias_jax.diagnosis.report.plotted import Curve
+from ftbias_jax.diagnosis.result import CHANNELS
 from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.model.effects.terms.columns import at_point, columns, has_point
 from ftbias_jax.model.effects.terms.types import State, Term

@@ -183,3 +183,37 @@ def test_the_report_and_the_json_say_where_it_comes_from(tmp_path, make_diagnosi
         assert words in text
     diagnosis.to_json(tmp_path / "out.json")
     assert json.loads((tmp_path / "out.json").read_text())["provenance"] == origin
+
+
+def test_the_advice_is_a_command_with_the_users_own_paths(make_diagnosis):
+    named = to_html(make_diagnosis(setup_name="my setup.toml", logs=1), "a log")
+    assert (
+        "ftbias diagnose log_0.npz --setup &#x27;my setup.toml&#x27; --apply -o &#x27;my setup_fixed.toml&#x27;"
+        in named
+    )
+    typed = make_diagnosis(setup_name="s.toml", command="ftbias diagnose runs/a.npz --setup cell/s.toml")
+    assert "ftbias diagnose runs/a.npz --setup cell/s.toml --apply -o s_fixed.toml" in to_html(typed, "a log")
+
+
+def test_the_number_of_the_joint_stands_with_every_effect_of_one(make_diagnosis, make_candidate):
+    cause = make_candidate("encoder_offset", parameters={"joint": 4, "offset": 0.01}, units={"joint": "1"})
+    html = to_html(make_diagnosis(causes=(cause,), candidates=(cause,)), "a log")
+    assert html.count("encoder_offset (joint 4)") == 5  # cause, remedy, plot with its description, table
+
+
+def test_units_read_as_they_are_printed(make_diagnosis, make_candidate):
+    cause = make_candidate(parameters={"inertia": 0.002, "gain": 1.1}, units={"inertia": "kg m^2", "gain": "1"})
+    html = to_html(make_diagnosis(causes=(cause,)), "a log")
+    assert "0.002 kg m²</td>" in html
+    assert "<td>1.1</td>" in html
+    assert "^" not in Page(html).text
+
+
+def test_the_plot_against_the_cause_has_the_bias_refitted(make_diagnosis):
+    base = make_diagnosis()
+    [series] = base.series
+    flat = base._replace(series=(series._replace(before=series.after, refitted=series.before),))
+    plots = [
+        re.search(r'<svg[^>]*aria-labelledby="regressor-t.*?</svg>', to_html(d, "a log"), re.S)[0] for d in (base, flat)
+    ]
+    assert plots[0] == plots[1]

@@ -4,7 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.report.tables import parameter_words, to_json, to_table, value_words
+from ftbias_jax.diagnosis.report.as_json import to_json
+from ftbias_jax.diagnosis.report.tables import parameter_words, to_table, value_words
 
 
 def test_the_json_has_the_keys_of_the_format(make_diagnosis):

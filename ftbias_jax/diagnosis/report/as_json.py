@@ -1,0 +1,66 @@
+"""A diagnosis as JSON, for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ftbias_jax.diagnosis.result import Diagnosis, FoundTerm, Gap
+
+SCHEMA = 2
+
+
+def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The diagnosis for programs: plain dicts, lists, strings and finite numbers; None where there is no number."""
+    where = diagnosis.where
+    content = {
+        "schema": SCHEMA,
+        "verdict": diagnosis.verdict,
+        "sentence": diagnosis.sentence,
+        "causes": [cause._asdict() for cause in diagnosis.causes],
+        "terms": [_term_json(term) for term in diagnosis.terms],
+        "gap": _gap_json(diagnosis.gap),
+        "where": where._asdict() | {"regimes": [regime._asdict() for regime in where.regimes]},
+        "candidates": [candidate._asdict() for candidate in diagnosis.candidates],
+        "not_tested": dict(diagnosis.not_tested),
+        "logs": diagnosis.logs,
+        "provenance": diagnosis.provenance,
+        "losses": diagnosis.losses,
+        "by_log": [log._asdict() for log in diagnosis.by_log],
+    }
+    plain: dict[str, Any] = _plain(content)
+    return plain
+
+
+def _gap_json(gap: Gap) -> dict[str, Any]:
+    return {
+        "before": {"rms": gap.before_rms, "in_noise_sigmas": gap.before_sigmas},
+        "after": {"rms": gap.after_rms, "in_noise_sigmas": gap.after_sigmas},
+        "shrink": gap.shrink,
+        "shrink_stderr": gap.shrink_stderr,
+        "noise_floor": gap.noise_floor,
+    }
+
+
+def _term_json(term: FoundTerm) -> dict[str, Any]:
+    """A term without the points of its plot."""
+    return {key: value for key, value in term._asdict().items() if key != "curve"}
+
+
+def _plain(value: Any) -> Any:
+    """What ``json`` can write, all the way down."""
+    match value:
+        case Mapping():
+            return {str(key): _plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case None | bool() | int() | str():
+            return value
+    array = np.asarray(value)
+    return _plain(array.tolist()) if array.ndim else _finite(array.item())
+
+
+def _finite(number: Any) -> Any:
+    return number if not isinstance(number, float) or np.isfinite(number) else None

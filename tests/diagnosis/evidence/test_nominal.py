@@ -1,0 +1,52 @@
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import pytest
+
+from ftbias_jax.diagnosis.evidence.nominal import with_nominal
+from ftbias_jax.diagnosis.report.html import to_html
+from ftbias_jax.diagnosis.report.tables import to_table
+from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.wrench.tool_wrench import Model, tool_parameters
+
+
+def problem(known=None):
+    theta = tool_parameters(jnp.asarray(0.73), jnp.array([0.0, 0.01, 0.06]), jnp.array([2e-3, 0, 0, 2e-3, 0, 1e-3]))
+    model = Model(arm=None, theta=theta, gravity=jnp.array([0.0, 0.0, -9.81]))
+    part = SimpleNamespace(signals=SimpleNamespace(model=model))
+    return SimpleNamespace(catalogue=CATALOGUE, known=known or {}, parts=[part])
+
+
+@pytest.mark.parametrize(
+    ("effect", "nominal"),
+    [
+        ("tool_mass", {"mass": 0.73}),
+        ("tool_com", {"center_of_mass": [0.0, 0.01, 0.06]}),
+        ("gravity_tilt", {"gravity": [0.0, 0.0, -9.81]}),
+        ("gain", {}),
+        ("contact", {}),
+        ("an effect that is not in it", {}),
+    ],
+)
+def test_what_the_setup_states_stands_beside_what_was_found(make_candidate, effect, nominal):
+    parameters = dict.fromkeys((*nominal, "force"), 0.0)
+    found = with_nominal(problem(), make_candidate(effect, parameters=parameters)).nominal
+    assert found.keys() == nominal.keys()
+    for name, value in nominal.items():
+        assert found[name] == pytest.approx(value, abs=1e-6)
+
+
+def test_an_effect_that_the_setup_has_already_is_shown_with_its_values(make_candidate):
+    known = {"gain": {"gain": jnp.full(6, 1.02)}}
+    assert with_nominal(problem(known), make_candidate("gain", parameters={"gain": [1.1] * 6})).nominal[
+        "gain"
+    ] == pytest.approx([1.02] * 6)
+
+
+def test_table_and_page_show_both_values_with_their_unit(make_diagnosis, make_candidate):
+    cause = make_candidate("tool_mass", nominal={"mass": 0.73})
+    diagnosis = make_diagnosis(causes=(cause,))
+    assert "  mass = 0.8134 ± 0.0041 kg (setup: 0.73 kg)" in to_table(diagnosis)
+    html = to_html(diagnosis, "a log")
+    assert "in the setup" in html
+    assert "<td>0.73 kg</td><td>0.8134 ± 0.0041 kg</td>" in html
