@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,21 +10,22 @@ from ftbias_jax.errors import OutputError
 from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from ftbias_jax.filtering.result import Filtered
 
-COLORS = ("#0072B2", "#D55E00", "#009E73")
+BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 """Okabe and Ito's blue, vermilion and green: told apart by colour-blind readers."""
-MARKS = ("-", "--", ":")
 FORMATS = ("png", "svg", "pdf")
 MAX_POINTS = 4000
 """A figure has about a thousand pixels across; more points cost time and change nothing."""
 
 
 def plot_filtered(filtered: Filtered, title: str, true_bias: Array | None = None) -> Figure:
-    """Bias with its 2 sigma band, and what the corrected wrench leaves beyond the tool model.
+    """A panel an axis: the bias with its 2 sigma band, and below it what the corrected wrench leaves of the tool model.
+
+    The band of what is left is what noise and the bias's own error fill in 95 % of the samples; samples not used
+    (gated, or something touched the tool) are marked.
 
     Args:
         filtered: what ``filter_with_params`` or ``filter_log`` gives.
@@ -32,22 +33,40 @@ def plot_filtered(filtered: Filtered, title: str, true_bias: Array | None = None
         true_bias: (T, 6) N, Nm if it is known.
     """
     figure = new_figure()
-    axes = figure.subplots(2, 2, sharex=True)
+    axes = figure.subplots(4, 3, sharex=True)
     # The first samples, in which the bias is still unknown, would set the scale of everything.
     known = (filtered.bias_std < 10 * np.median(filtered.bias_std, 0)).all(1).nonzero()[0]
     thin = known[:: max(1, len(known) // MAX_POINTS)]
     t = filtered.t[thin] - filtered.t[0]
-    residual = filtered.wrench_unbiased - filtered.wrench_tool
-    for column, (name, unit, rows) in enumerate((("force", "N", slice(0, 3)), ("torque", "Nm", slice(3, 6)))):
-        top, bottom = axes[0, column], axes[1, column]
-        top.set(title=f"Bias, {name}", ylabel=f"bias [{unit}]")
-        bottom.set(title=f"Corrected wrench - tool model, {name}", ylabel=f"residual [{unit}]", xlabel="time [s]")
+    residual = (filtered.wrench_unbiased - filtered.wrench_tool)[thin]
+    noise = filtered.innovation_std if filtered.reading_std is None else filtered.reading_std
+    noise = np.hypot(noise[thin], filtered.bias_std[thin])
+    left_out = np.zeros(len(t), bool) if filtered.used is None else ~np.asarray(filtered.used, bool)[thin]
+    for channel in range(6):
+        kind, unit = ("force", "N") if channel < 3 else ("torque", "Nm")
+        above, below = axes[channel // 3 * 2 : channel // 3 * 2 + 2, channel % 3]
+        name = f"{kind} {'xyz'[channel % 3]}"
+        above.set(title=f"Bias, {name}", ylabel=f"bias [{unit}]")
+        below.set(title=f"Corrected - tool model, {name}", ylabel=f"residual [{unit}]")
         if true_bias is not None:
-            top.plot(t, true_bias[thin, rows], color="0.75", linewidth=5, label=["truth", None, None])
-        _lines(top, t, filtered.bias[thin, rows], 2 * filtered.bias_std[thin, rows])
-        _lines(bottom, t, residual[thin, rows], None)
-        bottom.axhline(0, color="black", linewidth=0.6)
-        top.legend(loc="best", fontsize=8, ncols=2)
+            above.plot(t, true_bias[thin, channel], color="0.75", linewidth=5, label="truth")
+        bias, std = filtered.bias[thin, channel], filtered.bias_std[thin, channel]
+        above.plot(t, bias, color=BLUE, linewidth=1.1, label="bias")
+        above.fill_between(t, bias - 2 * std, bias + 2 * std, color=BLUE, alpha=0.2, lw=0, label="± 2 std")
+        kept = np.where(left_out, np.nan, residual[:, channel])
+        below.plot(t, kept, color=BLUE, linewidth=0.7, label="used")
+        if left_out.any():
+            marks = residual[left_out, channel]
+            below.plot(t[left_out], marks, ".", color=ORANGE, markersize=2, label="not used")
+        for side in (-2, 2):
+            label = "± 2 std of noise" if side > 0 else None
+            below.plot(t, side * noise[:, channel], color=GREEN, linewidth=1.2, linestyle="--", label=label)
+        for panel in (above, below):
+            panel.grid(color="0.9", linewidth=0.6)
+    for panel in axes[:2, 0]:
+        panel.legend(loc="best", fontsize=8, ncols=3)
+    for panel in axes[3]:
+        panel.set_xlabel("time [s]")
     figure.suptitle(title, fontsize=11)
     return figure
 
@@ -80,13 +99,4 @@ def new_figure() -> Figure:
         raise OutputError(
             "drawing needs matplotlib, which is not installed", remedy="pip install 'ftbias-jax[plot]'"
         ) from error
-    return Figure(figsize=(11, 6.5), layout="constrained")
-
-
-def _lines(axes: Axes, t: Array, values: Array, band: Array | None) -> None:
-    for i, axis in enumerate("xyz"):
-        style: dict[str, Any] = {"color": COLORS[i], "linestyle": MARKS[i], "linewidth": 1.1}
-        axes.plot(t, values[:, i], label=axis, **style)
-        if band is not None:
-            axes.fill_between(t, values[:, i] - band[:, i], values[:, i] + band[:, i], color=COLORS[i], alpha=0.2, lw=0)
-    axes.grid(color="0.9", linewidth=0.6)
+    return Figure(figsize=(12, 10), layout="constrained")

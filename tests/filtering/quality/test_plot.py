@@ -20,30 +20,43 @@ def filtered():
     fields = {name: rng.normal(size=(COUNT, 6)) for name in Filtered._fields}
     fields["t"] = 100 + np.arange(COUNT) / 50
     fields["bias_std"] = np.ones((COUNT, 6))
+    fields["used"] = np.ones(COUNT, bool)
     fields["bias_std"][:10] = 1000
     fields["wrench_unbiased"][:, 4] = np.nan
     return Filtered(**fields)
 
 
-def test_bias_with_its_band_and_residual_once_the_bias_is_known(filtered):
+def test_a_panel_an_axis_with_bias_and_residual_once_the_bias_is_known(filtered):
     truth = np.full((COUNT, 6), 7.0)
     figure = plot.plot_filtered(filtered, "a title", truth)
     assert figure.get_suptitle() == "a title"
-    (force, torque), (force_residual, torque_residual) = np.array(figure.axes).reshape(2, 2)
-    assert [ax.get_ylabel() for ax in (force, torque)] == ["bias [N]", "bias [Nm]"]
-    assert [ax.get_xlabel() for ax in (force_residual, torque_residual)] == ["time [s]"] * 2
-    for ax, column in ((force, 0), (torque, 3)):
-        lines = {line.get_label(): line for line in ax.get_lines()}
-        np.testing.assert_array_equal(lines["truth"].get_ydata(), truth[10:, column])
-        for i, axis in enumerate("xyz"):
-            np.testing.assert_allclose(lines[axis].get_xdata(), filtered.t[10:] - 100)
-            np.testing.assert_array_equal(lines[axis].get_ydata(), filtered.bias[10:, column + i])
-            band = ax.collections[i].get_datalim(ax.transData)
-            np.testing.assert_allclose(band.y1, filtered.bias[10:, column + i].max() + 2)
-        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["truth", "x", "y", "z"]
-    residual = (filtered.wrench_unbiased - filtered.wrench_tool)[10:]
-    for i in range(3):
-        np.testing.assert_array_equal(torque_residual.get_lines()[i].get_ydata(), residual[:, 3 + i])
+    panels = np.array(figure.axes).reshape(2, 2, 3)  # force or torque, bias or residual, axis
+    assert [panel.get_xlabel() for panel in figure.axes] == [""] * 9 + ["time [s]"] * 3
+    residual = filtered.wrench_unbiased - filtered.wrench_tool
+    for channel in range(6):
+        above, below = panels[channel // 3, :, channel % 3]
+        unit = "N" if channel < 3 else "Nm"
+        assert (above.get_ylabel(), below.get_ylabel()) == (f"bias [{unit}]", f"residual [{unit}]")
+        assert above.get_title() == f"Bias, {'force' if channel < 3 else 'torque'} {'xyz'[channel % 3]}"
+        lines = {line.get_label(): line.get_ydata() for line in (*above.get_lines(), *below.get_lines())}
+        np.testing.assert_array_equal(lines["truth"], truth[10:, channel])
+        np.testing.assert_array_equal(lines["bias"], filtered.bias[10:, channel])
+        np.testing.assert_array_equal(lines["used"], residual[10:, channel])
+        noise = np.hypot(filtered.reading_std, filtered.bias_std)[10:, channel]
+        np.testing.assert_allclose(lines["± 2 std of noise"], 2 * noise)
+        [band] = above.collections
+        np.testing.assert_allclose(band.get_datalim(above.transData).y1, filtered.bias[10:, channel].max() + 2)
+    legends = [[text.get_text() for text in panel.get_legend().get_texts()] for panel in panels[0, :, 0]]
+    assert legends == [["truth", "bias", "± 2 std"], ["used", "± 2 std of noise"]]
+
+
+def test_samples_that_were_not_used_are_marked(filtered):
+    used = np.arange(COUNT) % 3 > 0
+    figure = plot.plot_filtered(filtered._replace(used=used), "a title")
+    lines = {line.get_label(): line for line in figure.axes[3].get_lines()}
+    residual = (filtered.wrench_unbiased - filtered.wrench_tool)[:, 0]
+    np.testing.assert_array_equal(lines["not used"].get_ydata(), residual[10:][~used[10:]])
+    assert np.isnan(lines["used"].get_ydata()).sum() == (~used[10:]).sum()
 
 
 def test_long_logs_are_thinned(filtered, monkeypatch):
@@ -55,7 +68,7 @@ def test_long_logs_are_thinned(filtered, monkeypatch):
 def test_a_png_decodes_and_is_not_blank(filtered, tmp_path):
     plot.save_figure(str(tmp_path / "out.PNG"), plot.plot_filtered(filtered, "a title"))
     pixels = imread(tmp_path / "out.PNG", format="png")
-    assert pixels.shape[:2] == (975, 1650)
+    assert pixels.shape[:2] == (1500, 1800)
     assert pixels[:, :, :3].std() > 0.05
 
 
