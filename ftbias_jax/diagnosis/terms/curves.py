@@ -25,7 +25,10 @@ def curve_of(problem: Problem, description: Description, term: Term) -> Curve:
     seen = problem.samples[:, channel] > 0
     # The innovations are nearly white: what is left with the term, plus the term, is what was left without it.
     fitted = added[:, channel] - added[seen, channel].mean()
-    drive, name = drive_of(term, state, channel)
+    if term.drive == "constant":  # what it follows is how its direction lies in the sensor
+        drive, name = fitted, f"what the term makes of {CHANNELS[channel]} [{'N' if channel < 3 else 'Nm'}]"
+    else:
+        drive, name = drive_of(term, state, channel)
     thin = np.flatnonzero(seen)[:: max(1, int(seen.sum() / MOST_POINTS))]
     unit = "N" if channel < 3 else "Nm"
     return Curve(drive[thin], name, (fitted - left)[thin], fitted[thin], f"{CHANNELS[channel]} [{unit}]")
@@ -52,7 +55,7 @@ def drive_of(term: Term, state: State, channel: int) -> tuple[np.ndarray, str]:
         case "position":
             widest = int(np.ptp(moved.position, axis=0).argmax())
             return moved.position[:, widest], f"place of the tool along {'xyz'[widest]} of the base [m]"
-        case "orientation" | "constant":
+        case "orientation":
             down = inside(np.broadcast_to(state.gravity / np.linalg.norm(state.gravity), state.position.shape))
             return down, f"gravity along {letter} of the sensor [1]"
         case "joint_angle":

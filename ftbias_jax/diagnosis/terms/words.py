@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from ftbias_jax.diagnosis.report.tables import value_words
@@ -14,20 +16,31 @@ from ftbias_jax.model.effects.terms.types import Term
 
 def units_of(term: Term) -> list[str]:
     """The unit of every coefficient in use, in words such as ``N per m/s``."""
-    form = FORMS[term.drive, term.form]
     whole = [_unit(term, k) for k in range(count_columns(term))]
     used = list(term.used) or range(len(whole))
-    if term.drive == "noise":
-        per = {"load": "per N^2, Nm^2", "time": "N^2, Nm^2 per s"}.get(form.name, f"N^2, Nm^2 per {form.unit}")
-        return [per for _ in used]
-    if form.kind == "channels":
-        load = {"square": "per N, Nm", "signed_square": "per N, Nm", "cube": "per N^2, Nm^2", "size": "1"}
-        return [load.get(form.name, "1" if form.unit == "1" else f"per {form.unit}") for _ in used]
     return [whole[k] for k in used]
+
+
+LOADS = {"square": 2, "signed_square": 2, "cube": 3}
+"""Form -> the power of the load that it follows; 1 of all others that follow the load."""
+
+
+def _unit_of_channel(term: Term, channel: int) -> str:
+    """The unit of a coefficient that makes a channel's reading, or its variance, of the channel's own load."""
+    form = FORMS[term.drive, term.form]
+    own = "N" if channel < 3 else "Nm"
+    if term.drive == "noise":
+        return f"{own}^2 per {f'{own}^2' if form.name == 'load' else form.unit}"
+    power = LOADS.get(form.name, 1)
+    load = own if power == 1 else f"{own}^{power}"
+    beside = "" if term.drive == "load" or form.unit == "1" else f" {form.unit}"
+    return f"{own} per {load}{beside}"
 
 
 def _unit(term: Term, column: int) -> str:
     form = FORMS[term.drive, term.form]
+    if form.kind == "channels":
+        return _unit_of_channel(term, column)
     per = PER.get(form.unit, form.unit)
     label = form.labels[_series(term, column)]
     if form.name == "spring":
@@ -97,12 +110,9 @@ def grouped(term: Term, values: np.ndarray) -> dict[str, Numbers]:
 
 def _key(text: str) -> str:
     """A unit as part of a name: ``N per m/s`` -> ``N_per_m_s``, ``N per (m/s)^2`` -> ``N_per_m2_s2``."""
-    for old, new in (("(m/s)^", "m^ s^"), ("(rad/s)^", "rad^ s^")):
-        text = text.replace(f"{old}2", new.replace("^", "2")).replace(f"{old}3", new.replace("^", "3"))
-    text = text.replace("per N^2, Nm^2", "per load_squared").replace("per N, Nm", "per load")
-    for old, new in ((", Nm", ""), ("^", ""), ("/", "_"), (" ", "_")):
-        text = text.replace(old, new)
-    return text
+    text = text.replace("(m/s^2)^2", "m2 s4")
+    text = re.sub(r"\((\w+)/s\)\^(\d)", r"\1\2 s\2", text)
+    return text.replace("^", "").replace("/", "_").replace(" ", "_")
 
 
 def sentence(term: Term, values: np.ndarray, stderr: np.ndarray, share: float) -> str:

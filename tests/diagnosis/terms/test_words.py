@@ -39,11 +39,33 @@ def test_every_coefficient_has_a_unit_and_a_place(key, frame, acts_as):
         (("velocity", "quadratic"), "force", "N_per_m2_s2"),
         (("angular_velocity", "linear"), "torque", "Nm_per_rad_s"),
         (("constant", "steady"), "force", "N"),
+        (("joint_velocity", "quadratic"), "force", "N_per_rad2_s2"),
     ],
 )
 def test_names_of_coefficients_are_their_units(key, acts_as, unit):
     term = make_term(*key, "base", acts_as)
     assert list(grouped(term, np.ones(count_columns(term)))) == [unit]
+
+
+@pytest.mark.parametrize(
+    ("key", "units"),
+    [
+        (("load", "square"), ["N_per_N2", "Nm_per_Nm2"]),
+        (("load", "cube"), ["N_per_N3", "Nm_per_Nm3"]),
+        (("load", "size"), ["N_per_N", "Nm_per_Nm"]),
+        (("load_time", "linear"), ["N_per_N_s", "Nm_per_Nm_s"]),
+        (("load_time", "step"), ["N_per_N", "Nm_per_Nm"]),
+        (("temperature", "sensitivity"), ["N_per_N_K", "Nm_per_Nm_K"]),
+        (("noise", "load"), ["N2_per_N2", "Nm2_per_Nm2"]),
+        (("noise", "speed"), ["N2_per_m2_s2", "Nm2_per_m2_s2"]),
+        (("noise", "acceleration"), ["N2_per_m2_s4", "Nm2_per_m2_s4"]),
+    ],
+)
+def test_forces_and_torques_have_units_of_their_own(key, units):
+    numbers = {parameter.name: 0.7 for parameter in FORMS[key].parameters}
+    term = make_term(*key, "sensor", "wrench", 0, numbers)
+    found = grouped(term, np.arange(6.0))
+    assert found == {units[0]: [0.0, 1.0, 2.0], units[1]: [3.0, 4.0, 5.0]}
 
 
 def test_the_sentence_says_how_much_of_what_where():
