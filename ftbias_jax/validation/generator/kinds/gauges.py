@@ -26,10 +26,15 @@ def build_soft_gauge(form: str, parameters: Parameters, scene: Scene) -> Effect:
 
 
 def soft_gauge_coefficients(form: str, parameters: Parameters) -> dict[str, list[float]]:
-    """Channel by channel: N, Nm per N^3, Nm^3 or N^2, Nm^2."""
+    """Channel by channel, of the load's square or cube."""
     power = 2 if form == "cubic" else 1
     values = np.array(parameters["share"]) / np.array(parameters["load"]) ** power
-    return {"per_load_cubed" if form == "cubic" else "per_load_squared": vector(values)}
+    return {f"{unit}_per_{unit}{power + 1}": vector(own) for unit, own in _forces_and_torques(values)}
+
+
+def _forces_and_torques(values: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
+    """Six numbers by their unit."""
+    return ("N", values[:3]), ("Nm", values[3:])
 
 
 def draw_lopsided(form: str, draw: Draw, scene: Scene) -> Parameters:
@@ -64,7 +69,10 @@ def build_ageing(form: str, parameters: Parameters, scene: Scene) -> Effect:
 
 def ageing_coefficients(form: str, parameters: Parameters) -> dict[str, list[float]]:
     """Change of every channel's gain in a second."""
-    return {"per_s": vector(np.array(parameters["share"]) / 30.0)} if form == "linear" else {}
+    if form != "linear":
+        return {}
+    values = np.array(parameters["share"]) / 30.0
+    return {f"{unit}_per_{unit}_s": vector(own) for unit, own in _forces_and_torques(values)}
 
 
 def draw_supply(form: str, draw: Draw, scene: Scene) -> Parameters:
