@@ -63,6 +63,16 @@ def replace_whole(target: str, write: Callable[[BinaryIO], object]) -> None:
     _sync_folder(folder)
 
 
+def open_to_append(target: str) -> BinaryIO:
+    """A file to add lines to, made if it is not there; each write goes to its end, also beside other processes.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    how = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
+    return open(os.open(target, how, 0o666), "ab")
+
+
 @contextmanager
 def temporary_folder() -> Iterator[str]:
     """A new folder, which is removed at the end with all that is in it, also by a signal."""

@@ -1,12 +1,12 @@
 """A small archive of logs for the tests, filtered by the command in the current folder."""
 
-import json
 import os
+from pathlib import Path
 
 import numpy as np
 
-from ftbias_jax.cli.jobs.archive import Entry
 from ftbias_jax.cli.main import main
+from ftbias_jax.fleet.manifest import read_lines
 from ftbias_jax.io.write import npz
 
 SETUP = """
@@ -43,9 +43,10 @@ def filter_archive(*arguments):
     return main(["filter", *map(str, arguments), "--setup", "setup.toml", "-o", "out"])
 
 
-def manifest(name="manifest.json"):
-    with open(os.path.join("out", name)) as file:
-        return [Entry(**fields) for fields in json.load(file)["logs"]]
+def manifest(name="manifest.filter.jsonl"):
+    """What a manifest says in the end of every result, by their names."""
+    entries = {line.output: line for line in read_lines(Path("out", name)) if hasattr(line, "output")}
+    return [entries[output] for output in sorted(entries)]
 
 
 def outputs():

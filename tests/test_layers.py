@@ -20,7 +20,7 @@ FLOORS = (
     "model",
     "filtering",
     "calibration diagnosis",
-    "validation",
+    "fleet validation",
     "cli",
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}

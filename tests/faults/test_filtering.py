@@ -3,13 +3,13 @@
 One simulated log of two joints with a known bias; every fault is put into it, and it is filtered from file to file.
 """
 
-import json
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from small_archive import manifest
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.filtering import filter_log
@@ -293,6 +293,5 @@ def test_faults_in_one_log_of_an_archive_are_in_the_manifest(simulated, tmp_path
     np.savez("logs/stuck.npz", **stuck)
     (tmp_path / "setup.toml").write_text(dump_setup(parse_setup(SETUP)))
     assert main(["filter", "logs", "--setup", "setup.toml", "-o", "out"]) == 3
-    with open("out/manifest.json") as file:
-        (entry,) = json.load(file)["logs"]
-    assert entry["repairs"] == ["ty stands still from 10.0 s to 30.0 s: 4000 samples left out"]
+    (entry,) = manifest()
+    assert entry.repairs == ("ty stands still from 10.0 s to 30.0 s: 4000 samples left out",)

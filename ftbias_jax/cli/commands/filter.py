@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 
 from ftbias_jax.cli.commands import filter_archive
@@ -11,6 +10,7 @@ from ftbias_jax.cli.commands.filter_archive import with_choices
 from ftbias_jax.cli.repairs import tell_mistake, tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
+from ftbias_jax.fleet.find import is_folder
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.parts import open_log
@@ -22,7 +22,7 @@ from ftbias_jax.setup import load_setup
 
 def run(arguments: argparse.Namespace) -> int:
     """Filter a log into a file, or an archive into a folder; 3 if samples were lost or nothing was gained, else 0."""
-    if _is_folder(arguments.output):
+    if is_folder(arguments.output):
         return filter_archive.run(arguments)
     writer(arguments.output)
     if len(arguments.logs) > 1:
@@ -78,8 +78,3 @@ def run(arguments: argparse.Namespace) -> int:
     if outcome.worse and not outcome.warnings:
         tell_mistake(path, "the corrected wrench is worse than the raw one: ftbias check says why, or ftbias diagnose")
     return 3 if outcome.worse else code
-
-
-def _is_folder(output: str) -> bool:
-    """Whether an output is meant to be a folder: it is one, or has no suffix."""
-    return output.endswith(("/", os.sep)) or Path(output).is_dir() or not Path(output).suffix

@@ -20,7 +20,7 @@ from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write import save_results
 from ftbias_jax.io.write.npz import save_npz_parts
-from ftbias_jax.io.write.provenance import provenance
+from ftbias_jax.io.write.provenance import Provenance, provenance
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
 
@@ -48,10 +48,17 @@ class Outcome(NamedTuple):
     """What was mended or lost, for the owner to know."""
     filtered: Filtered
     """The whole result if it was asked for, otherwise the last part of it."""
-    warnings: tuple[str, ...] = ()
-    """Mistakes of the setup that the log shows, a line each."""
+    check: Check
+    """Mistakes of the setup that the log shows; none if nobody looked."""
+    origin: Provenance
+    """What the result was made from."""
     worse: bool = False
     """Whether the corrected wrench is worse than the raw one."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Mistakes of the setup that the log shows, a line each."""
+        return tuple(self.check.lines())
 
     @property
     def lost(self) -> bool:
@@ -116,4 +123,4 @@ def filter_file(
     repairs = (*log.repairs, *observability.remarks(turning))
     told = summary.finish(tally)
     worse = check.worse_than_raw or summary.worse_than_raw(told)
-    return Outcome(told, ready.params, ready.noise, repairs, filtered, tuple(check.lines()), worse)
+    return Outcome(told, ready.params, ready.noise, repairs, filtered, check, origin, worse)

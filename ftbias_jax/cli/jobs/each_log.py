@@ -1,0 +1,107 @@
+"""What is done with one log of many, whatever becomes of the others."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from typing import Any, NamedTuple
+
+from ftbias_jax.cli.jobs.one_file import Choices, filter_file
+from ftbias_jax.errors import FtbiasError, printable
+from ftbias_jax.fleet import quality
+from ftbias_jax.fleet.entry import FAILED, LOSS, OK, Entry, state_of, with_sum
+from ftbias_jax.fleet.find import Task
+from ftbias_jax.io.atomic import make_folder
+from ftbias_jax.io.parts import open_log
+from ftbias_jax.model.own_effects import load_all
+from ftbias_jax.runtime.jax_config import prepare_jax
+from ftbias_jax.runtime.processes import run_each
+from ftbias_jax.setup.types import Setup
+
+KILLED = "its process was killed: too little memory? (give it more, or work on it alone)"
+
+
+class Done(NamedTuple):
+    """What became of a log that did not fail."""
+
+    status: str
+    samples: int
+    remarks: tuple[str, ...]
+    """What was mended or lost, and mistakes of the setup that the log shows."""
+    quality: dict[str, Any]
+
+
+Work = Callable[[str, str], Done]
+"""Log and output -> what became of it; can be pickled."""
+
+
+class Job(NamedTuple):
+    """What a command does with every log."""
+
+    name: str
+    settings: str
+    """Key of its settings."""
+    folder: str
+    """Of the results."""
+    work: Work
+
+
+def do_task(task: Task, job: Job) -> Entry:
+    """Work on one log; what goes wrong is in the entry, because the other logs go on."""
+    started, output = time.perf_counter(), os.path.join(job.folder, task.output)
+    entry = Entry(*task, job=job.name, settings=job.settings)
+    try:
+        entry = entry._replace(state=with_sum(state_of(task.log), task.log))
+        make_folder(os.path.dirname(output))
+        done = job.work(task.log, output)
+        entry = entry._replace(
+            status=done.status,
+            repairs=tuple(map(printable, done.remarks)),
+            samples=done.samples,
+            output_bytes=os.path.getsize(output),
+            quality=done.quality,
+        )
+    except FtbiasError as error:
+        entry = entry._replace(error=str(error))
+    except Exception as error:  # a bug, or no memory: this log's alone
+        entry = entry._replace(error=printable(f"{task.log}: {type(error).__name__}: {error}"))
+    return entry._replace(seconds=round(time.perf_counter() - started, 4), done=round(time.time(), 3))
+
+
+def run_tasks(job: Job, tasks: Iterable[Task], jobs: int) -> Iterator[Entry]:
+    """Entries as they get ready, from this process (``jobs`` = 1) or from several.
+
+    Args:
+        job: what to do; it can be pickled.
+        tasks: each once.
+        jobs: how many at a time.
+    """
+    if jobs == 1:
+        prepare_jax()
+    for task, entry in run_each(partial(do_task, job=job), tasks, jobs):
+        killed = printable(f"{task.log}: {KILLED}")
+        yield entry or Entry(
+            *task, job=job.name, status=FAILED, error=killed, settings=job.settings, done=round(time.time(), 3)
+        )
+
+
+def filter_one(
+    log: str, output: str, setup: Setup, choices: Choices, salvage: bool = False, own: tuple[str, ...] = ()
+) -> Done:
+    """Filter a log into a file.
+
+    Args:
+        log: its path.
+        output: the file.
+        setup: of all logs.
+        choices: as of the command.
+        salvage: as of the command.
+        own: where effects of one's own are; every process runs their code itself, because code cannot be sent to it.
+    """
+    setup = setup.with_effects(load_all(own))
+    outcome = filter_file(open_log(log, setup, salvage=salvage), setup, output, choices)
+    remarks = (*outcome.warnings, *(repair.what for repair in outcome.repairs))
+    found = quality.of_filter(outcome.summary, outcome.check, outcome.origin)
+    return Done(LOSS if outcome.lost else OK, outcome.summary.samples, remarks, found)

@@ -1,0 +1,136 @@
+"""What the manifest says about one log, and what a result depends on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ftbias_jax import __version__
+from ftbias_jax.io.write.provenance import sha256_of
+from ftbias_jax.setup import Setup, dump_setup
+
+OK, LOSS, MISTAKES, FAILED = "ok", "data loss", "mistakes", "failed"
+"""What became of a log; MISTAKES: the check found some in its setup."""
+DONE = (OK, LOSS, MISTAKES)
+"""There is a result, which need not be made again."""
+
+
+class Settings(NamedTuple):
+    """What all logs of a run are worked on with; another result would come out if the first four changed."""
+
+    job: str
+    """The command, such as "filter"."""
+    setup_sha256: str
+    """Of the setup with all that it takes from a URDF, and without its comments."""
+    choices: dict[str, Any]
+    """Options of the command, and the sums of files with effects of one's own."""
+    version: str
+    setup: str = ""
+    """Path of the setup, for readers."""
+    robot: str = ""
+    """Which robot it is, for readers."""
+    sensor: str = ""
+    """Which sensor it is, for readers."""
+
+    @property
+    def key(self) -> str:
+        """By which the entries of a manifest name their settings."""
+        text = json.dumps(self[:4], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class LogState(NamedTuple):
+    """By what one sees that a log is another one than before."""
+
+    bytes: int
+    modified_ns: int
+    """Time of its last change, as its owner may set it."""
+    changed_ns: int
+    """Time of the last change of it or of its name, by the operating system's clock; 0 = not known."""
+    sha256: str
+    """Of its content; "" = not known."""
+
+
+class Entry(NamedTuple):
+    """What the manifest says about one log."""
+
+    log: str
+    output: str
+    """Path of the result, from the output folder; "" of a log that has none."""
+    job: str = "filter"
+    status: str = FAILED
+    """OK, LOSS, MISTAKES or FAILED."""
+    error: str = ""
+    """One line, if it failed."""
+    repairs: tuple[str, ...] = ()
+    """What was mended or left out, and what the check says."""
+    samples: int = 0
+    """Of the wrench."""
+    output_bytes: int = 0
+    seconds: float = 0.0
+    """That it took."""
+    done: float = 0.0
+    """s since 1970 when it was done; of two entries for one result the later one holds."""
+    state: LogState = LogState(0, 0, 0, "")
+    """Of the log when it was read."""
+    settings: str = ""
+    """``Settings.key``."""
+    quality: Mapping[str, Any] = {}
+    """How good the log and its model are (``quality``); {} = not known."""
+
+
+def settings_of(job: str, setup: Setup, choices: Mapping[str, Any], own: Iterable[str] = ()) -> Settings:
+    """What a run works with; the setup is hashed here, once for all logs.
+
+    Args:
+        job: the command.
+        setup: of all logs.
+        choices: what was asked for beside it, plain numbers and words.
+        own: files or packages with effects of one's own.
+    """
+    sums = {f"effects {path}": sha256_of(path) for path in own if Path(path).is_file()}
+    setup_sha256 = hashlib.sha256(dump_setup(setup).encode()).hexdigest()
+    return Settings(job, setup_sha256, {**choices, **sums}, __version__, setup.path)
+
+
+def state_of(log: str) -> LogState:
+    """Size and times of a log, without its sum; of a folder those of its files together."""
+    files = sorted(path for path in Path(log).rglob("*") if path.is_file()) if os.path.isdir(log) else [Path(log)]
+    states = [path.stat() for path in files if path.exists()]
+    return LogState(
+        sum(state.st_size for state in states),
+        max((state.st_mtime_ns for state in states), default=0),
+        max((state.st_ctime_ns for state in states), default=0),
+        "",
+    )
+
+
+def with_sum(state: LogState, log: str) -> LogState:
+    """The state with the SHA-256 of the log's content."""
+    return state._replace(sha256=sha256_of(log) or "")
+
+
+def is_same(before: LogState, now: LogState, log: str) -> LogState | None:
+    """The state of a log as it is now, if its content is that of an earlier state; None if it is another.
+
+    Nobody can change a file and keep the operating system's time of change, so a log with the same times is not read.
+    With others it is: a copy or a restored backup has other times and the same content.
+
+    Args:
+        before: as the manifest has it.
+        now: as ``state_of`` gives it.
+        log: its path.
+    """
+    times_agree = now.modified_ns == before.modified_ns and now.changed_ns == before.changed_ns
+    if now.bytes != before.bytes:
+        return None
+    if times_agree:
+        return before
+    if not before.sha256:  # of a manifest without sums
+        return before if now.modified_ns == before.modified_ns and not before.changed_ns else None
+    summed = with_sum(now, log)
+    return summed if summed.sha256 == before.sha256 else None

@@ -1,0 +1,111 @@
+"""How good a log and its model are, in a few plain numbers for the manifest: SI units, (6,) N and Nm by axis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ftbias_jax.calibration.identify_tool import IdentifyResult
+    from ftbias_jax.calibration.tune_result import TuneResult
+    from ftbias_jax.diagnosis.result import Diagnosis
+    from ftbias_jax.filtering.check.result import Check
+    from ftbias_jax.filtering.quality.summary import Summary
+    from ftbias_jax.io.write.provenance import Provenance
+
+DIGITS = 6
+"""Significant digits, so that lines are short."""
+
+
+def of_filter(summary: Summary, check: Check, origin: Provenance) -> dict[str, Any]:
+    """What filtering a log shows.
+
+    Args:
+        summary: of the whole log.
+        check: of the setup; without findings if nobody looked.
+        origin: of the result.
+    """
+    found = {
+        **_of_origin(origin),
+        "nis": summary.mean_nis,
+        "one_second_error": summary.one_second_rms,
+        "residual_std": summary.residual_std,
+        "raw_std": summary.raw_std,
+        "bias": summary.bias,
+        "bias_std": summary.bias_std,
+        "drift": summary.drift,
+        "drift_std": summary.drift_std,
+        "gated_share": summary.gated / summary.samples,
+        "findings": [finding.mistake for finding in check.findings],
+    }
+    return plain(found)
+
+
+def of_check(check: Check, origin: Provenance) -> dict[str, Any]:
+    """What the check of a setup on a log shows."""
+    return plain({**_of_origin(origin), "findings": [finding.mistake for finding in check.findings]})
+
+
+def of_diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What the diagnosis of a log says."""
+    gap = diagnosis.gap
+    found = {
+        **_of_origin(diagnosis.provenance or {}),
+        "verdict": diagnosis.verdict,
+        "causes": [cause.effect for cause in diagnosis.causes],
+        "doubtful": [cause.effect for cause in diagnosis.causes if cause.doubt],
+        "terms": [term.text for term in diagnosis.terms],
+        "gap_sigmas": gap.before_sigmas,
+        "gap_sigmas_after": gap.after_sigmas,
+        "shrink": gap.shrink,
+        "shrink_stderr": gap.shrink_stderr,
+        "sentence": diagnosis.sentence,
+    }
+    return plain(found)
+
+
+def of_identified(result: IdentifyResult, origin: Provenance) -> dict[str, Any]:
+    """What the identification of a tool from a log gives; kg, m, sensor frame."""
+    tool = result.tool
+    found = {
+        **_of_origin(origin),
+        "mass": tool.values[0],
+        "mass_std": tool.stderr[0],
+        "center_of_mass": tool.values[1:4],
+        "center_of_mass_std": tool.stderr[1:4],
+        "bias": tool.bias,
+        "bias_std": tool.bias_stderr,
+    }
+    return plain(found)
+
+
+def of_tuned(result: TuneResult, origin: Provenance) -> dict[str, Any]:
+    """What tuning the noise to a log gives: its noise, and scores on the part that was held out, nats/s."""
+    found = {
+        **_of_origin(origin),
+        "noise_density": result.setup.bias.noise_density,
+        "noise_std": result.setup.sensor.noise_std,
+        **{f"{part}_score_gained": after - before for part, before, after in result.held_out},
+    }
+    return plain(found)
+
+
+def _of_origin(origin: Mapping[str, Any]) -> dict[str, Any]:
+    """When a log began, by its own stamps, how long it is, and its rate; s, Hz."""
+    return {name: origin.get(name) for name in ("date", "duration", "rate")}
+
+
+def plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """What JSON can hold: numbers of a few digits, None where there is none."""
+    return {name: _plain(value) for name, value in values.items()}
+
+
+def _plain(value: Any) -> Any:
+    if value is None or isinstance(value, str | bool):
+        return value
+    if isinstance(value, Iterable):
+        return [_plain(item) for item in (value.tolist() if isinstance(value, np.ndarray) else value)]
+    return float(f"{float(value):.{DIGITS}g}") if math.isfinite(value) else None

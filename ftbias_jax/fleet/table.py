@@ -1,0 +1,61 @@
+"""The manifest as a table for pandas, Polars or DuckDB: a row a log, a column a number."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ftbias_jax.fleet.entry import Entry, Settings
+from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.types import AXES
+
+
+def columns(entries: Sequence[Entry], settings: Mapping[str, Settings]) -> dict[str, list[Any]]:
+    """Columns by name; (6,) numbers have a column an axis, words that are listed are separated by ``; ``.
+
+    Args:
+        entries: a row each.
+        settings: by their keys.
+    """
+    rows = [_row(entry, settings.get(entry.settings)) for entry in entries]
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: [row.get(name) for row in rows] for name in names}
+
+
+def save_table(path: str, entries: Sequence[Entry], settings: Mapping[str, Settings]) -> bool:
+    """Write the table as Parquet, whole or not at all; False if there is no pyarrow (extra ``parquet``).
+
+    Args:
+        path: the file.
+        entries: a row each.
+        settings: by their keys.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    if importlib.util.find_spec("pyarrow") is None:
+        return False
+    arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    table = arrow.table(columns(entries, settings))
+    write_atomic(path, lambda file: parquet.write_table(table, file))
+    return True
+
+
+def _row(entry: Entry, settings: Settings | None) -> dict[str, Any]:
+    row: dict[str, Any] = {**entry._asdict(), "repairs": "; ".join(entry.repairs)}
+    state, quality = row.pop("state"), row.pop("quality")
+    row |= {f"log_{name}": value for name, value in state._asdict().items()}
+    if settings is not None:
+        told = {name: getattr(settings, name) for name in ("robot", "sensor", "setup", "setup_sha256", "version")}
+        row |= told | {"choices": json.dumps(settings.choices, sort_keys=True)}
+    for name, value in quality.items():
+        if isinstance(value, list) and len(value) == len(AXES) and not isinstance(value[0], str):
+            row |= {f"{name}_{axis}": number for axis, number in zip(AXES, value, strict=True)}
+        elif isinstance(value, list):
+            row[name] = "; ".join(map(str, value))
+        else:
+            row[name] = value
+    return row

@@ -1,0 +1,100 @@
+"""The manifest: lines are only added, a torn one is forgotten, and what was edited by hand does no harm."""
+
+import json
+import time
+
+import pytest
+
+from ftbias_jax.errors import OutputError
+from ftbias_jax.fleet.entry import FAILED, OK, Entry, LogState, Settings
+from ftbias_jax.fleet.manifest import Manifest, done_before, manifest_name, read_manifests
+
+ENTRY = Entry("logs/a.npz", "a.npz", status=OK, output_bytes=3, state=LogState(1, 2, 3, "x"), quality={"nis": 1.0})
+
+
+def write(folder, *entries, name="manifest.filter.jsonl"):
+    with Manifest(str(folder / name)) as manifest:
+        for entry in entries:
+            manifest.add_entry(entry)
+
+
+def test_what_was_added_is_read(tmp_path):
+    settings = Settings("filter", "abc", {"smooth": True}, "1", "setup.toml", "arm 3")
+    with Manifest(str(tmp_path / "manifest.filter.jsonl")) as manifest:
+        manifest.add("settings", settings._asdict())
+        manifest.add("run", {"logs": 1})
+        manifest.add_entry(ENTRY._replace(settings=settings.key, repairs=("one",)))
+    found = read_manifests(str(tmp_path))
+    assert found.settings == {settings.key: settings}
+    assert found.entries == {"a.npz": ENTRY._replace(settings=settings.key, repairs=("one",))}
+
+
+def test_the_key_of_settings_is_of_what_results_depend_on():
+    one = Settings("filter", "abc", {"a": 1, "b": 2}, "1", "setup.toml")
+    assert one.key == one._replace(setup="elsewhere/setup.toml", choices={"b": 2, "a": 1}).key
+    others = [one._replace(job="check"), one._replace(setup_sha256="abd"), one._replace(choices={"a": 2, "b": 2})]
+    assert len({one.key, *(other.key for other in others)}) == 4
+
+
+def test_the_last_line_about_a_result_holds(tmp_path):
+    write(tmp_path, ENTRY._replace(done=5.0), ENTRY._replace(done=6.0, status=FAILED))
+    write(tmp_path, ENTRY._replace(done=4.0, error="of another machine"), name="manifest.filter.1-of-2.jsonl")
+    assert read_manifests(str(tmp_path)).entries["a.npz"].status == FAILED
+
+
+@pytest.mark.parametrize("cut", [1, 20, 200])
+def test_a_torn_line_is_forgotten_and_the_next_one_is_whole(tmp_path, cut):
+    write(tmp_path, ENTRY, ENTRY._replace(output="b.npz"))
+    path = tmp_path / "manifest.filter.jsonl"
+    path.write_bytes(path.read_bytes()[:-cut])
+    write(tmp_path, ENTRY._replace(output="c.npz"))
+    assert read_manifests(str(tmp_path)).entries.keys() == ({"a.npz", "c.npz"} | ({"b.npz"} if cut == 1 else set()))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"done": "yesterday"},
+        {"state": None},
+        {"quality": [1]},
+        {"output": 7},
+        {"repairs": 3},
+        {"surprise": 1},
+    ],
+)
+def test_lines_with_other_fields_or_types_say_nothing(tmp_path, change):
+    content = {**ENTRY._asdict(), "state": ENTRY.state._asdict(), **change}
+    lines = [json.dumps({"log": content}), "[1, 2]", '"log"', "{", "\x00", json.dumps({"log": {}})]
+    (tmp_path / "manifest.filter.jsonl").write_text("\n".join(lines))
+    assert read_manifests(str(tmp_path)) == ({}, {})
+
+
+def test_only_whole_results_are_done(tmp_path):
+    names = ("a.npz", "cut.npz", "gone.npz", "failed.npz")
+    write(tmp_path, *(ENTRY._replace(output=name, status=FAILED if name == "failed.npz" else OK) for name in names))
+    for name, content in (("a.npz", b"123"), ("cut.npz", b"12"), ("failed.npz", b"123")):
+        (tmp_path / name).write_bytes(content)
+    assert done_before(str(tmp_path), read_manifests(str(tmp_path))).keys() == {"a.npz"}
+
+
+def test_a_line_costs_the_same_for_the_first_log_and_for_the_ten_thousandth(tmp_path):
+    """The median, because other processes take the machine away at times."""
+    seconds = []
+    with Manifest(str(tmp_path / "manifest.filter.jsonl")) as manifest:
+        for number in range(5000):
+            started = time.perf_counter()
+            manifest.add_entry(ENTRY._replace(output=f"{number}.npz"))
+            seconds.append(time.perf_counter() - started)
+    first, last = (sorted(part)[len(part) // 2] for part in (seconds[:500], seconds[-500:]))
+    assert last < 5 * first
+    assert len(read_manifests(str(tmp_path)).entries) == 5000
+
+
+def test_a_folder_that_is_not_there_is_told(tmp_path):
+    with pytest.raises(OutputError, match="cannot be written"):
+        Manifest(str(tmp_path / "none" / "manifest.filter.jsonl"))
+
+
+def test_commands_and_machines_have_manifests_of_their_own():
+    names = {manifest_name(job, *shard) for job in ("filter", "check") for shard in ((1, 1), (1, 2), (2, 2))}
+    assert len(names) == 6
