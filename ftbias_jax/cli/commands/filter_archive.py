@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     for option in ("plot", "check", "offsets"):
         if getattr(arguments, option):
             raise UsageError("needs a single log and a file for its result", field=f"--{option}", remedy="leave it out")
-    setup = with_choices(load_setup(arguments.setup, with_tool=True), arguments)
+    setup = with_choices(load_setup(arguments.setup), arguments)
     index, count = arguments.shard
     folder = arguments.output
     every = find_logs(arguments.logs, folder, f".{arguments.format}")
