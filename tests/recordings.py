@@ -1,6 +1,10 @@
 """Recordings of ROS for the tests, written by the package rosbags, which shares no code with the readers."""
 
+import sqlite3
+from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +13,8 @@ import pytest
 rosbags = pytest.importorskip("rosbags")
 
 from rosbags import rosbag1, rosbag2  # noqa: E402
-from rosbags.typesys import Stores, get_typestore  # noqa: E402
+from rosbags.interfaces import Nodetype  # noqa: E402
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
 
 FORMATS = {
     "ros1": "log.bag",
@@ -70,6 +75,19 @@ class Text(NamedTuple):
     publisher: str = "state_publisher"
 
 
+class Other(NamedTuple):
+    """A message of any type, from a dict of its fields; those that are left out are zero."""
+
+    stamp: int
+    kind: str
+    fields: dict
+    topic: str
+    logged: int | None = None
+    publisher: str = "other"
+    types: Mapping = MappingProxyType({})
+    """Name -> text of the types that ROS does not have."""
+
+
 def arrays(samples=60, seed=0):
     """A log of the arm base, elbow: joints at 50 Hz, a wrench at 100 Hz, ns."""
     rng = np.random.default_rng(seed)
@@ -112,6 +130,10 @@ def write(folder: Path, kind: str, published) -> Path:
 
 def _write(writer, store, serialize, published):
     connections = {}
+    published = list(published)
+    own = {name: text for message in published for name, text in getattr(message, "types", {}).items()}
+    for name, text in own.items():
+        store.register(get_types_from_msg(text, name))
     with writer:
         for i, message in enumerate(published):
             kind = _kind(message)
@@ -126,7 +148,45 @@ def _write(writer, store, serialize, published):
             writer.write(connections[key], logged, getattr(store, serialize)(_content(store, message, i), kind))
 
 
+def forget_definitions(path: Path) -> None:
+    """Make a bag as ROS 2 Humble and older ones write it."""
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("DROP TABLE message_definitions")
+        database.commit()
+
+
+def _filled(store, name, fields, header):
+    """An object of a type with these fields; others are zero."""
+    kind = store.types[name]
+    values = []
+    for field, (node, described) in store.get_msgdef(name).fields:
+        given = fields.get(field)
+        if name == "std_msgs/msg/Header":
+            return header
+        if node == Nodetype.NAME:
+            values.append(_filled(store, described, _by_name(store, described, given), header))
+        elif node == Nodetype.BASE:
+            values.append(given if given is not None else "" if described[0] == "string" else 0)
+        elif described[0][0] == Nodetype.NAME:
+            values.append([_filled(store, described[0][1], one, header) for one in given or ()])
+        elif described[0][1][0] == "string":
+            values.append(list(given or ()))
+        else:
+            length = described[1] if node == Nodetype.ARRAY else 0
+            values.append(np.zeros(length) if given is None else np.asarray(given, described[0][1][0]))
+    return kind(*values)
+
+
+def _by_name(store, name, given):
+    """The fields of a type from a dict or a tuple."""
+    if isinstance(given, tuple):
+        return dict(zip((field for field, _ in store.get_msgdef(name).fields), given, strict=True))
+    return given or {}
+
+
 def _kind(message):
+    if isinstance(message, Other):
+        return message.kind
     if isinstance(message, Text):
         return "std_msgs/msg/String"
     if isinstance(message, Pose):
@@ -138,6 +198,11 @@ def _content(store, message, i):
     types = store.types
     if isinstance(message, Text):
         return types["std_msgs/msg/String"](message.text)
+    if isinstance(message, Other):
+        stamp = types["builtin_interfaces/msg/Time"](*divmod(message.stamp, SECOND))
+        header_type = types["std_msgs/msg/Header"]
+        header = header_type(*([i] if "seq" in header_type.__dataclass_fields__ else []), stamp, "somewhere")
+        return _filled(store, message.kind, message.fields, header)
     stamp = types["builtin_interfaces/msg/Time"](*divmod(message.stamp, SECOND))
     header_type = types["std_msgs/msg/Header"]
     ros1 = "seq" in header_type.__dataclass_fields__

@@ -20,9 +20,12 @@ from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.npz_archive import stored_arrays
 from ftbias_jax.io.rates.held import find_held
 from ftbias_jax.io.rates.jitter import jitter
+from ftbias_jax.io.ros.choose import wanted_of
+from ftbias_jax.io.ros.collect import Stream, Wanted
 from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
 from ftbias_jax.io.ros.read import log_of, skew
-from ftbias_jax.io.ros.record import Stream, Topic, read_recording
+from ftbias_jax.io.ros.record import Topic, read_recording
+from ftbias_jax.io.ros.types.roles import JOINTS, POSE, POSITION, TRANSFORM, WRENCH
 from ftbias_jax.io.tables.csv import read_header
 from ftbias_jax.io.tables.delimiters import with_commas
 from ftbias_jax.io.tables.hdf5 import dataset_shapes
@@ -95,14 +98,17 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
 
 def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bool) -> LogInfo:
     has_pose = setup is not None and setup.pose is not None
-    recording = read_recording(path, salvage=salvage, poses=has_pose)
-    streams = tuple(map(_recorded_info, recording.streams))
-    used = {stream.topic for stream in recording.streams}
+    wanted = wanted_of(setup) if setup else Wanted(poses=True)
+    recording = read_recording(path, salvage=salvage, wanted=wanted)
+    shown = [stream for stream in recording.streams if stream.role != TRANSFORM]
+    streams = tuple(map(_recorded_info, shown))
+    used = {stream.topic.partition(":")[0] for stream in shown}
     others = tuple(topic for topic in recording.topics if topic.name not in used)
     repairs = tuple(Repair(damage, lost=True) for damage in recording.damage)
-    kinds = {stream.message_type for stream in recording.streams}
-    needed = {WRENCH_STAMPED: "a wrench"} if has_pose else {JOINT_STATE: "joints", WRENCH_STAMPED: "a wrench"}
-    missing = [f"{words} ({kind})" for kind, words in needed.items() if kind not in kinds]
+    roles = {stream.role for stream in recording.streams}
+    by_field = has_pose or any(field.role == POSITION for field in wanted.fields)
+    needed = {WRENCH: f"a wrench ({WRENCH_STAMPED})"} | ({} if by_field else {JOINTS: f"joints ({JOINT_STATE})"})
+    missing = [words for role, words in sorted(needed.items()) if role not in roles]
     if missing:
         return LogInfo(streams, others, repairs, f"nothing can be filtered without {' and '.join(missing)}", False)
     if setup is None:
@@ -124,12 +130,19 @@ def _recorded_info(stream: Stream) -> StreamInfo:
     seconds, start = (t - t[0]) * 1e-9, float(t[0]) * 1e-9
     order = np.argsort(stream.stamps[known] if known.any() else stream.logged, kind="stable")
     values = stream.values[known if known.any() else slice(None)][order]
-    sensor = stream.message_type == WRENCH_STAMPED
-    labels: Sequence[str] = AXES if sensor else POSE_LABELS
-    if stream.message_type == JOINT_STATE:
-        labels = [*stream.names, *(f"velocity of {name}" for name in stream.names)]
+    sensor = stream.role == WRENCH and stream.values.shape[1] == len(AXES)
+    labels = _labels(stream, sensor)
     info = _stream_info(stream.topic, stream.message_type, stream.names, start, seconds, values, labels, sensor)
     return info._replace(trouble=(*info.trouble, skew(stream)))
+
+
+def _labels(stream: Stream, sensor: bool) -> Sequence[str]:
+    """A name for every column of a stream."""
+    if stream.role == JOINTS and stream.names:
+        return [*stream.names, *(f"velocity of {name}" for name in stream.names)]
+    if stream.role == POSE:
+        return POSE_LABELS
+    return AXES if sensor else [f"[{i}]" for i in range(stream.values.shape[1])]
 
 
 def _wrench_info(log: Log) -> StreamInfo:

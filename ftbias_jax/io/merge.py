@@ -1,6 +1,8 @@
-"""Two time-stamped streams on one merged timeline, without interpolation."""
+"""Time-stamped streams on one merged timeline, without interpolation."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -44,22 +46,45 @@ def merge_streams(
     if (joint_t.dtype.kind == "f") != (wrench_t.dtype.kind == "f"):
         message = f"types {joint_t.dtype} and {wrench_t.dtype} differ"
         raise LogError(message, file=file, field="t_joints, t_wrench", remedy="give both in s, or both in integer ns")
+    check_overlap(joint_t, wrench_t, file)
+    joints = {"q": q, "dq": np.full(np.shape(q), np.nan) if dq is None else dq}
+    readings = {"wrench": wrench, "temperature": np.full(len(wrench_t), np.nan) if temperature is None else temperature}
+    return Log(**merge_parts([(joint_t, joints), (wrench_t, readings)], file))
+
+
+Part = tuple[Array, Mapping[str, Array]]
+"""Stamps of a stream in order, float64 s or int64 ns, and its arrays by the names of a log."""
+
+
+def merge_parts(parts: Sequence[Part], file: str = "") -> dict[str, Array]:
+    """Streams with stamps of their own on one timeline, by the names of their arrays, and "t".
+
+    Args:
+        parts: all in s, or all in ns; of arrays that two of them have, the first is taken.
+        file: the name in messages.
+
+    Raises:
+        LogError: an array has not one sample a stamp.
+    """
+    t = np.unique(np.concatenate([times for times, _ in parts]))
+    merged = {"t": t}
+    for times, arrays in parts:
+        rows = np.searchsorted(t, times)
+        for name, values in arrays.items():
+            if name not in merged:
+                merged[name] = _place(np.asarray(values), rows, len(t), name, file)
+    return merged
+
+
+def check_overlap(joint_t: Array, wrench_t: Array, file: str = "") -> None:
+    """Refuse streams of different clocks.
+
+    Raises:
+        LogError: they have no time in common.
+    """
     if not len(joint_t) or not len(wrench_t) or joint_t[-1] < wrench_t[0] or wrench_t[-1] < joint_t[0]:
         message = f"the streams do not overlap in time: joints {_span(joint_t)}, wrench {_span(wrench_t)}"
         raise LogError(message, file=file, field="t_joints, t_wrench", remedy="stamp both with one clock")
-    t = np.union1d(joint_t, wrench_t)
-    joint_rows, wrench_rows = np.searchsorted(t, joint_t), np.searchsorted(t, wrench_t)
-
-    def place(values: Array, rows: Array, field: str) -> Array:
-        return _place(np.asarray(values), rows, len(t), field, file)
-
-    return Log(
-        t,
-        place(q, joint_rows, "q"),
-        place(np.full(np.shape(q), np.nan) if dq is None else dq, joint_rows, "dq"),
-        place(wrench, wrench_rows, "wrench"),
-        place(np.full(len(wrench_t), np.nan) if temperature is None else temperature, wrench_rows, "temperature"),
-    )
 
 
 def _place(values: Array, rows: Array, length: int, field: str, file: str) -> Array:

@@ -19,6 +19,9 @@ TIME_UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 ANGLE_UNITS = ("rad", "deg")
 ACCELERATION_UNITS = ("m/s^2", "g")
 WRENCH_AXES = ("sensor", "base")
+HEADER, RECEIPT = "header", "receipt"
+CLOCKS = (HEADER, RECEIPT)
+"""Whose stamps the messages of a topic have: the publisher's, or the recorder's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +59,10 @@ class LogSetup:
     columns: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
     """Columns: "time", "temperature" (one name), "position", "velocity", "wrench" (n, n, 6), and what effects see."""
     topics: Mapping[str, str] = field(default_factory=dict)
-    """Topics of a ROS recording: "joints" (or "pose") and "wrench", where there is more than one to choose from."""
+    """Topics of a ROS recording by what they are to the log, where there is more than one to choose from; "topic:field"
+    for a field of another message."""
+    clocks: Mapping[str, str] = field(default_factory=dict)
+    """Whose stamps they have, by the same names, one of CLOCKS; absent = found from the recording."""
     files: Mapping[str, str] = field(default_factory=dict)
     """Names of the files that make up one log, by quantity, with * for what their names share; {} = one file."""
     time_unit: str | None = None

@@ -5,11 +5,13 @@ Every bound on time leaves ten times what is needed here; what the rows guard ag
 
 import bz2
 import os
+import re
 import resource
 import sqlite3
 import struct
 import time
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from ftbias_jax.errors import LogError, OutputError, SetupError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_writable
 from ftbias_jax.setup import load_setup
+from ftbias_jax.setup.recorded import LogSetup
 
 FORMATS = ["npz", "csv", "parquet", "h5", "bag", "db3", "mcap"]
 COLUMNS = ["t", "q0", "q1", "fx", "fy", "fz", "tx", "ty", "tz"]
@@ -32,7 +35,7 @@ every_format = pytest.mark.parametrize("suffix", FORMATS)
 def refused(setup):
     """Reads a log in both ways: the message of the error, which comes soon and takes little memory."""
 
-    def run(path, match, salvaged=True):
+    def run(path, match, salvaged=True, setup=setup):
         memory, started = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
         with pytest.raises(LogError, match=match):
             read_log(path, setup)
@@ -208,8 +211,8 @@ def mcap_chunk(records):
     return mcap_record(6, header + struct.pack("<Q", len(packed)) + packed)
 
 
-def mcap_channel(topic, message_type):
-    schema = struct.pack("<H", 1) + mcap_text(message_type) + mcap_text(b"ros2msg") + mcap_text(b"")
+def mcap_channel(topic, message_type, definition=b""):
+    schema = struct.pack("<H", 1) + mcap_text(message_type) + mcap_text(b"ros2msg") + mcap_text(definition)
     channel = struct.pack("<HH", 1, 1) + mcap_text(topic) + mcap_text(b"cdr") + struct.pack("<I", 0)
     return mcap_record(3, schema) + mcap_record(4, channel)
 
@@ -303,3 +306,24 @@ def test_logs_that_no_memory_holds_are_not_begun(logs, capsys, command):
     assert printed.out == ""
     assert "samples" in printed.err
     assert printed.err.count("\n") == 1
+
+
+HOSTILE = {
+    "types within types": ("A a", "types within types without end"),
+    "a line that is no field": ("?" * 100, "has a definition with the line"),
+    "far too long": ("float64 x\n" * 40_000, "has a definition of 400000 characters"),
+    "more numbers than there are bytes": (
+        "float64[999999999] x",
+        "is damaged: 24 bytes, at least 7999999992 are needed",
+    ),
+    "a list of lists of lists": ("B[999999] b\n" + "=" * 80 + "\nMSG: a/B\nuint8[999999] x", "is damaged: 24 bytes"),
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_a_definition_of_messages_that_is_made_to_do_harm(tmp_path, setup, refused, what):
+    text, words = HOSTILE[what]
+    records = mcap_channel(b"/state", b"a/msg/A", text.encode()) + 20 * mcap_message(b"\0\1\0\0" + bytes(20))
+    (tmp_path / "log.mcap").write_bytes(MCAP + records + mcap_record(2, bytes(20)))
+    stated = replace(setup, log=LogSetup(topics={"wrench": "/state:x"}))
+    refused(tmp_path / "log.mcap", re.escape(words), setup=stated)

@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot:
         figure_format(arguments.plot)
         new_figure()  # a missing package is told before minutes are spent
-    setup = with_choices(load_setup(arguments.setup, with_tool=True), arguments)
+    setup = with_choices(load_setup(arguments.setup), arguments)
     check_outputs(outputs, (path, *setup.files))
     log = open_log(path, setup, salvage=arguments.salvage)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.adapt.log_noise import LogNoise
@@ -13,6 +13,7 @@ from ftbias_jax.filtering.check.result import Check
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability, summary
 from ftbias_jax.filtering.quality.summary import Summary
+from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
 from ftbias_jax.filtering.recorded.ready import ready_to_filter, smoothed_arrays
 from ftbias_jax.filtering.result import Filtered, join, named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
@@ -90,8 +91,10 @@ def filter_file(
         warn: told the mistakes of the setup before anything is computed.
 
     Raises:
-        LogError: the log is damaged. OutputError, UsageError: the result cannot be written.
+        LogError: the log is damaged. SetupError: the tool is not stated, and the log turns it. OutputError, UsageError:
+            the result cannot be written.
     """
+    setup, of_tool = weight_in_bias(setup, log.parts)
     check = Check(()) if choices.unchecked else check_parts(setup, log.parts, log.length)
     for line in check.lines():
         warn(line)
@@ -108,7 +111,9 @@ def filter_file(
             progress(min(i * size / log.length, 1.0))
             yield part
 
-    said = {"smooth": choices.smooth, "salvage": log.salvaged, "gate": setup.bias.gate, "adapt": setup.bias.adapt}
+    bias = setup.bias
+    said: dict[str, Any] = {"smooth": choices.smooth, "salvage": log.salvaged, "gate": bias.gate, "adapt": bias.adapt}
+    said |= {"tool": "not stated: its weight is part of the bias"} if of_tool else {}
     origin = provenance(setup, [log.source], said)
     if keep or choices.smooth or not os.fspath(output).lower().endswith(".npz"):
         filtered = join(list(results()))
@@ -120,7 +125,7 @@ def filter_file(
         save_npz_parts(output, (named_arrays(part) for part in results()), origin)
         assert tally.last is not None  # no log is empty
         filtered = tally.last
-    repairs = (*log.repairs, *observability.remarks(turning))
+    repairs = (*log.repairs, *of_tool, *observability.remarks(turning))
     told = summary.finish(tally)
     worse = check.worse_than_raw or summary.worse_than_raw(told)
     return Outcome(told, ready.params, ready.noise, repairs, filtered, check, origin, worse)

@@ -14,10 +14,12 @@ from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
 from ftbias_jax.filtering.quality.summary import summarise
+from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
 from ftbias_jax.filtering.recorded.ready import in_parts, ready_to_filter, smoothed_arrays
 from ftbias_jax.filtering.result import join
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
+from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.types import Effect
@@ -50,7 +52,7 @@ def filter_log(
     cache folder (``FTBIAS_CACHE=off`` does not).
 
     Args:
-        setup: robot, sensor, tool and noise.
+        setup: robot, sensor, tool and noise. A tool of unknown mass is part of the bias, if the log does not turn it.
         log: what ``read_log`` gives.
         smooth: add the bias given past and future.
         as_stated: as a filter on the robot would: joints from the past alone, noise and gate as the setup states. The
@@ -62,7 +64,7 @@ def filter_log(
     Returns:
         arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints.
     """
-    setup = setup.with_effects(effects)
+    setup, of_tool = weight_in_bias(setup.with_effects(effects), slices(log))
     wrong = () if unchecked else check_setup(setup, [log]).lines()
     if as_stated:
         setup = replace(setup, bias=replace(setup.bias, adapt=False))
@@ -83,7 +85,7 @@ def filter_log(
         params=ready.params,
         noise=ready.noise,
         joint_model=setup.joints.model,
-        repairs=(*map(Repair, wrong), *log.repairs, *observability.remarks(turning)),
+        repairs=(*map(Repair, wrong), *log.repairs, *of_tool, *observability.remarks(turning)),
         warnings=tuple(wrong),
         start=log.start,
         summary=summarise(filtered),

@@ -175,7 +175,10 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
         keys["sensor.noise_std"] = Known(noise, "of the quietest second of the log")
     found = weigh(log.t, sensor_rotations(log.t, log.q, setup, path), setup.robot.gravity, log.wrench)
     if found is None:
-        return keys, ["the sensor is not turned in this log, so its weight shows nothing of the tool"]
+        return keys, [
+            "the sensor is not turned in this log, so its weight shows nothing of the tool: ftbias filter takes an "
+            "unknown weight as part of the bias of such a log"
+        ]
     if not found.credible:
         return keys, [f"the weight that the log shows is not credible: {_words(found)}"]
     return {**keys, **_tool(found)}, [f"weighed by the log: {_words(found)}"]

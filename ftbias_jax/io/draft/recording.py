@@ -10,8 +10,9 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.draft.robot import FLANGES, Keys, mounted
 from ftbias_jax.io.pose import rotate
+from ftbias_jax.io.ros.collect import Stream, Wanted
 from ftbias_jax.io.ros.messages import JOINT_STATE, TF, WRENCH_STAMPED
-from ftbias_jax.io.ros.record import Recording, Stream, read_recording
+from ftbias_jax.io.ros.record import Recording, read_recording
 from ftbias_jax.setup.keys.template import Known
 from ftbias_jax.setup.urdf.read import Pose
 
@@ -39,7 +40,7 @@ def look_into(path: str) -> Recorded:
     Raises:
         LogError: it cannot be read, or has no joints or no wrench.
     """
-    recording = read_recording(path, salvage=True, poses=True)
+    recording = read_recording(path, salvage=True, wanted=Wanted(poses=True))
     joints = _of_type(recording, JOINT_STATE, "joints", path)
     wrenches = _of_type(recording, WRENCH_STAMPED, "wrench", path)
     arm, wrench = max(joints, key=lambda x: (len(x.names), len(x.stamps))), max(wrenches, key=lambda x: len(x.stamps))

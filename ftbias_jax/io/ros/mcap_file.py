@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from ftbias_jax.io.limits.budget import Budget
-from ftbias_jax.io.ros.raw import Buffer, OnDamage, RawMessage, plain_type, scan_records
+from ftbias_jax.io.ros.raw import UNDEFINED, Buffer, Definition, OnDamage, RawMessage, plain_type, scan_records
 from ftbias_jax.io.unpack import UnpackError, unpack, unpack_cut
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -36,9 +36,10 @@ class _Record(NamedTuple):
 class _Known(NamedTuple):
     """Schemas and channels read so far."""
 
-    schemas: dict[int, str]
-    channels: dict[int, tuple[str, str, str]]
-    """Topic, type, encoding."""
+    schemas: dict[int, tuple[str, Definition]]
+    """Type, and how it is defined."""
+    channels: dict[int, tuple[str, tuple[str, Definition], str]]
+    """Topic, schema, encoding."""
 
 
 def scan_mcap(data: Buffer, on_damage: OnDamage, budget: Budget) -> Iterator[RawMessage]:
@@ -47,7 +48,7 @@ def scan_mcap(data: Buffer, on_damage: OnDamage, budget: Budget) -> Iterator[Raw
     Raises:
         LogError: a decompressor is not installed, or the budget is spent.
     """
-    known = _Known({0: ""}, {})
+    known = _Known({0: ("", UNDEFINED)}, {})
     # Schemas and channels stand once more behind the chunks: a first pass over the outermost records finds those.
     for record in _records(data, len(MAGIC), lambda _: None, budget):
         if record.kind in (SCHEMA, CHANNEL):
@@ -93,11 +94,11 @@ def _message(data: Buffer, record: _Record, known: _Known, on_damage: OnDamage) 
     content = data[record.start : record.end]
     try:
         channel, _, logged, _ = _MESSAGE.unpack_from(content)
-        topic, message_type, encoding = known.channels[channel]
+        topic, (message_type, definition), encoding = known.channels[channel]
     except _DAMAGE as error:
         on_damage(f"a message {_clause(error)}")
         return
-    yield RawMessage(topic, message_type, encoding, logged, content[_MESSAGE.size :])
+    yield RawMessage(topic, message_type, encoding, logged, content[_MESSAGE.size :], definition)
 
 
 def _learn(data: Buffer, record: _Record, known: _Known, on_damage: OnDamage) -> None:
@@ -105,7 +106,9 @@ def _learn(data: Buffer, record: _Record, known: _Known, on_damage: OnDamage) ->
     try:
         (identity,) = struct.unpack_from("<H", content)
         if record.kind == SCHEMA:
-            known.schemas[identity] = plain_type(_text(content, 2)[0])
+            name, position = _text(content, 2)
+            language, position = _text(content, position)
+            known.schemas[identity] = (plain_type(name), Definition(language, _definition(content, position)))
         else:
             (schema,) = struct.unpack_from("<H", content, 2)
             topic, position = _text(content, 4)
@@ -162,6 +165,14 @@ def _text(content: bytes, position: int) -> tuple[str, int]:
     if end > len(content):
         raise KeyError("a text is longer than its record")
     return content[position + 4 : end].decode(), end
+
+
+def _definition(content: bytes, position: int) -> str:
+    """The text of a schema; "" if it is none, which matters to nobody who does not ask for it."""
+    try:
+        return _text(content, position)[0]
+    except _DAMAGE:
+        return ""
 
 
 def _clause(error: Exception) -> str:

@@ -9,8 +9,10 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.pose import product, rotate
-from ftbias_jax.io.ros.messages import POSE_STAMPED, TF
-from ftbias_jax.io.ros.record import Recording, Stream
+from ftbias_jax.io.ros.collect import Stream
+from ftbias_jax.io.ros.messages import POSE_STAMPED
+from ftbias_jax.io.ros.record import Recording
+from ftbias_jax.io.ros.types.roles import POSE, TRANSFORM
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.types import Array
@@ -24,7 +26,7 @@ def pose_streams(recording: Recording, pose: PoseSetup, file: str) -> list[Strea
     """
     if pose.frame:
         return [_follow_frames(recording, pose, file)]
-    found = [stream for stream in recording.streams if stream.message_type == POSE_STAMPED]
+    found = [stream for stream in recording.streams if stream.role == POSE]
     if not found:
         message = f"no motion data: no topic has the type {POSE_STAMPED}"
         remedy = "record it, or name a frame of TF in the setup: sensor_pose.frame"
@@ -34,7 +36,7 @@ def pose_streams(recording: Recording, pose: PoseSetup, file: str) -> list[Strea
 
 def _follow_frames(recording: Recording, pose: PoseSetup, file: str) -> Stream:
     """The pose of a frame in its base, wherever all moving transforms between them share a stamp."""
-    links = {stream.names[1]: stream for stream in recording.streams if stream.message_type == TF}
+    links = {stream.names[1]: stream for stream in recording.streams if stream.role == TRANSFORM}
     to_frame = _from_root(links, pose.frame, file)
     to_base = _from_root(links, pose.base, file) if pose.base else []
     if pose.base and _root(to_frame, pose.frame) != _root(to_base, pose.base):

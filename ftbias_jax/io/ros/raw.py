@@ -24,6 +24,17 @@ class Record(Protocol):
 R = TypeVar("R", bound=Record)
 
 
+class Definition(NamedTuple):
+    """What a recording says of a type of messages."""
+
+    format: str = ""
+    """ "ros1msg", "ros2msg" or "ros2idl"; "" = it says nothing."""
+    text: str = ""
+
+
+UNDEFINED = Definition()
+
+
 class RawMessage(NamedTuple):
     """One message as it was stored."""
 
@@ -35,6 +46,7 @@ class RawMessage(NamedTuple):
     logged: int
     """ns, when the recorder got it."""
     data: bytes
+    definition: Definition = UNDEFINED
 
 
 def scan_records(

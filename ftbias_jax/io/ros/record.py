@@ -4,34 +4,20 @@ from __future__ import annotations
 
 import mmap
 import os
-from array import array
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from ftbias_jax.errors import LogError
 from ftbias_jax.files import temporary_folder
 from ftbias_jax.io.limits.budget import SMALL_RECORDING, Budget
 from ftbias_jax.io.ros import mcap_file, ros1_bag, sqlite_bag
-from ftbias_jax.io.ros.messages import (
-    JOINT_STATE,
-    POSE_STAMPED,
-    STRING,
-    TF,
-    WRENCH_STAMPED,
-    MessageError,
-    joint_state,
-    pose_stamped,
-    string,
-    transforms,
-    wrench_stamped,
-)
+from ftbias_jax.io.ros.collect import NOTHING_ELSE, Collector, Stream, Wanted
+from ftbias_jax.io.ros.cursor import MessageError
+from ftbias_jax.io.ros.messages import STRING, string
 from ftbias_jax.io.ros.raw import OnDamage, RawMessage
 from ftbias_jax.io.unpack import need
-from ftbias_jax.types import Array
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 PACKED = ".zstd"  # a file that rosbag2 compressed as a whole
@@ -41,24 +27,6 @@ DESCRIPTION = "robot_description"
 MAX_TOLD = 20  # places of damage
 
 _COPY = 1 << 20
-_Key = tuple[str, str, tuple[str, ...]]  # topic, type, names
-
-
-class Stream(NamedTuple):
-    """Messages of one topic; those of joints: with one list of joint names."""
-
-    topic: str
-    message_type: str
-    names: tuple[str, ...]
-    """Of the joints; of a wrench or pose, its frame; of a transform, its frame and child."""
-    stamps: Array
-    """(T,) int64 ns, of the headers; 0 = not set."""
-    logged: Array
-    """(T,) int64 ns, when the recorder got them."""
-    order: Array
-    """(T,) int64, increasing: places among all messages of the recording, in the order in which they are stored."""
-    values: Array
-    """(T, 2 n) positions, then velocities, NaN where not published; (T, 6) a wrench; (T, 7) position, quaternion."""
 
 
 class Topic(NamedTuple):
@@ -73,7 +41,7 @@ class Recording(NamedTuple):
     """What a recording holds."""
 
     streams: tuple[Stream, ...]
-    """Joint states and wrenches, in the order in which they start."""
+    """What a log is made of, in the order in which it starts."""
     topics: tuple[Topic, ...]
     """All, whatever their type."""
     damage: tuple[str, ...]
@@ -82,16 +50,17 @@ class Recording(NamedTuple):
     """The URDF on the topic robot_description, read with the poses; "" = none."""
 
 
-def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, poses: bool = False) -> Recording:
-    """Read joint states and wrenches of a ROS 1 bag, a ROS 2 bag (a folder, or its .db3 or .mcap file).
+def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, wanted: Wanted = NOTHING_ELSE) -> Recording:
+    """Read what a log is made of from a ROS 1 bag, a ROS 2 bag (a folder, or its .db3 or .mcap file).
 
     Args:
         path: the file or folder.
         salvage: skip what is damaged, instead of refusing the recording.
-        poses: also read poses and transforms.
+        wanted: beside joints, wrenches and temperatures.
 
     Raises:
-        LogError: it cannot be read, is damaged (without salvage), or its compression needs a package.
+        LogError: it cannot be read, is damaged (without salvage), its compression needs a package, or a message does
+            not have a field that is wanted.
     """
     file = os.fspath(path)
     damage: list[str] = []
@@ -105,7 +74,7 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, poses
         if places <= MAX_TOLD:
             damage.append(what)
 
-    streams: dict[_Key, _Growing] = {}
+    streams = Collector(wanted)
     counts: dict[tuple[str, str], int] = {}
     description = ""
     messages = (message for part in _parts(Path(path)) for message in _messages(part, on_damage))
@@ -114,8 +83,8 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, poses
             topic = (message.topic, message.message_type)
             counts[topic] = counts.get(topic, 0) + 1
             try:
-                _append(streams, message, place, poses)
-                if poses and message.message_type == STRING and message.topic.endswith(DESCRIPTION):
+                streams.add(message, place)
+                if wanted.poses and message.message_type == STRING and message.topic.endswith(DESCRIPTION):
                     description = string(message.data, message.encoding)
             except MessageError as error:
                 on_damage(f"message {counts[topic]} of {message.topic} {error}")
@@ -126,59 +95,7 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, poses
     if places > MAX_TOLD:
         damage.append(f"{places - MAX_TOLD} more places are damaged")
     topics = tuple(Topic(*topic, count) for topic, count in counts.items())
-    found = tuple(_finish(*key, growing) for key, growing in streams.items())
-    return Recording(found, topics, tuple(damage), description)
-
-
-class _Growing(NamedTuple):
-    """A stream while it is read; arrays of C numbers, which take a tenth of the memory of lists."""
-
-    stamps: array[int]
-    logged: array[int]
-    order: array[int]
-    values: array[float]
-
-
-def _append(streams: dict[_Key, _Growing], message: RawMessage, place: int, poses: bool) -> None:
-    """Add a message to its stream, if it is of a type that a log is made of."""
-    values: tuple[float, ...]
-    if poses and message.message_type in (POSE_STAMPED, TF):
-        decode = pose_stamped if message.message_type == POSE_STAMPED else transforms
-        for stamp, names, pose in decode(message.data, message.encoding):
-            _add(streams, message, names, stamp, place, pose)
-    elif message.message_type == JOINT_STATE:
-        stamp, names, position, velocity = joint_state(message.data, message.encoding)
-        missing = (float("nan"),) * len(names)
-        values = (position or missing) + (velocity or missing)
-        _add(streams, message, names, stamp, place, values)
-    elif message.message_type == WRENCH_STAMPED:
-        stamp, frame, values = wrench_stamped(message.data, message.encoding)
-        names = (frame,)
-        _add(streams, message, names, stamp, place, values)
-
-
-def _add(
-    streams: dict[_Key, _Growing],
-    message: RawMessage,
-    names: tuple[str, ...],
-    stamp: int,
-    place: int,
-    values: tuple[float, ...],
-) -> None:
-    if not abs(message.logged) < 2**63:
-        raise MessageError(f"has the time {message.logged}")
-    key = (message.topic, message.message_type, names)
-    stream = streams.setdefault(key, _Growing(array("q"), array("q"), array("q"), array("d")))
-    stream.stamps.append(stamp)
-    stream.logged.append(message.logged)
-    stream.order.append(place)
-    stream.values.extend(values)
-
-
-def _finish(topic: str, message_type: str, names: tuple[str, ...], growing: _Growing) -> Stream:
-    stamps, logged, order = (np.array(numbers, np.int64) for numbers in growing[:3])
-    values = np.array(growing.values, np.float64).reshape(len(stamps), -1)
-    return Stream(topic, message_type, names, stamps, logged, order, values)
+    return Recording(streams.finish(), topics, tuple(damage), description)
 
 
 def _parts(path: Path) -> list[Path]:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from ftbias_jax.io.limits.budget import Budget
-from ftbias_jax.io.ros.raw import Buffer, OnDamage, RawMessage, plain_type, scan_records
+from ftbias_jax.io.ros.raw import Buffer, Definition, OnDamage, RawMessage, plain_type, scan_records
 from ftbias_jax.io.unpack import UnpackError, unpack, unpack_cut
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -24,7 +24,7 @@ _OP_FIELD = re.compile(rb"\x04\x00\x00\x00op=[\x02-\x07]")
 _BEFORE_OP = 160  # bytes of other fields that may stand before op; the search after damage looks no farther back
 _DAMAGE = (KeyError, struct.error, UnicodeDecodeError)
 
-Topics = dict[int, tuple[str, str]]  # connection: topic and type
+Topics = dict[int, tuple[str, str, Definition]]  # connection: topic and type
 
 
 class _Record(NamedTuple):
@@ -79,19 +79,21 @@ def _message(data: Buffer, record: _Record, topics: Topics, on_damage: OnDamage)
     if record.op != MESSAGE:
         return
     try:
-        topic, message_type = topics[_integer(record.header, b"conn")]
+        topic, message_type, definition = topics[_integer(record.header, b"conn")]
         seconds, nanoseconds = struct.unpack("<II", record.header[b"time"])
     except _DAMAGE as error:
         on_damage(f"a message {_clause(error)}")
         return
     logged = seconds * 10**9 + nanoseconds
-    yield RawMessage(topic, message_type, "ros1", logged, data[record.start : record.end])
+    yield RawMessage(topic, message_type, "ros1", logged, data[record.start : record.end], definition)
 
 
 def _learn(data: Buffer, record: _Record, topics: Topics, on_damage: OnDamage) -> None:
     try:
-        message_type = plain_type(_fields(data[record.start : record.end])[b"type"].decode())
-        topics[_integer(record.header, b"conn")] = (record.header[b"topic"].decode(), message_type)
+        fields = _fields(data[record.start : record.end])
+        definition = Definition("ros1msg", fields.get(b"message_definition", b"").decode(errors="replace"))
+        topic, message_type = record.header[b"topic"].decode(), plain_type(fields[b"type"].decode())
+        topics[_integer(record.header, b"conn")] = (topic, message_type, definition)
     except _DAMAGE as error:
         on_damage(f"a connection {_clause(error)}")
 

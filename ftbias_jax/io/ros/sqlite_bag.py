@@ -9,7 +9,7 @@ from contextlib import closing
 from pathlib import Path
 
 from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget
-from ftbias_jax.io.ros.raw import OnDamage, RawMessage, plain_type
+from ftbias_jax.io.ros.raw import UNDEFINED, Definition, OnDamage, RawMessage, plain_type
 from ftbias_jax.io.unpack import UnpackError, unpack_message
 
 MAGIC = b"SQLite format 3\x00"
@@ -22,6 +22,7 @@ MAX_STEP = 1 << 20
 
 _SELECT = "SELECT id, topic_id, timestamp, data FROM messages WHERE id > ? ORDER BY id"
 _WANTED = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
+_DEFINED = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = 'message_definitions'"
 
 
 def scan_sqlite(path: str | os.PathLike[str], on_damage: OnDamage, budget: Budget) -> Iterator[RawMessage]:
@@ -43,14 +44,15 @@ def scan_sqlite(path: str | os.PathLike[str], on_damage: OnDamage, budget: Budge
             if database.execute(_WANTED).fetchone() != (2,):  # a view of that name could compute without end
                 on_damage("has no tables topics and messages")
                 return
-            topics = _topics(database, budget)
+            topics, definitions = _topics(database, budget), _definitions(database, budget)
             for topic_id, logged, data in _rows(database, on_damage, budget):
                 topic = topics.get(topic_id)
                 if topic is None or not isinstance(logged, int) or not isinstance(data, bytes):
                     on_damage("a message has no topic, no time or no data")
                     continue
                 try:
-                    yield RawMessage(*topic, logged, unpack_message(data, budget))
+                    definition = definitions.get(topic[1], UNDEFINED)
+                    yield RawMessage(*topic, logged, unpack_message(data, budget), definition)
                 except UnpackError as error:
                     on_damage(f"a message {error}")
     except (sqlite3.Error, sqlite3.Warning, UnicodeDecodeError, OverflowError) as error:
@@ -65,6 +67,23 @@ def _topics(database: sqlite3.Connection, budget: Budget) -> dict[object, tuple[
         if None not in (identity, *row):
             texts[identity] = [bytes(text).decode() for text in row]
     return {identity: (name, plain_type(kind), encoding) for identity, (name, kind, encoding) in texts.items()}
+
+
+def _definitions(database: sqlite3.Connection, budget: Budget) -> dict[str, Definition]:
+    """How types are defined, by plain name; {} before ROS 2 Iron."""
+    found = {}
+    try:
+        if database.execute(_DEFINED).fetchone() != (1,):
+            return {}
+        for row in database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"):
+            budget.count()
+            if all(isinstance(text, bytes) for text in row):
+                budget.unpack(sum(map(len, row)))
+                kind, language, text = (text.decode(errors="replace") for text in row)
+                found[plain_type(kind)] = Definition(language, text)
+    except sqlite3.DatabaseError:  # what is left of the messages can be read without
+        budget.count(0)
+    return found
 
 
 def _rows(database: sqlite3.Connection, on_damage: OnDamage, budget: Budget) -> Iterator[tuple[object, object, object]]:

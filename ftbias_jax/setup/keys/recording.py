@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from ftbias_jax.setup.fields import POSITIVE
 from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind, SectionKeys, names, number, text
-from ftbias_jax.setup.recorded import ACCELERATION_UNITS, ANGLE_UNITS, TIME_UNITS, WRENCH_AXES
+from ftbias_jax.setup.recorded import ACCELERATION_UNITS, ANGLE_UNITS, RECEIPT, TIME_UNITS, WRENCH_AXES
+from ftbias_jax.setup.recorded import CLOCKS as STAMPED_BY
 
 LOG = SectionKeys(
     "How to read a log that does not use the usual names and units.",
     {
         "columns": Key(Kind.TABLE, "names of the columns of a CSV or Parquet file", absent="the usual names"),
         "topics": Key(Kind.TABLE, "topics, where a recording has several that fit", absent="found by type"),
+        "clocks": Key(Kind.TABLE, "whose stamps each topic has", absent="found from the recording"),
         "files": Key(Kind.TABLE, "the files of one log, where every stream has its own", absent="one file"),
         "time_unit": text(
             "unit of the stamps", choices=tuple(TIME_UNITS), absent="s, or ns if they are integers", example="us"
@@ -39,11 +41,37 @@ COLUMNS = SectionKeys(
     further="column, or array of an NPZ or HDF5 file, that effects of your own see under this name",
 )
 TOPICS = SectionKeys(
-    "Topics, where a recording has several that fit.",
+    "Topics, where a recording has several that fit, and fields of messages of any type: `/topic:field.sub[0:6]`, "
+    "several by commas.",
     {
         "joints": text("topic of the joint states", absent="found by type", example="/joint_states"),
         "pose": text("topic of the sensor's pose", absent="found by type", example="/pose"),
-        "wrench": text("topic of the wrench", absent="found by type", example="/wrench"),
+        "wrench": text(
+            "topic of the wrench, or six numbers by their field", absent="found by type", example="/state:ft.data[0:6]"
+        ),
+        "imu": text(
+            "topic of an IMU or accelerometer at the sensor, where a pose is recorded",
+            absent='found by type with `linear = "specific_force"`',
+            example="/imu",
+        ),
+        "temperature": text(
+            "topic of the temperature, or a number by its field",
+            absent="found by type, if there is one",
+            example="/ft/temperature",
+        ),
+        "position": text(
+            "field of the joints' positions in the setup's order, or of the pose", absent="none", example="/state:q"
+        ),
+        "velocity": text("field of the velocities, or of an IMU", absent="none", example="/state:dq"),
+    },
+)
+CLOCKS = SectionKeys(
+    "Whose stamps the messages of a topic have: of their `header`, or of their `receipt` by the recorder.",
+    {
+        name: text(
+            f"of the topic of {name}", choices=STAMPED_BY, absent="the headers' if all have them", example=RECEIPT
+        )
+        for name in TOPICS.keys
     },
 )
 FILES = SectionKeys(

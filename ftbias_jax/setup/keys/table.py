@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from ftbias_jax.setup.keys.bodies import FLANGE, JOINT, ROBOT, SENSOR, SENSOR_POSE, TOOL
 from ftbias_jax.setup.keys.key import Key, SectionKeys
 from ftbias_jax.setup.keys.noise import BIAS, DATA_NOISE, JOINTS
-from ftbias_jax.setup.keys.recording import COLUMNS, FILES, LOG, TOPICS
+from ftbias_jax.setup.keys.recording import CLOCKS, COLUMNS, FILES, LOG, TOPICS
 
 SECTIONS: Mapping[str, SectionKeys] = {
     "robot": ROBOT,
@@ -23,6 +23,7 @@ SECTIONS: Mapping[str, SectionKeys] = {
     "log": LOG,
     "log.columns": COLUMNS,
     "log.topics": TOPICS,
+    "log.clocks": CLOCKS,
     "log.files": FILES,
 }
 """By the full name of the section. [effects.NAME] is not here: its keys are those of the catalogue of effects."""

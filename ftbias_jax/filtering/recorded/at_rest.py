@@ -1,0 +1,92 @@
+"""Logs of a tool that nobody has weighed: where the sensor does not turn, its weight is a part of the bias.
+
+A constant weight and a constant bias are one number to the sensor. What changes, contact and drift, can be had without
+the tool; what the weight is, only from a log that turns it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.filtering.quality.observability import LEAST_TURN
+from ftbias_jax.io.conventions.axes import sensor_rotations
+from ftbias_jax.io.log import Log, Repair, Repairs
+from ftbias_jax.setup.require import require_tool, with_guessed_tool
+from ftbias_jax.setup.types import COMPENSATED, Setup
+from ftbias_jax.types import Array
+
+PART, MOST_ROWS = 1 << 16, 2000
+"""Samples of a log read at once, and those of them that are looked at."""
+HEAVIEST = (100.0, 10.0)
+"""N, Nm: what a tool of unknown mass may weigh, as prior of the bias."""
+RESTS = 0.01
+"""rad (m): joints that move less make no acceleration worth telling of."""
+
+
+class Motion(NamedTuple):
+    """How far a log moves the sensor."""
+
+    turn: float
+    """rad, rms of the direction of gravity as seen from the sensor."""
+    most: float
+    """N by which the weight of one kilogram changes, at most."""
+    travel: float
+    """rad (m), the largest range of a joint, or of an entry of the pose."""
+
+
+def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple[Setup, Repairs]:
+    """A setup to filter a log with whose tool is not known, and what its owner should know; stated tools stay.
+
+    Args:
+        setup: with or without mass and centre of mass.
+        parts: samples at once -> the log, read in parts.
+
+    Returns:
+        the setup itself and () if it states the tool. Otherwise one that predicts nothing of the tool, and whose bias
+        may be as large as a weight: the bias of the result is then that of the sensor less the tool's weight.
+
+    Raises:
+        SetupError: the log turns the sensor, so that the tool must be known.
+    """
+    if not setup.tool.unknown:
+        return setup, ()
+    motion = motion_of(setup, parts)
+    if motion.turn > LEAST_TURN:
+        require_tool(setup)
+    keys = " and ".join(f"tool.{key}" for key in setup.tool.unknown)
+    what = (
+        f"{keys} not stated, but the sensor turns by only {np.degrees(motion.turn):.2g} degrees: the tool's weight is "
+        f"taken as part of the bias, and each kilogram leaves up to {motion.most:.2g} N in the corrected wrench"
+    )
+    moves = "; so do its accelerations" if motion.travel > RESTS else ""
+    wide = np.hypot(setup.bias.initial_std, np.repeat(HEAVIEST, 3))
+    changed = replace(
+        with_guessed_tool(setup),
+        sensor=replace(setup.sensor, compensated=COMPENSATED[2]),
+        bias=replace(setup.bias, initial_std=wide),
+    )
+    return changed, (Repair(what + moves),)
+
+
+def motion_of(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> Motion:
+    """How far a log moves the sensor, by the rows that have the joints or the orientation."""
+    down, low, high = [np.empty((0, 3))], [], []
+    for part in parts(PART):
+        q = part.q[np.isfinite(part.q[:, :4] if setup.pose else part.q).all(1)]
+        if len(q):
+            low.append(q.min(0))
+            high.append(q.max(0))
+            q = q[:: -(-len(q) // MOST_ROWS)]
+            rotations = sensor_rotations(np.arange(len(q), dtype=float), q, setup)
+            down.append(np.einsum("tji,j->ti", rotations, setup.robot.gravity))
+    every = np.concatenate(down)
+    if not len(every):  # no row has all joints: nothing is known, so nothing is promised
+        return Motion(np.inf, np.inf, np.inf)
+    off = np.linalg.norm(every - every.mean(0), axis=1)
+    travel: Array = np.max(high, 0) - np.min(low, 0)
+    turn = np.sqrt((off**2).mean()) / max(np.linalg.norm(setup.robot.gravity), 1e-9)
+    return Motion(float(turn), float(off.max()), float(np.nanmax(travel)))

@@ -1,0 +1,218 @@
+"""Which streams of a recording are those of a log: by their types, or as the setup names them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.ros.collect import Field, Stream, Wanted
+from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
+from ftbias_jax.io.ros.pose import as_one, in_setup_order, pose_streams
+from ftbias_jax.io.ros.record import Recording
+from ftbias_jax.io.ros.types.roles import (
+    BY_FIELD,
+    IMU,
+    JOINTS,
+    POSITION,
+    SOURCES,
+    TEMPERATURE,
+    VELOCITY,
+    WRENCH,
+    types_with,
+)
+from ftbias_jax.setup.fields import nearest
+from ftbias_jax.setup.recorded import PoseSetup
+from ftbias_jax.setup.sensor_pose import pose_columns
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
+
+Chosen = dict[str, tuple[str, Stream]]
+"""Array of a log, "q", "dq", "wrench" or "temperature" -> the role that [log.clocks] knows it by, and its stream."""
+
+
+def wanted_of(setup: Setup) -> Wanted:
+    """What a setup wants of a recording beside joints, wrenches and temperatures."""
+    named = [(role, *topic.partition(":")) for role, topic in setup.log.topics.items() if role in BY_FIELD]
+    fields = tuple(Field(role, topic, path) for role, topic, colon, path in named if colon)
+    return Wanted(setup.pose is not None, fields)
+
+
+def choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
+    """Joints or pose, and their rates where they are of other messages.
+
+    Raises:
+        LogError: there is none, or there are several to choose from.
+    """
+    topics, n = setup.log.topics, len(setup.robot.joint_names)
+    chosen: Chosen = {}
+    if POSITION in topics:
+        width = n if setup.pose is None else pose_columns(setup.pose)[0]
+        chosen["q"] = (POSITION, _by_fields(recording, POSITION, width, setup, file))
+    elif setup.pose is None:
+        streams = _choose(JOINTS, _joint_streams(recording, setup, file), setup, file)
+        chosen["q"] = (JOINTS, _joint_positions(streams, setup.robot.joint_names, file))
+    else:
+        pose = as_one(_choose("pose", pose_streams(recording, setup.pose, file), setup, file), file)
+        chosen["q"] = ("pose", pose._replace(values=in_setup_order(pose.values, setup.pose)))
+    if VELOCITY in topics:
+        width = n if setup.pose is None else pose_columns(setup.pose)[1]
+        chosen["dq"] = (VELOCITY, _by_fields(recording, VELOCITY, width, setup, file))
+    elif setup.pose is not None:
+        imu = _choose_imu(recording, setup, setup.pose, file)
+        chosen |= {"dq": (IMU, imu)} if imu is not None else {}
+    return chosen
+
+
+def choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:
+    """The wrench, and the temperature if there is one.
+
+    Raises:
+        LogError: there is no wrench, or there are several to choose from.
+    """
+    found = _of_role(recording, WRENCH, setup)
+    if not found:
+        message = f"no wrench data: no topic has the type {WRENCH_STAMPED}"
+        raise LogError(message, file=file, field=WRENCH, remedy=_recorded(recording))
+    wrenches = _choose(WRENCH, found, setup, file)
+    if len(wrenches) > 1:
+        frames = ", ".join(repr(stream.names[0]) for stream in wrenches[:8])
+        message = f"the wrenches of {wrenches[0].topic} are in several frames: {frames}"
+        raise LogError(message, file=file, field=WRENCH, remedy="record one sensor on a topic")
+    _check_width(wrenches[0], WRENCH, 6, file)
+    return {"wrench": (WRENCH, wrenches[0]), **choose_temperature(recording, setup, file)}
+
+
+def choose_temperature(recording: Recording, setup: Setup, file: str) -> Chosen:
+    """The temperature; {} if there is none, or if nobody says which of several it is."""
+    found = _of_role(recording, TEMPERATURE, setup)
+    named = TEMPERATURE in setup.log.topics
+    if not named and len({(stream.topic, stream.names) for stream in found}) != 1:
+        return {}
+    one = interleave(_choose(TEMPERATURE, found, setup, file))
+    _check_width(one, TEMPERATURE, 1, file)
+    return {"temperature": (TEMPERATURE, one)}
+
+
+def _of_role(recording: Recording, role: str, setup: Setup) -> list[Stream]:
+    """The streams of a role: of the types that are meant first, or of the topic that the setup names."""
+    return _meant([stream for stream in recording.streams if stream.role == role], role, setup)
+
+
+def _meant(streams: Sequence[Stream], role: str, setup: Setup) -> list[Stream]:
+    """Those of the types that are meant first, or of the topic that the setup names."""
+    ranks = [
+        min((source.rank for source in SOURCES.get(stream.message_type, ()) if source.role == role), default=0)
+        for stream in streams
+    ]
+    named = setup.log.topics.get(role)
+    ranked = zip(streams, ranks, strict=True)
+    return [stream for stream, rank in ranked if rank == min(ranks) or stream.topic == named]
+
+
+def _by_fields(recording: Recording, role: str, width: int, setup: Setup, file: str) -> Stream:
+    """The stream of fields that the setup names."""
+    topic = setup.log.topics[role]
+    if ":" not in topic:
+        remedy = f'add the field: {role} = "{topic}:field", or name a topic of joints, pose or imu'
+        raise LogError("names no field", file=file, field=f"log.topics.{role}", remedy=remedy)
+    found = [stream for stream in recording.streams if stream.role == role and stream.topic == topic]
+    if not found:
+        topics = {other.name for other in recording.topics}
+        message = f"there is no topic {topic.partition(':')[0]!r}"
+        remedy = nearest(topic.partition(":")[0], topics)
+        raise LogError(message, file=file, field=f"log.topics.{role}", remedy=remedy)
+    one = interleave(found)
+    _check_width(one, role, width, file)
+    return one
+
+
+def _check_width(stream: Stream, role: str, width: int, file: str) -> None:
+    if stream.values.shape[1] != width:
+        message = f"{stream.topic} has {stream.values.shape[1]} numbers for the {role}, not {width}"
+        remedy = 'choose entries: "/topic:field[0:6]", or several fields by commas'
+        raise LogError(message, file=file, field=f"log.topics.{role}", remedy=remedy)
+
+
+def _choose_imu(recording: Recording, setup: Setup, pose: PoseSetup, file: str) -> Stream | None:
+    """What an IMU says of that which the setup uses; None if nothing is, or if it is not needed and there is none."""
+    needed = pose.linear == "specific_force"
+    found = _of_role(recording, IMU, setup)
+    if not pose_columns(pose)[1] or not (found or needed or IMU in setup.log.topics):
+        return None
+    if not found:
+        message = f"there is no specific force: no topic has the type {types_with(IMU)}"
+        raise LogError(message, file=file, field=IMU, remedy=_recorded(recording))
+    if not needed and IMU not in setup.log.topics:
+        return None  # a gyroscope may be anybody's: the setup must name it
+    one = interleave(_choose(IMU, found, setup, file))
+    if one.values.shape[1] == 3:
+        return one if needed else None
+    _check_width(one, IMU, 6, file)
+    return one._replace(values=one.values[:, 0 if pose.gyroscope else 3 : 6 if needed else 3])
+
+
+def _joint_streams(recording: Recording, setup: Setup, file: str) -> list[Stream]:
+    """The streams that have any of the arm's joints."""
+    names = setup.robot.joint_names
+    found = [stream for stream in recording.streams if stream.role == JOINTS]
+    if not found:
+        message = f"no motion data: no topic has the type {JOINT_STATE}"
+        raise LogError(message, file=file, field=JOINTS, remedy=_recorded(recording))
+    of_arm = [stream for stream in found if not stream.names or set(stream.names) & set(names)]
+    if not of_arm:
+        listed = "; ".join(f"{stream.topic} has {', '.join(stream.names)}" for stream in found[:8])
+        message = f"no motion data: none of the setup's joints {', '.join(names)} is recorded ({listed})"
+        raise LogError(message, file=file, field=JOINTS, remedy="name the robot's joints in the setup as in the log")
+    return _meant(of_arm, JOINTS, setup)
+
+
+def _choose(what: str, streams: Sequence[Stream], setup: Setup, file: str) -> list[Stream]:
+    """The streams of the topic that the setup names, or of the only one there is."""
+    topics = sorted({stream.topic for stream in streams})
+    field = f"log.topics.{what}"
+    topic = setup.log.topics.get(what, topics[0] if topics else "")
+    if topic not in topics:
+        message = f"the setup names {topic!r}, which has no {what} for it"
+        raise LogError(message, file=file, field=field, remedy=nearest(topic, topics))
+    if len(topics) > 1 and what not in setup.log.topics:
+        message = f"{len(topics)} topics have {what}: {', '.join(topics)}"
+        remedy = f'choose in the setup: [log.topics] {what} = "{topics[0]}"'
+        raise LogError(message, file=file, field=field, remedy=remedy)
+    return [stream for stream in streams if stream.topic == topic]
+
+
+def _joint_positions(streams: Sequence[Stream], names: Sequence[str], file: str) -> Stream:
+    """All publishers of a topic as one stream, with columns for the joints of the arm in the setup's order."""
+    n = len(names)
+    placed = []
+    for stream in streams:
+        values = np.full((len(stream.stamps), 2 * n), np.nan)
+        if not stream.names:  # of a type that gives its joints no names: they are in the arm's order
+            _check_width(stream, JOINTS, n if stream.values.shape[1] == n else 2 * n, file)
+            values[:, : stream.values.shape[1]] = stream.values
+        for column, name in enumerate(stream.names):
+            if name in names:
+                at, k = names.index(name), len(stream.names)
+                values[:, [at, n + at]] = stream.values[:, [column, k + column]]
+        placed.append(stream._replace(names=tuple(names), values=values))
+    return interleave(placed)
+
+
+def interleave(streams: Sequence[Stream]) -> Stream:
+    """Streams of the same columns as one, in the order in which the messages were stored."""
+    stamps, logged, order, values = (
+        np.concatenate([getattr(stream, name) for stream in streams])
+        for name in ("stamps", "logged", "order", "values")
+    )
+    rows: Array = np.argsort(order)
+    return streams[0]._replace(stamps=stamps[rows], logged=logged[rows], order=order[rows], values=values[rows])
+
+
+def _recorded(recording: Recording) -> str:
+    """What there is instead, as a remedy."""
+    topics = [f"{topic.name} ({topic.message_type})" for topic in recording.topics]
+    return (
+        f"record it; there is {', '.join(topics[:12])}{', ...' if len(topics) > 12 else ''}" if topics else "record it"
+    )

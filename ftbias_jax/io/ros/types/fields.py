@@ -1,0 +1,181 @@
+"""Numbers of a message by the path of their field, such as ``wrench.force`` or ``tau[0:6]``."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ftbias_jax.io.ros.cursor import Cursor, MessageError
+from ftbias_jax.io.ros.types.definition import HEADER, PRIMITIVES, SEQUENCE, TEXTS, Field, Types, smallest
+from ftbias_jax.setup.fields import nearest
+
+MAX_VALUES = 1000
+"""Numbers that are taken of one message."""
+_PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d{1,6})?(:)?(\d{1,6})?\])?")
+
+
+class Part(NamedTuple):
+    """One name of a path, and which entries of it."""
+
+    name: str
+    chosen: slice
+    """All of them, if nothing is said."""
+
+
+Path = tuple[Part, ...]
+"""From the message inwards; () = the message itself."""
+
+
+class Sampled(NamedTuple):
+    """What was taken of a message."""
+
+    stamp: int
+    """ns, of its header; 0 = none, or not set."""
+    frame: str
+    """Of its header; "" = none."""
+    values: tuple[float, ...]
+
+
+class Plan(NamedTuple):
+    """How to take fields from every message of a type."""
+
+    types: Types
+    root: str
+    least: dict[str, int]
+    """Type -> the bytes it takes at least."""
+    paths: tuple[Path, ...]
+
+
+class PathError(Exception):
+    """A path that the type does not have: the message says what is wrong, the remedy what there is."""
+
+    def __init__(self, message: str, remedy: str) -> None:
+        super().__init__(message)
+        self.message, self.remedy = message, remedy
+
+
+def parse_paths(text: str) -> tuple[Path, ...]:
+    """Paths separated by commas; "" = the message itself.
+
+    Raises:
+        PathError: it is none.
+    """
+    return tuple(tuple(_part(word.strip()) for word in path.split(".") if path.strip()) for path in text.split(","))
+
+
+def _part(word: str) -> Part:
+    found = _PART.fullmatch(word)
+    if found is None or "[]" in word:
+        raise PathError(f"{word[:40]!r} is no field", "write names with dots between them: state.tau[0:6]")
+    _, first, colon, last = found.groups()
+    if first is None and last is None:
+        return Part(found[1], slice(None))
+    start = int(first or 0)
+    return Part(found[1], slice(start, int(last) if last else None) if colon else slice(start, start + 1))
+
+
+def make_plan(types: Types, root: str, text: str) -> Plan:
+    """How to take fields.
+
+    Args:
+        types: of the definition.
+        root: type of the message.
+        text: of the paths.
+
+    Raises:
+        PathError: the type has no such field. MessageError: the definition makes no sense.
+    """
+    least = smallest(types, root)
+    paths = parse_paths(text)
+    for path in paths:
+        kind = root
+        for part in path:
+            fields = {field.name: field for field in types.get(kind, ())}
+            if part.name not in fields:
+                raise PathError(f"{kind} has no field {part.name!r}", nearest(part.name, fields))
+            field = fields[part.name]
+            if field.length is None and part.chosen != slice(None):
+                raise PathError(f"{part.name!r} of {kind} is no list", "leave the brackets out")
+            kind = field.type
+        if kind in TEXTS:
+            raise PathError(f"{path[-1].name!r} is text", "name a field of numbers")
+    return Plan({name: _stored(types[name], least) for name in least}, root, least, paths)
+
+
+def _stored(fields: Sequence[Field], least: dict[str, int]) -> tuple[Field, ...]:
+    """The fields that take room: a type may have any number of others, which nobody shall walk through."""
+    return tuple(
+        field for field in fields if field.length == SEQUENCE or (field.length != 0 and least.get(field.type) != 0)
+    )
+
+
+def take(plan: Plan, data: bytes, encoding: str) -> Sampled:
+    """The numbers of one message, path by path.
+
+    Raises:
+        MessageError: it is damaged, or has too many of them.
+    """
+    cursor = Cursor(data, encoding)
+    if len(data) < plan.least[plan.root]:
+        raise MessageError(f"is damaged: {len(data)} bytes, at least {plan.least[plan.root]} are needed")
+    try:
+        stamp, frame = 0, ""
+        fields = plan.types[plan.root]
+        if fields and fields[0].type == HEADER and fields[0].length is None:
+            stamp, frame = Cursor(data, encoding).header()
+        found: list[list[float]] = [[] for _ in plan.paths]
+        _walk(plan, cursor, plan.root, list(zip(plan.paths, found, strict=True)))
+    except (struct.error, UnicodeDecodeError, IndexError) as error:
+        raise MessageError(f"is damaged: {error}") from error
+    values = tuple(value for numbers in found for value in numbers)
+    if len(values) > MAX_VALUES:
+        raise MessageError(f"has {len(values)} numbers in the fields that are wanted")
+    return Sampled(stamp, frame, values)
+
+
+_Wanted = Sequence[tuple[Path, list[float]]]
+
+
+def _walk(plan: Plan, cursor: Cursor, kind: str, wanted: _Wanted) -> None:
+    """Read a value of a type, and what is wanted of it; nothing is read behind the last field that is."""
+    fields = plan.types[kind]
+    of_field = [[(path, out) for path, out in wanted if not path or path[0].name == field.name] for field in fields]
+    last = max((i for i, some in enumerate(of_field) if some), default=-1) if kind == plan.root else len(fields)
+    for field, some in zip(fields[: last + 1], of_field, strict=False):
+        inner = [(path[0].chosen if path else slice(None), path[1:], out) for path, out in some]
+        if field.type in TEXTS:
+            for _ in range(_count(cursor, field, 4)):
+                _skip_text(cursor, field.type)
+        elif field.type in PRIMITIVES:
+            letter, size = PRIMITIVES[field.type]
+            count = _count(cursor, field, size)
+            if not inner:
+                cursor.skip(size, count)
+                continue
+            numbers = cursor.numbers(letter, size, count)
+            for chosen, _, out in inner:
+                out.extend(map(float, numbers[chosen]))
+        else:
+            count = _count(cursor, field, plan.least[field.type])
+            if plan.least[field.type]:  # nothing is stored of what takes no room
+                for i in range(count):
+                    here = [(path, out) for chosen, path, out in inner if i in range(*chosen.indices(count))]
+                    _walk(plan, cursor, field.type, here)
+
+
+def _count(cursor: Cursor, field: Field, least: int) -> int:
+    """How many values a field has, all of which the bytes that are left have room for."""
+    if field.length == SEQUENCE:
+        return cursor.count(least)
+    count = 1 if field.length is None else field.length
+    if count * least > len(cursor.data) - cursor.position:
+        raise struct.error(f"{count} of {field.type} in {len(cursor.data)} bytes")
+    return count
+
+
+def _skip_text(cursor: Cursor, kind: str) -> None:
+    if kind == "wstring":
+        raise MessageError("has a wide string before the fields that are wanted")
+    cursor.skip(1, cursor.count(1))
