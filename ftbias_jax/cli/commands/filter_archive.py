@@ -14,23 +14,9 @@ from ftbias_jax.setup.types import Setup
 
 def run(arguments: argparse.Namespace) -> int:
     """Filter what is not done; 3 if logs failed or lost samples, 1 if all failed, else 0."""
-<<<<<<< HEAD
     refuse_options(arguments, ("plot", "check", "offsets"))
-    setup = with_choices(load_setup(arguments.setup, with_tool=True), arguments)
-    tasks, manifest = find_tasks(arguments, setup, "filter", f".{arguments.format}")
-=======
-    for option in ("plot", "check", "offsets"):
-        if getattr(arguments, option):
-            raise UsageError("needs a single log and a file for its result", field=f"--{option}", remedy="leave it out")
     setup = with_choices(load_setup(arguments.setup), arguments)
-    index, count = arguments.shard
-    folder = arguments.output
-    every = find_logs(arguments.logs, folder, f".{arguments.format}")
-    manifest = os.path.join(folder, manifest_name(index, count))
-    outputs = {f"the result of {task.log!r}": os.path.join(folder, task.output) for task in every}
-    check_outputs(outputs | {"the manifest": manifest}, (*(task.log for task in every), *setup.files))
-    tasks = shard(every, index, count)
->>>>>>> ros
+    tasks, manifest = find_tasks(arguments, setup, "filter", f".{arguments.format}")
 
     from ftbias_jax.cli.jobs.each_log import filter_one
     from ftbias_jax.cli.jobs.one_file import Choices
