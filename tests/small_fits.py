@@ -11,7 +11,7 @@ from ftbias_jax.types import Array
 def small_fit(moving: Array, error: Array, free: tuple[int, ...], hypotheses: tuple[Hypothesis, ...] = ()) -> Fit:
     """A fit with derivatives (F, U, 6) by the coordinates ``free`` of eight, and errors (U, 6) that remain."""
     columns = Columns(moving, moving[:0])
-    return Fit(hypotheses, np.zeros(8), 0.0, np.zeros(0), error, columns, free, -float((error**2).sum()) / 2)
+    return Fit(hypotheses, np.zeros(8), np.zeros(0), error, columns, free, -float((error**2).sum()) / 2)
 
 
 def at_its_best(rng: np.random.Generator, count: int, bins: int) -> Fit:

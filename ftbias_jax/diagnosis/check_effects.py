@@ -10,10 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.diagnosis.proposals.own import starts_of
-from ftbias_jax.diagnosis.regression.coordinates import own_values, strengths, to_coordinates, why_not_fitted
+from ftbias_jax.diagnosis.proposals.starts import starts_of
+from ftbias_jax.diagnosis.regression.coordinates import strengths, to_coordinates, values_at, why_not_fitted
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values, typical_values
+from ftbias_jax.model.effects.fitting import Entries, Grid, Linear, Starts
 from ftbias_jax.model.effects.kinematics import motion_of
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Record, Signals
 from ftbias_jax.model.kinematics.screws import make_arm
@@ -34,6 +35,9 @@ STEP = 1e-4
 AGREE, CORNERS = 0.5, 0.2
 """Share of its size by which a derivative may differ from the difference, and of the samples where it may differ by
 more: the derivative at a corner is that of one side, but what is rounded has none anywhere."""
+
+CHECKED = (Linear, Entries, Grid, Starts)
+"""Searches that need derivatives by all coordinates."""
 
 WITHOUT_SLOPE = "at neutral the reading does not depend on it: mark it search=True, or give it another neutral value"
 FromPython = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
@@ -107,7 +111,7 @@ def _faults_of_reading(effect: Effect, signals: Signals) -> Iterator[str]:
     if wrong:
         yield wrong
         return
-    model, searched = signals.model, [p for p in effect.parameters if p.search]
+    model, searched = signals.model, [p for p in effect.parameters if p.search and -1 not in p.shape]
     neutral = neutral_values(effect, model)
     starts = {p.name: starts_of(effect, p, model)[0] for p in searched} if strengths(effect) else {}
     for words, values in {"at neutral": neutral, "switched off, at a start of its search": neutral | starts}.items():
@@ -123,7 +127,7 @@ def _faults_of_reading(effect: Effect, signals: Signals) -> Iterator[str]:
         yield "with typical values (neutral plus scale) the reading is no number"
     elif np.abs(typical).max() < SEEN:
         yield "typical values (neutral plus scale) change nothing: give its parameters a scale"
-    elif not why_not_fitted(effect):
+    elif isinstance(effect.fit.search, CHECKED) and not why_not_fitted(effect):
         yield from _faults_of_slopes(effect, signals, believed)
 
 
@@ -162,7 +166,7 @@ def _faults_of_slopes(effect: Effect, signals: Signals, believed: Array) -> Iter
         for p in effect.parameters
     }
     on = at | {p.name: np.full(neutral[p.name].size, 0.5) for p in strengths(effect)}
-    reading: Callable[[Any], Array] = jax.jit(lambda z: _predict(effect, signals, own_values(effect, model, z)))
+    reading: Callable[[Any], Array] = jax.jit(lambda z: _predict(effect, signals, values_at(effect, model, z)))
     for parameter in effect.parameters:
         scale, moved = np.broadcast_to(np.asarray(parameter.scale, float), parameter.shape).ravel(), False
         for i in np.flatnonzero(scale):

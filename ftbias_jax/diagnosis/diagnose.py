@@ -37,8 +37,10 @@ from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.provenance import provenance, source_of
-from ftbias_jax.model.effects.catalogue import CATALOGUE, check_names
+from ftbias_jax.model.effects.catalogue import check_names
+from ftbias_jax.model.effects.fitting import GROWTH, LEVEL, Samples
 from ftbias_jax.model.effects.shown import not_shown
+from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.own_effects import catalogue_of_setup
@@ -89,7 +91,7 @@ def diagnose(
     require_right(setup, map(clean, logs), "diagnose", unchecked)
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)
-    found = tuple(finding for finding in together(samples) if finding.effect not in without)
+    found = tuple(finding for finding in together(samples, problem.catalogue) if finding.effect not in without)
     base = fits.base(problem)
     loud: tuple[FoundTerm, ...] = ()
     if TERM not in without:
@@ -156,7 +158,7 @@ def _with_noise(
     if term is None:
         return problem, found, ()
     # What grows is no constant, and no growth of the catalogue.
-    kept = tuple(one for one in found if one.effect not in ("noise_level", "vibration"))
+    kept = tuple(one for one in found if one.sign not in (LEVEL, GROWTH))
     return louder(problem, term, state), kept, (term,)
 
 
@@ -180,19 +182,19 @@ def _causes(
         doubt = doubt_of(problem, accepted, hypothesis)
         of_mean.append(named._replace(explanation=named.explanation + doubt, doubt=doubt.removeprefix("; ")))
         previous = scored[0].fit
-    of_samples = [_of_finding(finding, problem.duration) for finding in found]
+    of_samples = [_of_finding(problem.catalogue, finding, problem.duration) for finding in found]
     if total < LEADS**2:
         return tuple(of_samples + of_mean)
-    return tuple(sorted(of_mean + of_samples, key=lambda cause: not _comes_first(cause.effect)))
+    return tuple(sorted(of_mean + of_samples, key=lambda cause: not _comes_first(problem.catalogue[cause.effect])))
 
 
-def _comes_first(effect: str) -> bool:
+def _comes_first(effect: Effect) -> bool:
     """Whether what samples show of an effect is told before what explains the mean reading, however large that is.
 
     What is cut off is missing from the mean reading, too, and much else can look like that. Noise that changes over
     the log is what all else is judged by.
     """
-    return effect == "saturation" or (effect in CATALOGUE and bool(CATALOGUE[effect].filter_noise))
+    return isinstance(effect.fit.search, Samples) and effect.fit.search.first
 
 
 def _judged(problem: Problem, hold_out: Judge, better: Fit, worse: Fit, total: float) -> tuple[HeldOut, float]:
@@ -212,8 +214,8 @@ def _candidate(
         separate_by=tuple(words.get(twin, "") for twin in twins),
         parameters=values,
         stderr=stderr,
-        held_out_gain=held.gain,
-        held_out_gain_stderr=held.gain_stderr,
+        held_out_gain=held.nats,
+        held_out_gain_stderr=held.nats_stderr,
         shrink=float(np.clip(shrink, 0, 1)),
         explanation=entry.explanation,
         remedy=entry.remedy,
@@ -221,13 +223,13 @@ def _candidate(
     )
 
 
-def _of_finding(finding: Finding, duration: float) -> Candidate:
+def _of_finding(catalogue: Catalogue, finding: Finding, duration: float) -> Candidate:
     gain = finding.nats / max(duration, 1e-9)
     nothing = np.zeros((0, 6))
     scatter = np.sqrt(2 * max(finding.nats, 0)) if finding.nats_stderr is None else finding.nats_stderr
     held = HeldOut(nothing, gain, scatter / max(duration, 1e-9))
     values, stderr = cast(Parameters, finding.parameters), cast(Parameters, finding.stderr)
-    candidate = _candidate(CATALOGUE[finding.effect], values, stderr, held, 0.0)
+    candidate = _candidate(catalogue[finding.effect], values, stderr, held, 0.0)
     return candidate._replace(explanation=f"{candidate.explanation}: {finding.sentence}")
 
 
@@ -240,7 +242,7 @@ def _ranking(
     total: float,
 ) -> tuple[Candidate, ...]:
     """Everything that was fitted by itself, best first."""
-    ranked = [_of_finding(finding, problem.duration) for finding in found]
+    ranked = [_of_finding(problem.catalogue, finding, problem.duration) for finding in found]
     for scored in rounds[0][:CANDIDATES] if rounds else []:
         values, stderr = parameters(problem, scored.fit, scored.hypothesis)
         held, shrink = _judged(problem, hold_out, scored.fit, base, total)

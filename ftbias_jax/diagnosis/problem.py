@@ -127,15 +127,15 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     length = samples.dt.shape[0]
     samples = pad(samples, filter_log.CHUNK * -(-length // filter_log.CHUNK) if length > 8192 else 8192)
     params = filter_log.likeliest_params(setup, samples, options)
-    known = params.bias.vibration
-    still = params._replace(bias=params.bias._replace(vibration=None))  # the noise of samples is added below
+    known = params.bias.noise_per_speed
+    still = params._replace(bias=params.bias.at_rest())  # the noise of samples is added below
     joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(still, samples, options))
     rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None
     found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate, speed if arm else None, known)
     joint_variance = variance - setup.sensor.noise_std**2  # with that of accelerations that nobody recorded
     noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
     found = found._replace(noise_std=noise_std)
-    late = float(np.max(found.stamp_jitter.parameters["std"])) if found.stamp_jitter.detected else 0.0
+    late = float(np.max(found.jitter.parameters["std"])) if found.jitter.detected else 0.0
     moving = np.square(speed) @ np.broadcast_to(found.noise_per_speed, (speed.shape[1], 6))
     part, count = _bin(params, log, joints, joint_variance + coherent, (late * rate) ** 2 + moving, found)
     return part, count, params.effects or {}, found
@@ -148,7 +148,7 @@ def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.
     of rounding then follows the signal; the share of its variance that the noise leaves coherent is that of its first
     harmonic, exp(-4 pi^2 (noise / step)^2).
     """
-    step = np.broadcast_to(np.asarray(found.quantisation.parameters.get("step", 0.0), float), (6,))
+    step = np.broadcast_to(np.asarray(found.lattice.parameters.get("step", 0.0), float), (6,))
     coarse = step > stated_std
     noise_std = np.where(coarse, np.hypot(stated_std, step / np.sqrt(12)), found.noise_std)
     dither = np.exp(-((2 * np.pi * stated_std / np.where(coarse, step, 1.0)) ** 2))

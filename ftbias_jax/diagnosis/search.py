@@ -10,9 +10,10 @@ import numpy as np
 from ftbias_jax.diagnosis.candidates import LEAST_GAIN, Scored, candidates, score
 from ftbias_jax.diagnosis.evidence.cross_validation import Judge, excess_by_channel, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals.flexibility import is_plausible
+from ftbias_jax.diagnosis.proposals.ringing import is_plausible
 from ftbias_jax.diagnosis.regression.dictionary import Library, make_library
 from ftbias_jax.diagnosis.regression.fit import Fit, block_scores, fit, projection
+from ftbias_jax.model.effects.fitting import SUDDEN
 
 LEAST_SIGMAS = 0.08
 """Of one sample's noise: smaller effects are real, perhaps, but mean nothing to the owner."""
@@ -139,14 +140,14 @@ def _touched(problem: Problem, found: Fit) -> np.ndarray:
 
 def _earned(problem: Problem, hold_out: Judge, bar: Bar, start: Fit, accepted: Fit, trial: Scored) -> bool:
     """Whether one more cause is possible, gains enough, steadily, and removes enough on blocks it has not seen."""
-    if not (trial.gain > LEAST_GAIN and _is_steady(problem, trial, accepted)):
+    if not (trial.nats > LEAST_GAIN and _is_steady(problem, trial, accepted)):
         return False
     if not is_plausible(problem, accepted, trial.fit):
         return False
     if trial.hypothesis.local and not _stands_out(problem, start, accepted, trial.fit):
         return False
     held = hold_out(trial.fit, accepted.error)
-    if not _is_sudden(trial) and held.gain < SURE * held.gain_stderr:
+    if not _is_sudden(problem, trial) and held.nats < SURE * held.nats_stderr:
         return False
     return gap_removed(bar.elsewhere, accepted.error, held.error) > bar.least
 
@@ -160,11 +161,11 @@ def _stands_out(problem: Problem, start: Fit, accepted: Fit, trial: Fit) -> bool
 
 def _is_steady(problem: Problem, trial: Scored, accepted: Fit) -> bool:
     """Whether all blocks share in the gain; what is sudden gains in few of them."""
-    return _is_sudden(trial) or _z_of_gain(problem, trial.fit, accepted) > STEADY
+    return _is_sudden(problem, trial) or _z_of_gain(problem, trial.fit, accepted) > STEADY
 
 
-def _is_sudden(trial: Scored) -> bool:
-    return trial.hypothesis.local or trial.hypothesis.effect == "bias_jump"
+def _is_sudden(problem: Problem, trial: Scored) -> bool:
+    return isinstance(problem.catalogue[trial.hypothesis.effect].fit.search, SUDDEN)
 
 
 def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:
@@ -184,4 +185,4 @@ def _spare(problem: Problem, accepted: Fit) -> Fit | None:
 def _other_firsts(first: list[Scored], accepted: Fit) -> list[Scored]:
     """Strong candidates of the first round that are not among the causes."""
     named = {h.effect for h in accepted.hypotheses}
-    return [s for s in first[1:BEAM] if s.gain > BEAM_SHARE * first[0].gain and s.hypothesis.effect not in named]
+    return [s for s in first[1:BEAM] if s.nats > BEAM_SHARE * first[0].nats and s.hypothesis.effect not in named]

@@ -20,6 +20,7 @@ import numpy as np
 
 from ftbias_jax.errors import FtbiasError, UsageError
 from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.effects.fitting import SIGNS, Fitting, Linear, Samples, Starts
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect, Parameter
@@ -141,12 +142,36 @@ def fault_of(effect: Any, known: Iterable[str] = CATALOGUE) -> str:
         return f"{who}: give it a reading, a transform or a recording, or it does nothing"
     if effect.recording and (effect.transform or effect.reading):
         return f"{who}: a recording acts alone; make the reading or transform an effect of its own"
-    if effect.filter_noise:
+    if any(effect.filter_noise == other.filter_noise != "" for other in CATALOGUE.values()):
         return f"{who}: filter_noise is for built-in effects; use widen"
     fault = next((fault for fault in map(_fault_of_parameter, effect.parameters) if fault), "")
+    fault = fault or fault_of_fit(effect)
     if not fault and len({parameter.name for parameter in effect.parameters}) < len(effect.parameters):
         fault = "two parameters have one name"
     return f"{who}: {fault}" if fault else ""
+
+
+def fault_of_fit(effect: Effect) -> str:
+    """What is wrong with what an effect says about its fit: a parameter that it does not have, samples or no samples.
+
+    Args:
+        effect: an entry of a catalogue.
+    """
+    fit: Any = effect.fit
+    if not isinstance(fit, Fitting):
+        return f"fit: expected a Fitting, got {type(fit).__name__}"
+    search = fit.search
+    if isinstance(search, Samples):
+        if not effect.recording:
+            return "fit: what is read off samples must have a recording"
+        return "" if search.sign in SIGNS else f"fit: the sign {search.sign!r} is none of {', '.join(SIGNS)}"
+    if effect.recording and not isinstance(search, Starts):
+        return "fit: a recording is read off samples, by Samples(...), or not at all"
+    roles = [role for role in search if isinstance(role, str)]
+    if isinstance(search, Linear):
+        roles = [name for variant in search.variants for name, _ in variant]
+    known = {parameter.name for parameter in effect.parameters}
+    return next((f"fit: there is no parameter {role!r}" for role in roles if role not in known), "")
 
 
 def _is_key(name: Any) -> bool:

@@ -67,6 +67,15 @@ class BiasNoise(NamedTuple):
     drift_time: Array | None = None
     """(6,) s in which the drift reverts to zero; None = it never does (report, section 3)."""
 
+    @property
+    def noise_per_speed(self) -> Array | None:
+        """What the squared speed of each joint adds to the noise variance, as ``vibration``."""
+        return self.vibration
+
+    def at_rest(self) -> BiasNoise:
+        """The same without what the motion adds to the noise."""
+        return self._replace(vibration=None)
+
 
 class Params(NamedTuple):
     """Everything the filter believes; a pytree, differentiable in every leaf."""

@@ -10,11 +10,11 @@ from demo_logs import recorder
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, contact
+from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis
 from ftbias_jax.diagnosis.problem import make_problem
-from ftbias_jax.diagnosis.proposals.contact import merge
 from ftbias_jax.diagnosis.regression.chain_model import blocks, coordinates, size
 from ftbias_jax.diagnosis.regression.fit import base, fit
+from ftbias_jax.diagnosis.regression.series import shaped_events
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 
@@ -126,19 +126,12 @@ def test_coordinates_are_a_partition():
     np.testing.assert_array_equal(np.sort(places), np.arange(size(7)))
 
 
-def test_overlapping_events_are_one():
-    """Within a log."""
-    events = [(0, 5.0, 6.0), (0, 1.0, 1.4), (0, 5.5, 6.5), (1, 6.0, 7.0)]
-    np.testing.assert_allclose(merge(events), [(0, 0.66, 1.74), (0, 4.3, 7.2), (1, 5.3, 7.7)])
-    assert merge([]) == []
-
-
 @pytest.mark.slow
 def test_a_contact_of_any_shape_ends(setup, record):
     """Its series vanish outside the events, and every channel has its own."""
     problem, _ = make_problem(setup, [record(None)])
     t = problem.t
-    shapes = contact(problem, [(0, 2.0, 3.0), (0, 6.0, 6.5)], 8).shapes
+    shapes = shaped_events(problem, "contact", [Event(0, 2.0, 3.0), Event(0, 6.0, 6.5)], 8).shapes
     inside = ((t >= 2) & (t < 3)) | ((t >= 6) & (t < 6.5))
     assert all((shape[~inside] == 0).all() and shape.max() > 0.8 for shape in shapes)
 

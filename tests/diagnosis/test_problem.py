@@ -11,7 +11,7 @@ STATED = np.full(6, 0.1)
 
 
 def findings(step, noise_std):
-    return SimpleNamespace(quantisation=SimpleNamespace(parameters={"step": step}), noise_std=noise_std)
+    return SimpleNamespace(lattice=SimpleNamespace(parameters={"step": step}), noise_std=noise_std)
 
 
 def test_a_fine_lattice_leaves_the_noise_as_measured():

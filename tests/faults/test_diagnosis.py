@@ -34,8 +34,8 @@ def test_a_covariance_that_is_no_number_leaves_the_standard_error_unknown(monkey
 
     monkeypatch.setattr(estimates, "covariance", covariance)
 
-    def to_values(signals, z, link, catalogue):
-        return {"tool_mass": {"mass": 0.7 + z[3]}}, np.zeros(7)
+    def to_values(signals, z, catalogue):
+        return {"tool_mass": {"mass": 0.7 + z[3]}}
 
     monkeypatch.setattr(estimates.chain_model, "to_values", to_values)
     problem = SimpleNamespace(parts=[SimpleNamespace(signals=None)], catalogue=CATALOGUE)

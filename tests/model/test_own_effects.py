@@ -14,6 +14,7 @@ from ftbias_jax.io import read_log
 from ftbias_jax.model import own_effects as loading
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, values_of
+from ftbias_jax.model.effects.fitting import Fitting, Linear, Samples, Settling
 from ftbias_jax.model.effects.table import Catalogue, OwnValues
 from ftbias_jax.model.effects.types import Effect, Parameter
 from ftbias_jax.model.own_effects import catalogue_of_setup, catalogue_with, fault_of, load_effects
@@ -93,6 +94,10 @@ def test_an_installed_package_is_run_only_if_it_is_named(monkeypatch):
         (SIMPLE._replace(reading=None), "or it does nothing"),
         (SIMPLE._replace(recording=shifted), "a recording acts alone"),
         (SIMPLE._replace(filter_noise="vibration"), "filter_noise is for built-in effects"),
+        (SIMPLE._replace(fit="linear"), "fit: expected a Fitting, got str"),
+        (SIMPLE._replace(fit=Fitting(Settling("tau", 2.0))), "fit: there is no parameter 'tau'"),
+        (SIMPLE._replace(fit=Fitting(Linear(((("turns", 1.0),),)))), "fit: there is no parameter 'turns'"),
+        (SIMPLE._replace(fit=Fitting(Samples("level"))), "must have a recording"),
         (SIMPLE._replace(parameters=(SHIFT, SHIFT)), "two parameters have one name"),
         (SIMPLE._replace(parameters=("shift",)), "expected a Parameter"),
         (SIMPLE._replace(parameters=(SHIFT._replace(shape=(2,), scale=[1, 2, 3]),)), "scale does not fit the shape"),

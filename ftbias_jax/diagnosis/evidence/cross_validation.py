@@ -18,9 +18,9 @@ class HeldOut(NamedTuple):
 
     error: np.ndarray
     """(U, 6) innovations, in standard deviations."""
-    gain: float
-    """nats per second over the reference."""
-    gain_stderr: float
+    nats: float
+    """Per second, over the reference."""
+    nats_stderr: float
 
 
 class Judge:

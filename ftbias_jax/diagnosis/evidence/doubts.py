@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals import cables, contact, crosstalk_posterior
+from ftbias_jax.diagnosis.proposals import entries, pulls, touches
 from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.model.effects.fitting import Entries, Pull, Touches
 
-DOUBTS = {
-    contact.EFFECT: contact.doubt,
-    cables.EFFECT: cables.doubt,
-    crosstalk_posterior.EFFECT: crosstalk_posterior.doubt,
-}
-"""Effect -> (problem, fit, its hypothesis) -> why it may be something else, in words; "" = it may not."""
+DOUBTS = {Touches: touches.doubt, Pull: pulls.doubt, Entries: entries.doubt}
+"""Search of an effect -> (problem, fit, its hypothesis) -> why it may be something else, in words; "" = it may not."""
 
 
 def doubt_of(problem: Problem, found: Fit, h: Hypothesis) -> str:
@@ -23,7 +20,8 @@ def doubt_of(problem: Problem, found: Fit, h: Hypothesis) -> str:
         found: all causes together.
         h: one of them.
     """
-    return DOUBTS[h.effect](problem, found, h) if h.effect in DOUBTS else ""
+    search = type(problem.catalogue[h.effect].fit.search)
+    return DOUBTS[search](problem, found, h) if search in DOUBTS else ""
 
 
 def is_sure(problem: Problem, found: Fit) -> bool:

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, hats_of, slope_in_time
+from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Joint, Slow
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals.crosstalk_posterior import whole_matrix
+from ftbias_jax.diagnosis.proposals.entries import whole_matrix
 from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.coordinates import strengths
 from ftbias_jax.diagnosis.regression.evaluate import believed_motions, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
+from ftbias_jax.diagnosis.regression.series import shaped, slope_in_time
 from ftbias_jax.diagnosis.result import Numbers
+from ftbias_jax.model.effects.fitting import ByJoint, Entries, Settling, Step, Touches
 
 Parameters = dict[str, Numbers]
 
 FORM_ERROR = 0.02
 """Share of what a parameter departs from neutral that a real effect's form may put into it: it is never quite the
 catalogue's, and no scatter of the data shows that."""
-FORM_ERRORS = {"low_pass": 0.15, "warmup": 0.12, "temperature_drift": 0.1, "bias_jump": 0.05}
-"""The same of effects whose form is known less: filters of another order or a moving average with the same delay have
-other cutoffs, a second, longer time constant passes for drift, gauges are not linear in temperature, a jump settles."""
-TIME_CONSTANT = {"warmup": "tau", "temperature_drift": "lag"}
-"""Effects of a slow series, and the name of its time constant."""
 SHAPE_ERROR = 0.15
 """Share of a contact's peak that its few hat functions may miss."""
 TIME_STDERR = 0.02
@@ -34,10 +32,10 @@ START_STDERR, FADING = 0.1, 0.1
 
 def parameters(problem: Problem, fit: Fit, hypothesis: Hypothesis) -> tuple[Parameters, Parameters]:
     """Values and standard errors of one hypothesis of a fit, in the units of the catalogue."""
-    if hypothesis.effect == "crosstalk":
+    if isinstance(problem.catalogue[hypothesis.effect].fit.search, Entries):
         z, whole, of_entries = whole_matrix(problem, fit, hypothesis)
         return _of_coordinates(problem, fit._replace(z=z), whole, of_entries)
-    slow = [h for h in fit.hypotheses if h.effect in TIME_CONSTANT]
+    slow = [h for h in fit.hypotheses if isinstance(h.detail, Slow)]
     further = np.concatenate([fit.columns.moving[:0], *(_by_time_constant(problem, fit, h) for h in slow)])
     try:
         spread = covariance(problem, fit, further)
@@ -49,6 +47,12 @@ def parameters(problem: Problem, fit: Fit, hypothesis: Hypothesis) -> tuple[Para
         return _of_series(problem, fit, hypothesis, of_series, of_time)
     own = [fit.free.index(i) for i in hypothesis.free]
     return _of_coordinates(problem, fit, hypothesis, spread[np.ix_(own, own)])
+
+
+def form_error(problem: Problem, effect: str) -> float:
+    """Share of what a parameter departs from neutral that the form of a real effect may put into it."""
+    stated = problem.catalogue[effect].fit.form_error
+    return FORM_ERROR if stated is None else stated
 
 
 def _by_time_constant(problem: Problem, fit: Fit, h: Hypothesis) -> np.ndarray:
@@ -68,29 +72,36 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
     """Standard errors from a step of one standard deviation along every principal axis of the covariance (F, F).
 
     All NaN if the covariance is no number. A direction that changes no parameter, such as the size of gravity, adds
-    nothing. A step towards neutral adds the error of the form.
+    nothing. Of the two ways along an axis the one counts that changes more: the other may end at a bound. A step
+    towards neutral adds the error of the form.
     """
-    link, signals = np.asarray(fit.link), problem.parts[0].signals
+    signals = problem.parts[0].signals
     unknown = not np.isfinite(spread).all()
     variance, axes = (np.full(len(spread), np.nan), spread) if unknown else np.linalg.eigh(spread)
-    z = np.repeat(fit.z[None], len(variance) + 2, 0)
-    z[1:-1, list(h.free)] += np.sqrt(np.maximum(variance, 0))[:, None] * axes.T
-    z[-1, list(h.free)] *= 1 - FORM_ERRORS.get(h.effect, FORM_ERROR)
-    made = [chain_model.to_values(signals, row, link, problem.catalogue) for row in z]
-    values, offsets = zip(*made, strict=True)
-    if h.effect == "encoder_offset":
-        joint = int(h.detail[0])
-        at = np.array([float(offset[joint - 1]) for offset in offsets])
-        return {"joint": joint, "offset": float(at[0])}, {
-            "joint": 0.0,
-            "offset": float(np.sqrt(((at[1:] - at[0]) ** 2).sum())),
-        }
+    step = np.sqrt(np.maximum(variance, 0))[:, None] * axes.T
+    z = np.repeat(fit.z[None], 2 * len(step) + 2, 0)
+    z[1:-1, list(h.free)] += np.concatenate([step, -step])
+    z[-1, list(h.free)] *= 1 - form_error(problem, h.effect)
+    values = [chain_model.to_values(signals, row, problem.catalogue)[h.effect] for row in z]
     found: Parameters = {}
     errors: Parameters = {}
-    for name in values[0][h.effect]:
-        at = np.stack([np.asarray(value[h.effect][name], float) for value in values])
-        found[name], errors[name] = _plain(at[0]), _plain(np.sqrt(((at[1:] - at[0]) ** 2).sum(0)))
+    for name in values[0]:
+        at = np.stack([np.asarray(value[name], float) for value in values])
+        if isinstance(h.detail, Joint):
+            at = at[:, h.detail.number - 1]
+        off = np.abs(at[1:] - at[0])
+        either = np.maximum(*np.split(off[:-1], 2))
+        found[name], errors[name] = _plain(at[0]), _plain(np.sqrt((either**2).sum(0) + off[-1] ** 2))
+    if isinstance(h.detail, Joint):
+        found[_number(problem, h)] = h.detail.number
     return found, errors
+
+
+def _number(problem: Problem, h: Hypothesis) -> str:
+    """Name of the parameter that says which joint."""
+    search = problem.catalogue[h.effect].fit.search
+    assert isinstance(search, ByJoint)
+    return search.number
 
 
 def _of_series(
@@ -98,43 +109,45 @@ def _of_series(
 ) -> tuple[Parameters, Parameters]:
     rows = rows_of(fit, h)
     coefficients = fit.coefficients[rows].reshape(-1, 6)
-    errors = np.hypot(stderr[rows].reshape(-1, 6), FORM_ERRORS.get(h.effect, FORM_ERROR) * coefficients)
-    if h.effect == "contact":
-        return _of_contact(problem, h, coefficients, errors)
-    name = "per_kelvin" if h.effect == "temperature_drift" else "amplitude"
-    found: Parameters = {name: _plain(coefficients[0])}
-    spread: Parameters = {name: _plain(errors[0])}
-    if h.effect == "bias_jump":
-        found["time"], _, found["ramp"] = h.detail
-        spread["time"] = float(np.hypot(TIME_STDERR, RAMP_STDERR * h.detail[2]))
-        spread["ramp"] = 2 * RAMP_STDERR * h.detail[2]
-    if h.effect in TIME_CONSTANT:
-        found[TIME_CONSTANT[h.effect]], spread[TIME_CONSTANT[h.effect]] = h.detail[0], stderr_of_time
+    errors = np.hypot(stderr[rows].reshape(-1, 6), form_error(problem, h.effect) * coefficients)
+    effect = problem.catalogue[h.effect]
+    if isinstance(effect.fit.search, Touches):
+        return _of_events(problem, h, effect.fit.search, coefficients, errors)
+    (strength,) = strengths(effect)
+    found: Parameters = {strength.name: _plain(coefficients[0])}
+    spread: Parameters = {strength.name: _plain(errors[0])}
+    match effect.fit.search, h.detail:
+        case Step(time, ramp), Change(at, _, length):
+            found |= {time: at, ramp: length}
+            spread |= {time: float(np.hypot(TIME_STDERR, RAMP_STDERR * length)), ramp: 2 * RAMP_STDERR * length}
+        case Settling(time), Slow(time_constant):
+            found, spread = found | {time: time_constant}, spread | {time: stderr_of_time}
     return found, spread
 
 
-def _of_contact(
-    problem: Problem, h: Hypothesis, coefficients: np.ndarray, errors: np.ndarray
+def _of_events(
+    problem: Problem, h: Hypothesis, search: Touches, coefficients: np.ndarray, errors: np.ndarray
 ) -> tuple[Parameters, Parameters]:
     """Events with the force at their peak, base frame: the tool is pushed by minus the change of the reading."""
-    events, hats = np.reshape(h.detail, (-1, 4)), hats_of(h)
-    ends, motions = np.cumsum(hats)[:-1], believed_motions(problem)
+    events, motions = shaped(h), believed_motions(problem)
+    ends = np.cumsum([one.series for one in events])[:-1]
     forces: list[Numbers] = []
     spreads: list[Numbers] = []
-    for (log, start, end, _), change, error in zip(
-        events, np.split(coefficients, ends), np.split(errors, ends), strict=True
-    ):
-        peak = int((change[:, :3] ** 2).sum(1).argmax())
-        signals, used = problem.parts[int(log)].signals, problem.parts[int(log)].used
-        middle = np.searchsorted(np.asarray(signals.t)[:used], start + peak * (end - start) / (len(change) - 1))
-        R = np.asarray(motions[int(log)].sensor_rotation)[:, :, min(middle, used - 1)]
+    for (event, _), change, error in zip(events, np.split(coefficients, ends), np.split(errors, ends), strict=True):
+        part, peak = problem.parts[event.log], int((change[:, :3] ** 2).sum(1).argmax())
+        when = event.start + peak * (event.end - event.start) / (len(change) - 1)
+        middle = min(int(np.searchsorted(np.asarray(part.signals.t)[: part.used], when)), part.used - 1)
+        R = np.asarray(motions[event.log].sensor_rotation)[:, :, middle]
         forces.append((-R @ change[peak, :3]).tolist())
         blunt = SHAPE_ERROR * float(np.linalg.norm(change[peak, :3]))
         spreads.append(np.hypot(np.abs(R) @ error[peak, :3], blunt).tolist())
-    found: Parameters = {"start": events[:, 1].tolist(), "end": events[:, 2].tolist(), "force": forces}
-    start = np.full(len(events), START_STDERR)
-    end = start + FADING * (events[:, 2] - events[:, 1])
-    return found, {"start": start.tolist(), "end": end.tolist(), "force": spreads}
+    starts, stops = (np.array([one.event[side] for one in events], float) for side in (1, 2))
+    of_start = np.full(len(events), START_STDERR)
+    of_end = of_start + FADING * (stops - starts)
+    return (
+        {search.start: starts.tolist(), search.end: stops.tolist(), search.force: forces},
+        {search.start: of_start.tolist(), search.end: of_end.tolist(), search.force: spreads},
+    )
 
 
 def _plain(value: np.ndarray) -> Numbers:

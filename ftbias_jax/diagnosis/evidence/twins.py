@@ -43,7 +43,7 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     left = max(-accepted.log_likelihood - (problem.samples > 0).sum() / 2, 0.0)
     declared = {twin.effect for twin in problem.catalogue[cause.effect].twins}
     twins: dict[str, None] = {}
-    hopeful = [s for s in scored if s.hypothesis.effect not in named and s.gain > HOPELESS * scored[0].gain]
+    hopeful = [s for s in scored if s.hypothesis.effect not in named and s.nats > HOPELESS * scored[0].nats]
     for other in hopeful[:MOST_TRIED]:
         trial = fit(problem, (*rest, other.hypothesis), accepted) if rest else other.fit
         difference = blocks - block_scores(problem, trial)

@@ -13,58 +13,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.diagnosis.regression.coordinates import Block, own_blocks, own_effects, own_values
+from ftbias_jax.diagnosis.regression.coordinates import Block, fitted_effects, values_at
+from ftbias_jax.diagnosis.regression.coordinates import blocks as blocks_of
 from ftbias_jax.model.effects import compose
-from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values
-from ftbias_jax.model.effects.kinematics import motion_of, subtract_offsets
+from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.effects.fitting import ByJoint
+from ftbias_jax.model.effects.kinematics import motion_of
 from ftbias_jax.model.effects.table import Catalogue
-from ftbias_jax.model.effects.types import Signals, Values
+from ftbias_jax.model.effects.types import Effect, EffectValues, Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.types import Array
 
-SHORTEST_LAG = 1e-4
-"""s; a low-pass with this time constant does nothing."""
-
-SHORTEST_PERIOD = 1e-3
-"""s; a tool that rings so fast is rigid, and unlike at infinite frequency derivatives are finite."""
-
-LONGEST_PERIOD = 1 / 3.5
-"""s; springs so soft give way by 2 cm under the tool's weight. What swings more slowly hangs, or is a liquid."""
-
-MOST_LOG_DAMPING = 1.6
-"""A fourth of critical damping: what swings less is no tool on springs."""
-
-
-MOVING = ("encoder_offset",)
-"""Effects that change how the arm moves; all else is worked out from the motion."""
-
 
 def blocks(n: int, catalogue: Catalogue = CATALOGUE) -> tuple[Block, ...]:
-    """Coordinates of all chained effects for an arm with n joints; those of the caller's own effects come last."""
-    lever = np.array([1.0] * 3 + [0.1] * 3)
-    return (
-        Block("tool_mass", "mass", 1, 0.05),
-        Block("tool_com", "center_of_mass", 3, 0.005),
-        Block("tool_inertia", "inertia", 6, 1e-3),
-        Block("gravity_tilt", "gravity", 3, 0.1),
-        Block("encoder_offset", "offset", n, 0.01),
-        Block("mount_rotation", "rotation", 3, 0.01),
-        Block("mount_rotation", "tool_turns", 1, 1.0),
-        Block("gain", "gain", 6, 0.02, -0.99 / 0.02, 99 / 0.02),
-        Block("crosstalk", "matrix", 30, (0.02 * lever[:, None] / lever)[~np.eye(6, dtype=bool)]),
-        Block("time_delay", "delay", 1, 0.01),
-        Block("low_pass", "lag", 1, 0.02),
-        Block("hysteresis", "width", 6, 0.2 * lever),
-        Block("tool_flexibility", "period", 1, 0.1, 0.0, LONGEST_PERIOD / 0.1),
-        Block("tool_flexibility", "log_damping", 1, 1.0, -4.0, MOST_LOG_DAMPING),
-        Block("tool_flexibility", "share", 6, 1.0, 0.0, 2.0),
-        Block("tool_flexibility", "sagging", 1, 1.0, 0.0, 1.0),
-        Block("cable", "stiffness", 1, 10.0, 0.0, 1e6 / 10.0),
-        Block("cable", "rest_length", 1, 0.1, 0.0, 10 / 0.1),
-        Block("cable", "anchor", 3, 0.1, -10 / 0.1, 10 / 0.1),
-        Block("cable", "attachment", 3, 0.03),
-        *own_blocks(catalogue),
-    )
+    """Coordinates of all chained effects for an arm with n joints, in the catalogue's order."""
+    return blocks_of(n, catalogue)
 
 
 def slices(n: int, catalogue: Catalogue = CATALOGUE) -> dict[tuple[str, str], slice]:
@@ -74,24 +37,22 @@ def slices(n: int, catalogue: Catalogue = CATALOGUE) -> dict[tuple[str, str], sl
     return {(b.effect, b.parameter): slice(e - b.size, e) for b, e in zip(laid_out, ends, strict=True)}
 
 
-def coordinates(n: int, effect: str) -> np.ndarray:
-    """Indices of all coordinates of a built-in effect."""
-    places = slices(n)
+def coordinates(n: int, effect: str, catalogue: Catalogue = CATALOGUE) -> np.ndarray:
+    """Indices of all coordinates of an effect."""
+    places = slices(n, catalogue)
     return np.concatenate([np.arange(s.start, s.stop) for (name, _), s in places.items() if name == effect])
+
+
+def of_joints(n: int, catalogue: Catalogue = CATALOGUE) -> np.ndarray:
+    """Indices of the coordinates that change how the arm moves, and nothing else; all else is worked out from that."""
+    own = [coordinates(n, effect.name, catalogue) for effect in catalogue.searched_by(ByJoint)]
+    return np.concatenate([np.zeros(0, int), *own])
 
 
 def bounds(n: int, catalogue: Catalogue = CATALOGUE) -> tuple[np.ndarray, np.ndarray]:
     """(P,), (P,) least and most value of every coordinate."""
-    least, most = ([np.broadcast_to(edge(b), b.size) for b in blocks(n, catalogue)] for edge in (_least, _most))
-    return np.concatenate(least), np.concatenate(most)
-
-
-def _least(block: Block) -> float | np.ndarray:
-    return block.least
-
-
-def _most(block: Block) -> float | np.ndarray:
-    return block.most
+    laid_out = blocks(n, catalogue)
+    return np.concatenate([b.least for b in laid_out]), np.concatenate([b.most for b in laid_out])
 
 
 def size(n: int, catalogue: Catalogue = CATALOGUE) -> int:
@@ -100,78 +61,48 @@ def size(n: int, catalogue: Catalogue = CATALOGUE) -> int:
 
 
 @partial(jax.jit, static_argnames="catalogue")
-def to_values(
-    signals: Signals, z: Array, link: Array, catalogue: Catalogue = CATALOGUE
-) -> tuple[dict[str, dict[str, Array]], Array]:
-    """Catalogue values of all chained effects, and encoder offsets (n,) rad.
+def to_values(signals: Signals, z: Array, catalogue: Catalogue = CATALOGUE) -> Values:
+    """Catalogue values of all chained effects; those of one joint have a row of all joints and of their offsets.
 
     Args:
         signals: of the log.
         z: (P,) coordinates.
-        link: () which link carries the anchor of a cable, 0 = world.
         catalogue: that has the effects.
     """
-    n, model = signals.q.shape[1], signals.model
-    places, units = slices(n, catalogue), {(b.effect, b.parameter): jnp.asarray(b.unit) for b in blocks(n)}
-
-    def move(effect: str, parameter: str) -> Array:
-        value = z[places[effect, parameter]] * units[effect, parameter]
-        return value
-
-    neutral = {name: neutral_values(CATALOGUE[name], model) for name in dict.fromkeys(b.effect for b in blocks(n))}
-    matrix = jnp.eye(6, dtype=z.dtype).at[np.nonzero(~np.eye(6, dtype=bool))].set(move("crosstalk", "matrix"))
-    lag = jnp.maximum(move("low_pass", "lag")[0], SHORTEST_LAG)
-    period = move("tool_flexibility", "period")[0]
-    gravity = model.gravity + move("gravity_tilt", "gravity")
-    values = {
-        "tool_mass": {"mass": neutral["tool_mass"]["mass"] + move("tool_mass", "mass")[0]},
-        "tool_com": {"center_of_mass": neutral["tool_com"]["center_of_mass"] + move("tool_com", "center_of_mass")},
-        "tool_inertia": {"inertia": neutral["tool_inertia"]["inertia"] + move("tool_inertia", "inertia")},
-        "gravity_tilt": {"gravity": gravity * jnp.linalg.norm(model.gravity) / jnp.linalg.norm(gravity)},
-        "mount_rotation": {
-            "rotation": move("mount_rotation", "rotation"),
-            "tool_turns": move("mount_rotation", "tool_turns")[0],
-        },
-        "gain": {"gain": 1 + move("gain", "gain")},
-        "crosstalk": {"matrix": matrix},
-        "time_delay": {"delay": move("time_delay", "delay")[0]},
-        "low_pass": {"cutoff": 1 / (2 * jnp.pi * lag)},
-        "hysteresis": {"width": jnp.maximum(move("hysteresis", "width"), 0)},
-        "tool_flexibility": {
-            "frequency": 1 / jnp.maximum(period, SHORTEST_PERIOD),
-            "damping_ratio": 0.05 * jnp.exp(move("tool_flexibility", "log_damping")[0]),
-            # Of a rigid tool nothing moves, whatever the shares: here they need not be neutral at 0.
-            "share": move("tool_flexibility", "share"),
-            "sagging": move("tool_flexibility", "sagging")[0],
-        },
-        "cable": neutral["cable"]
-        | {
-            "stiffness": move("cable", "stiffness")[0],
-            "rest_length": move("cable", "rest_length")[0],
-            "anchor": move("cable", "anchor"),
-            "attachment": neutral["cable"]["attachment"] + move("cable", "attachment"),
-            "link": link,
-        },
-    }
-    for effect in own_effects(catalogue):
-        own = {parameter.name: z[places[effect.name, parameter.name]] for parameter in effect.parameters}
-        values[effect.name] = own_values(effect, model, own)
-    return values, move("encoder_offset", "offset")
+    return _values(signals, z, catalogue, fitted_effects(catalogue))
 
 
-@jax.jit
-def motion(signals: Signals, known: Values, z: Array) -> ArmMotion:
+def _values(signals: Signals, z: Array, catalogue: Catalogue, effects: list[Effect]) -> Values:
+    n = signals.q.shape[1]
+    places = slices(n, catalogue)
+
+    def of(effect: Effect) -> EffectValues:
+        own = {parameter: z[place] for (name, parameter), place in places.items() if name == effect.name}
+        return values_at(effect, signals.model, own, n)
+
+    return {effect.name: of(effect) for effect in effects}
+
+
+def _moved(signals: Signals, known: Values, z: Array, catalogue: Catalogue) -> Signals:
+    """Joints without the offsets of coordinates z (P,), and without those that the setup knows of."""
+    moving = catalogue.searched_by(ByJoint)
+    moved = compose.transform(signals, _values(signals, z, catalogue, list(moving)), catalogue)
+    stated = {effect.name: known[effect.name] for effect in moving if effect.name in known}
+    return compose.transform(moved, stated, catalogue)
+
+
+@partial(jax.jit, static_argnames="catalogue")
+def motion(signals: Signals, known: Values, z: Array, catalogue: Catalogue = CATALOGUE) -> ArmMotion:
     """How the arm moves with the joint offsets of coordinates z (P,), and with those that the setup knows of."""
-    moved = subtract_offsets(to_values(signals, z, jnp.zeros_like(z[0]))[1], signals)
-    return motion_of(compose.transform(moved, {name: known[name] for name in known if name in MOVING}))
+    return motion_of(_moved(signals, known, z, catalogue))
 
 
-@jax.jit
-def motion_slopes(signals: Signals, known: Values, z: Array) -> tuple[ArmMotion, ...]:
+@partial(jax.jit, static_argnames="catalogue")
+def motion_slopes(signals: Signals, known: Values, z: Array, catalogue: Catalogue = CATALOGUE) -> tuple[ArmMotion, ...]:
     """The derivatives of ``motion`` by the coordinate of every joint's offset."""
-    places = coordinates(signals.q.shape[1], "encoder_offset")
+    places = of_joints(signals.q.shape[1], catalogue)
     directions = jnp.eye(len(z), dtype=z.dtype)[places]
-    slopes = jax.vmap(lambda d: jax.jvp(lambda z: motion(signals, known, z), (z,), (d,))[1])(directions)
+    slopes = jax.vmap(lambda d: jax.jvp(lambda z: motion(signals, known, z, catalogue), (z,), (d,))[1])(directions)
     return tuple(jax.tree.map(lambda x, i=i: x[i], slopes) for i in range(len(places)))
 
 
@@ -181,7 +112,6 @@ def readings(
     known: Values,
     moving: tuple[ArmMotion, ...],
     z: Array,
-    link: Array,
     catalogue: Catalogue = CATALOGUE,
 ) -> Array:
     """(C, B, 6) N, Nm: noise-free readings at several coordinates at once.
@@ -191,10 +121,9 @@ def readings(
         known: effects that the setup knows of.
         moving: C times ``motion`` at z.
         z: (C, P) coordinates.
-        link: (C,) which link carries the anchor of a cable.
         catalogue: that has the effects.
     """
-    return jax.vmap(partial(_reading, signals, known, catalogue))(_stack(moving), z, link)
+    return jax.vmap(partial(_reading, signals, known, catalogue))(_stack(moving), z)
 
 
 @partial(jax.jit, static_argnames="catalogue")
@@ -203,7 +132,6 @@ def slopes(
     known: Values,
     moving: ArmMotion,
     z: Array,
-    link: Array,
     directions: Array,
     changes: tuple[ArmMotion, ...],
     catalogue: Catalogue = CATALOGUE,
@@ -215,7 +143,6 @@ def slopes(
         known: as above.
         moving: ``motion`` at z.
         z: (P,) coordinates.
-        link: ().
         directions: (D, P).
         changes: of the motion along each direction; zeros if it moves no joint.
         catalogue: that has the effects.
@@ -223,17 +150,18 @@ def slopes(
 
     def along(direction: Array, change: ArmMotion) -> Array:
         reading = partial(_reading, signals, known, catalogue)
-        slope: Array = jax.jvp(lambda moving, z: reading(moving, z, link), (moving, z), (change, direction))[1]
+        slope: Array = jax.jvp(reading, (moving, z), (change, direction))[1]
         return slope
 
     return jax.vmap(along)(directions, _stack(changes))
 
 
-def _reading(signals: Signals, known: Values, catalogue: Catalogue, moving: ArmMotion, z: Array, link: Array) -> Array:
-    chained, offsets = to_values(signals, z, link, catalogue)
-    values = chained | {name: known[name] for name in known if name not in MOVING}
+def _reading(signals: Signals, known: Values, catalogue: Catalogue, moving: ArmMotion, z: Array) -> Array:
+    joints = [effect.name for effect in catalogue.searched_by(ByJoint)]
+    chained = _values(signals, z, catalogue, [e for e in fitted_effects(catalogue) if e.name not in joints])
+    values = chained | {name: known[name] for name in known if name not in joints}
     if catalogue.own:  # these may move the joints, or look at where they are
-        signals = subtract_offsets(offsets, signals)
+        signals = _moved(signals, known, z, catalogue)
     return compose.predict(signals._replace(motion=moving), values, catalogue)
 
 

@@ -7,11 +7,19 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ftbias_jax.diagnosis import hypothesis as hyp
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import whitened_series
 from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.regression.series import pulse, settlings, steps
+from ftbias_jax.model.effects.fitting import Settling, Step
+
+STEP = 0.25
+"""s between the times at which a change is looked for, in a short log."""
+MOST_STEPS = 400
+"""In a long log its length is divided by this."""
+PULSES = (0.1, 0.25, 0.6, 1.5)
+"""s, lengths of the events that are looked for."""
 
 Found: TypeAlias = tuple[float, Hypothesis]
 """Gain in nats on top of what is accepted, not penalised, and the hypothesis."""
@@ -20,11 +28,10 @@ Found: TypeAlias = tuple[float, Hypothesis]
 class Library(NamedTuple):
     """Whitened series of one problem that no fit changes: worked out once."""
 
-    slow: list[Hypothesis]
-    slow_white: np.ndarray
-    """(S, U, 6), the same series in every channel."""
-    jumps: list[Hypothesis]
-    jumps_white: np.ndarray
+    series: dict[str, list[Hypothesis]]
+    """Effect -> what it could be: of those that settle, or change at some time."""
+    white: dict[str, np.ndarray]
+    """Effect -> (S, U, 6), the same series in every channel."""
     events: list[Event]
     events_white: np.ndarray
     """(E, U, 6) pulses."""
@@ -32,25 +39,30 @@ class Library(NamedTuple):
 
 def make_library(problem: Problem) -> Library:
     """All series that are searched through."""
-    slow = hyp.warmups(problem) + hyp.temperatures(problem)
-    jumps, events = [], []
-    for log, duration in enumerate(problem.durations):
-        step = max(hyp.JUMP_STEP, duration / 400)
-        jumps += hyp.jumps(problem, log, np.arange(1.0, duration - 1.0, step))
-        events += [
-            (log, float(start), float(start + length))
-            for length in hyp.PULSES
-            for start in np.arange(0.3, duration - length, max(length / 2, duration / 400))
+    series: dict[str, list[Hypothesis]] = {}
+    for effect in problem.catalogue.searched_by(Settling):
+        if all(need in problem.recorded for need in effect.needs):
+            series[effect.name] = settlings(problem, effect)
+    for effect in problem.catalogue.searched_by(Step):
+        series[effect.name] = [
+            h
+            for log, duration in enumerate(problem.durations)
+            for h in steps(problem, effect, log, np.arange(1.0, duration - 1.0, between_steps(duration)))
         ]
-    pulses = [hyp.pulse(problem, *event) for event in events]
-    return Library(
-        slow,
-        alike(problem, [h.shapes[0] for h in slow]),
-        jumps,
-        alike(problem, [h.shapes[0] for h in jumps]),
-        events,
-        alike(problem, pulses),
-    )
+    events = [
+        Event(log, float(start), float(start + length))
+        for log, duration in enumerate(problem.durations)
+        for length in PULSES
+        for start in np.arange(0.3, duration - length, max(length / 2, duration / MOST_STEPS))
+    ]
+    series = {name: found for name, found in series.items() if found}
+    white = {name: alike(problem, [h.shapes[0] for h in found]) for name, found in series.items()}
+    return Library(series, white, events, alike(problem, [pulse(problem, event) for event in events]))
+
+
+def between_steps(duration: float) -> float:
+    """s between the times at which a change is looked for in a log of so many seconds."""
+    return max(STEP, duration / MOST_STEPS)
 
 
 def alike(problem: Problem, series: Sequence[np.ndarray]) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -42,53 +42,53 @@ def lower_programs(
         return jax.ShapeDtypeStruct(shape, signals.q.dtype)
 
     size = chain_model.size(n, catalogue)
-    one, many, link = of(size), of(LANES, size), of()
-    moving = jax.eval_shape(chain_model.motion, signals, known, one)
-    yield chain_model.slopes.lower(signals, known, moving, one, link, many, (moving,) * LANES, catalogue)
-    yield chain_model.motion_slopes.lower(signals, known, one)
-    yield chain_model.readings.lower(signals, known, (moving,) * LANES, many, of(LANES), catalogue)
-    yield chain_model.motion.lower(signals, known, one)
-    yield chain_model.to_values.lower(signals, one, link, catalogue)
+    one, many = of(size), of(LANES, size)
+    moving = jax.eval_shape(partial(chain_model.motion, catalogue=catalogue), signals, known, one)
+    yield chain_model.slopes.lower(signals, known, moving, one, many, (moving,) * LANES, catalogue)
+    yield chain_model.motion_slopes.lower(signals, known, one, catalogue)
+    yield chain_model.readings.lower(signals, known, (moving,) * LANES, many, catalogue)
+    yield chain_model.motion.lower(signals, known, one, catalogue)
+    yield chain_model.to_values.lower(signals, one, catalogue)
     for lanes in WHITE_LANES:
         yield whiten.lower(wrench, of(lanes, bins, 6))
 
 
-def readings(problem: Problem, z: np.ndarray, link: np.ndarray) -> np.ndarray:
-    """(C, P) coordinates, (C,) links -> (C, U, 6) N, Nm: noise-free readings."""
-    joints = chain_model.coordinates(problem.joints, "encoder_offset")
+def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
+    """(C, P) coordinates -> (C, U, 6) N, Nm: noise-free readings."""
+    joints = chain_model.of_joints(problem.joints, problem.catalogue)
 
     def of_log(part: Part) -> np.ndarray:
         @lru_cache(LANES)
         def motion(*offsets: float) -> ArmMotion:
             at = np.zeros(z.shape[1])
             at[joints] = offsets
-            moving: ArmMotion = chain_model.motion(part.signals, problem.known, at)
+            moving: ArmMotion = chain_model.motion(part.signals, problem.known, at, problem.catalogue)
             return moving
 
-        def some(z: np.ndarray, link: np.ndarray) -> Array:
+        def some(z: np.ndarray) -> Array:
             moving = tuple(motion(*offsets) for offsets in z[:, joints])
-            return chain_model.readings(part.signals, problem.known, moving, z, link, problem.catalogue)
+            return chain_model.readings(part.signals, problem.known, moving, z, problem.catalogue)
 
-        return in_pieces(some, LANES, z, link)[:, : part.used]
+        return in_pieces(some, LANES, z)[:, : part.used]
 
     return np.concatenate([of_log(part) for part in problem.parts], axis=1)
 
 
-def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) -> np.ndarray:
+def slopes(problem: Problem, z: np.ndarray, places: Sequence[int]) -> np.ndarray:
     """(F, U, 6) N, Nm: derivatives of the reading at z (P,) by the coordinates at these places."""
-    joints = chain_model.coordinates(problem.joints, "encoder_offset")
+    joints = chain_model.of_joints(problem.joints, problem.catalogue)
 
     def of_log(part: Part) -> np.ndarray:
-        signals, known = part.signals, problem.known
-        moving = chain_model.motion(signals, known, z)
+        signals, known, catalogue = part.signals, problem.known, problem.catalogue
+        moving = chain_model.motion(signals, known, z, catalogue)
         still = jax.tree.map(lambda x: jnp.asarray(np.zeros(x.shape, x.dtype)), moving)
-        by_joint = chain_model.motion_slopes(signals, known, z) if np.isin(places, joints).any() else ()
+        by_joint = chain_model.motion_slopes(signals, known, z, catalogue) if np.isin(places, joints).any() else ()
         change = dict(zip(joints, by_joint, strict=False))
 
         def some(places: np.ndarray) -> Array:
             changes = tuple(change.get(place, still) for place in places)
-            directions, at = np.eye(len(z))[places], np.asarray(link, z.dtype)
-            return chain_model.slopes(signals, known, moving, z, at, directions, changes, problem.catalogue)
+            directions = np.eye(len(z))[places]
+            return chain_model.slopes(signals, known, moving, z, directions, changes, catalogue)
 
         return in_pieces(some, LANES, np.array(places))[:, : part.used]
 
@@ -98,7 +98,7 @@ def slopes(problem: Problem, z: np.ndarray, link: float, places: Sequence[int]) 
 def believed_motions(problem: Problem) -> list[ArmMotion]:
     """How the arm moves in each log, if the joints are where the setup believes; B samples, with the padding."""
     z = np.zeros(chain_model.size(problem.joints, problem.catalogue))
-    return [chain_model.motion(part.signals, problem.known, z) for part in problem.parts]
+    return [chain_model.motion(part.signals, problem.known, z, problem.catalogue) for part in problem.parts]
 
 
 def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:

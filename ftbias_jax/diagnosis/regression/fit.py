@@ -38,8 +38,7 @@ class Fit(NamedTuple):
 
     hypotheses: tuple[Hypothesis, ...]
     z: np.ndarray
-    """(P,) coordinates of model.blocks."""
-    link: float
+    """(P,) coordinates of ``chain_model.blocks``."""
     coefficients: np.ndarray
     """(6 E,) of the linear series, hypothesis by hypothesis."""
     error: np.ndarray
@@ -60,8 +59,8 @@ def base(problem: Problem) -> Fit:
     """The believed model."""
     nothing = Columns(*np.zeros((2, 0, len(problem.t), 6)))
     z = np.zeros(chain_model.size(problem.joints, problem.catalogue))
-    error = _errors(problem, z[None], 0.0)[0]
-    return Fit((), z, 0.0, np.zeros(0), error, nothing, (), _log_likelihood(error))
+    error = _errors(problem, z[None])[0]
+    return Fit((), z, np.zeros(0), error, nothing, (), _log_likelihood(error))
 
 
 def fit(
@@ -82,23 +81,22 @@ def fit(
     for h in hypotheses:
         z[list(h.free)] = start.z[list(h.free)] if id(h) in there else h.start
         z = keep(z, h)
-    link = next((h.link for h in hypotheses if h.effect == "cable"), 0.0)
     free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
     series = _series(problem, hypotheses, start)
     project = projection(series)
-    if np.array_equal(z, start.z) and link == start.link:  # the model is as it was: no need to evaluate it
+    if np.array_equal(z, start.z):  # the model is as it was: no need to evaluate it
         error = start.error - change(start.columns._replace(moving=series[:0]), start.coefficients)
     else:
-        error = _errors(problem, z[None], link)[0]
+        error = _errors(problem, z[None])[0]
     (coefficients,), (error,) = project(error[None])
     cost = _cost(error, z, free)
     first, moving, bounds = cost, None, chain_model.bounds(problem.joints, problem.catalogue)
     for _ in range(most if free and np.isfinite(cost) else 0):
-        moving = whitened(problem, slopes(problem, z, link, free))
+        moving = whitened(problem, slopes(problem, z, free))
         columns = project(moving)[1]
         trials = np.repeat(z[None], len(DAMPINGS), 0)
         trials[:, list(free)] = _trials(columns, error, z[list(free)], *(bound[list(free)] for bound in bounds))
-        solved, errors = project(_errors(problem, trials, link))
+        solved, errors = project(_errors(problem, trials))
         costs = [_cost(e, trial, free) for e, trial in zip(errors, trials, strict=True)]
         best = int(np.argmin(costs))
         gained = cost - costs[best]
@@ -107,9 +105,9 @@ def fit(
         if gained < max(ENOUGH, enough * (first - cost)):
             break
     if moving is None:
-        moving = whitened(problem, slopes(problem, z, link, free)) if free else series[:0]
+        moving = whitened(problem, slopes(problem, z, free)) if free else series[:0]
     # The derivatives are from before the last, short step.
-    return Fit(hypotheses, z, link, coefficients, error, Columns(moving, series), free, _log_likelihood(error))
+    return Fit(hypotheses, z, coefficients, error, Columns(moving, series), free, _log_likelihood(error))
 
 
 def keep(z: np.ndarray, h: Hypothesis) -> np.ndarray:
@@ -129,15 +127,15 @@ def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
     z[list(free)] += step[: len(free)]
     coefficients = accepted.coefficients + step[len(free) :]
     hypotheses = (*accepted.hypotheses, h)
-    return Fit(hypotheses, z, accepted.link, coefficients, error, whole, free, _log_likelihood(error))
+    return Fit(hypotheses, z, coefficients, error, whole, free, _log_likelihood(error))
 
 
-def _errors(problem: Problem, z: np.ndarray, link: float) -> np.ndarray:
+def _errors(problem: Problem, z: np.ndarray) -> np.ndarray:
     """(C, P) -> (C, U, 6) innovations of prediction - reading.
 
     All NaN for a prediction that is no number, which would count as missing and look perfect.
     """
-    predicted = readings(problem, z, np.full(len(z), link))
+    predicted = readings(problem, z)
     error = whitened(problem, predicted - np.nan_to_num(measured(problem)))
     error[~np.isfinite(predicted).all((1, 2))] = np.nan
     return error

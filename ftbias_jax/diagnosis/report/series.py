@@ -35,7 +35,7 @@ def where(problem: Problem, held: HeldOut, stages: tuple[str, ...]) -> Where:
 
 def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: HeldOut) -> tuple[Series, ...]:
     """Coarse means of the innovations of each log, and what the causes change in the reading."""
-    now = readings(problem, np.stack([base.z, accepted.z]), np.array([base.link, accepted.link]))
+    now = readings(problem, np.stack([base.z, accepted.z]))
     change = now[1] - now[0]
     for h, coefficients in zip(accepted.hypotheses, _by_hypothesis(accepted), strict=True):
         change = change + sum(

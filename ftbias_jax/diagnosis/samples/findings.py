@@ -12,6 +12,7 @@ from ftbias_jax.diagnosis.samples.noise import Noise
 from ftbias_jax.diagnosis.samples.spikes import LEAST_SPIKES, Spikes
 from ftbias_jax.diagnosis.samples.types import Finding, Numbers, name_channels, surprise
 from ftbias_jax.diagnosis.samples.vibration import Growth
+from ftbias_jax.model.effects.fitting import FLAT_TOPS, GROWTH, JITTER, LATTICE, LEVEL, LOST, SPIKES
 
 LEAST_RATE = 5e-4
 """Share of samples: fewer lost or wild samples change no estimate, as they are left out or harmless."""
@@ -44,7 +45,7 @@ def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
     square = (runs(repeated) ** 2).sum() + (gaps.lost**2).sum()
     scatter = float(np.sqrt(max(square, 1)))
     error = {"rate": scatter / total, "repeated": (1 + scatter * np.sqrt(share * (1 - share))) / max(lost, 1)}
-    return Finding("dropped_samples", detected, {"rate": rate, "repeated": share}, error, nats, sentence)
+    return Finding(LOST, detected, {"rate": rate, "repeated": share}, error, nats, sentence)
 
 
 def find_quantisation(step: np.ndarray, stderr: np.ndarray, on_lattice: int, noise_std: np.ndarray) -> Finding:
@@ -63,7 +64,7 @@ def find_quantisation(step: np.ndarray, stderr: np.ndarray, on_lattice: int, noi
     if detected:
         ratio = (step / noise_std)[coarse].max()
         sentence = f"readings of {name_channels(coarse)} are multiples of a step of up to {ratio:.2g} noise sigmas"
-    return Finding("quantisation", detected, {"step": step.tolist()}, {"step": stderr.tolist()}, nats, sentence)
+    return Finding(LATTICE, detected, {"step": step.tolist()}, {"step": stderr.tolist()}, nats, sentence)
 
 
 def find_saturation(tops: Sequence[Sequence[FlatTop]]) -> Finding:
@@ -78,7 +79,7 @@ def find_saturation(tops: Sequence[Sequence[FlatTop]]) -> Finding:
             words += [f"{top.ties} samples of {marked} at exactly {top.value:.6g}" for top in found]
     stderr = [1e-6 * limit if np.isfinite(limit) else 0.0 for limit in limits]  # float32
     sentence = "; ".join(words) or "no readings pile up at an extreme value"
-    return Finding("saturation", bool(words), {"limits": limits}, {"limits": stderr}, nats, sentence)
+    return Finding(FLAT_TOPS, bool(words), {"limits": limits}, {"limits": stderr}, nats, sentence)
 
 
 def find_outliers(spikes: Spikes) -> Finding:
@@ -101,7 +102,7 @@ def find_outliers(spikes: Spikes) -> Finding:
         sentence += f", but {spikes.middle} more lie between them and the rest: the tail of the noise"
     parameters: Numbers = {"rate": rate, "size": size.tolist()}
     errors: Numbers = {"rate": _share_error(rate, samples), "size": stderr.tolist()}
-    return Finding("outliers", detected, parameters, errors, nats, sentence)
+    return Finding(SPIKES, detected, parameters, errors, nats, sentence)
 
 
 def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bool, rests: bool) -> Finding:
@@ -141,9 +142,7 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bo
         sentence = f"white noise of {name_channels(wrong)} is not the stated: {words} times as large"
     if noise.coloured.any():
         sentence += f"; {name_channels(noise.coloured)} not white (hum, vibration, ringing or a filter)"
-    return Finding(
-        "noise_level", bool(wrong.any()), {"scale": scale.tolist()}, {"scale": stderr.tolist()}, nats, sentence
-    )
+    return Finding(LEVEL, bool(wrong.any()), {"scale": scale.tolist()}, {"scale": stderr.tolist()}, nats, sentence)
 
 
 def judge_growth(growth: Growth) -> Finding:
@@ -155,9 +154,7 @@ def judge_growth(growth: Growth) -> Finding:
         sentence += "the log; the gain is beyond that of a constant of the best size"
     parameters: Numbers = {"variance": growth.variance.tolist()}
     errors: Numbers = {"variance": growth.stderr.tolist()}
-    return Finding(
-        "vibration", growth.detected, parameters, errors, max(growth.nats, 0.0), sentence, growth.nats_stderr
-    )
+    return Finding(GROWTH, growth.detected, parameters, errors, max(growth.nats, 0.0), sentence, growth.nats_stderr)
 
 
 def judge_jitter(jitter: Jitter) -> Finding:
@@ -167,7 +164,7 @@ def judge_jitter(jitter: Jitter) -> Finding:
         sentence = (
             f"noise along dW/dt grows with it, by {jitter.visible:.2g} sigmas where it is fast; across it does not"
         )
-    return Finding("stamp_jitter", jitter.detected, {"std": jitter.std}, {"std": jitter.stderr}, jitter.nats, sentence)
+    return Finding(JITTER, jitter.detected, {"std": jitter.std}, {"std": jitter.stderr}, jitter.nats, sentence)
 
 
 def _share_error(share: float, count: int) -> float:

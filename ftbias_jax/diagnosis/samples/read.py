@@ -35,7 +35,7 @@ def inspect_samples(
     speed: Array | None = None,
     noise_per_speed: Array | None = None,
 ) -> SampleFindings:
-    """Find noise_level, outliers, quantisation, saturation, dropped_samples, stamp_jitter and vibration.
+    """Find the signs of effects in single samples (``fitting.SIGNS``).
 
     Args:
         log: as recorded, NaN = not measured.
@@ -85,13 +85,11 @@ def inspect_samples(
     clean[kept.row] = np.where(spikes.wild[:, None] | six(saturated), np.nan, clean[kept.row])
     per_speed = growth.variance if growth.detected else known
     level = findings.judge_noise(noise, stated, six(step), bool(per_speed.any()), growth.shows_rest)
-    outliers = findings.find_outliers(
-        spikes._replace(hit=six(spikes.hit), off=six(spikes.off), scale=six(spikes.scale))
-    )
+    wild = findings.find_outliers(spikes._replace(hit=six(spikes.hit), off=six(spikes.off), scale=six(spikes.scale)))
     late = findings.judge_jitter(jitter)
     return SampleFindings(
         level if not samples.too_slow else _untold(level),
-        outliers if not samples.too_slow else _untold(outliers),
+        wild if not samples.too_slow else _untold(wild),
         findings.find_quantisation(six(step), six(step_stderr), on_lattice, stated),
         findings.find_saturation(all_tops),
         dropped,

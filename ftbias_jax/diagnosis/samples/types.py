@@ -7,16 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.effects.fitting import LEVEL, Samples
+from ftbias_jax.model.effects.table import Catalogue
+
 Numbers = dict[str, float | list[float] | list[list[float]]]
 
 CHANNEL_NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 class Finding(NamedTuple):
-    """One effect that is read off the samples, whether it is there or not."""
+    """One sign that is looked for in the samples, whether it is there or not."""
 
-    effect: str
-    """Its name in the catalogue."""
+    sign: str
+    """What the samples show: one of ``fitting.SIGNS``."""
     detected: bool
     parameters: Numbers
     """In the units of the catalogue; neutral where a channel shows nothing."""
@@ -27,18 +31,20 @@ class Finding(NamedTuple):
     """The evidence, for the report."""
     nats_stderr: float | None = None
     """Of ``nats``, from blocks of the log; None = the square root of twice it, as of a chi-square."""
+    effect: str = ""
+    """The entry of the catalogue that leaves this sign; "" = not looked up (``together``)."""
 
 
 class SampleFindings(NamedTuple):
     """All of them, and what they leave for the rest of the diagnosis."""
 
-    noise_level: Finding
-    outliers: Finding
-    quantisation: Finding
-    saturation: Finding
-    dropped_samples: Finding
-    stamp_jitter: Finding
-    vibration: Finding
+    level: Finding
+    spikes: Finding
+    lattice: Finding
+    flat_tops: Finding
+    lost: Finding
+    jitter: Finding
+    growth: Finding
     clean_wrench: np.ndarray
     """(T, 6) N, Nm: NaN also where a sample is saturated, a spike or a repetition."""
     noise_std: np.ndarray
@@ -56,12 +62,12 @@ class SampleFindings(NamedTuple):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Of all effects, whether they are there or not."""
+        """Of all signs, whether they are there or not."""
         return tuple(one for one in self if isinstance(one, Finding))
 
     @property
     def detected(self) -> tuple[Finding, ...]:
-        """The effects that are there."""
+        """The signs that are there."""
         return tuple(finding for finding in self.findings if finding.detected)
 
 
@@ -78,13 +84,16 @@ def name_channels(which: np.ndarray) -> str:
     return ", ".join(name for name, marked in zip(CHANNEL_NAMES, which, strict=True) if marked)
 
 
-def together(logs: Sequence[SampleFindings]) -> tuple[Finding, ...]:
+def together(logs: Sequence[SampleFindings], catalogue: Catalogue = CATALOGUE) -> tuple[Finding, ...]:
     """Effects that are there in any of several logs of one robot, each from the log that shows it best.
 
-    The level of the noise comes last: what the others leave of themselves raises it.
+    The level of the noise comes last: what the others leave of themselves raises it. A sign that no effect of the
+    catalogue leaves names nothing.
     """
+    searches = {effect.name: effect.fit.search for effect in catalogue.values()}
+    names = {search.sign: name for name, search in searches.items() if isinstance(search, Samples)}
     best: dict[str, Finding] = {}
-    for finding in (finding for log in logs for finding in log.detected):
-        if finding.effect not in best or finding.nats > best[finding.effect].nats:
-            best[finding.effect] = finding
-    return tuple(sorted(best.values(), key=lambda finding: finding.effect == "noise_level"))
+    for finding in (finding for log in logs for finding in log.detected if finding.sign in names):
+        if finding.sign not in best or finding.nats > best[finding.sign].nats:
+            best[finding.sign] = finding._replace(effect=names[finding.sign])
+    return tuple(sorted(best.values(), key=lambda finding: finding.sign == LEVEL))

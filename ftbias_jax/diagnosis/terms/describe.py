@@ -13,8 +13,6 @@ from ftbias_jax.diagnosis.terms.library import merit_of
 from ftbias_jax.diagnosis.terms.select import Search, Step, numbers_of
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 
-FLEXIBLE = ("cable", "contact", "crosstalk", "bias_jump", "warmup", "hysteresis", "tool_flexibility")
-"""Effects that can take nearly any shape: they compete with single terms even where they explain a log."""
 CLEARLY = 1.02
 """Of the merit of effects that explain the logs, that terms must have to be named instead."""
 AS_WELL = 0.98
@@ -54,7 +52,7 @@ def describe(
         fast: Hz of lines in the single samples.
     """
     names = [h.effect for h in accepted.hypotheses]
-    if explained and len(names) == 1 and names[0] not in FLEXIBLE:
+    if explained and len(names) == 1 and not problem.catalogue[names[0]].fit.any_shape:
         return None
     search = Search(problem, base, hold_out, fast)
     found = search.best(base)

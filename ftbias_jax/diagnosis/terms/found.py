@@ -39,7 +39,7 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
         curve = curve_of(problem, description, term)
         found.append(
             _found(term, stderr, share, step.rivals)._replace(
-                held_out_gain=step.held.gain, held_out_gain_stderr=step.held.gain_stderr, curve=curve
+                held_out_gain=step.held.nats, held_out_gain_stderr=step.held.nats_stderr, curve=curve
             )
         )
     return tuple(found)

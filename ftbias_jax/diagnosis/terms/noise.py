@@ -28,6 +28,7 @@ from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
 from ftbias_jax.diagnosis.terms.words import grouped
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.fitting import GROWTH
 from ftbias_jax.model.effects.terms.columns import columns
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.parse import section_of
@@ -35,7 +36,7 @@ from ftbias_jax.model.effects.terms.types import State
 
 FORMS_OF_NOISE = tuple(name for drive, name in FORMS if drive == "noise")
 OF_MOTION = ("speed", "joints")
-"""What the effect ``vibration`` of the catalogue says better."""
+"""What an effect of the catalogue whose noise grows with the speed says better."""
 BETTER = 1.05
 """Of the gain of that effect, that a term must have to be named instead."""
 LEAST_WINDOWS = 64
@@ -76,8 +77,8 @@ def noise_term(
     growing = _best(problem, logs[longest], samples[longest], state, longest)
     if growing is None or growing.nats < max(LEAST_NATS, CERTAIN * growing.nats_stderr) or growing.visible < VISIBLE:
         return None
-    vibration = next((finding.nats for finding in found if finding.effect == "vibration"), 0.0)
-    if growing.nats < BETTER * vibration or (vibration and growing.form in OF_MOTION):
+    of_speed = next((finding.nats for finding in found if finding.sign == GROWTH), 0.0)
+    if growing.nats < BETTER * of_speed or (of_speed and growing.form in OF_MOTION):
         return None
     return _told(growing, problem.durations[longest])
 
@@ -85,7 +86,7 @@ def noise_term(
 def _best(problem: Problem, log: Log, samples: SampleFindings, state: State, number: int) -> Growing | None:
     rows = np.isfinite(samples.clean_wrench).all(1)
     t = np.asarray(log.t, float)[rows]
-    if len(t) < LEAST_WINDOWS * WINDOW or samples.stamp_jitter.detected or samples.heavy_tailed:
+    if len(t) < LEAST_WINDOWS * WINDOW or samples.jitter.detected or samples.heavy_tailed:
         return None
     waves = fast_waves(t, samples.clean_wrench[rows])
     when = t[waves.row.reshape(-1)]

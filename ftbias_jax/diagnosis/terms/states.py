@@ -17,7 +17,7 @@ SHARED = ("gravity", "period")
 
 def state_of_problem(problem: Problem, fit: Fit) -> State:
     """All logs end to end, (U, ...); the load is the reading that the fit predicts."""
-    load = readings(problem, fit.z[None], np.array([fit.link]))[0]
+    load = readings(problem, fit.z[None])[0]
     pieces, end = [], 0
     for part, motion in zip(problem.parts, believed_motions(problem), strict=True):
         used, signals = part.used, part.signals

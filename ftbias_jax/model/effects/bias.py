@@ -8,11 +8,14 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.model.effects.fitting import Fitting, Settling, Step
 from ftbias_jax.model.effects.responses import lagged
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin
 from ftbias_jax.types import Array
 
 _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
+_TIMES = tuple(np.geomspace(0.5, 512.0, 21).tolist())
+"""s, time constants that a search begins at: neighbours have series that are correlated by over 0.99."""
 
 
 def warmup(values: EffectValues, signals: Signals, wrench: Array) -> Array:
@@ -42,11 +45,13 @@ EFFECTS = (
         "bias",
         (
             Parameter("amplitude", "N, Nm", "bias gained in the end", (6,), -1e4, 1e4, 0.0, _NEWTON),
-            Parameter("tau", "s", "time constant", (), 1e-2, 1e6, 60.0, 60.0, search=True),
+            Parameter("tau", "s", "time constant", (), 1e-2, 1e6, 60.0, 60.0, search=True, starts=_TIMES),
         ),
         "the bias settles exponentially after the sensor was switched on",
         "let the sensor warm up before recording, or keep this correction",
         reading=warmup,
+        # A second, longer time constant passes for drift.
+        fit=Fitting(Settling("tau", 2.0, 0.02, by_log=True), form_error=0.12, any_shape=True),
         twins=(
             Twin("none", False, "with tau longer than the log it is a straight drift: record longer"),
             Twin("temperature_drift", False, "record the temperature, and a log that starts warm"),
@@ -68,11 +73,14 @@ EFFECTS = (
                 5.0,
                 search=True,
                 optional=True,
+                starts=(0.0, *_TIMES),
             ),
         ),
         "the bias follows the sensor's temperature",
         "record the temperature and keep this correction, or hold it constant",
         reading=temperature_drift,
+        # Gauges are not linear in temperature; a thermometer's own noise is up to 0.3 K.
+        fit=Fitting(Settling("lag", 0.5, least_range=0.3), form_error=0.1),
         twins=(Twin("warmup", True, "the same when the temperature rises exponentially: cool down or start warm"),),
         needs=("temperature",),
     ),
@@ -89,6 +97,7 @@ EFFECTS = (
         "the bias jumped once and stayed",
         "look for a re-tare, an overload or a tool change at that time",
         reading=bias_jump,
+        fit=Fitting(Step("time", "ramp"), form_error=0.05, any_shape=True),  # a jump settles
         twins=(Twin("contact", False, "a contact ends; watch the wrench for longer"),),
     ),
 )

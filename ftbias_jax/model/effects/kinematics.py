@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from ftbias_jax.model.effects.fitting import ByJoint, Fitting, Linear
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motions
@@ -26,12 +27,12 @@ def gravity_tilt(values: EffectValues, signals: Signals) -> Signals:
 
 
 def encoder_offset(values: EffectValues, signals: Signals) -> Signals:
-    """One encoder reads too much by the offset: recorded angle = true angle + offset."""
+    """One encoder reads too much by the offset: recorded angle = true angle + offset; several if both are arrays."""
     return subtract_offsets(offset_vector(values["joint"], values["offset"], signals.q.shape[1]), signals)
 
 
 def offset_vector(joint: Array, offset: Array, n: int) -> Array:
-    """(n,) rad, the offset () at one joint () counted from 1, zero elsewhere."""
+    """(n,) rad, the offset () at one joint () counted from 1, zero elsewhere; arrays (n,) of all joints do, too."""
     return jnp.where(jnp.arange(1, n + 1) == jnp.round(joint), offset, 0)
 
 
@@ -68,6 +69,11 @@ def _gravity(model: Model) -> Array:
     return model.gravity
 
 
+def _of_stated_size(values: EffectValues, model: Model) -> EffectValues:
+    gravity = values["gravity"]
+    return {"gravity": gravity * jnp.linalg.norm(model.gravity) / jnp.linalg.norm(gravity)}
+
+
 EFFECTS = (
     Effect(
         "gravity_tilt",
@@ -80,6 +86,7 @@ EFFECTS = (
         "the robot's base is not level as the setup says",
         "level the base, or correct robot.gravity in the setup",
         transform=gravity_tilt,
+        fit=Fitting(Linear(), told=_of_stated_size),
         check=_check_gravity,
         twins=(
             Twin("encoder_offset", False, "move joint 1 through half a turn: an offset of joint 2 turns with it"),
@@ -96,6 +103,7 @@ EFFECTS = (
         "an encoder's zero is shifted, so the arm is not in the pose the log says",
         "re-master the joint, or add the offset to its angles",
         transform=encoder_offset,
+        fit=Fitting(ByJoint("joint", "offset")),
         twins=(
             Twin("none", True, "an offset of a joint whose axis is vertical cannot be seen in the wrench"),
             Twin("encoder_offset", False, "move the wrist: offsets of joints 4 and 6 or 2 and 4 look alike"),
@@ -129,6 +137,7 @@ MOUNTING = (
         "re-measure the mounting and correct sensor.rotation_rpy in the setup",
         transform=tool_turns,
         reading=mount_rotation,
+        fit=Fitting(Linear(((), (("tool_turns", 1.0),)))),
         twins=(
             Twin("encoder_offset", True, "about the last joint's axis, when sensor and tool are on that axis"),
             Twin("gravity_tilt", False, "turn the wrist through several directions of gravity"),

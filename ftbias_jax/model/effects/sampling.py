@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.model.effects.fitting import FLAT_TOPS, GROWTH, LATTICE, LEVEL, SPIKES, Fitting, Samples
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Record, Twin
 from ftbias_jax.types import Array
 
@@ -82,6 +83,7 @@ EFFECTS = (
         "the sensor's noise is not as large as the setup says",
         "correct sensor.noise_std in the setup: ftbias tune",
         recording=noise_level,
+        fit=Fitting(Samples(LEVEL)),
         widen=widen_noise,
         twins=(
             Twin("vibration", False, "hold still for some seconds, then move: noise of another size does not change"),
@@ -107,6 +109,7 @@ EFFECTS = (
         "keep it in the setup, so that the filter trusts fast motion less; look for loose screws, worn gears and "
         "cables that shake; tare at rest",
         recording=vibration,
+        fit=Fitting(Samples(GROWTH, first=True)),
         twins=(
             Twin("noise_level", False, "hold still for some seconds: the noise of vibration is then gone"),
             Twin("stamp_jitter", False, "move fast without load: the noise of jitter needs a wrench that changes"),
@@ -132,6 +135,7 @@ EFFECTS = (
         "readings stop at the end of the sensor's range",
         "tare the sensor or use one with a larger range; these samples are left out",
         recording=saturation,
+        fit=Fitting(Samples(FLAT_TOPS, first=True)),
         screen=screen_saturated,
     ),
     Effect(
@@ -153,6 +157,7 @@ EFFECTS = (
         "readings lie on a coarse lattice",
         "log more digits, or choose a smaller range in the sensor's settings",
         recording=quantisation,
+        fit=Fitting(Samples(LATTICE)),
         widen=widen_quantised,
     ),
     Effect(
@@ -165,6 +170,7 @@ EFFECTS = (
         "single samples are far off",
         "check cable, shielding and driver; these samples are left out",
         recording=outliers,
+        fit=Fitting(Samples(SPIKES)),
         screen=screen_outliers,
     ),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.model.effects.fitting import INVERSE, Coordinate, Entries, Fitting, Grid, Linear
 from ftbias_jax.model.effects.responses import delayed, lagged, played
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin
 from ftbias_jax.types import Array
@@ -13,6 +14,15 @@ _OFF_DIAGONAL = 1 - np.eye(6)
 # Force read per torque (N/Nm) is large and torque read per force (Nm/N) small: a lever of 0.1 m relates the two.
 _LEVER = np.where(np.arange(6) < 3, 1.0, 0.1)
 _LEAK = _LEVER[:, None] / _LEVER[None, :]
+
+_DELAYS = (0.0, 0.05, 0.12, 0.25, 0.45)
+"""s; drivers report up to half a second."""
+_LAGS = (0.008, 0.02, 0.04, 0.08, 0.16, 0.32)
+"""s, time constants of filters."""
+_FASTEST = 1.6e3
+"""Hz; a filter with this cutoff does nothing to a log in bins."""
+_LOOPS = (0.01, 0.03, 0.08, 0.2)
+"""Widths of loops as shares of the load's range."""
 
 
 def gain(values: EffectValues, signals: Signals, wrench: Array) -> Array:
@@ -50,6 +60,7 @@ EFFECTS = (
         "the sensor's channels read a few per cent too much or too little",
         "have the sensor recalibrated, or keep this correction",
         reading=gain,
+        fit=Fitting(Linear()),
         twins=(
             Twin("tool_mass", True, "equal gains are a scaling of the whole tool: hang a known weight on it"),
             Twin("tool_com", False, "hang a known weight at a known lever"),
@@ -73,6 +84,7 @@ EFFECTS = (
         "one channel of the sensor leaks into another",
         "have the sensor recalibrated, or keep this correction",
         reading=crosstalk,
+        fit=Fitting(Entries("matrix"), credit=0.95, any_shape=True),
         twins=(
             Twin("tool_com", False, "load single axes by hand"),
             Twin("mount_rotation", False, "load single axes by hand: a rotation mixes force with force only"),
@@ -83,12 +95,21 @@ EFFECTS = (
         "sensor",
         (
             Parameter(
-                "width", "N, Nm", "width of the loop, channel by channel", (6,), 0.0, 1e4, 0.0, [0.1] * 3 + [5e-3] * 3
+                "width",
+                "N, Nm",
+                "width of the loop, channel by channel",
+                (6,),
+                0.0,
+                1e4,
+                0.0,
+                [0.1] * 3 + [5e-3] * 3,
+                starts=_LOOPS,
             ),
         ),
         "the reading depends on whether the load rises or falls",
         "check the mounting bolts; otherwise it is the sensor's hysteresis class",
         reading=hysteresis,
+        fit=Fitting(Grid(per_load=True), any_shape=True),
         twins=(Twin("low_pass", False, "repeat a motion at another speed: hysteresis does not depend on it"),),
     ),
     Effect(
@@ -105,11 +126,15 @@ EFFECTS = (
                 float("inf"),
                 10.0,
                 search=True,
+                starts=tuple(1 / (2 * np.pi * lag) for lag in _LAGS),
+                coordinate=Coordinate(INVERSE, upper=_FASTEST),
             ),
         ),
         "the wrench is smoothed by a filter in sensor or driver",
         "raise the cutoff or switch the filter off in the sensor's settings",
         reading=low_pass,
+        # Filters of another order, or a moving average, with the same delay have other cutoffs.
+        fit=Fitting(Grid(), form_error=0.15),
         twins=(Twin("time_delay", False, "move fast: a low-pass attenuates, a delay does not"),),
     ),
 )
@@ -120,12 +145,21 @@ DELAY = (
         "sensor",
         (
             Parameter(
-                "delay", "s", "age of the wrench at its stamp; negative = the joints are late", (), -1, 2, 0, 0.01
+                "delay",
+                "s",
+                "age of the wrench at its stamp; negative = the joints are late",
+                (),
+                -1,
+                2,
+                0,
+                0.01,
+                starts=_DELAYS,
             ),
         ),
         "wrench and joint states are not stamped at the same time",
         "use the hardware's stamps or shift the stamps of one stream",
         reading=time_delay,
+        fit=Fitting(Grid()),
         twins=(
             Twin("low_pass", False, "move fast: a low-pass attenuates, a delay does not"),
             Twin("tool_flexibility", False, "accelerate sharply: a flexible tool rings"),

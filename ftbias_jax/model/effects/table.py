@@ -36,6 +36,14 @@ class Catalogue(Mapping[str, Effect]):
             return False
         return all(mine is its for mine, its in zip(self.values(), other.values(), strict=True))
 
+    def searched_by(self, *searches: type) -> tuple[Effect, ...]:
+        """The entries whose fit is searched in one of these ways.
+
+        Args:
+            searches: classes of ``fitting``.
+        """
+        return tuple(effect for effect in self.values() if isinstance(effect.fit.search, searches))
+
     def adding(self, own: Iterable[Effect]) -> Catalogue:
         """The catalogue with further effects, each after the first ones of its stage."""
         own = tuple(own)

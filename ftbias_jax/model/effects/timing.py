@@ -5,6 +5,8 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+from ftbias_jax.model.effects import fitting
+from ftbias_jax.model.effects.fitting import Fitting, Samples
 from ftbias_jax.model.effects.responses import delayed
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Record, Twin
 from ftbias_jax.types import Array
@@ -46,6 +48,7 @@ JITTER = (
         "stamps scatter around the time of measurement",
         "use the hardware's stamps instead of the arrival time",
         recording=stamp_jitter,
+        fit=Fitting(Samples(fitting.JITTER)),
         widen=widen_jitter,
         twins=(Twin("noise_level", False, "hold still: the noise of jitter grows with the rate of the wrench"),),
     ),
@@ -74,6 +77,7 @@ DROPS = (
         "the driver loses samples or repeats old ones",
         "check the load of the recording computer; repeated samples are left out",
         recording=dropped_samples,
+        fit=Fitting(Samples(fitting.LOST)),
         screen=screen_repeats,
     ),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ftbias_jax.model.effects.fitting import Fitting, Linear
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.model.wrench.inertia import about_center_of_mass
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
@@ -52,6 +53,7 @@ EFFECTS = (
         "the tool is heavier or lighter than the setup says",
         REMEDY,
         transform=tool_mass,
+        fit=Fitting(Linear()),
         twins=(
             Twin("gain", False, "hang a known weight on the tool: a gain scales it too, a wrong mass does not"),
             Twin("tool_com", False, "turn the wrist through all directions of gravity"),
@@ -64,6 +66,7 @@ EFFECTS = (
         "the tool's centre of mass is not where the setup says",
         REMEDY,
         transform=tool_com,
+        fit=Fitting(Linear()),
         twins=(
             Twin("none", True, "a torque bias when the wrist does not turn: turn it about two axes"),
             Twin("gain", False, "turn the wrist: a gain changes the forces too"),
@@ -87,6 +90,7 @@ EFFECTS = (
         "the tool's inertia is not what the setup says",
         "identify it from fast wrist motion: ftbias identify",
         transform=tool_inertia,
+        fit=Fitting(Linear()),
         twins=(Twin("tool_flexibility", False, "accelerate the wrist at several frequencies"),),
     ),
 )

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
+from ftbias_jax.model.effects.fitting import Coordinate, Fitting
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.kinematics.sensor_path import SensorPath, sensor_path
 from ftbias_jax.model.wrench.tool_wrench import Model as Model
@@ -108,6 +109,8 @@ class Parameter(NamedTuple):
     """May be left out of a setup, and is then neutral."""
     starts: tuple[Any, ...] = ()
     """Values that a search begins at; () = spread over the bounds, or around neutral."""
+    coordinate: Coordinate | None = None
+    """How a fit moves it; None = as the rest of the entry says (``diagnosis.regression.coordinates``)."""
 
 
 class Twin(NamedTuple):
@@ -159,6 +162,8 @@ class Effect(NamedTuple):
     one row of values for each joint, or one for all of them."""
     needs: tuple[str, ...] = ()
     """Columns a log must have for the effect to be visible, beyond t, q and wrench."""
+    fit: Fitting = Fitting()
+    """How a diagnosis finds and judges it."""
 
     @property
     def hook(self) -> str:

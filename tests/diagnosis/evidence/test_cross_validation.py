@@ -42,5 +42,5 @@ def test_a_fit_is_held_out_once_and_judged_against_any_reference(problem):
     assert worse.error is better.error
     for held, scale in ((worse, 2.0), (better, 0.5)):
         gain = ((scale * fit.error) ** 2 - held.error**2).sum() / 2
-        assert held.gain == pytest.approx(gain / SECONDS, rel=1e-9)
+        assert held.nats == pytest.approx(gain / SECONDS, rel=1e-9)
     assert hold_out(made_up(2), fit.error).error is not worse.error

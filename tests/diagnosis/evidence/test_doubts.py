@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.evidence.doubts import doubt_of
-from ftbias_jax.diagnosis.hypothesis import Hypothesis
-from ftbias_jax.diagnosis.proposals import cables, contact, crosstalk_posterior
-from ftbias_jax.diagnosis.proposals.crosstalk_posterior import nearest_rotation
-from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
+from ftbias_jax.diagnosis.proposals import entries, pulls
+from ftbias_jax.diagnosis.proposals.entries import nearest_rotation, size_of_entries
+from ftbias_jax.model.effects.catalogue import CATALOGUE
 
-UNIT = next(np.asarray(b.unit) for b in chain_model.blocks(7) if b.effect == "crosstalk")
+SIZE = size_of_entries(CATALOGUE["crosstalk"])
 OFF = ~np.eye(6, dtype=bool)
+PROBLEM = SimpleNamespace(catalogue=CATALOGUE)
 
 
 def leaks_of_a_turn(vector):
@@ -21,11 +22,18 @@ def leaks_of_a_turn(vector):
     x, y, z = np.asarray(vector) / angle
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     R = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-    return np.kron(np.eye(2), R.T)[OFF] / UNIT
+    return np.kron(np.eye(2), R.T) * OFF
+
+
+def in_typical_departures(drawn):
+    """(6, 6) leaks of 30 numbers."""
+    matrix = np.zeros((6, 6))
+    matrix[OFF] = drawn
+    return matrix * SIZE
 
 
 def test_the_leaks_of_a_small_turn_are_known_as_one():
-    rotation, share = nearest_rotation(leaks_of_a_turn([0.01, -0.02, 0.005]), np.eye(30))
+    rotation, share = nearest_rotation(leaks_of_a_turn([0.01, -0.02, 0.005]), SIZE, np.eye(30))
     np.testing.assert_allclose(rotation, [0.01, -0.02, 0.005], atol=5e-4)
     assert share > 0.99
 
@@ -33,24 +41,27 @@ def test_the_leaks_of_a_small_turn_are_known_as_one():
 def test_leaks_that_the_log_does_not_determine_do_not_count():
     leaks = leaks_of_a_turn([0.01, -0.02, 0.005])
     known = np.arange(30) % 2 == 0
-    leaks[~known] += 5.0
-    rotation, share = nearest_rotation(leaks, np.diag(np.where(known, 1.0, 1e-9)))
+    leaks += in_typical_departures(np.where(known, 0.0, 5.0))
+    rotation, share = nearest_rotation(leaks, SIZE, np.diag(np.where(known, 1.0, 1e-9)))
     np.testing.assert_allclose(rotation, [0.01, -0.02, 0.005], atol=5e-4)
     assert share > 0.99
 
 
 def test_leaks_drawn_at_random_are_hardly_a_turn():
     rng = np.random.default_rng(0)
-    shares = [nearest_rotation(rng.normal(size=30), np.eye(30))[1] for _ in range(200)]
+    shares = [nearest_rotation(in_typical_departures(rng.normal(size=30)), SIZE, np.eye(30))[1] for _ in range(200)]
     assert np.mean(shares) == pytest.approx(0.1, abs=0.02)
-    assert max(shares) < crosstalk_posterior.LIKE_A_ROTATION
+    assert max(shares) < entries.LIKE_A_ROTATION
 
 
-@pytest.mark.parametrize(("leaks", "doubtful"), [(leaks_of_a_turn([0.02, 0, 0]), True), (np.arange(30.0), False)])
+A_TURN = (leaks_of_a_turn([0.02, 0, 0]) / np.where(OFF, SIZE, 1))[OFF]
+
+
+@pytest.mark.parametrize(("leaks", "doubtful"), [(A_TURN, True), (np.arange(30.0), False)])
 def test_crosstalk_that_makes_up_a_turn_is_doubtful(monkeypatch, leaks, doubtful):
     whole = Hypothesis("crosstalk", tuple(range(30)))
-    monkeypatch.setattr(crosstalk_posterior, "whole_matrix", lambda *given: (leaks, whole, np.eye(30)))
-    said = doubt_of(None, None, whole)
+    monkeypatch.setattr(entries, "whole_matrix", lambda *given: (leaks, whole, np.eye(30)))
+    said = doubt_of(PROBLEM, None, whole)
     assert bool(said) == doubtful
     if doubtful:
         assert "a turn by (1.15, 0.00, 0.00) degrees" in said
@@ -68,10 +79,10 @@ def test_crosstalk_that_makes_up_a_turn_is_doubtful(monkeypatch, leaks, doubtful
 def test_a_cable_of_metres_or_anywhere_is_told_as_its_force(monkeypatch, anchor, rest_length, stderr, words):
     values = {"anchor": anchor, "rest_length": rest_length}
     errors = {"anchor": [0.05, stderr, 0.05], "rest_length": 0.05}
-    monkeypatch.setattr(cables, "parameters", lambda *given: (values, errors))
-    monkeypatch.setattr(cables, "equivalent_force", lambda *given: (np.array([1.0, -2.0, 0.5]), 0.25))
+    monkeypatch.setattr(pulls, "parameters", lambda *given: (values, errors))
+    monkeypatch.setattr(pulls, "equivalent_force", lambda *given: (np.array([1.0, -2.0, 0.5]), 0.25))
     model = SimpleNamespace(arm=SimpleNamespace(zero_position=np.array([0.1, 0.0, 0.8])))
-    problem = SimpleNamespace(parts=[SimpleNamespace(signals=SimpleNamespace(model=model))])
+    problem = SimpleNamespace(catalogue=CATALOGUE, parts=[SimpleNamespace(signals=SimpleNamespace(model=model))])
     said = doubt_of(problem, None, Hypothesis("cable"))
     assert words in said
     assert bool(said) == bool(words)
@@ -81,9 +92,9 @@ def test_a_cable_of_metres_or_anywhere_is_told_as_its_force(monkeypatch, anchor,
 
 @pytest.mark.parametrize(("length", "doubtful"), [(1.0, False), (4.0, True)])
 def test_a_contact_that_lasts_is_doubtful(length, doubtful):
-    h = Hypothesis(contact.EFFECT, detail=(0.0, 5.0, 5.0 + length, 4.0), local=True)
-    assert bool(doubt_of(None, None, h)) == doubtful
+    h = Hypothesis("contact", detail=(Shaped(Event(0, 5.0, 5.0 + length), 4),), local=True)
+    assert bool(doubt_of(PROBLEM, None, h)) == doubtful
 
 
 def test_other_effects_are_not_doubted():
-    assert doubt_of(None, None, Hypothesis("gain")) == ""
+    assert doubt_of(PROBLEM, None, Hypothesis("gain")) == ""

@@ -1,18 +1,33 @@
 """Coordinates of effects that say themselves how they are fitted."""
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.regression import chain_model
-from ftbias_jax.diagnosis.regression.coordinates import kind_of, own_blocks, own_effects, own_values, to_coordinates
-from ftbias_jax.model.effects.types import Effect, Model, Parameter
+from ftbias_jax.diagnosis.regression.coordinates import (
+    blocks,
+    fitted_effects,
+    kind_of,
+    limits_of,
+    to_coordinates,
+    values_at,
+)
+from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values
+from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.model.effects.types import Effect, Model, Parameter, Signals
 from ftbias_jax.model.own_effects import catalogue_with
+from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 
+ARM = SimpleNamespace(linear=np.zeros((7, 3)))
 MODEL = Model(None, jnp.array([0, 0, -9.81]), jnp.ones(10))
 SIZE = Parameter("size", "N", "", (3,), 0.0, 8.0, 0.0, [1.0, 2.0, 0.0])
 INFINITE = float("inf")
+BOX_ON_A_ROD = tool_parameters(jnp.asarray(0.9), jnp.array([0.0, 0.01, 0.05]), jnp.array([1e-3, 0, 0, 1e-3, 0, 1e-3]))
+BY_NUMBERS = [effect for effect in fitted_effects(CATALOGUE) if effect.name != "encoder_offset"]
 
 
 def entry(*parameters):
@@ -34,44 +49,80 @@ def entry(*parameters):
 def test_values_come_back_from_their_coordinates(parameter, others, kind):
     effect = entry(parameter, *others)
     assert kind_of(effect, parameter) == kind
-    (block, *_) = own_blocks(catalogue_with([effect]))
+    (block, *_) = blocks(7, Catalogue([effect]))
     lower = np.broadcast_to(parameter.lower, parameter.shape)
     for value in (lower + 0.3, lower + 2.0):
         z = to_coordinates(effect, parameter, np.broadcast_to(parameter.neutral, parameter.shape), value)
         assert ((z >= block.least) & (z <= block.most)).all()
         others_at = {other.name: jnp.zeros(3) for other in others}
-        got = own_values(effect, MODEL, {parameter.name: jnp.asarray(z)} | others_at)[parameter.name]
+        got = values_at(effect, MODEL, {parameter.name: jnp.asarray(z)} | others_at)[parameter.name]
         np.testing.assert_allclose(got, value, rtol=1e-5)
 
 
 def test_zero_is_neutral_and_one_a_typical_departure():
-    values = own_values(entry(SIZE), MODEL, {"size": jnp.zeros(3)})
+    values = values_at(entry(SIZE), MODEL, {"size": jnp.zeros(3)})
     np.testing.assert_array_equal(values["size"], 0)
-    values = own_values(entry(SIZE), MODEL, {"size": jnp.ones(3)})
+    values = values_at(entry(SIZE), MODEL, {"size": jnp.ones(3)})
     np.testing.assert_allclose(values["size"], [1, 2, 1])
 
 
 def test_no_coordinate_gives_a_value_outside_of_the_bounds():
     for z in (-50.0, 50.0):
-        values = own_values(entry(SIZE), MODEL, {"size": jnp.full(3, z)})
+        values = values_at(entry(SIZE), MODEL, {"size": jnp.full(3, z)})
         assert float(values["size"].min()) >= 0
         assert float(values["size"].max()) <= 8
 
 
 def test_at_a_bound_that_is_neutral_the_derivative_is_that_inside():
     """Half of it, as of jnp.clip, would have every one-sided effect begin at twice its size."""
-    slope = jax.grad(lambda z: own_values(entry(SIZE), MODEL, {"size": z})["size"].sum())(jnp.zeros(3))
+    slope = jax.grad(lambda z: values_at(entry(SIZE), MODEL, {"size": z})["size"].sum())(jnp.zeros(3))
     np.testing.assert_allclose(slope, [1, 2, 1])
 
 
-def test_own_coordinates_come_after_those_of_the_catalogue():
+def test_an_own_effect_has_its_coordinates_among_those_of_its_stage():
     catalogue = catalogue_with([entry(SIZE)])
     assert chain_model.size(7, catalogue) == chain_model.size(7) + 3
-    assert chain_model.slices(7, catalogue)["own", "size"].start == chain_model.size(7)
-    assert chain_model.slices(7).items() <= chain_model.slices(7, catalogue).items()
+    place = chain_model.slices(7, catalogue)["own", "size"]
     least, most = chain_model.bounds(7, catalogue)
-    np.testing.assert_allclose(least[-3:], 0)
-    np.testing.assert_allclose(most[-3:], [8, 4, 8])
+    np.testing.assert_allclose(least[place], 0)
+    np.testing.assert_allclose(most[place], [8, 4, 8])
+    np.testing.assert_array_equal(np.delete(most, range(place.start, place.stop)), chain_model.bounds(7)[1])
+
+
+@pytest.mark.parametrize("effect", BY_NUMBERS, ids=lambda effect: effect.name)
+def test_built_in_values_come_back_from_their_coordinates(effect):
+    """Within what the entry calls plausible, at typical departures from the coordinate 0."""
+    model = Model(ARM, jnp.array([0, 0, -9.81]), BOX_ON_A_ROD)
+    neutral = neutral_values(effect, model)
+    z = {p.name: jnp.full(int(np.prod(p.shape)), 0.7) for p in effect.parameters}
+    values = values_at(effect._replace(fit=effect.fit._replace(told=None)), model, z)
+    for p in effect.parameters:
+        lower, upper = limits_of(p)
+        free = lower < upper
+        got = to_coordinates(effect, p, np.asarray(neutral[p.name]), np.asarray(values[p.name]))
+        np.testing.assert_allclose(got[free], 0.7, rtol=1e-4)
+        assert (np.ravel(values[p.name]) <= upper + 1e-6).all()
+
+
+def test_gravity_is_told_with_the_size_that_is_stated():
+    model = Model(ARM, jnp.array([0, 0, -9.81]), jnp.ones(10))
+    told = values_at(CATALOGUE["gravity_tilt"], model, {"gravity": jnp.array([3.0, -2.0, 5.0])})["gravity"]
+    assert float(jnp.linalg.norm(told)) == pytest.approx(9.81, rel=1e-5)
+    assert float(told[0] / told[2]) == pytest.approx(0.3 / (-9.81 + 0.5), rel=1e-4)
+
+
+def test_an_effect_of_one_joint_gets_all_joints_at_once():
+    """Each with its own offset, and it moves them as one after the other would."""
+    effect = CATALOGUE["encoder_offset"]
+    z = jnp.array([0.0, 2.0, -1.0])
+    values = values_at(effect, Model(None, jnp.zeros(3), jnp.ones(10)), {"offset": z}, 3)
+    np.testing.assert_array_equal(values["joint"], [1, 2, 3])
+    states = jnp.zeros((5, 3))
+    signals = Signals(jnp.arange(5.0), states, states, states, jnp.zeros(5), MODEL)
+    moved = signals
+    for joint, offset in enumerate(values["offset"], 1):
+        moved = effect.transform({"joint": jnp.array(joint), "offset": offset}, moved)
+    np.testing.assert_allclose(effect.transform(values, signals).q, moved.q, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -83,6 +134,6 @@ def test_own_coordinates_come_after_those_of_the_catalogue():
     ],
 )
 def test_what_cannot_be_fitted_has_no_coordinates(effect):
-    catalogue = catalogue_with([effect])
-    assert own_effects(catalogue) == []
-    assert own_blocks(catalogue) == ()
+    catalogue = Catalogue([effect])
+    assert fitted_effects(catalogue) == []
+    assert blocks(7, catalogue) == ()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.problem import Part, Problem
-from ftbias_jax.diagnosis.regression.chain_model import coordinates, size, to_values
+from ftbias_jax.diagnosis.regression.chain_model import coordinates, size, slices, to_values
 from ftbias_jax.diagnosis.regression.evaluate import in_pieces, readings, slopes
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.kinematics import subtract_offsets
@@ -43,12 +43,13 @@ def problem(params):
 
 @pytest.fixture(scope="module")
 def direct(problem):
-    """(P,) coordinates, () link -> (50, 6) reading."""
+    """(P,) coordinates -> (50, 6) reading."""
     signals = problem.parts[0].signals
 
     @jax.jit
-    def reading(z, link):
-        values, offsets = to_values(signals, z, link)
+    def reading(z):
+        values = to_values(signals, z)
+        offsets = values.pop("encoder_offset")["offset"]
         return compose.predict(subtract_offsets(offsets, signals), values | problem.known)[:50]
 
     return reading
@@ -58,17 +59,20 @@ def test_readings_are_those_of_the_chain(problem, direct):
     """At several poses in one piece, and with cables on several links."""
     z = np.random.default_rng(0).uniform(0.1, 0.5, (5, size(3)))
     z[:3, coordinates(3, "encoder_offset")] = z[0, coordinates(3, "encoder_offset")]
-    link = np.array([0.0, 1.0, 1.0, 2.0, 3.0])
-    expected = [direct(*one) for one in zip(z, link, strict=True)]
-    np.testing.assert_allclose(readings(problem, z, link), expected, rtol=1e-11, atol=1e-11)
+    z[:, slices(3)["cable", "link"]] = np.array([[0.0, 1.0, 1.0, 2.0, 3.0]]).T
+    expected = [direct(one) for one in z]
+    np.testing.assert_allclose(readings(problem, z), expected, rtol=1e-11, atol=1e-11)
 
 
 def test_slopes_are_those_of_the_chain(problem, direct):
     """Along coordinates that move joints and others, mixed."""
     z = np.random.default_rng(1).uniform(0.1, 0.5, size(3))
+    z[slices(3)["cable", "link"]] = 1.0
     names = ("encoder_offset", "tool_mass", "gravity_tilt", "cable", "mount_rotation", "tool_flexibility")
-    places = np.random.default_rng(2).permutation(np.concatenate([coordinates(3, name) for name in names]))
+    places = np.concatenate([coordinates(3, name) for name in names])
+    whole = slices(3)["cable", "link"].start  # a whole number: nothing changes along it
+    places = np.random.default_rng(2).permutation(places[places != whole])
     step = 1e-6 * np.eye(len(z))[places]
-    expected = np.array([direct(z + d, 1.0) - direct(z - d, 1.0) for d in step]) / 2e-6
-    got = slopes(problem, z, 1.0, places)
+    expected = np.array([direct(z + d) - direct(z - d) for d in step]) / 2e-6
+    got = slopes(problem, z, places)
     np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())

@@ -5,6 +5,7 @@ import pytest
 
 from ftbias_jax.diagnosis.samples.exact import find_gaps, find_lattice
 from ftbias_jax.diagnosis.samples.read import inspect_samples
+from ftbias_jax.diagnosis.samples.types import together
 from ftbias_jax.io.log import Log
 
 STATED = np.array([0.1, 0.1, 0.1, 0.004, 0.004, 0.004])
@@ -37,7 +38,9 @@ class Recording:
 
 
 def names(found):
-    return tuple(finding.effect for finding in found.detected)
+    """Of the effects that leave the signs."""
+    effects = {finding.sign: finding.effect for finding in together([found])}
+    return tuple(effects[finding.sign] for finding in found.detected)
 
 
 def agrees(finding, name, truth, errors=3.0):
@@ -71,7 +74,7 @@ def test_noise_level(scale):
     recording = Recording(2)
     found = recording.inspect(recording.model + scale * recording.noise)
     assert names(found) == ("noise_level",)
-    agrees(found.noise_level, "scale", scale, 3.5)  # the worst of six
+    agrees(found.level, "scale", scale, 3.5)  # the worst of six
     np.testing.assert_allclose(found.noise_std, scale * STATED, rtol=0.06)
 
 
@@ -81,7 +84,7 @@ def test_heavy_tails_are_noise_and_no_outliers():
     found = recording.inspect(recording.model + 3 * tails)
     assert names(found) == ("noise_level",)
     assert found.heavy_tailed
-    np.testing.assert_allclose(found.noise_level.parameters["scale"], 3.0, rtol=0.15)
+    np.testing.assert_allclose(found.level.parameters["scale"], 3.0, rtol=0.15)
 
 
 @pytest.mark.parametrize("form", ["whole sample", "single channels", "spread"])
@@ -93,8 +96,8 @@ def test_outliers(form):
     spike = hit * size * rng.choice([-1, 1], shape)
     found = recording.inspect(recording.model + recording.noise + spike)
     assert names(found) == ("outliers",)
-    agrees(found.outliers, "rate", rate)
-    agrees(found.outliers, "size", np.sqrt((size**2).mean(0) if form == "spread" else size**2), 4.0)
+    agrees(found.spikes, "rate", rate)
+    agrees(found.spikes, "size", np.sqrt((size**2).mean(0) if form == "spread" else size**2), 4.0)
     assert not np.isfinite(found.clean_wrench[hit]).any()
     assert np.isnan(found.clean_wrench).any(1).mean() < 1.02 * hit.any(1).mean()
 
@@ -117,7 +120,7 @@ def test_quantisation(rounding, sigmas):
     step = sigmas * STATED * np.array([1, 1.1, 1.2, 1, 1, 1])
     found = recording.inspect(step * rounding((recording.model + recording.noise) / step))
     assert names(found) == ("quantisation",)
-    agrees(found.quantisation, "step", step)
+    agrees(found.lattice, "step", step)
 
 
 def test_quantised_force_alone_and_fine_digits():
@@ -127,7 +130,7 @@ def test_quantised_force_alone_and_fine_digits():
     wrench[:, 3:] = 1e-4 * np.round(wrench[:, 3:] / 1e-4)
     found = recording.inspect(wrench)
     assert names(found) == ("quantisation",)
-    np.testing.assert_allclose(found.quantisation.parameters["step"][:3], 0.5, rtol=1e-5)
+    np.testing.assert_allclose(found.lattice.parameters["step"][:3], 0.5, rtol=1e-5)
 
 
 @pytest.mark.parametrize("side", ["both", "above"])
@@ -139,8 +142,8 @@ def test_saturation(side):
     clipped[:, 3:] = wrench[:, 3:]
     found = recording.inspect(clipped)
     assert names(found) == ("saturation",)
-    np.testing.assert_allclose(found.saturation.parameters["limits"][:3], limit[:3], rtol=1e-5)
-    assert np.isinf(found.saturation.parameters["limits"][3:]).all()
+    np.testing.assert_allclose(found.flat_tops.parameters["limits"][:3], limit[:3], rtol=1e-5)
+    assert np.isinf(found.flat_tops.parameters["limits"][3:]).all()
     np.testing.assert_array_equal(np.isnan(found.clean_wrench), clipped != wrench)
 
 
@@ -157,8 +160,8 @@ def test_dropped_samples(form):
         wrench[lost] = np.nan
     found = recording.inspect(wrench, keep=~lost if form == "rows" else slice(None))
     assert names(found) == ("dropped_samples",)
-    agrees(found.dropped_samples, "rate", lost.mean())
-    assert found.dropped_samples.parameters["repeated"] == (form == "repeats")
+    agrees(found.lost, "rate", lost.mean())
+    assert found.lost.parameters["repeated"] == (form == "repeats")
     if form == "repeats":
         np.testing.assert_array_equal(np.isnan(found.clean_wrench).all(1), lost)
 
@@ -186,7 +189,7 @@ def test_stamp_jitter(form):
     moved = np.stack([np.interp(recording.t - late, recording.t, x) for x in recording.model.T], 1)
     found = recording.inspect(moved + recording.noise)
     assert names(found) == ("stamp_jitter",)
-    agrees(found.stamp_jitter, "std", std)
+    agrees(found.jitter, "std", std)
     np.testing.assert_allclose(found.noise_std, STATED, rtol=0.1)
 
 
@@ -203,16 +206,16 @@ def test_noise_that_grows_with_the_motion_is_no_noise_level(rate):
     recording = Recording(16, rate, 60.0 if rate > 100 else 400.0)
     found = recording.inspect(recording.model + grown(recording))
     assert names(found) == ("vibration",)
-    agrees(found.vibration, "variance", GROWTH, 4.0)
+    agrees(found.growth, "variance", GROWTH, 4.0)
     np.testing.assert_allclose(found.noise_std, STATED, rtol=0.2)
-    np.testing.assert_array_equal(found.noise_per_speed, found.vibration.parameters["variance"])
+    np.testing.assert_array_equal(found.noise_per_speed, found.growth.parameters["variance"])
 
 
 def test_noise_that_grows_and_is_wrong_at_rest_has_both_names():
     recording = Recording(17, duration=60.0)
     found = recording.inspect(recording.model + 4 * grown(recording))
     assert names(found) == ("noise_level", "vibration")
-    np.testing.assert_allclose(found.noise_level.parameters["scale"], 4.0, rtol=0.1)
+    np.testing.assert_allclose(found.level.parameters["scale"], 4.0, rtol=0.1)
 
 
 def test_a_log_that_never_rests_does_not_show_the_noise_at_rest():
@@ -261,7 +264,7 @@ def test_two_effects():
     wrench[::101] += 40 * STATED
     found = recording.inspect(np.minimum(wrench, [6.0, *[np.inf] * 5]))
     assert names(found) == ("noise_level", "outliers", "saturation")
-    agrees(found.noise_level, "scale", 2.0, 4.0)
+    agrees(found.level, "scale", 2.0, 4.0)
 
 
 def test_missing_channels_and_short_logs():

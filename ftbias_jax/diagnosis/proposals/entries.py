@@ -1,4 +1,4 @@
-"""The whole crosstalk matrix, once crosstalk is named by the few entries that explain most.
+"""The whole matrix of leaks between channels, once it is named by the few entries that explain most.
 
 Entries look alike on a log that loads few combinations of axes, and a search for few of them takes one for another. So
 what is told of the matrix is its posterior: all entries together, each small a priori.
@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.design_matrix import PRIOR_STD, change, information, lay_out, products, scores
 from ftbias_jax.diagnosis.regression.evaluate import slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import BLOCK_SECONDS, Fit
 from ftbias_jax.filtering.innovation_regression import widened_inverse
+from ftbias_jax.model.effects.fitting import Entries
+from ftbias_jax.model.effects.types import Effect
 
-EFFECT = "crosstalk"
 LIKE_A_ROTATION = 0.8
 """Share of what the log says of the matrix that a rotation of the axes makes up, from which on it may be one: of leaks
 that are drawn at random it makes up a tenth."""
@@ -30,15 +30,15 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndar
     Args:
         problem: of the logs.
         found: at its best.
-        few: its hypothesis of crosstalk.
+        few: its hypothesis of such a matrix.
 
     Returns:
-        coordinates (P,), crosstalk with all its entries free, and the covariance (30, 30) of these.
+        coordinates (P,), the hypothesis with all E entries free that have a scale, and their covariance (E, E).
     """
-    entries = chain_model.coordinates(problem.joints, "crosstalk").tolist()
+    entries = movable(problem, problem.catalogue[few.effect])
     further = [i for i in entries if i not in few.free]
     free = (*found.free, *further)
-    beside = whitened(problem, slopes(problem, found.z, found.link, further))
+    beside = whitened(problem, slopes(problem, found.z, further))
     columns = found.columns._replace(moving=np.concatenate([found.columns.moving, beside]))
     rows = [free.index(i) for i in entries]
     precision = information(columns).matrix()
@@ -56,7 +56,10 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndar
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     """Why leaks between the channels may be a rotation of the sensor's axes: they make up one."""
     z, whole, spread = whole_matrix(problem, found, h)
-    rotation, share = nearest_rotation(z[list(whole.free)], np.linalg.pinv(spread))
+    of_entry = size_of_entries(problem.catalogue[h.effect])
+    leaks = np.zeros((6, 6))
+    leaks[of_entry > 0] = z[list(whole.free)]
+    rotation, share = nearest_rotation(leaks * of_entry, of_entry, np.linalg.pinv(spread))
     if share < LIKE_A_ROTATION:
         return ""
     degrees = ", ".join(f"{x:.2f}" for x in np.rad2deg(rotation))
@@ -65,18 +68,27 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     )
 
 
-def nearest_rotation(leaks: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
+def size_of_entries(effect: Effect) -> np.ndarray:
+    """(6, 6) typical departure of the entries of an effect's matrix; 0 where they are not fitted."""
+    assert isinstance(effect.fit.search, Entries)
+    size: np.ndarray = np.broadcast_to(effect.parameter(effect.fit.search.matrix).scale, (6, 6))
+    return size
+
+
+def nearest_rotation(matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
     """The small rotation of force and torque alike that leaks are nearest to.
 
     Args:
-        leaks: (30,) typical departures, the entries beside the diagonal row by row.
-        precision: (30, 30) inverse covariance: what the log does not determine does not count.
+        matrix: (6, 6) leaks: what the reading has beside the load.
+        size: (6, 6) typical departure of the E entries that count, 0 of the others.
+        precision: (E, E) inverse covariance in typical departures: what the log does not determine does not count.
 
     Returns:
         (3,) rad, from believed to true axes, and the share of what the log says of the leaks that it makes up.
     """
-    unit = next(np.asarray(b.unit) for b in chain_model.blocks(1) if b.effect == EFFECT)
-    turns = np.stack([_turn(axis)[~np.eye(6, dtype=bool)] / unit for axis in range(3)], 1)
+    counts = size > 0
+    leaks = matrix[counts] / size[counts]
+    turns = np.stack([_turn(axis)[counts] / size[counts] for axis in range(3)], 1)
     rotation = np.linalg.lstsq(turns.T @ precision @ turns, turns.T @ precision @ leaks)[0]
     left = leaks - turns @ rotation
     return rotation, 1 - float(left @ precision @ left) / max(float(leaks @ precision @ leaks), 1e-300)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.proposals.contact import parts_of, robust_rest
+from ftbias_jax.diagnosis.hypothesis import Event
+from ftbias_jax.diagnosis.proposals.touches import merge, parts_of, robust_rest
 
 BINS = 400
 
@@ -21,7 +22,7 @@ BINS = 400
 def test_an_event_is_what_matters_of_it(matter, expected):
     nats = np.zeros(11)
     nats[matter] = 5000.0
-    parts = parts_of((2, 0.0, 10.0), nats)
+    parts = parts_of(Event(2, 0.0, 10.0), nats)
     assert [log for log, *_ in parts] == [2] * len(expected)
     np.testing.assert_allclose([part[1:] for part in parts], expected)
 
@@ -44,3 +45,10 @@ def test_what_columns_leave_shows_the_bins_they_cannot_explain():
 def test_without_columns_the_innovations_stay():
     error = np.ones((BINS, 6))
     np.testing.assert_array_equal(robust_rest(np.zeros((0, BINS, 6)), error), error)
+
+
+def test_overlapping_events_are_one():
+    """Within a log."""
+    events = [Event(0, 5.0, 6.0), Event(0, 1.0, 1.4), Event(0, 5.5, 6.5), Event(1, 6.0, 7.0)]
+    np.testing.assert_allclose(merge(events), [(0, 0.66, 1.74), (0, 4.3, 7.2), (1, 5.3, 7.7)])
+    assert merge([]) == []

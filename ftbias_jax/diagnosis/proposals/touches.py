@@ -1,4 +1,4 @@
-"""Contacts: when something touched the tool, and with which wrench."""
+"""Events of any shape in time, such as contacts: when something pushed the tool, and with which wrench."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ftbias_jax.diagnosis import hypothesis as hyp
-from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis
+from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, penalty
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import PRIOR_STD
 from ftbias_jax.diagnosis.regression.dictionary import Found, Library
 from ftbias_jax.diagnosis.regression.evaluate import whitened_series
 from ftbias_jax.diagnosis.regression.fit import Fit, projection
 from ftbias_jax.diagnosis.regression.score_test import gain_of_series
+from ftbias_jax.diagnosis.regression.series import shaped, shaped_events
+from ftbias_jax.model.effects.fitting import Touches
 
-EFFECT = "contact"
+MOST_EVENTS = 8
+SHAPES = (4, 8, 16, 32)
+"""Hat functions that may make up an event of any shape."""
 LEAST_EVENT = 60.0
-"""nats of a single contact."""
-MOST_CONTACT = 0.35
+"""nats of a single event."""
+MOST_OF_LOG = 0.35
 """Share of the log: what touches the tool for longer is no event."""
 LONGEST_EVENT = 5.0
 """s; nor is what touches it once for longer."""
@@ -26,32 +29,50 @@ SURELY_EVENT = 3.0
 """s; what lasts longer may be something else in the robot's surroundings that no effect of the catalogue stands for."""
 TRIMS, TRIM_HATS = 3, 32
 LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.005
-"""nats, and share of the largest, of a hat function at the end of a contact."""
+"""nats, and share of the largest, of a hat function at the end of an event."""
 CLEAR_HATS = 2
-"""Hats in a row that do not matter, less one, between two contacts."""
+"""Hats in a row that do not matter, less one, between two events."""
 REWEIGHTINGS = 4
 
 
-def contacts(
+def touches(
     problem: Problem, library: Library, accepted: Fit, taken: Collection[str], smooth: np.ndarray
 ) -> list[Found]:
-    """The contacts that stand out, as one hypothesis with wrenches of any shape, and its gain.
+    """The events that stand out, as one hypothesis with wrenches of any shape, and its gain; of every effect with such.
 
     Args:
         problem: the logs.
         library: the whitened shapes that events may have.
         accepted: the fit of the causes found so far.
         taken: effects that are not proposed again.
-        smooth: (M, U, 6) whitened derivatives by what else could be there. Contacts are looked for, but not judged, in
+        smooth: (M, U, 6) whitened derivatives by what else could be there. Events are looked for, but not judged, in
             what these leave.
     """
-    if "contact" in taken or not library.events:
+    names = [effect.name for effect in problem.catalogue.searched_by(Touches) if effect.name not in taken]
+    if not names or not library.events:
         return []
-    white = library.events_white
-    power = np.maximum(np.einsum("cuk,cuk->ck", white, white), 1e-6)
     alone = robust_rest(smooth, accepted.error)
-    error, events = alone, []
-    for _ in range(hyp.MOST_EVENTS):
+    events = _pursue(library, alone)
+    if not events:
+        return []
+    found = []
+    for name in names:
+        trimmed = _trimmed(problem, name, alone, merge(events))
+        shapes = [shaped_events(problem, name, trimmed, hats) for hats in SHAPES]
+        gains = [
+            (gain_of_series(accepted, whitened_series(problem, h.shapes)), h)
+            for h in shapes
+            if is_short(h, problem.duration)
+        ]
+        found += sorted(gains, key=_after_penalty)[-1:]
+    return found
+
+
+def _pursue(library: Library, error: np.ndarray) -> list[Event]:
+    """The pulses that gain most, one after the other, of innovations (U, 6)."""
+    white, events = library.events_white, list[Event]()
+    power = np.maximum(np.einsum("cuk,cuk->ck", white, white), 1e-6)
+    for _ in range(MOST_EVENTS):
         along = np.einsum("cuk,uk->ck", white, error)
         gain = (along**2 / power / 2).sum(1)
         best = int(gain.argmax())
@@ -59,30 +80,29 @@ def contacts(
             break
         error = error - (along[best] / power[best]) * white[best]
         events.append(library.events[best])
-    if not events:
-        return []
-    trimmed = _trimmed(problem, alone, merge(events))
-    shapes = [hyp.contact(problem, trimmed, hats) for hats in hyp.SHAPES]
-    found = [(gain_of_series(accepted, whitened_series(problem, h.shapes)), h) for h in shapes if _is_short(problem, h)]
-    return sorted(found, key=_after_penalty)[-1:]
+    return events
 
 
-def _is_short(problem: Problem, contact: Hypothesis) -> bool:
-    """Whether the contacts are short, each and together."""
-    lengths = _lengths(contact)
-    return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_CONTACT * problem.duration)
+def is_short(h: Hypothesis, duration: float) -> bool:
+    """Whether events are short, each and together.
+
+    Args:
+        h: has them.
+        duration: s, of all logs.
+    """
+    lengths = _lengths(h)
+    return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_OF_LOG * duration)
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
-    """Why contacts may be something else: only they are short."""
+    """Why events may be something else: only they are short."""
     short = bool(_lengths(h).max() < SURELY_EVENT)
     return "" if short else "; or something that is not in the catalogue, for it lasted long"
 
 
-def _lengths(contact: Hypothesis) -> np.ndarray:
-    """(E, 1) s, of its events."""
-    lengths: np.ndarray = np.diff(np.reshape(contact.detail, (-1, 4))[:, 1:3])
-    return lengths
+def _lengths(h: Hypothesis) -> np.ndarray:
+    """(E,) s, of its events."""
+    return np.array([one.event.end - one.event.start for one in shaped(h)])
 
 
 def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -99,14 +119,14 @@ def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
     return rest
 
 
-def _trimmed(problem: Problem, alone: np.ndarray, events: list[Event]) -> list[Event]:
-    """Contacts that begin and end where the data (U, 6) put it."""
+def _trimmed(problem: Problem, effect: str, alone: np.ndarray, events: list[Event]) -> list[Event]:
+    """Events that begin and end where the data (U, 6) put it."""
     for _ in range(TRIMS):
-        h = hyp.contact(problem, events, TRIM_HATS)
+        h = shaped_events(problem, effect, events, TRIM_HATS)
         white = whitened_series(problem, h.shapes)
         coefficients, _ = projection(white)(alone[None])
         nats = ((coefficients.reshape(-1, 1, 6) * white) ** 2).sum((1, 2)) / 2
-        by_event = np.split(nats, np.cumsum(hyp.hats_of(h)))
+        by_event = np.split(nats, np.cumsum([one.series for one in shaped(h)]))
         trimmed = [part for event, nats in zip(events, by_event[:-1], strict=True) for part in parts_of(event, nats)]
         if trimmed == events:
             break
@@ -129,12 +149,12 @@ def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
     pieces = np.split(matter, np.flatnonzero(np.diff(matter) > CLEAR_HATS) + 1)
     least = min(LEAST_EVENT, max(nats[p].sum() for p in pieces) / 2)
     pieces = [p for p in pieces if nats[p].sum() > least]
-    return [(log, start + max(p[0] - 1, 0) * width, start + min(p[-1] + 1, last) * width) for p in pieces]
+    return [Event(log, start + max(p[0] - 1, 0) * width, start + min(p[-1] + 1, last) * width) for p in pieces]
 
 
 def _after_penalty(found: Found) -> float:
     gain, h = found
-    return gain - hyp.penalty(h)
+    return gain - penalty(h)
 
 
 def merge(events: Sequence[Event]) -> list[Event]:
@@ -143,8 +163,8 @@ def merge(events: Sequence[Event]) -> list[Event]:
     for log, start, end in sorted(events):
         margin = 0.1 + 0.6 * (end - start)
         start, end = start - margin, end + margin
-        if merged and merged[-1][0] == log and start < merged[-1][2]:
-            merged[-1] = (log, merged[-1][1], max(end, merged[-1][2]))
+        if merged and merged[-1].log == log and start < merged[-1].end:
+            merged[-1] = Event(log, merged[-1].start, max(end, merged[-1].end))
         else:
-            merged.append((log, start, end))
+            merged.append(Event(log, start, end))
     return merged

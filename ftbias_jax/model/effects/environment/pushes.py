@@ -1,7 +1,4 @@
-"""Effects of the environment stage: forces on the tool besides gravity, and a tool that is not rigid.
-
-A force F that the environment exerts on the tool lowers the reading by F: the sensor has less to hold.
-"""
+"""Forces on the tool besides gravity: cables and contacts."""
 
 from __future__ import annotations
 
@@ -9,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.model.effects.fitting import Coordinate, Fitting, Pull, Touches
 from ftbias_jax.model.effects.kinematics import motion_of
-from ftbias_jax.model.effects.responses import rung
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
-from ftbias_jax.model.wrench.inertia import about_center_of_mass, spatial_inertia
+from ftbias_jax.model.wrench.inertia import about_center_of_mass
 from ftbias_jax.types import Array
 
 
@@ -52,42 +49,12 @@ def contact(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     return wrench - jax.vmap(push, (2, 0))(motion_of(signals).sensor_rotation, size)
 
 
-def tool_flexibility(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """Part of the tool hangs on springs and swings against the sensor: it rings, and sags under its weight.
-
-    There is a mode of motion for each of the three shifts and turns along and about the sensor's axes. Let w (6,) be
-    the wrench of the rigid tool, M (6, 6) its spatial inertia about the sensor's origin, s_k the share of the tool that
-    moves in mode k, x_k how far. Spring and damper of a mode, which the sensor reads, carry the moving part:
-    -s_k M_kk (W^2 x_k + 2 zeta W x_k') = s_k (w_k + M_kk x_k''), so what they carry is the second-order response of w_k
-    (``rung``), M_kk x_k'' = rung(w_k) - w_k whatever the share, and the accelerations of all modes together change the
-    reading by M s x''. That one mode shakes another is left out.
-
-    Sagging moves the place c at which the force F acts: w has the torque (x_shift + x_turn x c) x F too. It is small,
-    and three rounds of substitution settle it; in it, the damper's share of x is left out.
-    """
-    theta, share = signals.model.theta, values["share"]
-    M = spatial_inertia(theta)
-    inertia = jnp.maximum(jnp.diagonal(M), np.finfo(theta.dtype).tiny)[None]
-    compliance = values["sagging"] * share[None] / (inertia * (2 * jnp.pi * values["frequency"]) ** 2)
-    spring = wrench
-    for _ in range(3):
-        sag = -spring * compliance
-        moved = sag[:, :3] + jnp.cross(sag[:, 3:], about_center_of_mass(theta)[1][None])
-        sagged = wrench + jnp.pad(jnp.cross(moved, wrench[:, :3]), ((0, 0), (3, 0)))
-        spring = rung(signals.t, sagged, values["frequency"], values["damping_ratio"])
-    return sagged + (share[None] * (spring - sagged) / inertia) @ M.T
-
-
 def _check_contact(values: EffectValues) -> str:
     return "" if (values["end"] > values["start"]).all() else "an event ends before it starts"
 
 
 def _center_of_mass(model: Model) -> Array:
     return about_center_of_mass(model.theta)[1]
-
-
-def _turns_about_xy(model: Model) -> Array:
-    return jnp.zeros(6, model.theta.dtype).at[3:5].set(1)
 
 
 def _forearm(model: Model) -> Array:
@@ -98,66 +65,24 @@ def _forearm(model: Model) -> Array:
     return jnp.asarray(max(carrier.linear.shape[-2] - 3, 0), model.theta.dtype)
 
 
-FLEXIBILITY = (
-    Effect(
-        "tool_flexibility",
-        "environment",
-        (
-            Parameter(
-                "frequency",
-                "Hz",
-                "of the tool on its springs, undamped",
-                (),
-                1.0,
-                float("inf"),
-                float("inf"),
-                10.0,
-                search=True,
-            ),
-            Parameter("damping_ratio", "1", "share of critical damping", (), 0.0, 0.99, 0.05, 0.0, search=True),
-            Parameter(
-                "share",
-                "1",
-                "of the tool that moves: shifts along, turns about the sensor's axes; default: all of it about x and y",
-                (6,),
-                0.0,
-                2.0,
-                _turns_about_xy,
-                0.0,
-                search=True,
-                optional=True,
-            ),
-            Parameter(
-                "sagging",
-                "1",
-                "1 if the tool's weight bends the springs, 0 if it is balanced",
-                (),
-                0.0,
-                1.0,
-                1.0,
-                0.0,
-                search=True,
-                optional=True,
-            ),
-        ),
-        "the tool or its mounting swings at one frequency after accelerations",
-        "tighten or stiffen the tool, or move more smoothly",
-        reading=tool_flexibility,
-        twins=(
-            Twin("tool_inertia", False, "accelerate the wrist at several frequencies"),
-            Twin("time_delay", False, "accelerate sharply: a flexible tool rings"),
-        ),
-    ),
-)
-"""Acts on the tool's own wrench, before anything else touches the tool."""
-
 EFFECTS = (
     Effect(
         "cable",
         "environment",
         (
             Parameter("stiffness", "N/m", "tension per stretch", (), 0.0, 1e6, 0.0, 10.0),
-            Parameter("rest_length", "m", "length without tension", (), 0.0, 10.0, 0.1, 0.1, search=True),
+            Parameter(
+                "rest_length",
+                "m",
+                "length without tension",
+                (),
+                0.0,
+                10.0,
+                0.1,
+                0.1,
+                search=True,
+                coordinate=Coordinate(zero=0.0),
+            ),
             Parameter(
                 "anchor",
                 "m",
@@ -168,6 +93,7 @@ EFFECTS = (
                 0.0,
                 0.3,
                 search=True,
+                coordinate=Coordinate(scale=0.1),
             ),
             Parameter(
                 "link",
@@ -192,11 +118,13 @@ EFFECTS = (
                 0.0,
                 search=True,
                 optional=True,
+                coordinate=Coordinate(scale=0.03),
             ),
         ),
         "a cable or hose pulls at the tool",
         "give the cable slack, or route it so that it does not pull",
         reading=cable,
+        fit=Fitting(Pull(cable_span), any_shape=True),
         twins=(
             Twin("gravity_tilt", False, "move the arm through its workspace: a cable's pull depends on the place"),
             Twin("tool_com", False, "move the arm with the wrist held still"),
@@ -225,6 +153,7 @@ EFFECTS = (
         "something touched the tool for a while",
         "leave these intervals out, or keep people and objects away while recording",
         reading=contact,
+        fit=Fitting(Touches("start", "end", "force"), credit=0.8, any_shape=True),
         check=_check_contact,
         twins=(Twin("bias_jump", False, "a contact that does not end looks like a jump: record longer"),),
     ),

@@ -1,4 +1,4 @@
-"""The caller's own effects: starting points of their fits, by what each says of its parameters.
+"""Starting points of effects that pick no search of their own, by what each says of its parameters.
 
 Parameters that switch an effect off are found by one linearisation; those that need a search are held at each of their
 starts meanwhile. The best few starts are fitted with everything free but what has no scale, such as a joint's number.
@@ -15,18 +15,13 @@ import numpy as np
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import chain_model
-from ftbias_jax.diagnosis.regression.coordinates import (
-    LINEAR,
-    kind_of,
-    own_effects,
-    strengths,
-    to_coordinates,
-)
+from ftbias_jax.diagnosis.regression.coordinates import kind_of, strengths, to_coordinates, why_not_fitted
 from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import keep
 from ftbias_jax.diagnosis.regression.score_test import Standing, gains
 from ftbias_jax.model.effects.catalogue import neutral_values
+from ftbias_jax.model.effects.fitting import LINEAR, Starts
 from ftbias_jax.model.effects.types import Effect, Model, Parameter
 
 FITTED = 3
@@ -51,12 +46,12 @@ class _Start(NamedTuple):
     fixed: tuple[tuple[int, float], ...]
 
 
-def own(problem: Problem, standing: Standing, taken: Collection[str]) -> list[Found]:
-    """The most promising starts of every own effect, with their gains in nats beside a fit."""
+def best_starts(problem: Problem, standing: Standing, taken: Collection[str]) -> list[Found]:
+    """The most promising starts of every such effect, with their gains in nats beside a fit."""
     return [
         found
-        for effect in own_effects(problem.catalogue)
-        if effect.name not in taken and all(need in problem.recorded for need in effect.needs)
+        for effect in problem.catalogue.searched_by(Starts)
+        if effect.name not in taken and not why_not_fitted(effect)
         for found in _best_starts(problem, standing, effect)
     ]
 
@@ -72,17 +67,18 @@ def _best_starts(problem: Problem, standing: Standing, effect: Effect) -> list[F
     tried = [_linearised(problem, standing, effect.name, linear, start) for start in starts]
     if not linear:
         tried = _as_they_are(problem, standing, effect.name, starts)
-    return sorted(tried, key=lambda found: -found[0])[:FITTED]
+    best = sorted(tried, key=lambda found: -found[0])[:FITTED]
+    return [(gain, h._replace(group=i)) for i, (gain, h) in enumerate(best)]
 
 
 def _linearised(problem: Problem, standing: Standing, name: str, linear: list[int], start: _Start) -> Found:
     """What the strengths would gain with the rest held at a start, none of them outside of its bounds."""
-    h = Hypothesis(name, (*linear, *start.free), (0.0,) * len(linear) + start.values, start.fixed, each=True)
+    h = Hypothesis(name, (*linear, *start.free), (0.0,) * len(linear) + start.values, start.fixed)
     if not linear:
         return 0.0, h
     z = keep(standing.fit.z, h)
     z[list(h.free)] = h.start
-    prepared = gains(standing, whitened(problem, slopes(problem, z, standing.fit.link, linear)))
+    prepared = gains(standing, whitened(problem, slopes(problem, z, linear)))
     least, most = (bound[linear] for bound in chain_model.bounds(problem.joints, problem.catalogue))
     best = np.clip(prepared.coefficients(list(range(len(linear)))), least, most)
     gain = float(-prepared.pull @ best - best @ prepared.normal @ best / 2)
@@ -92,11 +88,11 @@ def _linearised(problem: Problem, standing: Standing, name: str, linear: list[in
 def _as_they_are(problem: Problem, standing: Standing, name: str, starts: list[_Start]) -> list[Found]:
     """Gain of each start as it is, for an effect whose parameters all need a search."""
     accepted = standing.fit
-    found = [Hypothesis(name, start.free, start.values, start.fixed, each=True) for start in starts]
+    found = [Hypothesis(name, start.free, start.values, start.fixed) for start in starts]
     z = np.stack([keep(accepted.z, h) for h in found])
     for row, h in zip(z, found, strict=True):
         row[list(h.free)] = h.start
-    made = readings(problem, np.stack([accepted.z, *z]), np.full(len(z) + 1, accepted.link))
+    made = readings(problem, np.stack([accepted.z, *z]))
     changes = whitened(problem, made[1:] - made[0])
     gain = -(accepted.error * changes).sum((1, 2)) - (changes**2).sum((1, 2)) / 2
     return list(zip(gain.tolist(), found, strict=True))

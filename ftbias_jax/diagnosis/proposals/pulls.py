@@ -5,24 +5,28 @@ The vector from the near to the far end is affine in the anchor, so many anchors
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.diagnosis.evidence.estimates import parameters
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, places_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import believed_motions, readings, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import Standing, gain_of_each, gains
-from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values
-from ftbias_jax.model.effects.environment import cable_span
-from ftbias_jax.model.effects.types import Signals
+from ftbias_jax.model.effects.catalogue import neutral_values
+from ftbias_jax.model.effects.fitting import Pull
+from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.model.effects.types import Effect, Signals
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.types import Array
 
-EFFECT = "cable"
 ANCHORS = 40
 """Random places tried for each link."""
 FOREARM = (2, 3, 4)
@@ -39,50 +43,63 @@ APART = 0.25
 """m; nearer anchors lead to the same maximum."""
 
 
-def cables(problem: Problem, standing: Standing) -> list[tuple[float, Hypothesis]]:
-    """The most promising anchors in the world and on the forearm, with their gains in nats beside a fit."""
-    model = problem.parts[0].signals.model
+def pulls(problem: Problem, standing: Standing, taken: Collection[str]) -> list[Found]:
+    """The most promising anchors of every elastic pull, with their gains in nats beside a fit."""
+    wanted = [effect for effect in problem.catalogue.searched_by(Pull) if effect.name not in taken]
+    return [found for effect in wanted for found in _anchors(problem, standing, effect)]
+
+
+def _anchors(problem: Problem, standing: Standing, effect: Effect) -> list[Found]:
+    """The most promising anchors in the world and on the forearm."""
+    search, model = _search(effect), problem.parts[0].signals.model
     n, reach = problem.joints, max(float(np.linalg.norm(model.arm.zero_position)), 0.5)
-    attachment = np.asarray(neutral_values(CATALOGUE["cable"], model)["attachment"])
+    attachment = np.asarray(neutral_values(effect, model)[search.attachment])
     rng = np.random.default_rng(0)
     found: list[tuple[float, float, float, np.ndarray, int]] = []
     motions = believed_motions(problem)
     for link in dict.fromkeys((0, *(max(n - back, 0) for back in FOREARM))):
-        spans = _spans(problem, motions, link, attachment)
+        spans = _spans(problem, effect, motions, link, attachment)
         near = rng.uniform(0.2, 0.9, (ANCHORS, 1)) * np.asarray(model.arm.zero_position) if link else 0.0
         anchors = near + rng.uniform(-1, 1, (ANCHORS, 3)) * (0.3 if link else 0.7 * reach)
         anchors = np.concatenate([anchors, _without_slack(problem, standing, spans, attachment)])
         tried = [(anchor, slack) for anchor in anchors for slack in SLACK]
-        pulls, rests = zip(*(_pull(spans, anchor, slack, attachment) for anchor, slack in tried), strict=True)
-        gain, stiffness = gain_of_each(standing, whitened(problem, np.stack(pulls)))
+        made, rests = zip(*(_pull(spans, anchor, slack, attachment) for anchor, slack in tried), strict=True)
+        gain, stiffness = gain_of_each(standing, whitened(problem, np.stack(made)))
         gain = np.where(stiffness > 0, gain, 0)  # a cable never pushes
         found += [(float(gain[i]), float(stiffness[i]), rests[i], tried[i][0], link) for i in range(len(tried))]
-    chosen: list[tuple[float, Hypothesis]] = []
+    chosen: list[Found] = []
     kept: list[tuple[np.ndarray, int]] = []
     for gain_of, k, rest, anchor, link in sorted(found, key=lambda one: -one[0]):
         if all(other != link or np.linalg.norm(anchor - place) > APART for place, other in kept):
-            values = (("stiffness", k), ("rest_length", rest - 0.1), ("anchor", anchor), ("attachment", 0.0))
-            start = at_values(problem, "cable", *values, link=float(link))._replace(each=True)
-            chosen.append((gain_of, start))
+            values: dict[str, np.ndarray | float] = {search.stiffness: k, search.rest_length: rest}
+            values |= {search.anchor: anchor, search.attachment: attachment}
+            fixed = tuple(places_of(problem, effect, **{search.link: float(link)}).items())
+            chosen.append((gain_of, at_values(problem, effect, **values)._replace(fixed=fixed, group=len(chosen))))
             kept.append((anchor, link))
         if len(chosen) == STARTS:
             break
     return chosen
 
 
-@jax.jit
-def _span(signals: Signals, anchor: Array, attachment: Array, link: Array) -> Array:
-    return cable_span({"anchor": anchor, "attachment": attachment, "link": link}, signals)
+def _search(effect: Effect) -> Pull:
+    assert isinstance(effect.fit.search, Pull)
+    return effect.fit.search
 
 
-def _spans(problem: Problem, motions: list[ArmMotion], link: int, attachment: np.ndarray) -> np.ndarray:
+@partial(jax.jit, static_argnames=("name", "catalogue"))
+def _span(signals: Signals, anchor: Array, attachment: Array, link: Array, name: str, catalogue: Catalogue) -> Array:
+    search = _search(catalogue[name])
+    return search.span({search.anchor: anchor, search.attachment: attachment, search.link: link}, signals)
+
+
+def _spans(problem: Problem, effect: Effect, motions: list[ArmMotion], link: int, attachment: np.ndarray) -> np.ndarray:
     """(4, U, 3) m, sensor frame: near end to the link's origin at q = 0, and what a metre of the anchor's axes adds."""
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
     fixed = jnp.asarray(attachment), jnp.asarray(float(link))
     parts = []
     for part, motion in zip(problem.parts, motions, strict=True):
         signals = part.signals._replace(motion=motion)
-        ends = [_span(signals, jnp.asarray(corner), *fixed) for corner in corners]
+        ends = [_span(signals, jnp.asarray(corner), *fixed, effect.name, problem.catalogue) for corner in corners]
         parts.append(np.stack([np.asarray(span)[: part.used] for span in ends]))
     spans = np.concatenate(parts, axis=1)
     spans[1:] -= spans[0]
@@ -113,23 +130,24 @@ def _without_slack(problem: Problem, standing: Standing, spans: np.ndarray, atta
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     """Why a cable may be something else: long and soft, it makes nearly any force, so that force is what is told."""
     values, stderr = parameters(problem, found, h)
-    arm = problem.parts[0].signals.model.arm
-    apart = float(np.linalg.norm(np.asarray(values["anchor"]) - np.asarray(arm.zero_position)))
-    far = apart > FARTHEST or float(np.max(values["rest_length"])) > LONGEST
-    loose = max(np.max(stderr["anchor"]), np.max(stderr["rest_length"])) > UNDETERMINED
+    search, arm = _search(problem.catalogue[h.effect]), problem.parts[0].signals.model.arm
+    apart = float(np.linalg.norm(np.asarray(values[search.anchor]) - np.asarray(arm.zero_position)))
+    far = apart > FARTHEST or float(np.max(values[search.rest_length])) > LONGEST
+    loose = max(np.max(stderr[search.anchor]), np.max(stderr[search.rest_length])) > UNDETERMINED
     if not (far or loose):
         return ""
     why = "such a cable is not plausible" if far else "its length and anchor are not determined"
-    mean, varies = equivalent_force(problem, found)
+    mean, varies = equivalent_force(problem, found, h)
     size = ", ".join(f"{x:.2g}" for x in mean)
     return f"; {why}, and any force like it would do: ({size}) N in base axes on the tool, varying by {varies:.2g} N"
 
 
-def equivalent_force(problem: Problem, found: Fit) -> tuple[np.ndarray, float]:
-    """(3,) N on the tool, base axes, that the cable of a fit exerts on average, and by how many N it varies."""
+def equivalent_force(problem: Problem, found: Fit, h: Hypothesis) -> tuple[np.ndarray, float]:
+    """(3,) N on the tool, base axes, that the pull of a fit exerts on average, and by how many N it varies."""
+    stiffness = _search(problem.catalogue[h.effect]).stiffness
     z = np.stack([found.z, found.z])
-    z[1, chain_model.slices(problem.joints)[EFFECT, "stiffness"]] = 0
-    with_it, without = readings(problem, z, np.full(2, found.link))
+    z[1, chain_model.slices(problem.joints, problem.catalogue)[h.effect, stiffness]] = 0
+    with_it, without = readings(problem, z)
     ends, motions = np.cumsum([part.used for part in problem.parts])[:-1], believed_motions(problem)
     forces = [
         -np.einsum("ijt,tj->ti", np.asarray(motion.sensor_rotation)[:, :, : len(change)], change[:, :3])

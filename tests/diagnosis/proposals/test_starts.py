@@ -7,7 +7,7 @@ import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.diagnose import diagnose
-from ftbias_jax.diagnosis.proposals.own import starts_of
+from ftbias_jax.diagnosis.proposals.starts import starts_of
 from ftbias_jax.filtering.verbs.from_setup import filter_log
 from ftbias_jax.model.effects.types import Effect, Model, Parameter
 from ftbias_jax.model.own_effects import load_effects

@@ -1,0 +1,115 @@
+"""Effects that are smooth at zero, and those that are fitted from several starts: what each would gain."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from itertools import product
+
+import numpy as np
+
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, Joint, at_values, at_zero, movable, places_of
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.proposals.ringing import usual
+from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.dictionary import Found
+from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
+from ftbias_jax.diagnosis.regression.fit import keep
+from ftbias_jax.diagnosis.regression.score_test import Standing, gain_of_each, gains
+from ftbias_jax.model.effects.fitting import SMOOTH, ByJoint, Entries, Grid, Linear
+from ftbias_jax.model.effects.types import Effect
+
+MOST_ENTRIES = 12
+"""Entries of a matrix that may be named."""
+LEAST_ENTRY = 0.01
+"""Share of the gain that each of them must add."""
+
+
+def smooth_hypotheses(problem: Problem, taken: Collection[str]) -> list[Hypothesis]:
+    """What one linearisation finds; each joint is a hypothesis of its own, and so is each variant of an effect."""
+    return [
+        h
+        for effect in problem.catalogue.searched_by(*SMOOTH)
+        if effect.name not in taken
+        for h in _of_smooth(problem, effect)
+    ]
+
+
+def _of_smooth(problem: Problem, effect: Effect) -> list[Hypothesis]:
+    match effect.fit.search:
+        case ByJoint():
+            places = chain_model.coordinates(problem.joints, effect.name, problem.catalogue)
+            joints = enumerate(places, 1)
+            return [at_zero(effect.name, [i])._replace(detail=Joint(joint), group=joint) for joint, i in joints]
+        case Linear(variants):
+            whole = at_zero(effect.name, movable(problem, effect))
+            held = [tuple(places_of(problem, effect, **dict(variant)).items()) for variant in variants]
+            return [whole._replace(fixed=fixed) for fixed in held]
+        case _:
+            return [at_zero(effect.name, movable(problem, effect))]
+
+
+def smooth(
+    problem: Problem, standing: Standing, taken: Collection[str]
+) -> tuple[list[Found], dict[Hypothesis, np.ndarray]]:
+    """Gains, and for each hypothesis the whitened derivatives (F, U, 6) by its coordinates."""
+    wanted = smooth_hypotheses(problem, taken)
+    found: list[Found] = []
+    columns: dict[Hypothesis, np.ndarray] = {}
+    for fixed in dict.fromkeys(h.fixed for h in wanted):
+        alike = [h for h in wanted if h.fixed == fixed]
+        places = [i for h in alike for i in h.free]
+        white = whitened(problem, slopes(problem, keep(standing.fit.z, alike[0]), places))
+        prepared, row = gains(standing, white), iter(range(len(places)))
+        for h in alike:
+            rows = [next(row) for _ in h.free]
+            sparse = isinstance(problem.catalogue[h.effect].fit.search, Entries)
+            gain, chosen = prepared.pursue(rows, MOST_ENTRIES, LEAST_ENTRY) if sparse else (prepared.of(rows), rows)
+            few = h._replace(free=tuple(places[i] for i in chosen), start=(0.0,) * len(chosen))
+            columns[few] = white[chosen]
+            found += [(gain, few)] if chosen else []
+    return found, columns
+
+
+def grid_hypotheses(problem: Problem, span: np.ndarray, taken: Collection[str]) -> list[Hypothesis]:
+    """Starting points of the effects that are fitted from several.
+
+    Args:
+        problem: of the log.
+        span: (6,) N, Nm, range of the predicted load.
+        taken: effects that are not proposed again.
+    """
+    found = []
+    for effect in problem.catalogue.searched_by(Grid):
+        if effect.name in taken:
+            continue
+        assert isinstance(effect.fit.search, Grid)
+        load = span if effect.fit.search.per_load else 1.0
+        searched = [parameter for parameter in effect.parameters if parameter.starts]
+        for starts in product(*(parameter.starts for parameter in searched)):
+            values = {p.name: start * load for p, start in zip(searched, starts, strict=True)}
+            found.append(at_values(problem, effect, **values))
+    return found
+
+
+def from_starts(problem: Problem, standing: Standing, taken: Collection[str]) -> list[Found]:
+    """Gain of each starting point, as it is or scaled to fit."""
+    accepted = standing.fit
+    now = readings(problem, accepted.z[None])[0]
+    wanted = [*grid_hypotheses(problem, np.ptp(now, axis=0), taken), *usual(problem, taken)]
+    if not wanted:
+        return []
+    z = np.stack([keep(accepted.z, h) for h in wanted])
+    for row, h in zip(z, wanted, strict=True):
+        row[list(h.free)] = h.start
+    changes = whitened(problem, readings(problem, z) - now)
+    scaled, _ = gain_of_each(standing, changes)
+    found = []
+    for i, (h, change) in enumerate(zip(wanted, changes, strict=True)):
+        search = problem.catalogue[h.effect].fit.search
+        if isinstance(search, Grid) and search.per_load:
+            channels = change[None] * np.eye(6)[:, None]
+            found.append((gains(standing, channels).of(list(range(6))), h))
+        else:
+            as_it_is = float(-(accepted.error * change).sum() - (change**2).sum() / 2)
+            found.append((max(as_it_is, float(scaled[i]) / 2), h))
+    return found

@@ -1,0 +1,156 @@
+"""A tool on springs: at which frequency it swings, and which ways.
+
+The reading is nearly linear in the shares of the tool that move in each way: one linearisation at every frequency tells
+what they would gain. The usual tool, of which moves what the entry says, is tried too, and its shares are freed after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, places_of
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.dictionary import Found
+from ftbias_jax.diagnosis.regression.evaluate import slopes, whitened
+from ftbias_jax.diagnosis.regression.fit import Fit, fit
+from ftbias_jax.diagnosis.regression.score_test import Standing, gains
+from ftbias_jax.model.effects.catalogue import neutral_values
+from ftbias_jax.model.effects.fitting import Ringing
+from ftbias_jax.model.effects.types import Effect
+
+LOG_DAMPINGS = (-0.5, 1.2)
+"""Coordinates of the damping ratio."""
+BETWEEN = 0.5
+"""The same for one search over all: resonances are then as wide as the steps of the frequencies."""
+WAYS = (0, 1, 3, 4)
+"""Shifts along and turns about x and y; along and about z tools are stiff."""
+LEAST_WAY = 0.02
+"""Share of the gain that each further way of moving must add."""
+LEAST_SHARE = 0.1
+EQUAL = 0.97
+"""Share of the best gain from which on a frequency is as good as the best one."""
+NEAR_LIMIT = 0.97
+"""Share of a limit from which on a value is at it."""
+
+
+class _Places(NamedTuple):
+    """Coordinates of an effect that rings."""
+
+    period: int
+    damping: int
+    ways: list[int]
+    """Of the shares that may move."""
+    sagging: int
+
+
+def _search(effect: Effect) -> Ringing:
+    assert isinstance(effect.fit.search, Ringing)
+    return effect.fit.search
+
+
+def _places(problem: Problem, effect: Effect) -> _Places:
+    search, places = _search(effect), chain_model.slices(problem.joints, problem.catalogue)
+    names = (search.frequency, search.damping_ratio, search.share, search.sagging)
+    period, damping, share, sagging = (places[effect.name, name].start for name in names)
+    return _Places(period, damping, [share + way for way in WAYS], sagging)
+
+
+def usual(problem: Problem, taken: Collection[str]) -> list[Hypothesis]:
+    """Starting points of a tool that moves and sags as the entry's neutral values say."""
+    found = []
+    for effect in problem.catalogue.searched_by(Ringing):
+        if effect.name not in taken:
+            search = _search(effect)
+            neutral = neutral_values(effect, problem.parts[0].signals.model)
+            moving = {name: np.asarray(neutral[name]) for name in (search.share, search.sagging)}
+            fixed = tuple(places_of(problem, effect, **moving).items())
+            found += [
+                _swinging(problem, effect, f, damping)._replace(fixed=fixed)
+                for f in effect.parameter(search.frequency).starts
+                for damping in LOG_DAMPINGS
+            ]
+    return found
+
+
+def loose(problem: Problem, standing: Standing, taken: Collection[str]) -> list[Found]:
+    """The few ways of moving that matter, and the frequency, that gain most, for a tool that sags or does not.
+
+    A small part on soft springs sags as a larger one on stiffer springs: of equals the stiffest possible is the start.
+
+    Returns:
+        nats, to first order in the shares that move, and the starting point.
+    """
+    return [
+        _stiffest(
+            [_loose(problem, standing, effect, f, sags) for f in effect.parameter(_search(effect).frequency).starts]
+        )
+        for effect in problem.catalogue.searched_by(Ringing)
+        if effect.name not in taken
+        for sags in (0.0, 1.0)
+    ]
+
+
+def _stiffest(tried: list[Found]) -> Found:
+    """Of starting points of rising frequency that gain most, the last one where no more than all of the tool moves."""
+    best = max(gain for gain, _ in tried)
+    equal = [(gain, h) for gain, h in tried if gain >= EQUAL * best]
+    possible = [(gain, h) for gain, h in equal if max(h.start[2:-1], default=0.0) <= 1]
+    gain, h = (possible or equal[:1] or tried[:1])[-1]  # nothing is near a best that gains nothing
+    return gain, h._replace(start=(*h.start[:2], *np.clip(h.start[2:-1], LEAST_SHARE, 1).tolist(), h.start[-1]))
+
+
+def _loose(problem: Problem, standing: Standing, effect: Effect, frequency: float, sags: float) -> Found:
+    ringing, places = _swinging(problem, effect, frequency, BETWEEN), _places(problem, effect)
+    z = standing.fit.z.copy()
+    z[[*ringing.free, places.sagging]] = *ringing.start, sags
+    prepared = gains(standing, whitened(problem, slopes(problem, z, places.ways)))
+    gain, chosen = prepared.pursue(list(range(len(WAYS))), len(WAYS), LEAST_WAY)
+    free = (*ringing.free, *(places.ways[i] for i in chosen), places.sagging)
+    start = (*ringing.start, *prepared.coefficients(chosen).tolist(), sags)
+    return gain, Hypothesis(effect.name, free, start, group=1 + int(sags))
+
+
+def freed(problem: Problem, found: Fit) -> Hypothesis | None:
+    """The last hypothesis of a fit, if it is a tool on springs that may move in fewer ways, with all ways free."""
+    h = found.hypotheses[-1]
+    effect = problem.catalogue[h.effect]
+    if not isinstance(effect.fit.search, Ringing):
+        return None
+    places = _places(problem, effect)
+    if set(places.ways) <= set(h.free):
+        return None
+    free = (places.period, places.damping, *places.ways, places.sagging)
+    return h._replace(free=free, start=tuple(found.z[list(free)].tolist()), fixed=())
+
+
+def is_plausible(problem: Problem, accepted: Fit, found: Fit) -> bool:
+    """Whether the tool on springs that a fit has more than another one needs neither of its limits.
+
+    What swings as slowly as it may is something else, and so is what must die away as fast as it may: with a usual
+    damping it gains less. Where nothing rings the damping does not matter, and may be anything.
+    """
+    h = found.hypotheses[-1]
+    effect = problem.catalogue[h.effect]
+    if not isinstance(effect.fit.search, Ringing):
+        return True
+    period, damping = _places(problem, effect)[:2]
+    _, most = chain_model.bounds(problem.joints, problem.catalogue)
+    if found.z[period] > NEAR_LIMIT * most[period]:
+        return False
+    if found.z[damping] < NEAR_LIMIT * most[damping]:
+        return True
+    rest = tuple(i for i in h.free if i != damping)
+    calm = h._replace(free=rest, start=tuple(found.z[list(rest)].tolist()), fixed=(*h.fixed, (damping, 0.0)))
+    usual = fit(problem, (*found.hypotheses[:-1], calm), found)
+    gained, lost = found.log_likelihood - accepted.log_likelihood, found.log_likelihood - usual.log_likelihood
+    return lost < (1 - EQUAL) * gained
+
+
+def _swinging(problem: Problem, effect: Effect, frequency: float, log_damping: float) -> Hypothesis:
+    h = at_values(problem, effect, **{_search(effect).frequency: frequency})
+    damping = _places(problem, effect).damping
+    return h._replace(free=(*h.free, damping), start=(*h.start, log_damping))
