@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ftbias_jax.cli.commands import filter_archive
-from ftbias_jax.cli.commands.filter_archive import with_choices
+from ftbias_jax.cli.jobs import filter_archive
+from ftbias_jax.cli.jobs.filter_archive import with_choices
 from ftbias_jax.cli.parsers.filtering import selection_of
 from ftbias_jax.cli.repairs import tell_mistake, tell_repairs
 from ftbias_jax.errors import UsageError
