@@ -101,6 +101,13 @@ def test_a_result_is_printed_and_saved_as_the_command_does(result, tmp_path):
     saved = np.load(tmp_path / "out.npz")
     assert {"t", "bias", "wrench_unbiased", "nis", "log_likelihood", "bias_smooth_std"} <= set(saved.files)
     assert not {"start", "params", "summary"} & set(saved.files)
+    assert (saved["t"].dtype, saved["bias"].dtype) == (np.float64, np.float32)
+    result.save(tmp_path / "few.npz", fields=["bias"], precision="double", every=4)
+    few = np.load(tmp_path / "few.npz")
+    assert {*few.files} == {"t", "bias", "about", "provenance"}
+    np.testing.assert_array_equal(few["bias"], result.bias[::4])
+    with pytest.raises(ft.UsageError, match=r"fields: there is no field 'wrench'"):
+        result.save(tmp_path / "few.npz", fields=["wrench"])
     result.save(tmp_path / "out.csv")
     assert (tmp_path / "out.csv").read_text().startswith("t,bias_fx,")
     with pytest.raises(ft.UsageError, match=r"end the name in .npz"):
@@ -112,7 +119,7 @@ def test_smoothing_alone_gives_what_filtering_adds(setup, made, result, tmp_path
     np.testing.assert_array_equal(smoothed.bias, result.bias_smooth)
     np.testing.assert_array_equal(smoothed.drift_std, result.drift_smooth_std)
     np.testing.assert_allclose(smoothed.wrench_unbiased, made.log.wrench + smoothed.bias)
-    smoothed.save(tmp_path / "smooth.npz")
+    smoothed.save(tmp_path / "smooth.npz", precision="double")
     np.testing.assert_array_equal(np.load(tmp_path / "smooth.npz")["bias"], smoothed.bias)
     assert "smoothed" in str(smoothed)
 

@@ -6,6 +6,8 @@ import argparse
 from argparse import ArgumentTypeError
 from typing import TypeAlias
 
+from ftbias_jax.errors import UsageError
+
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """What commands are added to."""
 
@@ -65,6 +67,20 @@ def gate(text: str) -> float:
     if value < 1:
         raise ArgumentTypeError(f"must be 1 or more standard deviations, not {text!r}")
     return value
+
+
+def fields(text: str) -> tuple[str, ...]:
+    """Names of a result's arrays, by commas."""
+    from ftbias_jax.io.write.selection import check_fields
+
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not names:
+        raise ArgumentTypeError("names no field")
+    try:
+        check_fields(names)
+    except UsageError as error:
+        raise ArgumentTypeError(f"{error.message} ({error.remedy})") from error
+    return names
 
 
 def _number(text: str) -> float:

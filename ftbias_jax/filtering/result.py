@@ -44,8 +44,11 @@ class Filtered(NamedTuple):
     """N, Nm: how far a reading is off wrench_tool - bias by all its noise, white and correlated. With bias_std it tells
     how well a later reading can be predicted."""
     contact_wrench: Float[Array, "T 6"] | None = None
-    """N, Nm, sensor frame: what the environment exerts on the tool, wrench_tool - wrench_unbiased; its standard
-    deviation is that of bias and reading together."""
+    """N, Nm, sensor frame: what the environment exerts on the tool, wrench_tool - wrench_unbiased."""
+    contact_wrench_std: Float[Array, "T 6"] | None = None
+    """N, Nm: its standard deviation, of bias and reading together."""
+    in_contact: Bool[Array, " T"] | None = None
+    """Whether the sample is in an interval in which something touches the tool, found in the whole log."""
 
 
 def join(parts: Sequence[Filtered]) -> Filtered:

@@ -14,7 +14,8 @@ import numpy as np
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.log import Column, Log
-from ftbias_jax.io.write.npz import save_npz
+from ftbias_jax.io.write.npz import save_npz, texts_of_log
+from ftbias_jax.io.write.provenance import Provenance, provenance, source_of
 from ftbias_jax.model import pose_log
 from ftbias_jax.model.effects.catalogue import complete, values_of
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
@@ -27,7 +28,7 @@ from ftbias_jax.model.simulate import temperature_course
 from ftbias_jax.model.simulated_effects import all_values, plain
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.keys.table import further_columns
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup.types import REPORTS, Setup
 from ftbias_jax.types import Array
 
 
@@ -88,13 +89,20 @@ class SimulationResult:
         measured = np.isfinite(self.log.temperature).any()
         extra = further_columns(self.setup.log.columns)
         columns = {extra.get(name, name): column.at(self.log.t) for name, column in self.log.columns.items()}
-        save_npz(path, log | columns | ({"temperature": self.log.temperature} if measured else {}))
+        log |= columns | ({"temperature": self.log.temperature} if measured else {})
+        save_npz(path, log | texts_of_log(log, self.setup.sensor.reports, self.provenance))
         if truth is None:
             return
         if os.fspath(truth).endswith(".json"):
-            write_json(truth, self._summary())
+            write_json(truth, self._summary() | {"provenance": self.provenance})
         else:
-            save_npz(truth, self.truth.arrays())
+            truths = self.truth.arrays()
+            save_npz(truth, truths | texts_of_log(truths, REPORTS[0], self.provenance))
+
+    @property
+    def provenance(self) -> Provenance:
+        """What it was made from, as files say it; the effects are in the truth alone."""
+        return provenance(self.setup, [source_of(self.log)], {"simulated": True, "seed": self.seed})
 
     def __str__(self) -> str:
         names = ", ".join(self.truth.effects) or "none"

@@ -213,3 +213,21 @@ class Setup:
         from ftbias_jax.setup.save import save_setup  # writes what this module defines
 
         save_setup(path, self)
+
+    def export(self, path: str | os.PathLike[str], format: str, **options: Any) -> None:
+        """Write the tool, and for ROS the bias, in the words of a robot's controller or of a package of ROS.
+
+        Args:
+            path: the file to make or replace.
+            format: "ur" (URScript), "franka" (JSON of setLoad), "ros" (YAML for ros2_control) or "ft_calib" (YAML).
+            **options: fields of ``setup.export.options.ExportOptions``: sensor_mass, frames_as_stated, sensor_frame,
+                world_frame.
+
+        Raises:
+            SetupError: the tool is not stated, or how the sensor stands to the flange of the robot is not known.
+            UsageError: there is no such format. OutputError: the file cannot be written.
+        """
+        from ftbias_jax.setup.export import save_export
+        from ftbias_jax.setup.export.options import ExportOptions
+
+        save_export(path, self, format, ExportOptions(**options))

@@ -68,7 +68,7 @@ def filtered(simulated, tmp_path, capsys):
         np.savez(tmp_path / "log.npz", **log)
         (tmp_path / "setup.toml").write_text(dump_setup(parse_setup(setup)))
         files = [tmp_path / "log.npz", "--setup", tmp_path / "setup.toml", "-o", tmp_path / "out.npz"]
-        assert main(["filter", *map(str, files), *options]) == code
+        assert main(["filter", *map(str, files), "--precision", "double", *options]) == code
         printed = capsys.readouterr()
         result = npz.load_npz(tmp_path / "out.npz")
         for name in ("bias", "drift", "bias_std", "drift_std", "q", "dq", "ddq", "wrench_tool", "nis"):

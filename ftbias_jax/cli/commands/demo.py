@@ -121,10 +121,12 @@ def _simulate(setup: Setup, seed: int, count: int, rate: float) -> Simulation:
 def _filter(setup: Setup, log: Log, path: Path) -> Filtered:
     from ftbias_jax.filtering.recorded.ready import filtered_with
     from ftbias_jax.filtering.result import named_arrays
-    from ftbias_jax.io.write.npz import save_npz
+    from ftbias_jax.io.write import save_results
+    from ftbias_jax.io.write.about import About
+    from ftbias_jax.io.write.provenance import provenance, source_of
 
     filtered, _ = filtered_with(setup, log)
-    save_npz(path, named_arrays(filtered))
+    save_results(path, named_arrays(filtered), About(origin=provenance(setup, [source_of(log)], {})))
     return filtered
 
 

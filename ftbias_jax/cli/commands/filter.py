@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ftbias_jax.cli.commands import filter_archive
-from ftbias_jax.cli.commands.filter_archive import with_choices
+from ftbias_jax.cli.jobs import filter_archive
+from ftbias_jax.cli.jobs.filter_archive import with_choices
+from ftbias_jax.cli.parsers.filtering import selection_of
 from ftbias_jax.cli.repairs import tell_mistake, tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
@@ -14,8 +15,9 @@ from ftbias_jax.fleet.find import is_folder
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.parts import open_log
-from ftbias_jax.io.write import writer
+from ftbias_jax.io.write import writer, written
 from ftbias_jax.io.write.offsets import dump_offsets
+from ftbias_jax.io.write.selection import check_selection
 from ftbias_jax.runtime.progress import Progress
 from ftbias_jax.setup import load_setup
 
@@ -30,6 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"{len(arguments.logs)} logs for the one file {arguments.output!r}", field="-o", remedy=remedy)
     (path,) = arguments.logs
     outputs = {"--output": arguments.output, "--plot": arguments.plot, "--offsets": arguments.offsets}
+    outputs |= {f"the description {path!r}": path for path in written(arguments.output)[1:]}
     for option, output in outputs.items():
         if output:
             check_writable(output, option=option)
@@ -38,12 +41,13 @@ def run(arguments: argparse.Namespace) -> int:
         new_figure()  # a missing package is told before minutes are spent
     setup = with_choices(load_setup(arguments.setup), arguments)
     check_outputs(outputs, (path, *setup.files))
+    check_selection(selection_of(arguments), smooth=arguments.smooth, adapt=setup.bias.adapt)
     log = open_log(path, setup, salvage=arguments.salvage)
 
     from ftbias_jax.runtime.jax_config import prepare_jax
 
     prepare_jax()
-    from ftbias_jax.cli.jobs.one_file import Choices, filter_file
+    from ftbias_jax.cli.jobs.one_file import choices_of, filter_file
     from ftbias_jax.filtering.adapt.log_noise import describe
     from ftbias_jax.filtering.quality import consistency, plot, spectrum
     from ftbias_jax.filtering.quality.summary import format_summary
@@ -53,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
     whole = bool(arguments.plot or arguments.check)
     progress = Progress(f"filtering {path}", 1.0)
-    choices = Choices(arguments.smooth, arguments.unchecked)
+    choices = choices_of(arguments)
     outcome = filter_file(
         log, setup, arguments.output, choices, progress, keep=whole, warn=lambda line: tell_mistake(path, line)
     )
@@ -67,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         text = dump_offsets(outcome.summary.bias, setup.sensor.reports)
         write_atomic(arguments.offsets, lambda file: file.write(text.encode()))
         print(f"{arguments.offsets}: the bias at the end, as offsets that the broadcaster adds to each reading")
-    print("wrote " + " and ".join(filter(None, (arguments.output, arguments.plot, arguments.offsets))))
+    print("wrote " + " and ".join(filter(None, (*written(arguments.output), arguments.plot, arguments.offsets))))
     if arguments.check:
         filtered = outcome.filtered
         checked = consistency.check(filtered.innovation, (filtered.innovation / filtered.innovation_std) ** 2)

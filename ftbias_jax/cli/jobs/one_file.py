@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
+from ftbias_jax.cli.parsers.filtering import selection_of
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.adapt.log_noise import LogNoise
 from ftbias_jax.filtering.check.check_setup import check_parts
 from ftbias_jax.filtering.check.result import Check
 from ftbias_jax.filtering.pipeline import options_from_setup
-from ftbias_jax.filtering.quality import observability, summary
+from ftbias_jax.filtering.quality import contacts, observability, summary
 from ftbias_jax.filtering.quality.summary import Summary
 from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
 from ftbias_jax.filtering.recorded.ready import ready_to_filter, smoothed_arrays
@@ -20,8 +22,10 @@ from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write import save_results
+from ftbias_jax.io.write.about import About
 from ftbias_jax.io.write.npz import save_npz_parts
 from ftbias_jax.io.write.provenance import Provenance, provenance
+from ftbias_jax.io.write.selection import ALL, Selection, check_selection, selected_parts
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
 
@@ -33,6 +37,23 @@ class Choices(NamedTuple):
     """Add the bias given past and future."""
     unchecked: bool = False
     """Do not look first whether the setup can be right."""
+    fields: str = ""
+    """Names of the arrays to write, by commas; "" = all."""
+    precision: str = ALL.precision
+    every: int = ALL.every
+    rate: float | None = ALL.rate
+    """As in ``Selection``."""
+
+    @property
+    def selection(self) -> Selection:
+        """What of the result is written."""
+        return Selection(tuple(filter(None, self.fields.split(","))), self.precision, self.every, self.rate)
+
+
+def choices_of(arguments: argparse.Namespace) -> Choices:
+    """What the command line asks for."""
+    chosen = selection_of(arguments)._asdict() | {"fields": ",".join(arguments.fields)}
+    return Choices(arguments.smooth, arguments.unchecked, **chosen)
 
 
 DEFAULT_CHOICES = Choices()
@@ -94,6 +115,8 @@ def filter_file(
         LogError: the log is damaged. SetupError: the tool is not stated, and the log turns it. OutputError, UsageError:
             the result cannot be written.
     """
+    selection = choices.selection
+    check_selection(selection, smooth=choices.smooth, adapt=setup.bias.adapt)
     setup, of_tool = weight_in_bias(setup, log.parts)
     check = Check(()) if choices.unchecked else check_parts(setup, log.parts, log.length)
     for line in check.lines():
@@ -102,12 +125,13 @@ def filter_file(
     likeliest = filter_log.likeliest_params(setup, samples_from_log(next(log.parts(filter_log.CHUNK))), options)
     size = filter_log.CHUNK if likeliest.effects is None else log.length  # effects with a memory need the whole log
     ready = ready_to_filter(setup, likeliest, log.facts.first_q, lambda: log.parts(size), log.length)
-    tally, turning = summary.start(), observability.start()
+    tally, turning, touches = summary.start(), observability.start(), contacts.start(ready.noise.contacts)
 
     def results() -> Iterator[Filtered]:
-        nonlocal tally, turning
+        nonlocal tally, turning, touches
         for i, part in enumerate(ready.results(), 1):
             tally, turning = summary.add(tally, part), observability.add(turning, ready.params, part)
+            touches = contacts.add(touches, ready.noise.contacts, part, log.start)
             progress(min(i * size / log.length, 1.0))
             yield part
 
@@ -115,14 +139,18 @@ def filter_file(
     said: dict[str, Any] = {"smooth": choices.smooth, "salvage": log.salvaged, "gate": bias.gate, "adapt": bias.adapt}
     said |= {"tool": "not stated: its weight is part of the bias"} if of_tool else {}
     origin = provenance(setup, [log.source], said)
+
+    def about() -> About:
+        return About(log.frame, origin, [x.plain() for x in contacts.finish(touches)], selection)
+
     if keep or choices.smooth or not os.fspath(output).lower().endswith(".npz"):
         filtered = join(list(results()))
         arrays = named_arrays(filtered)
         if choices.smooth:
             arrays |= smoothed_arrays(ready, log.whole(), options)
-        save_results(output, arrays, log.start, log.frame, origin)
+        save_results(output, arrays, about())
     else:
-        save_npz_parts(output, (named_arrays(part) for part in results()), origin)
+        save_npz_parts(output, selected_parts(map(named_arrays, results()), selection), about)
         assert tally.last is not None  # no log is empty
         filtered = tally.last
     repairs = (*log.repairs, *of_tool, *observability.remarks(turning))

@@ -9,6 +9,7 @@ ADD = (
     filtering.add_filter,
     calibration.add_tune,
     calibration.add_identify,
+    setups.add_export,
     logs.add_check,
     logs.add_simulate,
     diagnosis.add_diagnose,

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import Commands, add_effects, add_unchecked, count, gate, shard
+import argparse
+from typing import TYPE_CHECKING
+
+from ftbias_jax.cli.argument_types import Commands, add_effects, add_unchecked, count, fields, gate, positive, shard
+
+if TYPE_CHECKING:
+    from ftbias_jax.io.write.selection import Selection
 
 
 def add_filter(commands: Commands) -> None:
@@ -44,6 +50,7 @@ def add_filter(commands: Commands) -> None:
     )
     add_unchecked(parser)
     add_effects(parser)
+    _add_selection(parser)
     folders = parser.add_argument_group("for a folder OUT")
     folders.add_argument("--jobs", type=count, default=1, metavar="N", help="logs at a time (%(default)s)")
     folders.add_argument(
@@ -56,3 +63,37 @@ def add_filter(commands: Commands) -> None:
     folders.add_argument(
         "--format", default="npz", choices=["npz", "csv", "parquet", "mcap"], help="of the results (%(default)s)"
     )
+
+
+def _add_selection(parser: argparse.ArgumentParser) -> None:
+    """The options that say which part of a result is written."""
+    group = parser.add_argument_group(
+        "what is written",
+        "Samples are left out, never averaged: the values are those of the samples that are kept. Bias and error bars "
+        "lose nothing; in the corrected wrench, vibration above half the output's rate folds to lower frequencies.",
+    )
+    group.add_argument(
+        "--fields",
+        type=fields,
+        default=(),
+        metavar="NAME[,NAME...]",
+        help="arrays to write beside t: bias,bias_std,wrench_unbiased,... as in the reference of results (all)",
+    )
+    group.add_argument(
+        "--precision",
+        choices=["single", "double"],
+        default="single",
+        help="of the numbers; t is double in any case (%(default)s)",
+    )
+    thinning = group.add_mutually_exclusive_group()
+    thinning.add_argument("--every", type=count, default=1, metavar="N", help="write every N-th sample (%(default)s)")
+    thinning.add_argument(
+        "--output-rate", type=positive, metavar="HZ", help="write at most so many samples a second (all)"
+    )
+
+
+def selection_of(arguments: argparse.Namespace) -> Selection:
+    """What of the result the command line asks for."""
+    from ftbias_jax.io.write.selection import Selection
+
+    return Selection(arguments.fields, arguments.precision, arguments.every, arguments.output_rate)

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering import bias_filter, pipeline
+from ftbias_jax.filtering.adapt.contact import in_contact
 from ftbias_jax.filtering.adapt.log_noise import LogNoise, useless
 from ftbias_jax.filtering.fast.scan import Smoothed
 from ftbias_jax.filtering.fast.stages import (
@@ -50,7 +51,7 @@ def filter_prepared(params: Params, parts: Iterable[Prepared], options: Options,
         state = pipeline.init(params, part.samples) if state is None else state
         at_samples = tuple(_lengthen(x, room) for x in (part.wrench_tool, part.variance, part.joints.mean[:, 1]))
         state, kept = _filter_part(params, state, samples, at_samples, options, length)
-        yield _result(part, {name: np.asarray(x)[:length] for name, x in kept.items()}, noise.inflation)
+        yield _result(part, {name: np.asarray(x)[:length] for name, x in kept.items()}, noise)
 
 
 @partial(jax.jit, static_argnames="options")
@@ -81,7 +82,7 @@ def _filter_part(
     }
 
 
-def _result(part: Prepared, kept: dict[str, Array], inflation: Array) -> Filtered:
+def _result(part: Prepared, kept: dict[str, Array], noise: LogNoise) -> Filtered:
     """The result of a part, at the stamps of its wrench."""
     log, rows = part.log, np.isfinite(part.log.wrench).any(1)
     nats = np.float64(kept.pop("log_likelihood").sum(dtype=np.float64) + part.joint_log_likelihood)
@@ -91,7 +92,7 @@ def _result(part: Prepared, kept: dict[str, Array], inflation: Array) -> Filtere
     unbiased = log.wrench[rows] + bias
     q, dq, ddq = (part.joints.mean[rows, i] for i in range(3))
     for name in ("bias_std", "drift_std"):
-        columns[name] = columns[name] * inflation
+        columns[name] = columns[name] * noise.inflation
     return Filtered(
         t=log.t[rows] + log.start,
         bias=bias,
@@ -103,6 +104,8 @@ def _result(part: Prepared, kept: dict[str, Array], inflation: Array) -> Filtere
         wrench_tool=wrench_tool,
         log_likelihood=nats,
         contact_wrench=wrench_tool - unbiased,
+        contact_wrench_std=np.hypot(columns["bias_std"], columns["reading_std"]),
+        in_contact=in_contact(log.t[rows], list(noise.contacts)),
         **columns,
     )
 

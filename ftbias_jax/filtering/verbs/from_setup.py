@@ -13,6 +13,7 @@ from ftbias_jax.filtering.check.check_setup import check_setup
 from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
+from ftbias_jax.filtering.quality.contacts import contact_intervals
 from ftbias_jax.filtering.quality.summary import summarise
 from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
 from ftbias_jax.filtering.recorded.ready import in_parts, ready_to_filter, smoothed_arrays
@@ -89,6 +90,7 @@ def filter_log(
         warnings=tuple(wrong),
         start=log.start,
         summary=summarise(filtered),
+        contacts=contact_intervals(filtered, ready.noise.contacts, log.start),
         frame=log.frame,
         provenance=provenance(setup, [source_of(log)], {"smooth": smooth, "gate": bias.gate, "adapt": bias.adapt}),
         **extra,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -10,11 +11,14 @@ import numpy as np
 
 from ftbias_jax.filtering.adapt.log_noise import LogNoise, describe
 from ftbias_jax.filtering.quality.consistency import Consistency, check
+from ftbias_jax.filtering.quality.contacts import ContactInterval
 from ftbias_jax.filtering.quality.spectrum import Line, find_lines
 from ftbias_jax.filtering.quality.summary import Summary, format_summary
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write import save_results
+from ftbias_jax.io.write.about import About
 from ftbias_jax.io.write.provenance import Provenance
+from ftbias_jax.io.write.selection import Selection
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array
 
@@ -45,16 +49,34 @@ class SmoothResult:
     provenance: Provenance | None = None
     """What it was made from, as files say it."""
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        fields: Sequence[str] = (),
+        precision: str = "single",
+        every: int = 1,
+        rate: float | None = None,
+    ) -> None:
         """Write the arrays, whole or not at all.
+
+        Samples are left out, never averaged: what is written of the others is what the filter computed from all of
+        them. Estimates lose nothing by that; of the reading (wrench_unbiased, contact_wrench, innovation) vibration
+        above half the output's rate folds to lower frequencies.
 
         Args:
             path: the file; its suffix names the format: .npz, .csv, .parquet or .mcap.
+            fields: names of the arrays to write, to which t is added; () = all.
+            precision: "single" (float32, seven digits; t and the log likelihood are double all the same) or "double".
+            every: write each sample of so many, from the first on.
+            rate: Hz, instead: write the first sample at or after each tick of such a clock.
 
         Raises:
-            UsageError: no format has this suffix. OutputError: the file cannot be written, or a package is missing.
+            UsageError: no format has this suffix, a field does not exist, or a number is impossible. OutputError: the
+                file cannot be written, or a package is missing.
         """
-        save_results(path, _arrays(self), self.start, self.frame, self.provenance)
+        selection = Selection(tuple(fields), precision, every, rate)
+        save_results(path, _arrays(self), About(self.frame, self.provenance, selection=selection))
 
     def __str__(self) -> str:
         lines = [f"{len(self.t)} wrench samples, {self.t[-1] - self.t[0]:.1f} s, smoothed"]
@@ -121,6 +143,10 @@ class FilterResult:
     """(T, 6) N, Nm: how far a reading is off wrench_tool - bias by all its noise, white and correlated."""
     contact_wrench: Array | None = None
     """(T, 6) N, Nm, sensor frame: what the environment exerts on the tool; None if filtered as stated."""
+    contact_wrench_std: Array | None = None
+    """(T, 6) N, Nm, standard deviation: of bias and reading together."""
+    in_contact: Array | None = None
+    """(T,) whether the sample is in an interval of contact."""
     bias_smooth: Array | None = None
     """(T, 6) N, Nm, bias given the whole log; None if not asked for."""
     drift_smooth: Array | None = None
@@ -129,21 +155,42 @@ class FilterResult:
     """(T, 6) N, Nm, standard deviation."""
     drift_smooth_std: Array | None = None
     """(T, 6) N/s, Nm/s, standard deviation."""
+    contacts: tuple[ContactInterval, ...] = ()
+    """Intervals in which something touches the tool: their wrench and its error."""
     frame: str = ""
     """The sensor's frame, as a recording of ROS names it."""
     provenance: Provenance | None = None
     """What it was made from, as files say it."""
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        fields: Sequence[str] = (),
+        precision: str = "single",
+        every: int = 1,
+        rate: float | None = None,
+    ) -> None:
         """Write the arrays, whole or not at all; the same file that ``ftbias filter`` writes.
+
+        Samples are left out, never averaged: what is written of the others is what the filter computed from all of
+        them. Estimates lose nothing by that; of the reading (wrench_unbiased, contact_wrench, innovation) vibration
+        above half the output's rate folds to lower frequencies.
 
         Args:
             path: the file; its suffix names the format: .npz, .csv, .parquet or .mcap.
+            fields: names of the arrays to write, to which t is added; () = all.
+            precision: "single" (float32, seven digits; t and the log likelihood are double all the same) or "double".
+            every: write each sample of so many, from the first on.
+            rate: Hz, instead: write the first sample at or after each tick of such a clock.
 
         Raises:
-            UsageError: no format has this suffix. OutputError: the file cannot be written, or a package is missing.
+            UsageError: no format has this suffix, a field does not exist, or a number is impossible. OutputError: the
+                file cannot be written, or a package is missing.
         """
-        save_results(path, _arrays(self), self.start, self.frame, self.provenance)
+        selection = Selection(tuple(fields), precision, every, rate)
+        contacts = [contact.plain() for contact in self.contacts]
+        save_results(path, _arrays(self), About(self.frame, self.provenance, contacts, selection))
 
     def check(self) -> Consistency:
         """Whether the error bars are right: innovations against their chi-square bounds, and their whiteness."""

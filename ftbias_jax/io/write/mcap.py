@@ -12,69 +12,92 @@ import numpy as np
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.write.provenance import Provenance, as_text
+from ftbias_jax.io.write.about import About, description_text
+from ftbias_jax.io.write.fields import FIELDS, SIGN
+from ftbias_jax.io.write.provenance import as_text
 from ftbias_jax.types import Array
 
-TOPICS = ("wrench_unbiased", "bias", "bias_std", "bias_smooth", "wrench_tool", "innovation")
+TOPICS = (
+    *("wrench_unbiased", "bias", "bias_std", "bias_smooth", "wrench_tool", "innovation"),
+    *("contact_wrench", "contact_wrench_std"),
+)
 """Arrays (T, 6) that become the topic /ftbias/NAME, where they are there."""
+FLAGS = ("used", "in_contact")
+"""Arrays (T,) of truth values that do, as std_msgs/msg/Bool."""
 FRAME = "ft_sensor"
+"""Where the log names none."""
 
 _SEPARATOR = "=" * 80 + "\nMSG: "
 SCHEMA = _SEPARATOR.join(
     [
-        "std_msgs/Header header\nWrench wrench\n",
+        f"# {SIGN}\nstd_msgs/Header header\nWrench wrench\n",
         "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
         "builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
-        "geometry_msgs/Wrench\nVector3 force\nVector3 torque\n",
+        "geometry_msgs/Wrench\nVector3 force  # N\nVector3 torque  # Nm, about the sensor's origin\n",
         "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n",
     ]
 )
+FLAG_SCHEMA = "bool data\n"
 
 
-def save_mcap(
-    path: str | os.PathLike[str],
-    arrays: Mapping[str, Array],
-    start: float = 0.0,
-    frame: str = FRAME,
-    origin: Provenance | None = None,
-) -> None:
+def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About | None = None) -> None:
     """Write the corrected wrench, the bias and what else is there as topics.
 
     Args:
         path: the file.
-        arrays: t (T,) s, and (T, 6) arrays of TOPICS, N and Nm, signs as in the report.
-        start: s, added to t.
-        frame: of the sensor, for the headers.
-        origin: what they were made from, kept in the metadata record ``ftbias``.
+        arrays: t (T,) s by the log's clock, (T, 6) arrays of TOPICS, N and Nm, signs as in the report, and (T,) arrays
+            of FLAGS.
+        about: its frame is that of the headers. What it says is kept in the metadata record ``ftbias`` (``about``,
+            ``provenance``); every channel has ``unit``, ``meaning`` and ``sign`` in its own metadata.
 
     Raises:
         OutputError: the file cannot be written, the package mcap is not installed, or a stamp is not within 0 and the
             year 2106.
     """
+    about = about or About()
+    frame = about.frame or FRAME
     try:
         writers = importlib.import_module("mcap.writer")
     except ImportError as error:
         remedy = "pip install 'ftbias-jax[ros]'"
         raise OutputError("writing it needs the package mcap", file=path, remedy=remedy) from error
-    stamps = round(start * 1e9) + np.rint(np.asarray(arrays["t"]) * 1e9).astype(np.int64)
+    stamps = np.rint(np.asarray(arrays["t"]) * 1e9).astype(np.int64)
     if not ((stamps >= 0) & (stamps < 2**32 * 10**9)).all():
         message = f"stamps from {stamps.min()} to {stamps.max()} ns do not fit a ROS header"
         raise OutputError(message, file=path, remedy="write another format, or stamp the log with times since 1970")
     topics = {name: np.asarray(arrays[name], np.float64) for name in TOPICS if name in arrays}
+    flags = {name: np.asarray(arrays[name], bool) for name in FLAGS if name in arrays}
+    words = {"about": description_text(arrays, about)}
+    if about.origin is not None:
+        words["provenance"] = as_text(about.origin)
 
     def write(file: BinaryIO) -> None:
         writer = writers.Writer(file)
         writer.start(profile="ros2", library="ftbias_jax")
         schema = writer.register_schema("geometry_msgs/msg/WrenchStamped", "ros2msg", SCHEMA.encode())
-        channels = [writer.register_channel(f"/ftbias/{name}", "cdr", schema) for name in topics]
+        channels = [writer.register_channel(topic(name), "cdr", schema, _words(name)) for name in topics]
+        if flags:
+            schema = writer.register_schema("std_msgs/msg/Bool", "ros2msg", FLAG_SCHEMA.encode())
+        signals = [writer.register_channel(topic(name), "cdr", schema, _words(name)) for name in flags]
         for i, stamp in enumerate(stamps.tolist()):
             for channel, wrenches in zip(channels, topics.values(), strict=True):
                 writer.add_message(channel, stamp, wrench_message(stamp, frame, wrenches[i]), stamp)
-        if origin is not None:
-            writer.add_metadata("ftbias", {"provenance": as_text(origin)})
+            for channel, truths in zip(signals, flags.values(), strict=True):
+                writer.add_message(channel, stamp, b"\x00\x01\x00\x00" + bytes([bool(truths[i])]), stamp)
+        writer.add_metadata("ftbias", words)
         writer.finish()
 
     write_atomic(path, write)
+
+
+def topic(name: str) -> str:
+    """The topic of an array."""
+    return f"/ftbias/{name}"
+
+
+def _words(name: str) -> dict[str, str]:
+    """The metadata of a channel."""
+    return {"unit": FIELDS[name].unit, "meaning": FIELDS[name].meaning, "sign": SIGN}
 
 
 def wrench_message(stamp: int, frame: str, wrench: Array) -> bytes:

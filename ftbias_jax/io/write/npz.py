@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from math import prod
 from typing import IO, BinaryIO
@@ -15,6 +16,8 @@ import numpy as np
 
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.write.about import About, description_text
+from ftbias_jax.io.write.fields import LOG_UNITS
 from ftbias_jax.io.write.provenance import Provenance, as_text
 from ftbias_jax.types import Array
 
@@ -22,18 +25,17 @@ COPY = 1 << 20
 """Bytes copied at once."""
 
 
-def save_npz(path: str | os.PathLike[str], arrays: Mapping[str, Array], origin: Provenance | None = None) -> None:
+def save_npz(path: str | os.PathLike[str], arrays: Mapping[str, Array]) -> None:
     """Write named arrays; the same arrays give the same bytes.
 
     Args:
         path: the file.
-        arrays: numbers.
-        origin: what they were made from, added as the text ``provenance``.
+        arrays: numbers, and texts of ``texts_of``.
 
     Raises:
         OutputError: the file cannot be written. ValueError: an array holds Python objects.
     """
-    plain = {name: np.asarray(array) for name, array in {**arrays, **_text(origin)}.items()}
+    plain = {name: np.asarray(array) for name, array in arrays.items()}
     objects = [name for name, array in plain.items() if array.dtype.hasobject]
     if objects:
         raise ValueError(f"not plain numbers: {', '.join(objects)}")
@@ -45,7 +47,7 @@ def save_npz(path: str | os.PathLike[str], arrays: Mapping[str, Array], origin: 
 
 
 def save_npz_parts(
-    path: str | os.PathLike[str], parts: Iterable[Mapping[str, Array]], origin: Provenance | None = None
+    path: str | os.PathLike[str], parts: Iterable[Mapping[str, Array]], about: Callable[[], About] = About
 ) -> None:
     """Write named arrays that come in parts, each array the parts one after the other; of () arrays the sum.
 
@@ -55,7 +57,7 @@ def save_npz_parts(
     Args:
         path: the file.
         parts: at least one, with the same names, types and shapes behind the first axis.
-        origin: as for ``save_npz``.
+        about: called when the last part has come, for what is said beside the arrays.
 
     Raises:
         OutputError: the file cannot be written. What ``parts`` raises passes through.
@@ -80,16 +82,35 @@ def save_npz_parts(
                 for name, like in first.items():
                     with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
                         _write_array(member, like, sums[name], spools[name])
-                for name, text in _text(origin).items():
+                for name, text in texts_of(first, about()).items():
                     with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as member:
                         np.lib.format.write_array(member, text, allow_pickle=False)
 
     write_atomic(path, write)
 
 
-def _text(origin: Provenance | None) -> dict[str, Array]:
-    """The array with the words of provenance, if there are any."""
-    return {} if origin is None else {"provenance": np.array(as_text(origin))}
+def texts_of(names: Iterable[str], about: About) -> dict[str, Array]:
+    """Arrays of one text each, JSON: ``about`` with units, sign and frame, and ``provenance`` if it is known.
+
+    Args:
+        names: of the arrays beside which they stand.
+        about: the result.
+    """
+    texts = {"about": np.array(description_text(names, about))}
+    return texts if about.origin is None else texts | {"provenance": np.array(as_text(about.origin))}
+
+
+def texts_of_log(names: Iterable[str], reports: str, origin: Provenance) -> dict[str, Array]:
+    """The same for a log, or the truth about one.
+
+    Args:
+        names: of the arrays beside which they stand.
+        reports: one of REPORTS, the sign of its wrenches.
+        origin: what it was made from.
+    """
+    units = {name: LOG_UNITS[name] for name in names if name in LOG_UNITS}
+    about = {"reports": reports, "frame": "sensor", "units": units}
+    return {"about": np.array(json.dumps(about)), "provenance": np.array(as_text(origin))}
 
 
 def _write_array(member: IO[bytes], like: Array, total: Array, rows: IO[bytes]) -> None:

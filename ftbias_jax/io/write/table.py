@@ -1,25 +1,37 @@
-"""Results as tables: one row a wrench sample, one column a number; CSV and Parquet."""
+"""Results as tables: one row a wrench sample, one column a number; and Parquet."""
 
 from __future__ import annotations
 
 import importlib
 import os
 from collections.abc import Mapping
-from typing import BinaryIO
+from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.write.provenance import Provenance, as_text
+from ftbias_jax.io.write.about import About, description_text
+from ftbias_jax.io.write.fields import FIELDS, unit_of
+from ftbias_jax.io.write.provenance import as_text
 from ftbias_jax.types import AXES, Array
 
 JOINT_ARRAYS = ("q", "dq", "ddq", "ddq_std")
 """Arrays with a column a joint; all others of two dimensions have a column an axis of the wrench."""
 
 
-def table(arrays: Mapping[str, Array]) -> dict[str, Array]:
-    """The (T,) columns of a result by name: ``t``, ``bias_fx``, ``q0``; a scalar is repeated in every row.
+class Column(NamedTuple):
+    """One column of a table."""
+
+    values: Array
+    """(T,)."""
+    unit: str
+    """"" = not known."""
+    meaning: str
+
+
+def table(arrays: Mapping[str, Array]) -> dict[str, Column]:
+    """The columns of a result by name: ``t``, ``bias_fx``, ``q0``; a scalar is repeated in every row.
 
     Args:
         arrays: () or (T,) or (T, k) each; one of them is t (T,).
@@ -28,44 +40,31 @@ def table(arrays: Mapping[str, Array]) -> dict[str, Array]:
         ValueError: an array has another shape.
     """
     length = len(arrays["t"])
-    columns: dict[str, Array] = {}
+    columns: dict[str, Column] = {}
     for name, values in arrays.items():
-        values = np.asarray(values)
+        values, meaning = np.asarray(values), FIELDS[name].meaning if name in FIELDS else ""
         if values.ndim == 0:
-            columns[name] = np.full(length, values)
+            columns[name] = Column(np.full(length, values), unit_of(name), meaning)
         elif values.shape == (length,):
-            columns[name] = values
+            columns[name] = Column(values, unit_of(name), meaning)
         elif values.ndim == 2 and len(values) == length and (name in JOINT_ARRAYS or values.shape[1] == len(AXES)):
-            joints = [f"{name}{i}" for i in range(values.shape[1])]
-            names = joints if name in JOINT_ARRAYS else [f"{name}_{axis}" for axis in AXES]
-            columns |= zip(names, values.T, strict=True)
+            of_joints = name in JOINT_ARRAYS
+            for i, column in enumerate(values.T):
+                label, unit = (f"{name}{i}", unit_of(name)) if of_joints else (f"{name}_{AXES[i]}", unit_of(name, i))
+                columns[label] = Column(column, unit, f"{meaning}, joint {i}" if of_joints else f"{meaning}, {AXES[i]}")
         else:
             raise ValueError(f"{name} has shape {values.shape} in a result of {length} samples")
     return columns
 
 
-def save_csv(path: str | os.PathLike[str], arrays: Mapping[str, Array]) -> None:
-    """Write a header line and a line a sample, with all digits that a float64 has.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    columns = table(arrays)
-
-    def write(file: BinaryIO) -> None:
-        header = ",".join(columns)
-        np.savetxt(file, np.column_stack(list(columns.values())), "%.17g", ",", header=header, comments="")
-
-    write_atomic(path, write)
-
-
-def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], origin: Provenance | None = None) -> None:
+def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About | None = None) -> None:
     """Write a Parquet file that pandas, Polars and DuckDB read.
 
     Args:
         path: the file.
         arrays: as for ``table``.
-        origin: what they were made from, kept in the metadata of the schema under ``ftbias``.
+        about: kept in the metadata of the schema under ``ftbias`` (provenance) and ``ftbias_about``; every column has
+            ``unit`` and ``description`` in its own.
 
     Raises:
         OutputError: the file cannot be written, or pyarrow is not installed.
@@ -75,7 +74,14 @@ def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], orig
     except ImportError as error:
         remedy = "pip install 'ftbias-jax[parquet]'"
         raise OutputError("writing it needs the package pyarrow", file=path, remedy=remedy) from error
-    content = arrow.table(table(arrays))
-    if origin is not None:
-        content = content.replace_schema_metadata({"ftbias": as_text(origin)})
+    columns, about = table(arrays), about or About()
+    made = {name: arrow.array(column.values) for name, column in columns.items()}
+    fields = [
+        arrow.field(name, values.type, metadata={"unit": columns[name].unit, "description": columns[name].meaning})
+        for name, values in made.items()
+    ]
+    words = {"ftbias_about": description_text(arrays, about)}
+    if about.origin is not None:
+        words["ftbias"] = as_text(about.origin)
+    content = arrow.table(list(made.values()), schema=arrow.schema(fields, metadata=words))
     write_atomic(path, lambda file: parquet.write_table(content, file))

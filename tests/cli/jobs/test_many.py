@@ -45,6 +45,17 @@ def test_a_result_is_that_of_the_single_command(logs):
     assert_same_outputs({"b.npz": outputs()["b.npz"]}, {"b.npz": single})
 
 
+def test_results_have_the_fields_and_the_rate_asked_for_and_are_made_again_for_others(logs):
+    few = ("--fields", "bias,contact_wrench", "--every", "3")
+    assert filter_archive("logs", *few) == 0
+    before = outputs()
+    assert {len(arrays["t"]) for arrays in before.values()} == {100}
+    assert all(arrays.keys() == {"t", "bias", "contact_wrench", "about", "provenance"} for arrays in before.values())
+    assert filter_archive("logs", "--every", "4") == 0
+    assert {len(arrays["t"]) for arrays in outputs().values()} == {75}
+    assert filter_archive("logs", "--fields", "bias_smooth") == 2
+
+
 @pytest.fixture
 def done(monkeypatch):
     """Outputs of the logs that were worked on."""

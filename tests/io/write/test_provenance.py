@@ -11,6 +11,8 @@ from ftbias_jax import __version__
 from ftbias_jax.cli.main import main
 from ftbias_jax.io import read_log
 from ftbias_jax.io.write import save_results
+from ftbias_jax.io.write.about import About
+from ftbias_jax.io.write.fields import FIELDS, SIGN
 from ftbias_jax.io.write.npz import load_npz, save_npz_parts
 from ftbias_jax.io.write.provenance import provenance, sha256_of, source_of
 from ftbias_jax.setup import dump_setup, load_setup
@@ -94,23 +96,83 @@ def test_a_file_that_is_gone_has_no_sum(tmp_path):
     assert sha256_of(str(tmp_path / "log.npz")) is None
 
 
-def test_every_format_but_csv_keeps_it(tmp_path, origin):
-    for suffix in (".npz", ".parquet", ".mcap", ".csv"):
-        save_results(tmp_path / f"out{suffix}", ARRAYS, 0.0, "wrist", origin)
-    save_npz_parts(tmp_path / "parts.npz", [ARRAYS], origin)
-    for name in ("out.npz", "parts.npz"):
-        assert json.loads(str(load_npz(tmp_path / name)["provenance"])) == origin
+@pytest.fixture
+def said(tmp_path, origin):
+    """Format -> (what it says about the arrays, what they were made from), of one result in all formats."""
     parquet, reader = pytest.importorskip("pyarrow.parquet"), pytest.importorskip("mcap.reader")
-    assert json.loads(parquet.read_schema(tmp_path / "out.parquet").metadata[b"ftbias"]) == origin
+    about = About("wrist", origin, [{"start": 1.0, "end": 2.0}])
+    for suffix in (".npz", ".parquet", ".mcap", ".csv"):
+        save_results(tmp_path / f"out{suffix}", ARRAYS, about)
+    save_npz_parts(tmp_path / "parts.npz", [ARRAYS], lambda: about)
+    found = {}
+    for name in ("out.npz", "parts.npz"):
+        arrays = load_npz(tmp_path / name)
+        found[name] = [json.loads(str(arrays[text])) for text in ("about", "provenance")]
+    words = parquet.read_schema(tmp_path / "out.parquet").metadata
+    found["out.parquet"] = [json.loads(words[name]) for name in (b"ftbias_about", b"ftbias")]
     with open(tmp_path / "out.mcap", "rb") as file:
         (record,) = reader.make_reader(file).iter_metadata()
     assert record.name == "ftbias"
-    assert json.loads(record.metadata["provenance"]) == origin
+    found["out.mcap"] = [json.loads(record.metadata[name]) for name in ("about", "provenance")]
+    (note,) = json.loads((tmp_path / "out.csv-metadata.json").read_text())["notes"]
+    found["out.csv"] = [note["about"], note["provenance"]]
+    return found
 
 
-def test_without_it_nothing_is_added(tmp_path):
+def test_every_format_keeps_it(said, origin):
+    assert {name: made_from for name, (_, made_from) in said.items()} == dict.fromkeys(said, origin)
+
+
+def test_every_format_says_unit_sign_frame_and_contacts(said):
+    for about, _ in said.values():
+        assert {name: field["unit"] for name, field in about["fields"].items()} == {
+            "t": "s",
+            "bias": "N, Nm",
+            "log_likelihood": "nats",
+        }
+        assert (about["sign"], about["frame"], about["precision"]) == (SIGN, "wrist", "single")
+        assert about["contacts"] == [{"start": 1.0, "end": 2.0}]
+
+
+def test_a_frame_that_the_log_does_not_name_is_the_sensors(tmp_path):
     save_results(tmp_path / "out.npz", ARRAYS)
-    assert load_npz(tmp_path / "out.npz").keys() == ARRAYS.keys()
+    arrays = load_npz(tmp_path / "out.npz")
+    assert arrays.keys() == {*ARRAYS, "about"}  # and no provenance, of which nothing is known
+    assert json.loads(str(arrays["about"]))["frame"] == "the sensor frame of the setup"
+
+
+def test_the_columns_of_tables_have_units(tmp_path, said):
+    columns = json.loads((tmp_path / "out.csv-metadata.json").read_text())["tableSchema"]["columns"]
+    units = {column["titles"]: column["schema:unitText"] for column in columns}
+    header = (tmp_path / "out.csv").read_text().splitlines()[0].split(",")
+    assert list(units) == header
+    assert (units["t"], units["bias_fz"], units["bias_tx"]) == ("s", "N", "Nm")
+    schema = pytest.importorskip("pyarrow.parquet").read_schema(tmp_path / "out.parquet")
+    assert {name: schema.field(name).metadata[b"unit"].decode() for name in schema.names} == units
+
+
+def test_the_channels_and_schemas_of_mcap_explain_themselves(tmp_path, said):
+    with open(tmp_path / "out.mcap", "rb") as file:
+        summary = pytest.importorskip("mcap.reader").make_reader(file).get_summary()
+    (channel,) = summary.channels.values()
+    (schema,) = summary.schemas.values()
+    assert channel.metadata == {"unit": "N, Nm", "meaning": FIELDS["bias"].meaning, "sign": SIGN}
+    assert SIGN in schema.data.decode()
+    assert "Vector3 force  # N\n" in schema.data.decode()
+
+
+def test_simulated_logs_say_what_they_were_made_from(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "setup.toml").write_text(NAMED)
+    made = ["simulate", "--setup", "setup.toml", "-o", "log.npz", "--duration", "1", "--rate", "50"]
+    assert main([*made, "--effect", "tool_mass:mass=0.8"]) == 0
+    for name in ("log.npz", "log_truth.npz"):
+        arrays = load_npz(tmp_path / name)
+        origin, about = (json.loads(str(arrays[text])) for text in ("provenance", "about"))
+        assert origin["setup"] == {"name": "setup.toml", "sha256": sum_of(tmp_path / "setup.toml")}
+        assert (origin["samples"], origin["options"]) == (50, {"simulated": True, "seed": 0})
+        assert about["units"]["t"] == "s"
+    assert "0.8" not in str(load_npz(tmp_path / "log.npz")["provenance"])  # the log does not tell the truth
 
 
 def test_filter_writes_it_and_the_recordings_own_frame(tmp_path, monkeypatch):
@@ -124,7 +186,9 @@ def test_filter_writes_it_and_the_recordings_own_frame(tmp_path, monkeypatch):
     with open(tmp_path / "out.mcap", "rb") as file:
         made = reader.make_reader(file)
         (record,) = made.iter_metadata()
-        _, _, message = next(iter(made.iter_messages()))
+        _, channel, message = next(iter(made.iter_messages(["/ftbias/bias"])))
+    assert message.log_time == pytest.approx(recordings.START, abs=1e3)  # ns: seconds in float64
+    assert channel.metadata["unit"] == "N, Nm"
     said = json.loads(record.metadata["provenance"])
     assert said["logs"][0]["sha256"] == sum_of(path)
     assert said["setup"] == {"name": "setup.toml", "sha256": sum_of(tmp_path / "setup.toml")}

@@ -1,0 +1,131 @@
+"""Which arrays of a result are written, how exactly, and at which samples."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.errors import UsageError
+from ftbias_jax.io.write.fields import FIELDS, SMOOTH
+from ftbias_jax.types import Array
+
+PRECISIONS = {"single": np.float32, "double": np.float64}
+"""Single has seven digits, some ten thousand times finer than a sensor's noise."""
+ALWAYS_DOUBLE = ("t", "log_likelihood")
+"""Seconds since 1970 have sixteen digits."""
+EARLY = 0.1
+"""Share of the output's period by which a sample may come before its time, because stamps scatter."""
+
+
+class Selection(NamedTuple):
+    """What of a result is written. Samples are left out, never averaged: the values are those of the samples kept."""
+
+    fields: tuple[str, ...] = ()
+    """Names of ``FIELDS``, to which t is added; () = all."""
+    precision: str = "single"
+    """Key of PRECISIONS; t and the log likelihood are double in any case."""
+    every: int = 1
+    """Every so many samples, from the first on."""
+    rate: float | None = None
+    """Hz, instead: the first sample at or after each tick of such a clock, which starts at the first sample."""
+
+
+ALL = Selection()
+
+
+def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: bool | None = None) -> None:
+    """Refuse a selection that means nothing, before minutes are spent on computing.
+
+    Args:
+        selection: what is asked for.
+        smooth: whether the result will be smoothed; None = not known.
+        adapt: whether the noise is taken from the log; None = not known.
+
+    Raises:
+        UsageError: a field is unknown or will not be there, or a number is impossible.
+    """
+    check_fields(selection.fields)
+    there = {SMOOTH: smooth, "adapt": adapt}
+    for name in selection.fields:
+        if there.get(FIELDS[name].needs) is False:
+            remedy = "add --smooth" if FIELDS[name].needs == SMOOTH else "leave out --as-stated and adapt = false"
+            raise UsageError(f"{name!r} will not be in the result", field="fields", remedy=remedy)
+    if selection.precision not in PRECISIONS:
+        message = f"{selection.precision!r} is no precision"
+        raise UsageError(message, field="precision", remedy=f"choose from {', '.join(PRECISIONS)}")
+    if selection.every < 1:
+        raise UsageError(f"{selection.every} samples", field="every", remedy="give a whole number from 1 on")
+    if selection.rate is not None and not 0 < selection.rate < np.inf:
+        raise UsageError(f"{selection.rate} Hz", field="rate", remedy="give a positive number")
+    if selection.rate is not None and selection.every > 1:
+        raise UsageError("every and a rate were both given", field="every", remedy="leave out one of the two")
+
+
+def check_fields(names: Sequence[str]) -> None:
+    """Refuse names that no result has.
+
+    Raises:
+        UsageError: one is none of ``FIELDS``.
+    """
+    for name in names:
+        if name not in FIELDS:
+            near = difflib.get_close_matches(name, FIELDS, 1)
+            remedy = (f"did you mean {near[0]!r}? " if near else "") + f"choose from {', '.join(FIELDS)}"
+            raise UsageError(f"there is no field {name!r}", field="fields", remedy=remedy)
+
+
+def selected(arrays: Mapping[str, Array], selection: Selection = ALL) -> dict[str, Array]:
+    """The arrays of a whole result that are written.
+
+    Args:
+        arrays: by name; (T, ...) with t (T,), or ().
+        selection: what is asked for.
+
+    Raises:
+        UsageError: a field is not there.
+    """
+    (whole,) = selected_parts([arrays], selection)
+    return whole
+
+
+def selected_parts(parts: Iterable[Mapping[str, Array]], selection: Selection) -> Iterator[dict[str, Array]]:
+    """The same, part by part of a result; where one part ends makes no difference.
+
+    Args:
+        parts: consecutive.
+        selection: what is asked for.
+    """
+    check_selection(selection)
+    wanted = PRECISIONS[selection.precision]
+    count, first, tick = 0, 0.0, -np.inf
+    for part in parts:
+        t = np.asarray(part["t"])
+        _check_there(selection.fields, part)
+        if count == 0 and len(t):
+            first = float(t[0])
+        if selection.rate is None:
+            rows = (count + np.arange(len(t))) % selection.every == 0
+        else:
+            ticks = np.floor((t - first) * selection.rate + EARLY)
+            rows = np.diff(ticks, prepend=tick) > 0
+            tick = ticks[-1] if len(t) else tick
+        count += len(t)
+        yield {
+            name: _as_precise(name, np.asarray(values), wanted)[rows if np.ndim(values) else ...]
+            for name, values in part.items()
+            if not selection.fields or name == "t" or name in selection.fields
+        }
+
+
+def _as_precise(name: str, values: Array, wanted: type) -> Array:
+    return values if name in ALWAYS_DOUBLE or values.dtype.kind != "f" else values.astype(wanted)
+
+
+def _check_there(names: Sequence[str], arrays: Mapping[str, Array]) -> None:
+    for name in names:
+        if name not in arrays:
+            remedy = "smooth the log" if FIELDS[name].needs == SMOOTH else "filter it without as_stated"
+            raise UsageError(f"the result has no {name!r}", field="fields", remedy=remedy)

@@ -1,0 +1,60 @@
+"""An identified tool in the words of robot controllers and of ROS: payloads, and parameters of gravity compensation."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+from ftbias_jax.errors import OutputError, UsageError
+from ftbias_jax.files import replace_whole
+from ftbias_jax.setup.export.options import DEFAULT, ExportOptions
+from ftbias_jax.setup.export.robots import franka_text, ur_text
+from ftbias_jax.setup.export.ros import ft_calib_text, ros_text
+from ftbias_jax.setup.types import Setup
+
+FORMATS: dict[str, Callable[[Setup, ExportOptions], str]] = {
+    "ur": ur_text,
+    "franka": franka_text,
+    "ros": ros_text,
+    "ft_calib": ft_calib_text,
+}
+"""Name -> what writes it."""
+
+
+def export_text(setup: Setup, name: str, options: ExportOptions = DEFAULT) -> str:
+    """The text of one format.
+
+    Args:
+        setup: with the tool, as ``identify`` writes it.
+        name: key of FORMATS.
+        options: what a setup does not say.
+
+    Raises:
+        UsageError: there is no such format. SetupError: the setup does not state the tool, or not how the sensor's
+            frame stands to the one that the format needs.
+    """
+    if name not in FORMATS:
+        raise UsageError(f"there is no format {name!r}", field="format", remedy=f"choose from {', '.join(FORMATS)}")
+    return FORMATS[name](setup, options)
+
+
+def save_export(path: str | os.PathLike[str], setup: Setup, name: str, options: ExportOptions = DEFAULT) -> None:
+    """Write one format to a file, whole or not at all.
+
+    Args:
+        path: the file.
+        setup: as for ``export_text``.
+        name: as for ``export_text``.
+        options: as for ``export_text``.
+
+    Raises:
+        OutputError: the file cannot be written. UsageError, SetupError: as for ``export_text``.
+    """
+    content = export_text(setup, name, options).encode()
+    try:
+        replace_whole(os.path.realpath(path), lambda file: file.write(content))
+    except OSError as error:
+        remedy = "check that the folder exists, may be written to and has room"
+        raise OutputError(
+            f"cannot be written: {error.strerror or error}", file=os.fspath(path), remedy=remedy
+        ) from error

@@ -1,0 +1,67 @@
+"""Layouts name the topics and fields that an MCAP result has, in the structure that each program reads."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from ftbias_jax.cli.main import main
+from ftbias_jax.io.write.layouts import foxglove_layout, plotjuggler_layout
+from ftbias_jax.io.write.mcap import FLAGS, TOPICS
+
+WRENCH = re.compile(r"/ftbias/(\w+)\.wrench\.(force|torque)\.[xyz]")
+
+
+def panes(layout):
+    """Ids of the panels in a tree of Foxglove, which has two branches everywhere and sizes in percent."""
+    if isinstance(layout, str):
+        return [layout]
+    assert layout["direction"] in ("row", "column")
+    assert 0 < layout["splitPercentage"] < 100
+    return panes(layout["first"]) + panes(layout["second"])
+
+
+def test_foxglove_shows_every_panel_once_and_only_topics_that_are_written():
+    layout = json.loads(foxglove_layout())
+    assert {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"} == layout.keys()
+    tabs = layout["configById"][layout["layout"]]["tabs"]
+    shown = [pane for tab in tabs for pane in panes(tab["layout"])]
+    assert sorted(shown) == sorted({*layout["configById"]} - {layout["layout"]})
+    arrays = set()
+    for pane in shown:
+        assert pane.startswith("Plot!")
+        for path in layout["configById"][pane]["paths"]:
+            if found := WRENCH.fullmatch(path["value"]):
+                arrays.add(found[1])
+                assert path["timestampMethod"] == "headerStamp"
+            else:  # no header
+                flag = re.fullmatch(r"/ftbias/(\w+)\.data", path["value"])[1]
+                assert (flag in FLAGS, path["timestampMethod"]) == (True, "receiveTime")
+    assert arrays == {*TOPICS} - {"bias_smooth"}
+
+
+def test_plotjuggler_has_as_many_panes_as_its_splitters_say_and_the_names_of_its_ros_parser():
+    root = ET.fromstring(plotjuggler_layout())
+    assert (root.tag, root[0].tag) == ("root", "tabbed_widget")
+    assert [tab.get("tab_name") for tab in root.iter("Tab")] == ["Bias", "Wrench", "Contact", "Innovation"]
+    for splitter in root.iter("DockSplitter"):
+        sizes = [float(size) for size in splitter.get("sizes").split(";")]
+        assert len(splitter) == len(sizes) == int(splitter.get("count"))
+        assert sum(sizes) == pytest.approx(1, abs=1e-5)
+        assert splitter.get("orientation") in "-|"
+    names = [curve.get("name") for curve in root.iter("curve")]
+    wrenches = {
+        f"/ftbias/{array}/wrench/{part}/{axis}" for array in TOPICS for part in ("force", "torque") for axis in "xyz"
+    }
+    assert {*names} - wrenches == {f"/ftbias/{flag}/data" for flag in FLAGS}
+    assert len(names) == len({*names})
+    assert all(re.fullmatch(r"#[0-9a-f]{6}", curve.get("color")) for curve in root.iter("curve"))
+
+
+@pytest.mark.parametrize("name", ["foxglove", "plotjuggler"])
+def test_the_command_writes_them_without_a_setup(tmp_path, name, capsys):
+    assert main(["export", "--format", name, "-o", str(tmp_path / "layout")]) == 0
+    made = {"foxglove": foxglove_layout, "plotjuggler": plotjuggler_layout}[name]()
+    assert (tmp_path / "layout").read_text() == made
+    assert capsys.readouterr().out == f"wrote {tmp_path / 'layout'}\n"
