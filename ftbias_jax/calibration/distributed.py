@@ -5,14 +5,14 @@ It is JAX's own runtime: on CPUs the processes talk by gloo, on GPUs by NCCL; on
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import jax
 import numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
 
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import FtbiasError, LogError, UsageError
 
 
 def start(coordinator: str | None = None, processes: int | None = None, process: int | None = None) -> None:
@@ -45,6 +45,34 @@ def share(paths: Sequence[str]) -> list[str]:
         message = f"{len(paths)} logs for {jax.process_count()} processes"
         raise UsageError(message, field="--distributed", remedy="start at most one process a log")
     return list(paths[jax.process_index() :: jax.process_count()])
+
+
+def agree(paths: Sequence[str], usable: Collection[str]) -> list[str]:
+    """Those of all logs that can be used, the same for every process.
+
+    Args:
+        paths: of all logs.
+        usable: those of this process that can be used.
+    """
+    counts = add(np.array([float(path in usable) for path in paths]))
+    return [path for path, count in zip(paths, counts, strict=True) if count > 0]
+
+
+def end_together(error: FtbiasError | None) -> None:
+    """Go on only if every process can, because the others would wait for one that has ended.
+
+    Args:
+        error: why this process cannot go on; None = it can.
+
+    Raises:
+        FtbiasError: the error; where another process has one, that it has.
+    """
+    failed = add(np.array([float(error is not None)]))[0]
+    if error is not None:
+        raise error
+    if failed:
+        count = f"{failed:.0f} of {jax.process_count()} processes"
+        raise LogError(f"{count} cannot go on", field="--distributed", remedy="each tells why in a line of its own")
 
 
 def total(value: float, slopes: np.ndarray) -> tuple[float, np.ndarray]:

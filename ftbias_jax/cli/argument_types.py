@@ -10,6 +10,8 @@ from ftbias_jax.errors import UsageError
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """What commands are added to."""
+LOGS = "logs of the same robot, sensor and tool; folders to search, or patterns in quotes"
+"""Help of arguments that ``fleet.find.expand`` takes."""
 
 
 def add_unchecked(parser: argparse.ArgumentParser) -> None:
@@ -107,6 +109,16 @@ def process(text: str) -> tuple[str, int, int]:
         if index < count:
             return coordinator, count, index
     raise ArgumentTypeError(f"must be HOST:PORT,N,I with I from 0 to N - 1, not {text!r}")
+
+
+def add_archive(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """The options of commands that work on many logs into a folder; returns their group."""
+    group = parser.add_argument_group("for a folder")
+    group.add_argument("--jobs", type=count, default=1, metavar="N", help="logs at a time (%(default)s)")
+    group.add_argument(
+        "--shard", type=shard, default=(1, 1), metavar="I/N", help="work on the I-th of N shares only, 1/N to N/N"
+    )
+    return group
 
 
 def add_effects(parser: argparse.ArgumentParser) -> None:

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import ftbias_jax
 from ftbias_jax.calibration import tune
 from ftbias_jax.cli.main import build_parser
 from ftbias_jax.types import Sample
@@ -43,21 +44,18 @@ def moving_joints(seed, count):
     return Sample(dt, *noisy, np.full((count, 6), np.nan))
 
 
-def test_two_processes_find_the_optimum_of_one(params, tmp_path):
-    logs = [moving_joints(seed, count) for seed, count in enumerate((300, 250, 280))]
-    file = tmp_path / "problem.pickle"
-    file.write_bytes(pickle.dumps((jax.tree.map(np.asarray, params), logs)))
+def run_both(arguments, environment=None):
+    """Return codes, standard outputs and errors of two processes; the arguments of each follow from its number."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         coordinator = f"127.0.0.1:{free.getsockname()[1]}"
-    environment = {**os.environ, "JAX_PLATFORMS": "cpu"}
     processes = [
         subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, coordinator, str(i), str(file), json.dumps(TIES)],
+            [sys.executable, "-c", *arguments(coordinator, i)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            env=environment,
+            env={**os.environ, "JAX_PLATFORMS": "cpu", **(environment or {})},
         )
         for i in range(2)
     ]
@@ -66,13 +64,38 @@ def test_two_processes_find_the_optimum_of_one(params, tmp_path):
     finally:
         for process in processes:
             process.kill()
-    assert [process.returncode for process in processes] == [0, 0], outputs
-    (first, *found), (second, *other) = (json.loads(out.splitlines()[-1]) for out, _ in outputs)
+    return [(process.returncode, *texts) for process, texts in zip(processes, outputs, strict=True)]
+
+
+def test_two_processes_find_the_optimum_of_one(params, tmp_path):
+    logs = [moving_joints(seed, count) for seed, count in enumerate((300, 250, 280))]
+    file = tmp_path / "problem.pickle"
+    file.write_bytes(pickle.dumps((jax.tree.map(np.asarray, params), logs)))
+    ended = run_both(lambda coordinator, i: [PROGRAM, coordinator, str(i), str(file), json.dumps(TIES)])
+    assert [code for code, *_ in ended] == [0, 0], ended
+    (first, *found), (second, *other) = (json.loads(out.splitlines()[-1]) for _, out, _ in ended)
     assert (first, second) == (2, 1)  # logs of each
     assert found == other
     _, fit = tune.tune_joints(jax.tree.map(jnp.asarray, params), logs, TIES)
     for values, name in zip(found, TIES, strict=True):
         np.testing.assert_allclose(values, fit.values[name], rtol=1e-8)
+
+
+def test_every_process_ends_in_one_line_if_one_has_no_log_it_can_use(logs):
+    """The first has two logs, one of them good, the second has one that cannot be read."""
+    for name in ("b.npz", "day/a.npz"):
+        (logs / name).write_bytes(b"no log")
+    program = "import sys; from ftbias_jax.cli.main import main; sys.exit(main())"
+    line = ["tune", "logs", "--setup", "setup.toml", "-o", "tuned.toml", "--distributed"]
+    path = os.path.dirname(os.path.dirname(ftbias_jax.__file__))
+    ended = run_both(lambda coordinator, i: [program, *line, f"{coordinator},2,{i}"], {"PYTHONPATH": path})
+    for code, _, told in ended:
+        lines = [line for line in told.splitlines() if line.startswith("ftbias: ")]
+        assert code == 1, ended
+        assert lines[-1].startswith("ftbias: --distributed: 1 of 3 logs can be used, by 2 processes")
+        assert lines[0].startswith("ftbias: left out: logs/")
+        assert "Traceback" not in told
+    assert not os.path.exists("tuned.toml")
 
 
 @pytest.mark.parametrize("text", ["host,2,0", "host:1,2,2", "host:1,2", "host:1,2,x"])

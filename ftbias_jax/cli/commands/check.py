@@ -3,25 +3,44 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 
+from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.filtering.check.check_setup import check_setup
+from ftbias_jax.fleet.entry import settings_of
+from ftbias_jax.fleet.find import expand
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.setup import load_setup
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print and write what is wrong; 1 if anything is, else 0."""
+    """Print and write what is wrong; 1 if anything is, else 0; 3 if logs of an archive could not be checked."""
+    if arguments.output:
+        return _each(arguments)
     if arguments.json:
         check_writable(arguments.json, ".json", "--json")
     setup = load_setup(arguments.setup)
-    check_outputs({"--json": arguments.json}, (*arguments.logs, *setup.files))
-    logs = [read_log(path, setup) for path in arguments.logs]
+    paths = expand(arguments.logs)
+    check_outputs({"--json": arguments.json}, (*paths, *setup.files))
+    logs = [read_log(path, setup) for path in paths]
     check = check_setup(setup, logs)
     print(check)
     if arguments.json:
         check.to_json(arguments.json)
         print(f"wrote {arguments.json}")
-    tell_repairs((path, log.repairs) for path, log in zip(arguments.logs, logs, strict=True))
+    tell_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
     return 0 if check.ok else 1
+
+
+def _each(arguments: argparse.Namespace) -> int:
+    """Every log by itself, into a folder."""
+    refuse_options(arguments, ("json",))
+    setup = load_setup(arguments.setup)
+    tasks, manifest = find_tasks(arguments, setup, "check", ".check.json")
+
+    from ftbias_jax.cli.jobs.work import check_one
+
+    settings = settings_of("check", setup, {})
+    return run_archive(arguments, settings, tasks, manifest, partial(check_one, setup=setup))

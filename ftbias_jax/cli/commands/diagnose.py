@@ -5,10 +5,14 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+from functools import partial
 from pathlib import Path
 
+from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
+from ftbias_jax.fleet.entry import settings_of
+from ftbias_jax.fleet.find import expand, is_folder
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_outputs, check_writable, output_of_setup
 from ftbias_jax.setup import Setup, load_setup
@@ -16,6 +20,9 @@ from ftbias_jax.setup import Setup, load_setup
 
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose the logs; 1 if a cause cannot be applied, 3 if samples of a log were lost, else 0."""
+    if arguments.output and is_folder(arguments.output):
+        return _each(arguments)
+    arguments.logs = expand(arguments.logs)
     setup = check_arguments(arguments)
     logs = [read_log(path, setup, raw=True) for path in arguments.logs]
 
@@ -49,6 +56,23 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"ftbias: not applied: {why}", file=sys.stderr)
     code = tell_repairs(zip(arguments.logs, diagnosis.repairs, strict=True))
     return 1 if not_stated else code
+
+
+def _each(arguments: argparse.Namespace) -> int:
+    """Every log by itself, into a folder."""
+    refuse_options(arguments, ("json", "html", "apply", "in_place"))
+    setup = load_setup(arguments.setup, with_tool=True)
+    tasks, manifest = find_tasks(arguments, setup, "diagnose", ".diagnosis.json")
+
+    from ftbias_jax.cli.jobs.work import diagnose_one
+    from ftbias_jax.model.effects.catalogue import check_names
+    from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
+
+    own, without = tuple(arguments.own_effects), tuple(sorted(arguments.without))
+    check_names(without, "--without", catalogue_of_setup(setup.with_effects(load_all(own))))
+    settings = settings_of("diagnose", setup, {"without": list(without), "unchecked": arguments.unchecked}, own)
+    work = partial(diagnose_one, setup=setup, without=without, unchecked=arguments.unchecked, own=own)
+    return run_archive(arguments, settings, tasks, manifest, work)
 
 
 def check_arguments(arguments: argparse.Namespace) -> Setup:

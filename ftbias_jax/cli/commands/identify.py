@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 
+from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_repairs
+from ftbias_jax.errors import UsageError
+from ftbias_jax.fleet.entry import settings_of
+from ftbias_jax.fleet.find import is_folder
 from ftbias_jax.io import read_motion
 from ftbias_jax.io.outputs import check_outputs, output_of_setup
 from ftbias_jax.setup import load_setup
@@ -12,10 +17,16 @@ from ftbias_jax.setup import load_setup
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify the tool and write a setup that has it; 3 if samples were lost."""
+    if arguments.output and is_folder(arguments.output):
+        return _each(arguments)
+    if len(arguments.logs) > 1:
+        remedy = "give -o a folder's name, without a suffix"
+        raise UsageError(f"{len(arguments.logs)} logs for one setup", field="-o", remedy=remedy)
+    (path,) = arguments.logs
     output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
     setup = load_setup(arguments.setup)
-    check_outputs({"--output": output}, (arguments.log, *kept, setup.urdf))
-    log = read_motion(arguments.log, setup)
+    check_outputs({"--output": output}, (path, *kept, setup.urdf))
+    log = read_motion(path, setup)
 
     from ftbias_jax.runtime.jax_config import prepare_jax
 
@@ -25,13 +36,28 @@ def run(arguments: argparse.Namespace) -> int:
     found = identify_tool(
         setup,
         log,
-        mounting=arguments.mounting,
-        gravity=arguments.gravity,
-        bias=arguments.bias,
-        unchecked=arguments.unchecked,
+        **_asked(arguments),
     )
     print(found)
-    code = tell_repairs([(arguments.log, log.repairs)])
+    code = tell_repairs([(path, log.repairs)])
     found.save(output)
     print(f"wrote {output}")
     return code
+
+
+def _each(arguments: argparse.Namespace) -> int:
+    """From every log by itself, into a folder."""
+    refuse_options(arguments, ("in_place",))
+    setup = load_setup(arguments.setup)
+    tasks, manifest = find_tasks(arguments, setup, "identify", ".identified.toml")
+
+    from ftbias_jax.cli.jobs.work import identify_one
+
+    asked = _asked(arguments)
+    work = partial(identify_one, setup=setup, asked=asked)
+    return run_archive(arguments, settings_of("identify", setup, asked), tasks, manifest, work)
+
+
+def _asked(arguments: argparse.Namespace) -> dict[str, bool]:
+    """Named arguments of ``identify_tool``."""
+    return {name: getattr(arguments, name) for name in ("mounting", "gravity", "bias", "unchecked")}

@@ -5,21 +5,29 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from functools import partial
+from typing import Any, NamedTuple
 
+from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_repairs
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.fleet.entry import settings_of
+from ftbias_jax.fleet.find import expand, is_folder
 from ftbias_jax.io import read_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import check_outputs, output_of_setup
-from ftbias_jax.setup import load_setup
+from ftbias_jax.setup import Setup, load_setup
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune and write a setup; 1 if a fit did not converge, else 3 if samples were lost.
+    """Tune and write a setup; 1 if a fit did not converge, else 3 if logs or samples were left out.
 
     Of several processes, the first one speaks and writes.
     """
-    tools = _tools(arguments)
+    tools = [(setup, expand(logs)) for setup, logs in _tools(arguments)]
     given = arguments.output or [None] * len(tools)
+    if arguments.output and len(arguments.output) == 1 and is_folder(arguments.output[0]):
+        return _each(arguments, tools)
     if len(given) != len(tools):
         message = f"{len(given)} outputs for {len(tools)} setups"
         raise UsageError(message, field="--output", remedy="give one -o for each --setup, in their order")
@@ -30,7 +38,6 @@ def run(arguments: argparse.Namespace) -> int:
     options = [f"--output {number}" for number in range(1, len(tools) + 1)] if len(tools) > 1 else ["--output"]
     outputs = {option: place for option, (place, _) in zip(options, places, strict=True)}
     check_outputs(outputs, (*inputs, *kept, *(setup.urdf for setup in setups)))
-    first = read_log(inputs[0], setups[0])  # every process starts from its noise
 
     import jax
 
@@ -39,34 +46,36 @@ def run(arguments: argparse.Namespace) -> int:
     prepare_jax()
     from ftbias_jax.calibration import distributed, newton
     from ftbias_jax.calibration.tune_setup import tune
+    from ftbias_jax.cli.jobs.usable import read_usable, tell_left_out
     from ftbias_jax.model.own_effects import load_all
 
-    total = newton.alone
-    if arguments.distributed is not None:
+    apart = arguments.distributed is not None
+    if apart:
+        if len(tools) > 1:
+            raise UsageError("is for one setup", field="--distributed", remedy="tune several tools by one process")
         distributed.start(*arguments.distributed)
-        tools = [(path, distributed.share(logs)) for path, logs in tools]
-        total = distributed.total
+        shared = _read_share(setups[0], inputs, arguments.unchecked)
+        every, start, left_out = [shared.logs], shared.start, shared.left_out
+    else:
+        found = [
+            read_usable(setup, paths, "tune", arguments.unchecked)
+            for setup, (_, paths) in zip(setups, tools, strict=True)
+        ]
+        for usable, (_, paths) in zip(found, tools, strict=True):
+            tell_left_out(usable.errors, len(set(paths)))
+        every = [usable.logs for usable in found]
+        start, left_out = next(iter(every[0].values())), any(usable.errors for usable in found)
     speaks = jax.process_index() == 0
-    logs = [
-        [first if path == inputs[0] and setup is setups[0] else read_log(path, setup) for path in paths]
-        for setup, (_, paths) in zip(setups, tools, strict=True)
-    ]
-    every_path = [path for _, paths in tools for path in paths]
-    every_log = [log for some in logs for log in some]
-    code = tell_repairs((path, log.repairs) for path, log in zip(every_path, every_log, strict=True))
+    code = tell_repairs((path, log.repairs) for logs in every for path, log in logs.items())
+    logs = [list(logs.values()) for logs in every]
     tuned = tune(
         setups[0],
         logs[0],
-        fit=arguments.fit,
-        tie=arguments.tie,
-        data_noise=arguments.data_noise,
+        **_asked(arguments),
         others=list(zip(setups[1:], logs[1:], strict=True)),
-        restarts=arguments.restarts,
-        hold_out=arguments.hold_out,
-        start=first,
+        start=start,
         report=Reporter() if speaks else lambda label, iteration, value: None,
-        total=total,
-        unchecked=arguments.unchecked,
+        total=distributed.total if apart else newton.alone,
         effects=load_all(tuple(arguments.own_effects)),
     )
     if speaks:
@@ -79,7 +88,67 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"wrote {output}")
         if not tuned.converged:
             print("ftbias: a fit did not converge; its values are the best so far", file=sys.stderr)
-    return code if tuned.converged else 1
+    return (3 if left_out else code) if tuned.converged else 1
+
+
+class Share(NamedTuple):
+    """The logs of one of several processes."""
+
+    logs: dict[str, Log]
+    start: Log
+    """The log that every process starts from."""
+    left_out: bool
+    """Whether any process had to leave out a log."""
+
+
+def _read_share(setup: Setup, paths: list[str], unchecked: bool) -> Share:
+    """The logs of this process, after all have agreed which can be used; all of them go on, or end.
+
+    Raises:
+        FtbiasError: too few logs are left, or they show the setup to be wrong.
+    """
+    import jax
+
+    from ftbias_jax.calibration import distributed
+    from ftbias_jax.cli.jobs.usable import mistaken, read_usable
+
+    usable = read_usable(setup, distributed.share(paths), "tune", unchecked)
+    for error in usable.errors.values():
+        print(f"ftbias: left out: {error}", file=sys.stderr)
+    good = distributed.agree(paths, usable.logs)
+    if len(good) < jax.process_count():
+        message = f"{len(good)} of {len(paths)} logs can be used, by {jax.process_count()} processes"
+        raise LogError(message, field="--distributed", remedy="start at most one process a log")
+    mine = distributed.share(good)  # a process whose logs were bad gets others
+    logs = {path: usable.logs[path] if path in usable.logs else read_log(path, setup) for path in mine}
+    distributed.end_together(mistaken(setup, list(logs.values()), "tune", unchecked))
+    start = logs[good[0]] if good[0] in logs else read_log(good[0], setup)
+    return Share(logs, start, len(good) < len(paths))
+
+
+def _each(arguments: argparse.Namespace, tools: list[tuple[str, list[str]]]) -> int:
+    """To every log by itself, into a folder."""
+    refuse_options(arguments, ("in_place", "distributed"))
+    if len(tools) > 1:
+        raise UsageError("a folder is for one setup", field="--output", remedy="give one --setup")
+    path = tools[0][0]
+    arguments.output, arguments.logs = arguments.output[0], [*arguments.logs, *arguments.setup[0][1:]]
+    setup = load_setup(path, with_tool=True)
+    tasks, manifest = find_tasks(arguments, setup, "tune", ".tuned.toml")
+
+    from ftbias_jax.cli.jobs.work import tune_one
+
+    asked, own = _asked(arguments), tuple(arguments.own_effects)
+    settings = settings_of("tune", setup, {**asked, "force": arguments.force}, own)
+    work = partial(tune_one, setup=setup, asked=asked, force=arguments.force, own=own)
+    return run_archive(arguments, settings, tasks, manifest, work)
+
+
+def _asked(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Named arguments of the verb ``tune``, plain numbers and words."""
+    return {
+        name: getattr(arguments, name) for name in ("fit", "tie", "data_noise", "restarts", "hold_out", "unchecked")
+    }
 
 
 def _tools(arguments: argparse.Namespace) -> list[tuple[str, list[str]]]:

@@ -8,17 +8,12 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
-from ftbias_jax.cli.jobs.one_file import Choices, filter_file
 from ftbias_jax.errors import FtbiasError, printable
-from ftbias_jax.fleet import quality
-from ftbias_jax.fleet.entry import FAILED, LOSS, OK, Entry, state_of, with_sum
+from ftbias_jax.fleet.entry import FAILED, Entry, state_of, with_sum
 from ftbias_jax.fleet.find import Task
 from ftbias_jax.io.atomic import make_folder
-from ftbias_jax.io.parts import open_log
-from ftbias_jax.model.own_effects import load_all
 from ftbias_jax.runtime.jax_config import prepare_jax
 from ftbias_jax.runtime.processes import run_each
-from ftbias_jax.setup.types import Setup
 
 KILLED = "its process was killed: too little memory? (give it more, or work on it alone)"
 
@@ -85,23 +80,3 @@ def run_tasks(job: Job, tasks: Iterable[Task], jobs: int) -> Iterator[Entry]:
         yield entry or Entry(
             *task, job=job.name, status=FAILED, error=killed, settings=job.settings, done=round(time.time(), 3)
         )
-
-
-def filter_one(
-    log: str, output: str, setup: Setup, choices: Choices, salvage: bool = False, own: tuple[str, ...] = ()
-) -> Done:
-    """Filter a log into a file.
-
-    Args:
-        log: its path.
-        output: the file.
-        setup: of all logs.
-        choices: as of the command.
-        salvage: as of the command.
-        own: where effects of one's own are; every process runs their code itself, because code cannot be sent to it.
-    """
-    setup = setup.with_effects(load_all(own))
-    outcome = filter_file(open_log(log, setup, salvage=salvage), setup, output, choices)
-    remarks = (*outcome.warnings, *(repair.what for repair in outcome.repairs))
-    found = quality.of_filter(outcome.summary, outcome.check, outcome.origin)
-    return Done(LOSS if outcome.lost else OK, outcome.summary.samples, remarks, found)

@@ -21,8 +21,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_selection(selection_of(arguments), smooth=arguments.smooth, adapt=setup.bias.adapt)
     tasks, manifest = find_tasks(arguments, setup, "filter", f".{arguments.format}")
 
-    from ftbias_jax.cli.jobs.each_log import filter_one
     from ftbias_jax.cli.jobs.one_file import choices_of
+    from ftbias_jax.cli.jobs.work import filter_one
 
     choices, own = choices_of(arguments), tuple(arguments.own_effects)
     settings = settings_of("filter", setup, {**choices._asdict(), "salvage": arguments.salvage}, own)

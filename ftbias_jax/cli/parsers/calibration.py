@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import Commands, add_effects, add_unchecked, process, restarts, share
+from ftbias_jax.cli.argument_types import (
+    LOGS,
+    Commands,
+    add_archive,
+    add_effects,
+    add_unchecked,
+    process,
+    restarts,
+    share,
+)
 
 
 def add_tune(commands: Commands) -> None:
@@ -12,7 +21,7 @@ def add_tune(commands: Commands) -> None:
         help="fit the noise parameters to logs by maximum likelihood",
         description="Fit the noise of joints, bias and sensor to LOGs of one robot, and write a setup with the result.",
     )
-    parser.add_argument("logs", nargs="*", metavar="LOG", help="logs of the same robot and sensor")
+    parser.add_argument("logs", nargs="*", metavar="LOG", help=LOGS)
     parser.add_argument(
         "--setup",
         required=True,
@@ -26,8 +35,9 @@ def add_tune(commands: Commands) -> None:
         "-o",
         "--output",
         action="append",
-        metavar="TUNED.toml",
-        help="where to write the tuned setup; one -o for each --setup, in their order",
+        metavar="OUT",
+        help="where to write the tuned setup, one -o for each --setup, in their order; or a folder: tune to each log "
+        "by itself into it",
     )
     parser.add_argument("--in-place", action="store_true", help="replace SETUP.toml by the result")
     parser.add_argument(
@@ -74,6 +84,7 @@ def add_tune(commands: Commands) -> None:
     )
     add_unchecked(parser)
     add_effects(parser)
+    add_archive(parser)
 
 
 def add_identify(commands: Commands) -> None:
@@ -84,12 +95,16 @@ def add_identify(commands: Commands) -> None:
         description="Fit the tool's inertial parameters, physically consistent, jointly with the bias.",
     )
     parser.add_argument(
-        "log",
+        "logs",
+        nargs="+",
         metavar="LOG",
-        help="log of free motion that turns the wrist, or a table of 4 to 1000 static poses, with or without time",
+        help="log of free motion that turns the wrist, or a table of 4 to 1000 static poses, with or without time; for "
+        "a folder OUT also many of them, folders to search, or patterns in quotes",
     )
     parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, and a tool to start from")
-    parser.add_argument("-o", "--output", metavar="OUT.toml", help="where to write the setup found")
+    parser.add_argument(
+        "-o", "--output", metavar="OUT", help="where to write the setup found; or a folder for each log's"
+    )
     parser.add_argument("--in-place", action="store_true", help="replace SETUP.toml by the result")
     parser.add_argument("--mounting", action="store_true", help="also find how the sensor is turned on the flange")
     parser.add_argument("--gravity", action="store_true", help="also find the direction of gravity")
@@ -99,3 +114,4 @@ def add_identify(commands: Commands) -> None:
         help="also write the bias at the end of LOG with its standard error, as the prior of logs recorded next",
     )
     add_unchecked(parser)
+    add_archive(parser)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import Commands, add_effects, add_unchecked, count, numbers, seed
+from ftbias_jax.cli.argument_types import LOGS, Commands, add_archive, add_effects, add_unchecked, count, numbers, seed
 
 
 def add_diagnose(commands: Commands) -> None:
@@ -13,18 +13,24 @@ def add_diagnose(commands: Commands) -> None:
         description="Find which effects that the setup does not know cause the gap between LOGs and model.",
         epilog="Example: ftbias diagnose LOG.npz --setup SETUP.toml --html REPORT.html --apply -o FIXED.toml",
     )
-    parser.add_argument("logs", nargs="+", metavar="LOG", help="logs of the same robot, sensor and tool")
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=LOGS)
     parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
     parser.add_argument("--json", metavar="OUT.json", help="also write the diagnosis for programs")
     parser.add_argument("--html", metavar="OUT.html", help="also write a report with plots, one file")
     parser.add_argument("--apply", action="store_true", help="also write a setup that has the causes as effects")
-    parser.add_argument("-o", "--output", metavar="FIXED.toml", help="where to write that setup")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        help="where to write that setup; or a folder: diagnose each log alone into it",
+    )
     parser.add_argument("--in-place", action="store_true", help="let --apply replace SETUP.toml")
     parser.add_argument(
         "--without", action="append", default=[], metavar="EFFECT", help="leave this effect out; may be repeated"
     )
     add_unchecked(parser)
     add_effects(parser)
+    add_archive(parser)
 
 
 def add_effects_command(commands: Commands) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from ftbias_jax.cli.argument_types import Commands, add_effects, add_unchecked, count, fields, gate, positive, shard
+from ftbias_jax.cli.argument_types import Commands, add_archive, add_effects, add_unchecked, fields, gate, positive
 
 if TYPE_CHECKING:
     from ftbias_jax.io.write.selection import Selection
@@ -51,15 +51,7 @@ def add_filter(commands: Commands) -> None:
     add_unchecked(parser)
     add_effects(parser)
     _add_selection(parser)
-    folders = parser.add_argument_group("for a folder OUT")
-    folders.add_argument("--jobs", type=count, default=1, metavar="N", help="logs at a time (%(default)s)")
-    folders.add_argument(
-        "--shard",
-        type=shard,
-        default=(1, 1),
-        metavar="I/N",
-        help="filter only the I-th of N shares, 1/N to N/N",
-    )
+    folders = add_archive(parser)
     folders.add_argument(
         "--format", default="npz", choices=["npz", "csv", "parquet", "mcap"], help="of the results (%(default)s)"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import Commands, add_effects, positive, seed
+from ftbias_jax.cli.argument_types import LOGS, Commands, add_archive, add_effects, positive, seed
 
 
 def add_simulate(commands: Commands) -> None:
@@ -51,9 +51,11 @@ def add_check(commands: Commands) -> None:
         description="Say which mistakes of sign, unit, frame or convention LOGs show in a setup, and what to write "
         "instead. Exits with 1 if there are any. The other commands look for the same first.",
     )
-    parser.add_argument("logs", nargs="+", metavar="LOG", help="logs of the same robot, sensor and tool")
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=LOGS)
     parser.add_argument("--setup", required=True, metavar="SETUP.toml", help="robot, sensor, tool and noise")
     parser.add_argument("--json", metavar="OUT.json", help="also write the findings for programs")
+    parser.add_argument("-o", "--output", metavar="FOLDER", help="check each log by itself, into this folder")
+    add_archive(parser)
 
 
 def add_demo(commands: Commands) -> None:
