@@ -94,7 +94,8 @@ def settings_of(job: str, setup: Setup, choices: Mapping[str, Any], own: Iterabl
     """
     sums = {f"effects {path}": sha256_of(path) for path in own if Path(path).is_file()}
     setup_sha256 = hashlib.sha256(dump_setup(setup).encode()).hexdigest()
-    return Settings(job, setup_sha256, {**choices, **sums}, __version__, setup.path)
+    robot = setup.robot.name or f"{setup.robot.model} ({setup.path})"
+    return Settings(job, setup_sha256, {**choices, **sums}, __version__, setup.path, robot, setup.sensor.name or "")
 
 
 def state_of(log: str) -> LogState:

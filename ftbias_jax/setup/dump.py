@@ -71,6 +71,8 @@ def lines_of(setup: Setup) -> list[Line]:
 
 
 def _robot(robot: RobotSetup) -> Iterable[Line]:
+    if robot.name is not None:
+        yield Line("[robot]", "name", robot.name)
     gravity = Line("[robot]", "gravity", robot.gravity)
     if robot.model == POSE:
         yield gravity
@@ -107,6 +109,8 @@ def _is_built_in(robot: RobotSetup) -> bool:
 def _sections(setup: Setup) -> Iterable[Line]:
     sensor, tool, bias, joints = setup.sensor, setup.tool, setup.bias, setup.joints
     density = {"integrated_jerk": "rad/s^2.5", "integrated_acceleration": "rad/s^1.5"}.get(joints.model, "rad/s^2")
+    if sensor.name is not None:
+        yield Line("[sensor]", "name", sensor.name)
     yield Line("[sensor]", "translation", sensor.translation)
     yield Line("[sensor]", "rotation_rpy", _angles(sensor))
     yield Line("[sensor]", "noise_std", sensor.noise_std)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,10 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
 
 def _robot(top: Section) -> RobotSetup:
     section = open_section(top, "robot", required=True)
+    return replace(_arm(section), name=read(section, "name"))
+
+
+def _arm(section: Section) -> RobotSetup:
     gravity = read(section, "gravity")
     if np.linalg.norm(gravity) > MAX_GRAVITY:
         remedy = f"give m/s^2 in the base frame, at most {MAX_GRAVITY:g} long, such as [0, 0, -9.81]"

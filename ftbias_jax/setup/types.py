@@ -49,6 +49,8 @@ class RobotSetup:
     """(n, 2) rad (m), the ends of each joint's travel, infinite if it turns without end; None = not stated."""
     velocity_limits: Array | None = None
     """(n,) rad/s (m/s), the largest speed of each joint; None = not stated."""
+    name: str | None = None
+    """Which robot of a fleet it is; None = not stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,8 @@ class SensorSetup:
     there."""
     rotation_rpy: Array | None = None
     """(3,) the angles of ``rotation`` as they were written, rad, to recognise degrees; None = not written."""
+    name: str | None = None
+    """Which sensor of a fleet it is; None = not stated."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ ZERO = (0.0, 0.0, 0.0)
 ROBOT = SectionKeys(
     "The arm: built in (`model`), from a URDF (`urdf`), or a list of screws (`[[robot.joints]]` and `[robot.flange]`).",
     {
+        "name": text("which robot of a fleet it is, for reports", absent="the model", example="cell 3"),
         "model": text("a built-in robot", choices=BUILT_IN, example="panda"),
         "urdf": text("a URDF file, from the setup's folder if the path is relative", example="arm.urdf"),
         "base_link": text("link of the URDF whose frame is the base frame", absent="the root", example="base"),
@@ -48,6 +49,7 @@ FLANGE = SectionKeys(
 SENSOR = SectionKeys(
     "The force-torque sensor and how it is mounted.",
     {
+        "name": text("which sensor of a fleet it is, for reports", absent="none", example="FT-0815"),
         "translation": numbers("where the sensor's origin is", "m, sensor origin in the flange frame", 3, default=ZERO),
         "rotation_rpy": numbers(
             "how the sensor's frame is turned: roll, pitch, yaw",

@@ -1,0 +1,139 @@
+"""What the manifests of folders say together: one record a log, by robot and sensor, in the order of time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.errors import UsageError
+from ftbias_jax.fleet.entry import FAILED, LOSS, OK, Entry, Settings
+from ftbias_jax.fleet.manifest import read_manifests
+from ftbias_jax.types import Array
+
+UNKNOWN = "not named"
+
+
+class Record(NamedTuple):
+    """What is known about one log."""
+
+    log: str
+    robot: str
+    sensor: str
+    date: float
+    """s since 1970: when it began, by its own stamps, or when its file was changed last."""
+    dated: bool
+    """Whether its own stamps say so."""
+    status: str
+    """The worst of all commands: FAILED, LOSS or OK."""
+    troubles: tuple[str, ...]
+    """Errors, and what was lost."""
+    quality: Mapping[str, Any]
+    """Of all commands together."""
+    report: str
+    """Path of the report of its diagnosis; "" = there is none."""
+
+    def numbers(self, name: str, count: int = 6) -> Array:
+        """(count,) numbers of the quality; NaN where there are none."""
+        values = self.quality.get(name)
+        found = values if isinstance(values, list) else [values]
+        good = len(found) == count and all(isinstance(x, int | float) or x is None for x in found)
+        return np.array([np.nan if x is None else x for x in found], float) if good else np.full(count, np.nan)
+
+    def words(self, name: str) -> tuple[str, ...]:
+        """Words of the quality, such as its causes."""
+        values = self.quality.get(name)
+        return tuple(map(str, values)) if isinstance(values, list) else ()
+
+    @property
+    def verdict(self) -> str:
+        """Of the diagnosis; "" = it was not diagnosed."""
+        return str(self.quality.get("verdict") or "")
+
+    @property
+    def has_gap(self) -> bool:
+        """Whether the diagnosis found one."""
+        return self.verdict not in ("", "none")
+
+
+class Fleet(NamedTuple):
+    """All logs that were worked on."""
+
+    records: tuple[Record, ...]
+    """In the order of time."""
+    settings: tuple[Settings, ...]
+    folders: tuple[str, ...]
+    """That have a manifest."""
+
+    def by_robot(self) -> dict[tuple[str, str], list[Record]]:
+        """Records by (robot, sensor), in the order of names."""
+        groups: dict[tuple[str, str], list[Record]] = {}
+        for record in self.records:
+            groups.setdefault((record.robot, record.sensor), []).append(record)
+        return dict(sorted(groups.items()))
+
+
+def read_fleet(folders: Sequence[str]) -> Fleet:
+    """What all manifests in folders and below them say.
+
+    Args:
+        folders: of results.
+
+    Raises:
+        UsageError: there is no manifest.
+    """
+    found = []
+    for folder in folders:
+        places = {os.path.dirname(path) for path in map(str, Path(folder).rglob("manifest*.json*"))}
+        found += [(place, read_manifests(place)) for place in sorted(places)]
+    found = [(place, contents) for place, contents in found if contents.entries]
+    if not found:
+        remedy = "give folders that ftbias filter, check or diagnose have written into"
+        raise UsageError(f"no manifest in {', '.join(folders)}", field="FOLDER", remedy=remedy)
+    settings = {key: one for _, contents in found for key, one in contents.settings.items()}
+    entries: dict[tuple[str, str, str], list[tuple[str, Entry]]] = {}
+    for place, contents in found:
+        for entry in contents.entries.values():
+            used = settings.get(entry.settings)
+            log = entry.state.sha256 or os.path.abspath(entry.log)
+            name = (used.robot, used.sensor) if used else ("", "")
+            entries.setdefault((*name, log), []).append((place, entry))
+    records = [_record(robot, sensor, of_log) for (robot, sensor, _), of_log in entries.items()]
+    ordered = sorted(records, key=lambda record: (record.date, record.log))
+    return Fleet(tuple(ordered), tuple(settings.values()), tuple(place for place, _ in found))
+
+
+def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Record:
+    """One log, of which several commands have an entry each; the latest one is believed where they disagree."""
+    placed = sorted(entries, key=lambda item: item[1].done)
+    every = [entry for _, entry in placed]
+    quality: dict[str, Any] = {}
+    for entry in every:
+        quality |= {name: value for name, value in entry.quality.items() if value is not None or name not in quality}
+    statuses = {entry.status for entry in every}
+    date = _seconds(quality.get("date"))
+    reports = [os.path.join(place, f"{os.path.splitext(entry.output)[0]}.html") for place, entry in placed]
+    return Record(
+        log=every[-1].log,
+        robot=robot or UNKNOWN,
+        sensor=sensor,
+        date=every[-1].state.modified_ns / 1e9 if date is None else date,
+        dated=date is not None,
+        status=FAILED if FAILED in statuses else LOSS if LOSS in statuses else OK,
+        troubles=tuple(dict.fromkeys(x for e in every for x in ((e.error,) if e.error else e.repairs))),
+        quality=quality,
+        report=next((path for path in reversed(reports) if os.path.isfile(path)), ""),
+    )
+
+
+def _seconds(date: object) -> float | None:
+    """s since 1970 of a date in ISO 8601; None = it is none."""
+    try:
+        parsed = datetime.fromisoformat(str(date))
+    except ValueError:
+        return None
+    return (parsed if parsed.tzinfo else parsed.replace(tzinfo=UTC)).timestamp()
