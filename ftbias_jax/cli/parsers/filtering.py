@@ -5,7 +5,16 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from ftbias_jax.cli.argument_types import Commands, add_archive, add_effects, add_unchecked, count, fields, gate, positive
+from ftbias_jax.cli.argument_types import (
+    Commands,
+    add_archive,
+    add_effects,
+    add_unchecked,
+    count,
+    fields,
+    gate,
+    positive,
+)
 
 if TYPE_CHECKING:
     from ftbias_jax.io.write.selection import Selection
