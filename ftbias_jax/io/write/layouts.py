@@ -96,17 +96,15 @@ def plotjuggler_layout() -> str:
     window = ET.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     for name, plots in TABS.items():
         tab = ET.SubElement(window, "Tab", tab_name=name, containers="1")
-        pairs: list[list[list[str]]] = [
-            [[f"{t}/{field.replace('.', '/')}" for t, field in plot.lines()] for plot in plots[i : i + 2]]
-            for i in range(0, len(plots), 2)
-        ]
+        titled = [(plot.title, [f"{t}/{field.replace('.', '/')}" for t, field in plot.lines()]) for plot in plots]
+        rows = [titled[i : i + 2] for i in range(0, len(titled), 2)]
         if name in FLAGS:
-            pairs.append([[f"{topic(flag)}/data" for flag in FLAGS[name]]])
-        column = _splitter(ET.SubElement(tab, "Container"), "-", len(pairs))
-        for pair in pairs:
-            row = _splitter(column, "|", len(pair))
-            for curves in pair:
-                _plotjuggler_plot(row, curves)
+            rows.append([(", ".join(FLAGS[name]), [f"{topic(flag)}/data" for flag in FLAGS[name]])])
+        column = _splitter(ET.SubElement(tab, "Container"), "-", len(rows))
+        for row in rows:
+            panes = _splitter(column, "|", len(row))
+            for title, curves in row:
+                _plotjuggler_plot(panes, title, curves)
     ET.SubElement(window, "currentTabIndex", index="0")
     ET.SubElement(root, "use_relative_time_offset", enabled="1")
     ET.indent(root, " ")
@@ -119,8 +117,8 @@ def _splitter(above: ET.Element, orientation: str, count: int) -> ET.Element:
     return ET.SubElement(above, "DockSplitter", orientation=orientation, sizes=sizes, count=str(count))
 
 
-def _plotjuggler_plot(row: ET.Element, curves: Sequence[str]) -> None:
-    area = ET.SubElement(row, "DockArea", name="...")
+def _plotjuggler_plot(panes: ET.Element, title: str, curves: Sequence[str]) -> None:
+    area = ET.SubElement(panes, "DockArea", name=title)
     plot = ET.SubElement(area, "plot", style="Lines", mode="TimeSeries", flip_x="false", flip_y="false")
     ET.SubElement(plot, "limitY")
     for name, colour in zip(curves, COLOURS, strict=False):

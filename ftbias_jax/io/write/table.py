@@ -84,4 +84,7 @@ def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], abou
     if about.origin is not None:
         words["ftbias"] = as_text(about.origin)
     content = arrow.table(list(made.values()), schema=arrow.schema(fields, metadata=words))
-    write_atomic(path, lambda file: parquet.write_table(content, file))
+    # Measured numbers hardly repeat, but their first bytes do: so a file has half the size, and is written faster.
+    floats = [name for name, column in columns.items() if column.values.dtype.kind == "f"]
+    encoding = {"use_dictionary": sorted(columns.keys() - floats), "use_byte_stream_split": floats}
+    write_atomic(path, lambda file: parquet.write_table(content, file, compression="zstd", **encoding))

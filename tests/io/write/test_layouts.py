@@ -50,6 +50,9 @@ def test_plotjuggler_has_as_many_panes_as_its_splitters_say_and_the_names_of_its
         assert len(splitter) == len(sizes) == int(splitter.get("count"))
         assert sum(sizes) == pytest.approx(1, abs=1e-5)
         assert splitter.get("orientation") in "-|"
+    titles = [area.get("name") for area in root.iter("DockArea")]
+    assert {"bias, force [N]", "contact wrench, torque [Nm]", "in_contact, used"} <= {*titles}
+    assert all(len(area) == 1 and area[0].tag == "plot" for area in root.iter("DockArea"))
     names = [curve.get("name") for curve in root.iter("curve")]
     wrenches = {
         f"/ftbias/{array}/wrench/{part}/{axis}" for array in TOPICS for part in ("force", "torque") for axis in "xyz"
