@@ -15,7 +15,7 @@ from ftbias_jax.filtering.adapt.slow_noise import Grid, drift_over, filter_block
 from ftbias_jax.types import Array
 
 TIMES = (np.inf, 300.0, 100.0, 30.0, 10.0)
-"""s in which the drift may revert to zero. A shorter time makes the bias a random walk."""
+"""s in which the drift may revert to zero, half a log or less. A shorter time makes the bias a random walk."""
 FACTORS = 10.0 ** np.arange(-2, 3.6, 0.5)
 """Of the stated sigma_Q."""
 HALF_A_STEP = 10**0.25 - 1
@@ -68,8 +68,10 @@ def choose_drift(
         fitted: (6,) sigma_Q of a fit, without reverting.
         group: (6,) number of the group of each axis; axes of one group are decided together.
     """
+    longest = max(log.t[-1] - log.t[0] for log in logs)
+    times = [time for time in TIMES if np.isinf(time) or time <= longest / 2]
     drifts = [stated, Drift(fitted, np.full(6, np.inf))]
-    drifts += [Drift(factor * stated.density, np.full(6, time)) for time in TIMES for factor in FACTORS]
+    drifts += [Drift(factor * stated.density, np.full(6, time)) for time in times for factor in FACTORS]
     candidates = Drift(*(np.stack(x) for x in zip(*drifts, strict=True)))
     scores = score(logs, slow, candidates)
     chosen = np.zeros(6, int)

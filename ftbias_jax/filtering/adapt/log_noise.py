@@ -64,7 +64,7 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     block = blocks.t[1] - blocks.t[0]
     free = ~in_contact(blocks.t, list(contacts), block)
     sensor, slow = np.maximum(np.asarray(params.bias.wrench_variance, float), np.finfo(float).tiny), None
-    vibration = fit_vibration(blocks, free, sensor, grows=params.bias.vibration is None)
+    vibration = fit_vibration(blocks, free, sensor, taken=params.bias.vibration is None)
     white = vibration.variance(blocks, sensor)
     with np.errstate(invalid="ignore"):
         calm = ~(blocks.scatter > HEAVY * white)  # a spike moves the mean of its block as well
@@ -151,7 +151,7 @@ def inflation(t: Array, white: Array) -> Array:
 def with_noise(params: Params, noise: LogNoise) -> Params:
     """Parameters of the filter with what the log shows."""
     bias, dtype = params.bias, params.theta.dtype
-    if noise.vibration is not None:
+    if noise.vibration is not None and noise.vibration.taken:
         bias = bias._replace(wrench_variance=bias.wrench_variance * jnp.asarray(sensor_level(noise.vibration), dtype))
         if noise.vibration.per_speed.any():
             speed = None if noise.vibration.speed is None else jnp.asarray(noise.vibration.speed, dtype)
@@ -182,7 +182,7 @@ def describe(noise: LogNoise) -> list[str]:
     for contact in noise.contacts:
         size = np.linalg.norm(contact.force[:3])
         lines.append(f"contact from {contact.start:.2f} to {contact.end:.2f} s, up to {size:.2g} N: not used")
-    if noise.vibration is not None and noise.vibration.per_speed.any():
+    if noise.vibration is not None and noise.vibration.taken and noise.vibration.per_speed.any():
         lines.append("the noise grows with the speed of the joints; the filter takes what the scatter of the log shows")
     if noise.vibration is not None and (noise.vibration.level != 1).any():
         levels = zip(AXES, np.sqrt(noise.vibration.level), strict=True)

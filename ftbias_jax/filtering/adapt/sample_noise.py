@@ -20,7 +20,7 @@ def sample_variance(stated: Params, found: Vibration | None, variance: Array, ve
         variance: (T, 6) N^2, Nm^2, diagonal of R for ``stated``.
         velocity: (T, n) rad/s.
     """
-    if found is None:
+    if found is None or not found.taken:
         return variance
     sensor = np.asarray(stated.bias.wrench_variance)
     taken = variance + (sensor_level(found) - 1) * sensor + _growth(stated, found, velocity)
@@ -37,7 +37,7 @@ def shown_variance(stated: Params, found: Vibration | None, variance: Array, vel
         return variance
     sensor, shares = np.asarray(stated.bias.wrench_variance), found.shares
     shaking = stated_shaking(stated, velocity)
-    parts = shares.sensor * sensor + shares.shaking * shaking + shares.rest * (variance - sensor - shaking)
+    parts = shares.sensor * sensor + shares.rest * (variance - sensor - shaking)
     return np.asarray(parts + _growth(stated, found, velocity), variance.dtype)
 
 

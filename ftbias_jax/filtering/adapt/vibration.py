@@ -32,8 +32,6 @@ class Shares(NamedTuple):
 
     sensor: Array
     """Of the sensor's own."""
-    shaking: Array
-    """Of the vibration that the setup states."""
     rest: Array
     """Of all else, mostly of the joints: at rest a log shows less of it than is stated, in motion not."""
 
@@ -50,10 +48,15 @@ class Vibration(NamedTuple):
     gain: float
     """nats on unseen stretches, of ``per_speed`` over a constant."""
     shares: Shares
-    """Of the stated parts, beside ``per_speed``."""
+    """Of the stated parts but vibration, beside ``per_speed``."""
+    taken: bool = True
+    """The filter takes ``level`` and ``per_speed``; where the setup states vibration, only innovations are judged by
+    ``per_speed``, in its place, because its form may be another than the stated."""
 
     def variance(self, blocks: Blocks, sensor: Array) -> Array:
         """(N, 6) N^2, Nm^2 of a sample in each block; sensor (6,) is what is stated of the sensor alone."""
+        if not self.taken:
+            return blocks.stated
         motion = blocks.motion[:, SPEEDS.index(self.speed)] @ self.per_speed
         found: Array = blocks.stated + (self.level - 1) * sensor + motion
         return found
@@ -83,7 +86,7 @@ class Coefficients(NamedTuple):
     """(n, 6) of the motion."""
 
 
-def fit_vibration(blocks: Blocks, free: Array, sensor: Array, grows: bool = True) -> Vibration:
+def fit_vibration(blocks: Blocks, free: Array, sensor: Array, taken: bool = True) -> Vibration:
     """Variance of samples by maximum likelihood: the scatter of a block is Gamma distributed about the model.
 
     Whether motion matters, and from which speed on it does less, is judged on stretches that were not fitted.
@@ -92,7 +95,7 @@ def fit_vibration(blocks: Blocks, free: Array, sensor: Array, grows: bool = True
         blocks: of the log.
         free: (N,) blocks in which nothing touches.
         sensor: (6,) N^2, Nm^2, variance that is stated of the sensor alone, without the joints' share.
-        grows: look for vibration and the sensor's level; not where the setup states the noise in motion.
+        taken: by the filter, too; not where the setup states the noise in motion.
     """
     every = max(1, -(-len(blocks.t) // MOST_BLOCKS))
     blocks = Blocks(size=blocks.size, **{x: getattr(blocks, x)[::every] for x in Blocks._fields if x != "size"})
@@ -102,10 +105,10 @@ def fit_vibration(blocks: Blocks, free: Array, sensor: Array, grows: bool = True
     dof, value = np.where(usable, dof, 0), np.where(usable, value, 1)
     step = float(np.median(np.diff(blocks.t))) if len(blocks.t) > 1 else 1.0
     fold = (np.arange(len(blocks.t)) // max(1, round(FOLD_SECONDS / step))) % 2
-    rest = np.maximum(blocks.stated - sensor - blocks.shaking, 0)
-    parts = Scatter(value, dof, (np.broadcast_to(sensor, rest.shape), blocks.shaking, rest))
+    calm = blocks.stated - blocks.shaking
+    parts = Scatter(value, dof, (np.broadcast_to(sensor, calm.shape), np.maximum(calm - sensor, 0)))
     # The form is chosen, and the level read, in what is stated as a whole: its parts are told apart less surely.
-    whole = parts._replace(stated=(blocks.stated,))
+    whole = parts._replace(stated=(calm,))
     still = np.zeros((len(blocks.t), 0))
 
     def nats(motion: Array) -> float:
@@ -116,17 +119,17 @@ def fit_vibration(blocks: Blocks, free: Array, sensor: Array, grows: bool = True
             unseen += _nats(_variance(whole.stated, motion, found), whole.only(fold != side))
         return unseen
 
-    best, gain = _best_speed(blocks.motion, nats) if grows else (0, 0.0)
+    best, gain = _best_speed(blocks.motion, nats)
     moves = gain > LEAST_GAIN
     motion = blocks.motion[:, best] if moves else still
     found = _maximise(whole, motion)
     seen = (dof > 0).any(0)
-    level = np.where(seen & grows, _sensor_level(found.shares[0], np.median(blocks.stated, axis=0), sensor), 1)
+    level = np.where(seen & taken, _sensor_level(found.shares[0], np.median(calm, axis=0), sensor), 1)
     as_stated = ~seen | (np.abs(found.shares[0] - 1) < LEVEL_WITHIN)
     found = _maximise(parts, motion)
     per_speed = found.per_speed if moves else np.zeros((blocks.motion.shape[2], 6))
     shares = Shares(*np.where(as_stated, 1, np.maximum(found.shares, LEAST_LEVEL)))
-    return Vibration(level, per_speed, SPEEDS[best] if moves else None, gain, shares)
+    return Vibration(level, per_speed, SPEEDS[best] if moves else None, gain, shares, taken)
 
 
 def _best_speed(motion: Array, nats: Callable[[Array], float]) -> tuple[int, float]:

@@ -69,7 +69,7 @@ def _filter_part(
     correlated = 0.0 if noise.correlated_std is None else bias_filter.correlated_variance(noise, motion)
     used = jnp.isfinite(samples.wrench) & (track.log_likelihood != 0)
     innovation = jnp.where(used, track.innovation[:, 0], jnp.nan)
-    innovation_variance = track.innovation_variance[:, 0] - variance + shown
+    innovation_variance = _judged(track.innovation_variance[:, 0] - variance, variance, shown)
     after = state._replace(bias=bias_state(Smoothed(track.mean[length - 1], track.covariance[length - 1])))
     return after, {
         "bias": track.mean[:, 0],
@@ -83,6 +83,15 @@ def _filter_part(
         "reading_std": jnp.sqrt(shown + jnp.broadcast_to(correlated, variance.shape)),
         "used": used.any(1),
     }
+
+
+def _judged(predicted: Array, taken: Array, shown: Array) -> Array:
+    """Variance of innovations if the noise of samples is ``shown``, and the filter took ``taken``; all (T, 6).
+
+    The filter's own variance of what it predicts is noise of past samples for a half and process for the other, as in
+    the steady state of a random walk: the first half is as much smaller, or larger, as the noise is.
+    """
+    return predicted * (1 + shown / taken) / 2 + shown
 
 
 def _result(part: Prepared, kept: dict[str, Array], noise: LogNoise) -> Filtered:

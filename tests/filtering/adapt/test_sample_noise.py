@@ -16,9 +16,9 @@ def stated(params):
     return params._replace(bias=params.bias._replace(wrench_variance=STD**2))
 
 
-def found(level=1.0, sensor=1.0, shaking=1.0, rest=1.0, per_speed=PER_SPEED):
-    shares = Shares(*(np.full(6, x) for x in (sensor, shaking, rest)))
-    return Vibration(np.full(6, level), per_speed, 0.1, 50.0, shares)
+def found(level=1.0, sensor=1.0, rest=1.0, per_speed=PER_SPEED, taken=True):
+    shares = Shares(np.full(6, sensor), np.full(6, rest))
+    return Vibration(np.full(6, level), per_speed, 0.1, 50.0, shares, taken)
 
 
 def both(stated, noise, variance=STD**2 + JOINTS):
@@ -49,10 +49,11 @@ def test_a_log_that_is_too_short_changes_nothing(stated):
     np.testing.assert_array_equal(shown, taken)
 
 
-def test_vibration_that_is_stated_has_a_share_of_its_own(stated):
+def test_what_the_log_shows_of_vibration_replaces_what_is_stated_of_it(stated):
     shaking = stated._replace(bias=stated.bias._replace(vibration=PER_SPEED, vibration_speed=np.asarray(0.1)))
     np.testing.assert_allclose(stated_shaking(shaking, np.full((5, 7), VELOCITY))[0], MOTION, rtol=1e-6)
     assert not stated_shaking(stated, np.full((5, 7), VELOCITY)).any()
-    taken, shown = both(shaking, found(shaking=0.5, per_speed=0 * PER_SPEED), STD**2 + JOINTS + MOTION)
-    np.testing.assert_allclose(taken, STD**2 + JOINTS + MOTION, rtol=1e-6)
-    np.testing.assert_allclose(shown, STD**2 + JOINTS + MOTION / 2, rtol=1e-6)
+    found_more = found(per_speed=2 * PER_SPEED, taken=False)
+    taken, shown = both(shaking, found_more, STD**2 + JOINTS + MOTION)
+    np.testing.assert_array_equal(taken, STD**2 + JOINTS + MOTION)
+    np.testing.assert_allclose(shown, STD**2 + JOINTS + 2 * MOTION, rtol=1e-6)
