@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ftbias_jax.filtering.adapt.blocks import Blocks, in_blocks
+from ftbias_jax.filtering.adapt.blocks import SPEEDS, Blocks, in_blocks
 
 STD = np.repeat([0.1, 0.004], 3)
 """N, Nm of one sample."""
@@ -39,4 +39,5 @@ def blocks_of(t, y, std=STD, velocity=None):
 def made_blocks(t, mean, variance, count=25):
     """Blocks with these means (N, 6) and variances of a sample (6,), at rest."""
     ones = np.ones_like(mean)
-    return Blocks(t, count, mean, count * ones, variance * ones, np.zeros((len(t), 7, 2)), variance * ones)
+    motion = np.zeros((len(t), len(SPEEDS), 2))
+    return Blocks(t, count, mean, count * ones, variance * ones, motion, variance * ones, 0 * ones)

@@ -122,7 +122,7 @@ def study_abb(real):
     params = filter_log.likeliest_params(setup, ft.samples_from_log(log), options)
     first_q = np.asarray(first_measured(jnp.asarray(log.q)))
     prepared = list(prepare(params, first_q, in_parts(log, params), options))
-    blocks = blocks_of(prepared)
+    blocks = blocks_of(prepared, params)
     edges = np.linspace(result.t[0], np.nextafter(result.t[-1], np.inf), BLOCKS + 1)
     ahead = AHEAD[0]
     unseen = np.full_like(result.bias, np.nan)

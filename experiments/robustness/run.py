@@ -38,7 +38,7 @@ def filtered(log, kinds):
     params = filter_log.likeliest_params(SETUP, ft.samples_from_log(log), options)
     first_q = np.asarray(first_measured(jnp.asarray(log.q)))
     prepared = list(prepare(params, first_q, in_parts(log, params), options))
-    found = noise_of_log(blocks_of(prepared), params)
+    found = noise_of_log(blocks_of(prepared, params), params)
     by_kind = {
         "default": (with_noise(params, found), found, GATE),
         "gate off": (with_noise(params, found), found, OFF),

@@ -60,7 +60,8 @@ def judge_predictions(before: Setup, after: Setup, logs: Sequence[Log], hold_out
         results = [filtered_with(setup, log)[0] for setup in (before, after)]
         begin = log.t[0] + log.start + (1 - hold_out) * (log.t[-1] - log.t[0])
         for h in HORIZONS:
-            errors = np.stack([prediction_errors(result, h) for result in results])
+            times = (before.bias.drift_time, after.bias.drift_time)
+            errors = np.stack([prediction_errors(*each, h) for each in zip(results, times, strict=True)])
             errors = errors[:, results[0].t >= begin]
             both = np.isfinite(errors).all(0)
             totals[h] += np.where(both[None], errors**2, 0).sum(1)
@@ -70,14 +71,20 @@ def judge_predictions(before: Setup, after: Setup, logs: Sequence[Log], hold_out
     )
 
 
-def prediction_errors(result: Filtered, ahead: float) -> Array:
+def prediction_errors(result: Filtered, drift_time: Array | None, ahead: float) -> Array:
     """(T, 6) N, Nm: the reading less what bias and drift ``ahead`` seconds earlier predicted; NaN = not predicted.
 
     What touches the tool is not predicted by anything, so samples that were not used do not count.
+
+    Args:
+        result: of a filter.
+        drift_time: (6,) s in which its drift reverts to zero; None = never.
+        ahead: s.
     """
+    moved = ahead if drift_time is None else -drift_time * np.expm1(-ahead / drift_time)
     past = np.searchsorted(result.t, result.t - ahead, side="right") - 1
     reading = result.wrench_unbiased - result.bias
-    expected = result.wrench_tool - result.bias[past] - ahead * result.drift[past]
+    expected = result.wrench_tool - result.bias[past] - moved * result.drift[past]
     errors = np.where((past >= 0)[:, None], reading - expected, np.nan)
     return errors if result.used is None else np.where(result.used[:, None], errors, np.nan)
 

@@ -16,10 +16,11 @@ import numpy as np
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.newton import Report
-from ftbias_jax.calibration.tune import Fit, WrenchLogs, fit_wrench
+from ftbias_jax.calibration.tune import TIES, Fit, WrenchLogs, fit_wrench
+from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
 from ftbias_jax.filtering.adapt.blocks import Blocks
 from ftbias_jax.filtering.adapt.contact import in_contact
-from ftbias_jax.filtering.adapt.log_noise import LogNoise, noise_of_log
+from ftbias_jax.filtering.adapt.log_noise import LogNoise, noise_of_log, prior_with
 from ftbias_jax.filtering.adapt.slow_noise import coarser
 from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.pipeline import Options
@@ -28,7 +29,10 @@ from ftbias_jax.filtering.recorded.ready import in_parts
 from ftbias_jax.filtering.recorded.whole import blocks_of
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
-from ftbias_jax.types import Array, Sample
+from ftbias_jax.types import AXES, Array, Sample
+
+FOREVER = 1e6
+"""s: how a setup states, beside axes whose drift reverts, that that of an axis does not."""
 
 
 class LogInBlocks(NamedTuple):
@@ -49,7 +53,7 @@ def look_at(params: Params, logs: Sequence[Log], options: Options) -> list[LogIn
     found = []
     for log in logs:
         first_q = np.asarray(first_measured(jnp.asarray(log.q)))
-        blocks = blocks_of(prepare(params, first_q, in_parts(log, params), options))
+        blocks = blocks_of(prepare(params, first_q, in_parts(log, params), options), params)
         found.append(LogInBlocks(blocks, noise_of_log(blocks, params)))
     return found
 
@@ -67,10 +71,12 @@ def tune_in_blocks(
     report: Report = newton.quiet,
     total: newton.Total = newton.alone,
 ) -> tuple[Params, dict[str, Fit]]:
-    """Correlated noise, level of the white noise, and sigma_Q given both.
+    """Correlated noise, level of the white noise, and the drift given both.
 
-    The correlated noise and the level are medians over the logs of what each shows; sigma_Q is the likeliest given
-    them, by Newton's method on the means of blocks.
+    The correlated noise and the level are medians over the logs of what each shows, the level never less than is
+    stated, as for a filter (``sample_noise.sensor_level``). Of the drift the stated one stays unless another is
+    likelier on the means of blocks and forecasts no worse (``choose_drift``): with sigma_Q of maximum likelihood, by
+    Newton's method, or one that reverts to zero.
 
     Args:
         params: with the likeliest noise of the joints.
@@ -88,7 +94,7 @@ def tune_in_blocks(
     bias = params.bias._replace(correlated_std=jnp.asarray(std, dtype), correlated_time=jnp.asarray(time, dtype))
     levels = [log.noise.vibration.level for log in logs if log.noise.vibration is not None]
     if "wrench_std" in wanted and levels:
-        level = np.median(levels, axis=0)
+        level = np.maximum(np.median(levels, axis=0), 1)
         bias = bias._replace(wrench_variance=bias.wrench_variance * jnp.asarray(level, dtype))
     sensor = np.asarray(params.bias.wrench_variance, float)
     params = params._replace(bias=bias)
@@ -102,7 +108,27 @@ def tune_in_blocks(
         (silent, WrenchLogs(stack([sample], longest), *_stacked(variance, longest))) for sample, variance in samples
     ]
     tuned, fit = fit_wrench(silent, parts, {"density": tie}, burn_in=0.0, report=report, total=total)
-    return params._replace(bias=bias._replace(density=tuned.bias.density)), {"wrench": fit}
+    series = [_as_series(log, sensor, params) for log in logs]
+    never = np.full(6, np.inf)
+    given = Drift(np.asarray(bias.density, float), never if bias.drift_time is None else np.asarray(bias.drift_time))
+    drift = choose_drift(series, (std, time), given, np.asarray(tuned.bias.density, float), TIES[tie](6))
+    reverts = None if np.isinf(drift.time).all() else jnp.asarray(np.minimum(drift.time, FOREVER), dtype)
+    bias = bias._replace(density=jnp.asarray(drift.density, dtype), drift_time=reverts)
+    return params._replace(bias=bias), {"wrench": _with_drift(fit, drift, given)}
+
+
+def _with_drift(fit: Fit, drift: Drift, given: Drift) -> Fit:
+    """The fit of sigma_Q where it was taken; elsewhere what was, and why."""
+    fitted = fit.values["density"]
+    taken = np.isclose(drift.density, fitted, rtol=1e-6) & np.isinf(drift.time)
+    stays = (drift.density == given.density) & (drift.time == given.time) & ~taken
+    tried = np.where(stays, np.nan, HALF_A_STEP)
+    words = [f"sigma_Q of {', '.join(np.array(AXES)[stays])}: no other drift forecasts better"] if stays.any() else []
+    return fit._replace(
+        values={**fit.values, "density": np.where(taken, fitted, drift.density)},
+        relative_stderr={**fit.relative_stderr, "density": np.where(taken, fit.relative_stderr["density"], tried)},
+        undetermined=words or fit.undetermined,
+    )
 
 
 def _pooled(noises: Sequence[LogNoise]) -> tuple[Array, Array]:
@@ -115,14 +141,19 @@ def _pooled(noises: Sequence[LogNoise]) -> tuple[Array, Array]:
     return np.median(std, axis=0), np.array(typical)
 
 
-def _as_samples(log: LogInBlocks, sensor: Array, params: Params) -> tuple[Sample, Array]:
-    """The blocks of a log as samples of a log, and the variance (N, 6) of their means."""
+def _as_series(log: LogInBlocks, sensor: Array, params: Params) -> Series:
+    """A log in blocks, without those in contact."""
     blocks, noise = log.blocks, log.noise
     touched = in_contact(blocks.t, list(noise.contacts), blocks.t[1] - blocks.t[0])
     white = blocks.stated if noise.vibration is None else noise.vibration.variance(blocks, sensor)
     y = np.where(touched[:, None], np.nan, blocks.mean)
     variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
-    t, y, variance = coarser(blocks.t, y, variance)
+    return Series(*coarser(blocks.t, y, variance), prior_with(params, noise.offset))
+
+
+def _as_samples(log: LogInBlocks, sensor: Array, params: Params) -> tuple[Sample, Array]:
+    """The blocks of a log as samples of a log, and the variance (N, 6) of their means."""
+    t, y, variance, _ = _as_series(log, sensor, params)
     n, dtype = params.joint.process_density.shape[0], params.theta.dtype
     still = np.zeros((len(t), n))
     dt = np.diff(t, prepend=t[0])

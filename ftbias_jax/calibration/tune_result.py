@@ -84,6 +84,8 @@ def _correlated(setup: Setup) -> list[str]:
     if std is None or time is None:
         return []
     rows = {"correlated_std": std, "correlated_time": time}
+    if setup.bias.drift_time is not None:
+        rows["drift_time"] = setup.bias.drift_time
     return [f"{name:16s} " + "  ".join(f"{x:.3g}" for x in row) for name, row in rows.items()]
 
 
@@ -110,7 +112,10 @@ def _table(fit: Fit) -> str:
     lines = []
     for name, values in fit.values.items():
         errors = fit.relative_stderr[name] * values
-        lines.append(f"{name:16s} " + "  ".join(f"{x:.3g} ± {e:.1g}" for x, e in zip(values, errors, strict=True)))
+        shown = (
+            f"{x:.3g} ± {e:.1g}" if np.isfinite(e) else f"{x:.3g} (open)" for x, e in zip(values, errors, strict=True)
+        )
+        lines.append(f"{name:16s} " + "  ".join(shown))
     found = fit.optimum
     lines.append(f"{'':16s} log-likelihood {found.value:.1f} nats; {found.agreeing} of {found.starts} starts agree")
     lines += [f"{'':16s} not determined by these logs: {words}" for words in fit.undetermined]
@@ -142,11 +147,15 @@ def with_noise(setup: Setup, params: Params, fits: dict[str, Fit]) -> Setup:
         noise_std = np.sqrt(np.asarray(params.bias.wrench_variance))
         setup = replace(
             setup,
-            bias=replace(setup.bias, noise_density=density),
+            bias=replace(setup.bias, noise_density=density, drift_time=_optional(params.bias.drift_time)),
             sensor=replace(setup.sensor, noise_std=_where_known(found.get("wrench_std"), noise_std, noise_std)),
             data_noise=setup_from_values(fits["wrench"].values) or setup.data_noise,
         )
     return setup
+
+
+def _optional(values: Array | None) -> Array | None:
+    return None if values is None else np.asarray(values)
 
 
 def _where_known(relative_stderr: Array | None, found: Array, given: Array) -> Array:

@@ -63,8 +63,12 @@ def vibration(noise: BiasNoise, velocity: Array) -> Array | None:
 
 
 def effective_speed_squared(velocity: Any, most: Any) -> Any:
-    """dq^2 / (1 + (dq / most)^2), (rad/s)^2: vibration of real arms grows with the speed of a joint, and levels off."""
-    return velocity**2 if most is None else velocity**2 / (1 + velocity**2 / most**2)
+    """dq^2 / sqrt(1 + (dq / most)^2), (rad/s)^2: vibration of real arms grows with dq^2, from some speed on with |dq|.
+
+    On recorded logs of three robots this form predicts the scatter of unseen stretches at least as well as one that
+    levels off altogether, and errs less where ``most`` is wrong.
+    """
+    return velocity**2 if most is None else velocity**2 / (1 + velocity**2 / most**2) ** 0.5
 
 
 def white_share(noise: BiasNoise, vibration: Array) -> Array:

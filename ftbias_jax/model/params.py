@@ -57,7 +57,8 @@ class BiasNoise(NamedTuple):
     """(n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2: what the squared speed of each joint adds to the variance of each axis; of
     the entries of a recorded pose, if there are no joints. None = nothing."""
     vibration_speed: Float[Array, ""] | None = None
-    """() rad/s at which that stops growing: the speed counts as dq^2 / (1 + (dq / vibration_speed)^2); None = never."""
+    """() rad/s from which that grows with the speed alone: it counts as dq^2 / sqrt(1 + (dq / vibration_speed)^2);
+    None = with its square at any speed."""
     correlated_std: Array | None = None
     """(6,) N, Nm: noise that is correlated in time, a first-order Gauss-Markov process on each axis; None = white."""
     correlated_time: Array | None = None

@@ -14,8 +14,8 @@ from ftbias_jax.types import Array
 
 BLOCK_SECONDS = 0.05
 """Vibration of arms and tools, 10 Hz and above, averages out in a block; what moves the bias does not."""
-SPEEDS = (None, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
-"""rad/s at which vibration may stop growing; None = never."""
+SPEEDS = (None, *(0.5 * 2 ** (-k / 2) for k in range(13)))
+"""rad/s from which vibration may grow with the speed and no longer with its square; None = never."""
 FEWEST = 10
 """Samples of a block: the scatter of fewer about a line tells neighbours apart more than it tells noise."""
 
@@ -37,9 +37,11 @@ class Blocks(NamedTuple):
     """(N, S, n) (rad/s)^2, mean of the joints' ``effective_speed_squared`` for each of SPEEDS."""
     stated: Array
     """(N, 6) N^2, Nm^2, mean variance of a sample as the setup states it, with the joints' share."""
+    shaking: Array
+    """(N, 6) N^2, Nm^2: the part of ``stated`` that is vibration which the setup states; 0 where it states none."""
 
 
-def in_blocks(t: Array, y: Array, velocity: Array, variance: Array) -> Blocks:
+def in_blocks(t: Array, y: Array, velocity: Array, variance: Array, shaking: Array | None = None) -> Blocks:
     """Cut a log into blocks.
 
     Args:
@@ -47,6 +49,7 @@ def in_blocks(t: Array, y: Array, velocity: Array, variance: Array) -> Blocks:
         y: (T, 6) N, Nm, D theta - W; NaN = not measured.
         velocity: (T, n) rad/s.
         variance: (T, 6) N^2, Nm^2, diagonal of R.
+        shaking: (T, 6) N^2, Nm^2, the part of it that is vibration; None = none.
     """
     step = float(np.median(np.diff(t))) if len(t) > 1 else BLOCK_SECONDS
     size = max(FEWEST, round(BLOCK_SECONDS / step))
@@ -70,7 +73,9 @@ def in_blocks(t: Array, y: Array, velocity: Array, variance: Array) -> Blocks:
         scatter = ((centred - slope[:, None] * x) ** 2).sum(1) / np.where(count > 2, count - 2, np.nan)
     speeds = [np.asarray(effective_speed_squared(cut(velocity), most)).mean(1) for most in SPEEDS]
     motion = np.stack(speeds, 1)
-    return Blocks(times.mean(1), size, mean, count, scatter, motion, cut(variance).mean(1))
+    stated = cut(variance).mean(1)
+    shaken = np.zeros_like(stated) if shaking is None else cut(shaking).mean(1)
+    return Blocks(times.mean(1), size, mean, count, scatter, motion, stated, shaken)
 
 
 def join_blocks(parts: list[Blocks]) -> Blocks:

@@ -9,9 +9,9 @@ import numpy as np
 
 from ftbias_jax.filtering.adapt.blocks import Blocks, unmeasured_axes
 from ftbias_jax.filtering.adapt.contact import Contact, find_contacts, in_contact
+from ftbias_jax.filtering.adapt.sample_noise import sensor_level
 from ftbias_jax.filtering.adapt.slow_noise import Grid, SlowNoise, coarser, fit_slow_noise, innovations
 from ftbias_jax.filtering.adapt.vibration import HEAVY, Vibration, fit_vibration
-from ftbias_jax.filtering.bias_filter import effective_speed_squared, white_share
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import AXES, Array
 
@@ -35,7 +35,7 @@ class LogNoise(NamedTuple):
 
     contacts: tuple[Contact, ...]
     vibration: Vibration | None
-    """None = as the setup states."""
+    """None = the log is too short to say."""
     slow: SlowNoise | None
     """None = as the setup states."""
     offset: Array
@@ -63,11 +63,9 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     offset = offset_of(blocks, params)
     block = blocks.t[1] - blocks.t[0]
     free = ~in_contact(blocks.t, list(contacts), block)
-    white, vibration, slow = blocks.stated, None, None
-    if params.bias.vibration is None:
-        sensor = np.maximum(np.asarray(params.bias.wrench_variance, float), np.finfo(float).tiny)
-        vibration = fit_vibration(blocks, free, sensor)
-        white = vibration.variance(blocks, sensor)
+    sensor, slow = np.maximum(np.asarray(params.bias.wrench_variance, float), np.finfo(float).tiny), None
+    vibration = fit_vibration(blocks, free, sensor, taken=params.bias.vibration is None)
+    white = vibration.variance(blocks, sensor)
     with np.errstate(invalid="ignore"):
         calm = ~(blocks.scatter > HEAVY * white)  # a spike moves the mean of its block as well
     y = np.where(free[:, None] & calm, blocks.mean, np.nan)
@@ -153,8 +151,8 @@ def inflation(t: Array, white: Array) -> Array:
 def with_noise(params: Params, noise: LogNoise) -> Params:
     """Parameters of the filter with what the log shows."""
     bias, dtype = params.bias, params.theta.dtype
-    if noise.vibration is not None:
-        bias = bias._replace(wrench_variance=bias.wrench_variance * jnp.asarray(sensor_level(noise), dtype))
+    if noise.vibration is not None and noise.vibration.taken:
+        bias = bias._replace(wrench_variance=bias.wrench_variance * jnp.asarray(sensor_level(noise.vibration), dtype))
         if noise.vibration.per_speed.any():
             speed = None if noise.vibration.speed is None else jnp.asarray(noise.vibration.speed, dtype)
             bias = bias._replace(vibration=jnp.asarray(noise.vibration.per_speed, dtype), vibration_speed=speed)
@@ -164,32 +162,6 @@ def with_noise(params: Params, noise: LogNoise) -> Params:
         )
     bias = bias._replace(prior_std=jnp.asarray(prior_with(params, noise.offset), dtype))
     return params._replace(bias=bias)
-
-
-def sample_variance(stated: Params, noise: LogNoise, variance: Array, velocity: Array) -> Array:
-    """Diagonal of R with what the log shows: (T, 6) N^2, Nm^2, without correlated noise.
-
-    Args:
-        stated: parameters that ``noise`` was found with.
-        noise: of the log.
-        variance: (T, 6) N^2, Nm^2, diagonal of R for ``stated``.
-        velocity: (T, n) rad/s.
-    """
-    if noise.vibration is None:
-        return variance
-    sensor = np.asarray(stated.bias.wrench_variance)
-    motion = effective_speed_squared(velocity, noise.vibration.speed) @ noise.vibration.per_speed
-    found = variance + (sensor_level(noise) - 1) * sensor + white_share(stated.bias, motion)
-    return np.asarray(found, variance.dtype)
-
-
-def sensor_level(noise: LogNoise) -> Array:
-    """(6,) variance of the sensor that the filter takes, in what is stated: never less.
-
-    On recorded logs with less noise than stated, a filter that believes it follows the model's errors instead: worse
-    predictions, and intervals that are too short.
-    """
-    return np.ones(6) if noise.vibration is None else np.maximum(noise.vibration.level, 1)
 
 
 def useless(t: Array, noise: LogNoise) -> Array:
@@ -210,7 +182,7 @@ def describe(noise: LogNoise) -> list[str]:
     for contact in noise.contacts:
         size = np.linalg.norm(contact.force[:3])
         lines.append(f"contact from {contact.start:.2f} to {contact.end:.2f} s, up to {size:.2g} N: not used")
-    if noise.vibration is not None and noise.vibration.per_speed.any():
+    if noise.vibration is not None and noise.vibration.taken and noise.vibration.per_speed.any():
         lines.append("the noise grows with the speed of the joints; the filter takes what the scatter of the log shows")
     if noise.vibration is not None and (noise.vibration.level != 1).any():
         levels = zip(AXES, np.sqrt(noise.vibration.level), strict=True)

@@ -34,7 +34,7 @@ def filter_prepared(params: Params, parts: Iterable[Prepared], options: Options,
 
     Args:
         params: of the pipeline, with the noise of the log (``with_noise``).
-        parts: of ``prepare``, with the noise of single samples (``log_noise.sample_variance``).
+        parts: of ``prepare``, with the noise of single samples (``whole.with_variance``).
         options: of the pipeline.
         noise: contacts to leave out, and the inflation of the standard deviations.
 
@@ -49,17 +49,18 @@ def filter_prepared(params: Params, parts: Iterable[Prepared], options: Options,
         room = padded_length(length)
         samples = pad(part.samples._replace(wrench=jnp.asarray(wrench, params.theta.dtype)), room)
         state = pipeline.init(params, part.samples) if state is None else state
-        at_samples = tuple(_lengthen(x, room) for x in (part.wrench_tool, part.variance, part.joints.mean[:, 1]))
+        known = (part.wrench_tool, part.variance, part.joints.mean[:, 1], part.shown)
+        at_samples = tuple(_lengthen(x, room) for x in known)
         state, kept = _filter_part(params, state, samples, at_samples, options, length)
         yield _result(part, {name: np.asarray(x)[:length] for name, x in kept.items()}, noise)
 
 
 @partial(jax.jit, static_argnames="options")
 def _filter_part(
-    params: Params, state: State, samples: Sample, at_samples: tuple[Array, Array, Array], options: Options, length: int
+    params: Params, state: State, samples: Sample, at_samples: tuple[Array, ...], options: Options, length: int
 ) -> tuple[State, dict[str, Array]]:
     """The bias filter over a part, whose first samples, so many, are of the log."""
-    wrench_tool, variance, velocity = at_samples
+    wrench_tool, variance, velocity, shown = at_samples
     noise = params.bias
     inputs = bias_inputs(params, state, samples, wrench_tool, variance, velocity)
     track = without_noise(run_filters(gated(inputs, options), inputs))
@@ -67,19 +68,30 @@ def _filter_part(
     motion = bias_filter.vibration(noise, velocity)
     correlated = 0.0 if noise.correlated_std is None else bias_filter.correlated_variance(noise, motion)
     used = jnp.isfinite(samples.wrench) & (track.log_likelihood != 0)
+    innovation = jnp.where(used, track.innovation[:, 0], jnp.nan)
+    innovation_variance = _judged(track.innovation_variance[:, 0] - variance, variance, shown)
     after = state._replace(bias=bias_state(Smoothed(track.mean[length - 1], track.covariance[length - 1])))
     return after, {
         "bias": track.mean[:, 0],
         "drift": track.mean[:, 1],
         "bias_std": std[:, :, 0],
         "drift_std": std[:, :, 1],
-        "innovation": jnp.where(used, track.innovation[:, 0], jnp.nan),
-        "innovation_std": jnp.sqrt(track.innovation_variance[:, 0]),
-        "nis": track.nis.sum(1),
+        "innovation": innovation,
+        "innovation_std": jnp.sqrt(innovation_variance),
+        "nis": jnp.nansum(innovation**2 / innovation_variance, axis=1),
         "log_likelihood": track.log_likelihood.sum(1),
-        "reading_std": jnp.sqrt(variance + jnp.broadcast_to(correlated, variance.shape)),
+        "reading_std": jnp.sqrt(shown + jnp.broadcast_to(correlated, variance.shape)),
         "used": used.any(1),
     }
+
+
+def _judged(predicted: Array, taken: Array, shown: Array) -> Array:
+    """Variance of innovations if the noise of samples is ``shown``, and the filter took ``taken``; all (T, 6).
+
+    The filter's own variance of what it predicts is noise of past samples for a half and process for the other, as in
+    the steady state of a random walk: the first half is as much smaller, or larger, as the noise is.
+    """
+    return predicted * (1 + shown / taken) / 2 + shown
 
 
 def _result(part: Prepared, kept: dict[str, Array], noise: LogNoise) -> Filtered:

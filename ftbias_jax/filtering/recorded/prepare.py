@@ -43,6 +43,8 @@ class Prepared(NamedTuple):
     """(T, 6) N, Nm; with the known effects, if there are any."""
     variance: Array
     """(T, 6) N^2, Nm^2, diagonal of R as the setup states it."""
+    shown: Array
+    """(T, 6) N^2, Nm^2, the same as the scatter of the log shows it; what is stated until that is known."""
     known_bias: Array
     """(T, 6) N, Nm, what known effects add to the bias."""
     joint_log_likelihood: float
@@ -71,7 +73,8 @@ def prepare(params: Params, first_q: Array, parts: Iterable[Log], options: Optio
         state, kept = _smooth_part(params, state, whole, options, length)
         joints, wrench_tool, variance, known, nats = jax.tree.map(np.asarray, kept)
         joints = Smoothed(*(x[:length] for x in joints))
-        yield Prepared(part, samples, joints, wrench_tool[:length], variance[:length], known[:length], float(nats))
+        variance = variance[:length]
+        yield Prepared(part, samples, joints, wrench_tool[:length], variance, variance, known[:length], float(nats))
         before = part.t[-1]
 
 

@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from ftbias_jax.filtering.adapt.blocks import Blocks, in_blocks, join_blocks
-from ftbias_jax.filtering.adapt.log_noise import LEAST_BLOCKS, LogNoise, noise_of_log, sample_variance, with_noise
+from ftbias_jax.filtering.adapt.log_noise import LEAST_BLOCKS, LogNoise, noise_of_log, with_noise
+from ftbias_jax.filtering.adapt.sample_noise import sample_variance, shown_variance, stated_shaking
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.recorded.bias import filter_prepared
 from ftbias_jax.filtering.recorded.prepare import Prepared, prepare
@@ -52,7 +53,7 @@ def filter_recorded(params: Params, first_q: Array, parts: Parts, length: int, o
         return prepare(params, first_q, parts(), options)
 
     kept = list(again()) if length <= MOST_KEPT else None
-    blocks = blocks_of(again() if kept is None else kept)
+    blocks = blocks_of(again() if kept is None else kept, params)
     noise = noise_of_log(blocks, params)
     tuned = with_noise(params, noise)
     if options.gate is None and len(blocks.t) >= LEAST_BLOCKS:  # without the log's noise a gate may keep out anything
@@ -66,15 +67,17 @@ def filter_recorded(params: Params, first_q: Array, parts: Parts, length: int, o
 
 
 def with_variance(part: Prepared, params: Params, noise: LogNoise) -> Prepared:
-    """A part with the noise of single samples that the log shows in place of what the setup states."""
-    return part._replace(variance=sample_variance(params, noise, part.variance, part.joints.mean[:, 1]))
+    """A part with the noise of single samples that the log shows beside, or in place of, what the setup states."""
+    stated = (params, noise.vibration, part.variance, part.joints.mean[:, 1])
+    return part._replace(variance=sample_variance(*stated), shown=shown_variance(*stated))
 
 
-def blocks_of(parts: Iterable[Prepared]) -> Blocks:
-    """The whole log in blocks."""
-    return join_blocks(
-        [
-            in_blocks(part.log.t, part.wrench_tool - part.log.wrench, part.joints.mean[:, 1], part.variance)
-            for part in parts
-        ]
-    )
+def blocks_of(parts: Iterable[Prepared], params: Params) -> Blocks:
+    """The whole log in blocks; params as it was prepared with."""
+    return join_blocks([_in_blocks(part, params) for part in parts])
+
+
+def _in_blocks(part: Prepared, params: Params) -> Blocks:
+    velocity = part.joints.mean[:, 1]
+    shaking = stated_shaking(params, velocity)
+    return in_blocks(part.log.t, part.wrench_tool - part.log.wrench, velocity, part.variance, shaking)

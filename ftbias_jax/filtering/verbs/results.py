@@ -122,7 +122,7 @@ class FilterResult:
     log_likelihood: Array
     """() nats, of joints and wrench."""
     innovation_std: Array
-    """(T, 6) N, Nm, standard deviation."""
+    """(T, 6) N, Nm, standard deviation: the filter's, with the noise of samples that the log shows."""
     params: Params
     """What the filter believed; arrays of JAX."""
     noise: LogNoise

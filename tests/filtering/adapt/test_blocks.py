@@ -31,7 +31,8 @@ def test_a_block_is_its_mean_and_the_scatter_about_its_straight_line(log):
         assert blocks.t[k] == pytest.approx(t[rows].mean())
         np.testing.assert_allclose(blocks.stated[k], variance[rows].mean(0))
         for s, most in enumerate(SPEEDS):
-            squared = velocity[rows] ** 2 if most is None else 1 / (1 / velocity[rows] ** 2 + 1 / most**2)
+            speed = np.abs(velocity[rows])
+            squared = speed**2 if most is None else speed**2 * np.cos(np.arctan(speed / most))
             np.testing.assert_allclose(blocks.motion[k, s], squared.mean(0))
         for axis in range(6):
             seen = np.isfinite(y[rows, axis])

@@ -17,12 +17,11 @@ from ftbias_jax.filtering.adapt.log_noise import (
     noise_of_log,
     nothing,
     offset_of,
-    sample_variance,
     useless,
     with_noise,
 )
 from ftbias_jax.filtering.adapt.slow_noise import SlowNoise
-from ftbias_jax.filtering.adapt.vibration import Vibration
+from ftbias_jax.filtering.adapt.vibration import Shares, Vibration
 
 T = stamps(60, 20)
 
@@ -102,7 +101,7 @@ def test_what_the_setup_states_is_kept(stated):
         vibration=jnp.zeros((3, 6)), correlated_std=jnp.asarray(STD), correlated_time=jnp.full(6, 1.0)
     )
     noise = noise_of_log(white_blocks(0, slow=1.0), stated._replace(bias=bias))
-    assert noise.vibration is None
+    assert not noise.vibration.taken
     assert noise.slow is None
     assert (noise.inflation < 1.6).all()
 
@@ -150,6 +149,9 @@ def test_nothing_leaves_parameters_alone(stated):
     assert not useless(T, nothing()).any()
 
 
+AS_STATED = Shares(*np.ones((2, 6)))
+
+
 def full():
     """All that a log can show."""
     per_speed = np.outer([1.0, 0, 2.0], STD**2)
@@ -157,7 +159,7 @@ def full():
     slow = SlowNoise(np.array([0.3, 0, 0, 0, 0, 0.01]), np.array([0.5, 1, 1, 1, 1, 2.0]), np.full(6, 20.0))
     offset, factor = np.array([12800.0, 0, 0, 0, 0, 0]), np.array([1, 1, 1.7, 1, 1, 1])
     contact = Contact(3.0, 4.5, np.array([3.0, 4, 0, 0, 0, 0]))
-    return LogNoise((contact,), Vibration(level, per_speed, 0.1, 50.0), slow, offset, factor)
+    return LogNoise((contact,), Vibration(level, per_speed, 0.1, 50.0, AS_STATED), slow, offset, factor)
 
 
 def test_parameters_take_what_the_log_shows(stated):
@@ -171,16 +173,10 @@ def test_parameters_take_what_the_log_shows(stated):
     assert all(x.dtype == stated.theta.dtype for x in jax.tree.leaves(bias))
 
 
-def test_the_variance_of_samples_is_what_the_log_shows_but_never_less_than_stated(stated):
+def test_parameters_keep_the_stated_noise_where_the_log_has_less(stated):
     noise = full()
-    velocity, joints = np.full((5, len(noise.vibration.per_speed)), 0.2), np.full((5, 6), 3.0)
-    variance = sample_variance(stated, noise, STD**2 + joints, velocity)
-    motion = 0.2**2 / (1 + (0.2 / 0.1) ** 2) * noise.vibration.per_speed.sum(0)
-    np.testing.assert_allclose(variance[0], noise.vibration.level * STD**2 + 3.0 + motion)
     quieter = noise._replace(vibration=noise.vibration._replace(level=np.full(6, 0.25)))
-    np.testing.assert_allclose(sample_variance(stated, quieter, STD**2 + joints, velocity)[0], STD**2 + 3.0 + motion)
     np.testing.assert_array_equal(with_noise(stated, quieter).bias.wrench_variance, stated.bias.wrench_variance)
-    assert sample_variance(stated, nothing(), joints, velocity) is joints
 
 
 def test_a_reader_is_told_what_the_log_shows():

@@ -5,7 +5,7 @@ import pytest
 from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.filtering.adapt import slow_noise
-from ftbias_jax.filtering.adapt.slow_noise import Grid, coarser, fit_slow_noise, innovations, log_likelihoods
+from ftbias_jax.filtering.adapt.slow_noise import Grid, averaged, coarser, fit_slow_noise, innovations, log_likelihoods
 
 PRIOR = np.concatenate([20 * STD, 0.05 * STD])
 DENSITY = 0.01 * STD
@@ -37,18 +37,36 @@ def short():
     return t, y, variance, grid
 
 
+STEPS = 400
+
+
+def over_a_block(length, time):
+    """Transition (2, 2) and noise (2, 2) of (value at the end, mean), variance 1, in many small steps."""
+    kept = np.exp(-length / STEPS / time)
+    A, Q = np.array([[1.0, 0], [0, 0]]), np.zeros((2, 2))
+    # The mean takes the middle of each small step, near enough half of what is there before and after it.
+    step = np.array([[kept, 0], [(1 + kept) / 2 / STEPS, 1]])
+    kick = np.array([1.0, 1 / 2 / STEPS])
+    for _ in range(STEPS):
+        A, Q = step @ A, step @ Q @ step.T + (1 - kept**2) * np.outer(kick, kick)
+    return A, Q
+
+
 def textbook(linear_gaussian, short, g, axis):
-    """One axis and one set of parameters as matrices; the state is (bias, drift, noise)."""
+    """One axis and one set of parameters as matrices; the state is (bias, drift, error at the end, its mean)."""
     t, _, variance, grid = short
     q, std, time = DENSITY[axis] ** 2, grid.std[g, axis], grid.time[g, axis]
-    A, Q = [], []
-    for h in np.diff(t, prepend=t[0]):
-        kept = np.exp(-h / time)
-        A.append([[1, h, 0], [0, 1, 0], [0, 0, kept]])
-        Q.append([[h**3 / 3 * q, h**2 / 2 * q, 0], [h**2 / 2 * q, h * q, 0], [0, 0, std**2 * (1 - kept**2)]])
+    length = np.median(np.diff(t))
+    into, inside = over_a_block(length, time)
+    A, Q = np.zeros((2, len(t), 4, 4))
+    for k, h in enumerate(np.diff(t, prepend=t[0])):
+        paused = np.exp(-max(h - length, 0) / time)
+        A[k, :2, :2], A[k, 2:, 2:] = [[1, h], [0, 1]], into * [paused, 0]
+        Q[k, :2, :2] = [[h**3 / 3 * q, h**2 / 2 * q], [h**2 / 2 * q, h * q]]
+        Q[k, 2:, 2:] = std**2 * (inside + (1 - paused**2) * np.outer(into[:, 0], into[:, 0]))
     R = grid.white[g, axis] * np.nan_to_num(variance[:, axis])[:, None, None]
-    P = np.diag([PRIOR[axis] ** 2, PRIOR[6 + axis] ** 2, std**2])
-    return linear_gaussian(np.array(A), np.array(Q), np.array([[1.0, 0, 1]]), R, np.zeros(3), P)
+    P = np.diag([PRIOR[axis] ** 2, PRIOR[6 + axis] ** 2, std**2, 0])
+    return linear_gaussian(A, Q, np.array([[1.0, 0, 0, 1]]), R, np.zeros(4), P)
 
 
 def test_likelihoods_are_those_of_the_one_normal_distribution_of_all_blocks(linear_gaussian, short):
@@ -58,7 +76,7 @@ def test_likelihoods_are_those_of_the_one_normal_distribution_of_all_blocks(line
             y = short[1][:, axis]
             exact = textbook(linear_gaussian, short, g, axis).log_density(y[:, None])
             constant = np.isfinite(y).sum() * np.log(2 * np.pi) / 2
-            assert nats[g, axis] - constant == pytest.approx(exact, rel=1e-9)
+            assert nats[g, axis] - constant == pytest.approx(exact, rel=1e-4)
 
 
 def test_innovations_are_those_of_a_filter_in_matrices(linear_gaussian, short):
@@ -74,30 +92,46 @@ def test_innovations_are_those_of_a_filter_in_matrices(linear_gaussian, short):
             if np.isnan(y[k, axis]):
                 assert np.isnan(v[g, axis])
             else:
-                assert v[g, axis] == pytest.approx(y[k, axis] - C @ x, rel=1e-8, abs=1e-12)
-                assert s[g, axis] == pytest.approx(C @ P @ C + model.R[k, 0, 0], rel=1e-9)
+                assert v[g, axis] == pytest.approx(y[k, axis] - C @ x, rel=1e-3, abs=1e-4 * STD[axis])
+                assert s[g, axis] == pytest.approx(C @ P @ C + model.R[k, 0, 0], rel=1e-4)
             x, P = filtered[k]
 
 
-@pytest.mark.parametrize(("ratio", "time"), [(1.0, 0.5), (1.0, 3.0), (0.3, 2.0), (0.2, 1.0)])
+@pytest.mark.parametrize(("ratio", "time"), [(1.0, 0.1), (1.0, 0.5), (1.0, 3.0), (0.3, 2.0), (0.2, 1.0)])
 def test_slow_errors_are_recovered(ratio, time):
-    """Over the axes within a factor 1.5, in a log whose blocks are short with respect to the correlation time."""
-    t = stamps(45, 20)
+    """In the median over the axes within a factor 1.6, in blocks of 0.05 s."""
+    t = stamps(45, 200)
     rng = np.random.default_rng(1)
-    found = fit(t, bias_course(rng, t) + gauss_markov(rng, t, ratio * STD, time) + BLOCK * rng.normal(size=(len(t), 6)))
-    assert abs(np.log(np.median(found.std / STD) / ratio)) < np.log(1.5)
-    assert abs(np.log(np.median(found.time) / time)) < np.log(1.5)
+    y = bias_course(rng, t) + gauss_markov(rng, t, ratio * STD, time)
+    found = fit(*means_of(10, t, y + np.sqrt(10) * BLOCK * rng.normal(size=y.shape)))
+    assert abs(np.log(np.median(found.std / STD) / ratio)) < np.log(1.6)
+    assert abs(np.log(np.median(found.time) / time)) < np.log(1.6)
     assert (found.gain > 50).all()
 
 
-def test_joined_blocks_do_not_make_slow_errors_look_smaller():
-    """In long logs: means of blocks are smoother than the process, so its time is found too long, never too short."""
-    t = stamps(120, 20)
+def means_of(size, t, y):
+    """Middles and means of blocks of so many samples."""
+    return t.reshape(-1, size).mean(1), y.reshape(-1, size, 6).mean(1)
+
+
+@pytest.mark.parametrize("seconds", [60, 240])
+def test_joined_blocks_do_not_make_slow_errors_look_slower(seconds):
+    """In long logs, whose blocks are joined to 1000: of 0.24 s for errors that last 0.3 s."""
+    t = stamps(seconds, 100)
     rng = np.random.default_rng(1)
-    found = fit(t, bias_course(rng, t) + gauss_markov(rng, t, STD, 0.5) + BLOCK * rng.normal(size=(len(t), 6)))
-    ratio = found.std**2 * found.time / (STD**2 * 0.5)  # what the variance of the bias depends on
-    assert (ratio > 1).all()
-    assert (ratio < 5).all()
+    y = bias_course(rng, t) + gauss_markov(rng, t, STD, 0.3) + STD / 2 * rng.normal(size=(len(t), 6))
+    found = fit(*means_of(5, t, y), std=STD / 2 / np.sqrt(5))
+    assert np.median(found.time) == pytest.approx(0.3, rel=0.2)
+    assert np.median(found.std / STD) == pytest.approx(1, rel=0.15)
+
+
+def test_moments_of_a_block_are_those_of_many_small_steps():
+    for x in (0.01, 0.3, 1.0, 5.0):
+        block, (into, inside) = averaged(np.array(x)), over_a_block(x, 1.0)
+        np.testing.assert_allclose([block.kept, block.mean], into[:, 0], rtol=1e-4)
+        np.testing.assert_allclose([block.cross, block.scatter], inside[1], rtol=1e-3)
+    point = averaged(np.array(0.0))
+    np.testing.assert_allclose(point, [1, 1, 0, 0], atol=2e-5)
 
 
 @pytest.mark.slow

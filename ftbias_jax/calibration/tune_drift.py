@@ -1,0 +1,110 @@
+"""Which drift forecasts best, on the blocks of logs: the stated one, a stronger or weaker one, or one that reverts.
+
+The likelihood of the next block is made by what happens within seconds. A drift that follows the slow errors of a model
+is likely, and carries the bias away from where it will be: it must also predict the reading 1 s and 10 s ahead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.filtering.adapt.slow_noise import Grid, drift_over, filter_blocks
+from ftbias_jax.types import Array
+
+TIMES = (np.inf, 300.0, 100.0, 30.0, 10.0)
+"""s in which the drift may revert to zero, half a log or less. A shorter time makes the bias a random walk."""
+FACTORS = 10.0 ** np.arange(-2, 3.6, 0.5)
+"""Of the stated sigma_Q."""
+HALF_A_STEP = 10**0.25 - 1
+"""How well sigma_Q is known, relatively, where one of them is taken."""
+HORIZONS = (1.0, 10.0)
+"""s ahead."""
+LEAST_GAIN = 6.0
+"""nats over the stated drift, below which there is nothing to choose."""
+
+
+class Series(NamedTuple):
+    """A log in blocks."""
+
+    t: Array
+    """(N,) s."""
+    y: Array
+    """(N, 6) N, Nm, means of the measured bias; NaN = not measured, or in contact."""
+    variance: Array
+    """(N, 6) of those means if the noise is white."""
+    prior_std: Array
+    """(12,) square root of P_0."""
+
+
+class Drift(NamedTuple):
+    """What drives the drift; (6,)."""
+
+    density: Array
+    """sigma_Q, N/s^1.5, Nm/s^1.5."""
+    time: Array
+    """s in which the drift reverts to zero; inf = never."""
+
+
+class Scores(NamedTuple):
+    """Of G drifts on all logs; (G, 6)."""
+
+    nats: Array
+    squares: Array
+    """(H, G, 6) N^2, Nm^2: mean squared error of the reading predicted HORIZONS ahead; NaN = no log is so long."""
+
+
+def choose_drift(
+    logs: Sequence[Series], slow: tuple[Array, Array], stated: Drift, fitted: Array, group: Array
+) -> Drift:
+    """The likeliest drift of those that forecast no worse than the stated one, over all horizons; else the stated one.
+
+    Args:
+        logs: in blocks.
+        slow: standard deviation and time, (6,) each, of the correlated noise.
+        stated: what the setup has.
+        fitted: (6,) sigma_Q of a fit, without reverting.
+        group: (6,) number of the group of each axis; axes of one group are decided together.
+    """
+    longest = max(log.t[-1] - log.t[0] for log in logs)
+    times = [time for time in TIMES if np.isinf(time) or time <= longest / 2]
+    drifts = [stated, Drift(fitted, np.full(6, np.inf))]
+    drifts += [Drift(factor * stated.density, np.full(6, time)) for time in times for factor in FACTORS]
+    candidates = Drift(*(np.stack(x) for x in zip(*drifts, strict=True)))
+    scores = score(logs, slow, candidates)
+    chosen = np.zeros(6, int)
+    for g in np.unique(group):
+        axes = group == g
+        gain = (scores.nats - scores.nats[0])[:, axes].sum(1)
+        errors = scores.squares[:, :, axes] / scores.squares[:, :1, axes]
+        worse = (np.nan_to_num(errors, nan=1.0) > 1).any(axis=(0, 2))
+        gain = np.where(worse, -np.inf, gain)
+        chosen[axes] = gain.argmax() if gain.max() > LEAST_GAIN else 0
+    return Drift(*(x[chosen, np.arange(6)] for x in candidates))
+
+
+def score(logs: Sequence[Series], slow: tuple[Array, Array], drifts: Drift) -> Scores:
+    """Likelihood and forecasts of many drifts.
+
+    Args:
+        logs: in blocks.
+        slow: as for ``choose_drift``.
+        drifts: arrays (G, 6).
+    """
+    shape = drifts.density.shape
+    grid = Grid(np.ones(shape), *(np.broadcast_to(x, shape) for x in slow))
+    nats, squares, counts = np.zeros(shape), np.zeros((len(HORIZONS), *shape)), np.zeros((len(HORIZONS), 1, 6))
+    for t, y, variance, prior_std in logs:
+        steps = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), drifts.density, 1 / drifts.time)
+        v, s, bias, drift = (np.stack(x) for x in zip(*steps, strict=True))
+        nats -= np.where(np.isfinite(v), np.log(s) + np.nan_to_num(v) ** 2 / s, 0).sum(0) / 2
+        for i, ahead in enumerate(HORIZONS):
+            past = np.searchsorted(t, t - ahead, side="right") - 1
+            rows = past >= 0
+            expected = bias[past[rows]] + drift_over(ahead, 1 / drifts.time)[0] * drift[past[rows]]
+            errors = y[rows, None] - expected
+            squares[i] += np.nansum(errors**2, axis=0)
+            counts[i, 0] += np.isfinite(y[rows]).sum(0)
+    return Scores(nats, squares / np.where(counts > 0, counts, np.nan))

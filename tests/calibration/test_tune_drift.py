@@ -1,0 +1,75 @@
+"""Which drift is chosen for series that were made with one, with another, or with none."""
+
+import numpy as np
+import pytest
+from made_series import STD, gauss_markov, stamps
+
+from ftbias_jax.calibration.tune_drift import Drift, Series, choose_drift, score
+
+STATED, NEVER = 0.01 * STD, np.full(6, np.inf)
+EACH = np.arange(6)
+BLOCK = STD / 5
+SLOW = (np.zeros(6), np.ones(6))
+PRIOR = np.concatenate([20 * STD, 0.05 * STD])
+
+
+def drifting(rng, density, time=np.inf, seconds=300):
+    """A series of blocks of 0.3 s whose drift has this strength, (6,), and reverts in this time."""
+    t = stamps(seconds, 1 / 0.3)
+    kept = np.exp(-0.3 / time)
+    drift, bias = np.zeros(6), np.zeros((len(t), 6))
+    for k in range(1, len(t)):
+        bias[k] = bias[k - 1] + 0.3 * drift
+        drift = kept * drift + np.sqrt(0.3) * density * rng.normal(size=6)
+    y = bias + BLOCK * rng.normal(size=bias.shape)
+    return Series(t, y, np.broadcast_to(BLOCK**2, y.shape), PRIOR)
+
+
+def chosen(logs, slow=SLOW, fitted=STATED, group=EACH):
+    return choose_drift(logs, slow, Drift(STATED, NEVER), fitted, group)
+
+
+def test_a_right_drift_stays():
+    found = chosen([drifting(np.random.default_rng(0), STATED)])
+    assert (found.density == STATED).sum() >= 5
+    assert np.isinf(found.time[found.density == STATED]).all()
+
+
+def test_a_much_stronger_drift_is_found():
+    found = chosen([drifting(np.random.default_rng(1), 30 * STATED)], fitted=30 * STATED)
+    assert (found.density > 5 * STATED).all()
+
+
+def test_a_drift_that_reverts_is_found_and_forecasts_better():
+    series = drifting(np.random.default_rng(2), 100 * STATED, time=10.0)
+    found = chosen([series], fitted=100 * STATED)
+    assert np.isfinite(found.time).all()
+    pair = Drift(*(np.stack(x) for x in zip(found, (100 * STATED, NEVER), strict=True)))
+    reverting, never = score([series], SLOW, pair).squares[1]
+    assert (reverting < never).all()
+
+
+def test_slow_errors_do_not_make_a_drift():
+    """A random walk would be likelier than constant bias and white noise, and would forecast worse."""
+    rng = np.random.default_rng(3)
+    series = drifting(rng, 0 * STD)
+    series = series._replace(y=series.y + gauss_markov(rng, series.t, 2 * STD, 3.0))
+    found = chosen([series], fitted=100 * STATED)
+    before, after = (score([series], SLOW, Drift(x.density[None], x.time[None])) for x in (Drift(STATED, NEVER), found))
+    assert (after.squares <= before.squares).all()
+
+
+def test_axes_of_a_group_are_decided_together():
+    density = STATED * np.array([1, 1, 100, 1, 1, 1])
+    found = chosen([drifting(np.random.default_rng(4), density)], fitted=density, group=EACH * 2 // 6)
+    assert len(set(found.density[:3] / STATED[:3] * (found.density[:3] != density[:3]))) <= 2
+    np.testing.assert_array_equal(found.density[3:], STATED[3:])
+
+
+@pytest.mark.parametrize("missing", [[2], [0, 4]])
+def test_axes_that_were_never_measured_keep_what_is_stated(missing):
+    series = drifting(np.random.default_rng(5), 30 * STATED)
+    y = series.y.copy()
+    y[:, missing] = np.nan
+    found = chosen([series._replace(y=y)], fitted=30 * STATED)
+    np.testing.assert_array_equal(found.density[missing], STATED[missing])
