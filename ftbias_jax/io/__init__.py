@@ -64,7 +64,7 @@ def read_recorded(path: str | os.PathLike[str], setup: Setup, *, salvage: bool =
     """As ``read_log``, before anybody has looked whether the sensor was in order."""
     file = os.fspath(path)
     if setup.log.files:
-        return read_files(path, setup)._replace(file=file)
+        return with_extra_columns(read_files(path, setup, salvage=salvage), path, setup)._replace(file=file)
     if is_ros(path):
         return with_extra_columns(read_ros(path, setup, salvage=salvage), path, setup)._replace(file=file)
     reader = READERS.get(Path(path).suffix.lower())

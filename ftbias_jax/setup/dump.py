@@ -157,7 +157,7 @@ def _log(log: LogSetup) -> Iterable[Line]:
     for key in ("time_unit", "rate", "angle_unit", "acceleration_unit", "wrench_axes"):
         if getattr(log, key) != getattr(usual, key):
             yield Line("[log]", key, getattr(log, key))
-    for name in ("columns", "topics", "clocks", "files"):
+    for name in ("columns", "topics", "clocks", "files", "time_units"):
         for key, value in getattr(log, name).items():
             yield Line(f"[log.{name}]", key, value)
 

@@ -187,15 +187,15 @@ def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
     sizes = {"position": position, "velocity": velocity}
     log = open_section(top, "log")
     known = section_keys("log.columns").keys
-    tables = {key: open_section(log, key) for key in ("topics", "files", "clocks")}
-    topics, files, clocks = ({key: read(part, key) for key in part.values} for part in tables.values())
+    tables = {key: open_section(log, key) for key in ("topics", "clocks", "files", "time_units")}
+    topics, clocks, files, units = ({key: read(part, key) for key in part.values} for part in tables.values())
     if files and not {"position", "wrench"} <= files.keys():
         raise log.error("files", f"names {', '.join(files)}", "name the files of position and wrench")
     part = subsection(log, "columns", _column_keys(log, known))
     columns = {key: read(part, key, sizes.get(key)) if key in known else text(part, key, "") for key in part.values}
     others = [key for key in SECTIONS["log"].keys if key not in ("columns", *tables)]
     stated: dict[str, Any] = {key: read(log, key) for key in others}
-    return LogSetup(columns, topics, clocks, files, **stated)
+    return LogSetup(columns, topics, clocks, files, units, **stated)
 
 
 def _column_keys(log: Section, known: Collection[str]) -> tuple[str, ...]:

@@ -316,7 +316,7 @@ HOSTILE = {
         "float64[999999999] x",
         "is damaged: 24 bytes, at least 7999999992 are needed",
     ),
-    "a list of lists of lists": ("B[999999] b\n" + "=" * 80 + "\nMSG: a/B\nuint8[999999] x", "is damaged: 24 bytes"),
+    "a list of lists of lists": ("B[999999] x\n" + "=" * 80 + "\nMSG: a/B\nuint8[999999] x", "is damaged: 24 bytes"),
 }
 
 

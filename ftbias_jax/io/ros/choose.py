@@ -40,29 +40,32 @@ def wanted_of(setup: Setup) -> Wanted:
 
 
 def choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
-    """Joints or pose, and their rates where they are of other messages.
+    """Joints or pose.
 
     Raises:
         LogError: there is none, or there are several to choose from.
     """
-    topics, n = setup.log.topics, len(setup.robot.joint_names)
-    chosen: Chosen = {}
-    if POSITION in topics:
-        width = n if setup.pose is None else pose_columns(setup.pose)[0]
-        chosen["q"] = (POSITION, _by_fields(recording, POSITION, width, setup, file))
-    elif setup.pose is None:
+    if POSITION in setup.log.topics:
+        width = len(setup.robot.joint_names) if setup.pose is None else pose_columns(setup.pose)[0]
+        return {"q": (POSITION, _by_fields(recording, POSITION, width, setup, file))}
+    if setup.pose is None:
         streams = _choose(JOINTS, _joint_streams(recording, setup, file), setup, file)
-        chosen["q"] = (JOINTS, _joint_positions(streams, setup.robot.joint_names, file))
-    else:
-        pose = as_one(_choose("pose", pose_streams(recording, setup.pose, file), setup, file), file)
-        chosen["q"] = ("pose", pose._replace(values=in_setup_order(pose.values, setup.pose)))
-    if VELOCITY in topics:
-        width = n if setup.pose is None else pose_columns(setup.pose)[1]
-        chosen["dq"] = (VELOCITY, _by_fields(recording, VELOCITY, width, setup, file))
-    elif setup.pose is not None:
-        imu = _choose_imu(recording, setup, setup.pose, file)
-        chosen |= {"dq": (IMU, imu)} if imu is not None else {}
-    return chosen
+        return {"q": (JOINTS, _joint_positions(streams, setup.robot.joint_names, file))}
+    pose = as_one(_choose("pose", pose_streams(recording, setup.pose, file), setup, file), file)
+    return {"q": ("pose", pose._replace(values=in_setup_order(pose.values, setup.pose)))}
+
+
+def choose_rates(recording: Recording, setup: Setup, file: str) -> Chosen:
+    """Velocities of the joints, or what an IMU says, where they are of other messages than the positions; {} if not.
+
+    Raises:
+        LogError: they are needed and not there, or there are several to choose from.
+    """
+    if VELOCITY in setup.log.topics:
+        width = len(setup.robot.joint_names) if setup.pose is None else pose_columns(setup.pose)[1]
+        return {"dq": (VELOCITY, _by_fields(recording, VELOCITY, width, setup, file))}
+    imu = None if setup.pose is None else _choose_imu(recording, setup, setup.pose, file)
+    return {} if imu is None else {"dq": (IMU, imu)}
 
 
 def choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:

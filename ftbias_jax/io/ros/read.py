@@ -11,7 +11,7 @@ from ftbias_jax.io.check import check_log
 from ftbias_jax.io.clock import choose_clock, continue_after_jumps, jumps, order_repairs, tidy
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.merge import Part, check_overlap, merge_parts
-from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_readings, wanted_of
+from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_rates, choose_readings, wanted_of
 from ftbias_jax.io.ros.collect import Stream
 from ftbias_jax.io.ros.record import Recording, read_recording
 from ftbias_jax.io.ros.types.roles import JOINTS, WRENCH
@@ -46,7 +46,8 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Log:
     """The log in a recording that is read already; see ``read_ros``."""
     mended: list[Repair] = []
     recording = credible(recording, mended)
-    chosen = choose_motion(recording, setup, file) | choose_readings(recording, setup, file)
+    chosen = choose_motion(recording, setup, file) | choose_rates(recording, setup, file)
+    chosen |= choose_readings(recording, setup, file)
     parts = parts_of(chosen, setup, mended, file)
     by_array = {name: t for t, arrays in parts for name in arrays}
     check_overlap(by_array["q"], by_array["wrench"], file)

@@ -60,20 +60,36 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
 
 def with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[str, Array]:
     """The arrays with those of the pose side by side as q and dq."""
-    gyroscope = pose.gyroscope and ("angular_velocity" in arrays or pose.linear != "specific_force")
-    wanted = {"q": ["orientation"], "dq": ["angular_velocity"] if gyroscope else []}
-    if pose.linear != "none":
-        wanted["q" if pose.linear == "position" else "dq"].append(pose.linear)
     joined = {name: values for name, values in arrays.items() if name not in POSE_ARRAYS}
-    for name, parts in wanted.items():
-        if name == "q" or any(part in arrays for part in parts):
-            columns = [_get(arrays, part, f"there is no array {part}", file) for part in parts]
-            flat = [np.reshape(column, (len(column), -1)) for column in columns]
-            if len({len(column) for column in flat}) > 1:
-                message = f"have {' and '.join(str(len(column)) for column in flat)} samples"
-                raise LogError(message, file=file, field=", ".join(parts), remedy="give one of each a stamp")
-            joined[name] = np.concatenate(flat, 1)
+    joined["q"] = joined_pose(arrays, pose, "q", file)
+    if any(part in arrays for part in _pose_parts(arrays, pose)["dq"]):
+        joined["dq"] = joined_pose(arrays, pose, "dq", file)
     return joined
+
+
+def joined_pose(arrays: Mapping[str, Array], pose: PoseSetup, name: str, file: str) -> Array:
+    """The arrays of a pose side by side as q, or those of its IMU as dq.
+
+    Raises:
+        LogError: one of them is missing, or they have not the same length.
+    """
+    parts = _pose_parts(arrays, pose)[name]
+    flat = []
+    for part in parts:
+        column = _get(arrays, part, f"there is no array {part}", file)
+        flat.append(np.reshape(column, (len(column), -1)))
+    if len({len(column) for column in flat}) > 1:
+        message = f"have {' and '.join(str(len(column)) for column in flat)} samples"
+        raise LogError(message, file=file, field=", ".join(parts), remedy="give one of each a stamp")
+    return np.concatenate(flat, 1)
+
+
+def _pose_parts(arrays: Mapping[str, Array], pose: PoseSetup) -> dict[str, list[str]]:
+    gyroscope = pose.gyroscope and ("angular_velocity" in arrays or pose.linear != "specific_force")
+    parts = {"q": ["orientation"], "dq": ["angular_velocity"] if gyroscope else []}
+    if pose.linear != "none":
+        parts["q" if pose.linear == "position" else "dq"].append(pose.linear)
+    return parts
 
 
 def _get(arrays: Mapping[str, Array], name: str, message: str, file: str) -> Array:

@@ -16,7 +16,13 @@ from ftbias_jax.io.check import check_log
 from ftbias_jax.io.conventions.units import recorded_times
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.csv_columns import Columns, check_names, choose_columns, named_arrays
+from ftbias_jax.io.tables.csv_columns import (
+    Columns,
+    check_names,
+    choose_columns,
+    choose_time,
+    named_arrays,
+)
 from ftbias_jax.io.tables.delimiters import Commas, with_commas
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -85,7 +91,7 @@ def load_csv(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, dict
     """
     with _opened(file) as stream:
         header = read_header(stream, file)
-        time = choose_columns(header, setup, file).time
+        time = choose_time(header, setup, file)
         check_names(names, header, file)
         used = [header.index(name) for name in (*time, *names)]
         values = _read_numbers(stream, header, used, Budget(file))

@@ -68,6 +68,17 @@ def choose_columns(header: Sequence[str], setup: Setup, file: str = "", static: 
     return Columns(*chosen)
 
 
+def choose_time(header: Sequence[str], setup: Setup, file: str = "") -> Names:
+    """The column of the stamps; () if the setup states a rate instead.
+
+    Raises:
+        LogError: it is not there.
+    """
+    if setup.log.rate is not None:
+        return ()
+    return _choose("time", usual_names(())["time"], header, setup, (), file)
+
+
 def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, file: str) -> Columns:
     """The columns of a file that has only some quantities, of which the first must be there.
 

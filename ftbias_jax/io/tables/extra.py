@@ -15,6 +15,7 @@ from ftbias_jax.io.log import Column, Log
 from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.io.tables.csv import load_csv
 from ftbias_jax.io.tables.csv_columns import check_names
+from ftbias_jax.io.tables.files import files_of, setup_of_file
 from ftbias_jax.io.tables.hdf5 import load_hdf5
 from ftbias_jax.io.tables.parquet import load_parquet
 from ftbias_jax.setup.keys.table import further_columns
@@ -38,7 +39,25 @@ def with_extra_columns(log: Log, path: str | os.PathLike[str], setup: Setup) -> 
     wanted = further_columns(setup.log.columns)
     if not wanted:
         return log
-    file = os.fspath(path)
+    if not setup.log.files:
+        return log._replace(columns=_columns_of(os.fspath(path), wanted, log.start, setup))
+    files = files_of(path, setup)
+    columns = {name: _in_one_of(files, name, there, log.start, setup) for name, there in wanted.items()}
+    return log._replace(columns=columns)
+
+
+def _in_one_of(files: Mapping[str, str], name: str, there: str, start: float, setup: Setup) -> Column:
+    """A column from the first of the files that has it."""
+    errors = []
+    for key, file in files.items():
+        try:
+            return _columns_of(file, {name: there}, start, setup_of_file(setup, key))[name]
+        except LogError as error:
+            errors.append(error)
+    raise errors[-1]
+
+
+def _columns_of(file: str, wanted: Mapping[str, str], start: float, setup: Setup) -> dict[str, Column]:
     suffix = Path(file).suffix.lower()
     if suffix in ARRAY_FILES:
         stamps, found = _of_arrays(file, suffix, wanted)
@@ -52,15 +71,17 @@ def with_extra_columns(log: Log, path: str | os.PathLike[str], setup: Setup) -> 
             remedy="write the log as .npz, .csv or .parquet",
         )
     times = recorded_times({"t": stamps, "wrench": stamps}, setup.log)
-    columns = {name: column_of(times, found[there], log.start, file, there) for name, there in wanted.items()}
-    return log._replace(columns=columns)
+    return {name: column_of(times, found[there], start, file, there) for name, there in wanted.items()}
 
 
 def _of_arrays(file: str, suffix: str, wanted: Mapping[str, str]) -> tuple[Array, dict[str, Array]]:
-    names = (*wanted.values(), "t", "t_wrench")
+    clocks = ("t", "t_wrench", "t_joints")
+    names = (*wanted.values(), *clocks)
     arrays = load_arrays(file, names) if suffix == ".npz" else load_hdf5(file, names)
     check_names(tuple(wanted.values()), list(arrays), file)
-    return arrays["t"] if "t" in arrays else arrays["t_wrench"], dict(arrays)
+    first = arrays[next(iter(wanted.values()))]
+    stamps = next((arrays[clock] for clock in clocks if clock in arrays), np.arange(np.size(first)))
+    return stamps, dict(arrays)
 
 
 def column_of(stamps: Array, values: Array, start: float, file: str = "", field: str = "") -> Column:

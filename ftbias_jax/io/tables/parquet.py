@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,7 +14,7 @@ from ftbias_jax.io.check import check_log
 from ftbias_jax.io.conventions.units import recorded_times
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.csv_columns import check_names, choose_columns, named_arrays
+from ftbias_jax.io.tables.csv_columns import Columns, check_names, choose_columns, choose_time, named_arrays
 from ftbias_jax.io.unpack import need
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -47,11 +47,16 @@ def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
 
 def parquet_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:
     """The columns of a log by the names of the native format; arguments and errors as for ``csv.csv_arrays``."""
+    return parquet_columns(file, lambda header: choose_columns(header, setup, file, static=static))
+
+
+def parquet_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
+    """The chosen columns of a file, by the names of the native format; errors as for ``csv.named_columns``."""
     arrow = need("pyarrow", "parquet", file)
     with _opened(file) as (table, budget):
         schema = table.schema_arrow
         header = [str(name) for name in schema.names]
-        columns = choose_columns(header, setup, file, static=static)
+        columns = choose(header)
         used = [name for names in columns for name in names]
         others, rows = used[len(columns.time) :], _rows(table, budget)
         t = [np.empty(rows, _time_type(arrow, schema.field(name).type, name, file)) for name in columns.time]
@@ -80,7 +85,7 @@ def load_parquet(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, 
     arrow = need("pyarrow", "parquet", file)
     with _opened(file) as (table, budget):
         header = [str(name) for name in table.schema_arrow.names]
-        time = choose_columns(header, setup, file).time
+        time = choose_time(header, setup, file)
         check_names(names, header, file)
         _check_numbers(arrow, table.schema_arrow, names, file)
         budget.hold(8 * _rows(table, budget) * (1 + len(names)))

@@ -14,6 +14,7 @@ LOG = SectionKeys(
         "topics": Key(Kind.TABLE, "topics, where a recording has several that fit", absent="found by type"),
         "clocks": Key(Kind.TABLE, "whose stamps each topic has", absent="found from the recording"),
         "files": Key(Kind.TABLE, "the files of one log, where every stream has its own", absent="one file"),
+        "time_units": Key(Kind.TABLE, "units of the stamps of single files", absent="`time_unit` for all"),
         "time_unit": text(
             "unit of the stamps", choices=tuple(TIME_UNITS), absent="s, or ns if they are integers", example="us"
         ),
@@ -77,9 +78,16 @@ CLOCKS = SectionKeys(
 FILES = SectionKeys(
     "The files of one log, each with stamps of its own. A * stands for what the names share: LOG is any of the files.",
     {
-        "position": text("CSV file of the joints, or of the pose", absent="none", example="*_joints.csv"),
+        "position": text("file of the joints, or of the pose, of any format", absent="none", example="*_joints.csv"),
         "velocity": text("of their velocities, or of an IMU", absent="none", example="*_imu.csv"),
         "wrench": text("of the wrench", absent="none", example="*_wrench.csv"),
         "temperature": text("of the temperature", absent="none", example="*_temperature.csv"),
+    },
+)
+TIME_UNITS_OF_FILES = SectionKeys(
+    "Units of the stamps of single files, where those of [log.files] differ.",
+    {
+        name: text(f"of the file of {name}", choices=tuple(TIME_UNITS), absent="`log.time_unit`", example="us")
+        for name in FILES.keys
     },
 )

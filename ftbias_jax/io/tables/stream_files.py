@@ -1,0 +1,121 @@
+"""One file of a log whose streams are in several: what it has of some quantities, with its own stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.clock import put_in_order
+from ftbias_jax.io.conventions.units import rows_at_rate, stamps
+from ftbias_jax.io.log import Repair, Repairs
+from ftbias_jax.io.merge import Part
+from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_rates, choose_readings, choose_temperature, wanted_of
+from ftbias_jax.io.ros.read import credible, parts_of
+from ftbias_jax.io.ros.record import PACKED, SUFFIXES, read_recording
+from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, joined_pose
+from ftbias_jax.io.tables.csv import named_columns
+from ftbias_jax.io.tables.csv_columns import choose_some
+from ftbias_jax.io.tables.hdf5 import load_hdf5
+from ftbias_jax.io.tables.parquet import parquet_columns
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
+
+NAMES = {"position": "q", "velocity": "dq", "wrench": "wrench", "temperature": "temperature"}
+"""Quantity -> name of its array."""
+STAMPS = {"position": "t_joints", "velocity": "t_joints", "wrench": "t_wrench", "temperature": "t_wrench"}
+"""Quantity -> name of its stamps, where a file of arrays has not one clock."""
+
+
+def read_stream(
+    file: str, quantities: Sequence[str], setup: Setup, *, salvage: bool = False
+) -> tuple[list[Part], Repairs]:
+    """Stamps in order and arrays of one file by their native names; a recording may have several streams.
+
+    Args:
+        file: .csv, .parquet, .npz, .h5, or a recording of ROS.
+        quantities: what is wanted of it, the first of them at least.
+        setup: how it is recorded.
+        salvage: of a damaged recording, read what is whole.
+
+    Raises:
+        LogError: it cannot be read, or does not have the first quantity.
+    """
+    if file.lower().removesuffix(PACKED).endswith(SUFFIXES) or Path(file).is_dir():
+        return _of_recording(file, quantities, setup, salvage)
+    suffix = Path(file).suffix.lower()
+    if suffix in (".csv", ".parquet"):
+        read = named_columns if suffix == ".csv" else parquet_columns
+        found = read(file, lambda header: choose_some(header, quantities, setup, file))
+    elif suffix == ".npz":
+        found = _of_arrays(load_arrays(file, (*ARRAYS, *POSE_ARRAYS)), quantities, setup, file)
+    elif suffix in (".h5", ".hdf5"):
+        found = _of_arrays(load_hdf5(file), quantities, setup, file)
+    else:
+        remedy = f"give .csv, .parquet, .npz, .h5, {', '.join(SUFFIXES)} or a ROS 2 bag's folder"
+        raise LogError(f"unknown format {suffix!r}", file=file, remedy=remedy)
+    counted = rows_at_rate(len(next(values for name, values in found.items() if name != "t")), setup.log)
+    recorded = found.pop("t", None)
+    t = stamps(recorded, setup.log) if counted is None else counted
+    ordered = put_in_order(t, found, f"samples of {Path(file).name}", file=file)
+    return [(ordered.t, _named(found, ordered.columns))], ordered.repairs
+
+
+def _named(found: Mapping[str, Array], columns: Sequence[Array | None]) -> dict[str, Array]:
+    return {name: np.asarray(values) for name, values in zip(found, columns, strict=True)}
+
+
+def _of_arrays(arrays: Mapping[str, Array], quantities: Sequence[str], setup: Setup, file: str) -> dict[str, Array]:
+    """The wanted arrays that share the stamps of the first, and these as "t"."""
+    clock = "t" if "t" in arrays else STAMPS[quantities[0]]
+    if clock not in arrays and setup.log.rate is None:
+        raise LogError("there is no time", file=file, field=clock, remedy="store the stamps, or state log.rate")
+    found = {"t": arrays[clock]} if clock in arrays else {}
+    for quantity in quantities:
+        if clock not in ("t", STAMPS[quantity]):
+            continue  # it has another clock
+        name = NAMES[quantity]
+        parts = {"q": ("orientation",), "dq": POSE_ARRAYS[2:]}.get(name, ()) if setup.pose is not None else ()
+        if setup.pose is not None and any(part in arrays for part in parts):
+            found[name] = joined_pose(arrays, setup.pose, name, file)
+        elif name in arrays:
+            found[name] = arrays[name]
+        elif quantity == quantities[0]:
+            missing = " or ".join(parts) or name
+            remedy = f"name the arrays of a log {', '.join(ARRAYS if setup.pose is None else POSE_ARRAYS)}"
+            raise LogError(f"there is no array {missing}", file=file, field=name, remedy=remedy)
+    return found
+
+
+def _of_recording(
+    file: str, quantities: Sequence[str], setup: Setup, salvage: bool
+) -> tuple[list[Part], tuple[Repair, ...]]:
+    """The streams of a recording that have the wanted quantities."""
+    mended: list[Repair] = []
+    recording = credible(read_recording(file, salvage=salvage, wanted=wanted_of(setup)), mended)
+    chosen: Chosen = {}
+    if "velocity" in quantities:
+        chosen |= choose_rates(recording, setup, file)
+        if quantities[0] == "velocity" and not chosen:
+            if setup.pose is not None:
+                remedy = 'name its topic in the setup: [log.topics] imu = "..." or velocity = "/topic:field"'
+                raise LogError("there is no IMU", file=file, field="velocity", remedy=remedy)
+            chosen |= choose_motion(recording, setup, file)  # the messages of joints have velocities too
+    if "position" in quantities:
+        chosen |= choose_motion(recording, setup, file)
+    if "wrench" in quantities:
+        chosen |= choose_readings(recording, setup, file)
+    elif "temperature" in quantities:
+        chosen |= choose_temperature(recording, setup, file)
+    wanted = {NAMES[quantity] for quantity in quantities}
+    if quantities[0] == "temperature" and not chosen:
+        remedy = 'name it in the setup: [log.topics] temperature = "..."'
+        raise LogError("no topic, or several, have a temperature", file=file, field="temperature", remedy=remedy)
+    parts = [
+        (t, {name: values for name, values in arrays.items() if name in wanted})
+        for t, arrays in parts_of(chosen, setup, mended, file)
+    ]
+    return [part for part in parts if part[1]], tuple(mended)
