@@ -42,7 +42,7 @@ FIELDS: dict[str, Field] = {
     "innovation": Field(_WRENCH, "prediction error of the measured bias; NaN = not measured, or not used"),
     "nis": Field("1", "normalised innovation squared, summed over the axes that were used"),
     "log_likelihood": Field("nats", "of joints and wrench over the whole log"),
-    "innovation_std": Field(_WRENCH, "standard deviation of innovation: the filter's, with the noise of samples that the log shows"),
+    "innovation_std": Field(_WRENCH, "standard deviation of innovation, with the noise that the log shows"),
     "used": Field("1", "whether the sample changed the bias: it passed the gate, and nothing touched the tool", ADAPT),
     "reading_std": Field(_WRENCH, "how far a reading is off wrench_tool - bias by all its noise", ADAPT),
     "contact_wrench": Field(_WRENCH, "exerted on the tool by the environment: wrench_tool - wrench_unbiased", ADAPT),
