@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import NATS_PER_DEGREE, Hypothesis, Joint, penalty
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, Joint, penalty
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals import grid, ringing, series
 from ftbias_jax.diagnosis.proposals.pulls import pulls
@@ -16,19 +16,17 @@ from ftbias_jax.diagnosis.proposals.touches import touches
 from ftbias_jax.diagnosis.regression.dictionary import Found, Library
 from ftbias_jax.diagnosis.regression.fit import Fit, first_order, fit
 from ftbias_jax.diagnosis.regression.score_test import stand
+from ftbias_jax.diagnosis.thresholds import (
+    LEAST_GAIN,
+    NATS_PER_DEGREE,
+    POLISHED,
+    POLISHED_SEARCHED,
+    ROUGH_STEPS,
+    ROUGHLY,
+    WORTH_FITTING,
+    WORTH_SEARCHING,
+)
 from ftbias_jax.model.effects.fitting import SMOOTH
-
-LEAST_GAIN = 12.0
-"""nats beyond the penalty; white noise reaches it in one log of thousands."""
-WORTH_FITTING = 0.5
-"""Share of the best preliminary gain from which on a smooth effect is fitted in full: its own is nearly exact."""
-WORTH_SEARCHING = 0.15
-"""The same of other effects, whose gain may grow much while they are fitted."""
-ROUGHLY = 0.03
-"""Share of its whole gain; the last step of a first fit gains less."""
-ROUGH_STEPS = 4
-POLISHED, POLISHED_SEARCHED = 0.85, 0.5
-"""Shares of the best gain from which on a fit is brought to its end: of a smooth effect, and of another one."""
 
 
 class Scored(NamedTuple):

@@ -16,7 +16,7 @@ from ftbias_jax.diagnosis.evidence.doubts import doubt_of, is_sure
 from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
 from ftbias_jax.diagnosis.evidence.nominal import with_nominal
 from ftbias_jax.diagnosis.evidence.twins import twins_of
-from ftbias_jax.diagnosis.gap import USEFUL_SHARE, is_quiet, measure_gap, verdict_of
+from ftbias_jax.diagnosis.gap import is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.recorded import not_tested
 from ftbias_jax.diagnosis.regression import fit as fits
@@ -32,6 +32,7 @@ from ftbias_jax.diagnosis.terms.found import found_terms
 from ftbias_jax.diagnosis.terms.noise import louder, noise_term
 from ftbias_jax.diagnosis.terms.peaks import fast_lines
 from ftbias_jax.diagnosis.terms.states import state_of_problem
+from ftbias_jax.diagnosis.thresholds import LEADS, USEFUL_SHARE
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.io.cleaning import clean
@@ -47,8 +48,6 @@ from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
 
-LEADS = 0.3
-"""Gap in noise sigmas below which what single samples show comes before what explains the mean reading."""
 CANDIDATES = 12
 
 

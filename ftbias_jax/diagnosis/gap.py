@@ -12,19 +12,7 @@ from ftbias_jax.diagnosis.evidence.cross_validation import (
 )
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.result import Gap
-
-SILENT = 0.12
-"""Gap in noise sigmas below which nothing is missing: the joints' own error reaches half of it."""
-USEFUL_SHARE = 0.5
-"""Of the gap; causes that remove less explain nothing."""
-LEFT = 0.05
-"""Share of the gap in sigmas that an explanation may leave; more is told as partly explained."""
-FAINT = 1 / 3
-"""Share of a faint gap in sigmas that an explanation may leave, even if that is next to nothing."""
-CHANCE = 2.0
-"""Standard errors by which the share of the gap that is explained must exceed zero."""
-SAME = 3.0
-"""Standard errors by which a gap must exceed chance."""
+from ftbias_jax.diagnosis.thresholds import BEYOND_CHANCE, CHANCE, FAINT, LEFT, SILENT, USEFUL_SHARE
 
 
 def measure_gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
@@ -49,7 +37,7 @@ def measure_gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
 def is_quiet(problem: Problem, gap: Gap) -> bool:
     """Whether there is no gap of the mean reading to speak of."""
     before = np.sqrt(gap.before_sigmas**2 - 1)
-    return bool(before < SILENT or before**2 < SAME * excess_by_chance(problem))
+    return bool(before < SILENT or before**2 < BEYOND_CHANCE * excess_by_chance(problem))
 
 
 def is_closed(problem: Problem, gap: Gap) -> bool:

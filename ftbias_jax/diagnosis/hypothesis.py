@@ -9,11 +9,9 @@ import numpy as np
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.coordinates import can_move, to_coordinates
+from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
 from ftbias_jax.model.effects.catalogue import neutral_values
 from ftbias_jax.model.effects.types import Effect
-
-NATS_PER_DEGREE = 4.0
-"""Half the logarithm of the number of independent bins: what a free number gains by chance and search."""
 
 
 class Joint(NamedTuple):

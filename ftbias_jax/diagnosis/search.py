@@ -7,34 +7,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.candidates import LEAST_GAIN, Scored, candidates, score
+from ftbias_jax.diagnosis.candidates import Scored, candidates, score
 from ftbias_jax.diagnosis.evidence.cross_validation import Judge, excess_by_channel, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import is_plausible
 from ftbias_jax.diagnosis.regression.dictionary import Library, make_library
 from ftbias_jax.diagnosis.regression.fit import Fit, block_scores, fit, projection
+from ftbias_jax.diagnosis.thresholds import (
+    BEAM,
+    BEAM_SHARE,
+    LEAST_BESIDE,
+    LEAST_GAIN,
+    LEAST_SHARE_OF_GAP,
+    LEAST_SIGMAS,
+    MOST_CAUSES,
+    MOST_JUDGED,
+    NEARLY,
+    STEADY,
+    SURE,
+)
 from ftbias_jax.model.effects.fitting import SUDDEN
-
-LEAST_SIGMAS = 0.08
-"""Of one sample's noise: smaller effects are real, perhaps, but mean nothing to the owner."""
-LEAST_SHARE = 0.02
-"""Of the gap, that a further cause must remove."""
-STEADY = 1.3
-"""Standard errors of the gain over blocks; a single block that gains everything is one."""
-SURE = 2.0
-"""Standard errors by which the gain on unseen blocks must exceed zero; what is sudden gains in too few of them."""
-LEAST_BESIDE = 0.1
-"""Squared innovations that contacts must take away, as a share of what earlier causes did in the same time: the form
-of those is never quite the real one, and contacts take any shape."""
-MOST_CAUSES = 3
-NEARLY = 0.1
-"""Share of the gap that may be left for other pairs to be tried: none explains what is not in the catalogue."""
-MOST_JUDGED = 3
-"""Candidates of a round that are judged on blocks they have not seen, the best first."""
-BEAM = 2
-"""First causes from which pairs are tried."""
-BEAM_SHARE = 0.3
-"""Of the best first cause's gain, from which on another one is tried as the first of a pair."""
 
 
 class Bar(NamedTuple):
@@ -124,7 +116,7 @@ def _bar(problem: Problem, start: Fit, accepted: Fit) -> Bar:
     local = np.repeat([h.local for h in accepted.hypotheses], [len(h.shapes) for h in accepted.hypotheses])
     _, (untouched,) = projection(accepted.columns.series[local])(start.error[None])
     gap = gap_of(elsewhere, start._replace(error=untouched))
-    return Bar(elsewhere, max(LEAST_SIGMAS**2, LEAST_SHARE * gap))
+    return Bar(elsewhere, max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap))
 
 
 def _elsewhere(problem: Problem, accepted: Fit) -> Problem:

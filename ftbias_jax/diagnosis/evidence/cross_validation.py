@@ -8,9 +8,8 @@ import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import best_step, change
-from ftbias_jax.diagnosis.regression.fit import BLOCK_SECONDS, Fit
-
-FOLDS = 4
+from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, FOLDS
 
 
 class HeldOut(NamedTuple):

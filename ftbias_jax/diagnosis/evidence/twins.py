@@ -8,20 +8,7 @@ from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, block_scores, fit
-
-SAME = 3.0
-"""Standard errors of the comparison within which two explanations are as good as one another."""
-CLOSE = 0.95
-"""Share of the gain that a twin must reach."""
-FORM = 0.02
-"""Share of the gain that a real effect may lose by its form, which is never quite the catalogue's: less than this, and
-what the cause itself leaves, does not separate what the catalogue calls twins."""
-LEAST_DIFFERENCE = 6.0
-"""nats that decide, whatever the standard error."""
-HOPELESS = 0.7
-"""Share of the best candidate's gain below which another one is not tried: its fit was rough, but not so rough."""
-MOST_TWINS = 3
-MOST_TRIED = 5
+from ftbias_jax.diagnosis.thresholds import ALIKE, CLOSE, FORM_LOSS, HOPELESS, LEAST_DIFFERENCE, MOST_TRIED, MOST_TWINS
 
 
 def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scored: list[Scored]) -> tuple[str, ...]:
@@ -49,7 +36,7 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
         difference = blocks - block_scores(problem, trial)
         error = np.sqrt(len(difference)) * difference.std()
         lost = accepted.log_likelihood - trial.log_likelihood
-        by_form = FORM * gain + left if other.hypothesis.effect in declared else 0.0
-        if lost < max(SAME * error, LEAST_DIFFERENCE, by_form) and gain - lost > CLOSE * gain:
+        by_form = FORM_LOSS * gain + left if other.hypothesis.effect in declared else 0.0
+        if lost < max(ALIKE * error, LEAST_DIFFERENCE, by_form) and gain - lost > CLOSE * gain:
             twins[other.hypothesis.effect] = None
     return tuple(twins)[:MOST_TWINS]

@@ -10,18 +10,13 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.design_matrix import PRIOR_STD, change, information, lay_out, products, scores
+from ftbias_jax.diagnosis.regression.design_matrix import change, information, lay_out, products, scores
 from ftbias_jax.diagnosis.regression.evaluate import slopes, whitened
-from ftbias_jax.diagnosis.regression.fit import BLOCK_SECONDS, Fit
+from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, ENTRY_STD, LIKE_A_ROTATION, PRIOR_STD
 from ftbias_jax.filtering.innovation_regression import widened_inverse
 from ftbias_jax.model.effects.fitting import Entries
 from ftbias_jax.model.effects.types import Effect
-
-LIKE_A_ROTATION = 0.8
-"""Share of what the log says of the matrix that a rotation of the axes makes up, from which on it may be one: of leaks
-that are drawn at random it makes up a tenth."""
-ENTRY_STD = 3.0
-"""Of an entry a priori, in typical departures: 6 % of the load of another axis."""
 
 
 def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndarray, Hypothesis, np.ndarray]:

@@ -15,13 +15,9 @@ from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import keep
 from ftbias_jax.diagnosis.regression.score_test import Standing, gain_of_each, gains
+from ftbias_jax.diagnosis.thresholds import LEAST_ENTRY, MOST_ENTRIES
 from ftbias_jax.model.effects.fitting import SMOOTH, ByJoint, Entries, Grid, Linear
 from ftbias_jax.model.effects.types import Effect
-
-MOST_ENTRIES = 12
-"""Entries of a matrix that may be named."""
-LEAST_ENTRY = 0.01
-"""Share of the gain that each of them must add."""
 
 
 def smooth_hypotheses(problem: Problem, taken: Collection[str]) -> list[Hypothesis]:

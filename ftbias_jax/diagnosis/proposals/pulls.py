@@ -20,6 +20,7 @@ from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import believed_motions, readings, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import Standing, gain_of_each, gains
+from ftbias_jax.diagnosis.thresholds import FARTHEST, LONGEST_CABLE, PULLS_FITTED, UNDETERMINED
 from ftbias_jax.model.effects.catalogue import neutral_values
 from ftbias_jax.model.effects.fitting import Pull
 from ftbias_jax.model.effects.table import Catalogue
@@ -33,12 +34,6 @@ FOREARM = (2, 3, 4)
 """Links that may carry the far end, counted back from the last."""
 SLACK = (0.0, 0.6, 0.9)
 """Rest lengths that are tried, as shares of the shortest distance."""
-STARTS = 4
-"""Starting points that are fitted."""
-FARTHEST = 5.0
-"""m."""
-LONGEST, UNDETERMINED = 2.0, 1.0
-"""m: cables on robots are shorter, and nothing is said of one whose ends or length are known no better."""
 APART = 0.25
 """m; nearer anchors lead to the same maximum."""
 
@@ -76,7 +71,7 @@ def _anchors(problem: Problem, standing: Standing, effect: Effect) -> list[Found
             fixed = tuple(places_of(problem, effect, **{search.link: float(link)}).items())
             chosen.append((gain_of, at_values(problem, effect, **values)._replace(fixed=fixed, group=len(chosen))))
             kept.append((anchor, link))
-        if len(chosen) == STARTS:
+        if len(chosen) == PULLS_FITTED:
             break
     return chosen
 
@@ -132,7 +127,7 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     values, stderr = parameters(problem, found, h)
     search, arm = _search(problem.catalogue[h.effect]), problem.parts[0].signals.model.arm
     apart = float(np.linalg.norm(np.asarray(values[search.anchor]) - np.asarray(arm.zero_position)))
-    far = apart > FARTHEST or float(np.max(values[search.rest_length])) > LONGEST
+    far = apart > FARTHEST or float(np.max(values[search.rest_length])) > LONGEST_CABLE
     loose = max(np.max(stderr[search.anchor]), np.max(stderr[search.rest_length])) > UNDETERMINED
     if not (far or loose):
         return ""

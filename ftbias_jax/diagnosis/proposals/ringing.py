@@ -18,6 +18,7 @@ from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, fit
 from ftbias_jax.diagnosis.regression.score_test import Standing, gains
+from ftbias_jax.diagnosis.thresholds import EQUAL, LEAST_WAY, NEAR_LIMIT
 from ftbias_jax.model.effects.catalogue import neutral_values
 from ftbias_jax.model.effects.fitting import Ringing
 from ftbias_jax.model.effects.types import Effect
@@ -28,13 +29,7 @@ BETWEEN = 0.5
 """The same for one search over all: resonances are then as wide as the steps of the frequencies."""
 WAYS = (0, 1, 3, 4)
 """Shifts along and turns about x and y; along and about z tools are stiff."""
-LEAST_WAY = 0.02
-"""Share of the gain that each further way of moving must add."""
 LEAST_SHARE = 0.1
-EQUAL = 0.97
-"""Share of the best gain from which on a frequency is as good as the best one."""
-NEAR_LIMIT = 0.97
-"""Share of a limit from which on a value is at it."""
 
 
 class _Places(NamedTuple):

@@ -11,12 +11,11 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.dictionary import Found, Library, alike, between_steps, by_channel
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.series import retimed, steps
+from ftbias_jax.diagnosis.thresholds import LEAST_OF_RAMP
 from ftbias_jax.model.effects.fitting import Settling, Step
 
 RAMPS = (0.15, 0.3, 0.6, 1.2, 2.4)
 """s that a change may take."""
-LEAST_OF_RAMP = 12.0
-"""nats that it must gain over a sudden one."""
 FINE = 17
 """Values tried at every refinement of a time or a time constant."""
 

@@ -20,12 +20,11 @@ from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import keep
 from ftbias_jax.diagnosis.regression.score_test import Standing, gains
+from ftbias_jax.diagnosis.thresholds import STARTS_FITTED
 from ftbias_jax.model.effects.catalogue import neutral_values
 from ftbias_jax.model.effects.fitting import LINEAR, Starts
 from ftbias_jax.model.effects.types import Effect, Model, Parameter
 
-FITTED = 3
-"""Starts of an effect that are fitted: the best ones."""
 MOST_STARTS = 256
 """Combinations of starts of an effect that are tried."""
 GRID = 7
@@ -67,7 +66,7 @@ def _best_starts(problem: Problem, standing: Standing, effect: Effect) -> list[F
     tried = [_linearised(problem, standing, effect.name, linear, start) for start in starts]
     if not linear:
         tried = _as_they_are(problem, standing, effect.name, starts)
-    best = sorted(tried, key=lambda found: -found[0])[:FITTED]
+    best = sorted(tried, key=lambda found: -found[0])[:STARTS_FITTED]
     return [(gain, h._replace(group=i)) for i, (gain, h) in enumerate(best)]
 
 

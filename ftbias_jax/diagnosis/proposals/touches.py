@@ -8,30 +8,29 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, penalty
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.design_matrix import PRIOR_STD
 from ftbias_jax.diagnosis.regression.dictionary import Found, Library
 from ftbias_jax.diagnosis.regression.evaluate import whitened_series
 from ftbias_jax.diagnosis.regression.fit import Fit, projection
 from ftbias_jax.diagnosis.regression.score_test import gain_of_series
 from ftbias_jax.diagnosis.regression.series import shaped, shaped_events
+from ftbias_jax.diagnosis.thresholds import (
+    CLEAR_HATS,
+    LEAST_EVENT,
+    LEAST_HAT,
+    LEAST_SHARE_OF_HAT,
+    LONGEST_EVENT,
+    MARGIN,
+    MARGIN_SHARE,
+    MOST_EVENTS,
+    MOST_OF_LOG,
+    PRIOR_STD,
+    SURELY_EVENT,
+)
 from ftbias_jax.model.effects.fitting import Touches
 
-MOST_EVENTS = 8
 SHAPES = (4, 8, 16, 32)
 """Hat functions that may make up an event of any shape."""
-LEAST_EVENT = 60.0
-"""nats of a single event."""
-MOST_OF_LOG = 0.35
-"""Share of the log: what touches the tool for longer is no event."""
-LONGEST_EVENT = 5.0
-"""s; nor is what touches it once for longer."""
-SURELY_EVENT = 3.0
-"""s; what lasts longer may be something else in the robot's surroundings that no effect of the catalogue stands for."""
 TRIMS, TRIM_HATS = 3, 32
-LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.005
-"""nats, and share of the largest, of a hat function at the end of an event."""
-CLEAR_HATS = 2
-"""Hats in a row that do not matter, less one, between two events."""
 REWEIGHTINGS = 4
 
 
@@ -161,7 +160,7 @@ def merge(events: Sequence[Event]) -> list[Event]:
     """Overlapping events of a log as one, with room for what the pulses that found them do not cover."""
     merged: list[Event] = []
     for log, start, end in sorted(events):
-        margin = 0.1 + 0.6 * (end - start)
+        margin = MARGIN + MARGIN_SHARE * (end - start)
         start, end = start - margin, end + margin
         if merged and merged[-1].log == log and start < merged[-1].end:
             merged[-1] = Event(log, merged[-1].start, max(end, merged[-1].end))

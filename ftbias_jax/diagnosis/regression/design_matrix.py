@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-PRIOR_STD = 30.0
-"""Of a coordinate, in typical departures: keeps what the motion does not excite at zero."""
+from ftbias_jax.diagnosis.thresholds import PRIOR_STD
+
 RIDGE = 1e-9
 """Share of the mean information that is added, for series that vanish."""
 

@@ -11,7 +11,6 @@ from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.design_matrix import (
-    PRIOR_STD,
     Columns,
     best_step,
     change,
@@ -21,6 +20,7 @@ from ftbias_jax.diagnosis.regression.design_matrix import (
     scores,
 )
 from ftbias_jax.diagnosis.regression.evaluate import measured, readings, slopes, whitened, whitened_series
+from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, PRIOR_STD
 from ftbias_jax.filtering.innovation_regression import widened_inverse
 
 MOST_ITERATIONS = 12
@@ -30,7 +30,6 @@ DAMPINGS = (0.0, 0.03, 1.0, 100.0)
 """All tried at once at every step."""
 LONGEST_STEP = 20.0
 """Typical departures."""
-BLOCK_SECONDS = 2.0
 
 
 class Fit(NamedTuple):

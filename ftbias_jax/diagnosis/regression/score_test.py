@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import NATS_PER_DEGREE
 from ftbias_jax.diagnosis.regression.design_matrix import (
     Information,
     Layout,
@@ -16,6 +15,7 @@ from ftbias_jax.diagnosis.regression.design_matrix import (
     step_and_gain,
 )
 from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
 
 
 class Gains(NamedTuple):

@@ -10,16 +10,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.samples.types import surprise
+from ftbias_jax.diagnosis.thresholds import (
+    FLAT_TOP_NATS,
+    HOLE,
+    LATTICE_TOLERANCE,
+    LEAST_SHARE_ON_LATTICE,
+    LEAST_TIES,
+    LONGEST_GAP,
+    MADE_UP,
+    MOST_ON_TICK,
+    MOST_PERIODS,
+    MOST_TIES,
+    ON_TICK,
+)
 
 FLOAT32 = float(np.finfo(np.float32).eps)
-LEAST_SHARE_ON_LATTICE = 0.9
-"""Of the samples; the rest may be spikes added after rounding, or clipped values."""
-LATTICE_TOLERANCE = 0.05
-"""Steps: float32 rounds a lattice of half a noise sigma much finer than this."""
-LEAST_TIES = 5
-"""Samples at one extreme value: fewer occur by chance in a log with few digits."""
-LONGEST_GAP = 0.5
-"""s; a longer hole is a pause of the recording, not a driver that loses samples."""
 
 
 class Lattice(NamedTuple):
@@ -106,7 +111,7 @@ def find_flat_top(x: np.ndarray, side: float, noise_std: float, step: float) -> 
     count = int((x >= top - resolution / 4).sum())
     inside = int((x >= top - width).sum()) - count
     nats = surprise(count, (inside + 1) * resolution / width)
-    if count < LEAST_TIES or count > 0.95 * len(x) or nats < 20:
+    if count < LEAST_TIES or count > MOST_TIES * len(x) or nats < FLAT_TOP_NATS:
         return None
     return FlatTop(side * top, count, nats)
 
@@ -119,12 +124,12 @@ def find_gaps(t: np.ndarray) -> Gaps:
     """
     dt = np.diff(t)
     short = np.quantile(dt, 0.1)
-    period = float(np.median(dt[dt < 1.5 * short]))
+    period = float(np.median(dt[dt < HOLE * short]))
     ticks = np.round(dt / period)
-    if np.mean(np.abs(dt / period - ticks) < 0.3) < 0.9 or np.median(dt) > 4.5 * period:
+    if np.mean(np.abs(dt / period - ticks) < ON_TICK) < MOST_ON_TICK or np.median(dt) > MOST_PERIODS * period:
         return Gaps(0.0, np.zeros(0), 0)
-    hole = (ticks >= 2) & (dt > 1.5 * period)
+    hole = (ticks >= 2) & (dt > HOLE * period)
     pair = np.concatenate([[np.inf], dt[1:] + dt[:-1], [np.inf]])
-    hole &= np.minimum(pair[1:], pair[:-1]) > 2.5 * period
+    hole &= np.minimum(pair[1:], pair[:-1]) > MADE_UP * period
     pause = hole & (dt > LONGEST_GAP)
     return Gaps(period, (ticks - 1)[hole & ~pause], int(pause.sum()))

@@ -9,26 +9,26 @@ import numpy as np
 from ftbias_jax.diagnosis.samples.exact import FlatTop, Gaps, runs
 from ftbias_jax.diagnosis.samples.jitter import Jitter
 from ftbias_jax.diagnosis.samples.noise import Noise
-from ftbias_jax.diagnosis.samples.spikes import LEAST_SPIKES, Spikes
+from ftbias_jax.diagnosis.samples.spikes import Spikes
 from ftbias_jax.diagnosis.samples.types import Finding, Numbers, name_channels, surprise
 from ftbias_jax.diagnosis.samples.vibration import Growth
+from ftbias_jax.diagnosis.thresholds import (
+    COARSE,
+    FEW_SPIKES,
+    HEALTHY_RATE,
+    LEAST_HITS,
+    LEAST_LOST,
+    LEAST_RATE,
+    LEAST_SPIKES,
+    LOUDER,
+    LOUDER_IF_COLOURED,
+    QUIETER,
+    STATED_WITHIN,
+    SURELY_LOUDER,
+    SURELY_QUIETER,
+    SURPRISING,
+)
 from ftbias_jax.model.effects.fitting import FLAT_TOPS, GROWTH, JITTER, LATTICE, LEVEL, LOST, SPIKES
-
-LEAST_RATE = 5e-4
-"""Share of samples: fewer lost or wild samples change no estimate, as they are left out or harmless."""
-LEAST_LOST = 3
-LEAST_NATS = 8.0
-"""Four standard deviations."""
-HEALTHY_RATE = 1e-4
-"""Share of samples that a sensor and driver in order may lose or spoil."""
-COARSE = 0.5
-"""Sigmas: a finer lattice adds less than 2 % to the noise variance."""
-QUIETER, LOUDER = 0.87, 1.15
-"""Noise per stated noise: data sheets and warm electronics are no better than this."""
-LOUDER_IF_COLOURED = 1.5
-"""Strong vibration leaks into all frequencies."""
-STATED_WITHIN = 0.02
-"""Relative error of a stated noise that nobody would call wrong."""
 
 
 def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
@@ -37,7 +37,7 @@ def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
     total, lost = samples + missing, copies + missing
     rate, share = lost / total, copies / lost if lost else 1.0
     nats = surprise(lost, HEALTHY_RATE * total)
-    detected = rate >= LEAST_RATE and lost >= LEAST_LOST and nats > LEAST_NATS
+    detected = rate >= LEAST_RATE and lost >= LEAST_LOST and nats > SURPRISING
     sentence = f"{copies} of {samples} rows repeat the row before, {missing} are missing from a clock of "
     sentence += f"{1e3 * gaps.period:.3g} ms" if gaps.period else "no steady period"
     sentence += f"; {gaps.pauses} pauses" if gaps.pauses else ""
@@ -87,16 +87,16 @@ def find_outliers(spikes: Spikes) -> Finding:
     rows = spikes.row
     count, samples = int(rows.sum()), len(rows)
     by_channel = spikes.hit.mean(0)
-    rate = float(by_channel[by_channel >= by_channel.max() / 5].mean())  # of the channels that have spikes
+    rate = float(by_channel[by_channel >= FEW_SPIKES * by_channel.max()].mean())  # of the channels that have spikes
     nats = surprise(count, HEALTHY_RATE * samples)
     size, stderr = np.zeros(6), np.zeros(6)
     for channel, hit in enumerate(spikes.hit.T):
-        if hit.sum() >= 3:
+        if hit.sum() >= LEAST_HITS:
             square = spikes.off[hit, channel] ** 2 - spikes.scale[channel] ** 2
             size[channel] = np.sqrt(max(square.mean(), 0.0))
             error = max(square.std(), 2 * size[channel] * spikes.scale[channel]) / np.sqrt(hit.sum())
             stderr[channel] = error / (2 * size[channel])
-    detected = count >= LEAST_SPIKES and count >= LEAST_RATE * samples and nats > LEAST_NATS and not spikes.heavy_tailed
+    detected = count >= LEAST_SPIKES and count >= LEAST_RATE * samples and nats > SURPRISING and not spikes.heavy_tailed
     sentence = f"{count} of {samples} samples are alone beyond six sigmas of both neighbours"
     if spikes.heavy_tailed:
         sentence += f", but {spikes.middle} more lie between them and the rest: the tail of the noise"
@@ -130,8 +130,8 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bo
     told = (step < 2 * noise_std) & np.isfinite(scale) & (rests or not grows)
     floor = np.where(noise.coloured | grows, LOUDER_IF_COLOURED, LOUDER)
     ceiling = 1 / LOUDER_IF_COLOURED if grows else QUIETER
-    louder = told & (low > floor) & (low - 1 - STATED_WITHIN > 4 * stderr)
-    quieter = told & (high < ceiling) & (1 - STATED_WITHIN - high > 8 * stderr)  # a band: twice the error
+    louder = told & (low > floor) & (low - 1 - STATED_WITHIN > SURELY_LOUDER * stderr)
+    quieter = told & (high < ceiling) & (1 - STATED_WITHIN - high > SURELY_QUIETER * stderr)  # a band: twice the error
     wrong = louder | quieter
     scale, stderr = np.where(told, scale, 1.0), np.where(told, stderr, 0.0)
     dof = 1 / (2 * np.maximum(stderr / scale, 1e-3) ** 2)

@@ -11,23 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.samples.noise import TOP, robust_std
+from ftbias_jax.diagnosis.thresholds import ACROSS, EVEN, FEW_WINDOWS, JITTER_NATS, JITTER_VISIBLE, LOUD, MOST_JITTER
 
-LOUD = 5.0
-"""Mean square across dW/dt, in noise variances, of a window with an event."""
 ROUNDS = 20
 CONSTANT_RATE = 0.05
 """Relative error of the result, as the rate is taken as constant during the delay."""
-ACROSS = 0.25
-"""Share of the variance along dW/dt that may be found across it and still be called jitter."""
-FEW_WINDOWS = 5
-EVEN = 0.6
-"""An unmodelled corner of the force has less than half of its variance in the upper half."""
-LEAST_NATS = 10.0
-VISIBLE = 0.3
-"""Sigmas that the jitter must add where the wrench changes fastest."""
-
-MOST_JITTER = 0.1
-"""s; stamps are not off at random by more. What looks so is vibration that grows with the motion."""
 
 
 class Jitter(NamedTuple):
@@ -49,7 +37,7 @@ class Jitter(NamedTuple):
     @property
     def detected(self) -> bool:
         """It is certain, large enough to matter, and nothing but jitter."""
-        certain = self.nats > LEAST_NATS and self.visible > VISIBLE
+        certain = self.nats > JITTER_NATS and self.visible > JITTER_VISIBLE
         return certain and self.std < MOST_JITTER and self.across < ACROSS and self.even > EVEN
 
 

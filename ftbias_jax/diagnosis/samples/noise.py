@@ -11,18 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.samples.spikes import NORMAL_MEDIAN
+from ftbias_jax.diagnosis.thresholds import CLIP, COLOURED
 
 WINDOW = 16
 CUBIC = 4
 TOP = 8
 """First of the waves that measure the noise: half to all of the highest frequency."""
-CLIP = 3.0
-"""Sigmas; what is beyond is an event."""
 CLIPPED_STD = 0.98658
 """Of a standard normal that is cut off there."""
 LONG_WINDOW = 256
-COLOURED = 1.25
-"""Ratio of the standard deviations of two bands: less does not matter for weights."""
 
 
 class Waves(NamedTuple):

@@ -17,14 +17,12 @@ from ftbias_jax.diagnosis.samples.rows import Samples, select
 from ftbias_jax.diagnosis.samples.spikes import REACH, Spikes, find_spikes
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
 from ftbias_jax.diagnosis.samples.vibration import Growth, measure_growth, no_growth
+from ftbias_jax.diagnosis.thresholds import COARSE, LEAST_SCATTER, LEAST_WINDOWS
 from ftbias_jax.io.log import Log
 from ftbias_jax.types import Array
 
-LEAST_WINDOWS = 8
 JITTER_SHAPE = 0.1
 """Relative error of the part of the noise that is put down to jitter: its distribution is not known."""
-LEAST_SCATTER = 0.2
-"""Stated sigmas: in a quieter log a spike of six of its own sigmas is still within the stated noise."""
 
 
 def inspect_samples(
@@ -118,7 +116,7 @@ def _nothing(log: Log, stated: np.ndarray, known: np.ndarray, reason: str) -> Sa
 
 def _repeated(samples: Samples, step: np.ndarray) -> np.ndarray:
     """(N,) rows that repeat the one before; on a coarse lattice (k,) equal numbers are no evidence."""
-    fine = step < findings.COARSE * samples.stated
+    fine = step < COARSE * samples.stated
     return exact.repeated_rows(samples.wrench[:, fine]) & fine.any()
 
 

@@ -6,13 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.thresholds import SLOW_LOG
 from ftbias_jax.io.log import Log
 from ftbias_jax.types import Array
 
 REACH = 16
 """Samples before and after, for the rate of a noisy wrench."""
-SLOW = 5.5e-3
-"""s between samples: motion (jerk of a robot arm, ringing of its tool) is then in the noise's part of the spectrum."""
 
 
 class Samples(NamedTuple):
@@ -40,7 +39,7 @@ class Samples(NamedTuple):
     @property
     def too_slow(self) -> bool:
         """Whether what looks like noise may be motion."""
-        return not self.modelled and float(np.median(np.diff(self.t))) > SLOW
+        return not self.modelled and float(np.median(np.diff(self.t))) > SLOW_LOG
 
     def only(self, keep: np.ndarray) -> Samples:
         """The rows marked in (N,)."""

@@ -6,19 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.thresholds import LEAST_SPIKES, LONGEST_RUN, MIDDLE, OFF_NEIGHBOURS, SPIKE, TAILS
+
 NORMAL_MEDIAN = 0.6745
 """Median of the absolute value of a standard normal."""
-FAR = 6.0
-"""Sigmas: one sample in 5e8 by noise."""
-MIDDLE = 4.0
-"""Sigmas: one sample in 16,000 by noise. Spikes leave the range from here to FAR empty, heavy tails fill it."""
 NORMAL_BEYOND_MIDDLE = 6.3e-5
-LEAST_SPIKES = 4
-"""Rows: fewer may be touches."""
 REACH = 3
 BLOCK = 32
-LONGEST_RUN = 2
-"""Samples; two spikes may be neighbours by chance, longer events are contacts."""
 
 
 class Spikes(NamedTuple):
@@ -31,9 +25,9 @@ class Spikes(NamedTuple):
     scale: np.ndarray
     """(k,) N, Nm, standard deviation of ``off`` away from spikes."""
     middle: int
-    """Isolated samples between MIDDLE and FAR, beyond those of normal noise."""
+    """Isolated samples between MIDDLE and SPIKE, beyond those of normal noise."""
     far: int
-    """Isolated samples beyond FAR."""
+    """Isolated samples beyond SPIKE."""
 
     @property
     def row(self) -> np.ndarray:
@@ -48,7 +42,7 @@ class Spikes(NamedTuple):
     @property
     def heavy_tailed(self) -> bool:
         """Large values fade into the rest."""
-        return self.middle > max(self.far, 10)
+        return self.middle > max(self.far, TAILS)
 
 
 def find_spikes(signal: np.ndarray, floor: np.ndarray) -> Spikes:
@@ -63,13 +57,13 @@ def find_spikes(signal: np.ndarray, floor: np.ndarray) -> Spikes:
     usual = np.array([_normal_std(x[keep]) for x, keep in zip(off.T, seen.T, strict=True)])
     scale = np.maximum(usual, floor)
     size = np.abs(off) / np.maximum(_local_scale(off), scale)
-    isolated = (size > MIDDLE) & (_off_of_neighbours(signal, off) < 0.4 * np.abs(off))
-    far = isolated & (size > FAR)
+    isolated = (size > MIDDLE) & (_off_of_neighbours(signal, off) < OFF_NEIGHBOURS * np.abs(off))
+    far = isolated & (size > SPIKE)
     by_noise = NORMAL_BEYOND_MIDDLE * off.size
     middle = int((isolated & ~far).sum() - by_noise - 4 * np.sqrt(by_noise))
     hit = far
     if far.any(1).sum() >= LEAST_SPIKES:  # two spikes may be neighbours by chance: not isolated, but as short
-        beyond = size > FAR
+        beyond = size > SPIKE
         hit = far | (beyond & _in_short_run(beyond.any(1))[:, None])
     return Spikes(hit, off, usual, middle, int(far.sum()))
 

@@ -11,28 +11,25 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.thresholds import (
+    CERTAIN,
+    FAR_SQUARES,
+    GROWTH_NATS,
+    GROWTH_VISIBLE,
+    LEAST_REST,
+    MOVES,
+    RESTED,
+    SLOW,
+)
+
 BLOCK_SECONDS = 20.0
 BLOCKS = 20
 """At least, in a log too short for so many of these blocks: the standard error of the gain comes from them."""
 FOLDS = 4
 MOST_ROWS = 12288
 """Longer logs are averaged over runs of samples, in which the speed hardly changes."""
-MOVES = 0.03
-"""Of the fastest joint's rms speed; slower joints show nothing of their own."""
 ROUNDS, SETTLED = 200, 1e-5
 """Of the fit, and the share of the mean variance by which a round then changes a term."""
-LEAST_REST = 1e-3
-"""Of the mean variance: a log that is never at rest does not show what is there at rest."""
-FAR = 25.0
-"""Squares per variance that count as so many: five sigmas; what is beyond is an event and no noise."""
-CERTAIN = 2.0
-"""Standard errors of the gain over blocks; a single block that gains everything is one. They are large in any case, as
-the gain goes with the motion, which is uneven."""
-LEAST_NATS = 12.0
-SLOW, RESTED = 0.1, 0.02
-"""Speed, per speed in the fastest tenth of the log, that counts as rest, and the share of samples that shows it."""
-VISIBLE = 1.15
-"""Noise in the fastest tenth of the log per noise at rest, in the channel that grows most."""
 
 
 class Growth(NamedTuple):
@@ -55,8 +52,8 @@ class Growth(NamedTuple):
     @property
     def detected(self) -> bool:
         """It is certain, and large enough to matter."""
-        certain = self.nats > max(LEAST_NATS, CERTAIN * self.nats_stderr)
-        return certain and self.visible > VISIBLE
+        certain = self.nats > max(GROWTH_NATS, CERTAIN * self.nats_stderr)
+        return certain and self.visible > GROWTH_VISIBLE
 
     @property
     def relative(self) -> np.ndarray:
@@ -126,7 +123,7 @@ def fit_variance(design: np.ndarray, squares: np.ndarray) -> np.ndarray:
     weights: np.ndarray = np.outer(1 / design.mean(0), squares.mean(0)) / design.shape[1]
     for _ in range(ROUNDS):
         variance = design @ weights
-        ratio = np.minimum(squares, FAR * variance) / variance
+        ratio = np.minimum(squares, FAR_SQUARES * variance) / variance
         before, weights = weights, weights * (design.T @ (ratio / variance)) / (design.T @ (1 / variance))
         moved = np.abs(weights - before) * design.mean(0)[:, None]  # what it changes in the mean variance
         if (moved <= SETTLED * squares.mean(0)).all():
@@ -138,7 +135,7 @@ def fit_variance(design: np.ndarray, squares: np.ndarray) -> np.ndarray:
 def variance_stderr(design: np.ndarray, squares: np.ndarray, weights: np.ndarray, block: np.ndarray) -> np.ndarray:
     """(d, k) standard errors of the weights, from the scatter of the derivative over blocks (N,)."""
     variance = design @ weights
-    score = (np.minimum(squares, FAR * variance) - variance) / variance**2
+    score = (np.minimum(squares, FAR_SQUARES * variance) - variance) / variance**2
     scale = design.mean(0)
     stderr = np.zeros_like(weights)
     for channel in range(weights.shape[1]):
@@ -159,6 +156,6 @@ def held_out_gains(design: np.ndarray, squares: np.ndarray, block: np.ndarray) -
             continue
         growing = design[test] @ fit_variance(design[~test], squares[~test])
         constant = fit_variance(design[~test, :1], squares[~test])
-        seen = np.minimum(squares[test], FAR * growing)
+        seen = np.minimum(squares[test], FAR_SQUARES * growing)
         gain[test] = (seen / constant - seen / growing - np.log(growing / constant)) / 2
     return np.stack([np.bincount(block, column) for column in gain.T], 1)

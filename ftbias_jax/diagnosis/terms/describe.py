@@ -11,12 +11,8 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.terms.library import merit_of
 from ftbias_jax.diagnosis.terms.select import Search, Step, numbers_of
+from ftbias_jax.diagnosis.thresholds import AS_WELL, CLEARLY
 from ftbias_jax.model.effects.catalogue import CATALOGUE
-
-CLEARLY = 1.02
-"""Of the merit of effects that explain the logs, that terms must have to be named instead."""
-AS_WELL = 0.98
-"""Of the gap that such effects remove on blocks that were held out, that terms must remove there."""
 
 
 class Description(NamedTuple):

@@ -9,12 +9,11 @@ import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.terms.peaks import lines, multiples
+from ftbias_jax.diagnosis.thresholds import LEAST_TURN, LEAST_WARMING
 from ftbias_jax.model.effects.terms.columns import has_point
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import State, Term
 
-LEAST_WARMING = 0.3
-"""K."""
 SWINGS = tuple((f, z) for f in np.geomspace(0.4, 14.0, 13) for z in (0.04, 0.3))
 """Hz and shares of critical damping."""
 SPEEDS, TURNS = (0.005, 0.05), (0.01, 0.1)
@@ -138,7 +137,7 @@ def _of_joints(problem: Problem, state: State, error: np.ndarray) -> Iterator[Ro
     if not count:
         return
     for j in range(1, count + 1):
-        if np.ptp(state.q[:, j - 1]) < 0.02:
+        if np.ptp(state.q[:, j - 1]) < LEAST_TURN:
             continue
         yield from _both("joint_angle", "linear", j)
         yield from _both("joint_angle", "cubic", j)

@@ -8,21 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import NATS_PER_DEGREE
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.score_test import Gains, Standing, gains
 from ftbias_jax.diagnosis.terms.grid import free_names
 from ftbias_jax.diagnosis.terms.whitening import whiten_many
+from ftbias_jax.diagnosis.thresholds import LEAST_ENTRY, MOST_NUMBERS, NATS_PER_DEGREE, SHARE_PER_NUMBER
 from ftbias_jax.model.effects.terms.columns import columns, has_point
 from ftbias_jax.model.effects.terms.types import State, Term
 
-SHARE_PER_NUMBER = 0.005
-"""Of its gain that every free number of a term costs: no real effect has quite the form of a term, and what further
-numbers gain then is no evidence for them."""
-MOST_NUMBERS = 14
-"""Coefficients of a term that may act on any channel."""
-LEAST_SHARE = 0.01
-"""Of the gain that each of them must add."""
 ROUNDS = 6
 """Of solving for the coefficients and the point of a force in turns."""
 AT_ONE_POINT = (
@@ -137,7 +130,7 @@ def _judge(library: Library, standing: Standing, trial: Trial) -> Ranked:
     if count <= 3:
         gain = prepared.of(rows)
         return Ranked(merit_of(gain, numbers + count), gain, _with(term, prepared.coefficients(rows)))
-    gain, chosen = prepared.pursue(rows, MOST_NUMBERS, LEAST_SHARE)
+    gain, chosen = prepared.pursue(rows, MOST_NUMBERS, LEAST_ENTRY)
     chosen = sorted(chosen)
     best = _with(term, prepared.coefficients(chosen), used=tuple(chosen)) if chosen else term
     return Ranked(merit_of(gain, numbers + len(chosen)), gain, best)

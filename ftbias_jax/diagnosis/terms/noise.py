@@ -15,10 +15,6 @@ from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
 from ftbias_jax.diagnosis.samples.vibration import (
     BLOCK_SECONDS,
     BLOCKS,
-    CERTAIN,
-    FAR,
-    LEAST_NATS,
-    VISIBLE,
     average_runs,
     fit_variance,
     held_out_gains,
@@ -27,6 +23,15 @@ from ftbias_jax.diagnosis.samples.vibration import (
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
 from ftbias_jax.diagnosis.terms.words import grouped
+from ftbias_jax.diagnosis.thresholds import (
+    CERTAIN,
+    FAR_SQUARES,
+    GROWTH_NATS,
+    GROWTH_VISIBLE,
+    NOISE_BETTER,
+    NOISE_FORMS_FITTED,
+    TERM_WINDOWS,
+)
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.fitting import GROWTH
 from ftbias_jax.model.effects.terms.columns import columns
@@ -37,13 +42,8 @@ from ftbias_jax.model.effects.terms.types import State
 FORMS_OF_NOISE = tuple(name for drive, name in FORMS if drive == "noise")
 OF_MOTION = ("speed", "joints")
 """What an effect of the catalogue whose noise grows with the speed says better."""
-BETTER = 1.05
-"""Of the gain of that effect, that a term must have to be named instead."""
-LEAST_WINDOWS = 64
 MOST_ROWS = 4096
 """Longer logs are averaged over runs of samples, in which no drive changes much."""
-MOST_FITTED = 2
-"""Forms that are fitted, the most promising ones."""
 
 
 class Growing(NamedTuple):
@@ -75,10 +75,14 @@ def noise_term(
     """
     longest = int(np.argmax(problem.durations))
     growing = _best(problem, logs[longest], samples[longest], state, longest)
-    if growing is None or growing.nats < max(LEAST_NATS, CERTAIN * growing.nats_stderr) or growing.visible < VISIBLE:
+    if (
+        growing is None
+        or growing.nats < max(GROWTH_NATS, CERTAIN * growing.nats_stderr)
+        or growing.visible < GROWTH_VISIBLE
+    ):
         return None
     of_speed = next((finding.nats for finding in found if finding.sign == GROWTH), 0.0)
-    if growing.nats < BETTER * of_speed or (of_speed and growing.form in OF_MOTION):
+    if growing.nats < NOISE_BETTER * of_speed or (of_speed and growing.form in OF_MOTION):
         return None
     return _told(growing, problem.durations[longest])
 
@@ -86,7 +90,7 @@ def noise_term(
 def _best(problem: Problem, log: Log, samples: SampleFindings, state: State, number: int) -> Growing | None:
     rows = np.isfinite(samples.clean_wrench).all(1)
     t = np.asarray(log.t, float)[rows]
-    if len(t) < LEAST_WINDOWS * WINDOW or samples.jitter.detected or samples.heavy_tailed:
+    if len(t) < TERM_WINDOWS * WINDOW or samples.jitter.detected or samples.heavy_tailed:
         return None
     waves = fast_waves(t, samples.clean_wrench[rows])
     when = t[waves.row.reshape(-1)]
@@ -99,8 +103,8 @@ def _best(problem: Problem, log: Log, samples: SampleFindings, state: State, num
         whole = columns(np, make_term("noise", form, "sensor", "noise"), state)
         drives[form] = np.stack([np.interp(when, problem.t[own], whole[own, k, k]) for k in range(6)], 1)
     scores = {form: run * _score(drive, squares) for form, drive in drives.items()}
-    hopeful = sorted((form for form in scores if scores[form] > LEAST_NATS), key=lambda form: -scores[form])[
-        :MOST_FITTED
+    hopeful = sorted((form for form in scores if scores[form] > GROWTH_NATS), key=lambda form: -scores[form])[
+        :NOISE_FORMS_FITTED
     ]
     found = [_fitted(form, drives[form], squares, block, run) for form in hopeful]
     return max(found, key=lambda growing: growing.nats, default=None)
@@ -109,7 +113,7 @@ def _best(problem: Problem, log: Log, samples: SampleFindings, state: State, num
 def _score(drive: np.ndarray, squares: np.ndarray) -> float:
     """nats that a small share of a drive (N, 6) gains over a constant: the score test of normal noise."""
     apart = drive - drive.mean(0)
-    surplus = np.minimum(squares / squares.mean(0), FAR) - 1
+    surplus = np.minimum(squares / squares.mean(0), FAR_SQUARES) - 1
     along = np.maximum((surplus * apart).sum(0), 0)
     return float((along**2 / np.maximum(4 * (apart**2).sum(0), 1e-300)).sum())
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.samples.types import SampleFindings
+from ftbias_jax.diagnosis.thresholds import LEAST_POWER
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.terms.types import State
 
@@ -21,8 +22,6 @@ LOWEST = 2.0
 NEIGHBOURS = 200 * PADDING + 1
 """Frequencies over which the median of a spectrum is taken."""
 HIGHEST_MULTIPLE = 120
-LEAST_POWER = 25.0
-"""Of the median of a spectrum: what does not stand out so far is no line."""
 
 
 def lines(problem: Problem, error: np.ndarray) -> list[float]:

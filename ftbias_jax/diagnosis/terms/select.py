@@ -7,38 +7,36 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.candidates import LEAST_GAIN
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, block_scores
 from ftbias_jax.diagnosis.regression.score_test import stand
-from ftbias_jax.diagnosis.search import LEAST_SHARE, LEAST_SIGMAS, gap_of
+from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Described, fit_terms
 from ftbias_jax.diagnosis.terms.grid import free_names, make_grid
 from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank
 from ftbias_jax.diagnosis.terms.states import state_of_problem, tool_point
+from ftbias_jax.diagnosis.thresholds import (
+    ALIKE,
+    CLOSE,
+    FORM_LOSS,
+    FORMS_OF_A_DRIVE,
+    LEAST_GAIN,
+    LEAST_SHARE_OF_GAP,
+    LEAST_SIGMAS,
+    MOST_TERMS,
+    STEADY,
+    TERM_WORTH,
+    TERM_WORTH_FAR,
+    TERMS_FITTED,
+)
 from ftbias_jax.model.effects.terms.columns import has_point
 from ftbias_jax.model.effects.terms.types import State, Term
 
-MOST_TERMS = 3
-WORTH_FITTING, WORTH_FITTING_FAR = 0.25, 0.08
-"""Share of the best merit on the grid from which on a term is fitted: parameters were only roughly right. The second
-is for forms whose grid is coarse."""
-MOST_FITTED = 10
-FORMS_OF_A_DRIVE = 2
-"""Forms of one drive that are fitted."""
 STARTS = {"attraction": 5, "barrier": 2}
 """Points of the grid from which forms with several maxima are fitted."""
 ROUGH_STEPS, ROUGH_STEPS_FAR = 5, 15
 """Of a first fit, and of one of those."""
-STEADY = 1.3
-"""Standard errors of the gain over blocks."""
-AS_GOOD = 0.95
-"""Share of the best gain that an equivalent drive must reach."""
-FORM = 0.02
-"""Share of the gain that a form, which is never quite the real one, may lose: less does not separate two drives."""
-SAME = 3.0
-"""Standard errors of the comparison within which two drives are as good as one another."""
 
 
 class Step(NamedTuple):
@@ -72,7 +70,7 @@ class Search:
         ranked = rank(self.library, stand(start))
         top = ranked[0].merit if ranked else 0.0
         worth = [one for one in _of_each_drive(ranked) if one.merit > max(_worth(one.term) * top, 0.0)]
-        few = [one for place, one in enumerate(worth) if place < MOST_FITTED or one.term.form in STARTS]
+        few = [one for place, one in enumerate(worth) if place < TERMS_FITTED or one.term.form in STARTS]
         fitted = [fit_terms(self.problem, self.state, start, (one.term,), _steps_of(one.term)) for one in few]
         scored = [(self.merit(start, described), described) for described in fitted]
         return sorted(scored, key=lambda pair: -pair[0])
@@ -91,7 +89,7 @@ class Search:
         """
         steps: list[Step] = []
         gap = gap_of(self.problem, self.base)
-        least = max(LEAST_SIGMAS**2, LEAST_SHARE * gap)
+        least = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap)
         now = start
         while len(steps) < MOST_TERMS and gap_of(self.problem, now) > least:
             chosen = steps[-1].described.terms if steps else ()
@@ -132,8 +130,8 @@ class Search:
             term = other.terms[0]
             difference = blocks - block_scores(self.problem, other.fit)
             lost = best.log_likelihood - other.fit.log_likelihood
-            error = SAME * float(np.sqrt(len(difference)) * difference.std())
-            close = lost < FORM * gain or (lost < error and lost < (1 - AS_GOOD) * gain)
+            error = ALIKE * float(np.sqrt(len(difference)) * difference.std())
+            close = lost < FORM_LOSS * gain or (lost < error and lost < (1 - CLOSE) * gain)
             if term.drive != drive and close:
                 rivals.setdefault(term.drive, term)
         return tuple(rivals.values())
@@ -145,7 +143,7 @@ def numbers_of(term: Term) -> int:
 
 
 def _worth(term: Term) -> float:
-    return WORTH_FITTING_FAR if term.form in STARTS else WORTH_FITTING
+    return TERM_WORTH_FAR if term.form in STARTS else TERM_WORTH
 
 
 def _steps_of(term: Term) -> int:

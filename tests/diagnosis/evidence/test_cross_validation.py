@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from small_fits import shift, small_fit
 
-from ftbias_jax.diagnosis.evidence.cross_validation import FOLDS, Judge
+from ftbias_jax.diagnosis.evidence.cross_validation import Judge
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.fit import BLOCK_SECONDS
+from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, FOLDS
 
 BINS, SECONDS = 240, 24.0
 

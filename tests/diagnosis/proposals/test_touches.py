@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.hypothesis import Event
-from ftbias_jax.diagnosis.proposals.touches import merge, parts_of, robust_rest
+from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
+from ftbias_jax.diagnosis.proposals.touches import is_short, merge, parts_of, robust_rest
 
 BINS = 400
 
@@ -52,3 +52,32 @@ def test_overlapping_events_are_one():
     events = [Event(0, 5.0, 6.0), Event(0, 1.0, 1.4), Event(0, 5.5, 6.5), Event(1, 6.0, 7.0)]
     np.testing.assert_allclose(merge(events), [(0, 0.66, 1.74), (0, 4.3, 7.2), (1, 5.3, 7.7)])
     assert merge([]) == []
+
+
+@pytest.mark.parametrize(
+    ("events", "merged"),
+    [
+        ([(0, 1.0, 2.0), (0, 5.0, 6.0)], 2),
+        ([(0, 1.0, 2.0), (0, 3.0, 4.0)], 1),  # each is widened by 0.1 s and six tenths of its length
+        ([(0, 1.0, 2.0), (0, 3.5, 4.5)], 2),
+        ([(0, 1.0, 2.0), (1, 1.0, 2.0)], 2),
+        ([(0, 1.0, 9.0), (0, 4.0, 4.1)], 1),
+    ],
+)
+def test_what_is_one_event(events, merged):
+    assert len(merge([Event(*event) for event in events])) == merged
+
+
+@pytest.mark.parametrize(
+    ("lengths", "short"),
+    [
+        ((1.0,), True),
+        ((4.9,), True),
+        ((5.1,), False),  # what touches for so long is no event
+        ((2.0, 2.0, 2.0), True),
+        ((2.5, 2.5, 2.5), False),  # more than a third of the log
+    ],
+)
+def test_what_lasts_is_no_event(lengths, short):
+    shaped = tuple(Shaped(Event(0, 5.0 * i, 5.0 * i + length), 4) for i, length in enumerate(lengths))
+    assert is_short(Hypothesis("contact", detail=shaped), 20.0) is short

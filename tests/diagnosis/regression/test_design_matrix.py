@@ -5,7 +5,6 @@ import pytest
 from small_fits import dense, shift
 
 from ftbias_jax.diagnosis.regression.design_matrix import (
-    PRIOR_STD,
     RIDGE,
     Columns,
     best_step,
@@ -15,6 +14,7 @@ from ftbias_jax.diagnosis.regression.design_matrix import (
     products,
     scores,
 )
+from ftbias_jax.diagnosis.thresholds import PRIOR_STD
 
 BINS = 50
 

@@ -1,0 +1,63 @@
+"""Twins on made-up fits: as good, nearly as good, and what the catalogue calls alike."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from small_fits import small_fit
+
+from ftbias_jax.diagnosis.candidates import Scored
+from ftbias_jax.diagnosis.evidence import twins
+from ftbias_jax.diagnosis.hypothesis import Hypothesis
+from ftbias_jax.model.effects.catalogue import CATALOGUE
+
+BLOCKS = 25
+PROBLEM = SimpleNamespace(catalogue=CATALOGUE, samples=np.full((100, 6), 1000.0))
+CAUSE = Hypothesis("tool_mass")
+
+
+def fit_of(hypothesis, log_likelihood):
+    nothing = small_fit(np.zeros((0, 100, 6)), np.zeros((100, 6)), (), (hypothesis,) if hypothesis else ())
+    return nothing._replace(log_likelihood=log_likelihood)
+
+
+def twins_of(monkeypatch, losses, scatter, preliminary=1000.0, gain=1000.0):
+    """Of a cause that gains so much, with others that lose so many nats, scattered over the blocks by so much each."""
+    base, accepted = fit_of(None, -gain), fit_of(CAUSE, 0.0)
+    others = [Scored(fit_of(Hypothesis(name), -lost), preliminary) for name, lost in losses.items()]
+    sign = np.where(np.arange(BLOCKS) % 2, 1.0, -1.0)
+
+    def block_scores(problem, fit):
+        return (0.0 if fit is accepted else -scatter) * sign
+
+    monkeypatch.setattr(twins, "block_scores", block_scores)
+    scored = [Scored(accepted, 1000.0), *others]
+    return twins.twins_of(PROBLEM, base, accepted, CAUSE, scored)
+
+
+@pytest.mark.parametrize(
+    ("why", "other", "lost", "scatter", "named"),
+    [
+        ("within three standard errors", "tool_inertia", 14.0, 1.0, True),
+        ("beyond three standard errors", "tool_inertia", 16.0, 1.0, False),
+        ("a few nats never decide", "tool_inertia", 5.9, 0.01, True),
+        ("more of them do", "tool_inertia", 6.1, 0.01, False),
+        ("less than its form may cost a declared twin", "gain", 19.0, 0.01, True),
+        ("more than that", "gain", 21.0, 0.01, False),
+        ("a large error does not make a twenty-fifth of the gain", "tool_inertia", 49.0, 10.0, True),
+        ("nor a share that is too large", "tool_inertia", 51.0, 10.0, False),
+    ],
+)
+def test_who_is_a_twin(monkeypatch, why, other, lost, scatter, named):
+    assert twins_of(monkeypatch, {other: lost}, scatter) == ((other,) if named else ()), why
+
+
+def test_a_rough_fit_that_is_far_off_is_not_tried(monkeypatch):
+    assert twins_of(monkeypatch, {"gain": 0.0}, 1.0, preliminary=701.0) == ("gain",)
+    assert twins_of(monkeypatch, {"gain": 0.0}, 1.0, preliminary=699.0) == ()
+
+
+def test_three_are_told_the_best_first(monkeypatch):
+    near = ("gain", "tool_com", "tool_inertia", "crosstalk", "low_pass")
+    assert twins_of(monkeypatch, dict.fromkeys(near, 1.0), 1.0) == near[:3]
+    assert twins_of(monkeypatch, {CAUSE.effect: 0.0}, 1.0) == ()  # it is no twin of itself

@@ -1,0 +1,148 @@
+"""Each rule of the search by itself, on made-up fits: what is accepted, what became needless, when pairs are tried."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from small_fits import small_fit
+
+from ftbias_jax.diagnosis import search as searching
+from ftbias_jax.diagnosis.candidates import Scored
+from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut
+from ftbias_jax.diagnosis.hypothesis import Hypothesis
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.search import Bar
+from ftbias_jax.diagnosis.thresholds import LEAST_GAIN, NATS_PER_DEGREE
+
+BINS, SECONDS = 480, 48.0
+T = np.linspace(0, SECONDS, BINS, endpoint=False)
+ONES = np.ones((BINS, 6))
+PROBLEM = Problem((), T, np.zeros(BINS), ONES, ONES, T, (SECONDS,), np.ones(6), {})
+NO_COLUMNS = np.zeros((0, BINS, 6))
+
+
+def fit_of(squares, *names, local=False):
+    """A fit of these effects that leaves squared innovations (BINS,)."""
+    hypotheses = tuple(Hypothesis(name, shapes=(squares * 0,) if local else (), local=local) for name in names)
+    error = np.sqrt(np.broadcast_to(np.asarray(squares, float), (BINS,)))[:, None] * ONES
+    return small_fit(NO_COLUMNS, error, (), hypotheses)
+
+
+GAP = np.full(BINS, 2.0)
+"""Squares of the believed model: a mean square gap of one noise variance."""
+FIRST_BLOCK = T < 2.0
+
+
+@pytest.mark.parametrize(
+    ("why", "effect", "nats", "leaves", "held", "earned"),
+    [
+        ("all is well", "tool_mass", 13.0, GAP - 0.1, (3.0, 1.0), True),
+        ("too little is gained beyond the price", "tool_mass", 11.9, GAP - 0.1, (3.0, 1.0), False),
+        ("one block gains it all", "tool_mass", 500.0, GAP - 2.0 * FIRST_BLOCK, (3.0, 1.0), False),
+        ("what is sudden gains in one block", "bias_jump", 500.0, GAP - 2.0 * FIRST_BLOCK, (3.0, 1.0), True),
+        ("unseen blocks do not gain surely", "tool_mass", 13.0, GAP - 0.1, (1.9, 1.0), False),
+        ("what is sudden gains in too few of them", "bias_jump", 13.0, GAP - 0.1, (1.9, 1.0), True),
+        ("it removes less than the owner would see", "tool_mass", 13.0, GAP - 0.006, (3.0, 1.0), False),
+        ("it removes as much as the owner would see", "tool_mass", 13.0, GAP - 0.007, (3.0, 1.0), True),
+    ],
+)
+def test_what_a_cause_must_do(why, effect, nats, leaves, held, earned):
+    accepted, trial = fit_of(GAP), fit_of(leaves, effect)
+
+    def hold_out(fit, reference):
+        return HeldOut(fit.error, *held)
+
+    bar = Bar(PROBLEM, 0.08**2)
+    got = searching._earned(PROBLEM, hold_out, bar, accepted, accepted, Scored(trial, nats))
+    assert got is earned, why
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "stands_out"),
+    [
+        (0.0, 1.0, True),  # nothing else acts then
+        (10.0, 1.1, True),  # a tenth and a bit of what the others did there
+        (10.0, 0.9, False),
+    ],
+)
+def test_events_must_do_more_than_tidy_up_after_other_causes(before, after, stands_out):
+    """Squares that the others took away in the events' own time, and squares that the events take away."""
+    start, accepted, trial = fit_of(20.0 + 0 * T), fit_of(20.0 - before + 0 * T), fit_of(20.0 - before - after + 0 * T)
+    event = Hypothesis("contact", shapes=((T > 3) & (T < 5),), local=True)
+    trial = trial._replace(hypotheses=(event,))
+    assert searching._stands_out(PROBLEM, start, accepted, trial) is stands_out
+
+
+@pytest.mark.parametrize(
+    ("share", "gap", "enough"),
+    [(0.0, 0.0, 0.08**2), (0.0, 1.0, 0.02), (0.0, 0.1, 0.08**2)],
+)
+def test_a_further_cause_must_remove_a_share_of_the_gap(share, gap, enough):
+    start = fit_of(1 + gap + 0 * T)
+    accepted = start._replace(hypotheses=(Hypothesis("tool_mass"),))
+    assert searching._bar(PROBLEM, start, accepted).least == pytest.approx(enough)
+
+
+@pytest.mark.parametrize(
+    ("loss", "degrees", "spare"),
+    [
+        (LEAST_GAIN + NATS_PER_DEGREE + 1, 1, False),
+        (LEAST_GAIN + NATS_PER_DEGREE - 1, 1, True),
+        (LEAST_GAIN + 2 * NATS_PER_DEGREE, 3, True),  # three numbers cost more than one
+    ],
+)
+def test_a_cause_that_later_ones_make_needless_is_dropped(monkeypatch, loss, degrees, spare):
+    """It is needless if the fit without it loses less than a cause must gain."""
+    both = fit_of(GAP, "tool_mass", "gain")
+    columns = both.columns._replace(moving=np.zeros((degrees, BINS, 6)))
+    both = both._replace(columns=columns)
+
+    def refit(problem, hypotheses, start):
+        alone = start.columns._replace(moving=np.zeros((0, BINS, 6)))
+        return start._replace(hypotheses=hypotheses, columns=alone, log_likelihood=start.log_likelihood - loss)
+
+    monkeypatch.setattr(searching, "fit", refit)
+    rest = searching._spare(PROBLEM, both)
+    assert (rest is not None) is spare
+    if spare:
+        assert [h.effect for h in rest.hypotheses] == ["gain"]  # the last one is what made it needless
+
+
+@pytest.mark.parametrize(
+    ("gains", "others"),
+    [
+        ({"tool_mass": 100.0, "gain": 31.0, "tool_com": 99.0}, ["gain"]),  # of the first two alone
+        ({"tool_mass": 100.0, "gain": 29.0}, []),  # too weak
+        ({"tool_mass": 100.0, "warmup": 90.0}, []),  # a cause already
+    ],
+)
+def test_pairs_are_tried_from_strong_other_firsts(gains, others):
+    first = [Scored(fit_of(GAP, name), gain) for name, gain in gains.items()]
+    accepted = fit_of(GAP, "tool_mass", "warmup")
+    assert [s.hypothesis.effect for s in searching._other_firsts(first, accepted)] == others
+
+
+@pytest.mark.parametrize(
+    ("why", "causes", "left", "gained", "adopted"),
+    [
+        ("the pair is better", ("gain", "warmup"), 0.05, LEAST_GAIN + 1, True),
+        ("the pair is hardly better", ("gain", "warmup"), 0.05, LEAST_GAIN - 1, False),
+        ("one cause is no pair", ("gain",), 0.05, LEAST_GAIN + 1, False),
+        ("nothing is left to explain", ("gain", "warmup"), 0.005, LEAST_GAIN + 1, False),
+        ("of three causes a pair might do as well", ("gain", "warmup", "tool_com"), 0.005, LEAST_GAIN + 1, True),
+        ("much is left: it is in no catalogue", ("gain", "warmup"), 0.15, LEAST_GAIN + 1, False),
+    ],
+)
+def test_when_a_pair_takes_the_place_of_what_was_found(monkeypatch, why, causes, left, gained, adopted):
+    start, greedy = fit_of(GAP), fit_of(1 + left + 0 * T, *causes)
+    pair = greedy._replace(hypotheses=(Hypothesis("tool_mass"), Hypothesis("warmup")))
+    pair = pair._replace(log_likelihood=greedy.log_likelihood + gained)
+    first = [Scored(fit_of(GAP, name), 100.0) for name in ("gain", "tool_mass")]
+
+    def grow(problem, library, start, hold_out, rounds, without, most=3):
+        return (pair, [*rounds, []]) if rounds else (greedy, [first])
+
+    monkeypatch.setattr(searching, "make_library", lambda problem: None)
+    monkeypatch.setattr(searching, "grow", grow)
+    found, _ = searching.search(PROBLEM, start, SimpleNamespace())
+    assert (found is pair) is adopted, why
