@@ -19,6 +19,8 @@ from ftbias_jax.errors import FtbiasError
 
 RENAMED = {"blind": "validate"}
 """Commands that had another name."""
+OF_MANY = ("report",)
+"""Commands that are about many logs only, and stand with their jobs."""
 INTERRUPTED = "interrupted, nothing more was written"
 
 
@@ -38,7 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         # A command's module is imported only now: JAX alone costs half a second.
-        command = importlib.import_module(f"ftbias_jax.cli.commands.{parsed.command}")
+        folder = "jobs" if parsed.command in OF_MANY else "commands"
+        command = importlib.import_module(f"ftbias_jax.cli.{folder}.{parsed.command}")
         run: Callable[[argparse.Namespace], int] = command.run
         return run(parsed)
     except FtbiasError as error:

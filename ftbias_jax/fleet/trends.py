@@ -33,10 +33,12 @@ class Trend(NamedTuple):
     stderr: float
     change: float
     """From the first to the last log along the line."""
-    start: float
-    """s and the value there, for drawing."""
     first: float
+    """s, the first log."""
     end: float
+    """s, the last log."""
+    start: float
+    """The line's value at the first log."""
 
     @property
     def is_sure(self) -> bool:
@@ -68,8 +70,9 @@ def trend(t: Array, y: Array) -> Trend | None:
     slope = float(centred @ m) / spread
     left = m - m.mean() - slope * centred
     square = float(left @ left)
+    line = slope * (t[-1] - t[0]), t[0], t[-1], float(m.mean() + slope * (t[0] - x.mean()))
     if square <= 0:
-        return Trend(slope, 0.0, slope * (t[-1] - t[0]), t[0], m.mean() + slope * (t[0] - x.mean()), t[-1])
+        return Trend(slope, 0.0, *line)
     r = float(left[1:] @ left[:-1]) / square
     r = float(np.clip(r + (1 + 4 * r) / count, 0.0, 0.99))  # what is fitted to n points is less correlated by 1/n
     effective = max(count * (1 - r) / (1 + r), 2.5)
@@ -77,7 +80,7 @@ def trend(t: Array, y: Array) -> Trend | None:
     if r > WALKS or count < FEW:
         walked = float(np.sqrt(1.2 * count) * np.diff(m).std()) / (t[-1] - t[0])
         stderr = max(stderr, WALK_SHARE * walked)
-    return Trend(slope, stderr, slope * (t[-1] - t[0]), t[0], m.mean() + slope * (t[0] - x.mean()), t[-1])
+    return Trend(slope, stderr, *line)
 
 
 def appears(flags: Sequence[bool]) -> int | None:

@@ -15,6 +15,7 @@ ADD = (
     diagnosis.add_diagnose,
     diagnosis.add_effects_command,
     logs.add_info,
+    logs.add_report,
     logs.add_compare,
     diagnosis.add_validate,
     logs.add_demo,

@@ -82,3 +82,16 @@ def add_compare(commands: Commands) -> None:
     )
     parser.add_argument("one", metavar="ONE", help="a setup (.toml), a result (.npz), a diagnosis or a check (.json)")
     parser.add_argument("two", metavar="TWO", help="another of the same kind")
+
+
+def add_report(commands: Commands) -> None:
+    """The command ``report``."""
+    parser = commands.add_parser(
+        "report",
+        help="show what the logs of a fleet show together, as one page",
+        description="Read the manifests in FOLDERs, and write which logs have a gap and why, bias and residual over "
+        "time by robot and sensor, and alarms: a bias that ages, a cause that appears.",
+        epilog="Example: ftbias report results -o fleet.html",
+    )
+    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="results of filter, check and diagnose")
+    parser.add_argument("-o", "--output", required=True, metavar="PAGE.html", help="where to write the page")

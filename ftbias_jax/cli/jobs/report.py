@@ -1,0 +1,25 @@
+"""``ftbias report``: what the logs of a fleet show together, as one HTML page."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+from ftbias_jax.fleet.alarms import alarms_of
+from ftbias_jax.fleet.history import read_fleet
+from ftbias_jax.fleet.page import name, to_page
+from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.outputs import check_writable
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the alarms and write the page."""
+    check_writable(arguments.output, ".html")
+    fleet = read_fleet(arguments.folders)
+    text = to_page(fleet, f"Fleet in {', '.join(arguments.folders)}", os.path.dirname(arguments.output))
+    write_atomic(arguments.output, lambda file: file.write(text.encode()))
+    groups = fleet.by_robot()
+    alarms = [f"{name(group)}: {alarm.text}" for group, some in groups.items() for alarm in alarms_of(some)]
+    print("\n".join([*alarms, f"{len(fleet.records)} logs of {len(groups)} robots, {len(alarms)} alarms"]))
+    print(f"wrote {arguments.output}")
+    return 0

@@ -1,0 +1,228 @@
+"""A fleet as one HTML page that needs nothing else: no network, no scripts, no fonts."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from urllib.parse import quote
+
+import numpy as np
+
+from ftbias_jax import __version__
+from ftbias_jax.diagnosis.report.interactive import STYLE_POLICY
+from ftbias_jax.diagnosis.report.svg import escape
+from ftbias_jax.diagnosis.report.tables import verdict_words
+from ftbias_jax.diagnosis.report.terms import html_table
+from ftbias_jax.fleet.alarms import Alarm, alarms_of, bias_trend, dates, day, scalars_of, size, values_of
+from ftbias_jax.fleet.entry import FAILED, LOSS
+from ftbias_jax.fleet.history import Fleet, Record
+from ftbias_jax.fleet.plots import plot_history, plot_marks
+from ftbias_jax.types import AXES
+
+MOST_ROWS = 200
+"""Logs that a table lists; the manifest has all."""
+FIRST_ROWS = 15
+"""Of them, those that are not folded away."""
+MOST_PLOTTED = 40
+"""Robots that have plots."""
+MOST_CAUSES = 10
+HOW_TO_READ = (
+    "Bias and residuals are those of ftbias filter, gaps and causes those of ftbias diagnose, mistakes those of ftbias "
+    "check: what was not run is not shown. The bias is that at the end of each log; corrected = reading + bias.",
+    "A bias ages if it follows a line over the dates by more than five standard errors, which grow with how much "
+    "neighbouring logs have in common, and by more than a random walk goes by itself. A cause appears if most logs "
+    "since some date have it and few had it before; two logs at the end are the least.",
+    "Logs whose stamps are no dates stand at the time when their file was changed last.",
+)
+
+Group = tuple[str, str]
+
+
+def to_page(fleet: Fleet, title: str, folder: str) -> str:
+    """The page.
+
+    Args:
+        fleet: what to show.
+        title: any text.
+        folder: in which the page will be, for links to reports of single logs.
+    """
+    groups = fleet.by_robot()
+    alarms = {group: alarms_of(records) for group, records in groups.items()}
+    gaps = sorted((r for r in fleet.records if r.has_gap), key=lambda r: -np.nan_to_num(r.numbers("gap_sigmas", 1)[0]))
+    bad = [record for record in fleet.records if record.status in (FAILED, LOSS)]
+    sections = (
+        _section("Alarms", _alarms(alarms)),
+        _section("Robots and sensors", _overview(groups, alarms)),
+        _section(f"Logs with a gap ({len(gaps)})", _gaps(gaps, folder)),
+        *(
+            _section(f"{name(group)}, over time", _plots(number, records))
+            for number, (group, records) in enumerate(groups.items())
+            if number < MOST_PLOTTED
+        ),
+        _left_out(len(groups) - MOST_PLOTTED, "robots have no plots here"),
+        _section(f"Logs that failed or lost samples ({len(bad)})", _troubles(bad)),
+        _section("Where this comes from", _origin(fleet)),
+        _section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
+    )
+    style = "".join(
+        resources.files(package).joinpath(file).read_text(encoding="utf-8")
+        for package, file in (("ftbias_jax.diagnosis.report", "report.css"), ("ftbias_jax.fleet", "fleet.css"))
+    )
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{STYLE_POLICY}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<meta name="color-scheme" content="light dark">'
+        f"<title>{escape(title)}</title><style>{style}</style></head>\n"
+        f"<body><main>{_header(fleet, alarms, title)}\n{''.join(sections)}</main></body></html>\n"
+    )
+
+
+def name(group: Group) -> str:
+    """Of a robot and its sensor."""
+    robot, sensor = group
+    return f"{robot}, sensor {sensor}" if sensor else robot
+
+
+def _header(fleet: Fleet, alarms: Mapping[Group, Sequence[Alarm]], title: str) -> str:
+    records, count = fleet.records, sum(map(len, alarms.values()))
+    verdicts = Counter(record.verdict for record in records if record.verdict)
+    robots = f"{len(alarms)} robot{'s' if len(alarms) > 1 else ''}"
+    numbers = [
+        ("logs", f"{len(records)} of {robots}"),
+        ("from", f"{day(records[0].date)} to {day(records[-1].date)}"),
+        ("failed", str(sum(record.status == FAILED for record in records))),
+        ("lost samples", str(sum(record.status == LOSS for record in records))),
+        ("diagnosed", str(sum(verdicts.values()))),
+        *((verdict_words(verdict), str(times)) for verdict, times in verdicts.most_common()),
+    ]
+    items = "".join(f"<div><dt>{escape(term)}</dt><dd>{escape(value)}</dd></div>" for term, value in numbers)
+    words = f"{count} alarm{'s' if count > 1 else ''}" if count else "No alarm"
+    quiet = "" if count else " class='quiet'"
+    return f"<header{quiet}><p class='small'>{escape(title)}</p><h1>{words}</h1><dl>{items}</dl></header>"
+
+
+def _section(title: str, content: str) -> str:
+    return f"<section><h2>{escape(title)}</h2>{content}</section>\n" if content else ""
+
+
+def _alarms(alarms: Mapping[Group, Sequence[Alarm]]) -> str:
+    items = [
+        f"<li><b>{escape(name(group))}</b>: {escape(alarm.text)}</li>"
+        for group, some in alarms.items()
+        for alarm in some
+    ]
+    return f"<ul class='alarms'>{''.join(items)}</ul>" if items else ""
+
+
+def _overview(groups: Mapping[Group, Sequence[Record]], alarms: Mapping[Group, Sequence[Alarm]]) -> str:
+    rows = []
+    for group, records in groups.items():
+        force, torque = np.moveaxis(size(values_of(records, "one_second_error")), 1, 0)
+        diagnosed = [record for record in records if record.verdict]
+        causes = Counter(cause for record in diagnosed for cause in record.words("causes"))
+        with_gap = f"{sum(record.has_gap for record in diagnosed)} of {len(diagnosed)}" if diagnosed else ""
+        rows.append(
+            (
+                name(group),
+                str(len(records)),
+                f"{day(records[0].date)} to {day(records[-1].date)}",
+                _median(scalars_of(records, "nis")),
+                f"{_median(force)} N, {_median(torque)} Nm" if np.isfinite(force).any() else "",
+                _median(100 * scalars_of(records, "gated_share"), " %"),
+                with_gap,
+                ", ".join(f"{cause} ({times})" for cause, times in causes.most_common(3)),
+                str(len(alarms[group]) or ""),
+            )
+        )
+    head = ("robot", "logs", "dates", "NIS", "error 1 s ahead", "gated", "with a gap", "causes", "alarms")
+    return html_table(head, rows)
+
+
+def _median(values: np.ndarray, unit: str = "") -> str:
+    seen = values[np.isfinite(values)]
+    return f"{np.median(seen):.3g}{unit}" if len(seen) else ""
+
+
+def _gaps(records: Sequence[Record], folder: str) -> str:
+    rows = []
+    for record in records[:MOST_ROWS]:
+        before, shrink = record.numbers("gap_sigmas", 1)[0], record.numbers("shrink", 1)[0]
+        found = (*record.words("causes"), *record.words("terms"))
+        cells = (
+            f"{record.robot} {record.sensor}".strip(),
+            day(record.date),
+            verdict_words(record.verdict),
+            ", ".join(found),
+            f"{before:.2f}" if np.isfinite(before) else "",
+            f"{100 * shrink:.0f} %" if np.isfinite(shrink) and found else "",
+        )
+        log = escape(record.log)
+        if record.report:
+            path = quote(os.path.relpath(record.report, folder or "."))
+            log = f'<a href="{escape(path)}">{log}</a>'
+        rows.append(f'<tr><th scope="row">{log}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in cells)}</tr>')
+    head = ("log", "robot", "date", "verdict", "found", "gap [noise sigmas]", "shrinks by")
+    columns = "".join(f'<th scope="col">{column}</th>' for column in head)
+
+    def table(some: Sequence[str]) -> str:
+        content = f"<table><thead><tr>{columns}</tr></thead><tbody>{''.join(some)}</tbody></table>"
+        return f'<div class="scroll" tabindex="0">{content}</div>' if some else ""
+
+    rest = table(rows[FIRST_ROWS:])
+    folded = f"<details><summary>{len(rows) - FIRST_ROWS} more</summary>{rest}</details>" if rest else ""
+    more = _left_out(len(records) - MOST_ROWS, "logs with smaller gaps are in the manifest")
+    return table(rows[:FIRST_ROWS]) + folded + more
+
+
+def _plots(number: int, records: Sequence[Record]) -> str:
+    whole = [record for record in records if record.quality]
+    t, parts = dates(whole), []
+    bias, std = values_of(whole, "bias"), values_of(whole, "bias_std")
+    if np.isfinite(bias).any():
+        for axis, axis_name in enumerate(AXES):
+            title = f"Bias {axis_name} [{'N' if axis < 3 else 'Nm'}]"
+            found = bias_trend(whole, axis)
+            parts.append(plot_history(f"bias-{number}-{axis}", title, t, bias[:, axis], std[:, axis], found))
+        for key, words in (("one_second_error", "Error 1 s ahead"), ("residual_std", "Residual, std")):
+            values = size(values_of(whole, key))
+            for column, kind in enumerate(("force [N]", "torque [Nm]")):
+                parts.append(plot_history(f"{key}-{number}-{column}", f"{words}, {kind}", t, values[:, column]))
+        parts.append(plot_history(f"nis-{number}", "NIS for each axis (1 = right)", t, scalars_of(whole, "nis")))
+    gap = scalars_of(whole, "gap_sigmas")
+    if np.isfinite(gap).any():
+        parts.append(plot_history(f"gap-{number}", "Gap [noise sigmas]", t, gap))
+    figures = "".join(f"<figure>{part}</figure>" for part in parts)
+    return f"<div class='grid'>{figures}</div>{_causes(number, whole)}"
+
+
+def _causes(number: int, records: Sequence[Record]) -> str:
+    """Which causes and mistakes were found when."""
+    found = [(record.date, {*record.words("causes"), *record.words("findings")}) for record in records]
+    counts = Counter(name for _, names in found for name in names)
+    if not counts:
+        return ""
+    t = np.array([date for date, _ in found])
+    common = [cause for cause, _ in counts.most_common(MOST_CAUSES)]
+    rows = [(cause, np.array([cause in names for _, names in found])) for cause in common]
+    drawn = plot_marks(f"causes-{number}", "Causes and mistakes by date", t, rows)
+    caption = "<figcaption>Causes and mistakes that were found, log by log.</figcaption>"
+    return f"<figure class='wide'>{drawn}{caption}</figure>"
+
+
+def _troubles(records: Sequence[Record]) -> str:
+    rows = [(record.log, record.status, "; ".join(record.troubles)) for record in records[:MOST_ROWS]]
+    more = _left_out(len(records) - MOST_ROWS, "more are in the manifest")
+    return html_table(("log", "status", "why"), rows) + more
+
+
+def _left_out(count: int, words: str) -> str:
+    return f"<p>{count} {words}.</p>" if count > 0 else ""
+
+
+def _origin(fleet: Fleet) -> str:
+    rows = [(one.job, one.robot, one.setup, one.setup_sha256[:12], one.version) for one in fleet.settings]
+    folders = f"<p>Folders: {escape(', '.join(fleet.folders))}. Page made by ftbias {escape(__version__)}.</p>"
+    return html_table(("command", "robot", "setup", "SHA-256", "version"), sorted(rows)) + folders
