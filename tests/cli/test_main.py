@@ -161,7 +161,9 @@ def test_offsets_are_what_is_added_to_the_reading(copy, tmp_path, capsys, report
     text = text.replace("wrench_on_tool", reports)
     arrays["wrench"] *= sign
     assert run(arrays, text, "--offsets", tmp_path / "offsets.yaml") == 0
-    numbers = re.findall(r"[xyz]: ([-+.\de]+)", (tmp_path / "offsets.yaml").read_text())
+    written = (tmp_path / "offsets.yaml").read_text()
+    assert re.match(r"# by ftbias_jax \S+ from log.npz with setup.toml, sha256 [0-9a-f]{64}\n", written)
+    numbers = re.findall(r"[xyz]: ([-+.\de]+)", written)
     corrected = arrays["wrench"][-1] + np.array(numbers, float)
     unbiased = npz.load_npz(tmp_path / "out.npz")["wrench_unbiased"][-1]
     np.testing.assert_allclose(sign * corrected, unbiased, rtol=0, atol=1e-5)

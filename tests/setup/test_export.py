@@ -123,7 +123,10 @@ def reading(setup, rotation):
 
 
 def loaded(text):
-    return pytest.importorskip("ruamel.yaml").YAML(typ="safe").load(text)
+    """By the rules of YAML 1.1, which PyYAML and so ROS have: a number with an exponent but no point is a word."""
+    yaml = pytest.importorskip("ruamel.yaml").YAML(typ="safe", pure=True)
+    yaml.version = (1, 1)
+    return yaml.load(text.replace(" y:", ' "y":'))  # a truth value to YAML 1.1 by the letter, but not to PyYAML
 
 
 @pytest.mark.parametrize("reports", ["wrench_on_tool", "wrench_on_sensor"])
@@ -174,6 +177,18 @@ def test_what_is_not_known_is_refused(sections, name, words):
     setup = parse_setup({key: {k: v for k, v in part.items() if v is not None} for key, part in merged.items()})
     with pytest.raises(SetupError, match=re.escape(words)):
         export_text(setup, name)
+
+
+def test_small_numbers_are_numbers_to_every_reader():
+    small = setup_with(tool={"center_of_mass": [1e-5, -2e-7, 0.06]}, bias={"initial": [1e-5, 0, 3, 0, 0, -4e-8]})
+    said = loaded(export_text(small, "ft_calib"))
+    np.testing.assert_allclose(said["gripper_com_pose"][:3], [1e-5, -2e-7, 0.06])
+    np.testing.assert_allclose(said["bias"], [-1e-5, 0, -3, 0, 0, 4e-8])
+    assert all(isinstance(x, float) for x in said["bias"])  # 3 without a point is an integer, which ROS 2 refuses
+    for name in ("ur", "ros"):
+        assert not re.search(
+            r"\de[-+]?\d", "".join(line.partition("#")[0] for line in export_text(small, name).splitlines())
+        )
 
 
 def test_a_flange_that_nobody_vouches_for_is_refused():

@@ -12,6 +12,7 @@ from ftbias_jax.fleet.entry import settings_of
 from ftbias_jax.fleet.find import expand
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_outputs, check_writable
+from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.setup import load_setup
 
 
@@ -28,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     check = check_setup(setup, logs)
     print(check)
     if arguments.json:
-        check.to_json(arguments.json)
+        check.to_json(arguments.json, provenance(setup, list(map(source_of, logs)), {}))
         print(f"wrote {arguments.json}")
     tell_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
     return 0 if check.ok else 1

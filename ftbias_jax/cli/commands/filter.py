@@ -17,6 +17,7 @@ from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.parts import open_log
 from ftbias_jax.io.write import writer, written
 from ftbias_jax.io.write.offsets import dump_offsets
+from ftbias_jax.io.write.provenance import in_words
 from ftbias_jax.io.write.selection import check_selection
 from ftbias_jax.runtime.progress import Progress
 from ftbias_jax.setup import load_setup
@@ -68,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(line)
     print(format_joint_noise(outcome.params, setup.joints.model))
     if arguments.offsets:
-        text = dump_offsets(outcome.summary.bias, setup.sensor.reports)
+        text = dump_offsets(outcome.summary.bias, setup.sensor.reports, remark=in_words(outcome.origin))
         write_atomic(arguments.offsets, lambda file: file.write(text.encode()))
         print(f"{arguments.offsets}: the bias at the end, as offsets that the broadcaster adds to each reading")
     print("wrote " + " and ".join(filter(None, (*written(arguments.output), arguments.plot, arguments.offsets))))

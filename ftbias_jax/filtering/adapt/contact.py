@@ -153,8 +153,9 @@ def _contact(blocks: Blocks, departures: Array, first: int, last: int) -> Contac
 
 
 def in_contact(t: Array, contacts: list[Contact], margin: float = 0.0) -> Array:
-    """(T,) whether each sample is in a contact, or within the margin s of one."""
+    """(T,) whether each sample is in a contact, or within the margin s of one; t increases."""
     touched = np.zeros(len(t), bool)
     for contact in contacts:
-        touched |= (t >= contact.start - margin) & (t < contact.end + margin)
+        first, last = np.searchsorted(t, [contact.start - margin, contact.end + margin])
+        touched[first:last] = True
     return touched

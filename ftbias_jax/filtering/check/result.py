@@ -10,6 +10,7 @@ from typing import Any
 
 from ftbias_jax.errors import FtbiasError, LogError, SetupError
 from ftbias_jax.io.atomic import write_json
+from ftbias_jax.io.write.provenance import Provenance
 
 MISTAKES: Mapping[str, str] = {
     "sign": "the sensor reports the opposite sign",
@@ -107,16 +108,18 @@ class Check:
         ]
         return {"ok": self.ok, "findings": findings, "evidence": dict(self.evidence)}
 
-    def to_json(self, path: str | os.PathLike[str]) -> None:
+    def to_json(self, path: str | os.PathLike[str], origin: Provenance | None = None) -> None:
         """Write the findings for programs, whole or not at all.
 
         Args:
             path: the file to make or replace.
+            origin: what they were made from.
 
         Raises:
             OutputError: the file cannot be written.
         """
-        write_json(path, json.loads(json.dumps(self.as_dict())))
+        said = {} if origin is None else {"provenance": origin}
+        write_json(path, json.loads(json.dumps(self.as_dict() | said)))
 
     def __str__(self) -> str:
         if self.findings:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.adapt.contact import Contact, in_contact
+from ftbias_jax.filtering.adapt.contact import Contact
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.types import Array
 
@@ -67,9 +67,9 @@ def add(tallies: Sequence[Tally], contacts: Sequence[Contact], part: Filtered, l
     """
     if not contacts or part.contact_wrench is None or part.contact_wrench_std is None:
         return list(tallies)
-    added = []
+    t, added = part.t - log_start, []
     for tally, contact in zip(tallies, contacts, strict=True):
-        rows = in_contact(part.t - log_start, [contact])
+        rows = slice(*np.searchsorted(t, [contact.start, contact.end]))
         added.append(_with_rows(tally, part.t[rows], part.contact_wrench[rows], part.contact_wrench_std[rows]))
     return added
 

@@ -84,6 +84,13 @@ def as_text(origin: Provenance) -> str:
     return json.dumps(origin, allow_nan=False)
 
 
+def in_words(origin: Provenance) -> str:
+    """One line for a comment in a file."""
+    setup, logs = origin["setup"], ", ".join(log["name"] for log in origin["logs"])
+    name = setup["name"] or "a setup in memory"
+    return f"by ftbias_jax {origin['version']} from {logs} with {name}, sha256 {setup['sha256']}"
+
+
 def sha256_of(path: str) -> str | None:
     """SHA-256 of a file; of a folder, which is a recording, that of the sums of its files by name.
 

@@ -6,7 +6,10 @@ import hashlib
 import os
 from typing import NamedTuple
 
+import numpy as np
+
 from ftbias_jax import __version__
+from ftbias_jax.errors import printable
 from ftbias_jax.setup.save import edited_text
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -38,9 +41,19 @@ def heading(setup: Setup) -> list[str]:
     words += [f"{key}: {remark}" for key, remark in setup.comments.items() if key.startswith("tool.")]
     if setup.effects:
         words.append(f"not in these numbers: the effects of the setup ({', '.join(setup.effects)})")
-    return words
+    return [printable(line) for line in words]
 
 
 def plain(values: Array) -> list[float]:
-    """Numbers with twelve digits and no minus zero."""
-    return [float(f"{float(value):.12g}") + 0.0 for value in values]
+    """Numbers with twelve digits, or fifteen decimals, and no minus zero."""
+    return [round(float(f"{float(value):.12g}"), 15) + 0.0 for value in values]
+
+
+def number(value: float) -> str:
+    """A number with a point and without an exponent, because "1e-05" is a word to YAML 1.1, which ROS reads."""
+    return str(np.format_float_positional(plain([value])[0], trim="0"))
+
+
+def numbers(values: Array) -> str:
+    """Such numbers as a list, in YAML and URScript."""
+    return f"[{', '.join(map(number, values))}]"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from ftbias_jax.setup.export.options import ExportOptions, heading, plain
+from ftbias_jax.setup.export.options import ExportOptions, heading, number, numbers, plain
 from ftbias_jax.setup.export.payload import FRANKA, UR, payload_of
 from ftbias_jax.setup.types import Setup
 
@@ -21,18 +21,17 @@ def ur_text(setup: Setup, options: ExportOptions) -> str:
         options: of the export.
     """
     mass, center, inertia = payload_of(setup, UR, options)
-    cog = plain(center)
-    (mass,) = plain([mass])
-    six = plain([inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))])
+    cog = numbers(center)
+    six = numbers([inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))])
     between = ", and what was given between flange and sensor" if options.sensor_mass else ""
     lines = [
         *heading(setup),
         "kg; m in the tool flange frame; kg m^2 about the centre of gravity, axes of the flange: xx yy zz xy xz yz",
         f"everything distal of the sensor{between}",
         "the robot zeroes its own force-torque reading when it runs this",
-        f"older software: set_payload({mass}, {cog})",
+        f"older software: set_payload({number(mass)}, {cog})",
     ]
-    return "".join(f"# {line}\n" for line in lines) + f"set_target_payload({mass}, {cog}, {six})\n"
+    return "".join(f"# {line}\n" for line in lines) + f"set_target_payload({number(mass)}, {cog}, {six})\n"
 
 
 def franka_text(setup: Setup, options: ExportOptions) -> str:

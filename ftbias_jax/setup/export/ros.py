@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.setup.export.options import ExportOptions, heading, plain
+from ftbias_jax.setup.export.options import ExportOptions, heading, number, numbers
 from ftbias_jax.setup.require import require_tool
 from ftbias_jax.setup.types import REPORTS, SCREWS, Setup
 from ftbias_jax.types import Array
@@ -33,8 +33,8 @@ def ros_text(setup: Setup, options: ExportOptions) -> str:
         SetupError: the tool is not stated, or the reading has been compensated already.
     """
     tool = _tool_of_the_reading(setup)
-    offset = [json.dumps(x) for x in plain(_sign(setup) * setup.bias.initial)]
-    field = plain(-_sign(setup) * setup.robot.gravity)
+    offset = [number(x) for x in _sign(setup) * setup.bias.initial]
+    field = numbers(-_sign(setup) * setup.robot.gravity)
     lines = [
         *_comments(setup),
         "force_torque_sensor_broadcaster:",
@@ -50,9 +50,9 @@ def ros_text(setup: Setup, options: ExportOptions) -> str:
         f"          world_frame: {json.dumps(options.world_frame or world_frame(setup))}  # the setup's base frame",
         f"          sensor_frame: {json.dumps(options.sensor_frame)}",
         "          tool:",
-        f"            CoG: {plain(tool[1])}  # m, sensor frame",
+        f"            CoG: {numbers(tool[1])}  # m, sensor frame",
         f"            gravity_field: {field}  # m/s^2, world frame; of a sensor that reports the {_words(setup)}",
-        f"            mass: {plain([tool[0]])[0]}  # kg",
+        f"            mass: {number(tool[0])}  # kg",
     ]
     return "\n".join(lines) + "\n"
 
@@ -77,11 +77,11 @@ def ft_calib_text(setup: Setup, options: ExportOptions) -> str:
     lines = [
         *_comments(setup),
         f"# the topic imu must have 9.81 m/s^2 {up}, because the sensor reports the {_words(setup)}",
-        f"bias: {plain(-_sign(setup) * setup.bias.initial)}  # N, Nm: subtracted from the reading",
+        f"bias: {numbers(-_sign(setup) * setup.bias.initial)}  # N, Nm: subtracted from the reading",
         f"gripper_com_frame_id: {json.dumps(options.sensor_frame)}",
         'gripper_com_child_frame_id: "gripper_com"',
-        f"gripper_com_pose: {plain([*center, 0.0, 0.0, 0.0])}  # m, rad, sensor frame",
-        f"gripper_mass: {plain([mass])[0]}  # kg",
+        f"gripper_com_pose: {numbers([*center, 0.0, 0.0, 0.0])}  # m, rad, sensor frame",
+        f"gripper_mass: {number(mass)}  # kg",
     ]
     return "\n".join(lines) + "\n"
 
