@@ -14,6 +14,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import is_ros, read_recorded
 from ftbias_jax.io.cleaning import clean
+from ftbias_jax.io.draft.unstated import RawStream, described, pose_keys
 from ftbias_jax.io.health import gaps, sample_rate, saturation, stuck_seconds
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log, Repair
@@ -67,6 +68,10 @@ class LogInfo(NamedTuple):
     verdict: str
     """One line: what can be filtered from it, or why nothing."""
     usable: bool
+    keys: tuple[str, ...] = ()
+    """Lines of a setup that say how to read it, as far as it shows."""
+    others: tuple[str, ...] = ()
+    """Columns that nothing is made of."""
 
 
 def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvage: bool = False) -> LogInfo:
@@ -82,13 +87,19 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     """
     if is_ros(path):
         return _describe_ros(path, setup, salvage)
+    unstated = described(os.fspath(path)) if setup is None else None
+    if unstated is not None:
+        raw = tuple(map(_raw_info, unstated.streams))
+        return LogInfo(raw, (), (), unstated.verdict, False, unstated.keys, unstated.others)
     log = read_recorded(path, setup or _setup_for(_joint_names(path)))
-    joints = ~np.isnan(np.column_stack([log.q, log.dq])).all(1)
+    has_pose = setup is not None and setup.pose is not None
+    joints = ~np.isnan(log.q if has_pose else np.column_stack([log.q, log.dq])).all(1)
     names = setup.robot.joint_names if setup else tuple(_joint_names(path))
-    streams = (
-        _stream_info("joints", "q, dq", names, log.start, log.t[joints], log.q[joints], names),
-        _wrench_info(log),
-    )
+    shown = ~np.isnan(log.q).all(0) if has_pose else np.full(len(names), True)
+    labels = [name for name, there in zip(names, shown, strict=True) if there]
+    said = ("pose", "entries that are followed", ()) if has_pose else ("joints", "q, dq", names)
+    motion = _stream_info(*said, log.start, log.t[joints], log.q[joints][:, shown], labels)
+    streams = (motion, _wrench_info(log))
     verdict = "can be filtered" if setup else f"has {len(names)} joints and a wrench"
     try:
         return LogInfo(streams, (), clean(log).repairs, verdict, True)
@@ -109,6 +120,9 @@ def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bo
     by_field = has_pose or any(field.role == POSITION for field in wanted.fields)
     needed = {WRENCH: f"a wrench ({WRENCH_STAMPED})"} | ({} if by_field else {JOINTS: f"joints ({JOINT_STATE})"})
     missing = [words for role, words in sorted(needed.items()) if role not in roles]
+    if setup is None and WRENCH in roles and JOINTS not in roles and roles & {POSE, TRANSFORM}:
+        verdict = "has a pose and a wrench, but no joints: a setup with [sensor_pose] reads it"
+        return LogInfo(streams, others, repairs, verdict, False, pose_keys(recording))
     if missing:
         return LogInfo(streams, others, repairs, f"nothing can be filtered without {' and '.join(missing)}", False)
     if setup is None:
@@ -122,6 +136,15 @@ def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bo
 
 def _nothing(error: LogError) -> str:
     return f"nothing can be filtered: {error.message} ({error.remedy})"
+
+
+def _raw_info(stream: RawStream) -> StreamInfo:
+    said = (stream.name, stream.kind, (), stream.start, stream.t, stream.values, stream.labels, stream.sensor)
+    info = _stream_info(*said)
+    if stream.timed:
+        return info
+    nowhere = float("nan")
+    return info._replace(first=nowhere, last=nowhere, rate=nowhere, gaps=(), trouble=("it has no stamps",))
 
 
 def _recorded_info(stream: Stream) -> StreamInfo:

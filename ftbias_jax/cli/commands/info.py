@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from datetime import UTC, datetime
 
 from ftbias_jax.errors import LONGEST, cut
@@ -25,7 +26,11 @@ def format_info(file: str, info: LogInfo) -> str:
     lines = [line for stream in info.streams for line in _stream_lines(stream)]
     if info.topics:
         lines.append("other topics: " + _listed([f"{cut(topic.name)} ({topic.messages})" for topic in info.topics]))
+    if info.others:
+        lines.append("other columns: " + ", ".join(map(cut, info.others)))
     lines += [f"repaired: {repair.what}" for repair in info.repairs]
+    if info.keys:
+        lines += ["a setup that reads it states, by its names and numbers:", *(f"  {line}" for line in info.keys)]
     lines.append(f"{cut(file)}: {info.verdict}")
     return "\n".join("".join(c if c.isprintable() else "?" for c in cut(line, LONGEST)) for line in lines)
 
@@ -34,7 +39,8 @@ def _stream_lines(stream: StreamInfo) -> list[str]:
     lines = [f"{cut(stream.name)}: {stream.kind}, {stream.samples} samples"]
     if stream.samples > 1:
         seconds = stream.last - stream.first
-        lines[0] += f", {stream.rate:.4g} Hz, {seconds:.6g} s from {_moment(stream.first)}"
+        timed = not math.isnan(stream.rate)
+        lines[0] += f", {stream.rate:.4g} Hz, {seconds:.6g} s from {_moment(stream.first)}" if timed else ""
     if any(stream.names):
         lines.append(f"  {'joints' if len(stream.names) > 1 else 'of'}: {', '.join(map(cut, stream.names))}")
     if stream.gaps:

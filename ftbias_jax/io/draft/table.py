@@ -17,12 +17,14 @@ from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS
 from ftbias_jax.io.tables.csv import named_columns
 from ftbias_jax.io.tables.csv_columns import Columns
 from ftbias_jax.io.tables.hdf5 import load_hdf5
-from ftbias_jax.io.tables.parquet import column_names
+from ftbias_jax.io.tables.parquet import column_names, parquet_columns
 from ftbias_jax.setup.recorded import TIME_UNITS
-from ftbias_jax.types import Array
+from ftbias_jax.types import AXES, Array
 
 CENTURY = (9.4e8, 4.1e9)
 """s since 1970: stamps of a clock that is set lie between 2000 and 2100."""
+LONGEST_RUN = 1e8
+"""s: other clocks start when a computer does."""
 WIDTHS = {3: "axis_angle", 9: "matrix", 4: "quaternion_xyzw"}
 """Numbers of an orientation -> what it may be."""
 FORCE = ("ax", "ay", "az")
@@ -51,6 +53,8 @@ class Table(NamedTuple):
     """(T, 3) as stored; None = none."""
     wrench: bool
     temperature: bool
+    others: tuple[str, ...] = ()
+    """Names of columns or arrays that nothing is made of."""
 
 
 def look(path: str) -> Table:
@@ -65,12 +69,12 @@ def look(path: str) -> Table:
     if suffix in (".h5", ".hdf5"):
         return _of_arrays(path, load_hdf5(path))
     if suffix == ".parquet":
-        return _of_columns(path, column_names(path), {})
-    if suffix != ".csv":
+        column_names(path)  # what is wrong with the file is said before anything is looked for
+    elif suffix != ".csv":
         raise LogError(
             f"unknown format {suffix!r}", file=path, remedy="give .npz .h5 .csv .parquet or a recording of ROS"
         )
-    if not os.path.isfile(path):
+    elif not os.path.isfile(path):
         raise LogError("cannot be read: there is no such file", file=path, remedy="check the path")
     header: list[str] = []
 
@@ -80,7 +84,7 @@ def look(path: str) -> Table:
         force = FORCE if set(FORCE) <= set(found) else ()
         return Columns(time, (), force, (), ())
 
-    values = named_columns(path, choose)
+    values = (parquet_columns if suffix == ".parquet" else named_columns)(path, choose)
     return _of_columns(path, header, values)
 
 
@@ -119,24 +123,34 @@ def _of_columns(path: str, header: Sequence[str], values: Mapping[str, Array]) -
         accelerometer=values.get("dq"),
         wrench=has(("fx", "fy", "fz")),
         temperature="temperature" in header,
+        others=tuple(name for name in header if not _known(name)),
     )
+
+
+def _known(name: str) -> bool:
+    """Whether a column has one of the usual names."""
+    usual = (*sum(COLUMNS.values(), ()), *FORCE, *"xyz", "wx", "wy", "wz", *AXES, "mx", "my", "mz")
+    counted = re.fullmatch(r"d?q\d+|(position|velocity)_.+", name)
+    return counted is not None or name in (*usual, "t", "time", "temperature")
 
 
 def time_unit(t: Array) -> str:
     """The unit of stamps, if it is not the usual one: "" = s, or ns of integers.
 
-    A rate that sensors have, and a date of this century, are plausible.
+    A rate that sensors have is plausible; so is a date of this century, or else a few years that a computer ran.
     """
     t = np.asarray(t, np.float64) if np.asarray(t).dtype.kind == "f" else np.asarray(t, np.int64)
     steps = np.diff(t)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     usual = "ns" if t.dtype.kind == "i" else "s"
-    for unit in (usual, *(other for other in TIME_UNITS if other != usual)):
-        seconds = TIME_UNITS[unit] * 1e-9
-        start = abs(float(t[0])) * seconds
-        if LOWEST_RATE <= 1 / (step * seconds) <= HIGHEST_RATE and (start < 1e8 or CENTURY[0] < start < CENTURY[1]):
-            return "" if unit == usual else unit
-    return ""
+    units = (usual, *(other for other in TIME_UNITS if other != usual))
+    lengths = {unit: TIME_UNITS[unit] * 1e-9 for unit in units}
+    plausible = [unit for unit in units if LOWEST_RATE <= 1 / (step * lengths[unit]) <= HIGHEST_RATE]
+    starts = {unit: abs(float(t[0])) * lengths[unit] for unit in plausible}
+    dated = [unit for unit, start in starts.items() if CENTURY[0] < start < CENTURY[1]]
+    running = [unit for unit, start in starts.items() if start < LONGEST_RUN]
+    unit = next(iter(dated + running), usual)
+    return "" if unit == usual else unit
 
 
 def patterns(tables: Sequence[Table]) -> dict[str, str]:

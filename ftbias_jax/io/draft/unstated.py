@@ -1,0 +1,215 @@
+"""What a table or a file of arrays has that no setup describes: its streams, and the keys that would state them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
+from ftbias_jax.io.draft.table import Table, look, time_unit
+from ftbias_jax.io.ros.record import Recording
+from ftbias_jax.io.ros.types.roles import IMU, POSE, TRANSFORM
+from ftbias_jax.io.tables.stream_files import read_stream
+from ftbias_jax.setup.keys.toml_text import toml_line
+from ftbias_jax.setup.parse import parse_setup
+from ftbias_jax.types import AXES, Array
+
+ENTRIES = {
+    "quaternion_xyzw": ("qx", "qy", "qz", "qw"),
+    "quaternion_wxyz": ("qw", "qx", "qy", "qz"),
+    "matrix": tuple(f"r{i}{j}" for i in "123" for j in "123"),
+    "axis_angle": ("rx", "ry", "rz"),
+}
+MOST_NAMES = 40
+"""Columns that are listed."""
+
+
+class RawStream(NamedTuple):
+    """One stream as it is stored, without a look at its units."""
+
+    name: str
+    kind: str
+    labels: tuple[str, ...]
+    """Of the columns."""
+    start: float
+    """s, stamp of the first sample."""
+    t: Array
+    """(T,) s since then."""
+    values: Array
+    """(T, k)."""
+    sensor: bool
+    """Whether noise is to be expected."""
+    timed: bool
+    """Whether it has stamps; otherwise they are rows."""
+
+
+class Unstated(NamedTuple):
+    """A whole file."""
+
+    streams: tuple[RawStream, ...]
+    others: tuple[str, ...]
+    """Columns that nothing was made of."""
+    keys: tuple[str, ...]
+    """Lines of a setup that say how to read it."""
+    verdict: str
+
+
+def look_at(path: str, table: Table | None = None) -> Unstated:
+    """What a file has, by the usual names.
+
+    Args:
+        path: .csv, .parquet, .npz or .h5.
+        table: what ``look`` has found there; None = look.
+
+    Raises:
+        LogError: it cannot be read.
+    """
+    table = look(path) if table is None else table
+    stated = _stated(table)
+    read = {**stated, "log": {"rate": 1.0, **stated.get("log", {})}} if table.time is None else stated
+    setup = parse_setup({**_some_robot(table), **read, "sensor": {"noise_std": 1.0}})
+    streams = []
+    for quantity, there in _quantities(table).items():
+        if there:
+            ((t, arrays),), _ = read_stream(path, (quantity,), setup)
+            (values,) = arrays.values()
+            values = np.reshape(values, (len(t), -1))
+            rows = np.isfinite(values).any(1)
+            streams.append(_stream(table, quantity, t[rows], values[rows]))
+    return Unstated(tuple(streams), table.others[:MOST_NAMES], tuple(_lines(stated, table)), _verdict(path, table))
+
+
+def _quantities(table: Table) -> dict[str, bool]:
+    """[log.files]' names of what a file has."""
+    return {
+        "position": bool(table.orientation or table.joints),
+        "velocity": bool(table.orientation or not table.joints) and _has_imu(table),
+        "wrench": table.wrench,
+        "temperature": table.temperature,
+    }
+
+
+def _has_imu(table: Table) -> bool:
+    return table.gyroscope or table.accelerometer is not None
+
+
+def _stated(table: Table) -> dict[str, Any]:
+    """Tables of a setup that read the file."""
+    stated: dict[str, Any] = {}
+    if table.orientation or (_has_imu(table) and not table.joints):
+        pose: dict[str, Any] = {"orientation": table.orientation or "quaternion_xyzw", "linear": "none"}
+        if table.accelerometer is not None:
+            pose["linear"] = "specific_force"
+        elif table.position:
+            pose["linear"] = "position"
+        if not table.gyroscope:
+            pose["gyroscope"] = False
+        stated["sensor_pose"] = pose
+    log: dict[str, Any] = {}
+    if table.time is not None and len(table.time) > 1 and (unit := time_unit(table.time)):
+        log["time_unit"] = unit
+    if table.accelerometer is not None and _in_g(table.accelerometer):
+        log["acceleration_unit"] = "g"
+    return stated | ({"log": log} if log else {})
+
+
+def _in_g(accelerometer: Array) -> bool:
+    lengths = np.linalg.norm(accelerometer, axis=1)
+    return bool(np.isfinite(lengths).any() and np.nanmedian(lengths) < STANDARD_GRAVITY / 3)
+
+
+def _some_robot(table: Table) -> dict[str, Any]:
+    """A robot of so many joints, which reads a file and means nothing else."""
+    if table.orientation or _has_imu(table):
+        return {}
+    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": f"q{i}"} for i in range(max(table.joints, 1))]
+    return {"robot": {"joints": joints, "flange": {"translation": [0, 0, 0]}}}
+
+
+def _stream(table: Table, quantity: str, t: Array, values: Array) -> RawStream:
+    name, kind, labels = quantity, "", tuple(f"{quantity} {i}" for i in range(values.shape[1]))
+    if quantity == "position":
+        name, kind, labels = "joints", "q", tuple(f"q{i}" for i in range(values.shape[1]))
+        if table.orientation:
+            name, kind, labels = "pose", table.orientation, ENTRIES[table.orientation]
+            if not table.named:
+                kind = "quaternion_xyzw or quaternion_wxyz"
+            if values.shape[1] > len(labels):
+                kind, labels = f"{kind} and position", (*labels, "x", "y", "z")
+    elif quantity == "velocity":
+        parts = {"angular velocity": ("wx", "wy", "wz")} if table.gyroscope else {}
+        parts |= {"acceleration": ("ax", "ay", "az")} if table.accelerometer is not None else {}
+        name, kind, labels = "imu", " and ".join(parts), sum(parts.values(), ())
+    elif quantity == "wrench":
+        kind, labels = "N, Nm", AXES
+    start = t[0] if len(t) else 0
+    seconds = (t - start) * (1e-9 if t.dtype.kind == "i" else 1.0)
+    first = float(start) * (1e-9 if t.dtype.kind == "i" else 1.0)
+    return RawStream(name, kind, labels, first, seconds, values, quantity == "wrench", table.time is not None)
+
+
+def _lines(stated: Mapping[str, Mapping[str, Any]], table: Table) -> list[str]:
+    """The tables as lines of a setup."""
+    lines = []
+    tables = {name: dict(values) for name, values in stated.items()}
+    if not table.orientation:
+        tables.get("sensor_pose", {}).pop("orientation", None)
+    if table.time is None:
+        tables.setdefault("log", {})["rate"] = None
+    for name, values in tables.items():
+        lines.append(f"[{name}]")
+        for key, value in values.items():
+            if key == "rate":
+                lines.append("rate = ...  # Hz: there are no stamps (t)")
+            else:
+                lines.append(toml_line(key, value, _remark(key, table)))
+    return lines
+
+
+def _remark(key: str, table: Table) -> str:
+    return 'or "quaternion_wxyz"' if key == "orientation" and not table.named and table.orientation else ""
+
+
+def _verdict(path: str, table: Table) -> str:
+    motion = "the pose of the sensor's mount" if table.orientation else f"{table.joints} joints" if table.joints else ""
+    parts = [motion, "an IMU" if _has_imu(table) else "", "a wrench" if table.wrench else ""]
+    found = " and ".join(part for part in parts if part)
+    name = Path(path).name
+    if not found:
+        return "has nothing that is known by its name: state the names in [log.columns]"
+    rate = " --rate HZ" if table.time is None else ""
+    robot = " --robot NAME" if table.joints and not table.orientation else ""
+    if motion and table.wrench:
+        still = "; static poses need no stamps for ftbias identify" if table.time is None else ""
+        return f"has {found}: ftbias setup {name}{robot}{rate} -o setup.toml finds out how they were recorded{still}"
+    missing = "the wrench" if motion else "joints or a pose" + ("" if table.wrench else " and the wrench")
+    return (
+        f"has {found}, but not {missing}: if that is in other files, ftbias setup {name} OTHERS{robot}{rate} "
+        "-o setup.toml writes [log.files]"
+    )
+
+
+def pose_keys(recording: Recording) -> tuple[str, ...]:
+    """Lines of a setup that reads a recording of ROS with poses instead of joints."""
+    roles = {stream.role for stream in recording.streams}
+    lines = ["[sensor_pose]"]
+    if POSE not in roles:
+        frames = sorted({stream.names[1] for stream in recording.streams if stream.role == TRANSFORM})
+        lines.append(f"frame = ...  # what the sensor is mounted on, of TF's frames {', '.join(frames[:MOST_NAMES])}")
+    lines.append(toml_line("linear", "position", 'or "specific_force", by the IMU' if IMU in roles else ""))
+    return tuple(lines)
+
+
+def described(path: str) -> Unstated | None:
+    """What a file has, if it is more or less than joints and a wrench with their stamps; None for such a log."""
+    try:
+        table = look(path)
+    except LogError:
+        return None  # its reader says it better
+    usual = table.joints and table.wrench and table.time is not None and not table.orientation
+    odd = table.time is not None and len(table.time) > 1 and bool(time_unit(table.time))
+    return None if usual and not odd else look_at(path, table)
