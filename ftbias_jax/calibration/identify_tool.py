@@ -13,6 +13,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.recorded.ready import filtered_with
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
@@ -20,7 +21,10 @@ from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.require import with_guessed_tool
 from ftbias_jax.setup.rotations import rotation_from_vector
 from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
 
+STEADY, CLEARLY = 1e-3, 6.0
+"""sigma_Q of a bias that does not drift, in the stated one, and nats by which one that drifts must be likelier."""
 MUCH = 5.0
 """Innovations this many times larger than the noise stated are no noise."""
 
@@ -106,8 +110,8 @@ def identify_tool(
         log: of free motion that turns the wrist, as ``read_log`` gives it; or readings at rest, as ``read_poses`` does.
         mounting: also find how the sensor is turned on the flange, by any angle.
         gravity: also find the direction of gravity in the base frame; its size is kept.
-        bias: also put the bias at the end of the log, with its standard error, into the setup: the prior of logs that
-            are recorded next, as long as nobody zeroes the sensor.
+        bias: also put the bias, with its standard error, into the setup: the prior of logs that are recorded next, as
+            long as nobody zeroes the sensor. It is constant unless a drift is clearly likelier; then that at the end.
         unchecked: do not look first whether the setup can be right (``check_setup``).
 
     Returns:
@@ -128,9 +132,26 @@ def identify_tool(
         params = filter_log.likeliest_params(setup, samples_from_log(log), options)
         samples = samples_from_log(filter_log.without_useless(log, params))
         found = identify(params, samples, options, mounting, gravity)
+        if bias:
+            value, std = _steady_bias(_with_tool(setup, found, mounting, gravity, bias=False), log)
+            # The filter takes the tool as known; what is not known of it is in the first standard error.
+            found = found._replace(bias=value, bias_stderr=np.hypot(found.bias_stderr, std))
     comments = {**setup.comments, **_comments(found, mounting, gravity, bias)}
     result = replace(_with_tool(setup, found, mounting, gravity, bias), comments=comments)
     return IdentifyResult(result, found, mounting, gravity, bias, report)
+
+
+def _steady_bias(setup: Setup, log: Log) -> tuple[Array, Array]:
+    """The bias (6,) N, Nm that logs which follow should expect, and its standard deviation.
+
+    A constant one, with what the log shows of noise and of errors that vary slowly; that of the end of the log only
+    if a drift is clearly likelier. In a log of seconds an error of the model looks like a drift, and goes on in none.
+    """
+    given = replace(setup.bias, adapt=True)
+    still = replace(given, noise_density=STEADY * given.noise_density, initial_drift_std=np.zeros(6))
+    constant, drifting = (filtered_with(replace(setup, bias=each), log)[0] for each in (still, given))
+    found = drifting if drifting.log_likelihood > constant.log_likelihood + CLEARLY else constant
+    return found.bias[-1], found.bias_std[-1]
 
 
 def _with_tool(setup: Setup, found: Identified, mounting: bool, gravity: bool, bias: bool) -> Setup:
