@@ -150,6 +150,8 @@ def fault_of(effect: Any, known: Iterable[str] = CATALOGUE) -> str:
         return f"{who}: the name is taken; choose another one"
     if effect.stage not in STAGES:
         return f"{who}: stage {effect.stage!r} is none of {', '.join(STAGES)}"
+    if effect.needs_motion not in ("", "joints", "acceleration"):
+        return f"{who}: needs_motion {effect.needs_motion!r} is neither joints nor acceleration"
     if not any((effect.transform, effect.reading, effect.recording)):
         return f"{who}: give it a reading, a transform or a recording, or it does nothing"
     if effect.recording and (effect.transform or effect.reading):

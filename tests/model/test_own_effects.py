@@ -98,6 +98,7 @@ def test_an_installed_package_is_run_only_if_it_is_named(monkeypatch):
         (SIMPLE._replace(fit=Fitting(Settling("tau", 2.0))), "fit: there is no parameter 'tau'"),
         (SIMPLE._replace(fit=Fitting(Linear(((("turns", 1.0),),)))), "fit: there is no parameter 'turns'"),
         (SIMPLE._replace(fit=Fitting(Samples("level"))), "must have a recording"),
+        (SIMPLE._replace(needs_motion="fast"), "is neither joints nor acceleration"),
         (SIMPLE._replace(fit=Fitting(Grid())), "a grid needs a parameter with starts"),
         (SIMPLE._replace(fit=Fitting(Settling(SHIFT.name, 2.0))), "its strength in each of the six channels"),
         (SIMPLE._replace(fit=Fitting(Entries(SHIFT.name))), "is no matrix"),
