@@ -20,7 +20,19 @@ import numpy as np
 
 from ftbias_jax.errors import FtbiasError, UsageError
 from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.model.effects.fitting import SIGNS, Fitting, Linear, Samples, Starts
+from ftbias_jax.model.effects.fitting import (
+    SIGNS,
+    ByJoint,
+    Entries,
+    Fitting,
+    Grid,
+    Linear,
+    Samples,
+    Search,
+    Settling,
+    Starts,
+    Step,
+)
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect, Parameter
@@ -138,6 +150,8 @@ def fault_of(effect: Any, known: Iterable[str] = CATALOGUE) -> str:
         return f"{who}: the name is taken; choose another one"
     if effect.stage not in STAGES:
         return f"{who}: stage {effect.stage!r} is none of {', '.join(STAGES)}"
+    if effect.needs_motion not in ("", "joints", "acceleration"):
+        return f"{who}: needs_motion {effect.needs_motion!r} is neither joints nor acceleration"
     if not any((effect.transform, effect.reading, effect.recording)):
         return f"{who}: give it a reading, a transform or a recording, or it does nothing"
     if effect.recording and (effect.transform or effect.reading):
@@ -171,7 +185,25 @@ def fault_of_fit(effect: Effect) -> str:
     if isinstance(search, Linear):
         roles = [name for variant in search.variants for name, _ in variant]
     known = {parameter.name for parameter in effect.parameters}
-    return next((f"fit: there is no parameter {role!r}" for role in roles if role not in known), "")
+    missing = next((f"fit: there is no parameter {role!r}" for role in roles if role not in known), "")
+    return missing or _fault_of_search(effect, search)
+
+
+def _fault_of_search(effect: Effect, search: Search) -> str:
+    """What a search needs of the parameters beside their names."""
+    strengths = [p.shape for p in effect.parameters if not p.search and np.any(np.asarray(p.scale, float) > 0)]
+    match search:
+        case Settling() | Step() if strengths != [(6,)]:
+            return "fit: a series needs one parameter without search, its strength in each of the six channels"
+        case Settling(time) if not effect.parameter(time).starts:
+            return f"fit: parameter {time!r} needs starts"
+        case Grid() if not any(parameter.starts for parameter in effect.parameters):
+            return "fit: a grid needs a parameter with starts"
+        case Entries(matrix) if effect.parameter(matrix).shape != (6, 6):
+            return f"fit: parameter {matrix!r} is no matrix (6, 6)"
+        case ByJoint() if not effect.transform:
+            return "fit: what moves a joint must have a transform"
+    return ""
 
 
 def _is_key(name: Any) -> bool:

@@ -14,7 +14,7 @@ from ftbias_jax.io import read_log
 from ftbias_jax.model import own_effects as loading
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, values_of
-from ftbias_jax.model.effects.fitting import Fitting, Linear, Samples, Settling
+from ftbias_jax.model.effects.fitting import ByJoint, Entries, Fitting, Grid, Linear, Samples, Settling
 from ftbias_jax.model.effects.table import Catalogue, OwnValues
 from ftbias_jax.model.effects.types import Effect, Parameter
 from ftbias_jax.model.own_effects import catalogue_of_setup, catalogue_with, fault_of, load_effects
@@ -98,6 +98,11 @@ def test_an_installed_package_is_run_only_if_it_is_named(monkeypatch):
         (SIMPLE._replace(fit=Fitting(Settling("tau", 2.0))), "fit: there is no parameter 'tau'"),
         (SIMPLE._replace(fit=Fitting(Linear(((("turns", 1.0),),)))), "fit: there is no parameter 'turns'"),
         (SIMPLE._replace(fit=Fitting(Samples("level"))), "must have a recording"),
+        (SIMPLE._replace(needs_motion="fast"), "is neither joints nor acceleration"),
+        (SIMPLE._replace(fit=Fitting(Grid())), "a grid needs a parameter with starts"),
+        (SIMPLE._replace(fit=Fitting(Settling(SHIFT.name, 2.0))), "its strength in each of the six channels"),
+        (SIMPLE._replace(fit=Fitting(Entries(SHIFT.name))), "is no matrix"),
+        (SIMPLE._replace(fit=Fitting(ByJoint(SHIFT.name, SHIFT.name))), "must have a transform"),
         (SIMPLE._replace(parameters=(SHIFT, SHIFT)), "two parameters have one name"),
         (SIMPLE._replace(parameters=("shift",)), "expected a Parameter"),
         (SIMPLE._replace(parameters=(SHIFT._replace(shape=(2,), scale=[1, 2, 3]),)), "scale does not fit the shape"),

@@ -103,6 +103,7 @@ EFFECTS = (
         "an encoder's zero is shifted, so the arm is not in the pose the log says",
         "re-master the joint, or add the offset to its angles",
         transform=encoder_offset,
+        needs_motion="joints",
         fit=Fitting(ByJoint("joint", "offset")),
         twins=(
             Twin("none", True, "an offset of a joint whose axis is vertical cannot be seen in the wrench"),

@@ -109,6 +109,7 @@ EFFECTS = (
         "keep it in the setup, so that the filter trusts fast motion less; look for loose screws, worn gears and "
         "cables that shake; tare at rest",
         recording=vibration,
+        needs_motion="joints",
         fit=Fitting(Samples(GROWTH, first=True)),
         twins=(
             Twin("noise_level", False, "hold still for some seconds: the noise of vibration is then gone"),

@@ -8,10 +8,11 @@ from typing import Any
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import MakeError
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.setup.types import Setup
 
-OF_JOINTS = ("encoder_offset", "cable", "vibration")
-OF_ACCELERATION = ("tool_flexibility",)
+OF_JOINTS = "it is of the joints of an arm, and the sensor's pose is recorded instead"
+OF_ACCELERATION = "the sensor's acceleration is not recorded"
 
 
 def not_shown(setup: Setup) -> dict[str, str]:
@@ -22,9 +23,9 @@ def not_shown(setup: Setup) -> dict[str, str]:
     """
     if setup.pose is None:
         return {}
-    joints = "it is of the joints of an arm, and the sensor's pose is recorded instead"
-    still = "the sensor's acceleration is not recorded" if setup.pose.linear == "none" else ""
-    return dict.fromkeys(OF_JOINTS, joints) | (dict.fromkeys(OF_ACCELERATION, still) if still else {})
+    why = {"joints": OF_JOINTS} | ({"acceleration": OF_ACCELERATION} if setup.pose.linear == "none" else {})
+    needed = {name: effect.needs_motion for name, effect in catalogue_of_setup(setup).items()}
+    return {name: why[motion] for name, motion in needed.items() if motion in why}
 
 
 def check_shown(effects: Mapping[str, Any], setup: Setup, error: MakeError = SetupError, prefix: str = "") -> None:
@@ -39,7 +40,7 @@ def check_shown(effects: Mapping[str, Any], setup: Setup, error: MakeError = Set
     reasons = not_shown(setup)
     of_terms = [section for section in effects.get(TERM, ()) if isinstance(section, Mapping)]
     if setup.pose is not None and any("joint" in f"{s.get('drive')} {s.get('frame')}" for s in of_terms):
-        reasons[TERM] = reasons[OF_JOINTS[0]]
+        reasons[TERM] = OF_JOINTS
     for name in effects:
         if name in reasons:
             message = f"does not go with [sensor_pose]: {reasons[name]}"

@@ -162,6 +162,8 @@ class Effect(NamedTuple):
     one row of values for each joint, or one for all of them."""
     needs: tuple[str, ...] = ()
     """Columns a log must have for the effect to be visible, beyond t, q and wrench."""
+    needs_motion: str = ""
+    """What must be recorded of the motion: "joints" of an arm, or "acceleration" of the sensor; "" = any will do."""
     fit: Fitting = Fitting()
     """How a diagnosis finds and judges it."""
 

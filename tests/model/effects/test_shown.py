@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import SetupError
+from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.shown import check_shown, not_shown
 from ftbias_jax.model.effects.terms.columns import state_of
 from ftbias_jax.model.effects.types import Model, Signals
@@ -33,6 +34,8 @@ def test_effects_of_joints_and_of_accelerations_are_not_shown_by_an_orientation(
     assert set(not_shown(moving)) == {"encoder_offset", "cable", "vibration"}
     assert set(not_shown(turning)) - set(not_shown(moving)) == {"tool_flexibility"}
     check_shown({"gain": {}, "tool_flexibility": {}}, moving)
+    own = CATALOGUE["gain"]._replace(name="friction", needs_motion="joints")
+    assert "friction" in not_shown(moving.with_effects([own]))
 
 
 @pytest.mark.parametrize(

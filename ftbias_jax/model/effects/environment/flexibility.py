@@ -112,6 +112,7 @@ FLEXIBILITY = (
         "the tool or its mounting swings at one frequency after accelerations",
         "tighten or stiffen the tool, or move more smoothly",
         reading=tool_flexibility,
+        needs_motion="acceleration",
         fit=Fitting(Ringing(), any_shape=True),
         twins=(
             Twin("tool_inertia", False, "accelerate the wrist at several frequencies"),

@@ -124,6 +124,7 @@ EFFECTS = (
         "a cable or hose pulls at the tool",
         "give the cable slack, or route it so that it does not pull",
         reading=cable,
+        needs_motion="joints",
         fit=Fitting(Pull(cable_span), any_shape=True),
         twins=(
             Twin("gravity_tilt", False, "move the arm through its workspace: a cable's pull depends on the place"),
