@@ -14,12 +14,15 @@ from jax import Array
 
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
-from ftbias_jax.filtering.fast.scan import Inputs, filter_scan, innovations
+from ftbias_jax.filtering.fast.log_likelihoods import log_likelihoods
+from ftbias_jax.filtering.fast.scan import Inputs, innovations
+from ftbias_jax.filtering.fast.sums import filter_sums
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State
 from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_model, drift_noise
 from ftbias_jax.filtering.smoother import smooth_joint_tracks
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.tool_wrench import unbias
+from ftbias_jax.runtime.compiled_loops import on_cpu
 from ftbias_jax.types import Gaussian, Sample
 
 if TYPE_CHECKING:
@@ -60,8 +63,10 @@ def log_likelihood_parts(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
 ) -> LogLikelihood:
     """The same, () nats each, split into joints and wrench; arguments as for ``log_likelihood``."""
-    weight = counted(samples.dt, burn_in)
-    _, (joint, wrench) = pipeline.run(params, pipeline.init(params, samples), samples, options, _increments)
+    weight, start = counted(samples.dt, burn_in), pipeline.init(params, samples)
+    if stages.applies(options) and on_cpu() and len(weight):
+        return LogLikelihood(*log_likelihoods(params, start, samples, weight, options))
+    _, (joint, wrench) = pipeline.run(params, start, samples, options, _increments)
     return LogLikelihood((weight * joint).sum(), (weight * wrench).sum())
 
 
@@ -70,8 +75,7 @@ def joint_log_likelihood(
 ) -> Float[Array, ""]:
     """The joints' part alone, () nats; arguments as for ``log_likelihood``."""
     inputs = stages.joint_inputs(params, pipeline.init(params, samples), samples)
-    track = filter_scan(JOINT_MODELS[options.joint_model], inputs)
-    return (counted(samples.dt, burn_in) * track.log_likelihood.sum(1)).sum()
+    return filter_sums(JOINT_MODELS[options.joint_model], False, inputs, counted(samples.dt, burn_in)).nats.sum()
 
 
 @partial(jax.jit, static_argnames="options")
@@ -87,8 +91,7 @@ def wrench_given_joints(
     joints = smooth_joint_tracks(params, start, samples, options)
     wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
     inputs = stages.bias_inputs(params, start, samples, wrench_tool, variance, joints.mean[:, 1])
-    track = filter_scan(bias_model(inputs.density), inputs)
-    return (counted(samples.dt, burn_in) * track.log_likelihood.sum(1)).sum()
+    return filter_sums(bias_model(inputs.density), False, inputs, counted(samples.dt, burn_in)).nats.sum()
 
 
 def counted(dt: Float[Array, " T"], burn_in: float | Array) -> Float[Array, " T"]:

@@ -15,14 +15,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
+from ftbias_jax.runtime.lanes import Table
+
 if TYPE_CHECKING:
     from jaxtyping import Float
 
 
 FORGET = 10.0
 """s: time in which the standard deviation of the bias grows e-fold while the gate lets nothing through."""
-Rows = list[list[Array]]
-"""A small matrix as nested lists of entries, arrays of any common shape."""
+Rows = Table
+"""A small matrix as nested lists of entries, arrays of any common shape; an entry that never changes is 0 or 1."""
 ProcessModel = Callable[[Array, Any], tuple[Rows, Rows]]
 """(dt, strength) -> rows of A and rows of Q. The strength is a density, or where A depends on it, a BiasStrength."""
 
@@ -52,10 +54,8 @@ def acceleration_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) 
     Returns:
         A and Q (3 x 3) for the state (position, velocity, acceleration).
     """
-    one, zero = jnp.ones_like(dt), jnp.zeros_like(dt)
     variance = jnp.where(dt > 0, density**2, 0)  # the first sample is a correction without a prediction
-    noise = [[zero, zero, zero], [zero, zero, zero], [zero, zero, variance]]
-    return [[one, dt, zero], [zero, one, dt], [zero, zero, one]], noise
+    return [[1, dt, 0], [0, 1, dt], [0, 0, 1]], [[0, 0, 0], [0, 0, 0], [0, 0, variance]]
 
 
 def integrated_acceleration_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
@@ -67,9 +67,8 @@ def integrated_acceleration_noise(dt: Float[Array, " ..."], density: Float[Array
         dt: () s.
         density: () rad/s^1.5, square root of the spectral density.
     """
-    zero = jnp.zeros_like(dt)
     (pp, pv), (_, vv) = drift_noise(dt, density)[1]
-    return _constant_acceleration(dt), [[pp, pv, zero], [pv, vv, zero], [zero, zero, zero]]
+    return [[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]], [[pp, pv, 0], [pv, vv, 0], [0, 0, 0]]
 
 
 def integrated_jerk_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
@@ -82,7 +81,7 @@ def integrated_jerk_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."
     variance = density**2
     pp, pv, pa = dt**5 / 20 * variance, dt**4 / 8 * variance, dt**3 / 6 * variance
     vv, va, aa = dt**3 / 3 * variance, dt**2 / 2 * variance, dt * variance
-    return _constant_acceleration(dt), [[pp, pv, pa], [pv, vv, va], [pa, va, aa]]
+    return [[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]], [[pp, pv, pa], [pv, vv, va], [pa, va, aa]]
 
 
 def drift_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
@@ -95,10 +94,9 @@ def drift_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tupl
     Returns:
         A and Q (2 x 2) for the state (bias, drift).
     """
-    one, zero = jnp.ones_like(dt), jnp.zeros_like(dt)
     variance = density**2
     cross = dt**2 / 2 * variance
-    return [[one, dt], [zero, one]], [[dt**3 / 3 * variance, cross], [cross, dt * variance]]
+    return [[1, dt], [0, 1]], [[dt**3 / 3 * variance, cross], [cross, dt * variance]]
 
 
 def reverting_drift(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
@@ -116,11 +114,12 @@ def reverting_drift(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
     density, rate = strength.density, strength.drift_rate
     dt = dt + jnp.zeros_like(density)
     x = rate * dt
-    moved, one, zero = dt * _phi(x), jnp.ones_like(dt), jnp.zeros_like(dt)
+    moved = dt * _phi(x)
     variance = density**2
     cross = moved**2 / 2 * variance
     Q = [[dt**3 * _integrated_twice(x) * variance, cross], [cross, dt * _phi(2 * x) * variance]]
-    return [[one, moved], [zero, jnp.exp(-x)]], Q
+    A: Rows = [[1, moved], [0, jnp.exp(-x)]]
+    return A, Q
 
 
 def correlated_bias(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
@@ -137,11 +136,11 @@ def correlated_bias(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
     """
     assert strength.noise_rate is not None
     assert strength.noise_variance is not None
-    ((one, moved), (zero, reverted)), ((bias, cross), (_, drift)) = reverting_drift(dt, strength)
+    ((_, moved), (_, reverted)), ((bias, cross), (_, drift)) = reverting_drift(dt, strength)
     forgotten = -jnp.expm1(-strength.noise_rate * dt)
     noise = strength.noise_variance * forgotten * (2 - forgotten)
-    A = [[one, moved, -forgotten], [zero, reverted, zero], [zero, zero, 1 - forgotten]]
-    return A, [[bias + noise, cross, noise], [cross, drift, zero], [noise, zero, noise]]
+    A: Rows = [[1, moved, -forgotten], [0, reverted, 0], [0, 0, 1 - forgotten]]
+    return A, [[bias + noise, cross, noise], [cross, drift, 0], [noise, 0, noise]]
 
 
 def _phi(x: Array) -> Array:
@@ -220,7 +219,7 @@ def bias_noise(dt: Array, strength: BiasStrength | Array) -> tuple[Array, Array]
     """
     if not isinstance(strength, BiasStrength):
         return bias_drift_noise(dt, strength)
-    rows = reverting_drift(dt, strength)
+    rows: tuple[Rows, Rows] = reverting_drift(dt, strength)
     if strength.noise_rate is not None and strength.noise_variance is not None:
         forgotten = -jnp.expm1(-strength.noise_rate * dt)
         variance = strength.noise_variance * forgotten * (2 - forgotten)
@@ -230,20 +229,21 @@ def bias_noise(dt: Array, strength: BiasStrength | Array) -> tuple[Array, Array]
 
 def _append(rows: Rows, last: Array) -> Rows:
     """A block diagonal matrix with one more entry."""
-    zero = jnp.zeros_like(last)
-    return [*([*row, zero] for row in rows), [zero] * len(rows) + [last]]
+    return [*([*row, 0] for row in rows), [*([0] * len(rows)), last]]
 
 
 def _by_axis(rows: Rows) -> Array:
     """Entries over axes -> one matrix, entry by entry and in each by axis."""
-    return jnp.block([[jnp.diag(entry) for entry in row] for row in rows])
+    return jnp.block([[jnp.diag(entry) for entry in row] for row in as_arrays(rows)])
 
 
 def matrix(rows: Rows) -> Float[Array, "k k"]:
     """Stack rows of scalar entries into a matrix (k, k)."""
-    return jnp.stack([jnp.stack(row) for row in rows])
+    return jnp.stack([jnp.stack(row) for row in as_arrays(rows)])
 
 
-def _constant_acceleration(dt: Array) -> Rows:
-    one, zero = jnp.ones_like(dt), jnp.zeros_like(dt)
-    return [[one, dt, dt**2 / 2], [zero, one, dt], [zero, zero, one]]
+def as_arrays(rows: Rows) -> list[list[Array]]:
+    """Every entry as an array, of the shape and the precision of all."""
+    arrays = [entry for row in rows for entry in row if not isinstance(entry, int)]
+    shape, dtype = jnp.broadcast_shapes(*(x.shape for x in arrays)), jnp.result_type(*arrays)
+    return [[jnp.broadcast_to(jnp.asarray(entry, dtype), shape) for entry in row] for row in rows]

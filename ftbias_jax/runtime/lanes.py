@@ -1,24 +1,42 @@
 """Small matrices and vectors as nested lists of entries, each an array over a batch, for the fast routes.
 
 XLA turns each entry into one vectorised loop over the batch; a batch of 3 x 3 arrays would become many short ones.
+An entry that is 0 or 1 whatever the batch may be that integer: it costs no operation, where XLA would multiply by it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import reduce
-from operator import add
+from typing import cast
 
 import jax.numpy as jnp
 from jax import Array
 
 Vector = list[Array]
 Rows = list[list[Array]]
+Entry = Array | int
+Entries = Sequence[Entry]
+Table = Sequence[Entries]
+"""Rows that may hold integers."""
 
 
-def dot(a: Vector, b: Vector) -> Array:
+def dot(a: Entries, b: Entries) -> Array:
     """a^T b."""
-    return reduce(add, [x * y for x, y in zip(a, b, strict=True)])
+    return cast("Array", reduce(_plus, [_times(x, y) for x, y in zip(a, b, strict=True)]))
+
+
+def _times(a: Entry, b: Entry) -> Entry:
+    for x, y in ((a, b), (b, a)):
+        if isinstance(x, int):
+            return y if x == 1 else 0 if x == 0 else x * y
+    return a * b
+
+
+def _plus(a: Entry, b: Entry) -> Entry:
+    if isinstance(a, int) and a == 0:
+        return b
+    return a if isinstance(b, int) and b == 0 else a + b
 
 
 def cross(a: Vector, b: Vector) -> Vector:
@@ -31,37 +49,37 @@ def scale(factor: Array, vector: Vector) -> Vector:
     return [factor * entry for entry in vector]
 
 
-def total(*vectors: Vector) -> Vector:
+def total(*vectors: Entries) -> Vector:
     """Sum of vectors."""
-    return [reduce(add, entries) for entries in zip(*vectors, strict=True)]
+    return [cast("Array", reduce(_plus, entries)) for entries in zip(*vectors, strict=True)]
 
 
-def times(matrix: Rows, vector: Vector) -> Vector:
+def times(matrix: Table, vector: Entries) -> Vector:
     """M v."""
     return [dot(row, vector) for row in matrix]
 
 
-def congruence(A: Rows, P: Rows) -> Rows:
+def congruence(A: Table, P: Table) -> Rows:
     """A P A^T for a symmetric P."""
     columns = transpose(P)
     AP = [[dot(row, column) for column in columns] for row in A]
     return symmetric(len(P), lambda a, b: dot(AP[a], A[b]))
 
 
-def transpose(matrix: Rows) -> Rows:
+def transpose(matrix: Table) -> Rows:
     """M^T."""
-    return [list(column) for column in zip(*matrix, strict=True)]
+    return cast("Rows", [list(column) for column in zip(*matrix, strict=True)])
 
 
-def product(left: Rows, right: Rows) -> Rows:
+def product(left: Table, right: Table) -> Rows:
     """A B."""
     columns = transpose(right)
     return [[dot(row, column) for column in columns] for row in left]
 
 
-def plus(left: Rows, right: Rows) -> Rows:
+def plus(left: Table, right: Table) -> Rows:
     """Sum of two matrices."""
-    return [[x + y for x, y in zip(*rows, strict=True)] for rows in zip(left, right, strict=True)]
+    return [total(*rows) for rows in zip(left, right, strict=True)]
 
 
 def add_at(vector: Vector, j: int, value: Array) -> Vector:
@@ -94,13 +112,16 @@ def from_upper(k: int, entries: Vector) -> Rows:
 
 
 def joseph(P: Rows, gain: Vector, j: int, r: Array, weight: Array) -> Rows:
-    """(I - K c) P (I - K c)^T + K r K^T for c = e_j and weight 1 / s; 1 - K_j is r / s, without cancellation."""
-    k = len(P)
+    """(I - K c) P (I - K c)^T + K r K^T for c = e_j and weight 1 / s, symmetric to the last bit.
+
+    With K = P e_j / s its row j is P_j r / s, without cancellation. Elsewhere Joseph's terms (P_aj - K_a P_jj) K_b and
+    K_a r K_b are equal and cancel, and P_ab - K_a P_jb is left.
+    """
     rest = jnp.where(weight > 0, r * weight, 1)
-    left = [[P[a][b] - gain[a] * P[j][b] if a != j else rest * P[j][b] for b in range(k)] for a in range(k)]
 
     def entry(a: int, b: int) -> Array:
-        kept = left[a][b] - left[a][j] * gain[b] if b != j else left[a][j] * rest
-        return kept + gain[a] * r * gain[b]
+        if j in (a, b):
+            return rest * P[a][b]
+        return P[a][b] - gain[a] * P[j][b]
 
-    return symmetric(k, entry)
+    return symmetric(len(P), entry)

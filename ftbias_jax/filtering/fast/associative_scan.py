@@ -19,8 +19,8 @@ from jax import Array
 from ftbias_jax.filtering.fast.kalman_step import Step, filter_step
 from ftbias_jax.filtering.fast.scan import Inputs, Track, driven, track_of
 from ftbias_jax.filtering.gaussian import symmetrise
-from ftbias_jax.filtering.process_models import ProcessModel
-from ftbias_jax.runtime.lanes import Rows, Vector
+from ftbias_jax.filtering.process_models import ProcessModel, as_arrays
+from ftbias_jax.runtime.lanes import Rows, Table, Vector
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -83,13 +83,13 @@ class Restarts(NamedTuple):
     """The position they start from, 0 elsewhere."""
 
 
-def _moves(A: Rows, Q: Rows, restarts: Restarts, restart: Array) -> Element:
+def _moves(A: Table, Q: Table, restarts: Restarts, restart: Array) -> Element:
     """Samples without their measurements; a filter that is lost keeps its position and starts again."""
     k, lost = len(A), restarts.lost
-    rows = [[jnp.broadcast_to(entry, lost.shape) for entry in row] for row in A]
+    rows = [[jnp.broadcast_to(entry, lost.shape) for entry in row] for row in as_arrays(A)]
     again = jnp.where(jnp.isfinite(restart), restart, 0).T[:, :, None] * jnp.eye(k, dtype=restart.dtype)[None]
     here = lost[..., None, None]
-    transition, noise = jnp.where(here, 0, _matrix(rows)), jnp.where(here, again[None], _matrix(Q))
+    transition, noise = jnp.where(here, 0, _matrix(rows)), jnp.where(here, again[None], _matrix(as_arrays(Q)))
     zero = jnp.zeros((*lost.shape, k), restart.dtype)
     return Element(transition, zero.at[..., 0].set(restarts.position), noise, zero, jnp.zeros_like(noise))
 

@@ -1,4 +1,4 @@
-"""One sample of many small Kalman filters at once, forward, and its adjoint for the reverse pass.
+"""One sample of many small Kalman filters at once; its adjoint is in kalman_step_back.py.
 
 States have two or three entries, of which the first m are measured with independent noise: a joint (position, velocity,
 acceleration) or one axis of the bias (bias, drift). Entries of the small matrices are separate arrays over a batch
@@ -11,27 +11,22 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.gate import before_growth, screen
+from ftbias_jax.filtering.fast.gate import screen
 from ftbias_jax.filtering.process_models import Gated, ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import (
     Rows,
     Vector,
-    add_at,
-    add_column,
     congruence,
-    dot,
     from_upper,
     joseph,
     plus,
-    product,
+    symmetric,
     times,
-    total,
-    transpose,
+    upper,
 )
 
 
@@ -77,9 +72,10 @@ def filter_step(
 
     For a ``Gated`` model the lanes are the axes of one sensor, one of which may close the gate for all.
     """
-    m = len(y)
-    x, P, lost = compile_whole(partial(predict, model))(density, restart, state, dt)
-    grown = None
+    k, m = len(state[0]), len(y)
+    moved = compile_whole(partial(_move, model))(density, state[0], upper(state[1]), dt)
+    x, triangle, lost = compile_whole(_start_again)(restart, state[0], *moved)
+    P, grown = from_upper(k, triangle), None
     if isinstance(model, Gated):
         P, passed, grown = compile_whole(partial(screen, model.gate))(x, P, dt, y[0], variance[0])
         y = [passed, *y[1:]]
@@ -89,7 +85,8 @@ def filter_step(
     innovations: Vector = []
     for j, (measurement, r) in enumerate(zip(y, variance, strict=True)):
         columns = [*columns, [row[j] for row in P]]
-        x, P, weight, innovation = compile_whole(partial(_correct, j))(x, P, measurement, r)
+        x, triangle, weight, innovation = compile_whole(partial(_correct, j))(x, upper(P), measurement, r)
+        P = from_upper(k, triangle)
         weights, innovations = [*weights, weight], [*innovations, innovation]
     return Step(x, P, prediction, spread, Record(columns, weights, innovations, lost, grown=grown))
 
@@ -106,136 +103,36 @@ def predict(
         state: after the previous sample.
         dt: s since then.
     """
-    x, P = state
-    k = len(x)
+    x, triangle, lost = _start_again(restart, state[0], *_move(model, density, state[0], upper(state[1]), dt))
+    return x, from_upper(len(x), triangle), lost
+
+
+def _move(model: ProcessModel, density: Any, x: Vector, triangle: Vector, dt: Array) -> tuple[Vector, Vector]:
+    """x -> A x, P -> A P A^T + Q, of P the upper triangle."""
     A, Q = model(dt, density)
-    rest = _at_rest(x)
-    x, P = times(A, x), plus(congruence(A, P), Q)
+    return times(A, x), upper(plus(congruence(A, from_upper(len(x), triangle)), Q))
+
+
+def _start_again(restart: Vector, before: Vector, x: Vector, triangle: Vector) -> tuple[Vector, Vector, Array]:
+    """The prediction, or where it knows less than a new start, the position before at rest; and where that is."""
+    k = len(x)
+    P = from_upper(k, triangle)
     lost = (P[0][0] > restart[0]) & (P[1][1] > restart[1])
-    x = [jnp.where(lost, still, moved) for still, moved in zip(rest, x, strict=True)]
-    return x, [[jnp.where(lost, restart[a] if a == b else 0, P[a][b]) for b in range(k)] for a in range(k)], lost
+    x = [jnp.where(lost, still, moved) for still, moved in zip(at_rest(before), x, strict=True)]
+    return x, upper(symmetric(k, lambda a, b: jnp.where(lost, restart[a] if a == b else 0, P[a][b]))), lost
 
 
-def _correct(j: int, x: Vector, P: Rows, measurement: Array, r: Array) -> tuple[Vector, Rows, Array, Array]:
+def _correct(j: int, x: Vector, triangle: Vector, measurement: Array, r: Array) -> tuple[Vector, Vector, Array, Array]:
     """The state after the correction by entry j; 1 / s and the innovation, 0 where missing."""
+    P = from_upper(len(x), triangle)
     measured = jnp.isfinite(measurement)
     weight = jnp.where(measured, 1 / (P[j][j] + r), 0)
     innovation = jnp.where(measured, measurement - x[j], 0)
     gain = [row[j] * weight for row in P]
     x = [entry + k * innovation for entry, k in zip(x, gain, strict=True)]
-    return x, joseph(P, gain, j, jnp.where(measured, r, 0), weight), weight, innovation
+    return x, upper(joseph(P, gain, j, r, weight)), weight, innovation
 
 
-class Cotangent(NamedTuple):
-    """Of a Track at one sample, entries kept apart."""
-
-    mean: Vector
-    covariance: Rows
-    innovation: Vector
-    innovation_variance: Vector
-    nis: Array
-    log_likelihood: Array
-
-
-class Slopes(NamedTuple):
-    """Derivatives by what one step was given, entries kept apart."""
-
-    state: tuple[Vector, Rows]
-    density: Any
-    restart: Vector
-    y: Vector
-    variance: Vector
-
-
-def step_back(
-    model: ProcessModel, density: Any, dt: Array, record: Record, bar: Cotangent, state: tuple[Vector, Rows]
-) -> Slopes:
-    """Adjoint of ``filter_step``.
-
-    Args:
-        model: as there.
-        density: as there.
-        dt: as there.
-        record: what it kept.
-        bar: derivatives by what is told of the sample.
-        state: derivatives by the state after the sample, by way of later samples.
-    """
-    # x, P: the derivatives dL/dmean and dL/dcovariance, after the sample's correction, then before it.
-    x, P, y, variance = _before_corrections(record, bar, *state)
-    if record.grown is not None:
-        P = before_growth(P, record.grown)
-    return compile_whole(partial(_before_prediction, model))(density, dt, record.lost, record.before, x, P, y, variance)
-
-
-def _before_corrections(record: Record, bar: Cotangent, x: Vector, P: Rows) -> tuple[Vector, Rows, Vector, Vector]:
-    """Adjoint of the corrections of one sample: of the predicted mean and covariance, of y and of its variance."""
-    m = len(record.weight)
-    x, P = total(x, bar.mean), plus(P, bar.covariance)
-    y_bar, r_bar = [bar.nis] * m, [bar.nis] * m
-    for j in reversed(range(m)):
-        correction = (record.column[j], record.weight[j], record.innovation[j])
-        x, P, y_bar[j], r_bar[j] = compile_whole(partial(_before_correction, j))(
-            *correction, bar.nis, bar.log_likelihood, x, P
-        )
-    for j in range(m):  # the innovations that are reported, all taken from the prediction
-        seen = jnp.where(record.weight[j] > 0, bar.innovation[j], 0)
-        x = add_at(x, j, -seen)
-        P[j] = add_at(P[j], j, bar.innovation_variance[j])
-        y_bar[j], r_bar[j] = y_bar[j] + seen, r_bar[j] + bar.innovation_variance[j]
-    return x, P, y_bar, r_bar
-
-
-def _before_correction(
-    j: int, p: Vector, w: Array, v: Array, nis_bar: Array, log_bar: Array, x: Vector, P: Rows
-) -> tuple[Vector, Rows, Array, Array]:
-    """Adjoint of one correction: p = P[:, j], w = 1 / s and v its innovation, x and P the slopes after it."""
-    Pp, px = times(P, p), dot(p, x)
-    y_bar = w * (px + (2 * nis_bar - log_bar) * v)
-    r_bar = -(w**2) * (px * v - dot(p, Pp)) - nis_bar * (v * w) ** 2 - log_bar * (w - (v * w) ** 2) / 2
-    p_bar = [w * (x_a * v - 2 * Pp_a) for x_a, Pp_a in zip(x, Pp, strict=True)]
-    return add_at(x, j, -y_bar), add_column(P, j, p_bar, r_bar), y_bar, r_bar
-
-
-def _before_prediction(
-    model: ProcessModel,
-    density: Any,
-    dt: Array,
-    lost: Array,
-    before: Any,
-    x: Vector,
-    P: Rows,
-    y: Vector,
-    variance: Vector,
-) -> Slopes:
-    k = len(x)
-    restart = [jnp.where(lost, P[a][a], 0) for a in range(k)]
-    P = [[jnp.where(lost, 0, entry) for entry in row] for row in P]
-    if isinstance(density, tuple):
-        A, density_slope = _by_strength(model, density, dt, lost, before, x, P)
-    else:
-        (A, _), (_, slope) = jax.jvp(partial(model, dt), (density,), (jnp.ones_like(density),))
-        density_slope = sum((dot(P[a], slope[a]) for a in range(1, k)), dot(P[0], slope[0]))
-    back = transpose(A)
-    x = [jnp.where(lost, rest, moved) for rest, moved in zip(_at_rest(x), times(back, x), strict=True)]
-    return Slopes((x, congruence(back, P)), density_slope, restart, y, variance)
-
-
-def _by_strength(
-    model: ProcessModel, strength: Any, dt: Array, lost: Array, before: Any, x: Vector, P: Rows
-) -> tuple[Rows, Any]:
-    """A, and the derivatives with respect to the strength of a process whose transition depends on it.
-
-    With the slopes x and P after the prediction: dL/dA = x x_before^T + 2 P A P_before, dL/dQ = P.
-    """
-    k = len(x)
-    x_before, P_before = list(before[:k]), from_upper(k, list(before[k:]))
-    (A, Q), back = jax.vjp(lambda strength: model(dt, strength), strength)
-    moved = [jnp.where(lost, 0, entry) for entry in x]
-    PAP = product(product(P, A), P_before)
-    A_bar = [[a * b + 2 * c for b, c in zip(x_before, row, strict=True)] for a, row in zip(moved, PAP, strict=True)]
-    cotangents = jax.tree.map(lambda value, slope: jnp.broadcast_to(slope, value.shape), (A, Q), (A_bar, P))
-    return A, back(cotangents)[0]
-
-
-def _at_rest(x: Vector) -> Vector:
+def at_rest(x: Vector) -> Vector:
+    """The same position, with no velocity and no acceleration."""
     return [x[0], *(jnp.zeros_like(entry) for entry in x[1:])]

@@ -20,7 +20,7 @@ from jax import Array
 
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, driven
 from ftbias_jax.filtering.process_models import ProcessModel
-from ftbias_jax.runtime.lanes import Rows, Vector, congruence, dot, plus, product, times, transpose
+from ftbias_jax.runtime.lanes import Entry, Rows, Table, Vector, congruence, dot, plus, product, times, transpose
 
 
 def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
@@ -51,7 +51,7 @@ def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
     return Smoothed(jnp.concatenate([mean, track.mean[-1:]]), jnp.concatenate([covariance, track.covariance[-1:]]))
 
 
-def _step(A: Rows, Q: Rows, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:
+def _step(A: Table, Q: Table, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:
     """One step back; arguments as in the head of the module."""
     k = len(x)
     back = _inverse(A)
@@ -64,7 +64,7 @@ def _step(A: Rows, Q: Rows, x: Vector, P: Rows, x_after: Vector, P_after: Rows) 
     return [old + by for old, by in zip(x, shift, strict=True)], plus(congruence(K, P), congruence(keep, spread))
 
 
-def _damped_step(A: Rows, Q: Rows, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:
+def _damped_step(A: Table, Q: Table, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:
     """The same where A forgets and has no inverse after a gap: with the gain G = P A^T (A P A^T + Q)^-1.
 
     x_smooth = x + G (x_next - A x),    P_smooth = (I - G A) P (I - G A)^T + G (Q + P_next) G^T
@@ -80,10 +80,10 @@ def _damped_step(A: Rows, Q: Rows, x: Vector, P: Rows, x_after: Vector, P_after:
     )
 
 
-def _inverse(A: Rows) -> Rows:
+def _inverse(A: Table) -> Table:
     """Of an upper triangular matrix with ones on its diagonal."""
     k = len(A)
-    inverse = [[A[a][b] if a == b else jnp.zeros_like(A[a][b]) for b in range(k)] for a in range(k)]
+    inverse: list[list[Entry]] = [[int(a == b) for b in range(k)] for a in range(k)]
     for b in range(k):
         for a in reversed(range(b)):
             inverse[a][b] = -dot(A[a][a + 1 : b + 1], [inverse[c][b] for c in range(a + 1, b + 1)])

@@ -18,7 +18,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.kalman_step import Cotangent, Record, Step, filter_step, step_back
+from ftbias_jax.filtering.fast.kalman_step import Record, Step, filter_step
+from ftbias_jax.filtering.fast.kalman_step_back import Cotangent, step_back
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
 from ftbias_jax.runtime.lanes import Rows, Vector, from_upper, upper
@@ -112,36 +113,62 @@ def _loop(model: ProcessModel, keep: Callable[[Step], Any]) -> Callable[[Inputs]
 
     @compile_whole
     def loop(inputs: Inputs) -> Any:
-        restart = list(inputs.restart_variance)
+        def body(state: Packed, sample: Seen) -> tuple[Packed, Any]:
+            step = advance(model, inputs, state, sample)
+            return packed(step), keep(step)
 
-        def body(state: tuple[Vector, Rows], sample: tuple[Array, Vector, Vector, Any]) -> tuple[Any, Any]:
-            dt, y, variance, drive = sample
-            step = filter_step(model, driven(inputs.density, drive), restart, state, dt, y, variance)
-            return (step.mean, step.covariance), keep(step)
-
-        start = (list(inputs.mean), [list(row) for row in inputs.covariance])
-        samples = (inputs.dt, _entries(inputs.y), _entries(inputs.variance), inputs.drive)
-        return jax.lax.scan(body, start, samples)[1]
+        return jax.lax.scan(body, start_of(inputs), samples_of(inputs))[1]
 
     return loop
 
 
+Packed = tuple[Vector, Vector]
+"""A state between two samples: the mean, and the upper triangle of the covariance."""
+Seen = tuple[Array, Vector, Vector, Any]
+"""One sample: dt, measurements, their variances, and what drives the process."""
+
+
+def advance(model: ProcessModel, inputs: Inputs, state: Packed, sample: Seen) -> Step:
+    """One sample of the recursion."""
+    dt, y, variance, drive = sample
+    before = (state[0], from_upper(len(state[0]), state[1]))
+    density = driven(inputs.density, drive)
+    return filter_step(model, density, list(inputs.restart_variance), before, dt, y, variance)
+
+
+def packed(step: Step) -> Packed:
+    """The state after a step."""
+    return step.mean, upper(step.covariance)
+
+
+def start_of(inputs: Inputs) -> Packed:
+    """The state before the first sample."""
+    return list(inputs.mean), upper([list(row) for row in inputs.covariance])
+
+
+def samples_of(inputs: Inputs) -> Seen:
+    """All samples, with a leading time axis."""
+    return inputs.dt, _entries(inputs.y), _entries(inputs.variance), inputs.drive
+
+
 def track_of(inputs: Inputs, steps: Step) -> Track:
     """What is told of a run; likelihoods are sums over entries, so they need not be worked out in the recursion."""
-    weight, innovation = steps.record.weight, steps.record.innovation
-    m = len(weight)
-    seen = [w > 0 for w in weight]
-    squares = [v**2 * w for v, w in zip(innovation, weight, strict=True)]
-    logs = [
-        jnp.log(jnp.where(s, w, 1)) - s * jnp.log(2 * jnp.pi).astype(w.dtype) for s, w in zip(seen, weight, strict=True)
-    ]
+    nis, log_likelihood = nats_of(steps.record)
+    seen = [w > 0 for w in steps.record.weight]
     # What the gate left out has an innovation of 0, like what is missing.
     raw = [jnp.where(s, inputs.y[:, j] - steps.prediction[j], 0) for j, s in enumerate(seen)]
-    spread = [steps.prediction_variance[j] + inputs.variance[:, j] for j in range(m)]
-    nis = sum(squares[1:], squares[0])
-    log_likelihood = (sum(logs[1:], logs[0]) - nis) / 2
+    spread = [steps.prediction_variance[j] + inputs.variance[:, j] for j in range(len(seen))]
     mean, covariance = jnp.stack(steps.mean, 1), _stack(steps.covariance)
     return Track(mean, covariance, jnp.stack(raw, 1), jnp.stack(spread, 1), nis, log_likelihood)
+
+
+def nats_of(record: Record) -> tuple[Array, Array]:
+    """Normalised innovation squared over the measured entries, and the share in the log-likelihood."""
+    weight, innovation = record.weight, record.innovation
+    squares = [v**2 * w for v, w in zip(innovation, weight, strict=True)]
+    logs = [jnp.log(jnp.where(w > 0, w, 1)) - (w > 0) * jnp.log(2 * jnp.pi).astype(w.dtype) for w in weight]
+    nis = sum(squares[1:], squares[0])
+    return nis, (sum(logs[1:], logs[0]) - nis) / 2
 
 
 Residual = tuple[Array, Any, Any, Record]

@@ -14,7 +14,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.model.kinematics.screws import Arm
+from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import Rows, Vector, cross, product, scale, times, total
+from ftbias_jax.runtime.trigonometry import sine_and_versine
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -96,15 +98,14 @@ def _sensor(arm: Arm, R: Rows, p: Vector) -> tuple[Rows, Vector]:
 
 def _scan_joints(arm: Arm, q: Array, keep: Callable[[Pose, Columns], Any]) -> tuple[Pose, Any]:
     """How the last link has moved since q = 0, and what to keep of each joint: of the pose before it and its column."""
-    sin, versine = jnp.sin(q), 2 * jnp.sin(q / 2) ** 2
+    sin, versine = sine_and_versine(q)
     zero = jnp.zeros_like(q[0])
     at_rest = [[zero + (a == b) for b in range(3)] for a in range(3)], [zero] * 3
 
     def joint(pose: Pose, constants: tuple[Array, ...]) -> tuple[Pose, Any]:
         R, p = pose
-        v, s, skew, skew_squared, skew_v, skew_squared_v, q, sin, versine = constants
-        rotation = [[(a == b) + sin * skew[a, b] + versine * skew_squared[a, b] for b in range(3)] for a in range(3)]
-        translation = [q * v[a] + versine * skew_v[a] + (q - sin) * skew_squared_v[a] for a in range(3)]
+        v, s = constants[:2]
+        rotation, translation = compile_whole(_turn)(*constants)
         angular = times(R, list(s))
         linear = total(times(R, list(v)), cross(p, angular))
         after = product(R, rotation), total(p, times(R, translation))
@@ -112,6 +113,15 @@ def _scan_joints(arm: Arm, q: Array, keep: Callable[[Pose, Columns], Any]) -> tu
 
     found: tuple[Pose, Any] = jax.lax.scan(joint, at_rest, (*arm[:6], q, sin, versine))
     return found
+
+
+def _turn(
+    v: Array, s: Array, skew: Array, skew_squared: Array, skew_v: Array, skew_squared_v: Array, *moved: Array
+) -> Pose:
+    """The exponential of a joint's screw (v, s), whose q, sin q and 1 - cos q are given."""
+    q, sin, versine = moved
+    rotation = [[(a == b) + sin * skew[a, b] + versine * skew_squared[a, b] for b in range(3)] for a in range(3)]
+    return rotation, [q * v[a] + versine * skew_v[a] + (q - sin) * skew_squared_v[a] for a in range(3)]
 
 
 def motion(columns: Columns, dq: Float[Array, "n C"], ddq: Float[Array, "n C"]) -> tuple[Moving, Twist]:

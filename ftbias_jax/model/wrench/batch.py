@@ -87,6 +87,8 @@ def _forward(model: Model, columns: Columns) -> tuple[tuple[Array, Array], tuple
 
 def _backward(residual: tuple[Model, Columns], bars: tuple[Array, Array]) -> tuple[Model, Columns]:
     model, columns = residual
+    if len(columns) == 3:  # the variance is zero: XLA aborts on an argument that is never read and constant
+        bars = (bars[0], bars[0])
     joints: Columns = one_at_a_time(_joint_slopes)(model, columns, bars)
     # Few ask for the slopes in the model: they are worked out apart, or not at all.
     gravity, theta, pose = one_at_a_time(_model_slopes)(model, columns, bars)

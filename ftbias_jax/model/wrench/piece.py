@@ -14,6 +14,7 @@ from jax import Array
 
 from ftbias_jax.model.kinematics.arm_batch import Columns, acceleration_at, motion, sensor_pose
 from ftbias_jax.model.wrench.tool_wrench import Model
+from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import Rows, Vector, cross, scale, times, total, transpose
 
 if TYPE_CHECKING:
@@ -64,7 +65,8 @@ def wrench_piece(
 
     def joint(variance: Vector, own: tuple[Columns, tuple[Array, ...]]) -> tuple[Vector, None]:
         column, (qq, qa, aa) = own
-        by_q, by_ddq = sensitivity(theta, turned_by(R_sensor_base, p, g, column))
+        turned = compile_whole(turned_by)(R_sensor_base, p, g, column)
+        by_q, by_ddq = compile_whole(sensitivity)(theta, turned)
         added = [b * (b * qq + 2 * a * qa) + a**2 * aa for a, b in zip(by_ddq, by_q, strict=True)]
         return total(variance, added), None
 

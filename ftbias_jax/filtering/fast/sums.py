@@ -1,0 +1,104 @@
+"""The recursion of scan.py where only sums are asked for: the likelihood is added up in the loop, nothing is stored.
+
+What the loop does not store it need not write to memory and read again, which costs three times the arithmetic. The
+reverse pass is that of ``scan.filter_scan``.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from ftbias_jax.filtering.fast.scan import (
+    Inputs,
+    Packed,
+    Seen,
+    Smoothed,
+    Track,
+    advance,
+    filter_scan,
+    nats_of,
+    packed,
+    samples_of,
+    start_of,
+)
+from ftbias_jax.filtering.process_models import ProcessModel
+from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
+from ftbias_jax.runtime.lanes import from_upper
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+
+class Sums(NamedTuple):
+    """What a run comes to."""
+
+    nats: Float[Array, " B"]
+    """(B,) weighted sum of the likelihood's increments."""
+    mean: Float[Array, "k B"]
+    """(k, B) after the last sample."""
+    covariance: Float[Array, "k k B"]
+    """(k, k, B) after the last sample."""
+    states: Smoothed | None
+    """Filtered states of every sample, where they are asked for."""
+
+
+@partial(jax.custom_vjp, nondiff_argnums=(0, 1))
+def filter_sums(model: ProcessModel, keep: bool, inputs: Inputs, weight: Float[Array, " T"]) -> Sums:
+    """Equal to sums over ``scan.filter_scan``.
+
+    Args:
+        model: as there.
+        keep: whether the states of all samples are asked for.
+        inputs: as there.
+        weight: (T,) of every sample's likelihood.
+    """
+    (mean, triangle), nats, kept = one_at_a_time(partial(_loop, model, keep))(inputs, weight)
+    states = None if kept is None else Smoothed(jnp.stack(kept[0], 1), _matrix(kept[1], len(mean), 1))
+    return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states)
+
+
+def _loop(model: ProcessModel, keep: bool, inputs: Inputs, weight: Array) -> tuple[Packed, Array, Packed | None]:
+    """The state after the last sample, the sums, and the states of all samples."""
+
+    @compile_whole
+    def loop(inputs: Inputs, weight: Array) -> Any:
+        def body(carry: tuple[Packed, Array], sample: tuple[Seen, Array]) -> Any:
+            (state, nats), (seen, weight) = carry, sample
+            step = advance(model, inputs, state, seen)
+            after = packed(step)
+            return (after, nats + weight * nats_of(step.record)[1]), after if keep else None
+
+        start = (start_of(inputs), jnp.zeros_like(inputs.mean[0]))
+        (last, nats), kept = jax.lax.scan(body, start, (samples_of(inputs), weight))
+        return last, nats, kept
+
+    found: tuple[Packed, Array, Packed | None] = loop(inputs, weight)
+    return found
+
+
+def _matrix(triangle: list[Array], k: int, axis: int) -> Array:
+    """Entries of the upper triangle -> a matrix, whose rows and columns are axes after the first ``axis``."""
+    return jnp.stack([jnp.stack(row, axis) for row in from_upper(k, triangle)], axis)
+
+
+def _sums_of(keep: bool, track: Track, weight: Array) -> Sums:
+    """The same from the track of every sample."""
+    states = Smoothed(track.mean, track.covariance) if keep else None
+    return Sums((weight[:, None] * track.log_likelihood).sum(0), track.mean[-1], track.covariance[-1], states)
+
+
+def _forward(model: ProcessModel, keep: bool, inputs: Inputs, weight: Array) -> tuple[Sums, Any]:
+    found: tuple[Sums, Any] = jax.vjp(lambda x, w: _sums_of(keep, filter_scan(model, x), w), inputs, weight)
+    return found
+
+
+def _backward(model: ProcessModel, keep: bool, pull: Any, bar: Sums) -> Any:
+    return pull(bar)
+
+
+filter_sums.defvjp(_forward, _backward)
