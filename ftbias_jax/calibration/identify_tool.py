@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.require import with_guessed_tool
 from ftbias_jax.setup.rotations import rotation_from_vector
 from ftbias_jax.setup.types import Setup
@@ -98,6 +100,7 @@ def identify_tool(
     gravity: bool = False,
     bias: bool = False,
     unchecked: bool = False,
+    progress: Callable[[str], None] = silent,
 ) -> IdentifyResult:
     """Find the tool's mass, centre of mass and inertia, physically consistent, jointly with the bias.
 
@@ -113,6 +116,7 @@ def identify_tool(
         bias: also put the bias, with its standard error, into the setup: the prior of logs that are recorded next, as
             long as nobody zeroes the sensor. It is constant unless a drift is clearly likelier; then that at the end.
         unchecked: do not look first whether the setup can be right (``check_setup``).
+        progress: called with the name of each stage as it begins.
 
     Returns:
         the setup found, with values in kg, m, kg m^2 about the centre of mass, sensor axes.
@@ -122,9 +126,11 @@ def identify_tool(
             that no setup states.
     """
     report = None
+    progress("checking the setup")
     if not isinstance(log, Poses):
         require_right(setup, [log], "identify", unchecked)
     setup = with_guessed_tool(setup)
+    progress("fitting the tool")
     if isinstance(log, Poses):
         found, report = identify_poses(setup, log, mounting, gravity)
     else:

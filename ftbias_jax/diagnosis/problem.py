@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.diagnosis.recorded import recorded_in
+from ftbias_jax.diagnosis.regression.chain_model import believed_motion
+from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
+from ftbias_jax.diagnosis.samples.bins import bins_of, fill_up, mean_of_bins, sum_of_bins
 from ftbias_jax.diagnosis.samples.read import inspect_samples
 from ftbias_jax.diagnosis.samples.types import SampleFindings
 from ftbias_jax.filtering import filter_log, pipeline, smoother
@@ -23,17 +24,12 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.compose import fill_temperature
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Model, Signals, Values
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params
+from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
-
-SHORTEST_BIN = 0.01
-"""s; a 25 Hz ringing of the tool is still seen."""
-BINS = (1024, 2048, 4096, 8192)
-"""Lengths that binned logs are padded to, so that they share compiled programs."""
-MOST_BINS = 4096
-"""Longer logs get longer bins."""
 
 
 class Part(NamedTuple):
@@ -45,6 +41,15 @@ class Part(NamedTuple):
     """The bias filter on the bins: mean readings without the stated bias (B, 6), NaN = none, and their noise."""
     used: int
     """Bins before the padding."""
+    believed: ArmMotion
+    """How the arm moves if the joints are where the setup believes, with the padding."""
+    whiten: Whitener
+    """The innovations of that filter."""
+
+    def with_variance(self, variance: np.ndarray) -> Part:
+        """The same log with another noise of its mean readings, (B, 6) N^2, Nm^2."""
+        wrench = self.wrench._replace(variance=jnp.asarray(variance))
+        return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
 
 
 class Problem(NamedTuple):
@@ -129,7 +134,7 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     params = filter_log.likeliest_params(setup, samples, options)
     known = params.bias.noise_per_speed
     still = params._replace(bias=params.bias.at_rest())  # the noise of samples is added below
-    joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(still, samples, options))
+    joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(still, samples, options=options))
     rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None
     found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate, speed if arm else None, known)
     joint_variance = variance - setup.sensor.noise_std**2  # with that of accelerations that nobody recorded
@@ -137,7 +142,8 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     found = found._replace(noise_std=noise_std)
     late = float(np.max(found.jitter.parameters["std"])) if found.jitter.detected else 0.0
     moving = np.square(speed) @ np.broadcast_to(found.noise_per_speed, (speed.shape[1], 6))
-    part, count = _bin(params, log, joints, joint_variance + coherent, (late * rate) ** 2 + moving, found)
+    of_samples, catalogue = (late * rate) ** 2 + moving, catalogue_of_setup(setup)
+    part, count = _bin(params, log, joints, joint_variance + coherent, of_samples, found, catalogue)
     return part, count, params.effects or {}, found
 
 
@@ -155,22 +161,8 @@ def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.
     return noise_std, np.where(coarse, step**2 / 12 * dither, 0.0)
 
 
-def bins_of(t: np.ndarray, duration: float) -> tuple[np.ndarray, int, int]:
-    """The bin (T,) of every sample with a measurement, how many bins there are, and how many with their padding.
-
-    Args:
-        t: (T,) s, stamps of the samples.
-        duration: s, of the log.
-    """
-    width = max(SHORTEST_BIN, np.nextafter(duration / MOST_BINS, np.inf))  # so that the last sample is in the last bin
-    # Bins without a sample are left out: a bin of a slow log is a sample.
-    found, index = np.unique((t / width).astype(int), return_inverse=True)
-    used = len(found)
-    return index, used, next((size for size in BINS if size >= used), used)
-
-
-@partial(jax.jit, static_argnames="options")
-def _smooth(params: Params, samples: Sample, options: Options) -> tuple[Array, Array, Array]:
+@keep_program("options")
+def _smooth(params: Params, samples: Sample, *, options: Options) -> tuple[Array, Array, Array]:
     """Joint states (T, n, 3) given the whole log, the wrench (T, 6) they make the tool cause, and its variance."""
     joints = smoother.smooth_joints(params, pipeline.init(params, samples), samples, options)
     return joints.mean, *stages.predict_wrenches(params, joints, samples, options)
@@ -183,6 +175,7 @@ def _bin(
     joint_variance: np.ndarray,
     sample_variance: np.ndarray,
     found: SampleFindings,
+    catalogue: Catalogue,
 ) -> tuple[Part, np.ndarray]:
     """Average a log over short bins, work out their noise, take off the stated bias, and pad.
 
@@ -193,6 +186,7 @@ def _bin(
         found: its cleaned wrench and its noise.
         joint_variance: (T, 6) N^2, Nm^2, that is correlated over a bin.
         sample_variance: (T, 6) that is not: of jitter, and of noise that grows with the motion.
+        catalogue: that has the effects.
 
     Returns:
         the bins, and (U, 6) how many samples are in each.
@@ -200,13 +194,13 @@ def _bin(
     wrench, temperature = found.clean_wrench, fill_temperature(log.t, log.temperature)
     rows = np.isfinite(wrench).any(1)
     index, _, padded = bins_of(log.t[rows], float(log.t[-1]))
-    count = _sum(index, np.isfinite(wrench[rows]))
-    columns = {name: _mean(index, column.at(log.t)[rows]) for name, column in log.columns.items()}
+    count = sum_of_bins(index, np.isfinite(wrench[rows]))
+    columns = {name: mean_of_bins(index, column.at(log.t)[rows]) for name, column in log.columns.items()}
     series = (log.t, states, temperature, wrench, joint_variance, sample_variance)
-    t, joints, temperature, reading, coherent, white = (_mean(index, x[rows]) for x in series)
+    t, joints, temperature, reading, coherent, white = (mean_of_bins(index, x[rows]) for x in series)
     # The smoothed joints' error hangs together over longer than a bin, so averaging does not reduce it.
     variance = np.where(count > 0, (found.noise_std**2 + white) / np.maximum(count, 1) + coherent, 1.0)
-    return _part(params, padded, t, joints, temperature, reading, variance, columns), count
+    return _part(params, padded, t, joints, temperature, reading, variance, columns, catalogue), count
 
 
 def _part(
@@ -218,33 +212,17 @@ def _part(
     reading: np.ndarray,
     variance: np.ndarray,
     columns: dict[str, np.ndarray],
+    catalogue: Catalogue,
 ) -> Part:
     """Bins (U, ...) with the stated bias off their readings, padded to so many."""
     used, bias, place = len(t), params.bias, jnp.asarray
-    t, joints, temperature = (_pad(x, padded, x[-1]) for x in (t, joints, temperature))
+    t, joints, temperature = (fill_up(x, padded, x[-1]) for x in (t, joints, temperature))
     q, dq, ddq = (place(x) for x in np.moveaxis(joints, 2, 0))
     stated = Model(params.arm, params.gravity, params.theta)
-    seen = {name: place(_pad(x, padded, x[-1])) for name, x in columns.items()}
+    seen = {name: place(fill_up(x, padded, x[-1])) for name, x in columns.items()}
     signals = Signals(place(t), q, dq, ddq, place(temperature), stated, columns=seen)
-    wrench = without_bias(place(_pad(reading, padded, np.nan)), bias.prior_mean, signals.t)
-    dt, variance = place(np.diff(t, prepend=t[0])), _pad(variance, padded, 1.0)
-    return Part(signals, WrenchProblem(dt, wrench, place(variance), bias.density, bias.prior_std), used)
-
-
-def _sum(index: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(T, ...) -> (U, ...) sums over the samples of each bin."""
-    sums = [np.bincount(index, column) for column in x.reshape(len(x), -1).T]
-    return np.stack(sums, -1).reshape(-1, *x.shape[1:])
-
-
-def _mean(index: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(T, ...) -> (U, ...) means of what is known in each bin, NaN = nothing."""
-    known = np.isfinite(x)
-    with np.errstate(invalid="ignore"):
-        mean: np.ndarray = _sum(index, np.where(known, x, 0)) / _sum(index, known)
-    return mean
-
-
-def _pad(x: np.ndarray, size: int, value: np.ndarray | float) -> np.ndarray:
-    """(U, ...) -> (size, ...) with a value in all further rows."""
-    return np.concatenate([x, np.broadcast_to(value, (size - len(x), *x.shape[1:]))])
+    free = without_bias(place(fill_up(reading, padded, np.nan)), bias.prior_mean, signals.t)
+    dt, variance = place(np.diff(t, prepend=t[0])), fill_up(variance, padded, 1.0)
+    wrench = WrenchProblem(dt, free, place(variance), bias.density, bias.prior_std)
+    believed = believed_motion(signals, params.effects or {}, catalogue)
+    return Part(signals, wrench, used, believed, make_whitener(wrench, used))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +27,7 @@ from ftbias_jax.diagnosis.thresholds import (
     SURE,
 )
 from ftbias_jax.model.effects.fitting import SUDDEN
+from ftbias_jax.runtime.progress import silent
 
 
 class Bar(NamedTuple):
@@ -39,7 +40,11 @@ class Bar(NamedTuple):
 
 
 def search(
-    problem: Problem, start: Fit, hold_out: Judge, without: Collection[str] = ()
+    problem: Problem,
+    start: Fit,
+    hold_out: Judge,
+    without: Collection[str] = (),
+    progress: Callable[[str], None] = silent,
 ) -> tuple[Fit, list[list[Scored]]]:
     """Add the best effect while it explains enough; once there are two, try pairs with other first causes.
 
@@ -48,16 +53,18 @@ def search(
         start: the believed model.
         hold_out: judges fits.
         without: effects that may not be named.
+        progress: called with the name of each stage as it begins.
 
     Returns:
         the fit of all accepted effects, and for each of them all candidates of its round, best first; the last round
         is the one that added nothing.
     """
     library = make_library(problem)
-    accepted, rounds = grow(problem, library, start, hold_out, [], without)
+    accepted, rounds = grow(problem, library, start, hold_out, [], without, progress=progress)
     left, settled = gap_of(problem, accepted), len(accepted.hypotheses) <= 2
     if len(accepted.hypotheses) > 1 and (LEAST_SIGMAS**2 if settled else 0) < left < NEARLY * gap_of(problem, start):
         for other in _other_firsts(rounds[0], accepted):
+            progress("trying other pairs of causes")
             first = [other, *(s for s in rounds[0] if s is not other)]
             trial, trial_rounds = grow(problem, library, start, hold_out, [first], without, most=2)
             if score(trial, accepted) > LEAST_GAIN:
@@ -73,6 +80,7 @@ def grow(
     rounds: list[list[Scored]],
     without: Collection[str],
     most: int = MOST_CAUSES,
+    progress: Callable[[str], None] = silent,
 ) -> tuple[Fit, list[list[Scored]]]:
     """Greedy addition.
 
@@ -84,12 +92,14 @@ def grow(
         rounds: candidates of earlier rounds, the first of each being accepted.
         without: effects that are not to be proposed.
         most: causes.
+        progress: called with the name of each stage as it begins.
     """
     accepted, rounds = (rounds[-1][0].fit if rounds else start), list(rounds)
     while len(accepted.hypotheses) < most:
         bar = _bar(problem, start, accepted)
         if rounds and gap_of(bar.elsewhere, accepted) <= bar.least:
             break
+        progress(f"looking for cause {len(accepted.hypotheses) + 1} of at most {most}")
         scored = candidates(problem, library, accepted, without)
         best = next((s for s in scored[:MOST_JUDGED] if _earned(problem, hold_out, bar, start, accepted, s)), None)
         rounds.append([best, *(s for s in scored if s is not best)] if best else scored)

@@ -55,7 +55,7 @@ def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_O
         return params
     part = jax.tree.map(lambda x: x[:CHUNK], samples)
     part = pad(part, _bucket(part.dt.shape[0]))
-    likeliest = likeliest_density(params.joint, part.dt, part.q, part.dq, options.joint_model)
+    likeliest = likeliest_density(params.joint, part.dt, part.q, part.dq, model=options.joint_model)
     return params._replace(joint=params.joint._replace(process_density=likeliest))
 
 

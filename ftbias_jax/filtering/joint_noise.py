@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -13,17 +11,19 @@ from ftbias_jax.filtering.fast.scan import Inputs, filter_scan
 from ftbias_jax.filtering.joint_filter import first_measured, init
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.model.params import JointNoise
+from ftbias_jax.runtime.kept_programs import keep_program
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
 
-@partial(jax.jit, static_argnames="model")
+@keep_program("model")
 def likeliest_density(
     noise: JointNoise,
     dt: Float[Array, " T"],
     q: Float[Array, "T n"],
     dq: Float[Array, "T n"],
+    *,
     model: str = "integrated_jerk",
 ) -> Float[Array, " n"]:
     """Process noise density of every joint that makes its measurements likeliest: (n,), noise.process_density unused.

@@ -65,7 +65,7 @@ def in_float64(verb: Callable[P, R]) -> Callable[P, R]:
 
 def same_precision(function: Callable[P, R]) -> Callable[P, R]:
     """The same function for other threads, which would not know of a precision that holds in this one."""
-    wide = _is_wide()
+    wide = is_wide()
 
     @wraps(function)
     def run(*arguments: P.args, **named: P.kwargs) -> R:
@@ -77,11 +77,12 @@ def same_precision(function: Callable[P, R]) -> Callable[P, R]:
 
 def _precision(wide: bool) -> AbstractContextManager[object]:
     # Where nothing changes nothing is set: JAX would trace its programs again.
-    context: AbstractContextManager[object] = nullcontext() if wide == _is_wide() else jax.enable_x64(wide)
+    context: AbstractContextManager[object] = nullcontext() if wide == is_wide() else jax.enable_x64(wide)
     return context
 
 
-def _is_wide() -> bool:
+def is_wide() -> bool:
+    """Whether arrays made in this thread now have double precision."""
     return bool(jnp.result_type(float) == jnp.float64)
 
 

@@ -1,10 +1,17 @@
-"""Progress of a long task on standard error: a bar on a terminal, sparse plain lines elsewhere."""
+"""Progress of a long task on standard error: a bar or the stage on a terminal, sparse plain lines elsewhere."""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
+from types import TracebackType
 from typing import TextIO
+
+QUIET = 2.0
+"""s that a task takes before anything is shown."""
+OFTEN, SELDOM = 0.2, 10.0
+"""s from one message to the next, on a terminal and elsewhere."""
 
 
 class Progress:
@@ -20,7 +27,7 @@ class Progress:
         self._label, self._total, self._stream = label, total or 1, stream if stream is not None else sys.stderr
         self._terminal = self._stream.isatty()
         self._start = time.monotonic()
-        self._next = self._start + 2.0
+        self._next = self._start + QUIET
         self._shown = False
 
     def __call__(self, done: float) -> None:
@@ -30,7 +37,7 @@ class Progress:
         if now < self._next and not (finished and self._shown):
             return
         self._shown = True
-        self._next = now + (0.2 if self._terminal else 10.0)
+        self._next = now + (OFTEN if self._terminal else SELDOM)
         share = min(done / self._total, 1.0)
         elapsed = now - self._start
         left = f", {elapsed * (1 - share) / share:.0f} s left" if 0 < share < 1 else ""
@@ -41,3 +48,57 @@ class Progress:
         else:
             self._stream.write(text + "\n")
         self._stream.flush()
+
+
+class Stages:
+    """What a task is at whose steps take as long as they take: call it with the name of each stage as it begins.
+
+    Shown by a thread of its own, for a stage may be in compiled code. On a terminal the line is gone at the end.
+
+    Args:
+        label: what is being done.
+        stream: where to write.
+    """
+
+    def __init__(self, label: str, stream: TextIO | None = None) -> None:
+        self._label, self._stream = label, stream if stream is not None else sys.stderr
+        self._terminal = self._stream.isatty()
+        self._stage = ""
+        self._start = time.monotonic()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._show, daemon=True)
+
+    def __enter__(self) -> Stages:
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def __call__(self, stage: str) -> None:
+        """Tell that a stage begins."""
+        self._stage = stage
+
+    def _show(self) -> None:
+        shown, told = "", -SELDOM
+        if self._ended.wait(QUIET):
+            return
+        while True:
+            elapsed, stage = time.monotonic() - self._start, self._stage
+            text = f"{self._label}: {stage}, {elapsed:.0f} s"
+            if self._terminal:
+                self._stream.write(f"\r{text}\x1b[K")
+            elif stage != shown or elapsed - told >= SELDOM:
+                self._stream.write(f"{text}\n")
+                shown, told = stage, elapsed
+            self._stream.flush()
+            if self._ended.wait(OFTEN):
+                break
+        if self._terminal:
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()
+
+
+def silent(stage: str) -> None:
+    """Tell nobody that a stage begins."""

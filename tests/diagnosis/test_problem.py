@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.problem import BINS, Problem, _mean, bins_of, noise_on_lattice
+from ftbias_jax.diagnosis.problem import Problem, noise_on_lattice
+from ftbias_jax.diagnosis.samples.bins import BINS, bins_of, mean_of_bins
 
 STATED = np.full(6, 0.1)
 
@@ -47,5 +48,5 @@ def test_bins_hold_the_mean_of_what_is_known():
     index, used, padded = bins_of(t, 0.04)
     np.testing.assert_array_equal(index, [0, 0, 1, 1, 2, 2, 3])
     assert (used, padded) == (4, BINS[0])
-    np.testing.assert_array_equal(_mean(index, x), [[2, 2], [6, 7.5], [6, np.nan], [2, 1]])
-    np.testing.assert_allclose(_mean(index, t), [0.0025, 0.015, 0.035, 0.04])
+    np.testing.assert_array_equal(mean_of_bins(index, x), [[2, 2], [6, 7.5], [6, np.nan], [2, 1]])
+    np.testing.assert_allclose(mean_of_bins(index, t), [0.0025, 0.015, 0.035, 0.04])

@@ -220,7 +220,7 @@ def seen(monkeypatch, make_diagnosis):
     monkeypatch.setattr(module, "compiled_ahead", look)
     real = module.diagnose
 
-    def diagnose(setup, logs, names, without=(), unchecked=False):
+    def diagnose(setup, logs, names, without=(), unchecked=False, progress=str):
         try:
             real(setup, logs, names, without, unchecked=unchecked)
         except Seen:

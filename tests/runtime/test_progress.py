@@ -1,11 +1,12 @@
 """What a long task shows, on a terminal and in a file."""
 
 import io
+import time
 
 import pytest
 
 from ftbias_jax.runtime import progress
-from ftbias_jax.runtime.progress import Progress
+from ftbias_jax.runtime.progress import Progress, Stages
 
 
 class Terminal(io.StringIO):
@@ -60,3 +61,61 @@ def test_it_writes_to_standard_error_and_survives_an_empty_task(clock, capsys):
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.startswith("filtering:   0% after 3 s")
+
+
+@pytest.fixture
+def fast(monkeypatch):
+    """Nothing is shown for a hundredth of the usual time."""
+    monkeypatch.setattr(progress, "QUIET", 0.02)
+    monkeypatch.setattr(progress, "OFTEN", 0.002)
+
+
+def seen(stream, text):
+    """Wait until a text is shown; fails after five seconds."""
+    deadline = time.monotonic() + 5
+    while text not in stream.getvalue():
+        assert time.monotonic() < deadline, stream.getvalue()
+        time.sleep(0.002)
+
+
+def test_a_file_gets_a_plain_line_for_every_stage(fast):
+    stream = io.StringIO()
+    with Stages("diagnosing log.npz", stream) as stages:
+        for stage in ("reading", "looking for cause 1 of at most 3"):
+            stages(stage)
+            seen(stream, stage)
+    assert stream.getvalue() == (
+        "diagnosing log.npz: reading, 0 s\ndiagnosing log.npz: looking for cause 1 of at most 3, 0 s\n"
+    )
+
+
+def test_the_stage_on_a_terminal_is_gone_at_the_end(fast):
+    stream = Terminal()
+    with Stages("diagnosing log.npz", stream) as stages:
+        stages("reading")
+        seen(stream, "\rdiagnosing log.npz: reading, 0 s\x1b[K")
+    assert stream.getvalue().endswith("\r\x1b[K")
+    assert "\n" not in stream.getvalue()
+
+
+def test_stages_of_a_short_task_are_not_shown():
+    stream = Terminal()
+    with Stages("diagnosing log.npz", stream) as stages:
+        stages("reading")
+    assert stream.getvalue() == ""
+
+
+def test_an_error_ends_the_stages(fast):
+    stream = io.StringIO()
+
+    def fail():
+        with Stages("diagnosing log.npz", stream) as stages:
+            stages("reading")
+            seen(stream, "reading")
+            raise ValueError("wrong")
+
+    with pytest.raises(ValueError, match="wrong"):
+        fail()
+    before = stream.getvalue()
+    time.sleep(0.02)
+    assert stream.getvalue() == before

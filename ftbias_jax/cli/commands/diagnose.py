@@ -24,20 +24,24 @@ def run(arguments: argparse.Namespace) -> int:
         return _each(arguments)
     arguments.logs = expand(arguments.logs)
     setup = check_arguments(arguments)
-    logs = [read_log(path, setup, raw=True) for path in arguments.logs]
 
     from ftbias_jax.runtime.jax_config import prepare_jax
+    from ftbias_jax.runtime.progress import Stages
 
-    prepare_jax()
-    from ftbias_jax.diagnosis.apply import refused
-    from ftbias_jax.diagnosis.diagnose import diagnose
-    from ftbias_jax.model.effects.catalogue import check_names
-    from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
-
-    setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
-    check_names(arguments.without, "--without", catalogue_of_setup(setup))
     names = [Path(path).name for path in arguments.logs]
-    diagnosis = diagnose(setup, logs, names, without=tuple(arguments.without), unchecked=arguments.unchecked)
+    with Stages(f"diagnosing {', '.join(names)}") as stages:
+        stages("reading")
+        logs = [read_log(path, setup, raw=True) for path in arguments.logs]
+        prepare_jax()
+        from ftbias_jax.diagnosis.apply import refused
+        from ftbias_jax.diagnosis.diagnose import diagnose
+        from ftbias_jax.model.effects.catalogue import check_names
+        from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
+
+        setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
+        check_names(arguments.without, "--without", catalogue_of_setup(setup))
+        without, unchecked = tuple(arguments.without), arguments.unchecked
+        diagnosis = diagnose(setup, logs, names, without=without, unchecked=unchecked, progress=stages)
     command = shlex.join(("ftbias", "diagnose", *arguments.logs, "--setup", arguments.setup))
     diagnosis = diagnosis._replace(command=command)
     print(diagnosis)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
+from pathlib import Path
 
 from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_repairs
@@ -26,18 +27,17 @@ def run(arguments: argparse.Namespace) -> int:
     output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
     setup = load_setup(arguments.setup)
     check_outputs({"--output": output}, (path, *kept, setup.urdf))
-    log = read_motion(path, setup)
 
     from ftbias_jax.runtime.jax_config import prepare_jax
+    from ftbias_jax.runtime.progress import Stages
 
-    prepare_jax()
-    from ftbias_jax.calibration.identify_tool import identify_tool
+    with Stages(f"identifying the tool of {Path(path).name}") as stages:
+        stages("reading")
+        log = read_motion(path, setup)
+        prepare_jax()
+        from ftbias_jax.calibration.identify_tool import identify_tool
 
-    found = identify_tool(
-        setup,
-        log,
-        **_asked(arguments),
-    )
+        found = identify_tool(setup, log, **_asked(arguments), progress=stages)
     print(found)
     code = tell_repairs([(path, log.repairs)])
     found.save(output)

@@ -83,7 +83,7 @@ def diagnose_one(
     return Done(status, samples, remarks, quality.of_diagnosis(diagnosis))
 
 
-def identify_one(log: str, output: str, setup: Setup, asked: Mapping[str, bool]) -> Done:
+def identify_one(log: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
     """Identify the tool from a log, into a setup.
 
     Args:

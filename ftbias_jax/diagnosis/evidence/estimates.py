@@ -9,7 +9,7 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.entries import whole_matrix
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.coordinates import strengths
-from ftbias_jax.diagnosis.regression.evaluate import believed_motions, whitened
+from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 from ftbias_jax.diagnosis.regression.series import shaped, slope_in_time
 from ftbias_jax.diagnosis.result import Numbers
@@ -82,7 +82,7 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
     z = np.repeat(fit.z[None], 2 * len(step) + 2, 0)
     z[1:-1, list(h.free)] += np.concatenate([step, -step])
     z[-1, list(h.free)] *= 1 - form_error(problem, h.effect)
-    values = [chain_model.to_values(signals, row, problem.catalogue)[h.effect] for row in z]
+    values = [chain_model.to_values(signals, row, catalogue=problem.catalogue)[h.effect] for row in z]
     found: Parameters = {}
     errors: Parameters = {}
     for name in values[0]:
@@ -129,7 +129,7 @@ def _of_events(
     problem: Problem, h: Hypothesis, search: Touches, coefficients: np.ndarray, errors: np.ndarray
 ) -> tuple[Parameters, Parameters]:
     """Events with the force at their peak, base frame: the tool is pushed by minus the change of the reading."""
-    events, motions = shaped(h), believed_motions(problem)
+    events, motions = shaped(h), [part.believed for part in problem.parts]
     ends = np.cumsum([one.series for one in events])[:-1]
     forces: list[Numbers] = []
     spreads: list[Numbers] = []

@@ -6,9 +6,7 @@ The vector from the near to the far end is affine in the anchor, so many anchors
 from __future__ import annotations
 
 from collections.abc import Collection
-from functools import partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -17,7 +15,7 @@ from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, places_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.dictionary import Found
-from ftbias_jax.diagnosis.regression.evaluate import believed_motions, readings, whitened
+from ftbias_jax.diagnosis.regression.evaluate import readings, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import Standing, gain_of_each, gains
 from ftbias_jax.diagnosis.thresholds import FARTHEST, LONGEST_CABLE, PULLS_FITTED, UNDETERMINED
@@ -26,6 +24,7 @@ from ftbias_jax.model.effects.fitting import Pull
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Effect, Signals
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
 ANCHORS = 40
@@ -51,7 +50,7 @@ def _anchors(problem: Problem, standing: Standing, effect: Effect) -> list[Found
     attachment = np.asarray(neutral_values(effect, model)[search.attachment])
     rng = np.random.default_rng(0)
     found: list[tuple[float, float, float, np.ndarray, int]] = []
-    motions = believed_motions(problem)
+    motions = [part.believed for part in problem.parts]
     for link in dict.fromkeys((0, *(max(n - back, 0) for back in FOREARM))):
         spans = _spans(problem, effect, motions, link, attachment)
         near = rng.uniform(0.2, 0.9, (ANCHORS, 1)) * np.asarray(model.arm.zero_position) if link else 0.0
@@ -81,8 +80,8 @@ def _search(effect: Effect) -> Pull:
     return effect.fit.search
 
 
-@partial(jax.jit, static_argnames=("name", "catalogue"))
-def _span(signals: Signals, anchor: Array, attachment: Array, link: Array, name: str, catalogue: Catalogue) -> Array:
+@keep_program("name", "catalogue")
+def _span(signals: Signals, anchor: Array, attachment: Array, link: Array, *, name: str, catalogue: Catalogue) -> Array:
     search = _search(catalogue[name])
     return search.span({search.anchor: anchor, search.attachment: attachment, search.link: link}, signals)
 
@@ -94,7 +93,8 @@ def _spans(problem: Problem, effect: Effect, motions: list[ArmMotion], link: int
     parts = []
     for part, motion in zip(problem.parts, motions, strict=True):
         signals = part.signals._replace(motion=motion)
-        ends = [_span(signals, jnp.asarray(corner), *fixed, effect.name, problem.catalogue) for corner in corners]
+        told = {"name": effect.name, "catalogue": problem.catalogue}
+        ends = [_span(signals, jnp.asarray(corner), *fixed, **told) for corner in corners]
         parts.append(np.stack([np.asarray(span)[: part.used] for span in ends]))
     spans = np.concatenate(parts, axis=1)
     spans[1:] -= spans[0]
@@ -143,7 +143,7 @@ def equivalent_force(problem: Problem, found: Fit, h: Hypothesis) -> tuple[np.nd
     z = np.stack([found.z, found.z])
     z[1, chain_model.slices(problem.joints, problem.catalogue)[h.effect, stiffness]] = 0
     with_it, without = readings(problem, z)
-    ends, motions = np.cumsum([part.used for part in problem.parts])[:-1], believed_motions(problem)
+    ends, motions = np.cumsum([part.used for part in problem.parts])[:-1], [part.believed for part in problem.parts]
     forces = [
         -np.einsum("ijt,tj->ti", np.asarray(motion.sensor_rotation)[:, :, : len(change)], change[:, :3])
         for change, motion in zip(np.split(with_it - without, ends), motions, strict=True)

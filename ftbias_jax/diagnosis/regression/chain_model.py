@@ -1,13 +1,14 @@
 """All effects that change the mean reading as one differentiable model in unbounded coordinates.
 
 One compiled function serves every effect and every combination: the chain of the catalogue is evaluated with all its
-effects in place, most of them neutral, and derivatives are taken along the few directions that a fit asks for. The
-motion of the arm, which only the joints' offsets change, is worked out apart, so that it is compiled once.
+effects in place, most of them neutral. The motion of the arm, which only the joints' offsets change, is worked out
+apart, because it is the same in nearly all evaluations.
 """
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Mapping
+from functools import lru_cache
 
 import jax
 import jax.numpy as jnp
@@ -22,15 +23,21 @@ from ftbias_jax.model.effects.kinematics import motion_of
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Effect, EffectValues, Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
+LAYOUTS = 16
+"""Arms and catalogues whose coordinates are remembered."""
 
+
+@lru_cache(LAYOUTS)
 def blocks(n: int, catalogue: Catalogue = CATALOGUE) -> tuple[Block, ...]:
     """Coordinates of all chained effects for an arm with n joints, in the catalogue's order."""
     return blocks_of(n, catalogue)
 
 
-def slices(n: int, catalogue: Catalogue = CATALOGUE) -> dict[tuple[str, str], slice]:
+@lru_cache(LAYOUTS)
+def slices(n: int, catalogue: Catalogue = CATALOGUE) -> Mapping[tuple[str, str], slice]:
     """Where each parameter's coordinates are."""
     laid_out = blocks(n, catalogue)
     ends = np.cumsum([block.size for block in laid_out])
@@ -43,12 +50,14 @@ def coordinates(n: int, effect: str, catalogue: Catalogue = CATALOGUE) -> np.nda
     return np.concatenate([np.arange(s.start, s.stop) for (name, _), s in places.items() if name == effect])
 
 
+@lru_cache(LAYOUTS)
 def of_joints(n: int, catalogue: Catalogue = CATALOGUE) -> np.ndarray:
     """Indices of the coordinates that change how the arm moves, and nothing else; all else is worked out from that."""
     own = [coordinates(n, effect.name, catalogue) for effect in catalogue.searched_by(ByJoint)]
     return np.concatenate([np.zeros(0, int), *own])
 
 
+@lru_cache(LAYOUTS)
 def bounds(n: int, catalogue: Catalogue = CATALOGUE) -> tuple[np.ndarray, np.ndarray]:
     """(P,), (P,) least and most value of every coordinate."""
     laid_out = blocks(n, catalogue)
@@ -60,8 +69,8 @@ def size(n: int, catalogue: Catalogue = CATALOGUE) -> int:
     return sum(block.size for block in blocks(n, catalogue))
 
 
-@partial(jax.jit, static_argnames="catalogue")
-def to_values(signals: Signals, z: Array, catalogue: Catalogue = CATALOGUE) -> Values:
+@keep_program("catalogue")
+def to_values(signals: Signals, z: Array, *, catalogue: Catalogue = CATALOGUE) -> Values:
     """Catalogue values of all chained effects; those of one joint have a row of all joints and of their offsets.
 
     Args:
@@ -91,80 +100,48 @@ def _moved(signals: Signals, known: Values, z: Array, catalogue: Catalogue) -> S
     return compose.transform(moved, stated, catalogue)
 
 
-@partial(jax.jit, static_argnames="catalogue")
-def motion(signals: Signals, known: Values, z: Array, catalogue: Catalogue = CATALOGUE) -> ArmMotion:
+@keep_program("catalogue")
+def motion(signals: Signals, known: Values, z: Array, *, catalogue: Catalogue = CATALOGUE) -> ArmMotion:
     """How the arm moves with the joint offsets of coordinates z (P,), and with those that the setup knows of."""
     return motion_of(_moved(signals, known, z, catalogue))
 
 
-@partial(jax.jit, static_argnames="catalogue")
-def motion_slopes(signals: Signals, known: Values, z: Array, catalogue: Catalogue = CATALOGUE) -> tuple[ArmMotion, ...]:
-    """The derivatives of ``motion`` by the coordinate of every joint's offset."""
-    places = of_joints(signals.q.shape[1], catalogue)
-    directions = jnp.eye(len(z), dtype=z.dtype)[places]
-    slopes = jax.vmap(lambda d: jax.jvp(lambda z: motion(signals, known, z, catalogue), (z,), (d,))[1])(directions)
-    return tuple(jax.tree.map(lambda x, i=i: x[i], slopes) for i in range(len(places)))
+def believed_motion(signals: Signals, known: Values, catalogue: Catalogue = CATALOGUE) -> ArmMotion:
+    """How the arm moves with the joints where the setup believes."""
+    moving: ArmMotion = motion(signals, known, np.zeros(size(signals.q.shape[1], catalogue)), catalogue=catalogue)
+    return moving
 
 
-@partial(jax.jit, static_argnames="catalogue")
-def readings(
-    signals: Signals,
-    known: Values,
-    moving: tuple[ArmMotion, ...],
-    z: Array,
-    catalogue: Catalogue = CATALOGUE,
-) -> Array:
-    """(C, B, 6) N, Nm: noise-free readings at several coordinates at once.
+@keep_program("catalogue")
+def reading(signals: Signals, known: Values, moving: ArmMotion, z: Array, *, catalogue: Catalogue = CATALOGUE) -> Array:
+    """(B, 6) N, Nm: noise-free reading.
 
     Args:
         signals: of the log.
         known: effects that the setup knows of.
-        moving: C times ``motion`` at z.
-        z: (C, P) coordinates.
-        catalogue: that has the effects.
-    """
-    return jax.vmap(partial(_reading, signals, known, catalogue))(_stack(moving), z)
-
-
-@partial(jax.jit, static_argnames="catalogue")
-def slopes(
-    signals: Signals,
-    known: Values,
-    moving: ArmMotion,
-    z: Array,
-    directions: Array,
-    changes: tuple[ArmMotion, ...],
-    catalogue: Catalogue = CATALOGUE,
-) -> Array:
-    """(D, B, 6) N, Nm: derivatives of the reading.
-
-    Args:
-        signals: as above.
-        known: as above.
         moving: ``motion`` at z.
         z: (P,) coordinates.
-        directions: (D, P).
-        changes: of the motion along each direction; zeros if it moves no joint.
         catalogue: that has the effects.
     """
-
-    def along(direction: Array, change: ArmMotion) -> Array:
-        reading = partial(_reading, signals, known, catalogue)
-        slope: Array = jax.jvp(reading, (moving, z), (change, direction))[1]
-        return slope
-
-    return jax.vmap(along)(directions, _stack(changes))
-
-
-def _reading(signals: Signals, known: Values, catalogue: Catalogue, moving: ArmMotion, z: Array) -> Array:
     joints = [effect.name for effect in catalogue.searched_by(ByJoint)]
     chained = _values(signals, z, catalogue, [e for e in fitted_effects(catalogue) if e.name not in joints])
     values = chained | {name: known[name] for name in known if name not in joints}
     if catalogue.own:  # these may move the joints, or look at where they are
         signals = _moved(signals, known, z, catalogue)
-    return compose.predict(signals._replace(motion=moving), values, catalogue)
+    places, acting = slices(signals.q.shape[1], catalogue), dict(catalogue)
+    for name in (name for name in chained if name not in known):
+        own = jnp.concatenate([z[place] for (effect, _), place in places.items() if effect == name])
+        acting[name] = _only_if(jnp.any(own != 0), catalogue[name])
+    return compose.predict(signals._replace(motion=moving), values, acting)
 
 
-def _stack(moving: tuple[ArmMotion, ...]) -> ArmMotion:
-    stacked: ArmMotion = jax.tree.map(lambda *x: jnp.stack(x), *moving)
-    return stacked
+def _only_if(acts: Array, effect: Effect) -> Effect:
+    """An effect whose change of the reading is not even worked out where it is neutral: most are, at any time."""
+    if effect.reading is None:
+        return effect
+    change = effect.reading
+
+    def reading(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+        return jax.lax.cond(acts, lambda: change(values, signals, wrench).astype(wrench.dtype), lambda: wrench)
+
+    return effect._replace(reading=reading)

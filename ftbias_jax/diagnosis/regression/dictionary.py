@@ -9,7 +9,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.evaluate import whitened_series
+from ftbias_jax.diagnosis.regression.evaluate import whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.series import pulse, settlings, steps
 from ftbias_jax.model.effects.fitting import Settling, Step
@@ -66,11 +66,8 @@ def between_steps(duration: float) -> float:
 
 
 def alike(problem: Problem, series: Sequence[np.ndarray]) -> np.ndarray:
-    """(C, U, 6) in single precision: whitened series, the same in every channel."""
-    if not series:
-        return np.zeros((0, len(problem.t), 6), np.float32)
-    pieces = [series[i : i + 64] for i in range(0, len(series), 64)]
-    return np.concatenate([whitened_series(problem, piece).astype(np.float32) for piece in pieces])
+    """(C, U, 6) in single precision: whitened series (U,), the same in every channel."""
+    return whitened_single(problem, [one[:, None] for one in series])
 
 
 def by_channel(accepted: Fit, white: np.ndarray) -> np.ndarray:

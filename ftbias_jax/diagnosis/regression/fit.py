@@ -135,8 +135,9 @@ def _errors(problem: Problem, z: np.ndarray) -> np.ndarray:
     All NaN for a prediction that is no number, which would count as missing and look perfect.
     """
     predicted = readings(problem, z)
-    error = whitened(problem, predicted - np.nan_to_num(measured(problem)))
-    error[~np.isfinite(predicted).all((1, 2))] = np.nan
+    sound = np.isfinite(predicted).all((1, 2))
+    error = whitened(problem, np.where(sound[:, None, None], predicted, 0) - np.nan_to_num(measured(problem)))
+    error[~sound] = np.nan
     return error
 
 

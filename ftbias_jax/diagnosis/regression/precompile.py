@@ -1,24 +1,21 @@
-"""Programs of a search compiled while the logs are still being made ready for it.
-
-They are traced in one order, whatever the processor's threads do, for their names in JAX's cache depend on it.
-"""
+"""Programs of a search loaded or compiled while the logs are still being made ready for it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
 import jax
 import numpy as np
-from jax.stages import Lowered
 
-from ftbias_jax.diagnosis.problem import bins_of
-from ftbias_jax.diagnosis.regression.evaluate import lower_programs
-from ftbias_jax.filtering.likelihood import WrenchProblem
+from ftbias_jax.diagnosis.regression.evaluate import programs
+from ftbias_jax.diagnosis.samples.bins import bins_of
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.types import Model, Signals, Values
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.runtime.jax_config import same_precision
@@ -41,7 +38,7 @@ def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
     """
     worker = ThreadPoolExecutor(WORKERS)
     try:
-        compiling = [worker.submit(same_precision(lowered.compile)) for lowered in lower_search(setup, logs)]
+        compiling = [worker.submit(same_precision(prepare)) for prepare in programs_of_search(setup, logs)]
         yield
         for one in compiling:
             one.result()
@@ -49,28 +46,34 @@ def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
         worker.shutdown(cancel_futures=True)
 
 
-def lower_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Lowered]:
-    """The programs of a search on these logs, for each of their lengths, ready to be compiled.
+def programs_of_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Callable[[], object]]:
+    """Make the programs of a search on these logs ready, when called; for each of their lengths.
 
     A log that loses bins while it is cleaned may turn out shorter; then its programs are compiled when they are called.
     """
     params = params_from_setup(setup)
     for bins, columns in dict.fromkeys((padded_bins(log), tuple(log.columns)) for log in logs):
-        signals, wrench, known = outline(params, bins, columns)
-        yield from lower_programs(signals, wrench, known, catalogue_of_setup(setup))
+        yield from programs(*outline(params, bins, columns), catalogue_of_setup(setup))
 
 
-def outline(params: Params, bins: int, columns: Sequence[str] = ()) -> tuple[Signals, WrenchProblem, Values]:
+def outline(params: Params, bins: int, columns: Sequence[str] = ()) -> tuple[Signals, Values, ArmMotion]:
     """What ``problem.make_problem`` will make of a log, with shapes in place of what is not known yet."""
-    n, bias = params.joint.process_density.shape[0], params.bias
+    n = params.joint.process_density.shape[0]
 
     def of(*shape: int) -> Any:
         return jax.ShapeDtypeStruct((bins, *shape), params.theta.dtype)
 
     model, seen = Model(params.arm, params.gravity, params.theta), {name: of() for name in columns}
     signals = Signals(of(), of(n), of(n), of(n), of(), model, columns=seen)
-    wrench = WrenchProblem(of(), of(6), of(6), bias.density, bias.prior_std)
-    return signals, wrench, params.effects or {}
+    return signals, params.effects or {}, _outline_of_motion(params, n, bins)
+
+
+def _outline_of_motion(params: Params, n: int, bins: int) -> ArmMotion:
+    """Shapes of the motion of an arm with n joints, or of a body whose pose is recorded, which is a link by itself."""
+    links = 2 if isinstance(params.arm, FreeBody) else n + 1
+    shapes = (3, 3, links), (3, links), (3, 3), (3,), (3,), (3,), (3,)
+    outlines: Any = [jax.ShapeDtypeStruct((*shape, bins), params.theta.dtype) for shape in shapes]
+    return ArmMotion(*outlines)
 
 
 def padded_bins(log: Log) -> int:

@@ -6,7 +6,6 @@ Times and time constants are held; whatever the strength of each channel is, the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +19,7 @@ from ftbias_jax.model.effects.catalogue import complete
 from ftbias_jax.model.effects.fitting import Settling, Step
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Effect, Signals
+from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
 LANES = 16
@@ -28,8 +28,8 @@ BINS_A_HAT = 2.5
 """So that every hat function is seen when a fourth of the bins is left out."""
 
 
-@partial(jax.jit, static_argnames=("name", "names", "catalogue"))
-def _unit_series(signals: Signals, held: Array, name: str, names: tuple[str, ...], catalogue: Catalogue) -> Array:
+@keep_program("name", "names", "catalogue")
+def _unit_series(signals: Signals, held: Array, *, name: str, names: tuple[str, ...], catalogue: Catalogue) -> Array:
     """(C, B): change of the reading by an effect of strength one, at each of the values (C, k) of other parameters."""
     effect = catalogue[name]
     (strength,) = strengths(effect)
@@ -52,9 +52,10 @@ def unit_series(problem: Problem, effect: Effect, **held: np.ndarray | Sequence[
         held: (C,) values of its other parameters.
     """
     values = np.stack([np.asarray(value, float) for value in held.values()], 1)
+    what = {"name": effect.name, "names": tuple(held), "catalogue": problem.catalogue}
     parts = [
         in_pieces(
-            lambda some, part=part: _unit_series(part.signals, some, effect.name, tuple(held), problem.catalogue),
+            lambda some, part=part: _unit_series(part.signals, some, **what),
             LANES,
             values,
         )[:, : part.used]

@@ -8,7 +8,7 @@ import numpy as np
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, excess
 from ftbias_jax.diagnosis.evidence.locate import Motion, locate
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.evaluate import believed_motions, measured, readings
+from ftbias_jax.diagnosis.regression.evaluate import measured, readings
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.report.plotted import Series
 from ftbias_jax.diagnosis.result import CHANNELS, Where
@@ -90,7 +90,7 @@ def _motion(problem: Problem) -> Motion:
         arrays = [np.asarray(getattr(part.signals, name))[: part.used] for part in problem.parts]
         return np.concatenate(arrays)
 
-    motions = believed_motions(problem)
+    motions = [part.believed for part in problem.parts]
     speed, acceleration = join("dq"), join("ddq")
     carrier: Arm | FreeBody = problem.parts[0].signals.model.arm
     if isinstance(carrier, FreeBody):

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression.evaluate import whitened_single
 from ftbias_jax.diagnosis.regression.score_test import Gains, Standing, gains
 from ftbias_jax.diagnosis.terms.grid import free_names
-from ftbias_jax.diagnosis.terms.whitening import whiten_many
 from ftbias_jax.diagnosis.thresholds import LEAST_ENTRY, MOST_NUMBERS, NATS_PER_DEGREE, SHARE_PER_NUMBER
 from ftbias_jax.model.effects.terms.columns import columns, has_point
 from ftbias_jax.model.effects.terms.types import State, Term
@@ -75,7 +75,7 @@ def make_library(problem: Problem, state: State, terms: list[Term]) -> Library:
             lanes.extend(series.transpose(1, 0, 2))
         return places[key]
 
-    return Library([_trial(term, columns(np, term, state), place) for term in terms], whiten_many(problem, lanes))
+    return Library([_trial(term, columns(np, term, state), place) for term in terms], whitened_single(problem, lanes))
 
 
 def _trial(term: Term, whole: np.ndarray, place: Callable[[tuple[object, ...], np.ndarray], int]) -> Trial:

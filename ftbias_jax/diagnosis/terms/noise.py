@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
@@ -152,7 +151,7 @@ def louder(problem: Problem, term: FoundTerm, state: State) -> Problem:
     for part, end in zip(problem.parts, ends, strict=True):
         variance = np.array(part.wrench.variance)
         variance[: part.used] += added[end - part.used : end]
-        parts.append(part._replace(wrench=part.wrench._replace(variance=jnp.asarray(variance))))
+        parts.append(part.with_variance(variance))
     return problem._replace(parts=tuple(parts), variance=problem.variance + added)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.evaluate import believed_motions, readings
+from ftbias_jax.diagnosis.regression.evaluate import readings
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.model.effects.terms.columns import state_of
 from ftbias_jax.model.effects.terms.types import State
@@ -19,7 +19,7 @@ def state_of_problem(problem: Problem, fit: Fit) -> State:
     """All logs end to end, (U, ...); the load is the reading that the fit predicts."""
     load = readings(problem, fit.z[None])[0]
     pieces, end = [], 0
-    for part, motion in zip(problem.parts, believed_motions(problem), strict=True):
+    for part, motion in zip(problem.parts, [part.believed for part in problem.parts], strict=True):
         used, signals = part.used, part.signals
         padded = np.zeros((len(signals.t), 6))
         padded[:used], end = load[end : end + used], end + used

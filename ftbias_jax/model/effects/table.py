@@ -26,6 +26,10 @@ class Catalogue(Mapping[str, Effect]):
     def __len__(self) -> int:
         return len(self._entries)
 
+    def __repr__(self) -> str:
+        """The built-in effects by name: what the caller brought is told from others by nothing but where it is."""
+        return object.__repr__(self) if self.own else f"Catalogue({', '.join(self)})"
+
     # Functions compiled for one catalogue serve another one of the same entries, which are compared by identity.
 
     def __hash__(self) -> int:

@@ -42,7 +42,7 @@ def calls(make_diagnosis, monkeypatch):
     """What ``diagnose`` was called with; it answers with a made-up diagnosis."""
     kept = []
 
-    def diagnose(setup, logs, names, without=(), unchecked=False):
+    def diagnose(setup, logs, names, without=(), unchecked=False, progress=str):
         kept.append((setup, logs, names, without))
         return make_diagnosis()._replace(logs=tuple(names), repairs=tuple(log.repairs for log in logs))
 

@@ -1,4 +1,4 @@
-"""Evaluation in pieces, with the arm's motion worked out apart: as if it were done at once."""
+"""Readings and derivatives with the arm's motion worked out apart: as if it were done at once."""
 
 import jax
 import jax.numpy as jnp
@@ -6,25 +6,11 @@ import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.problem import Part, Problem
-from ftbias_jax.diagnosis.regression.chain_model import coordinates, size, slices, to_values
-from ftbias_jax.diagnosis.regression.evaluate import in_pieces, readings, slopes
+from ftbias_jax.diagnosis.regression.chain_model import believed_motion, coordinates, size, slices, to_values
+from ftbias_jax.diagnosis.regression.evaluate import readings, slopes
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.kinematics import subtract_offsets
 from ftbias_jax.model.effects.types import Model, Signals
-
-
-@pytest.mark.parametrize("count", [1, 3, 4, 5, 11])
-def test_pieces_are_put_together_in_order(count):
-    rng = np.random.default_rng(count)
-    x, y = rng.normal(size=(count, 7, 2)), rng.normal(size=count)
-    sizes = []
-
-    def function(x, y):
-        sizes.append(len(x))
-        return jnp.asarray(x) * jnp.asarray(y)[:, None, None]
-
-    np.testing.assert_array_equal(in_pieces(function, 4, x, y), x * y[:, None, None])
-    assert set(sizes) == {4}  # one shape, one compiled program
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +23,8 @@ def problem(params):
     )
     known = {"gain": {"gain": np.full(6, 1.1)}, "encoder_offset": {"joint": np.array(2.0), "offset": np.array(0.03)}}
     nothing = np.zeros(50)
-    part = Part(jax.tree.map(jnp.asarray, signals), None, 50)
+    signals = jax.tree.map(jnp.asarray, signals)
+    part = Part(signals, None, 50, believed_motion(signals, known), None)
     return Problem((part,), t[:50], nothing, nothing, nothing, nothing, (0.5,), np.ones(6), known)
 
 

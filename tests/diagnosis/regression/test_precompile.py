@@ -1,10 +1,8 @@
 """Programs compiled ahead are those that the search calls, and what goes wrong with them is told."""
 
 import time
-from types import SimpleNamespace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -36,29 +34,18 @@ def test_an_outline_is_like_the_problem(setup, log):
     """Down to weak types: with anything else JAX would compile every program twice."""
     problem, _ = make_problem(setup, [log])
     (part,) = problem.parts
-    expected = (part.signals, part.wrench, problem.known)
+    expected = (part.signals, problem.known, part.believed)
     got = outline(params_from_setup(setup), padded_bins(log))
     assert jax.tree.structure(got) == jax.tree.structure(expected)
     for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(expected), strict=True):
         assert (a.shape, a.dtype, a.weak_type) == (b.shape, b.dtype, b.weak_type)
 
 
-def test_what_was_compiled_ahead_is_not_compiled_again(caplog):
-    """JAX keeps it in memory."""
-    double = jax.jit(lambda x: 2 * x)
-    with jax.log_compiles():
-        double.lower(jax.ShapeDtypeStruct((3,), np.dtype(float))).compile()
-        assert "Finished XLA compilation" in caplog.text
-        caplog.clear()
-        double(jnp.zeros(3))
-    assert "Finished XLA compilation of jit(<lambda>)" not in caplog.text
-
-
 def test_an_error_of_the_compiler_is_told(monkeypatch):
     def fail():
         raise RuntimeError("out of memory")
 
-    monkeypatch.setattr(precompile, "lower_search", lambda setup, logs: iter([SimpleNamespace(compile=fail)]))
+    monkeypatch.setattr(precompile, "programs_of_search", lambda setup, logs: iter([fail]))
     with pytest.raises(RuntimeError, match="out of memory"), compiled_ahead(None, []):
         pass
 
@@ -71,7 +58,7 @@ def test_after_an_error_in_the_block_nothing_more_is_compiled(monkeypatch):
         time.sleep(0.3)
         compiled.append(1)
 
-    monkeypatch.setattr(precompile, "lower_search", lambda setup, logs: iter([SimpleNamespace(compile=slowly)] * 5))
+    monkeypatch.setattr(precompile, "programs_of_search", lambda setup, logs: iter([slowly] * 5))
     with pytest.raises(ValueError, match="log"), compiled_ahead(None, []):
         raise ValueError("log")
     assert len(compiled) < 5

@@ -19,7 +19,7 @@ def problem():
     """Two logs of 20 s in which the temperature rises by half a kelvin; each has padding."""
     still, model = jnp.zeros((len(T) + 24, 1)), Model(None, jnp.zeros(3), jnp.ones(10))
     t = jnp.asarray(np.pad(T, (0, 24), mode="edge"))
-    part = Part(Signals(t, still, still, still, 20 + t / 40, model), None, len(T))
+    part = Part(Signals(t, still, still, still, 20 + t / 40, model), None, len(T), None, None)
     nothing = np.zeros(2 * len(T))
     return Problem((part, part), np.tile(T, 2), OWN, nothing, nothing, nothing, (20.0, 20.0), np.ones(6), {})
 

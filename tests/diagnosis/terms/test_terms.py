@@ -6,9 +6,6 @@ from demo_logs import recorder
 
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.diagnose import diagnose
-from ftbias_jax.diagnosis.problem import make_problem
-from ftbias_jax.diagnosis.regression.evaluate import whitened
-from ftbias_jax.diagnosis.terms.whitening import whiten_many
 from ftbias_jax.model.effects.terms.types import Term
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import load_setup, parse_setup
@@ -25,14 +22,6 @@ def setup():
 def record(setup):
     """(effects or None) -> a log of 20 s."""
     return recorder(params_from_setup(setup), 3)
-
-
-@pytest.mark.slow
-def test_whitening_many_series_is_whitening_each(setup, record):
-    problem, _ = make_problem(setup, [record(None)])
-    series = np.random.default_rng(0).normal(size=(5, len(problem.t), 6))
-    expected = whitened(problem, series)
-    np.testing.assert_allclose(whiten_many(problem, list(series)), expected, atol=2e-5 * np.abs(expected).max())
 
 
 @pytest.mark.slow

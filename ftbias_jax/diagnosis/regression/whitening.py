@@ -1,0 +1,105 @@
+"""Innovations of the bias filter, as products with matrices that are worked out once for a log.
+
+The filter is linear and its gains do not depend on what it filters (``likelihood.whiten`` says why that whitens). So a
+stretch of some bins is a matrix that turns readings into innovations, and the stretches before it act through bias and
+drift alone. Thousands of series take as many products of matrices and only a loop over the stretches.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.filtering.likelihood import WrenchProblem
+
+STRETCH = 32
+"""Bins: more make the products longer, fewer the loop."""
+
+
+class Whitener(NamedTuple):
+    """The bias filter of one log over n stretches of L bins, channel by channel; the last one is filled up."""
+
+    inside: np.ndarray
+    """(6, n, L, L) innovations, in standard deviations, by the readings of the same stretch."""
+    entering: np.ndarray
+    """(6, n, L, 2) by bias and drift at the stretch's start."""
+    leaving: np.ndarray
+    """(6, n, 2, L) bias and drift at its end by its readings."""
+    passing: np.ndarray
+    """(6, n, 2, 2) by those at its start."""
+
+    def single(self) -> Whitener:
+        """In single precision: twice as fast."""
+        return Whitener(*(x.astype(np.float32) for x in self))
+
+    def __call__(self, series: np.ndarray) -> np.ndarray:
+        """(C, U, 6) N, Nm -> (C, U, 6) innovations in standard deviations, 0 where nothing was measured.
+
+        Args:
+            series: (C, U, 6), or (C, U, 1) if the same in every channel.
+        """
+        count, used, channels = series.shape
+        _, n, length, _ = self.inside.shape
+        y = np.zeros((channels, n * length, count), self.inside.dtype)
+        y[:, :used] = series.transpose(2, 1, 0)
+        y = y.reshape(channels, n, length, count)
+        white, kicks = self.inside @ y, self.leaving @ y
+        states = np.zeros_like(kicks)
+        for k in range(n - 1):
+            states[:, k + 1] = self.passing[:, k] @ states[:, k] + kicks[:, k]
+        white += self.entering @ states
+        return np.ascontiguousarray(white.reshape(6, n * length, count)[:, :used].transpose(2, 1, 0))
+
+
+def make_whitener(problem: WrenchProblem, used: int) -> Whitener:
+    """Matrices of the bias filter of one log.
+
+    Args:
+        problem: of the log.
+        used: its bins before the padding.
+    """
+    n = -(-used // STRETCH)
+    gains, weight = (_filled(x, n) for x in _recursion(problem, used))
+    dt = _filled(np.asarray(problem.dt)[:used], n)
+    lanes = STRETCH + 2  # a reading of one in each bin of the stretch, then a bias and a drift of one before it
+    white, (bias, drift) = np.zeros((STRETCH, n, 6, lanes)), np.zeros((2, n, 6, lanes))
+    bias[..., STRETCH], drift[..., STRETCH + 1] = 1, 1
+    for j in range(STRETCH):
+        bias += dt[:, j, None, None] * drift
+        innovation = -bias
+        innovation[..., j] += 1
+        white[j] = weight[:, j, :, None] * innovation
+        bias += gains[:, j, 0, :, None] * innovation
+        drift += gains[:, j, 1, :, None] * innovation
+    by_all, states = white.transpose(2, 1, 0, 3), np.stack([bias, drift]).transpose(2, 1, 0, 3)
+    parts = (by_all[..., :STRETCH], by_all[..., STRETCH:], states[..., :STRETCH], states[..., STRETCH:])
+    return Whitener(*(np.ascontiguousarray(part) for part in parts))
+
+
+def _recursion(problem: WrenchProblem, used: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gains (U, 2, 6) of bias and drift, 1 and 1/s, and (U, 6) one over the innovations' standard deviation.
+
+    The covariance is that of ``process_models.drift_noise``; both are 0 where nothing was measured.
+    """
+    dt, variance = np.asarray(problem.dt)[:used], np.asarray(problem.variance)[:used]
+    variance = np.where(np.isfinite(np.asarray(problem.wrench)[:used]), variance, np.inf)
+    one, zero = np.ones_like(dt), np.zeros_like(dt)
+    # Of the variance of the bias, its covariance with the drift, and the variance of the drift.
+    steps = np.array([[one, 2 * dt, dt**2], [zero, one, dt], [zero, zero, one]]).transpose(2, 0, 1)
+    noises = np.stack([dt**3 / 3, dt**2 / 2, dt], 1)[:, :, None] * np.asarray(problem.density) ** 2
+    prior = np.asarray(problem.prior_std).reshape(2, 6) ** 2
+    state = np.stack([prior[0], np.zeros(6), prior[1]])
+    gains, spread = np.zeros((used, 2, 6)), np.zeros((used, 6))
+    for k in range(used):
+        state = steps[k] @ state + noises[k]
+        spread[k] = state[0] + variance[k]
+        gains[k] = state[:2] / spread[k]
+        state = state - gains[k, [0, 0, 1]] * state[[0, 1, 1]]
+    return gains, 1 / np.sqrt(spread)
+
+
+def _filled(x: np.ndarray, n: int) -> np.ndarray:
+    """(U, ...) -> (n, STRETCH, ...) with zeros at the end."""
+    room = np.zeros((n * STRETCH - len(x), *x.shape[1:]))
+    return np.concatenate([x, room]).reshape(n, STRETCH, *x.shape[1:])

@@ -1,0 +1,60 @@
+"""Whitening by products of matrices: as the bias filter does it bin by bin."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.diagnosis.regression.whitening import make_whitener
+from ftbias_jax.filtering.likelihood import WrenchProblem, whiten
+
+USED, PADDED = 150, 160
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """Uneven bins that end within a stretch; some bins lack all channels, one channel a while."""
+    rng = np.random.default_rng(0)
+    dt = rng.uniform(0.005, 0.02, PADDED)
+    wrench = rng.normal(size=(PADDED, 6))
+    wrench[[5, 6]] = np.nan
+    wrench[20:60, 2] = np.nan
+    wrench[USED:] = np.nan
+    prior_std = np.r_[np.full(6, 20.0), np.full(6, 0.05)]
+    return WrenchProblem(dt, wrench, rng.uniform(0.5, 2, (PADDED, 6)), np.full(6, 0.003), prior_std)
+
+
+@pytest.fixture(scope="module")
+def series():
+    return np.random.default_rng(1).normal(size=(3, USED, 6))
+
+
+@pytest.fixture(scope="module")
+def expected(problem, series):
+    """(3, USED, 6) by the filter."""
+    with jax.enable_x64(True):
+        padded = np.pad(series, ((0, 0), (0, PADDED - USED), (0, 0)))
+        return np.asarray(whiten(jax.tree.map(jnp.asarray, problem), jnp.asarray(padded)))[:, :USED]
+
+
+def test_whitening_is_that_of_the_bias_filter(problem, series, expected):
+    np.testing.assert_allclose(make_whitener(problem, USED)(series), expected, rtol=1e-9, atol=1e-11)
+
+
+def test_single_precision_is_nearly_as_good(problem, series, expected):
+    got = make_whitener(problem, USED).single()(series.astype(np.float32))
+    assert got.dtype == np.float32
+    np.testing.assert_allclose(got, expected, atol=2e-5 * np.abs(expected).max())
+
+
+def test_a_series_of_all_channels_is_the_same_in_each(problem, series):
+    whitener = make_whitener(problem, USED)
+    alike = np.repeat(series[:, :, :1], 6, 2)
+    np.testing.assert_array_equal(whitener(series[:, :, :1]), whitener(alike))
+
+
+def test_what_was_not_measured_says_nothing(problem, series):
+    white = make_whitener(problem, USED)(series)
+    assert (white[:, [5, 6]] == 0).all()
+    assert (white[:, 20:60, 2] == 0).all()
+    assert (white[:, 20:60, 1] != 0).all()

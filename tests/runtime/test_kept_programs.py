@@ -1,0 +1,109 @@
+"""Programs that stay compiled between processes: loaded instead of traced, and made anew where that fails."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.runtime.kept_programs import ADDRESS, KeptProgram, keep_program
+
+X = np.arange(3.0, dtype=np.float32)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The folder of JAX's cache for a while."""
+    before = jax.config.jax_compilation_cache_dir
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    yield tmp_path
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+@pytest.fixture
+def traced():
+    """How often the function of ``program`` was traced."""
+    return []
+
+
+@pytest.fixture
+def program(traced):
+    """() -> a new program of one function, as another process would have it."""
+
+    def new():
+        def scaled(tree, *, factor=2.0):
+            traced.append(factor)
+            return {"scaled": factor * tree["x"]}
+
+        return keep_program("factor")(scaled)
+
+    return new
+
+
+def test_what_one_process_compiled_another_one_does_not_trace(folder, program, traced):
+    first = program()({"x": X})
+    assert traced == [2.0]
+    assert len(list(folder.glob("*.program"))) == 1
+    again = program()({"x": X})
+    assert traced == [2.0]
+    np.testing.assert_array_equal(again["scaled"], first["scaled"])
+    np.testing.assert_array_equal(again["scaled"], 2 * X)
+
+
+def test_a_program_is_for_one_shape_one_precision_and_one_choice(folder, program, traced):
+    one = program()
+    one({"x": X})
+    one({"x": X})
+    assert len(traced) == 1
+    np.testing.assert_array_equal(one({"x": X[:2]})["scaled"], 2 * X[:2])
+    np.testing.assert_array_equal(one({"x": X}, factor=3.0)["scaled"], 3 * X)
+    with jax.enable_x64(True):
+        assert one({"x": X.astype(float)})["scaled"].dtype == np.float64
+    assert traced == [2.0, 2.0, 3.0, 2.0]
+
+
+@pytest.mark.parametrize("content", [b"", b"no program"])
+def test_a_damaged_file_is_made_again(folder, program, traced, content):
+    program()({"x": X})
+    (path,) = folder.glob("*.program")
+    whole = len(path.read_bytes())
+    path.write_bytes(content)
+    np.testing.assert_array_equal(program()({"x": X})["scaled"], 2 * X)
+    assert len(traced) == 2
+    assert len(path.read_bytes()) in (whole, len(content))
+
+
+def test_inside_another_program_it_is_a_part_of_that_one(folder, program):
+    slope = jax.grad(lambda x: program()({"x": x})["scaled"].sum())(jnp.asarray(X))
+    np.testing.assert_array_equal(slope, np.full(3, 2.0))
+    assert not list(folder.glob("*.program"))
+
+
+def test_without_a_folder_nothing_is_kept(tmp_path, folder, program, traced):
+    jax.config.update("jax_compilation_cache_dir", None)
+    np.testing.assert_array_equal(program()({"x": X})["scaled"], 2 * X)
+    program()({"x": X})
+    assert len(traced) == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_only_its_place_in_memory_tells_from_others_is_not_kept(folder):
+    choice = object()
+    assert ADDRESS in repr(choice)
+    one = KeptProgram(lambda x, choice: x + 1, ("choice",))
+    np.testing.assert_array_equal(one(X, choice=choice), X + 1)
+    assert not list(folder.glob("*.program"))
+
+
+def test_what_does_not_compile_says_so_every_time(folder, program):
+    one = program()
+    for _ in range(2):
+        with pytest.raises(KeyError):
+            one({"y": X})
+
+
+def test_prepared_programs_are_not_traced_when_they_are_called(folder, program, traced):
+    one = program()
+    one.prepare({"x": jax.ShapeDtypeStruct((3,), np.float32)})
+    assert len(traced) == 1
+    one({"x": X})
+    assert len(traced) == 1
