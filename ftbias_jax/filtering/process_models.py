@@ -243,7 +243,7 @@ def matrix(rows: Rows) -> Float[Array, "k k"]:
 
 
 def as_arrays(rows: Rows) -> list[list[Array]]:
-    """Every entry as an array, of the shape and the precision of all."""
+    """Every entry as an array (...,) of the shape and the precision of all, in its own unit."""
     arrays = [entry for row in rows for entry in row if not isinstance(entry, int)]
     shape, dtype = jnp.broadcast_shapes(*(x.shape for x in arrays)), jnp.result_type(*arrays)
     return [[jnp.broadcast_to(jnp.asarray(entry, dtype), shape) for entry in row] for row in rows]

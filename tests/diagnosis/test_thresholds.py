@@ -19,6 +19,7 @@ ELSEWHERE = {
     "check_effects.py": "whether code of the caller's is in order",
     "evidence/locate.py": "where the gap is, beside the verdict",
     "report": "what is drawn and printed",
+    "regression/evaluate.py": "the step of a derivative",
     "regression/fit.py": "when a solver has converged",
     "terms/fit_terms.py": "when a solver has converged",
     "terms/words.py": "how numbers are told",
