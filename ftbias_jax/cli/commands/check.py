@@ -6,11 +6,13 @@ import argparse
 from functools import partial
 
 from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
-from ftbias_jax.cli.repairs import tell_repairs
+from ftbias_jax.cli.repairs import tell_mistake, tell_repairs
 from ftbias_jax.filtering.check.check_setup import check_setup
+from ftbias_jax.filtering.recorded.at_rest import rest_in_words
 from ftbias_jax.fleet.entry import settings_of
 from ftbias_jax.fleet.find import expand
 from ftbias_jax.io import read_log
+from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.setup import load_setup
@@ -31,6 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         check.to_json(arguments.json, provenance(setup, list(map(source_of, logs)), {}))
         print(f"wrote {arguments.json}")
+    for path, log in zip(arguments.logs, logs, strict=True):
+        if check.ok and (words := rest_in_words(setup, slices(log))):
+            tell_mistake(path, words)
     tell_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
     return 0 if check.ok else 1
 

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 from ftbias_jax.filtering.pipeline import predict_wrench
+from ftbias_jax.filtering.recorded.at_rest import LEAST_TURN
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.model.params import Params
@@ -20,8 +21,6 @@ from ftbias_jax.types import Array
 
 POSES = 64
 """Poses that are looked at in each part of a log."""
-LEAST_TURN = np.radians(3.0)
-"""rad, rms: what turns less is not told from a bias that drifts."""
 
 
 class Turning(NamedTuple):

@@ -12,13 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.quality.observability import LEAST_TURN
 from ftbias_jax.io.conventions.axes import sensor_rotations
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.setup.require import require_tool, with_guessed_tool
 from ftbias_jax.setup.types import COMPENSATED, Setup
 from ftbias_jax.types import Array
 
+LEAST_TURN = np.radians(3.0)
+"""rad, rms of gravity's direction as seen from the sensor: what turns less is not told from a bias that drifts."""
 PART, MOST_ROWS = 1 << 16, 2000
 """Samples of a log read at once, and those of them that are looked at."""
 HEAVIEST = (100.0, 10.0)
@@ -59,7 +60,7 @@ def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple
         require_tool(setup)
     keys = " and ".join(f"tool.{key}" for key in setup.tool.unknown)
     what = (
-        f"{keys} not stated, but the sensor turns by only {np.degrees(motion.turn):.2g} degrees: the tool's weight is "
+        f"{keys} not stated, but the sensor turns by only {_degrees(motion.turn)} degrees: the tool's weight is "
         f"taken as part of the bias, and each kilogram leaves up to {motion.most:.2g} N in the corrected wrench"
     )
     moves = "; so do its accelerations" if motion.travel > RESTS else ""
@@ -70,6 +71,22 @@ def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple
         bias=replace(setup.bias, initial_std=wide),
     )
     return changed, (Repair(what + moves),)
+
+
+def rest_in_words(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> str:
+    """That a log cannot show whether its setup is right, because it does not turn the sensor; "" if it does.
+
+    Args:
+        setup: of the log.
+        parts: as for ``weight_in_bias``.
+    """
+    motion = motion_of(setup, parts)
+    if motion.turn > LEAST_TURN:
+        return ""
+    return (
+        f"the sensor turns by only {_degrees(motion.turn)} degrees: signs, units, frames and the tool do not show in "
+        "such a log"
+    )
 
 
 def motion_of(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> Motion:
@@ -90,3 +107,7 @@ def motion_of(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> Motion:
     travel: Array = np.max(high, 0) - np.min(low, 0)
     turn = np.sqrt((off**2).mean()) / max(np.linalg.norm(setup.robot.gravity), 1e-9)
     return Motion(float(turn), float(off.max()), float(np.nanmax(travel)))
+
+
+def _degrees(turn: float) -> str:
+    return f"{round(float(np.degrees(turn)), 5):.2g}"

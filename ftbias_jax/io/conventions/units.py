@@ -34,14 +34,14 @@ def stamps(t: Array, log: LogSetup) -> Array:
     return t.astype(np.int64) * unit
 
 
-def rows_at_rate(count: int, log: LogSetup) -> Array | None:
-    """(T,) s of samples that have a rate instead of stamps; None where the setup states none."""
-    return None if log.rate is None else np.arange(count) / log.rate
+def rows_at_rate(values: Array, log: LogSetup) -> Array | None:
+    """(T,) s of the samples (T, ...) that have a rate instead of stamps; None where the setup states none."""
+    return None if log.rate is None else np.arange(len(np.atleast_1d(values))) / log.rate
 
 
 def recorded_times(arrays: Mapping[str, Array], log: LogSetup) -> Array:
     """(T,) stamps of a log with one clock, from its "t", or by the rate that the setup states instead."""
-    counted = rows_at_rate(len(arrays["wrench"]), log)
+    counted = rows_at_rate(arrays["wrench"], log)
     return stamps(arrays["t"], log) if counted is None else counted
 
 

@@ -110,13 +110,15 @@ def _folder(request: Request) -> Iterator[str]:
 def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
     """Keys of robot, mounting and topics; the URDF that the recording has, if it is needed; what is in tables."""
     links = (request.base_link, request.tip_link)
-    tables = [] if not request.logs or is_ros(request.logs[0]) else [look(path) for path in request.logs]
+    one_recording = len(request.logs) == 1 and is_ros(request.logs[0])
+    tables = [] if one_recording else [look(path) for path in request.logs]
     if tables or not request.logs:
         keys = {}
         if request.urdf:
             keys = from_urdf(request.urdf, *links, folder)
         elif request.robot or not any(table.orientation for table in tables):
-            keys = built_in(_named(request, ()))
+            names = next((table.names for table in tables if table.names), ())
+            keys = built_in(_named(request, names), names)
         return keys, "", tables
     (path,) = request.logs
     recorded = look_into(path)
@@ -187,11 +189,16 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
 def _of_tables(tables: Sequence[Table]) -> Keys:
     """Files and units of time."""
     keys: Keys = {}
-    if len(tables) > 1:
-        keys |= {f"log.files.{role}": Known(pattern) for role, pattern in patterns(tables).items()}
-    times = [table.time for table in tables if table.time is not None and len(table.time) > 1]
-    if times and (unit := time_unit(times[0])):
-        keys["log.time_unit"] = Known(unit, "by the rate and the date")
+    roles = patterns(tables) if len(tables) > 1 else {}
+    keys |= {f"log.files.{role}": Known(pattern) for role, pattern in roles.items()}
+    timed = {role: table.time for role, table in zip(roles or ["log"], tables, strict=False) if table.time is not None}
+    units = {role: time_unit(time) for role, time in timed.items() if len(time) > 1}
+    remark = "by the rate and the date"
+    if len(set(units.values())) == 1 and (unit := next(iter(units.values()))):
+        keys["log.time_unit"] = Known(unit, remark)
+    elif any(units.values()):
+        usual = {role: "s" if timed[role].dtype.kind == "f" else "ns" for role in units}
+        keys |= {f"log.time_units.{role}": Known(unit or usual[role], remark) for role, unit in units.items()}
     return keys
 
 

@@ -13,6 +13,9 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
 from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.ros.collect import Wanted
+from ftbias_jax.io.ros.record import PACKED, SUFFIXES, read_recording
+from ftbias_jax.io.ros.types.roles import JOINTS, POSE, TEMPERATURE, WRENCH
 from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS
 from ftbias_jax.io.tables.csv import named_columns
 from ftbias_jax.io.tables.csv_columns import Columns
@@ -55,6 +58,8 @@ class Table(NamedTuple):
     temperature: bool
     others: tuple[str, ...] = ()
     """Names of columns or arrays that nothing is made of."""
+    names: tuple[str, ...] = ()
+    """Of the joints, as a recording of ROS has them."""
 
 
 def look(path: str) -> Table:
@@ -64,6 +69,8 @@ def look(path: str) -> Table:
         LogError: it cannot be read.
     """
     suffix = Path(path).suffix.lower()
+    if path.lower().removesuffix(PACKED).endswith(SUFFIXES) or os.path.isdir(path):
+        return _of_recording(path)
     if suffix == ".npz":
         return _of_arrays(path, load_arrays(path, (*ARRAYS, *POSE_ARRAYS)))
     if suffix in (".h5", ".hdf5"):
@@ -86,6 +93,27 @@ def look(path: str) -> Table:
 
     values = (parquet_columns if suffix == ".parquet" else named_columns)(path, choose)
     return _of_columns(path, header, values)
+
+
+def _of_recording(path: str) -> Table:
+    """What one of several files has that is a recording of ROS; its stamps need no unit."""
+    streams = read_recording(path, salvage=True, wanted=Wanted(poses=True)).streams
+    roles = {stream.role for stream in streams}
+    arm = max((stream for stream in streams if stream.role == JOINTS), key=lambda x: len(x.names), default=None)
+    names = () if arm is None else arm.names or tuple(f"q{i}" for i in range(arm.values.shape[1] // 2))
+    return Table(
+        path=path,
+        time=None,
+        joints=len(names),
+        orientation="quaternion_xyzw" if POSE in roles and not names else "",
+        named=True,
+        position=POSE in roles and not names,
+        gyroscope=False,
+        accelerometer=None,
+        wrench=WRENCH in roles,
+        temperature=TEMPERATURE in roles,
+        names=() if arm is None else arm.names,
+    )
 
 
 def _of_arrays(path: str, arrays: Mapping[str, Array]) -> Table:

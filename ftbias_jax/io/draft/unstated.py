@@ -76,10 +76,17 @@ def look_at(path: str, table: Table | None = None) -> Unstated:
     for quantity, there in _quantities(table).items():
         if there:
             ((t, arrays),), _ = read_stream(path, (quantity,), setup)
-            (values,) = arrays.values()
-            values = np.reshape(values, (len(t), -1))
+            ((name, values),) = arrays.items()
+            if values.ndim == 0 or len(values) != len(t) or values.dtype.kind not in "fiu":
+                message = f"has shape {values.shape} and type {values.dtype} for {len(t)} stamps"
+                raise LogError(message, file=path, field=name, remedy="give one sample of real numbers per stamp")
+            values = values.reshape(len(t), -1)
             rows = np.isfinite(values).any(1)
-            streams.append(_stream(table, quantity, t[rows], values[rows]))
+            stream = _stream(table, quantity, t[rows], values[rows])
+            if len(stream.labels) != values.shape[1]:
+                message = f"has {values.shape[1]} numbers a sample, not {len(stream.labels)}"
+                raise LogError(message, file=path, field=name, remedy="store what its name says")
+            streams.append(stream)
     return Unstated(tuple(streams), table.others[:MOST_NAMES], tuple(_lines(stated, table)), _verdict(path, table))
 
 

@@ -36,7 +36,7 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
     q = _get(arrays, "q", "no motion data: there is no array q (T, n) rad", file)
     wrench = _get(arrays, "wrench", "no wrench data: there is no array wrench (T, 6) N, Nm", file)
     dq, temperature = arrays.get("dq"), arrays.get("temperature")
-    counted = rows_at_rate(len(wrench), setup.log)
+    counted = rows_at_rate(wrench, setup.log)
     if counted is not None:
         return check_log(counted, q, wrench, dq, temperature, setup=setup, file=file)
     arrays = {name: stamps(values, setup.log) if name in STAMPS else values for name, values in arrays.items()}
@@ -76,8 +76,8 @@ def joined_pose(arrays: Mapping[str, Array], pose: PoseSetup, name: str, file: s
     parts = _pose_parts(arrays, pose)[name]
     flat = []
     for part in parts:
-        column = _get(arrays, part, f"there is no array {part}", file)
-        flat.append(np.reshape(column, (len(column), -1)))
+        column = np.atleast_1d(_get(arrays, part, f"there is no array {part}", file))
+        flat.append(column.reshape(len(column), -1))
     if len({len(column) for column in flat}) > 1:
         message = f"have {' and '.join(str(len(column)) for column in flat)} samples"
         raise LogError(message, file=file, field=", ".join(parts), remedy="give one of each a stamp")

@@ -57,7 +57,7 @@ def read_stream(
     else:
         remedy = f"give .csv, .parquet, .npz, .h5, {', '.join(SUFFIXES)} or a ROS 2 bag's folder"
         raise LogError(f"unknown format {suffix!r}", file=file, remedy=remedy)
-    counted = rows_at_rate(len(next(values for name, values in found.items() if name != "t")), setup.log)
+    counted = rows_at_rate(next(values for name, values in found.items() if name != "t"), setup.log)
     recorded = found.pop("t", None)
     t = stamps(recorded, setup.log) if counted is None else counted
     ordered = put_in_order(t, found, f"samples of {Path(file).name}", file=file)

@@ -117,3 +117,17 @@ def test_a_sensor_zeroed_with_a_heavy_tool_starts_at_its_weight(files):
     result = ft.filter_log(setup, log, unchecked=True)
     np.testing.assert_allclose(result.bias[0], result.wrench_tool[0], atol=2.5)
     assert np.linalg.norm(result.bias[0, :3]) == pytest.approx(8 * 9.81, rel=0.1)
+
+
+def at_rest(tables, arrays):
+    arrays["q"] = np.tile(arrays["q"][:1], (len(arrays["t"]), 1))
+    arrays["wrench"] = arrays["wrench"][:1] + 0.01 * np.random.default_rng(0).normal(size=arrays["wrench"].shape)
+    arrays.pop("dq", None)
+
+
+def test_a_log_at_rest_is_said_to_show_nothing(files, capsys):
+    assert main(["check", *files(at_rest)]) == 0
+    told = capsys.readouterr().err
+    assert "the sensor turns by only 0 degrees: signs, units, frames and the tool do not show in such a log" in told
+    assert main(["check", *files()]) == 0
+    assert "turns by only" not in capsys.readouterr().err

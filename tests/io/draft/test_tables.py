@@ -3,6 +3,7 @@
 import made_weights as made
 import numpy as np
 import pytest
+import recordings
 from scipy.spatial.transform import Rotation
 
 from ftbias_jax.errors import LogError, UsageError
@@ -179,3 +180,27 @@ def test_files_that_do_not_go_together_are_refused(tmp_path):
         look(str(tmp_path / "none.csv"))
     with pytest.raises(UsageError, match="which robot is it"):
         drafted(tmp_path, files[0])
+
+
+def test_joints_in_a_bag_and_a_wrench_in_a_table(tmp_path):
+    robot = built_in_robot("ur5e")
+    t, q, wrench = made.arm_log("ur5e")
+    ns = recordings.START + (t * 1e9).astype(np.int64)
+    joints = [recordings.Joints(int(at), robot.joint_names, tuple(x)) for at, x in zip(ns, q, strict=True)]
+    recordings.write(tmp_path, "ros1", joints).rename(tmp_path / "run1.bag")
+    names = ["fx", "fy", "fz", "tx", "ty", "tz"]
+    table = write(tmp_path / "run1_ft.csv", names, ns // 1000, wrench)
+    setup = drafted(tmp_path, table, tmp_path / "run1.bag", robot="ur5e")
+    assert setup.log.files == {"position": "*.bag", "wrench": "*_ft.csv"}
+    assert (setup.log.time_unit, setup.log.time_units) == ("us", {})
+    assert_weighed(setup)
+    assert len(read_log(tmp_path / "run1.bag", setup).t) > 400
+
+
+def test_two_tables_with_different_units_of_time(tmp_path):
+    t, q, wrench = made.arm_log("ur5e")
+    np.savez(tmp_path / "1_joints.npz", t=EPOCH * 1e-6 + t, q=q)
+    table = write(tmp_path / "1_ft.csv", ["fx", "fy", "fz", "tx", "ty", "tz"], EPOCH * 1e-3 + t * 1e3, wrench)
+    setup = drafted(tmp_path, tmp_path / "1_joints.npz", table, robot="ur5e")
+    assert setup.log.time_units == {"position": "s", "wrench": "ms"}
+    assert_weighed(setup)

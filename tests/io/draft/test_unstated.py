@@ -10,6 +10,7 @@ from recordings import SECOND, START, Other, Pose, Wrench
 from scipy.spatial.transform import Rotation
 
 from ftbias_jax.cli.main import main
+from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.draft.unstated import described, look_at
 from ftbias_jax.io.info import describe
@@ -139,3 +140,21 @@ def test_the_command_prints_the_keys(tmp_path, capsys):
     assert "other columns: odd\n" in printed
     assert '  orientation = "axis_angle"\n' in printed
     assert "  rate = ...  # Hz: there are no stamps (t)\n" in printed
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        ({"wrench": WRENCH[:, :5]}, "wrench: has 5 numbers a sample, not 6"),
+        ({"wrench": WRENCH[:70]}, "for 80 stamps"),
+        ({"wrench": np.float64(3)}, "wrench"),
+        ({"wrench": WRENCH.astype(str)}, "wrench: has shape"),
+        ({"angular_velocity": WRENCH[:, :2], "wrench": WRENCH}, "dq: has 2 numbers a sample, not 3"),
+        ({"orientation": TURNED.as_quat()[:60], "wrench": WRENCH}, "for 80 stamps"),
+        ({"t": np.full(80, np.nan), "wrench": WRENCH}, "give every sample a finite stamp"),
+    ],
+)
+def test_arrays_that_make_no_sense_are_errors_of_ours(tmp_path, arrays, words):
+    np.savez(tmp_path / "log.npz", **{"t": T, **arrays})
+    with pytest.raises(LogError, match=words):
+        describe(tmp_path / "log.npz")
