@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 import recordings
 
-from ftbias_jax.cli.jobs.archive import find_logs
 from ftbias_jax.cli.main import main
 from ftbias_jax.errors import LogError, OutputError, SetupError
+from ftbias_jax.fleet.find import find_logs
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_writable
 from ftbias_jax.setup import load_setup
