@@ -19,7 +19,7 @@ from ftbias_jax.diagnosis.recorded import not_tested
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.precompile import compiled_ahead
-from ftbias_jax.diagnosis.report.sentence import sentence_of
+from ftbias_jax.diagnosis.report.sentence import not_whitened, sentence_of
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Gap
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
@@ -220,7 +220,7 @@ def _told(
     stages = tuple(dict.fromkeys(cause.stage for cause in causes))
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence_of(verdict, gap, causes, answer.terms),
+        sentence=sentence_of(verdict, gap, causes, answer.terms) + not_whitened(setup),
         causes=tuple(with_nominal(problem, cause) for cause in causes),
         candidates=ranking_of(problem, known.hold_out, base, answer.rounds, known.found, answer.total),
         gap=gap,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap
+from ftbias_jax.setup.types import Setup
 
 MEAN_GAP = 0.01
 """Noise sigmas by which the error must exceed noise alone for a sentence about it."""
@@ -29,3 +30,10 @@ def sentence_of(verdict: str, gap: Gap, causes: tuple[Candidate, ...], terms: tu
     if verdict == "explained":
         return f"{named} explains the gap: the error falls from {before} to {after}."
     return f"{named} explains {gap.shrink:.0%} of the gap: the error falls from {before} to {after}."
+
+
+def not_whitened(setup: Setup) -> str:
+    """What of the setup's noise the diagnosis does not use, as a further sentence; "" = nothing."""
+    if setup.sensor.correlated_std is None or not setup.sensor.correlated_std.any():
+        return ""
+    return " The setup's correlated noise is not used here: errors are judged against white noise and drift."

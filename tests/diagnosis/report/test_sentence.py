@@ -1,0 +1,18 @@
+"""What the verdict says of noise that the diagnosis does not use."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ftbias_jax.cli.commands import demo
+from ftbias_jax.diagnosis.report.sentence import not_whitened
+from ftbias_jax.setup import parse_setup
+
+SETUP = parse_setup(demo.SETUP)
+
+
+@pytest.mark.parametrize(("std", "told"), [(None, False), (np.zeros(6), False), (np.array([0, 0.1, 0, 0, 0, 0]), True)])
+def test_correlated_noise_of_the_setup_is_told_to_be_left_out(std, told):
+    setup = replace(SETUP, sensor=replace(SETUP.sensor, correlated_std=std, correlated_time=np.ones(6)))
+    assert ("correlated noise is not used" in not_whitened(setup)) is told
