@@ -52,7 +52,7 @@ def main():
             result[name] = diagnosed(tables, arrays)
             print(name, result[name]["sentence"], flush=True)
             PATH.write_text(json.dumps({"versions": versions(), "result": result}, indent=1) + "\n")
-    print("| log | verdict | causes (nats/s) | terms (nats/s) | before | after | shrink |", "|---|" * 7, sep="\n")
+    print("| log | verdict | causes (nats/s) | terms (nats/s) | before | after | shrink |", "|" + "---|" * 7, sep="\n")
     print(*(row(name, found) for name, found in result.items()), sep="\n")
 
 
