@@ -23,7 +23,7 @@ from ftbias_jax.filtering.check.judge import (
     slightly,
 )
 from ftbias_jax.filtering.check.mounts import mount_in_degrees
-from ftbias_jax.filtering.check.regression import TRIM_MORE, no_tool
+from ftbias_jax.filtering.check.regression import TRIMS, no_tool
 from ftbias_jax.filtering.check.result import Check, Mistake
 from ftbias_jax.filtering.check.state import Case, Result, State, case_of_bins, make_case, stated
 from ftbias_jax.io.log import Log
@@ -38,6 +38,12 @@ FAR_BETTER = 2.0
 """Score by which an alternative must explain a reading that has nothing of the tool."""
 POSE_BETTER = 0.7
 """Share of what the stated convention of a pose leaves that another may leave."""
+WEAK = {"worse_than_raw", "raw_offset", "rezeroed", "compensated"}
+"""Mistakes that contact can feign: they are named only if no other is found without the bins that may be contact."""
+OF_AXES = {"sign", "gravity", "sensor_axes"}
+"""Mistakes that leave a weight as large as it is."""
+FAR_SMALLER = 0.05
+"""Variance of the reading by that of what the setup makes of it, below which they do not explain the reading."""
 POSE_TIE = 0.1
 """Difference of scores within which two conventions of a pose do equally well."""
 
@@ -92,12 +98,16 @@ def check_case(case: Case | None, setup: Setup) -> Check:
     """
     if case is None:
         return Check((), {}, setup.path)
-    check = _check(case)
-    if check.ok or check.findings[0].mistake == "worse_than_raw":
-        touched = _check(replace(case, layout=case.layout._replace(trim=TRIM_MORE)))
-        if not touched.ok and touched.findings[0].mistake != "worse_than_raw":
-            return touched
-    return check
+    checks: list[Check] = []
+    for trim in TRIMS:
+        first = evidence_of(stated(replace(case, layout=case.layout._replace(trim=trim))))
+        checks.append(_check(first))
+        if checks[-1].ok and (first.left < BAD).all():
+            break
+        mistakes = {finding.mistake for finding in checks[-1].findings}
+        if mistakes - WEAK:
+            return checks[-1]
+    return next((check for check in checks if not check.ok), checks[0])
 
 
 def check_parts(setup: Setup, parts: Callable[[int], Iterator[Log]], length: int) -> Check:
@@ -115,9 +125,10 @@ def check_parts(setup: Setup, parts: Callable[[int], Iterator[Log]], length: int
     return check_case(case_of_bins(setup, [join_bins(bins)]), setup)
 
 
-def _check(case: Case) -> Check:
-    setup, state = case.setup, stated(case)
-    first = evidence_of(state)
+def _check(first: Evidence) -> Check:
+    """What is wrong with a setup, by the bins that a fit may use."""
+    state, case = first.state, first.state.case
+    setup = case.setup
     if setup.sensor.compensated == "weight":
         state = state.but(gravity=np.zeros(3))
     if setup.sensor.compensated == "tool":
@@ -133,8 +144,10 @@ def _check(case: Case) -> Check:
     absent = tuple(_of_absence(base))
     enough = score(base, base.state.fit(no_tool())) + FAR_BETTER if absent else -np.inf
     for _ in range(MOST_MISTAKES):
-        best = best_alternative(base, all_alternatives(base.state)) or slightly(base, mount_in_degrees(base.state))
-        moved = special.time_offset(base)
+        small = base.raw[0] < FAR_SMALLER * base.exact[0]
+        tried = (a for a in all_alternatives(base.state) if not (small and a.mistake in OF_AXES))
+        best = best_alternative(base, tried) or slightly(base, mount_in_degrees(base.state))
+        moved = None if case.layout.touched else special.time_offset(base)
         if moved is not None and (best is None or score(base, moved[1]) > score(base, best[1]) + TIE):
             found.append(_of_time(base, first, *moved))
             break

@@ -16,8 +16,8 @@ BAD = 0.3
 their typical size leave 0.1 and less."""
 BETTER = 0.25
 """Share of what the stated model leaves that an alternative may leave."""
-GOOD = 0.3
-"""Share of the raw variance that it may leave."""
+GOOD, GOOD_TOUCHED = 0.3, 0.1
+"""Share of the raw variance that it may leave, and where most bins are left out, so that it may choose its own."""
 SAME = 1.5
 """Factor within which another tool does as well as an alternative."""
 SLACK = 0.01
@@ -26,6 +26,8 @@ TIE = 0.35
 """Difference of scores within which two alternatives do equally well."""
 SURE = 3.0
 """Standard errors over blocks by which an alternative must be better."""
+SHARED = 0.8
+"""Of the bins that an alternative explains, the share that the fit it is compared with must have kept, too."""
 LONG_LIST, CLEAR = 5, 0.02
 """Rank from which alternatives are very many, and share of the raw variance that makes them needless."""
 ABSENT = 0.2
@@ -144,11 +146,14 @@ def decisively(base: Result, better: Result, groups: tuple[int, ...], layout_blo
         groups: 0 for force, 1 for torque.
         layout_block: (N,) number of each bin's block.
     """
-    rows = base.fit.kept & better.fit.kept
+    rows, most = base.fit.kept & better.fit.kept, np.full(2, np.inf)
+    if rows.sum() < SHARED * better.fit.kept.sum():
+        # Each keeps what it explains: all bins count, and what the better fit takes for contact is as bad for both.
+        rows, most = np.ones(len(rows), bool), better.errors[better.fit.kept].max(0)
     ratio = []
     for block in np.unique(layout_block[rows]):
         inside = rows & (layout_block == block)
-        sums = [sum(r.errors[inside, g].mean() for g in groups) for r in (base, better)]
+        sums = [sum(np.minimum(r.errors[inside, g], most[g]).mean() for g in groups) for r in (base, better)]
         ratio.append(np.log((sums[0] + 1e-30) / (sums[1] + 1e-30)))
     if len(ratio) < BLOCKS // 4:
         return False
@@ -166,7 +171,8 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
         return score(base, result) > TIE + float(-np.log(np.ones(2) + PENALTY).sum()) and _is_sure(
             base, alternative, result
         )
-    if not (left < GOOD).all():
+    touched = base.state.case.layout.touched
+    if not (left < (GOOD_TOUCHED if touched else GOOD)).all():
         return False
     if groups == [1] and result.square[0] > BAD * base.raw[0]:
         return False  # what is wrong with the force comes first

@@ -14,11 +14,13 @@ if TYPE_CHECKING:
 
 KNOT = 40.0
 """s between the knots of the drift that is left free."""
+STEADY = 10.0
+"""s: in a shorter log the bias is constant; a drift would explain what half a turn of the tool does."""
 BLOCKS = 20
 """Of every log: those of even number are held out from the others, and the other way round."""
-TRIM, TRIM_MORE = 0.15, 0.45
-"""Share of the bins that is left out as contact or spikes, the worst of every fit; and where that finds nothing, for
-logs that are touched for long."""
+TRIMS = (0.15, 0.45, 0.6)
+"""Share of the bins that is left out as contact or spikes, the worst of every fit; where the first finds nothing the
+next is tried, because a robot may be touched for most of a log."""
 ROUNDS = 3
 """Fits, each without what the one before it missed most."""
 GROUPS = (slice(0, 3), slice(3, 6))
@@ -36,8 +38,22 @@ class Layout(NamedTuple):
     """Number of the bin's block; the logs' blocks follow one another."""
     axes: Bool[Array, " 6"]
     """Which axes of the wrench are measured; the others are zero."""
-    trim: float = TRIM
+    trim: float = TRIMS[0]
     """Share of the bins that fits leave out."""
+
+    @property
+    def touched(self) -> bool:
+        """Whether most bins may be contact: no fit to all of them can then be a start."""
+        return self.trim > 0.5
+
+    def windows(self) -> list[Bool[Array, " N"]]:
+        """Bins from which a fit may start: all of them; and early, middle and late ones where most may be contact."""
+        count, share = len(self.basis), 1 - self.trim
+        place = (np.arange(count) + 0.5) / count
+        every = [np.ones(count, bool)]
+        if not self.touched:
+            return every
+        return every + [np.abs(place - middle) <= share / 2 for middle in (share / 2, 0.5, 1 - share / 2)]
 
 
 class Tool(NamedTuple):
@@ -82,6 +98,8 @@ def make_layout(t: Array, log: Array, axes: Array) -> Layout:
         span = t[rows] - t[rows[0]]
         knots = np.linspace(0, max(span[-1], 1e-9), 2 + int(span[-1] // KNOT))
         hats = np.stack([np.interp(span, knots, unit) for unit in np.eye(len(knots))], 1)
+        if span[-1] < STEADY:
+            hats = np.ones((len(rows), 1))
         column = np.zeros((len(t), len(knots)))
         column[rows] = hats
         columns.append(column)
@@ -126,16 +144,23 @@ def fit(D: Array, wrench: Array, tool: Tool, layout: Layout) -> Fit:
     """
     D = D * layout.axes[:, None]
     scale = _scales(wrench, layout)
-    kept = np.ones(len(wrench), bool)
+    fits = [_concentrated(D, wrench, tool, layout, scale, window) for window in layout.windows()]
+    return min(fits, key=lambda fit: float((fit.square / scale**2).sum()))
+
+
+def _concentrated(D: Array, wrench: Array, tool: Tool, layout: Layout, scale: Array, kept: Array) -> Fit:
+    """Least trimmed squares from a window: each fit is without what the one before it missed most."""
     errors = np.zeros((len(wrench), 2))
+    halves = [layout.block % 2 == part for part in (0, 1)]
     for _ in range(ROUNDS):
-        for part in (0, 1):
-            held = layout.block % 2 == part
+        for held in halves:
             theta, bias = _solve(D, wrench, tool, layout, kept & ~held, scale)
             left = D[held] @ theta - layout.basis[held] @ bias - wrench[held]
             errors[held] = np.stack([(left[:, group] ** 2).sum(1) for group in GROUPS], 1)
         badness = (errors / scale**2).sum(1)
-        kept = badness <= np.quantile(badness, 1 - layout.trim)
+        best = badness <= np.quantile(badness, 1 - layout.trim)
+        if all((best & held).any() for held in halves):  # neither may be without bins to fit
+            kept = best
     theta, _ = _solve(D, wrench, tool, layout, kept, scale)
     return Fit(theta, errors, kept)
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.check.judge import ABSENT, Evidence, decisively, noise_of_bins, score
+from ftbias_jax.filtering.check.judge import ABSENT, GOOD, Evidence, decisively, noise_of_bins, score
 from ftbias_jax.filtering.check.regression import no_tool, without_bias
 from ftbias_jax.filtering.check.state import Result, delayed
 
@@ -14,9 +14,12 @@ CLEAR = 3.0
 """Times the noise of a bin that the tool's wrench must vary to be missed."""
 WORSE = 1.15
 """Factor of the raw variance from which a model is worse than nothing."""
-OFFSETS = np.concatenate([np.arange(-5, -0.19, 0.05), np.arange(0.2, 5.01, 0.05)])
+LEAST_OFFSET = 0.2
+OFFSETS = np.concatenate([np.arange(-5, -LEAST_OFFSET + 0.01, 0.05), np.arange(LEAST_OFFSET, 5.01, 0.05)])
 """s, delays of the wrench that are tried; shorter ones are effects (time_delay, low_pass), not mistakes."""
-OFFSET_BAD, OFFSET_BETTER = 0.05, 0.25
+NEAR_OFFSET = 0.16
+"""s around the best one for the stated tool within which the tool is fitted again."""
+OFFSET_BAD, OFFSET_BETTER = 0.01, 0.4
 """Share of the raw variance that must be left without the offset, and share of that which it may leave."""
 LAGS = (0.1, 0.2, 0.3, 0.5, 0.8)
 """s, time constants of a low pass, which can look like an offset."""
@@ -26,6 +29,8 @@ FIRST = 2.0
 """s at the start that show the bias which the prior speaks of."""
 ZERO = 6.0
 """Standard deviations of a sample within which a reading is zero."""
+BY_CHANCE = 1e-6
+"""Probability from which a first reading of zero on every axis is no accident of the bias."""
 
 
 class Share(NamedTuple):
@@ -45,7 +50,8 @@ def share_of_tool(base: Evidence, group: int) -> Share:
         group: 0 for force, 1 for torque.
     """
     state, layout = base.state, base.state.case.layout
-    rows = state.fit(no_tool()).fit.kept & base.result.fit.kept
+    rows = state.fit(no_tool()).fit.kept
+    rows = rows if layout.touched else rows & base.result.fit.kept
     axes = slice(3 * group, 3 * group + 3)
     tool = without_bias(state.data() @ state.tool.theta, layout)[rows, axes]
     reading = without_bias(state.wrench, layout)[rows, axes]
@@ -99,8 +105,11 @@ def time_offset(base: Evidence) -> tuple[float, Result] | None:
         return float(np.median((((reading - moved) / scale) ** 2).sum(1)))
 
     best = min(OFFSETS, key=misfit)
-    result = state.but(delay=float(best)).fit()
-    if not result.square[0] < OFFSET_BETTER * base.result.square[0] or result.square[0] > OFFSET_BAD * 6 * base.raw[0]:
+    near = OFFSETS[np.abs(OFFSETS - best) < NEAR_OFFSET]  # with the tool fitted again
+    result, best = min(((state.but(delay=float(x)).fit(), x) for x in near), key=lambda pair: pair[0].square[0])
+    if abs(best) < LEAST_OFFSET + 0.01:
+        return None  # a shorter one may do better
+    if not result.square[0] < OFFSET_BETTER * base.result.square[0] or result.square[0] > GOOD * base.raw[0]:
         return None
     for lag in LAGS:
         if state.but(lag=lag).fit().square[0] < 2 * result.square[0]:
@@ -117,8 +126,11 @@ def bias_beyond_prior(base: Evidence) -> tuple[str, str, dict[str, object]] | No
     tool = state.data() @ state.tool.theta
     axes, std = state.case.layout.axes, setup.bias.initial_std
     moved = np.abs(tool[1] - tool[0])  # since the first sample, at most
-    zero = (np.abs(state.case.wrench[0]) < ZERO * setup.sensor.noise_std + moved)[axes].all()
-    if zero and (np.abs(tool[0] - setup.bias.initial)[axes] > std[axes] + moved[axes]).any():
+    near = ZERO * setup.sensor.noise_std + moved
+    zero = (np.abs(state.case.wrench[0]) < near)[axes].all()
+    by_chance = np.prod(np.minimum(1, near / std)[axes])
+    weight = np.abs(tool[0] - setup.bias.initial)[axes]  # expected to be read, beside zero
+    if zero and ((weight > (std + moved)[axes]).any() or ((weight > near[axes]).any() and by_chance < BY_CHANCE)):
         remedy = "the sensor was set to zero with the tool on: set sensor.rezeroed = true"
         return "rezeroed", remedy, {"sensor.rezeroed": True}
     bias = np.median((tool - state.wrench)[bins.t - bins.t[0] < FIRST], 0)
@@ -130,6 +142,10 @@ def bias_beyond_prior(base: Evidence) -> tuple[str, str, dict[str, object]] | No
     return None
 
 
+BESIDE, MOMENTS = 3, 9
+"""Bins before and after a tare that show the bias, and moments within a bin that are looked at."""
+
+
 def tares(base: Evidence) -> list[float]:
     """Times, s, at which the sensor was set to zero while it recorded: the reading jumps to zero on every axis."""
     state = base.state
@@ -137,14 +153,22 @@ def tares(base: Evidence) -> list[float]:
     noise = case.setup.sensor.noise_std
     if (state.unit != 1).any() or not case.layout.axes.all():
         return []
-    left = state.wrench - state.data() @ state.tool.theta
-    zero = (np.abs(case.wrench) < ZERO * noise).all(1)
+    t, reading, tool = case.bins.t, state.wrench, state.data() @ state.tool.theta
+    left = reading - tool
+    step = np.median(np.diff(t))
     found: list[float] = []
-    for i in np.flatnonzero(zero[2:-1]) + 2:
-        before, after = left[i - 2], left[i + 1]
-        gap = case.bins.t[i + 1] - case.bins.t[i - 2] > 3 * np.median(np.diff(case.bins.t)) + 1
-        jumped = (np.abs(after - before) > 4 * ZERO * noise)[:3].any()
-        quiet = not zero[i - 2]
-        if jumped and quiet and not gap and (not found or case.bins.t[i] - found[-1] > 1):
-            found.append(float(case.bins.t[i]))
+    for i in range(BESIDE, len(t) - BESIDE):
+        near = slice(i - BESIDE, i + BESIDE + 1)
+        if t[near][-1] - t[near][0] > 3 * BESIDE * step + 1 or (found and t[i] - found[-1] < 1):
+            continue  # across a pause
+        before, after = left[i - BESIDE : i], left[i + 1 : i + 1 + BESIDE]
+        scatter = np.maximum(ZERO * noise, np.maximum(np.ptp(before, axis=0), np.ptp(after, axis=0)))
+        jump = np.median(after, 0) - np.median(before, 0)
+        if not (np.abs(jump) > 2 * scatter)[:3].any():
+            continue
+        # At one moment from the bin before to the bin after the reading was zero on every axis.
+        path = np.concatenate([np.linspace(tool[j], tool[j + 1], MOMENTS) for j in (i - 1, i)])
+        zeroed = np.median(after, 0) + path
+        if (np.abs(zeroed) < scatter).all(1).any() and not (np.abs(reading[i - BESIDE : i]) < scatter).all():
+            found.append(float(t[i]))
     return found

@@ -207,6 +207,36 @@ def test_a_sensor_that_is_zeroed_while_it_records_is_told_with_the_time():
     assert found.findings[0].evidence["times"] == pytest.approx([15.0], abs=0.2)
 
 
+def test_every_tare_is_told_when_there_are_several():
+    tables, arrays = right_log(seed=12)
+    for row in (800, 2000):
+        arrays["wrench"][row:] -= arrays["wrench"][row]
+    assert checked(tables, arrays).findings[0].evidence["times"] == pytest.approx([8.0, 20.0], abs=0.2)
+
+
+def pushed(arrays, share):
+    """A robot that is pushed, this way and that, for a share of the log in its middle."""
+    rng = np.random.default_rng(0)
+    count = len(arrays["t"])
+    inside = np.abs(np.arange(count) / count - 0.45) < share / 2
+    force = np.stack([np.interp(arrays["t"], np.arange(0, 40, 0.4), rng.normal(0, 15, 100)) for _ in range(6)], 1)
+    arrays["wrench"] = arrays["wrench"] + inside[:, None] * force * [1, 1, 1, 0.1, 0.1, 0.1]
+
+
+@pytest.mark.parametrize("mistake", ["sign", "wrench_units", "tool_units", "force_torque_swapped"])
+def test_a_mistake_is_named_though_the_robot_is_pushed_for_most_of_the_log(mistake):
+    tables, arrays = right_log(seed=3)
+    pushed(arrays, 0.55)
+    CHANGES[mistake][0](tables, arrays)
+    assert names(checked(tables, arrays))[0] == mistake
+
+
+def test_a_right_setup_is_not_suspected_though_the_robot_is_pushed_for_most_of_the_log():
+    tables, arrays = right_log(seed=3)
+    pushed(arrays, 0.55)
+    assert checked(tables, arrays).ok
+
+
 def test_findings_are_written_as_the_formats_say(tmp_path):
     tables, arrays = right_log()
     setting("sensor", reports="wrench_on_sensor")(tables, arrays)
