@@ -53,11 +53,12 @@ def calls(make_diagnosis, monkeypatch):
 
 
 def test_it_prints_and_writes_what_was_asked_for(folder, calls, capsys):
-    command = "diagnose log.npz log.npz --setup setup.toml --without gain --without cable"
+    (folder / "again.npz").write_bytes((folder / "log.npz").read_bytes())
+    command = "diagnose log.npz again.npz --setup setup.toml --without gain --without cable"
     assert main([*command.split(), "--json", "out.json", "--html", "out.html", "--apply", "-o", "fixed.toml"]) == 0
     ((_, logs, names, without),) = calls
     assert len(logs) == 2
-    assert names == ["log.npz", "log.npz"]
+    assert names == ["log.npz", "again.npz"]
     assert without == ("gain", "cable")
     out = capsys.readouterr().out
     assert out.startswith("explained: The tool weighs 0.81 kg.")

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from small_fits import at_its_best, dense, residual, shift
 
+from ftbias_jax.diagnosis.hypothesis import NATS_PER_DEGREE
 from ftbias_jax.diagnosis.regression.design_matrix import Columns
-from ftbias_jax.diagnosis.regression.score_test import gain_of_each, gain_of_series, gains, stand
+from ftbias_jax.diagnosis.regression.score_test import Gains, gain_of_each, gain_of_series, gains, stand
 
 BINS = 50
 
@@ -38,3 +39,22 @@ def test_gain_of_series_is_that_of_least_squares():
     left = residual(dense(Columns(accepted.columns.moving, series)), accepted.error)
     expected = ((accepted.error**2).sum() - (left**2).sum()) / 2
     assert gain_of_series(accepted, series) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_pursuit_adds_the_column_that_gains_most(seed):
+    """As if all coefficients were solved for again with every column that might be added."""
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(200, 12))
+    X[:, 1] = X[:, 0] + 0.1 * rng.normal(size=200)
+    error = X[:, [0, 4, 9]] @ [2.0, -1.0, 0.7] + rng.normal(size=200)
+    prepared, rows = Gains(X.T @ X, X.T @ error), [0, 1, 3, 4, 6, 7, 9, 11]
+    expected, gained = [], 0.0
+    while True:
+        trials = {i: prepared.of([*expected, i]) for i in rows if i not in expected}
+        best = max(trials, key=trials.get)
+        if trials[best] - gained < max(2 * NATS_PER_DEGREE, 0.01 * trials[best]):
+            break
+        expected, gained = [*expected, best], trials[best]
+    assert prepared.pursue(rows, 12, 0.01) == (gained, expected)
+    assert expected
