@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.scan import Inputs, filter_scan
+from ftbias_jax.filtering.fast.scan import Inputs
+from ftbias_jax.filtering.fast.sums import filter_sums
 from ftbias_jax.filtering.joint_filter import first_measured, init
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.model.params import JointNoise
@@ -60,5 +61,5 @@ def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densitie
     restart = jnp.broadcast_to((noise.prior_std**2)[:, None], start.mean.T.shape)
     joints = (y, variance, start.mean.T, jnp.moveaxis(start.covariance, 0, -1), restart)
     lanes = (jnp.concatenate([x] * len(densities), -1) for x in joints)
-    track = filter_scan(JOINT_MODELS[model], Inputs(dt, densities.reshape(-1), *lanes))
-    return track.log_likelihood.sum(0).reshape(densities.shape)
+    inputs = Inputs(dt, densities.reshape(-1), *lanes)
+    return filter_sums(JOINT_MODELS[model], False, inputs, jnp.ones_like(dt)).nats.reshape(densities.shape)

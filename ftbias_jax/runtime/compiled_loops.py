@@ -12,6 +12,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import jax
 import jax.custom_batching
+import jax.numpy as jnp
 from jax import Array
 from jax.experimental.xla_metadata import set_xla_metadata
 
@@ -64,6 +65,37 @@ def one_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
 
     looped.def_vmap(rule)
     return cast("Callable[..., Any]", looped)
+
+
+def in_tiles(function: Callable[..., Any], most: int) -> Callable[..., Any]:
+    """The same function, which ``vmap`` on a processor applies to tiles of at most so many, one tile after the other.
+
+    What is worked out for a tile stays in the cache, and fills the vector registers. Pairs are taken one at a time.
+    """
+    if not on_cpu():
+        return function
+    tiled: Any = jax.custom_batching.custom_vmap(function)
+
+    def rule(count: int, is_mapped: Any, *arguments: Any) -> tuple[Any, Any]:
+        leaves, structure = jax.tree.flatten(arguments)
+        mapped = jax.tree.leaves(tuple(is_mapped))
+        tiles = -(-count // most)
+        size = 1 if count < 3 else -(-count // tiles)
+        tiles = -(-count // size)
+        padding = jnp.minimum(jnp.arange(tiles * size), count - 1).reshape(tiles, size)
+        axes = jax.tree.unflatten(structure, [0 if m else None for m in mapped])
+
+        def tile(parts: list[Array]) -> Any:
+            rest = iter(parts)
+            whole = jax.tree.unflatten(structure, [next(rest) if m else x for x, m in zip(leaves, mapped, strict=True)])
+            return jax.vmap(function, axes, axis_size=size)(*whole)
+
+        found = jax.lax.map(tile, [x[padding] for x, m in zip(leaves, mapped, strict=True) if m])
+        found = jax.tree.map(lambda x: x.reshape(tiles * size, *x.shape[2:])[:count], found)
+        return found, jax.tree.map(lambda _: True, found)
+
+    tiled.def_vmap(rule)
+    return cast("Callable[..., Any]", tiled)
 
 
 def on_cpu() -> bool:

@@ -28,7 +28,7 @@ from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.filtering.samples import pad
 from ftbias_jax.filtering.step import Options, State
 from ftbias_jax.model.params import Params
-from ftbias_jax.runtime.compiled_loops import one_at_a_time
+from ftbias_jax.runtime.compiled_loops import in_tiles, one_at_a_time
 from ftbias_jax.types import Sample
 
 if TYPE_CHECKING:
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 
 CHUNK = 512
 """Samples that pass through all stages together, and are worked out again together."""
+
+TILE = 8
+"""Logs side by side, where there are many."""
 
 Nats = tuple[Array, Array]
 """() of the joints, () of the wrench."""
@@ -80,7 +83,7 @@ def _forward(options: Options, params: Params, state: State, chunks: Chunk) -> t
         _, ((joint, wrench), before) = jax.lax.scan(body, state, chunks)
         return joint.sum(), wrench.sum(), before
 
-    joint, wrench, before = one_at_a_time(all_chunks)(params, state, chunks)
+    joint, wrench, before = in_tiles(all_chunks, TILE)(params, state, chunks)
     return (joint, wrench), (params, before, chunks)
 
 

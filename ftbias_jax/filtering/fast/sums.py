@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
+import jax.custom_batching
 import jax.numpy as jnp
 from jax import Array
 
@@ -26,7 +27,7 @@ from ftbias_jax.filtering.fast.scan import (
     samples_of,
     start_of,
 )
-from ftbias_jax.filtering.process_models import ProcessModel
+from ftbias_jax.filtering.process_models import Gated, ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
 from ftbias_jax.runtime.lanes import from_upper
 
@@ -57,9 +58,37 @@ def filter_sums(model: ProcessModel, keep: bool, inputs: Inputs, weight: Float[A
         inputs: as there.
         weight: (T,) of every sample's likelihood.
     """
-    (mean, triangle), nats, kept = one_at_a_time(partial(_loop, model, keep))(inputs, weight)
+    (mean, triangle), nats, kept = _over_logs(model, keep)(inputs, weight)
     states = None if kept is None else Smoothed(jnp.stack(kept[0], 1), _matrix(kept[1], len(mean), 1))
     return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states)
+
+
+def _over_logs(model: ProcessModel, keep: bool) -> Any:
+    """The loop, which takes the filters of many logs as lanes of one: each with its own clock and weights."""
+    loop = partial(_loop, model, keep)
+    if isinstance(model, Gated):  # its lanes depend on each other
+        return one_at_a_time(loop)
+    together: Any = jax.custom_batching.custom_vmap(loop)
+
+    def rule(count: int, is_mapped: Any, inputs: Inputs, weight: Array) -> tuple[Any, Any]:
+        lanes = inputs.mean.shape[-1]
+
+        def of_all(x: Array, mapped: bool) -> Array:
+            return x if mapped else jnp.broadcast_to(x[None], (count, *x.shape))
+
+        def side_by_side(x: Array) -> Array:
+            return jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], count * lanes)
+
+        def apart(x: Array) -> Array:
+            return jnp.moveaxis(x.reshape(*x.shape[:-1], count, lanes), -2, 0)
+
+        inputs, weight = jax.tree.map(of_all, (inputs, weight), tuple(is_mapped))
+        dt, weight = (jnp.broadcast_to(x[..., None], (*x.shape, lanes)) for x in (inputs.dt, weight))
+        found = jax.tree.map(apart, loop(*jax.tree.map(side_by_side, (inputs._replace(dt=dt), weight))))
+        return found, jax.tree.map(lambda _: True, found)
+
+    together.def_vmap(rule)
+    return together
 
 
 def _loop(model: ProcessModel, keep: bool, inputs: Inputs, weight: Array) -> tuple[Packed, Array, Packed | None]:
