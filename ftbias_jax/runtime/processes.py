@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
 from ftbias_jax.runtime.jax_config import prepare_jax
-from ftbias_jax.runtime.signals import end_on_signals, ignore_interrupts, stop_if_ending
+from ftbias_jax.runtime.signals import end_on_signals, end_with_parent, ignore_interrupts, stop_if_ending
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -65,4 +65,5 @@ def _prepare() -> None:
     """What every process of a pool does first."""
     ignore_interrupts()
     end_on_signals()
+    end_with_parent()
     prepare_jax()

@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from contextlib import suppress
+from multiprocessing.connection import wait
 
 from ftbias_jax.files import remove_temporary
 
@@ -41,6 +42,13 @@ def end_on_signals(message: str = "") -> None:
     threading.Thread(target=_wait, args=(listen, message), daemon=True).start()
 
 
+def end_with_parent() -> None:
+    """From now on, end this process when its parent has ended, even if that was killed and could tell nobody."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_wait_for_end, args=(parent.sentinel,), daemon=True).start()
+
+
 def ignore_interrupts() -> None:
     """Leave Ctrl-C, which the terminal sends to children too, to the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -63,6 +71,12 @@ def _wait(listen: int, message: str) -> None:
         remove_temporary()
     finally:
         os._exit(EXIT_CODE)
+
+
+def _wait_for_end(sentinel: int) -> None:
+    wait([sentinel])
+    remove_temporary()
+    os._exit(EXIT_CODE)
 
 
 def _end_children() -> None:

@@ -107,6 +107,8 @@ def test_every_drawing_has_words_for_who_cannot_see_it(fleet):
 def test_a_log_leads_to_the_report_of_its_diagnosis(folder):
     place = folder / "cell_2"
     (place / "059.html").write_text("")
+    assert main(["report", str(folder), "-o", str(place / "059.html")]) == 2  # it would be replaced
+    assert (place / "059.html").read_text() == ""
     text = to_page(read_fleet([str(folder)]), "fleet", str(folder / "pages"))
     assert '<a href="../cell_2/059.html">logs/cell 2/059.npz</a>' in text
     (place / "059.html").unlink()

@@ -9,13 +9,15 @@ from ftbias_jax.fleet.alarms import alarms_of
 from ftbias_jax.fleet.history import read_fleet
 from ftbias_jax.fleet.page import name, to_page
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.outputs import check_writable
+from ftbias_jax.io.outputs import check_outputs, check_writable
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the alarms and write the page."""
     check_writable(arguments.output, ".html")
     fleet = read_fleet(arguments.folders)
+    reports = [record.report for record in fleet.records if record.report]
+    check_outputs({"--output": arguments.output}, reports)
     text = to_page(fleet, f"Fleet in {', '.join(arguments.folders)}", os.path.dirname(arguments.output))
     write_atomic(arguments.output, lambda file: file.write(text.encode()))
     groups = fleet.by_robot()

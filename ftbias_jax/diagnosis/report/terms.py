@@ -22,7 +22,7 @@ def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     ]
     columns = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
     table = f"<table><thead><tr>{columns}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
-    return f'<div class="scroll">{table}</div>' if lines else ""
+    return f'<div class="scroll" tabindex="0">{table}</div>' if lines else ""
 
 
 def capital(text: str) -> str:
