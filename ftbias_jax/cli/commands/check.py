@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         check.to_json(arguments.json, provenance(setup, list(map(source_of, logs)), {}))
         print(f"wrote {arguments.json}")
-    for path, log in zip(arguments.logs, logs, strict=True):
+    for path, log in zip(paths, logs, strict=True):
         if check.ok and (words := rest_in_words(setup, slices(log))):
             tell_mistake(path, words)
     tell_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
