@@ -3,8 +3,9 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
+from ftbias_jax.runtime.compiled_loops import compile_whole, in_tiles, one_at_a_time
 
 RNG = np.random.default_rng(0)
 X = RNG.normal(size=(50, 3))
@@ -60,3 +61,11 @@ def test_one_at_a_time_under_vmap():
     got = jax.jit(jax.vmap(one_at_a_time(compile_whole(smoothed)), (None, 0)))(FACTOR, many)
     for i, x in enumerate(many):
         assert_close(jax.tree.map(lambda leaf, i=i: leaf[i], got), expected(FACTOR, x))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7])
+def test_tiles_under_vmap_with_a_last_one_that_is_not_full(count):
+    tiled = in_tiles(lambda factor, x: {"sum": (factor * x).sum(), "x": x}, 3)
+    found = jax.vmap(tiled, (None, 0))(FACTOR, X[:count])
+    np.testing.assert_allclose(found["sum"], X[:count] @ FACTOR)
+    np.testing.assert_array_equal(found["x"], X[:count])
