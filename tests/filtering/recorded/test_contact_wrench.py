@@ -48,7 +48,7 @@ def test_contacts_are_told_with_their_wrench(pushed):
         assert contact.end == pytest.approx(START + end, abs=0.1)
         # an edge of the interval may lie a block within the push, or without it
         np.testing.assert_allclose(contact.wrench, wrench, rtol=0.1, atol=0.6 * NOISE.max())
-        np.testing.assert_allclose(contact.std, NOISE, rtol=0.5)
+        assert ((contact.std > 0.9 * NOISE) & (contact.std < 2 * NOISE)).all()
         assert (np.abs(contact.peak) >= np.abs(contact.wrench)).all()
 
 
