@@ -159,6 +159,8 @@ JITTER_NATS, JITTER_VISIBLE, MOST_JITTER = 10.0, 0.3, 0.1
 """nats; sigmas where the wrench changes fastest; s, more is vibration. [noise] 8 in 1e6. [owner] [physics]"""
 LOUD, ACROSS, EVEN, FEW_WINDOWS = 5.0, 0.25, 0.6, 5
 """Variance across dW/dt of an event; its share, and the upper half's, of jitter; windows to ignore. [dev]"""
+CORRELATED = 0.3
+"""From a sample to the next, of an error along dW/dt that is vibration: jitter is independent, 0. [physics]"""
 GROWTH_NATS, CERTAIN, GROWTH_VISIBLE = 12.0, 2.0, 1.15
 """nats, as LEAST_GAIN, and standard errors; loudest tenth per rest. [noise] 1 in 44. [owner]"""
 MOVES, LEAST_REST, FAR_SQUARES = 0.03, 1e-3, 25.0

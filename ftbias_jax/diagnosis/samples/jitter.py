@@ -11,7 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.samples.noise import TOP, robust_std
-from ftbias_jax.diagnosis.thresholds import ACROSS, EVEN, FEW_WINDOWS, JITTER_NATS, JITTER_VISIBLE, LOUD, MOST_JITTER
+from ftbias_jax.diagnosis.samples.rows import moving_mean
+from ftbias_jax.diagnosis.thresholds import (
+    ACROSS,
+    CORRELATED,
+    EVEN,
+    FEW_WINDOWS,
+    JITTER_NATS,
+    JITTER_VISIBLE,
+    LOUD,
+    MOST_JITTER,
+)
 
 ROUNDS = 20
 CONSTANT_RATE = 0.05
@@ -33,12 +43,15 @@ class Jitter(NamedTuple):
     """Variance in the upper half of the waves per variance in the lower half: 1 for jitter, less for jerky motion."""
     noise_std: np.ndarray
     """(k,) N, Nm, white noise without the jitter."""
+    correlation: float = 0.0
+    """From a sample to the next, of the error along dW/dt where it is fast: 0 for jitter, more for vibration."""
 
     @property
     def detected(self) -> bool:
         """It is certain, large enough to matter, and nothing but jitter."""
         certain = self.nats > JITTER_NATS and self.visible > JITTER_VISIBLE
-        return certain and self.std < MOST_JITTER and self.across < ACROSS and self.even > EVEN
+        alike = self.across < ACROSS and self.even > EVEN and self.correlation < CORRELATED
+        return certain and self.std < MOST_JITTER and alike
 
 
 def no_jitter(noise_std: np.ndarray) -> Jitter:
@@ -81,6 +94,21 @@ def measure_jitter(amplitude: np.ndarray, rate: np.ndarray, noise_std: np.ndarra
     even = high / low if low > 0 else 1.0
     error = float(np.hypot(stderr / (2 * std), CONSTANT_RATE * std)) if std > 0 else 0.0
     return Jitter(std, error, nats, visible, share, even, sigma)
+
+
+def correlation_along(signal: np.ndarray, rate: np.ndarray, noise_std: np.ndarray) -> float:
+    """Correlation from a sample to the next of the error along dW/dt, in the faster half of a log.
+
+    Args:
+        signal: (N, k) N, Nm, the model's prediction less the wrench, sample by sample.
+        rate: (N, k) N/s, Nm/s, dW/dt.
+        noise_std: (k,) N, Nm.
+    """
+    speed = np.linalg.norm(rate / noise_std, axis=1)
+    direction = rate / noise_std / np.maximum(speed, 1e-12)[:, None]
+    along = ((signal - moving_mean(signal)) / noise_std * direction).sum(1) * (speed >= np.median(speed))
+    power = float((along**2).sum())
+    return float((along[1:] * along[:-1]).sum()) / power if power > 0 else 0.0
 
 
 def _split(amplitude: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.samples import exact as exact
 from ftbias_jax.diagnosis.samples import findings as findings
-from ftbias_jax.diagnosis.samples.jitter import Jitter, measure_jitter, no_jitter
+from ftbias_jax.diagnosis.samples.jitter import Jitter, correlation_along, measure_jitter, no_jitter
 from ftbias_jax.diagnosis.samples.noise import WINDOW, Noise, fast_waves, measure_noise
 from ftbias_jax.diagnosis.samples.rows import Samples, select
 from ftbias_jax.diagnosis.samples.spikes import REACH, Spikes, find_spikes
@@ -189,6 +189,9 @@ def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool) -> tuple[Nois
         return noise, none
     rate = samples.rate[waves.row].mean(1)
     jitter = measure_jitter(waves.top[..., fine], rate[:, fine], noise.std[fine])
+    if jitter.detected:
+        along = correlation_along(samples.signal[:, fine], samples.rate[:, fine], jitter.noise_std)
+        jitter = jitter._replace(correlation=along)
     if jitter.detected:
         std = noise.std.copy()
         std[fine] = jitter.noise_std
