@@ -12,6 +12,7 @@ import hashlib
 import os
 import pickle
 import platform
+import stat
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from contextlib import suppress
@@ -72,7 +73,7 @@ class KeptProgram:
     def _make(self, tree: Any, shapes: Any, static: dict[str, Any], words: str) -> Callable[..., Any]:
         """The program from the cache, or compiled and put there."""
         path = _path(words)
-        if path is not None:
+        if path is not None and _is_own(path.parent):
             with suppress(Exception):  # a file of a cache may be anything: then it is made again
                 kept: Callable[..., Any] = deserialize_and_load(*pickle.loads(path.read_bytes()))
                 return kept
@@ -104,6 +105,7 @@ def _keep(path: Path, compiled: Any, outline: Any) -> None:
     parts = serialize(compiled)
     jax.block_until_ready(deserialize_and_load(*parts)(*jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), outline)))
     content = pickle.dumps(parts)
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     replace_whole(str(path), lambda file: file.write(content))
 
 
@@ -118,7 +120,20 @@ def _path(words: str) -> Path | None:
     if not folder or not config.jax_enable_compilation_cache or ADDRESS in words or not on_cpu():
         return None
     digest = hashlib.sha256(f"{_surroundings()} {words}".encode()).hexdigest()
-    return Path(folder) / f"ftbias_{digest[:32]}.program"
+    return Path(folder) / "ftbias" / f"{digest[:32]}.program"
+
+
+def _is_own(folder: Path) -> bool:
+    """Whether a folder of programs is this user's, and nobody else can write there.
+
+    Loading a program is running it (and its shapes are a pickle): what others may have put there is not read.
+    """
+    try:
+        state = folder.stat()
+    except OSError:
+        return False
+    mine = not hasattr(os, "getuid") or state.st_uid == os.getuid()
+    return mine and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 @lru_cache

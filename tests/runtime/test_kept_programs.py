@@ -42,11 +42,22 @@ def program(traced):
 def test_what_one_process_compiled_another_one_does_not_trace(folder, program, traced):
     first = program()({"x": X})
     assert traced == [2.0]
-    assert len(list(folder.glob("*.program"))) == 1
+    assert len(list(folder.rglob("*.program"))) == 1
     again = program()({"x": X})
     assert traced == [2.0]
     np.testing.assert_array_equal(again["scaled"], first["scaled"])
     np.testing.assert_array_equal(again["scaled"], 2 * X)
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o707])
+def test_a_folder_that_others_write_to_is_not_read(folder, program, traced, mode):
+    program()({"x": X})
+    (folder / "ftbias").chmod(mode)
+    program()({"x": X})
+    assert len(traced) == 2
+    (folder / "ftbias").chmod(0o700)
+    program()({"x": X})
+    assert len(traced) == 2
 
 
 def test_a_program_is_for_one_shape_one_precision_and_one_choice(folder, program, traced):
@@ -64,7 +75,7 @@ def test_a_program_is_for_one_shape_one_precision_and_one_choice(folder, program
 @pytest.mark.parametrize("content", [b"", b"no program"])
 def test_a_damaged_file_is_made_again(folder, program, traced, content):
     program()({"x": X})
-    (path,) = folder.glob("*.program")
+    (path,) = folder.rglob("*.program")
     whole = len(path.read_bytes())
     path.write_bytes(content)
     np.testing.assert_array_equal(program()({"x": X})["scaled"], 2 * X)
@@ -75,7 +86,7 @@ def test_a_damaged_file_is_made_again(folder, program, traced, content):
 def test_inside_another_program_it_is_a_part_of_that_one(folder, program):
     slope = jax.grad(lambda x: program()({"x": x})["scaled"].sum())(jnp.asarray(X))
     np.testing.assert_array_equal(slope, np.full(3, 2.0))
-    assert not list(folder.glob("*.program"))
+    assert not list(folder.rglob("*.program"))
 
 
 def test_without_a_folder_nothing_is_kept(tmp_path, folder, program, traced):
@@ -91,7 +102,7 @@ def test_what_only_its_place_in_memory_tells_from_others_is_not_kept(folder):
     assert ADDRESS in repr(choice)
     one = KeptProgram(lambda x, choice: x + 1, ("choice",))
     np.testing.assert_array_equal(one(X, choice=choice), X + 1)
-    assert not list(folder.glob("*.program"))
+    assert not list(folder.rglob("*.program"))
 
 
 def test_what_does_not_compile_says_so_every_time(folder, program):
