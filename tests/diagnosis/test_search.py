@@ -139,7 +139,7 @@ def test_when_a_pair_takes_the_place_of_what_was_found(monkeypatch, why, causes,
     pair = pair._replace(log_likelihood=greedy.log_likelihood + gained)
     first = [Scored(fit_of(GAP, name), 100.0) for name in ("gain", "tool_mass")]
 
-    def grow(problem, library, start, hold_out, rounds, without, most=3):
+    def grow(problem, library, start, hold_out, rounds, without, **options):
         return (pair, [*rounds, []]) if rounds else (greedy, [first])
 
     monkeypatch.setattr(searching, "make_library", lambda problem: None)
