@@ -109,6 +109,9 @@ CLEARLY, AS_WELL = 1.02, 0.98
 """Of the merit of effects that explain a log, and of the gap they remove unseen, that terms must have. [dev]"""
 SHARE_PER_NUMBER = 0.005
 """Share of its gain that a term's free number costs: no real effect has quite its form. [dev]"""
+MOST_CANCELLED = 100.0
+"""Times that a part of a term may be larger than what all of them do together: beyond, none of them is known. [physics]
+The parts of a spring a metre long, on a robot that moves by a few centimetres, cancel to a thirtieth."""
 MOST_NUMBERS, MOST_TERMS = 14, 3
 """Coefficients of a term on any channel; terms. [owner]"""
 TERM_WORTH, TERM_WORTH_FAR = 0.25, 0.08

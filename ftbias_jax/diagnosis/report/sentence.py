@@ -27,6 +27,8 @@ def sentence_of(verdict: str, gap: Gap, causes: tuple[Candidate, ...], terms: tu
         return unexplained + seen
     if gap.before_sigmas - 1 < MEAN_GAP:
         return f"{named}: seen in single samples; the mean reading agrees with the setup."
+    if verdict == "explained" and gap.shrink == 0:
+        return f"{named}: seen in single samples; the mean reading departs from the setup no more than by chance."
     if verdict == "explained":
         return f"{named} explains the gap: the error falls from {before} to {after}."
     return f"{named} explains {gap.shrink:.0%} of the gap: the error falls from {before} to {after}."

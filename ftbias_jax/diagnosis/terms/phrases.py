@@ -36,8 +36,14 @@ DRIVE_WORDS = {
         "visit the same places with other wrist orientations",
     ),
     "orientation": Words(
-        ("a liquid or loose part in the tool", "a sagging hose", "a magnetic field", "a sensor that bends"),
-        "turn the wrist slowly at one place and listen for what moves in the tool",
+        (
+            "a wrong mass, centre of mass or mounting beside other things",
+            "a liquid or loose part in the tool",
+            "a sagging hose",
+            "a magnetic field",
+            "a sensor that bends",
+        ),
+        "identify the tool anew, then turn the wrist slowly at one place and listen for what moves in it",
         "turn the wrist at one place, then move the arm with the wrist level",
     ),
     "velocity": Words(

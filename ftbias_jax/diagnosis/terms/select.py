@@ -24,13 +24,14 @@ from ftbias_jax.diagnosis.thresholds import (
     LEAST_GAIN,
     LEAST_SHARE_OF_GAP,
     LEAST_SIGMAS,
+    MOST_CANCELLED,
     MOST_TERMS,
     STEADY,
     TERM_WORTH,
     TERM_WORTH_FAR,
     TERMS_FITTED,
 )
-from ftbias_jax.model.effects.terms.columns import has_point
+from ftbias_jax.model.effects.terms.columns import columns, has_point
 from ftbias_jax.model.effects.terms.types import State, Term
 
 STARTS = {"attraction": 5, "barrier": 2}
@@ -117,6 +118,8 @@ class Search:
             return None
         reference = self.hold_out(now, now.error).error
         held = self.hold_out(described.fit, reference)
+        if held.nats < STEADY * held.nats_stderr or any(cancels(term, self.state) for term in described.terms):
+            return None
         share = gap_removed(problem, reference, held.error)
         return Step(described, gain, self._rivals(now, described, [d for _, d in found], place), held, share)
 
@@ -140,6 +143,13 @@ class Search:
 def numbers_of(term: Term) -> int:
     """Free numbers of a term."""
     return len(term.coefficients) + len(free_names(term)) + 3 * has_point(term)
+
+
+def cancels(term: Term, state: State) -> bool:
+    """Whether parts of a term are far larger than what they do together, as where the motion hardly separates them."""
+    each = columns(np, term, state) * np.asarray(term.coefficients)[None, :, None]
+    parts, whole = each.std(0).max(0), each.sum(1).std(0)
+    return bool((parts > MOST_CANCELLED * whole).any())
 
 
 def _worth(term: Term) -> float:
