@@ -1,4 +1,8 @@
 import os
+
+# Before NumPy is imported: workers whose threads of BLAS wait for one another take twice as long.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import shutil
 import tempfile
 from pathlib import Path
