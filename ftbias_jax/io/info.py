@@ -87,14 +87,14 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     """
     if is_ros(path):
         return _describe_ros(path, setup, salvage)
+    names = setup.robot.joint_names if setup else tuple(_joint_names(path))
     unstated = described(os.fspath(path)) if setup is None else None
     if unstated is not None:
         raw = tuple(map(_raw_info, unstated.streams))
         return LogInfo(raw, (), (), unstated.verdict, False, unstated.keys, unstated.others)
-    log = read_recorded(path, setup or _setup_for(_joint_names(path)))
+    log = read_recorded(path, setup or _setup_for(names))
     has_pose = setup is not None and setup.pose is not None
     joints = ~np.isnan(log.q if has_pose else np.column_stack([log.q, log.dq])).all(1)
-    names = setup.robot.joint_names if setup else tuple(_joint_names(path))
     shown = ~np.isnan(log.q).all(0) if has_pose else np.full(len(names), True)
     labels = [name for name, there in zip(names, shown, strict=True) if there]
     said = ("pose", "entries that are followed", ()) if has_pose else ("joints", "q, dq", names)

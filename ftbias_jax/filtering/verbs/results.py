@@ -23,8 +23,46 @@ from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array
 
 
+class Saved:
+    """What can be written to a file."""
+
+    frame: str
+    provenance: Provenance | None
+    contacts: tuple[ContactInterval, ...] = ()
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        fields: Sequence[str] = (),
+        precision: str = "single",
+        every: int = 1,
+        rate: float | None = None,
+    ) -> None:
+        """Write the arrays, whole or not at all; those of a filter are the file that ``ftbias filter`` writes.
+
+        Samples are left out, never averaged: what is written of the others is what the filter computed from all of
+        them. Estimates lose nothing by that; of the reading (wrench_unbiased, contact_wrench, innovation) vibration
+        above half the output's rate folds to lower frequencies.
+
+        Args:
+            path: the file; its suffix names the format: .npz, .csv, .parquet or .mcap.
+            fields: names of the arrays to write, to which t is added; () = all.
+            precision: "single" (float32, seven digits; t and the log likelihood are double all the same) or "double".
+            every: write each sample of so many, from the first on.
+            rate: Hz, instead: write the first sample at or after each tick of such a clock.
+
+        Raises:
+            UsageError: no format has this suffix, a field does not exist, or a number is impossible. OutputError: the
+                file cannot be written, or a package is missing.
+        """
+        selection = Selection(tuple(fields), precision, every, rate)
+        contacts = [contact.plain() for contact in self.contacts]
+        save_results(path, _arrays(self), About(self.frame, self.provenance, contacts, selection))
+
+
 @dataclass(frozen=True, eq=False)
-class SmoothResult:
+class SmoothResult(Saved):
     """Bias and drift given the whole log, past and future, at the stamps where any wrench axis was measured.
 
     numpy arrays in float64; wrenches are in the sensor frame and act on the tool: unbiased = measured + bias.
@@ -49,35 +87,6 @@ class SmoothResult:
     provenance: Provenance | None = None
     """What it was made from, as files say it."""
 
-    def save(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        fields: Sequence[str] = (),
-        precision: str = "single",
-        every: int = 1,
-        rate: float | None = None,
-    ) -> None:
-        """Write the arrays, whole or not at all.
-
-        Samples are left out, never averaged: what is written of the others is what the filter computed from all of
-        them. Estimates lose nothing by that; of the reading (wrench_unbiased, contact_wrench, innovation) vibration
-        above half the output's rate folds to lower frequencies.
-
-        Args:
-            path: the file; its suffix names the format: .npz, .csv, .parquet or .mcap.
-            fields: names of the arrays to write, to which t is added; () = all.
-            precision: "single" (float32, seven digits; t and the log likelihood are double all the same) or "double".
-            every: write each sample of so many, from the first on.
-            rate: Hz, instead: write the first sample at or after each tick of such a clock.
-
-        Raises:
-            UsageError: no format has this suffix, a field does not exist, or a number is impossible. OutputError: the
-                file cannot be written, or a package is missing.
-        """
-        selection = Selection(tuple(fields), precision, every, rate)
-        save_results(path, _arrays(self), About(self.frame, self.provenance, selection=selection))
-
     def __str__(self) -> str:
         lines = [f"{len(self.t)} wrench samples, {self.t[-1] - self.t[0]:.1f} s, smoothed"]
         for name, row in {"bias at the end": self.bias[-1], "  ± 1 sigma": self.bias_std[-1]}.items():
@@ -86,7 +95,7 @@ class SmoothResult:
 
 
 @dataclass(frozen=True, eq=False)
-class FilterResult:
+class FilterResult(Saved):
     """Result of filtering a log, at the stamps where any wrench axis was measured.
 
     numpy arrays in float64; wrenches are in the sensor frame and act on the tool: unbiased = measured + bias. Effects
@@ -161,36 +170,6 @@ class FilterResult:
     """The sensor's frame, as a recording of ROS names it."""
     provenance: Provenance | None = None
     """What it was made from, as files say it."""
-
-    def save(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        fields: Sequence[str] = (),
-        precision: str = "single",
-        every: int = 1,
-        rate: float | None = None,
-    ) -> None:
-        """Write the arrays, whole or not at all; the same file that ``ftbias filter`` writes.
-
-        Samples are left out, never averaged: what is written of the others is what the filter computed from all of
-        them. Estimates lose nothing by that; of the reading (wrench_unbiased, contact_wrench, innovation) vibration
-        above half the output's rate folds to lower frequencies.
-
-        Args:
-            path: the file; its suffix names the format: .npz, .csv, .parquet or .mcap.
-            fields: names of the arrays to write, to which t is added; () = all.
-            precision: "single" (float32, seven digits; t and the log likelihood are double all the same) or "double".
-            every: write each sample of so many, from the first on.
-            rate: Hz, instead: write the first sample at or after each tick of such a clock.
-
-        Raises:
-            UsageError: no format has this suffix, a field does not exist, or a number is impossible. OutputError: the
-                file cannot be written, or a package is missing.
-        """
-        selection = Selection(tuple(fields), precision, every, rate)
-        contacts = [contact.plain() for contact in self.contacts]
-        save_results(path, _arrays(self), About(self.frame, self.provenance, contacts, selection))
 
     def check(self) -> Consistency:
         """Whether the error bars are right: innovations against their chi-square bounds, and their whiteness."""
