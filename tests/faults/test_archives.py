@@ -31,6 +31,7 @@ def statuses():
     return [entry.status for entry in manifest()]
 
 
+@pytest.mark.slow
 def test_sigkill_in_the_middle_of_an_archive(logs, monkeypatch, capsys):
     """Whatever has a result's name is whole, and what the manifest has is not done again."""
     for seed in range(12):

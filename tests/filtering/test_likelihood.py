@@ -107,6 +107,7 @@ def with_values(params, values):
     return params._replace(joint=noise, bias=bias, arm=arm, theta=values["theta"])
 
 
+@pytest.mark.slow
 def test_gradient_is_the_limit_of_differences(params, samples):
     flat, unravel = ravel_pytree(values_of(params))
 

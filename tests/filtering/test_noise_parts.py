@@ -54,6 +54,7 @@ def test_the_fast_route_is_the_definition(params, samples, part, gate):
     assert used[20:26].any() == (gate is None)
 
 
+@pytest.mark.slow
 @gates
 @parts
 def test_so_is_its_gradient(params, samples, part, gate):

@@ -220,7 +220,7 @@ def test_the_command_writes_log_and_truth(setup_file, capsys):
     warming = "temperature_drift:per_kelvin=0.1/0.2/0.3/0.01/0.02/0.03"
     assert command(setup_file, "--effect", "tool_mass:mass=0.8", "--effect", warming) == 0
     log, truth = load_npz(setup_file.parent / "log.npz"), load_npz(setup_file.parent / "log_truth.npz")
-    assert set(log) == {"t", "q", "dq", "wrench", "temperature"}
+    assert set(log) == {"t", "q", "dq", "wrench", "temperature", "about", "provenance"}
     assert log["q"].shape == (200, 2)
     assert truth["effects.tool_mass.mass"] == 0.8
     warmer = log["temperature"] - log["temperature"][0]

@@ -69,6 +69,7 @@ def done(monkeypatch):
     return done
 
 
+@pytest.mark.slow
 def test_only_what_is_not_done_is_filtered_again(logs, done):
     def again(*more):
         done.clear()

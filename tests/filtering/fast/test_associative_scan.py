@@ -25,6 +25,7 @@ def test_it_is_the_sequential_filter_also_across_a_restart(model):
             np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-10 * np.abs(one).max(), err_msg=name)
 
 
+@pytest.mark.slow
 def test_and_so_are_its_slopes():
     inputs = problem("integrated_jerk", 0, gap=False)
 

@@ -56,6 +56,7 @@ def assert_close(got, expected, rtol):
         np.testing.assert_allclose(other, one, rtol=rtol, atol=rtol * np.abs(np.nan_to_num(one)).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_it_is_the_sum_over_the_steps_and_so_are_its_slopes(params, samples, in_chunks, case):
     changes, options = CASES[case]
@@ -68,6 +69,7 @@ def test_it_is_the_sum_over_the_steps_and_so_are_its_slopes(params, samples, in_
     assert_close(got[1], expected[1], 1e-6)  # the textbook filter's own rounding, for sharp encoders
 
 
+@pytest.mark.slow
 def test_many_logs_are_each_log(params, samples, in_chunks, monkeypatch):
     """In tiles, the last of which is filled up; each with a clock of its own."""
     monkeypatch.setattr(route, "TILE", 3)

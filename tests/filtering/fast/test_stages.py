@@ -46,6 +46,7 @@ def with_slopes(run, params, samples, weights):
     return outputs, slopes
 
 
+@pytest.mark.slow
 def test_and_in_the_derivative_of_every_output_in_every_parameter(params, samples):
     rng = np.random.default_rng(0)
     shapes = jax.eval_shape(partial(outputs_of, options=Options()), params, samples)
@@ -80,11 +81,13 @@ def score(run, params, samples):
     return (infos.log_likelihood * jnp.cos(jnp.arange(40))).sum() + states.bias.mean[:, :6].sum()
 
 
+@pytest.mark.slow
 def test_and_its_slopes(params, samples, in_chunks):
     chunked, whole = (jax.jit(jax.grad(partial(score, run)))(params, samples) for run in (in_chunks, outputs_of))
     assert_all_close(chunked, whole, 1e-7)  # slopes in the prior lose digits
 
 
+@pytest.mark.slow
 def test_many_logs_are_each_log(params, samples):
     """Under vmap a processor takes one log at a time."""
     logs = [samples, samples._replace(wrench=2 * samples.wrench), samples._replace(q=samples.q + 0.1)]
