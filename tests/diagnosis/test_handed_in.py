@@ -39,7 +39,8 @@ def record(setup):
 def test_an_entry_that_is_handed_in_gives_the_same_diagnosis(setup, record, monkeypatch, name, values):
     log, entry = record({name: values}), CATALOGUE[name]
     built_in = diagnose(setup, [log], ["log"])
-    monkeypatch.delitem(CATALOGUE._entries, name)
+    # In a table of its own: the order of the entries is the order in which they act, also after this test.
+    monkeypatch.setattr(CATALOGUE, "_entries", {other: CATALOGUE[other] for other in CATALOGUE if other != name})
     assert name not in CATALOGUE
     handed_in = diagnose(setup, [log], ["log"], effects=[entry])
     assert [cause.effect for cause in built_in.causes] == [name]
