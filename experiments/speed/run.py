@@ -21,7 +21,7 @@ import loop
 import numpy as np
 import others
 
-from ftbias_jax.filtering import likelihood, pipeline
+from ftbias_jax.filtering import bias_filter, likelihood, pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan
 from ftbias_jax.filtering.process_models import bias_drift_noise, drift_noise
@@ -80,7 +80,7 @@ def gradient(params, samples):
 
 def bias_inputs(params, dt, y):
     samples = Sample(dt, None, None, jnp.zeros_like(y))
-    state = pipeline.State(None, pipeline.bias_filter.init(params.bias))
+    state = pipeline.State(None, bias_filter.init(params.bias))
     return stages.bias_inputs(params, state, samples, y, jnp.broadcast_to(params.bias.wrench_variance, y.shape))
 
 
