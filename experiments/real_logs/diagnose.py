@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import ftbias_jax as ft
-from ftbias_jax.diagnosis.report.tables import to_json
+from ftbias_jax.diagnosis.report.as_json import to_json
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "mistakes")]
 from common import versions  # noqa: E402
