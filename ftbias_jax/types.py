@@ -15,7 +15,9 @@ Array = Any
 """A numpy or a JAX array: bundles hold either. What computes says ``jax.Array``, and annotations state shapes."""
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
-"""Of a wrench: N, N, N, Nm, Nm, Nm."""
+"""Of a wrench."""
+AXIS_UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
+"""Of each of its axes."""
 
 
 class Sample(NamedTuple):

@@ -16,7 +16,6 @@ from ftbias_jax.io.write.provenance import Provenance
 from ftbias_jax.setup.types import Setup
 
 VERDICTS = ("none", "explained", "described", "partly_explained", "unknown")
-CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 Numbers: TypeAlias = "float | list[Numbers]"
 """A number, or lists of them in the shape of the catalogue's parameter."""

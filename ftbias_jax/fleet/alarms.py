@@ -10,14 +10,13 @@ import numpy as np
 
 from ftbias_jax.fleet.history import Record
 from ftbias_jax.fleet.trends import Trend, appears, trend
-from ftbias_jax.types import AXES, Array
+from ftbias_jax.types import AXES, AXIS_UNITS, Array
 
 MONTH = 30 * 86400.0
 LEAST_BIAS = 3.0
 """Standard deviations of the bias itself that it must have changed by."""
 LEAST_WORSE = 1.2
 """Factor by which errors of prediction must have grown."""
-UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 
 
 class Alarm(NamedTuple):
@@ -78,7 +77,7 @@ def day(date: float) -> str:
 
 
 def _ageing(records: Sequence[Record]) -> Iterator[Alarm]:
-    for axis, unit in enumerate(UNITS):
+    for axis, unit in enumerate(AXIS_UNITS):
         found = bias_trend(records, axis)
         if found is not None:
             rate = f"{MONTH * found.slope:+.2g} ± {MONTH * found.stderr:.1g} {unit} in 30 days"

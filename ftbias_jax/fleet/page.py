@@ -19,7 +19,7 @@ from ftbias_jax.fleet.alarms import Alarm, alarms_of, bias_trend, dates, day, sc
 from ftbias_jax.fleet.entry import FAILED, LOSS
 from ftbias_jax.fleet.history import Fleet, Record
 from ftbias_jax.fleet.plots import plot_history, plot_marks
-from ftbias_jax.types import AXES
+from ftbias_jax.types import AXES, AXIS_UNITS
 
 MOST_ROWS = 200
 """Logs that a table lists; the manifest has all."""
@@ -183,7 +183,7 @@ def _plots(number: int, records: Sequence[Record]) -> str:
     bias, std = values_of(whole, "bias"), values_of(whole, "bias_std")
     if np.isfinite(bias).any():
         for axis, axis_name in enumerate(AXES):
-            title = f"Bias {axis_name} [{'N' if axis < 3 else 'Nm'}]"
+            title = f"Bias {axis_name} [{AXIS_UNITS[axis]}]"
             found = bias_trend(whole, axis)
             parts.append(plot_history(f"bias-{number}-{axis}", title, t, bias[:, axis], std[:, axis], found))
         for key, words in (("one_second_error", "Error 1 s ahead"), ("residual_std", "Residual, std")):

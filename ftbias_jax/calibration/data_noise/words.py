@@ -12,8 +12,8 @@ import numpy as np
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import reduced_observation_matrix
+from ftbias_jax.types import AXES, AXIS_UNITS
 
-AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 _KEYS = {"density": "bias.noise_density", "wrench_std": "sensor.noise_std"}
 _GROUPS = {
     (3, 1): ("",),
@@ -68,7 +68,7 @@ def sentences(tools: Sequence[Params], groups: dict[str, np.ndarray], sums: Dete
             parts = [f"{share[axis]:.3g} {words}" for words, share in terms if share[axis] > 0]
             made_of = " + ".join([f"sensor.noise_std[{name}]^2", *parts])
             who = name if len(tools) == 1 else f"tool {number} {name}"
-            said += _sentence(who, made_of, totals[axis], errors[axis], "N" if axis < 3 else "Nm")
+            said += _sentence(who, made_of, totals[axis], errors[axis], AXIS_UNITS[axis])
     return tuple(said)
 
 

@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.result import CHANNELS, Regime, Where
+from ftbias_jax.diagnosis.result import Regime, Where
 from ftbias_jax.filtering.quality.consistency import chi_square_quantile
+from ftbias_jax.types import AXES
 
 SIGNIFICANT = 3.0
 """Standard errors by which a statement must differ from chance."""
@@ -71,7 +72,7 @@ def locate(
     seen = np.isfinite(white)
     white = np.where(seen, white, 0.0)
     excess, count = np.sum(white**2 - seen, axis=1), seen.sum(axis=1)
-    channels = dict(zip(CHANNELS, channel_shares(white, seen).tolist(), strict=True))
+    channels = dict(zip(AXES, channel_shares(white, seen).tolist(), strict=True))
     return Where(
         stages,
         channels,

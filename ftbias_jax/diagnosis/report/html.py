@@ -33,7 +33,8 @@ from ftbias_jax.diagnosis.report.tables import (
     verdict_words,
 )
 from ftbias_jax.diagnosis.report.terms import capital, html_table, show_terms, typeset
-from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, Where
+from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Where
+from ftbias_jax.types import AXES
 
 MAX_LOGS = 3
 """Logs whose time plots are drawn."""
@@ -146,7 +147,7 @@ def _gap(diagnosis: Diagnosis) -> str:
     gap, after = diagnosis.gap, _has_after(diagnosis)
     columns = {"before": gap.before_rms, "after": gap.after_rms, "noise alone": gap.noise_floor}
     shown = {name: rms for name, rms in columns.items() if after or name != "after"}
-    rows = [(channel_title(i), *(f"{rms[i]:.3g}" for rms in shown.values())) for i in range(len(CHANNELS))]
+    rows = [(channel_title(i), *(f"{rms[i]:.3g}" for rms in shown.values())) for i in range(len(AXES))]
     table = html_table(("held-out rms", *shown), rows)
     figure = f"<figure>{plot_gap(gap, after)}<figcaption>Dashed: what noise alone leaves (1).</figcaption></figure>"
     return f"{_legend(after, noise=False)}<div class='pair'>{figure}{table}</div>"
@@ -185,7 +186,7 @@ def _responsible_channel(series: Sequence[Series]) -> int:
     """The channel that follows the regressor most, in units of its noise."""
     x = np.concatenate([one.regressor for one in series])[:, None]
     with np.errstate(invalid="ignore", divide="ignore"):
-        y = np.concatenate([(one.before if one.refitted is None else one.refitted) / one.noise for one in series])
+        y = np.concatenate([one.whole / one.noise for one in series])
     seen = np.isfinite(x) & np.isfinite(y)
     x_centred = np.where(seen, x - np.nanmean(x), 0.0)
     return int(np.argmax(np.abs(np.sum(x_centred * np.where(seen, y, 0.0), axis=0))))

@@ -23,9 +23,9 @@ from ftbias_jax.diagnosis.report.svg import (
     x_axis,
 )
 from ftbias_jax.diagnosis.report.tables import percent, sigmas_by_channel, value_words
-from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Gap
+from ftbias_jax.diagnosis.result import Candidate, Gap
+from ftbias_jax.types import AXES, AXIS_UNITS
 
-UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 MAX_BUCKETS = 230
 """Pieces of a time plot; each shows its smallest and its largest value, so that no peak is lost."""
 MAX_NOISE = 60
@@ -40,7 +40,7 @@ ROW = 24
 
 def channel_title(channel: int) -> str:
     """Such as "Force x [N]"."""
-    return f"{'Force' if channel < 3 else 'Torque'} {'xyz'[channel % 3]} [{UNITS[channel]}]"
+    return f"{'Force' if channel < 3 else 'Torque'} {'xyz'[channel % 3]} [{AXIS_UNITS[channel]}]"
 
 
 def plot_gap(gap: Gap, with_after: bool) -> str:
@@ -51,7 +51,7 @@ def plot_gap(gap: Gap, with_after: bool) -> str:
         with_after: whether there is a cause, and so an after.
     """
     before, after = (sigmas_by_channel(rms, gap.noise_floor) for rms in (gap.before_rms, gap.after_rms))
-    rows = [*zip(CHANNELS, before, after, strict=True), ("all", gap.before_sigmas, gap.after_sigmas)]
+    rows = [*zip(AXES, before, after, strict=True), ("all", gap.before_sigmas, gap.after_sigmas)]
     top = data_range(before, after, np.array([gap.before_sigmas, gap.after_sigmas, 1.0]), zero=True)[1]
     height = len(rows) * (ROW + 6)
     axes = Axes((0.0, max(top, 1.5)), (0.0, 1.0), top=6, width=WIDTH - 46 - 44, height=height)
@@ -106,7 +106,8 @@ def plot_regressor(series: Sequence[Series], channel: int) -> str:
         channel: 0 to 5.
     """
     x = np.concatenate([one.regressor for one in series])
-    before, after = (np.concatenate([part[:, channel] for part in parts]) for parts in _before_and_after(series))
+    before = np.concatenate([one.whole[:, channel] for one in series])
+    after = np.concatenate([one.after[:, channel] for one in series])
     sparse = slice(None, None, max(1, len(x) // MAX_DOTS))
     axes = Axes(data_range(x), data_range(before[sparse], after[sparse]), top=24, height=190)
     parts = [
@@ -141,10 +142,6 @@ def plot_term(found: Curve, name: str) -> str:
         parts.append(error_bars(axes, middles, means, errors, f"mean-{style}"))
     title = f"{found.left_name} against {found.drive_name}"
     return drawing(name, axes.top + axes.height + 34, title, f"Means of {MEAN_BINS} bins with standard errors.", parts)
-
-
-def _before_and_after(series: Sequence[Series]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    return [one.before if one.refitted is None else one.refitted for one in series], [one.after for one in series]
 
 
 def plot_ranking(candidates: Sequence[Candidate], causes: Sequence[str]) -> str:

@@ -39,3 +39,8 @@ class Series(NamedTuple):
     refitted: np.ndarray | None = None
     """(B, 6) N, Nm, corrected wrench minus model without the causes, with the bias that the model with them leaves; the
     bias filter follows a part of a slow gap, which ``before`` then lacks. None = not known."""
+
+    @property
+    def whole(self) -> np.ndarray:
+        """(B, 6) N, Nm, what the causes must explain: with the bias refitted where that is known."""
+        return self.before if self.refitted is None else self.refitted

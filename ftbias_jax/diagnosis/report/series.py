@@ -11,9 +11,10 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import measured, readings
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.report.plotted import Series
-from ftbias_jax.diagnosis.result import CHANNELS, Where
+from ftbias_jax.diagnosis.result import Where
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
+from ftbias_jax.types import AXES, AXIS_UNITS
 
 SERIES_SECONDS = 0.2
 BREAK = 10.0
@@ -65,7 +66,7 @@ def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: Hel
                 noise=np.sqrt(mean(noise**2) / count),
                 regressor=mean(change[:, channel : channel + 1])[:, 0],
                 refitted=mean(refitted),
-                regressor_name=f"predicted change of {CHANNELS[channel]} " + ("[N]" if channel < 3 else "[Nm]"),
+                regressor_name=f"predicted change of {AXES[channel]} [{AXIS_UNITS[channel]}]",
             )
         )
     return tuple(found)

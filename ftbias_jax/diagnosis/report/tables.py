@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ftbias_jax.diagnosis.result import CHANNELS, Candidate, Diagnosis, FoundTerm, Gap, Where
+from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Gap, Where
+from ftbias_jax.types import AXES
 
 LONGEST_LIST = 6
 """Numbers of one parameter that a table shows; the JSON has all."""
@@ -137,7 +138,7 @@ def _gap_lines(gap: Gap) -> list[str]:
         ("before [noise sigmas]", [*before, gap.before_sigmas]),
         ("after  [noise sigmas]", [*after, gap.after_sigmas]),
     ]
-    head = f"{'held-out rms':22s}" + "".join(f"{name:>9s}" for name in (*CHANNELS, "all"))
+    head = f"{'held-out rms':22s}" + "".join(f"{name:>9s}" for name in (*AXES, "all"))
     lines = [f"{name:22s}" + "".join(f"{number:9.3g}" for number in numbers) for name, numbers in rows]
     return [head, *lines, f"the gap shrinks by {shrink_words(gap)} (1 noise sigma = noise alone)"]
 

@@ -10,10 +10,9 @@ import numpy as np
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import LEVEL, Samples
 from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.types import AXES
 
 Numbers = dict[str, float | list[float] | list[list[float]]]
-
-CHANNEL_NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 class Finding(NamedTuple):
@@ -81,7 +80,7 @@ def name_channels(which: np.ndarray) -> str:
     """Names of the channels marked in (6,) bool, for a sentence."""
     if which.all():
         return "all channels"
-    return ", ".join(name for name, marked in zip(CHANNEL_NAMES, which, strict=True) if marked)
+    return ", ".join(name for name, marked in zip(AXES, which, strict=True) if marked)
 
 
 def together(logs: Sequence[SampleFindings], catalogue: Catalogue = CATALOGUE) -> tuple[Finding, ...]:

@@ -7,10 +7,10 @@ import numpy as np
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.report.plotted import Curve
-from ftbias_jax.diagnosis.result import CHANNELS
 from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.model.effects.terms.columns import at_point, columns, has_point
 from ftbias_jax.model.effects.terms.types import State, Term
+from ftbias_jax.types import AXES, AXIS_UNITS
 
 MOST_POINTS = 1500
 
@@ -26,12 +26,11 @@ def curve_of(problem: Problem, description: Description, term: Term) -> Curve:
     # The innovations are nearly white: what is left with the term, plus the term, is what was left without it.
     fitted = added[:, channel] - added[seen, channel].mean()
     if term.drive == "constant":  # what it follows is how its direction lies in the sensor
-        drive, name = fitted, f"what the term makes of {CHANNELS[channel]} [{'N' if channel < 3 else 'Nm'}]"
+        drive, name = fitted, f"what the term makes of {AXES[channel]} [{AXIS_UNITS[channel]}]"
     else:
         drive, name = drive_of(term, state, channel)
     thin = np.flatnonzero(seen)[:: max(1, int(seen.sum() / MOST_POINTS))]
-    unit = "N" if channel < 3 else "Nm"
-    return Curve(drive[thin], name, (fitted - left)[thin], fitted[thin], f"{CHANNELS[channel]} [{unit}]")
+    return Curve(drive[thin], name, (fitted - left)[thin], fitted[thin], f"{AXES[channel]} [{AXIS_UNITS[channel]}]")
 
 
 def drive_of(term: Term, state: State, channel: int) -> tuple[np.ndarray, str]:
@@ -63,7 +62,7 @@ def drive_of(term: Term, state: State, channel: int) -> tuple[np.ndarray, str]:
         case "joint_velocity" if term.form != "heat":
             return state.dq[:, joint - 1], f"speed of joint {joint} [rad/s]"
         case "load":
-            return state.load[:, channel], f"load in {CHANNELS[channel]} [{'N' if channel < 3 else 'Nm'}]"
+            return state.load[:, channel], f"load in {AXES[channel]} [{AXIS_UNITS[channel]}]"
         case "temperature":
             return state.temperature, "temperature [deg C]"
         case "frequency":

@@ -116,9 +116,11 @@ class Search:
         difference = block_scores(problem, described.fit) - block_scores(problem, now)
         if difference.sum() < STEADY * np.sqrt(len(difference)) * difference.std():
             return None
+        if any(cancels(term, self.state) for term in described.terms):
+            return None
         reference = self.hold_out(now, now.error).error
         held = self.hold_out(described.fit, reference)
-        if held.nats < STEADY * held.nats_stderr or any(cancels(term, self.state) for term in described.terms):
+        if held.nats < STEADY * held.nats_stderr:
             return None
         share = gap_removed(problem, reference, held.error)
         return Step(described, gain, self._rivals(now, described, [d for _, d in found], place), held, share)

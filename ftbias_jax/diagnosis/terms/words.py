@@ -7,11 +7,12 @@ import re
 import numpy as np
 
 from ftbias_jax.diagnosis.report.tables import value_words
-from ftbias_jax.diagnosis.result import CHANNELS, Numbers
+from ftbias_jax.diagnosis.result import Numbers
 from ftbias_jax.diagnosis.terms.phrases import FORM_WORDS, PER
 from ftbias_jax.model.effects.terms.columns import count_columns
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import Term
+from ftbias_jax.types import AXES, AXIS_UNITS
 
 
 def units_of(term: Term) -> list[str]:
@@ -28,7 +29,7 @@ LOADS = {"square": 2, "signed_square": 2, "cube": 3}
 def _unit_of_channel(term: Term, channel: int) -> str:
     """The unit of a coefficient that makes a channel's reading, or its variance, of the channel's own load."""
     form = FORMS[term.drive, term.form]
-    own = "N" if channel < 3 else "Nm"
+    own = AXIS_UNITS[channel]
     if term.drive == "noise":
         return f"{own}^2 per {f'{own}^2' if form.name == 'load' else form.unit}"
     power = LOADS.get(form.name, 1)
@@ -57,7 +58,7 @@ def _unit(term: Term, column: int) -> str:
         and label not in ("x", "y", "z", "linear")
     ):
         per = f"{per}^2"
-    quantity = "N" if _channel(term, column) < 3 else "Nm"
+    quantity = AXIS_UNITS[_channel(term, column)]
     return f"{quantity} per {per}" if per else quantity
 
 
@@ -94,7 +95,7 @@ def labels_of(term: Term) -> list[tuple[str, str]]:
     single = form.kind == "vectors" and not (term.frame == "sensor" and form.series == 1)
     alone = single or term.frame == "joint"
     return [
-        (form.labels[_series(term, k)], "" if alone else CHANNELS[_channel(term, k)])
+        (form.labels[_series(term, k)], "" if alone else AXES[_channel(term, k)])
         for k in list(term.used) or range(count_columns(term))
     ]
 
