@@ -5,9 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from demo_logs import recorder
 
-from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis
@@ -15,19 +13,6 @@ from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression.chain_model import blocks, coordinates, size
 from ftbias_jax.diagnosis.regression.fit import base, fit
 from ftbias_jax.diagnosis.regression.series import shaped_events
-from ftbias_jax.model.params import params_from_setup
-from ftbias_jax.setup import parse_setup
-
-
-@pytest.fixture(scope="module")
-def setup():
-    return parse_setup(SETUP, "believed.toml")
-
-
-@pytest.fixture(scope="module")
-def record(setup):
-    """(effects or None) -> a log of 20 s."""
-    return recorder(params_from_setup(setup), 3)
 
 
 @pytest.mark.slow

@@ -3,25 +3,11 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from demo_logs import recorder
 
-from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.model.params import params_from_setup
-from ftbias_jax.setup import parse_setup
 
 AMPLITUDE = jnp.array([1.5, -1.0, 2.0, 0.05, 0.1, -0.08])
-
-
-@pytest.fixture(scope="module")
-def setup():
-    return parse_setup(SETUP, "believed.toml")
-
-
-@pytest.fixture(scope="module")
-def record(setup):
-    return recorder(params_from_setup(setup), 3)
 
 
 @pytest.mark.slow
