@@ -78,7 +78,7 @@ def tune(
         restarts: further starts, all values off by random factors, to see whether they agree.
         hold_out: share at the end of every log that is kept to judge by, 0 to 0.9.
         start: the log whose likeliest joint noise to start from; None = the first one.
-        report: told of every iteration.
+        report: called after every iteration.
         total: adds up the processes that tune together, as ``distributed.total`` does.
         unchecked: do not look first whether the setups can be right (``check_setup``).
         effects: of your own that the setups state.

@@ -37,7 +37,7 @@ AGREE, CORNERS = 0.5, 0.2
 more: the derivative at a corner is that of one side, but what is rounded has none anywhere."""
 
 CHECKED = (Linear, Entries, Grid, Starts)
-"""Searches that need derivatives by all coordinates."""
+"""Searches that need derivatives with respect to all coordinates."""
 
 WITHOUT_SLOPE = "at neutral the reading does not depend on it: mark it search=True, or give it another neutral value"
 FromPython = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)

@@ -198,7 +198,7 @@ def _bin(
     columns = {name: mean_of_bins(index, column.at(log.t)[rows]) for name, column in log.columns.items()}
     series = (log.t, states, temperature, wrench, joint_variance, sample_variance)
     t, joints, temperature, reading, coherent, white = (mean_of_bins(index, x[rows]) for x in series)
-    # The smoothed joints' error hangs together over longer than a bin, so averaging does not reduce it.
+    # The smoothed joints' error is correlated over longer than a bin, so averaging does not reduce it.
     variance = np.where(count > 0, (found.noise_std**2 + white) / np.maximum(count, 1) + coherent, 1.0)
     return _part(params, padded, t, joints, temperature, reading, variance, columns, catalogue), count
 

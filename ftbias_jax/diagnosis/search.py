@@ -86,7 +86,7 @@ def grow(
 
     Args:
         problem: the logs.
-        library: whitened derivatives by everything that may be proposed.
+        library: whitened derivatives with respect to everything that may be proposed.
         start: the believed model.
         hold_out: judges a fit on blocks of the logs that it has not seen.
         rounds: candidates of earlier rounds, the first of each being accepted.

@@ -123,7 +123,7 @@ def _gated(
 ) -> tuple[Gaussian, Array]:
     """The prediction and the measurement, which is NaN in all axes if one is off: a contact moves all of them.
 
-    What was touched cannot be told from a bias that jumped. So what is known of the bias is forgotten while nothing
+    A contact is indistinguishable from a bias that jumped. So what is known of the bias is forgotten while nothing
     passes, exponentially: single spikes cost nothing, a contact of seconds little, and after a jump of 1 to 50 N the
     gate opens in 20 to 70 s, because the prediction has become uncertain enough.
     """

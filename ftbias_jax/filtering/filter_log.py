@@ -82,10 +82,10 @@ def filter_with_params(
     """Filter a log in chunks that carry the state; equal to one ``pipeline.run`` over the whole log.
 
     Args:
-        params: of the pipeline.
-        options: of the pipeline.
+        params: what is believed of robot, tool and noise.
         log: one merged timeline, (T, ...).
-        progress: told the samples done so far.
+        options: as for ``pipeline.run``.
+        progress: called with the number of samples done so far.
     """
     # Effects with a memory need the whole log at once.
     size = CHUNK if params.effects is None else len(log.t)
@@ -104,10 +104,10 @@ def filter_parts(
     """Filter a log that comes in parts; ``result.join`` makes them one result.
 
     Args:
-        params: of the pipeline; known effects need the whole log as one part.
-        options: of the pipeline; known effects need the whole log as one part.
+        params: what is believed of robot, tool and noise; known effects need the whole log as one part.
         first_q: (n,) rad, the first measured position of every joint.
         parts: in the order of time, CHUNK samples each but the last.
+        options: as for ``pipeline.run``.
 
     Yields:
         the result of every part; its log_likelihood is that of the part.

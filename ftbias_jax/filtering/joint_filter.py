@@ -39,8 +39,8 @@ def step(
         noise: of the filter.
         state: mean (n, 3), covariance (n, 3, 3).
         dt: () s since the previous sample.
-        q: (n,) rad and rad/s, NaN = not measured.
-        dq: (n,) rad and rad/s, NaN = not measured.
+        q: (n,) rad, NaN = not measured.
+        dq: (n,) rad/s, NaN = not measured.
         model: key of process_models.JOINT_MODELS.
 
     Returns:

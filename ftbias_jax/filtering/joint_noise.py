@@ -36,8 +36,8 @@ def likeliest_density(
     Args:
         noise: measurement noise and prior.
         dt: (T,) s.
-        q: (T, n).
-        dq: (T, n).
+        q: (T, n) rad, NaN = not measured.
+        dq: (T, n) rad/s, NaN = not measured.
         model: key of process_models.JOINT_MODELS.
     """
     grid = jnp.linspace(-8, 12, 11, dtype=q.dtype)

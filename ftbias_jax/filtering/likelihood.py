@@ -161,11 +161,11 @@ def wrench_problem(
     """Freeze everything before the bias filter.
 
     Args:
-        params: of the pipeline.
-        samples: of the pipeline.
-        options: of the pipeline.
+        params: what is believed of robot, tool and noise.
+        samples: the log, leaves (T, ...).
         joints: states (T, n, 3) with covariance (T, n, 3, 3), filtered (``stages.joint_states``) or smoothed
             (``smoother.smooth_joints``).
+        options: as for ``pipeline.run``.
 
     Returns:
         the problem of the wrench, and the wrench of the tool D theta (T, 6) N, Nm of these parameters.

@@ -20,7 +20,7 @@ WALKS, WALK_SHARE = 0.5, 0.6
 slope must then have of what such a walk makes by itself. Of 2,000 made histories each of white noise, of correlated
 noise (0.7) and of random walks, with 12 to 400 logs, at most 2 in 100 have a slope then."""
 FEW = 30
-"""Bins in which a random walk cannot be told from other scatter."""
+"""Bins in which a random walk is indistinguishable from other scatter."""
 LEAST_GAIN = 3.3
 """nats from which something has appeared: 3 logs with it after 2 without, 2 after 3."""
 

@@ -31,8 +31,8 @@ def choose_clock(stamps: Sequence[Array], logged: Sequence[Array]) -> Clock:
     """The headers' stamps if all streams have them on one clock, otherwise the times at which they were logged.
 
     Args:
-        stamps: (T,) int64 ns for each stream, in the order in which they were stored; a stamp of 0 = not set.
-        logged: (T,) int64 ns for each stream, in the order in which they were stored; a stamp of 0 = not set.
+        stamps: (T,) int64 ns of the headers for each stream, in the order in which they were stored; 0 = not set.
+        logged: (T,) int64 ns at which each message was recorded, in the same order; 0 = not set.
     """
     if any(np.mean(times == 0) > 0.5 for times in stamps):
         return Clock(tuple(logged), "the headers have no stamps")

@@ -66,7 +66,7 @@ def describe(effect: Effect) -> Iterator[str]:
     if effect.needs:
         yield f"  needs in the log: {', '.join(effect.needs)}"
     for twin in effect.twins:
-        what = "cannot be told from" if twin.exact else "looks like"
+        what = "is indistinguishable from" if twin.exact else "looks like"
         other = "nothing at all" if twin.effect == "none" else twin.effect
         yield f"  {what} {other}: {twin.separate_by}"
     yield f"  what to do: {effect.remedy}"

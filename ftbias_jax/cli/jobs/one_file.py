@@ -103,13 +103,13 @@ def filter_file(
     A long NPZ log into an NPZ file takes memory for its stamps and for a few chunks; everything else is held whole.
 
     Args:
-        log: what to filter.
-        setup: what to filter.
+        log: opened by ``open_log``.
+        setup: of robot, sensor and tool.
         output: the file; its suffix names the format.
-        choices: see there.
-        progress: told the share that is done.
+        choices: the command's options.
+        progress: called with the share that is done, 0 to 1.
         keep: also return the result.
-        warn: told the mistakes of the setup before anything is computed.
+        warn: called with each mistake of the setup, before anything is computed.
 
     Raises:
         LogError: the log is damaged. SetupError: the tool is not stated, and the log turns it. OutputError, UsageError:

@@ -31,12 +31,12 @@ def filter_one(
     """Filter a log into a file.
 
     Args:
-        log: its path.
-        output: the file.
-        setup: of all logs.
-        choices: as of the command.
-        salvage: as of the command.
-        own: where effects of one's own are; every process runs their code itself, because code cannot be sent to it.
+        log: path of the log.
+        output: path of the result.
+        setup: shared by all logs.
+        choices: the command's options.
+        salvage: read what a damaged file still holds.
+        own: files of the user's own effects; every process runs their code itself, because code cannot be sent to it.
     """
     setup = setup.with_effects(load_all(own))
     outcome = filter_file(open_log(log, setup, salvage=salvage), setup, output, choices)

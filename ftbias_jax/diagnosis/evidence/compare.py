@@ -21,10 +21,10 @@ def compare(
 
     Args:
         problem: of the logs.
-        names: theirs.
+        names: of the logs.
         accepted: the causes, fitted to all logs together.
-        before: held-out errors without and with the causes.
-        after: held-out errors without and with the causes.
+        before: held-out errors without the causes.
+        after: held-out errors with the causes.
     """
     if len(problem.parts) < 2:
         return ()

@@ -1,7 +1,7 @@
 """The whole matrix of leaks between channels, once it is named by the few entries that explain most.
 
 Entries look alike on a log that loads few combinations of axes, and a search for few of them takes one for another. So
-what is told of the matrix is its posterior: all entries together, each small a priori.
+what is reported of the matrix is its posterior: all entries together, each small a priori.
 """
 
 from __future__ import annotations

@@ -44,8 +44,8 @@ def touches(
         library: the whitened shapes that events may have.
         accepted: the fit of the causes found so far.
         taken: effects that are not proposed again.
-        smooth: (M, U, 6) whitened derivatives by what else could be there. Events are looked for, but not judged, in
-            what these leave.
+        smooth: (M, U, 6) whitened derivatives with respect to what else could be there. Events are looked for, but
+            not judged, in what these leave.
     """
     names = [effect.name for effect in problem.catalogue.searched_by(Touches) if effect.name not in taken]
     if not names or not library.events:

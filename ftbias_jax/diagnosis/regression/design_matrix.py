@@ -20,7 +20,7 @@ class Columns(NamedTuple):
     """F coordinates and E series over U bins: K = F + 6 E numbers, the coordinates first, then series by series."""
 
     moving: np.ndarray
-    """(F, U, 6) derivatives by the coordinates."""
+    """(F, U, 6) derivatives with respect to the coordinates."""
     series: np.ndarray
     """(E, U, 6)."""
 

@@ -43,7 +43,7 @@ class Fit(NamedTuple):
     error: np.ndarray
     """(U, 6) innovations that remain, in standard deviations."""
     columns: Columns
-    """Their derivatives by the free coordinates and by the coefficients."""
+    """Their derivatives with respect to the free coordinates and by the coefficients."""
     free: tuple[int, ...]
     log_likelihood: float
     """nats, up to a constant of the logs."""
@@ -186,9 +186,9 @@ def _trials(columns: np.ndarray, error: np.ndarray, at: np.ndarray, least: np.nd
     Args:
         columns: (F, U, 6) derivatives without what the series can do.
         error: (U, 6).
-        at: (F,).
-        least: (F,).
-        most: (F,).
+        at: (F,) coordinates.
+        least: (F,) lower bounds.
+        most: (F,) upper bounds.
     """
     flat = columns.reshape(len(columns), -1)
     pull = flat @ error.ravel() + at / PRIOR_STD**2
@@ -213,8 +213,8 @@ def covariance(problem: Problem, fit: Fit, further: np.ndarray | None = None) ->
     Args:
         problem: of the logs.
         fit: at its best.
-        further: (M, U, 6) whitened derivatives by M numbers that were searched on a grid; they come between the
-            coordinates and the coefficients.
+        further: (M, U, 6) whitened derivatives with respect to M numbers that were searched on a grid; they come
+            between the coordinates and the coefficients.
     """
     columns = fit.columns
     if further is not None:

@@ -201,8 +201,8 @@ def thin(t: np.ndarray, y: np.ndarray, buckets: int) -> tuple[np.ndarray, np.nda
     """At most two points a bucket: its smallest and its largest value, in the order of time; NaN where all is NaN.
 
     Args:
-        t: (B,).
-        y: (B,).
+        t: (B,) s.
+        y: (B,) values, NaN = none.
         buckets: how many.
     """
     if len(t) <= 2 * buckets:
@@ -218,8 +218,8 @@ def binned_means(x: np.ndarray, y: np.ndarray, bins: int) -> tuple[np.ndarray, n
     """Middles, means of y and their standard errors, in bins of x that hold equally many points.
 
     Args:
-        x: (N,).
-        y: (N,).
+        x: (N,) abscissae.
+        y: (N,) values.
         bins: at most how many.
     """
     kept = np.isfinite(x) & np.isfinite(y)

@@ -30,11 +30,11 @@ def states_and_infos(
     """What ``step`` reports of every sample, with a leading time axis.
 
     Args:
-        params: as ``stages.run`` took them.
+        params: as for ``stages.run``.
         state: before the first sample.
         samples: the log, leaves (T, ...).
-        options: as ``stages.run`` took them.
-        staged: what it returned.
+        options: as for ``stages.run``.
+        staged: what ``stages.run`` returned.
     """
     joint, wrench = staged.joint, staged.wrench
     log_likelihood = joint.log_likelihood.sum(1) + wrench.log_likelihood.sum(1)

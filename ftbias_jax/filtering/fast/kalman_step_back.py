@@ -42,7 +42,7 @@ class Cotangent(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """Derivatives by what one step was given, entries kept apart."""
+    """Derivatives with respect to the inputs of one step, entries kept apart."""
 
     state: tuple[Vector, Rows]
     density: Any
@@ -57,12 +57,12 @@ def step_back(
     """Adjoint of ``filter_step``.
 
     Args:
-        model: as there.
-        density: as there.
-        dt: as there.
-        record: what it kept.
-        bar: derivatives by what is told of the sample.
-        state: derivatives by the state after the sample, by way of later samples.
+        model: as for ``filter_step``.
+        density: as for ``filter_step``.
+        dt: () s, as for ``filter_step``.
+        record: what ``filter_step`` kept of the sample.
+        bar: derivatives with respect to what is reported of the sample.
+        state: derivatives with respect to the state after the sample, through later samples.
     """
     # x, P: the derivatives dL/dmean and dL/dcovariance, after the sample's correction, then before it.
     x, P, y, variance = _before_corrections(record, bar, *state)

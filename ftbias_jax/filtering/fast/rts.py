@@ -27,9 +27,9 @@ def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
     """States given all measurements, from the filtered ones.
 
     Args:
-        model: of ``scan.filter_scan``.
-        inputs: of ``scan.filter_scan``.
-        track: what it returned.
+        model: as for ``scan.filter_scan``.
+        inputs: as for ``scan.filter_scan``.
+        track: what ``scan.filter_scan`` returned.
     """
     k = track.mean.shape[1]
     step_back = _damped_step if isinstance(inputs.density, tuple) else _step

@@ -152,7 +152,7 @@ def samples_of(inputs: Inputs) -> Seen:
 
 
 def track_of(inputs: Inputs, steps: Step) -> Track:
-    """What is told of a run; likelihoods are sums over entries, so they need not be worked out in the recursion."""
+    """What a run reports; likelihoods are sums over entries, so they need not be worked out in the recursion."""
     nis, log_likelihood = nats_of(steps.record)
     seen = [w > 0 for w in steps.record.weight]
     # What the gate left out has an innovation of 0, like what is missing.

@@ -126,10 +126,10 @@ def bias_inputs(
     With correlated noise three states, (bias + noise, drift, noise), see ``process_models.correlated_bias``.
 
     Args:
-        params: of the pipeline.
-        state: of the pipeline.
-        samples: of the pipeline.
-        wrench_tool: (T, 6) D theta.
+        params: what is believed of robot, tool and noise.
+        state: before the first sample.
+        samples: the log, leaves (T, ...).
+        wrench_tool: (T, 6) D theta, N, Nm, sensor frame.
         variance: (T, 6) diagonal of R.
         velocity: (T, n) rad/s of the joints, needed where vibration is correlated.
     """

@@ -53,9 +53,9 @@ def filter_sums(model: ProcessModel, keep: bool, inputs: Inputs, weight: Float[A
     """Equal to sums over ``scan.filter_scan``.
 
     Args:
-        model: as there.
+        model: as for ``scan.filter_scan``.
         keep: whether the states of all samples are asked for.
-        inputs: as there.
+        inputs: as for ``scan.filter_scan``.
         weight: (T,) of every sample's likelihood.
     """
     (mean, triangle), nats, kept = _over_logs(model, keep)(inputs, weight)

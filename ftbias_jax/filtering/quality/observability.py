@@ -49,7 +49,7 @@ def add(turning: Turning, params: Params, part: Filtered) -> Turning:
 
 
 def unobservable(turning: Turning) -> list[str]:
-    """What of the tool cannot be told from the bias, in words; [] if the sensor turns about two axes."""
+    """What of the tool is indistinguishable from the bias, in words; [] if the sensor turns about two axes."""
     mean = turning.total / turning.poses
     spread = turning.squares / turning.poses - np.outer(mean, mean)
     if np.trace(spread) < LEAST_TURN**2:

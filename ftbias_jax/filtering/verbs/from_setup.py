@@ -59,7 +59,7 @@ def filter_log(
         as_stated: as a filter on the robot would: joints from the past alone, noise and gate as the setup states. The
             joints' process noise is then LAG_GUARD times the likeliest.
         unchecked: do not look first whether the setup can be right (``check_setup``); ``print`` says so if it is not.
-        progress: told the samples done so far.
+        progress: called with the number of samples done so far.
         effects: of your own that the setup states.
 
     Returns:

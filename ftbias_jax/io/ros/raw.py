@@ -60,11 +60,11 @@ def scan_records(
     """The records from a position on; what makes no sense is told and skipped.
 
     Args:
-        data: where they start.
-        position: where they start.
+        data: the whole file.
+        position: byte at which the first record starts.
         record_at: the record at a position, or None if it makes no sense.
         next_whole: where, from a position on, the next record starts that holds together, or the end of the data.
-        on_damage: see there.
+        on_damage: called with what was skipped, and why.
         budget: of the file.
 
     Raises:

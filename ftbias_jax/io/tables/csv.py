@@ -57,8 +57,8 @@ def csv_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array
     """The columns of a log by the names of the native format (``arrays.ARRAYS``).
 
     Args:
-        file: as for ``read_csv``.
-        setup: as for ``read_csv``.
+        file: path of the table.
+        setup: names of columns and units.
         static: of poses at rest: time is optional, rates are not read.
 
     Raises:

@@ -104,7 +104,7 @@ class Parameter(NamedTuple):
     scale: float | Array = 1.0
     """Typical departure from neutral, the standard deviation of a prior; 0 = not to be fitted."""
     search: bool = False
-    """At zero strength the derivative by it says nothing (a time, a time constant, a threshold): try several starts."""
+    """Not identifiable at zero magnitude (a time, a time constant, a threshold): use multiple starts."""
     optional: bool = False
     """May be left out of a setup, and is then neutral."""
     starts: tuple[Any, ...] = ()

@@ -48,8 +48,8 @@ def body_motion(body: FreeBody, q: Float[Array, " k"], dq: Float[Array, " k"], d
         body: the body.
         q: (7,) quaternion (w, x, y, z) of the body in the base, of any length but zero, and position (3,) m, base
             frame; or (4,) without position, whose acceleration is then zero.
-        dq: rates of q.
-        ddq: rates of q.
+        dq: first derivative of q with respect to time, same shape.
+        ddq: second derivative of q with respect to time, same shape.
 
     Returns:
         the motion; columns of the Jacobian belong to the entries of q.
@@ -85,8 +85,8 @@ def body_motions(
     Args:
         body: the body.
         q: (k, T) as for ``body_motion``.
-        dq: rates of q.
-        ddq: rates of q.
+        dq: first derivative of q with respect to time, same shape.
+        ddq: second derivative of q with respect to time, same shape.
     """
     time_last = partial(jax.vmap, in_axes=1, out_axes=-1)
     sensor = time_last(lambda *state: body_motion(body, *state))(q, dq, ddq)

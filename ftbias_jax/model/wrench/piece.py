@@ -46,9 +46,9 @@ def wrench_piece(
 
     Args:
         model: arm, gravity and tool.
-        q: (n, C) joint states.
-        dq: (n, C) joint states.
-        ddq: (n, C) joint states.
+        q: (n, C) joint positions, rad.
+        dq: (n, C) joint velocities, rad/s.
+        ddq: (n, C) joint accelerations, rad/s^2.
         covariance: P_qq, P_qa and P_aa (n, C), or none for zeros; velocities are left out, as in
             ``joint_sensitivity``.
     """

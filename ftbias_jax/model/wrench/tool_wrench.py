@@ -191,12 +191,12 @@ def motion_and_wrench(
     """Motion of the sensor, and the wrench W = D theta that it exerts on the tool.
 
     Args:
-        arm: as in ``Model``.
-        gravity: as in ``Model``.
-        theta: as in ``Model``.
-        q: (n,) states of the joints.
-        dq: (n,) states of the joints.
-        ddq: (n,) states of the joints.
+        arm: kinematics of the robot, or of a recorded pose.
+        gravity: (3,) m/s^2, base frame.
+        theta: (10,) inertial parameters of the tool, as in ``Model``.
+        q: (n,) joint positions, rad.
+        dq: (n,) joint velocities, rad/s.
+        ddq: (n,) joint accelerations, rad/s^2.
 
     Returns:
         the motion, base frame, and (6,) N, Nm, sensor frame.

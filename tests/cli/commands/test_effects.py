@@ -27,7 +27,7 @@ def test_it_describes_units_bounds_and_twins(file, capsys):
     out = capsys.readouterr().out
     assert "gain [1]: reading per load, channel by channel" in out
     assert "6 numbers; from 0.01 to 100; does nothing at 1; typically off by 0.02" in out
-    assert "cannot be told from tool_mass: equal gains are a scaling of the whole tool" in out
+    assert "is indistinguishable from tool_mass: equal gains are a scaling of the whole tool" in out
 
 
 def test_a_name_that_is_not_there_is_refused(file, capsys):
