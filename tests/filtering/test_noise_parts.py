@@ -41,8 +41,7 @@ def touched(samples):
     return samples._replace(wrench=jnp.asarray(wrench))
 
 
-@gates
-@parts
+@pytest.mark.parametrize(("part", "gate"), [*((part, None) for part in PARTS), ("all", 4.0)])
 def test_the_fast_route_is_the_definition(params, samples, part, gate):
     options, moved, log = Options(gate=gate), with_part(params, part), touched(samples)
     start = pipeline.init(moved, log)

@@ -90,7 +90,7 @@ def test_an_accelerometer_feels_the_acceleration_less_gravity():
 @pytest.mark.parametrize("linear", LINEAR)
 def test_a_log_is_replayed(linear):
     setup = setup_of(linear)
-    made = ft.simulate(setup, duration=4, rate=100, seed=3)
+    made = ft.simulate(setup, duration=2, rate=100, seed=3)
     again = ft.simulate(setup, motion=made.log, seed=4)
     np.testing.assert_array_equal(again.truth.t, made.truth.t)
     inner = slice(20, -20)
