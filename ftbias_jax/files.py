@@ -76,13 +76,24 @@ def open_to_append(target: str) -> BinaryIO:
 @contextmanager
 def temporary_folder() -> Iterator[str]:
     """A new folder, which is removed at the end with all that is in it, also by a signal."""
-    folder = tempfile.mkdtemp(prefix="ftbias-")
-    _temporary.add(folder)
+    folder = keep_temporary_folder()
     try:
         yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        _temporary.discard(folder)
+        remove_temporary_folder(folder)
+
+
+def keep_temporary_folder() -> str:
+    """A new folder until ``remove_temporary_folder``; a signal removes it, too."""
+    folder = tempfile.mkdtemp(prefix="ftbias-")
+    _temporary.add(folder)
+    return folder
+
+
+def remove_temporary_folder(folder: str) -> None:
+    """Remove a folder with all that is in it."""
+    shutil.rmtree(folder, ignore_errors=True)
+    _temporary.discard(folder)
 
 
 def remove_temporary() -> None:

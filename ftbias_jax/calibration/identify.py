@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -81,13 +82,11 @@ def identify(
         mounting: also fit the sensor's rotation.
         gravity: also fit its direction (its size is kept).
     """
-    joints = smooth_joints(params, pipeline.init(params, samples), samples, options)
+    joints = _smoothed(params, samples, options)
     quarter = _quarter_turn(params, joints, samples) if mounting else np.eye(3)
     params = _turned(params, quarter)
     problem, _ = likelihood.wrench_problem(params, samples, joints, options)
-    model = innovation_regression.linearise(
-        problem, lambda z: stages.predict_readings(_moved(params, z), joints.mean, samples)
-    )
+    model = innovation_regression.linearise(problem, _readings, params, joints.mean, samples)
     turns = np.repeat([MOUNTING_STD if mounting else FIXED, GRAVITY_STD if gravity else FIXED], 3)
     prior = Prior(np.concatenate([physical.coordinates(params.theta), np.zeros(6)]), np.concatenate([PRIOR_STD, turns]))
     dt = np.asarray(samples.dt)
@@ -108,6 +107,17 @@ def identify(
         gain=(_cost(first) - _cost(linear)) / found.dispersion,
         converged=converged,
     )
+
+
+@partial(jax.jit, static_argnames="options")
+def _smoothed(params: Params, samples: Sample, options: Options) -> Gaussian:
+    joints: Gaussian = smooth_joints(params, pipeline.init(params, samples), samples, options)
+    return joints
+
+
+def _readings(z: Array, params: Params, joints: Array, samples: Sample) -> Array:
+    """(T, 6) N, Nm that the sensor should read; z (16,) as of ``_moved``, joints (T, n, 3)."""
+    return stages.predict_readings(_moved(params, z), joints, samples)
 
 
 def _identified(
@@ -138,7 +148,7 @@ def _identified(
     remarks = tuple(_remark(name, found, open_) for name in NAMES)
     kept = np.array([remark in (KEPT, NO_BETTER) for remark in remarks])
     values, stderr = np.where(kept, stated, values), np.where(kept, np.nan, stderr)
-    down = np.asarray(jax.jacfwd(lambda z: _moved(params, z).gravity)(jnp.asarray(linear.at)))[:, 13:]
+    down = np.asarray(_slope_of_gravity(params, jnp.asarray(linear.at)))[:, 13:]
     rotation_stderr = np.sqrt(np.diag(covariance)[10:13])
     gravity_stderr = np.sqrt(np.diag(down @ covariance[13:, 13:] @ down.T))
     unexcited = [name for name, remark in zip(NAMES, remarks, strict=True) if remark in (KEPT, PULLED)]
@@ -183,17 +193,20 @@ def _remark(name: str, found: shown.Shown, open_: tuple[str, ...]) -> str:
 
 def _quarter_turn(params: Params, joints: Gaussian, samples: Sample) -> np.ndarray:
     """The axis rotation from which to search the mounting (``likely_rotation``)."""
-
-    @jax.jit
-    def columns(params: Params) -> Array:
-        def reading(theta: Array) -> Array:
-            return stages.predict_readings(params._replace(theta=theta), joints.mean, samples)
-
-        return jax.jacfwd(reading)(params.theta)[..., :4]
-
     t, std = np.cumsum(np.asarray(samples.dt)), np.sqrt(np.asarray(params.bias.wrench_variance))
-    quarter: np.ndarray = likely_rotation(np.asarray(columns(params)), np.asarray(samples.wrench), t, std)
+    columns = np.asarray(_columns_of_weight(params, joints.mean, samples))
+    quarter: np.ndarray = likely_rotation(columns, np.asarray(samples.wrench), t, std)
     return quarter
+
+
+@jax.jit
+def _columns_of_weight(params: Params, joints: Array, samples: Sample) -> Array:
+    """(T, 6, 4) derivatives of the reading by mass and first moment."""
+
+    def reading(theta: Array) -> Array:
+        return stages.predict_readings(params._replace(theta=theta), joints, samples)
+
+    return jax.jacfwd(reading)(params.theta)[..., :4]
 
 
 def _turned(params: Params, rotation: np.ndarray) -> Params:
@@ -205,6 +218,13 @@ def _moved(params: Params, z: Array) -> Params:
     """Parameters at (16,): theta, rotation vector of the sensor, rotation vector of gravity."""
     arm = params.arm._replace(zero_rotation=params.arm.zero_rotation @ rotation_from_vector(z[10:13]))
     return params._replace(arm=arm, gravity=rotation_from_vector(z[13:16]) @ params.gravity, theta=z[:10])
+
+
+@jax.jit
+def _slope_of_gravity(params: Params, z: Array) -> Array:
+    """(3, 16)."""
+    slope: Array = jax.jacfwd(lambda z: _moved(params, z).gravity)(z)
+    return slope
 
 
 def _condition(linear: Linear) -> float:

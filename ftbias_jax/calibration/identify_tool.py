@@ -15,7 +15,7 @@ from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.recorded.ready import filtered_with
-from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.filtering.samples import pad, samples_from_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.runtime.jax_config import in_float64
@@ -137,6 +137,7 @@ def identify_tool(
         options = Options(joint_model=setup.joints.model)
         params = filter_log.likeliest_params(setup, samples_from_log(log), options)
         samples = samples_from_log(filter_log.without_useless(log, params))
+        samples = pad(samples, filter_log.padded_length(len(log.t)))  # logs of different lengths share programs
         found = identify(params, samples, options, mounting, gravity)
         if bias:
             value, std = _steady_bias(_with_tool(setup, found, mounting, gravity, bias=False), log)
@@ -162,6 +163,10 @@ def _steady_bias(setup: Setup, log: Log) -> tuple[Array, Array]:
 
 def _with_tool(setup: Setup, found: Identified, mounting: bool, gravity: bool, bias: bool) -> Setup:
     tool = replace(setup.tool, mass=float(found.values[0]), center_of_mass=found.values[1:4], inertia=found.values[4:])
+    if tool.mass_std is not None and np.isfinite(found.stderr[0]):
+        tool = replace(tool, mass_std=float(found.stderr[0]))
+    if tool.center_of_mass_std is not None and np.isfinite(found.stderr[1:4]).all():
+        tool = replace(tool, center_of_mass_std=found.stderr[1:4])
     turned = setup.sensor.rotation @ rotation_from_vector(found.rotation)
     prior = replace(setup.bias, initial=found.bias, initial_std=found.bias_stderr, initial_drift=np.zeros(6))
     return replace(

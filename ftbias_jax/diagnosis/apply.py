@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from ftbias_jax.diagnosis.report.tables import parameter_words
-from ftbias_jax.diagnosis.result import Candidate, FoundTerm
+from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import values_from_setup
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
@@ -47,6 +47,16 @@ def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm
     sections: list[dict[str, Any]] = [{cause.effect: cause.parameters} for cause in causes]
     sections += [{TERM: [term.section]} for term in terms]
     return tuple(why for section in sections if (why := _refusal(setup, section)))
+
+
+def some_applied(diagnosis: Diagnosis, not_stated: Sequence[str]) -> bool:
+    """Whether the setup with what was found is worth writing: unless causes were found and none can be stated.
+
+    Args:
+        diagnosis: of which the setup is.
+        not_stated: what ``refused`` says of it.
+    """
+    return not not_stated or len(not_stated) < len(diagnosis.causes) + len(diagnosis.terms)
 
 
 def _refusal(setup: Setup, effects: dict[str, Any]) -> str:

@@ -7,7 +7,8 @@ model and its derivatives into white series alike (likelihood.whiten).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +20,8 @@ from ftbias_jax.types import Array
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-Predict = Callable[[Array], Array]
-"""(P,) parameters -> (T, 6) wrench the sensor should read without bias and noise."""
+Predict = Callable[..., Array]
+"""(P,) parameters, and whatever else is given -> (T, 6) wrench the sensor should read without bias and noise."""
 
 BLOCK_SECONDS = 4.0
 """Errors of the model hang together over a motion, not over a sample: standard errors take such blocks as units."""
@@ -52,14 +53,25 @@ class Linear(NamedTuple):
     """(6,) N^2, Nm^2, for noise of the stated size."""
 
 
-def linearise(problem: WrenchProblem, predict: Predict) -> Callable[[np.ndarray], Linear]:
+def linearise(problem: WrenchProblem, predict: Predict, *given: Any) -> Callable[[np.ndarray], Linear]:
     """A compiled function that linearises a model at given parameters.
 
     Args:
         problem: the bias filter of the log.
-        predict: the model, differentiable, (P,) -> (T, 6) N, Nm, sensor frame.
+        predict: the model, differentiable, (P,) -> (T, 6) N, Nm, sensor frame. The same function compiles once for all
+            logs of a length.
+        given: what it depends on beside the parameters, as arrays.
     """
 
+    def at(values: np.ndarray) -> Linear:
+        return Linear(values, *(np.asarray(x) for x in _linearised(predict, jnp.asarray(values), problem, given)))
+
+    return at
+
+
+@partial(jax.jit, static_argnames="predict")
+def _linearised(predict: Predict, values: Array, problem: WrenchProblem, given: tuple[Any, ...]) -> tuple[Array, ...]:
+    """What ``Linear`` has behind the parameters."""
     # What the filter predicts of a sample more is the bias; of a column that is 1 there alone, the variance.
     last = problem.variance[-1:]
     longer = problem._replace(
@@ -67,23 +79,15 @@ def linearise(problem: WrenchProblem, predict: Predict) -> Callable[[np.ndarray]
         wrench=jnp.concatenate([problem.wrench, jnp.zeros_like(last)]),
         variance=jnp.concatenate([problem.variance, last]),
     )
-
-    @jax.jit
-    def compiled(values: Array) -> tuple[Array, ...]:
-        slopes = jnp.moveaxis(jax.jacfwd(predict)(values), -1, 0)
-        error = (predict(values) - problem.wrench)[None]
-        series = jnp.concatenate([slopes, error, jnp.zeros_like(error)])
-        after = jnp.zeros_like(series[:, :1]).at[-1].set(1.0)
-        white = whiten(longer, jnp.concatenate([series, after], 1))
-        columns, residual, std = white[:-2, :-1], white[-2, :-1], 1 / white[-1, -1]
-        bias = -white[:-1, -1] * std[None]
-        flat = columns.reshape(len(values), -1)
-        return columns, residual, flat @ flat.T, bias[-1], bias[:-1], std**2 - last[0]
-
-    def at(values: np.ndarray) -> Linear:
-        return Linear(values, *(np.asarray(x) for x in compiled(jnp.asarray(values))))
-
-    return at
+    slopes = jnp.moveaxis(jax.jacfwd(lambda x: predict(x, *given))(values), -1, 0)
+    error = (predict(values, *given) - problem.wrench)[None]
+    series = jnp.concatenate([slopes, error, jnp.zeros_like(error)])
+    after = jnp.zeros_like(series[:, :1]).at[-1].set(1.0)
+    white = whiten(longer, jnp.concatenate([series, after], 1))
+    columns, residual, std = white[:-2, :-1], white[-2, :-1], 1 / white[-1, -1]
+    bias = -white[:-1, -1] * std[None]
+    flat = columns.reshape(len(values), -1)
+    return columns, residual, flat @ flat.T, bias[-1], bias[:-1], std**2 - last[0]
 
 
 def excess(linear: Linear, problem: WrenchProblem) -> float:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ftbias_jax import __version__
-from ftbias_jax.io.write.provenance import sha256_of
+from ftbias_jax.io.remote.fetch import is_url, size_and_time
+from ftbias_jax.io.write.provenance import sha256_of, sha256_of_all
 from ftbias_jax.setup import Setup, dump_setup
 
 OK, LOSS, MISTAKES, FAILED = "ok", "data loss", "mistakes", "failed"
@@ -81,6 +82,8 @@ class Entry(NamedTuple):
     """``Settings.key``."""
     quality: Mapping[str, Any] = {}
     """How good the log and its model are (``quality``); {} = not known."""
+    files: tuple[str, ...] = ()
+    """Its files, if it has several; () = the log itself."""
 
 
 def settings_of(job: str, setup: Setup, choices: Mapping[str, Any], own: Iterable[str] = ()) -> Settings:
@@ -98,24 +101,29 @@ def settings_of(job: str, setup: Setup, choices: Mapping[str, Any], own: Iterabl
     return Settings(job, setup_sha256, {**choices, **sums}, __version__, setup.path, robot, setup.sensor.name or "")
 
 
-def state_of(log: str) -> LogState:
-    """Size and times of a log, without its sum; of a folder those of its files together."""
-    files = sorted(path for path in Path(log).rglob("*") if path.is_file()) if os.path.isdir(log) else [Path(log)]
-    states = [path.stat() for path in files if path.exists()]
+def state_of(paths: Sequence[str]) -> LogState:
+    """Size and times of the files of a log together, without their sum; a folder stands for its files."""
+    there = [size_and_time(path) for path in paths if is_url(path)]
+    files = [file for path in paths if not is_url(path) for file in _files_in(path)]
+    states = [file.stat() for file in files if file.exists()]
     return LogState(
-        sum(state.st_size for state in states),
-        max((state.st_mtime_ns for state in states), default=0),
+        sum(state.st_size for state in states) + sum(size for size, _ in there),
+        max((*(state.st_mtime_ns for state in states), *(changed for _, changed in there)), default=0),
         max((state.st_ctime_ns for state in states), default=0),
         "",
     )
 
 
-def with_sum(state: LogState, log: str) -> LogState:
+def _files_in(path: str) -> list[Path]:
+    return sorted(file for file in Path(path).rglob("*") if file.is_file()) if os.path.isdir(path) else [Path(path)]
+
+
+def with_sum(state: LogState, paths: Sequence[str]) -> LogState:
     """The state with the SHA-256 of the log's content."""
-    return state._replace(sha256=sha256_of(log) or "")
+    return state._replace(sha256=sha256_of_all(paths) or "")
 
 
-def is_same(before: LogState, now: LogState, log: str) -> LogState | None:
+def is_same(before: LogState, now: LogState, paths: Sequence[str]) -> LogState | None:
     """The state of a log as it is now, if its content is that of an earlier state; None if it is another.
 
     Nobody can change a file and keep the operating system's time of change, so a log with the same times is not read.
@@ -124,7 +132,7 @@ def is_same(before: LogState, now: LogState, log: str) -> LogState | None:
     Args:
         before: as the manifest has it.
         now: as ``state_of`` gives it.
-        log: its path.
+        paths: its files.
     """
     times_agree = now.modified_ns == before.modified_ns and now.changed_ns == before.changed_ns
     if now.bytes != before.bytes:
@@ -133,5 +141,5 @@ def is_same(before: LogState, now: LogState, log: str) -> LogState | None:
         return before
     if not before.sha256:  # of a manifest without sums
         return before if now.modified_ns == before.modified_ns and not before.changed_ns else None
-    summed = with_sum(now, log)
+    summed = with_sum(now, paths)
     return summed if summed.sha256 == before.sha256 else None

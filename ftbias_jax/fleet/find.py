@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io import READERS
+from ftbias_jax.io.remote.fetch import is_url, listed, shown
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
+from ftbias_jax.io.tables.grouping import inputs_of, main_file
 
 BAG_FOLDER = "metadata.yaml"
 """A folder with this file is one ROS 2 bag; any other is searched."""
+Patterns = Mapping[str, str]
+"""[log.files] of the setup: names of the files of one log by quantity; {} = every log is one file."""
+ONE_FILE: Patterns = MappingProxyType({})
 
 
 class Task(NamedTuple):
@@ -23,6 +29,13 @@ class Task(NamedTuple):
     """Its path, as found."""
     output: str
     """Path of the result, from the output folder."""
+    files: tuple[str, ...] = ()
+    """Its files, if it has several; () = the log itself."""
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """All its files."""
+        return self.files or (self.log,)
 
 
 def is_folder(output: str) -> bool:
@@ -30,23 +43,33 @@ def is_folder(output: str) -> bool:
     return output.endswith(("/", os.sep)) or Path(output).is_dir() or not Path(output).suffix
 
 
-def expand(arguments: Sequence[str]) -> list[str]:
+def expand(arguments: Sequence[str], patterns: Patterns = ONE_FILE) -> list[str]:
     """The logs that arguments name, in their order: folders and patterns become what is in them.
+
+    Args:
+        arguments: as given to the command.
+        patterns: [log.files] of the setup.
 
     Raises:
         UsageError: an argument names no log. LogError: a folder cannot be read.
     """
-    logs = [log for argument in arguments for log in _named_by(argument, "")[1]]
+    logs = [log for argument in arguments for log in _named_by(argument, "", patterns)[1]]
     return list({os.path.abspath(log): log for log in logs}.values())
 
 
-def find_logs(arguments: Sequence[str], folder: str, suffix: str) -> list[Task]:
+def inputs(logs: Sequence[str], patterns: Patterns) -> list[str]:
+    """All files of logs that ``expand`` gave."""
+    return [path for log in logs for path in inputs_of(log, patterns)]
+
+
+def find_logs(arguments: Sequence[str], folder: str, suffix: str, patterns: Patterns = ONE_FILE) -> list[Task]:
     """The logs that paths, folders and patterns name, sorted; each has its own result.
 
     Args:
         arguments: as given to the command.
         folder: of the results, which is not searched.
         suffix: of the results.
+        patterns: [log.files] of the setup; the file of the wrench names the log and its result.
 
     Raises:
         UsageError: an argument names no log, or two logs would have one result. LogError: a folder cannot be read.
@@ -54,17 +77,18 @@ def find_logs(arguments: Sequence[str], folder: str, suffix: str) -> list[Task]:
     found: dict[str, str] = {}
     roots = []
     for argument in arguments:
-        root, logs = _named_by(argument, os.path.realpath(folder))
+        root, logs = _named_by(argument, os.path.realpath(folder), patterns)
         roots.append(root)
         found |= {os.path.abspath(log): log for log in logs}
     base = os.path.commonpath([os.path.abspath(root) for root in roots])
     tasks: dict[str, Task] = {}
     for path, log in sorted(found.items()):
-        output = _without_suffix(os.path.relpath(path, base)) + suffix
+        place = os.path.abspath(shown(log)) if is_url(log) else path
+        output = _without_suffix(os.path.relpath(place, base)) + suffix
         if output in tasks:
-            message = f"{tasks[output].log!r} and {log!r} would both be written to {output!r}"
+            message = f"{shown(tasks[output].log)!r} and {shown(log)!r} would both be written to {output!r}"
             raise UsageError(message, field="LOG", remedy="give them two folders of results")
-        tasks[output] = Task(log, output)
+        tasks[output] = Task(log, output, inputs_of(log, patterns) if patterns else ())
     return list(tasks.values())
 
 
@@ -73,16 +97,27 @@ def shard(tasks: Sequence[Task], index: int, count: int) -> list[Task]:
     return list(tasks[index - 1 :: count])
 
 
-def _named_by(argument: str, folder: str) -> tuple[str, list[str]]:
+def _named_by(argument: str, folder: str, patterns: Patterns) -> tuple[str, list[str]]:
     """The folder under which an argument's results keep their places, and its logs, of which there are some."""
     root, logs = _logs_of(argument, folder)
+    if patterns:
+        named = {path: main_file(path, patterns) for path in logs}
+        # What is named itself is a log whatever its name, so that it is told; what was only found need not be one.
+        logs = list(dict.fromkeys(log or path for path, log in named.items() if log or path == argument))
     if not logs:
-        raise UsageError(f"no log in {argument!r}", field="LOG", remedy="give a log, a folder of logs, or a pattern")
+        remedy = "give a log, a folder of logs, or a pattern"
+        remedy += f" of files that log.files names: {', '.join(patterns.values())}" if patterns else ""
+        raise UsageError(f"no log in {argument!r}", field="LOG", remedy=remedy)
     return root, logs
 
 
 def _logs_of(argument: str, folder: str) -> tuple[str, list[str]]:
     """The folder under which an argument's results keep their places, and its logs."""
+    if is_url(argument):
+        folder, slash, _ = shown(argument).partition("*")
+        single = not slash and _is_log(folder)
+        found = [argument] if single else [log for log in listed(argument) if _is_log(log)]
+        return os.path.dirname(folder) if slash or found == [argument] else folder, found
     if not glob.has_magic(argument) or os.path.exists(argument):
         is_log = not os.path.isdir(argument) or _is_bag(argument)
         return (os.path.dirname(os.path.abspath(argument)) if is_log else argument), _walk(argument, folder)

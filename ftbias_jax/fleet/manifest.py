@@ -131,8 +131,8 @@ def read_lines(path: Path) -> Iterator[Entry | Settings]:
             if kind == "settings":
                 yield Settings(**content)
             elif kind == "log":
-                state, repairs = _typed(LogState(**content["state"])), tuple(content["repairs"])
-                yield _typed(Entry(**{**content, "state": state, "repairs": repairs}))
+                lists = {name: tuple(content.get(name, ())) for name in ("repairs", "files")}
+                yield _typed(Entry(**{**content, **lists, "state": _typed(LogState(**content["state"]))}))
         except (ValueError, TypeError, KeyError, AttributeError):
             continue
 

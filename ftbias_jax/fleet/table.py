@@ -45,7 +45,7 @@ def save_table(path: str, entries: Sequence[Entry], settings: Mapping[str, Setti
 
 
 def _row(entry: Entry, settings: Settings | None) -> dict[str, Any]:
-    row: dict[str, Any] = {**entry._asdict(), "repairs": "; ".join(entry.repairs)}
+    row: dict[str, Any] = {**entry._asdict(), "repairs": "; ".join(entry.repairs), "files": "; ".join(entry.files)}
     state, quality = row.pop("state"), row.pop("quality")
     row |= {f"log_{name}": value for name, value in state._asdict().items()}
     if settings is not None:

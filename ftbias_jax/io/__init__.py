@@ -8,6 +8,7 @@ from pathlib import Path
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.remote.fetch import opened
 from ftbias_jax.io.ros.read import read_ros
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
 from ftbias_jax.io.tables.csv import read_csv
@@ -31,7 +32,7 @@ def read_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     range are left out; ``repairs`` of the log counts all of that.
 
     Args:
-        path: the file; any of them if [log.files] of the setup names several.
+        path: the file; any of them if [log.files] of the setup names several; or a URL (extra ``remote``).
         setup: gives the number and names of the joints, the sensor's sign, and column names.
         salvage: of a damaged ROS recording, read what is whole.
         raw: leave samples of stuck and clipped axes and repeats in, as recorded; ``repairs`` names them.
@@ -55,7 +56,8 @@ def read_motion(path: str | os.PathLike[str], setup: Setup) -> Log | Poses:
         if error.field not in _OF_TIME:
             raise
         try:
-            return read_poses(path, setup)
+            with opened(path) as there:
+                return read_poses(there, setup)
         except LogError:
             raise error from None
 
@@ -65,14 +67,20 @@ def read_recorded(path: str | os.PathLike[str], setup: Setup, *, salvage: bool =
     file = os.fspath(path)
     if setup.log.files:
         return with_extra_columns(read_files(path, setup, salvage=salvage), path, setup)._replace(file=file)
+    with opened(path) as there:
+        return with_extra_columns(_read_one(there, setup, salvage), there, setup)._replace(file=file)
+
+
+def _read_one(path: str, setup: Setup, salvage: bool) -> Log:
+    """A log that is one file, or a bag's folder."""
     if is_ros(path):
-        return with_extra_columns(read_ros(path, setup, salvage=salvage), path, setup)._replace(file=file)
+        return read_ros(path, setup, salvage=salvage)
     reader = READERS.get(Path(path).suffix.lower())
     if reader is None:
         *most, last = (*READERS, *SUFFIXES)
         remedy = f"give a log that ends in {', '.join(most)} or {last}, or a ROS 2 bag's folder"
-        raise LogError(f"unknown format {Path(path).suffix!r}", file=file, remedy=remedy)
-    return with_extra_columns(reader(path, setup), path, setup)._replace(file=file)
+        raise LogError(f"unknown format {Path(path).suffix!r}", file=path, remedy=remedy)
+    return reader(path, setup)
 
 
 def is_ros(path: str | os.PathLike[str]) -> bool:

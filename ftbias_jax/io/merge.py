@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_stamps
+from ftbias_jax.io.conventions.units import later
 from ftbias_jax.io.log import Log
 from ftbias_jax.types import Array
+
+Part = tuple[Array, Mapping[str, Array]]
+"""Stamps of a stream in order, float64 s or int64 ns, and its arrays by the names of a log."""
+QUANTITIES = {"q": "position", "dq": "velocity", "wrench": "wrench", "temperature": "temperature"}
+"""Array of a log -> what [log.time_offsets] calls it."""
+NO_OFFSETS: Mapping[str, float] = MappingProxyType({})
 
 
 def merge_streams(
@@ -20,6 +28,7 @@ def merge_streams(
     dq: Array | None = None,
     temperature: Array | None = None,
     *,
+    offsets: Mapping[str, float] = NO_OFFSETS,
     file: str = "",
 ) -> Log:
     """Joint states and wrenches with their own stamps, as one log: NaN where a stream has no sample.
@@ -33,6 +42,7 @@ def merge_streams(
         wrench: (W, 6) N, Nm.
         dq: (J, n) rad/s; None = not recorded.
         temperature: (W,) deg C; None = not recorded.
+        offsets: [log.time_offsets] of the setup.
         file: the name in messages.
 
     Returns:
@@ -46,14 +56,11 @@ def merge_streams(
     if (joint_t.dtype.kind == "f") != (wrench_t.dtype.kind == "f"):
         message = f"types {joint_t.dtype} and {wrench_t.dtype} differ"
         raise LogError(message, file=file, field="t_joints, t_wrench", remedy="give both in s, or both in integer ns")
-    check_overlap(joint_t, wrench_t, file)
     joints = {"q": q, "dq": np.full(np.shape(q), np.nan) if dq is None else dq}
     readings = {"wrench": wrench, "temperature": np.full(len(wrench_t), np.nan) if temperature is None else temperature}
-    return Log(**merge_parts([(joint_t, joints), (wrench_t, readings)], file))
-
-
-Part = tuple[Array, Mapping[str, Array]]
-"""Stamps of a stream in order, float64 s or int64 ns, and its arrays by the names of a log."""
+    parts = on_one_clock([(joint_t, joints), (wrench_t, readings)], offsets, file)
+    check_overlap(parts[0][0], parts[1][0], file)
+    return Log(**merge_parts(parts, file))
 
 
 def merge_parts(parts: Sequence[Part], file: str = "") -> dict[str, Array]:
@@ -74,6 +81,24 @@ def merge_parts(parts: Sequence[Part], file: str = "") -> dict[str, Array]:
             if name not in merged:
                 merged[name] = _place(np.asarray(values), rows, len(t), name, file)
     return merged
+
+
+def on_one_clock(parts: Sequence[Part], offsets: Mapping[str, float], file: str = "") -> list[Part]:
+    """Streams with the offsets of their clocks added; a stream goes by the first of its arrays.
+
+    Args:
+        parts: as for ``merge_parts``.
+        offsets: [log.time_offsets] of the setup, s.
+        file: the name in messages.
+
+    Raises:
+        LogError: there is an offset of something that has no stamps of its own.
+    """
+    owners = [QUANTITIES[next(iter(arrays))] for _, arrays in parts]
+    if shared := sorted(offsets.keys() - set(owners)):
+        field, remedy = f"log.time_offsets.{shared[0]}", f"state that of {' or '.join(owners)}"
+        raise LogError("has no stamps of its own in this log", file=file, field=field, remedy=remedy)
+    return [(later(t, offsets.get(owner, 0.0)), arrays) for owner, (t, arrays) in zip(owners, parts, strict=True)]
 
 
 def check_overlap(joint_t: Array, wrench_t: Array, file: str = "") -> None:

@@ -129,6 +129,10 @@ def _sections(setup: Setup) -> Iterable[Line]:
     if "center_of_mass" not in tool.unknown:
         yield Line("[tool]", "center_of_mass", tool.center_of_mass)
     yield Line("[tool]", "inertia", tool.inertia)
+    if tool.mass_std is not None:
+        yield Line("[tool]", "mass_std", tool.mass_std)
+    if tool.center_of_mass_std is not None:
+        yield Line("[tool]", "center_of_mass_std", tool.center_of_mass_std)
     yield Line("[bias]", "noise_density", bias.noise_density)
     yield Line("[bias]", "initial_std", bias.initial_std)
     yield Line("[bias]", "initial_drift_std", bias.initial_drift_std)
@@ -157,7 +161,7 @@ def _log(log: LogSetup) -> Iterable[Line]:
     for key in ("time_unit", "rate", "angle_unit", "acceleration_unit", "wrench_axes"):
         if getattr(log, key) != getattr(usual, key):
             yield Line("[log]", key, getattr(log, key))
-    for name in ("columns", "topics", "clocks", "files", "time_units"):
+    for name in ("columns", "topics", "clocks", "files", "time_units", "time_offsets"):
         for key, value in getattr(log, name).items():
             yield Line(f"[log.{name}]", key, value)
 

@@ -156,7 +156,7 @@ def _tool(top: Section, sensor: SensorSetup) -> ToolSetup:
     _check_inertia(inertia, section, "inertia")
     unknown = unknown_tool()
     mass, center = unknown.mass if mass is None else mass, unknown.center_of_mass if center is None else center
-    return ToolSetup(mass, center, inertia)
+    return ToolSetup(mass, center, inertia, read(section, "mass_std"), read(section, "center_of_mass_std"))
 
 
 def _check_inertia(inertia: Array, section: Section, key: str) -> None:
@@ -171,7 +171,7 @@ def _check_inertia(inertia: Array, section: Section, key: str) -> None:
 
 
 def _urdf_tool(section: Section, robot: Section, sensor: SensorSetup) -> ToolSetup:
-    for key in ("mass", "center_of_mass", "inertia"):
+    for key in ("mass", "center_of_mass", "inertia", "mass_std", "center_of_mass_std"):
         if key in section.values:
             raise section.error(key, "excluded by tool.from_urdf_link", "remove one of the two")
     if "urdf" not in robot.values:
@@ -187,15 +187,18 @@ def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
     sizes = {"position": position, "velocity": velocity}
     log = open_section(top, "log")
     known = section_keys("log.columns").keys
-    tables = {key: open_section(log, key) for key in ("topics", "clocks", "files", "time_units")}
-    topics, clocks, files, units = ({key: read(part, key) for key in part.values} for part in tables.values())
+    tables = {key: open_section(log, key) for key in ("topics", "clocks", "files", "time_units", "time_offsets")}
+    topics, clocks, files, units, offsets = ({key: read(part, key) for key in part.values} for part in tables.values())
     if files and not {"position", "wrench"} <= files.keys():
         raise log.error("files", f"names {', '.join(files)}", "name the files of position and wrench")
+    if files and (others := sorted(offsets.keys() - files.keys())):
+        remedy = "state the offset of the file that has them"
+        raise log.error("time_offsets", f"names {', '.join(others)}, which has no file in log.files", remedy)
     part = subsection(log, "columns", _column_keys(log, known))
     columns = {key: read(part, key, sizes.get(key)) if key in known else text(part, key, "") for key in part.values}
     others = [key for key in SECTIONS["log"].keys if key not in ("columns", *tables)]
     stated: dict[str, Any] = {key: read(log, key) for key in others}
-    return LogSetup(columns, topics, clocks, files, units, **stated)
+    return LogSetup(columns, topics, clocks, files, units, offsets, **stated)
 
 
 def _column_keys(log: Section, known: Collection[str]) -> tuple[str, ...]:

@@ -67,6 +67,8 @@ class LogSetup:
     """Names of the files that make up one log, by quantity, with * for what their names share; {} = one file."""
     time_units: Mapping[str, str] = field(default_factory=dict)
     """Units of the stamps of single files, by the same names."""
+    time_offsets: Mapping[str, float] = field(default_factory=dict)
+    """s, added to the stamps of streams or files, by the same names."""
     time_unit: str | None = None
     """One of TIME_UNITS; None = s, or ns if the stamps are integers."""
     rate: float | None = None

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.setup.types import Setup, ToolSetup
+from ftbias_jax.setup.types import Setup
 
 GUESS = (1.0, (0.0, 0.0, 0.05))
 """kg and m: a tool to start a search from, where the setup does not state one."""
@@ -33,4 +33,4 @@ def with_guessed_tool(setup: Setup) -> Setup:
         return setup
     mass = tool.mass if np.isfinite(tool.mass) else GUESS[0]
     center = tool.center_of_mass if np.isfinite(tool.center_of_mass).all() else np.array(GUESS[1])
-    return replace(setup, tool=ToolSetup(mass, center, tool.inertia))
+    return replace(setup, tool=replace(tool, mass=mass, center_of_mass=center))

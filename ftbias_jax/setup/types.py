@@ -90,6 +90,10 @@ class ToolSetup:
     """(3,) m, sensor frame; NaN = not known."""
     inertia: Array
     """(6,) kg m^2: Ixx Ixy Ixz Iyy Iyz Izz about the centre of mass, sensor axes."""
+    mass_std: float | None = None
+    """kg, standard error; None = not stated."""
+    center_of_mass_std: Array | None = None
+    """(3,) m, standard errors; None = not stated."""
 
     @property
     def unknown(self) -> tuple[str, ...]:

@@ -99,6 +99,7 @@ def most_likely(cost: Quadratic, x: np.ndarray, prior: Prior) -> np.ndarray:
     return x
 
 
+@jax.jit
 def physical(x: Float[Array, " P"]) -> Float[Array, " P"]:
     """(P,) log-Cholesky coordinates, then anything else -> the same with theta (10,) in front."""
     return jnp.concatenate([parameters_from_log_cholesky(x[:10]), x[10:]])

@@ -10,7 +10,7 @@ from ftbias_jax.cli.repairs import tell_mistake, tell_repairs
 from ftbias_jax.filtering.check.check_setup import check_setup
 from ftbias_jax.filtering.recorded.at_rest import rest_in_words
 from ftbias_jax.fleet.entry import settings_of
-from ftbias_jax.fleet.find import expand
+from ftbias_jax.fleet.find import expand, inputs
 from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.outputs import check_outputs, check_writable
@@ -25,8 +25,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         check_writable(arguments.json, ".json", "--json")
     setup = load_setup(arguments.setup)
-    paths = expand(arguments.logs)
-    check_outputs({"--json": arguments.json}, (*paths, *setup.files))
+    paths = expand(arguments.logs, setup.log.files)
+    check_outputs({"--json": arguments.json}, (*inputs(paths, setup.log.files), *setup.files))
     logs = [read_log(path, setup) for path in paths]
     check = check_setup(setup, logs)
     print(check)

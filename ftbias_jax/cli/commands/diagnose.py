@@ -8,11 +8,11 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
+from ftbias_jax.cli.jobs.many import ANSWER, APPLIED, REPORT, find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.entry import settings_of
-from ftbias_jax.fleet.find import expand, is_folder
+from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_outputs, check_writable, output_of_setup
 from ftbias_jax.setup import Setup, load_setup
@@ -22,7 +22,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Diagnose the logs; 1 if a cause cannot be applied, 3 if samples of a log were lost, else 0."""
     if arguments.output and is_folder(arguments.output):
         return _each(arguments)
-    arguments.logs = expand(arguments.logs)
     setup = check_arguments(arguments)
 
     from ftbias_jax.runtime.jax_config import prepare_jax
@@ -33,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
         stages("reading")
         logs = [read_log(path, setup, raw=True) for path in arguments.logs]
         prepare_jax()
-        from ftbias_jax.diagnosis.apply import refused
+        from ftbias_jax.diagnosis.apply import refused, some_applied
         from ftbias_jax.diagnosis.diagnose import diagnose
         from ftbias_jax.model.effects.catalogue import check_names
         from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
@@ -50,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.html:
         diagnosis.to_html(arguments.html)
     not_stated = refused(setup, diagnosis.causes, diagnosis.terms) if arguments.apply else ()
-    applied = arguments.apply and (not not_stated or len(not_stated) < len(diagnosis.causes) + len(diagnosis.terms))
+    applied = arguments.apply and some_applied(diagnosis, not_stated)
     if applied:
         diagnosis.apply(setup).save(arguments.output)
     outputs = [path for path in (arguments.json, arguments.html, applied and arguments.output) if path]
@@ -64,9 +63,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _each(arguments: argparse.Namespace) -> int:
     """Every log by itself, into a folder."""
-    refuse_options(arguments, ("json", "html", "apply", "in_place"))
+    refuse_options(arguments, ("json", "html", "in_place"))
     setup = load_setup(arguments.setup, with_tool=True)
-    tasks, manifest = find_tasks(arguments, setup, "diagnose", ".diagnosis.json")
+    tasks, manifest = find_tasks(
+        arguments, setup, "diagnose", ANSWER, (REPORT, APPLIED) if arguments.apply else (REPORT,)
+    )
 
     from ftbias_jax.cli.jobs.work import diagnose_one
     from ftbias_jax.model.effects.catalogue import check_names
@@ -74,13 +75,14 @@ def _each(arguments: argparse.Namespace) -> int:
 
     own, without = tuple(arguments.own_effects), tuple(sorted(arguments.without))
     check_names(without, "--without", catalogue_of_setup(setup.with_effects(load_all(own))))
-    settings = settings_of("diagnose", setup, {"without": list(without), "unchecked": arguments.unchecked}, own)
-    work = partial(diagnose_one, setup=setup, without=without, unchecked=arguments.unchecked, own=own)
+    asked = {"without": without, "unchecked": arguments.unchecked} | ({"apply": True} if arguments.apply else {})
+    settings = settings_of("diagnose", setup, {**asked, "without": list(without)}, own)
+    work = partial(diagnose_one, setup=setup, **asked, own=own)
     return run_archive(arguments, settings, tasks, manifest, work)
 
 
 def check_arguments(arguments: argparse.Namespace) -> Setup:
-    """The setup; what cannot be written is refused before minutes are spent on computing it.
+    """The setup, and the logs in ``arguments``; what cannot be written is refused before minutes are spent.
 
     Raises:
         UsageError: a suffix that does not fit, --apply without --output or the other way round, an output that is an
@@ -101,6 +103,7 @@ def check_arguments(arguments: argparse.Namespace) -> Setup:
         if path is not None:
             check_writable(path, suffix, option)
     setup = load_setup(arguments.setup, with_tool=True)
+    arguments.logs = expand(arguments.logs, setup.log.files)
     outputs = {"--output": arguments.output, **{option: path for option, (path, _) in named.items()}}
-    check_outputs(outputs, (*arguments.logs, *kept, setup.urdf))
+    check_outputs(outputs, (*inputs(arguments.logs, setup.log.files), *kept, setup.urdf))
     return setup

@@ -11,7 +11,7 @@ from ftbias_jax.cli.parsers.filtering import selection_of
 from ftbias_jax.cli.repairs import tell_mistake, tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
-from ftbias_jax.fleet.find import is_folder
+from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.parts import open_log
@@ -28,10 +28,12 @@ def run(arguments: argparse.Namespace) -> int:
     if is_folder(arguments.output):
         return filter_archive.run(arguments)
     writer(arguments.output)
-    if len(arguments.logs) > 1:
+    setup = with_choices(load_setup(arguments.setup), arguments)
+    logs = expand(arguments.logs, setup.log.files)
+    if len(logs) > 1:
         remedy = "give -o a folder's name, without a suffix"
-        raise UsageError(f"{len(arguments.logs)} logs for the one file {arguments.output!r}", field="-o", remedy=remedy)
-    (path,) = arguments.logs
+        raise UsageError(f"{len(logs)} logs for the one file {arguments.output!r}", field="-o", remedy=remedy)
+    (path,) = logs
     outputs = {"--output": arguments.output, "--plot": arguments.plot, "--offsets": arguments.offsets}
     outputs |= {f"the description {path!r}": path for path in written(arguments.output)[1:]}
     for option, output in outputs.items():
@@ -40,8 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot:
         figure_format(arguments.plot)
         new_figure()  # a missing package is told before minutes are spent
-    setup = with_choices(load_setup(arguments.setup), arguments)
-    check_outputs(outputs, (path, *setup.files))
+    check_outputs(outputs, (*inputs(logs, setup.log.files), *setup.files))
     check_selection(selection_of(arguments), smooth=arguments.smooth, adapt=setup.bias.adapt)
     log = open_log(path, setup, salvage=arguments.salvage)
 

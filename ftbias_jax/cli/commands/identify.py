@@ -10,7 +10,7 @@ from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.entry import settings_of
-from ftbias_jax.fleet.find import is_folder
+from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_motion
 from ftbias_jax.io.outputs import check_outputs, output_of_setup
 from ftbias_jax.setup import load_setup
@@ -20,13 +20,14 @@ def run(arguments: argparse.Namespace) -> int:
     """Identify the tool and write a setup that has it; 3 if samples were lost."""
     if arguments.output and is_folder(arguments.output):
         return _each(arguments)
-    if len(arguments.logs) > 1:
-        remedy = "give -o a folder's name, without a suffix"
-        raise UsageError(f"{len(arguments.logs)} logs for one setup", field="-o", remedy=remedy)
-    (path,) = arguments.logs
     output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
     setup = load_setup(arguments.setup)
-    check_outputs({"--output": output}, (path, *kept, setup.urdf))
+    logs = expand(arguments.logs, setup.log.files)
+    if len(logs) > 1:
+        remedy = "give -o a folder's name, without a suffix"
+        raise UsageError(f"{len(logs)} logs for one setup", field="-o", remedy=remedy)
+    (path,) = logs
+    check_outputs({"--output": output}, (*inputs(logs, setup.log.files), *kept, setup.urdf))
 
     from ftbias_jax.runtime.jax_config import prepare_jax
     from ftbias_jax.runtime.progress import Stages

@@ -12,7 +12,7 @@ from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.fleet.entry import settings_of
-from ftbias_jax.fleet.find import expand, is_folder
+from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import check_outputs, output_of_setup
@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     Of several processes, the first one speaks and writes.
     """
-    tools = [(setup, expand(logs)) for setup, logs in _tools(arguments)]
+    tools = _tools(arguments)
     given = arguments.output or [None] * len(tools)
     if arguments.output and len(arguments.output) == 1 and is_folder(arguments.output[0]):
         return _each(arguments, tools)
@@ -34,10 +34,12 @@ def run(arguments: argparse.Namespace) -> int:
     places = [output_of_setup(output, path, arguments.in_place) for output, (path, _) in zip(given, tools, strict=True)]
     setups = [load_setup(path, with_tool=True) for path, _ in tools]
     kept = [name for _, names in places for name in names]
-    inputs = [log for _, logs in tools for log in logs]
+    tools = [(path, expand(logs, setup.log.files)) for setup, (path, logs) in zip(setups, tools, strict=True)]
+    every_log = [log for _, logs in tools for log in logs]
+    read = [file for setup, (_, logs) in zip(setups, tools, strict=True) for file in inputs(logs, setup.log.files)]
     options = [f"--output {number}" for number in range(1, len(tools) + 1)] if len(tools) > 1 else ["--output"]
     outputs = {option: place for option, (place, _) in zip(options, places, strict=True)}
-    check_outputs(outputs, (*inputs, *kept, *(setup.urdf for setup in setups)))
+    check_outputs(outputs, (*read, *kept, *(setup.urdf for setup in setups)))
 
     import jax
 
@@ -54,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         if len(tools) > 1:
             raise UsageError("is for one setup", field="--distributed", remedy="tune several tools by one process")
         distributed.start(*arguments.distributed)
-        shared = _read_share(setups[0], inputs, arguments.unchecked)
+        shared = _read_share(setups[0], every_log, arguments.unchecked)
         every, start, left_out = [shared.logs], shared.start, shared.left_out
     else:
         found = [

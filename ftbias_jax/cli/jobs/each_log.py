@@ -12,6 +12,7 @@ from ftbias_jax.errors import FtbiasError, printable
 from ftbias_jax.fleet.entry import FAILED, Entry, state_of, with_sum
 from ftbias_jax.fleet.find import Task
 from ftbias_jax.io.atomic import make_folder
+from ftbias_jax.io.remote.fetch import forget, shown
 from ftbias_jax.runtime.jax_config import prepare_jax
 from ftbias_jax.runtime.processes import run_each
 
@@ -46,9 +47,9 @@ class Job(NamedTuple):
 def do_task(task: Task, job: Job) -> Entry:
     """Work on one log; what goes wrong is in the entry, because the other logs go on."""
     started, output = time.perf_counter(), os.path.join(job.folder, task.output)
-    entry = Entry(*task, job=job.name, settings=job.settings)
+    entry = _entry(task, job)
     try:
-        entry = entry._replace(state=with_sum(state_of(task.log), task.log))
+        entry = entry._replace(state=with_sum(state_of(task.paths), task.paths))
         make_folder(os.path.dirname(output))
         done = job.work(task.log, output)
         entry = entry._replace(
@@ -61,7 +62,8 @@ def do_task(task: Task, job: Job) -> Entry:
     except FtbiasError as error:
         entry = entry._replace(error=str(error))
     except Exception as error:  # a bug, or no memory: this log's alone
-        entry = entry._replace(error=printable(f"{task.log}: {type(error).__name__}: {error}"))
+        entry = entry._replace(error=printable(f"{shown(task.log)}: {type(error).__name__}: {error}"))
+    forget()
     return entry._replace(seconds=round(time.perf_counter() - started, 4), done=round(time.time(), 3))
 
 
@@ -76,7 +78,11 @@ def run_tasks(job: Job, tasks: Iterable[Task], jobs: int) -> Iterator[Entry]:
     if jobs == 1:
         prepare_jax()
     for task, entry in run_each(partial(do_task, job=job), tasks, jobs):
-        killed = printable(f"{task.log}: {KILLED}")
-        yield entry or Entry(
-            *task, job=job.name, status=FAILED, error=killed, settings=job.settings, done=round(time.time(), 3)
-        )
+        killed = printable(f"{shown(task.log)}: {KILLED}")
+        yield entry or _entry(task, job)._replace(error=killed, done=round(time.time(), 3))
+
+
+def _entry(task: Task, job: Job) -> Entry:
+    """Of a log that has failed, unless more is known."""
+    files = tuple(map(shown, task.files))
+    return Entry(shown(task.log), task.output, job.name, FAILED, settings=job.settings, files=files)

@@ -15,12 +15,15 @@ from ftbias_jax.fleet.manifest import Manifest, done_before, manifest_name, read
 from ftbias_jax.fleet.table import save_table
 from ftbias_jax.io.atomic import make_folder
 from ftbias_jax.io.outputs import check_outputs
+from ftbias_jax.io.remote.fetch import shown
 from ftbias_jax.runtime.progress import Progress
 from ftbias_jax.setup import Setup
 
 if TYPE_CHECKING:
     from ftbias_jax.cli.jobs.each_log import Work
 
+ANSWER, REPORT, APPLIED = ".diagnosis.json", ".diagnosis.html", ".applied.toml"
+"""What ``diagnose`` writes for a log, behind its path without suffix."""
 VERBS = {
     "filter": "filtering",
     "check": "checking",
@@ -42,7 +45,9 @@ def refuse_options(arguments: argparse.Namespace, options: Sequence[str]) -> Non
             raise UsageError("needs a single log and a file for its result", field=name, remedy="leave it out")
 
 
-def find_tasks(arguments: argparse.Namespace, setup: Setup, job: str, suffix: str) -> tuple[list[Task], str]:
+def find_tasks(
+    arguments: argparse.Namespace, setup: Setup, job: str, suffix: str, beside: Sequence[str] = ()
+) -> tuple[list[Task], str]:
     """The logs of this machine's share, and the path of its manifest; nothing would be written over an input.
 
     Args:
@@ -50,17 +55,28 @@ def find_tasks(arguments: argparse.Namespace, setup: Setup, job: str, suffix: st
         setup: of all logs.
         job: the command.
         suffix: of the results.
+        beside: suffixes of what else is written for a log.
 
     Raises:
         UsageError: no log, or two files of one name. LogError: a folder cannot be read.
     """
     index, count = arguments.shard
     folder = arguments.output
-    every = find_logs(arguments.logs, folder, suffix)
+    every = find_logs(arguments.logs, folder, suffix, setup.log.files)
     manifest = os.path.join(folder, manifest_name(job, index, count))
-    outputs = {f"the result of {task.log!r}": os.path.join(folder, task.output) for task in every}
-    check_outputs(outputs | {"the manifest": manifest}, (*(task.log for task in every), *setup.files))
+    outputs = {
+        f"the result of {task.log!r}{f' ({other})' if other else ''}": os.path.join(folder, _with(task, suffix, other))
+        for task in every
+        for other in ("", *beside)
+    }
+    check_outputs(
+        outputs | {"the manifest": manifest}, (*(path for task in every for path in task.paths), *setup.files)
+    )
     return shard(every, index, count), manifest
+
+
+def _with(task: Task, suffix: str, other: str) -> str:
+    return task.output.removesuffix(suffix) + (other or suffix)
 
 
 def run_archive(arguments: argparse.Namespace, settings: Settings, tasks: Sequence[Task], path: str, work: Work) -> int:
@@ -91,10 +107,12 @@ def run_archive(arguments: argparse.Namespace, settings: Settings, tasks: Sequen
         if contents.settings.get(settings.key) != settings:
             manifest.add("settings", settings._asdict())
         for task in tasks:
-            known, now = before.get(task.output), state_of(task.log)
-            same = is_same(known.state, now, task.log) if known and known.settings == settings.key else None
+            known, now = before.get(task.output), state_of(task.paths)
+            same = is_same(known.state, now, task.paths) if known and known.settings == settings.key else None
             if known and same:
-                entries[task.output] = known._replace(log=task.log, state=same)
+                entries[task.output] = known._replace(
+                    log=shown(task.log), files=tuple(map(shown, task.files)), state=same
+                )
                 if entries[task.output] != known:
                     manifest.add_entry(entries[task.output])
             else:

@@ -17,6 +17,11 @@ from ftbias_jax.filtering.quality import contacts, observability, summary
 from ftbias_jax.filtering.quality.summary import Summary
 from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
 from ftbias_jax.filtering.recorded.ready import ready_to_filter, smoothed_arrays
+from ftbias_jax.filtering.recorded.tool_error import (
+    arrays_with_error_of_tool,
+    remark_of_tool,
+    with_error_of_tool,
+)
 from ftbias_jax.filtering.result import Filtered, join, named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io.log import Repairs
@@ -129,7 +134,8 @@ def filter_file(
 
     def results() -> Iterator[Filtered]:
         nonlocal tally, turning, touches
-        for i, part in enumerate(ready.results(), 1):
+        for i, found in enumerate(ready.results(), 1):
+            part = with_error_of_tool(found, setup.tool)
             tally, turning = summary.add(tally, part), observability.add(turning, ready.params, part)
             touches = contacts.add(touches, ready.noise.contacts, part, log.start)
             progress(min(i * size / log.length, 1.0))
@@ -147,13 +153,14 @@ def filter_file(
         filtered = join(list(results()))
         arrays = named_arrays(filtered)
         if choices.smooth:
-            arrays |= smoothed_arrays(ready, log.whole(), options)
+            smooth = smoothed_arrays(ready, log.whole(), options)
+            arrays |= arrays_with_error_of_tool(smooth, filtered.wrench_tool, setup.tool)
         save_results(output, arrays, about())
     else:
         save_npz_parts(output, selected_parts(map(named_arrays, results()), selection), about)
         assert tally.last is not None  # no log is empty
         filtered = tally.last
-    repairs = (*log.repairs, *of_tool, *observability.remarks(turning))
+    repairs = (*log.repairs, *of_tool, *remark_of_tool(setup.tool), *observability.remarks(turning))
     told = summary.finish(tally)
     worse = check.worse_than_raw or summary.worse_than_raw(told)
     return Outcome(told, ready.params, ready.noise, repairs, filtered, check, origin, worse)

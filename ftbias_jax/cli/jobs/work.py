@@ -5,13 +5,13 @@ A process runs one of them for many logs, so what is compiled for the first one 
 
 from __future__ import annotations
 
-import os
 import shlex
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from ftbias_jax.cli.jobs.each_log import Done
+from ftbias_jax.cli.jobs.many import ANSWER, APPLIED, REPORT
 from ftbias_jax.cli.jobs.one_file import Choices, filter_file
 from ftbias_jax.errors import LogError
 from ftbias_jax.filtering.check.check_setup import check_setup
@@ -58,9 +58,15 @@ def check_one(log: str, output: str, setup: Setup) -> Done:
 
 
 def diagnose_one(
-    log: str, output: str, setup: Setup, without: tuple[str, ...], unchecked: bool, own: tuple[str, ...] = ()
+    log: str,
+    output: str,
+    setup: Setup,
+    without: tuple[str, ...],
+    unchecked: bool,
+    apply: bool = False,
+    own: tuple[str, ...] = (),
 ) -> Done:
-    """Diagnose a log, into a JSON file and the report beside it.
+    """Diagnose a log, into a JSON file, the report beside it, and if asked the setup with the causes.
 
     Args:
         log: its path.
@@ -68,17 +74,26 @@ def diagnose_one(
         setup: of all logs.
         without: effects to leave out.
         unchecked: as of the command.
+        apply: also write the setup with what was found, unless nothing of that can be stated.
         own: as for ``filter_one``.
     """
+    from ftbias_jax.diagnosis.apply import refused, some_applied
     from ftbias_jax.diagnosis.diagnose import diagnose
 
     setup = setup.with_effects(load_all(own))
     read = read_log(log, setup, raw=True)
     diagnosis = diagnose(setup, [read], [Path(log).name], without=without, unchecked=unchecked)
     diagnosis = diagnosis._replace(command=shlex.join(("ftbias", "diagnose", log, "--setup", setup.path)))
-    diagnosis.to_html(f"{os.path.splitext(output)[0]}.html")
-    diagnosis.to_json(output)
+    place = output.removesuffix(ANSWER)
+    diagnosis.to_html(f"{place}{REPORT}")
     status, remarks = _lost(repair for repairs in diagnosis.repairs for repair in repairs)
+    if apply:
+        not_stated = refused(setup, diagnosis.causes, diagnosis.terms)
+        if some_applied(diagnosis, not_stated):
+            diagnosis.apply(setup).save(f"{place}{APPLIED}")
+        if not_stated:
+            status, remarks = LOSS, (*(f"not applied: {why}" for why in not_stated), *remarks)
+    diagnosis.to_json(output)
     samples = (diagnosis.provenance or {}).get("samples", 0)
     return Done(status, samples, remarks, quality.of_diagnosis(diagnosis))
 

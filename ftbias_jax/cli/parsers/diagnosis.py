@@ -22,7 +22,7 @@ def add_diagnose(commands: Commands) -> None:
         "-o",
         "--output",
         metavar="OUT",
-        help="where to write that setup; or a folder: diagnose each log alone into it",
+        help="where to write that setup; or a folder: diagnose each log alone into it, with --apply a setup for each",
     )
     parser.add_argument("--in-place", action="store_true", help="let --apply replace SETUP.toml")
     parser.add_argument(

@@ -65,8 +65,10 @@ def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple
     )
     moves = "; so do its accelerations" if motion.travel > RESTS else ""
     wide = np.hypot(setup.bias.initial_std, np.repeat(HEAVIEST, 3))
+    guessed = with_guessed_tool(setup)
+    guessed = replace(guessed, tool=replace(guessed.tool, mass_std=None, center_of_mass_std=None))
     changed = replace(
-        with_guessed_tool(setup),
+        guessed,
         sensor=replace(setup.sensor, compensated=COMPENSATED[2]),
         bias=replace(setup.bias, initial_std=wide),
     )

@@ -17,6 +17,11 @@ from ftbias_jax.filtering.quality.contacts import contact_intervals
 from ftbias_jax.filtering.quality.summary import summarise
 from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
 from ftbias_jax.filtering.recorded.ready import in_parts, ready_to_filter, smoothed_arrays
+from ftbias_jax.filtering.recorded.tool_error import (
+    arrays_with_error_of_tool,
+    remark_of_tool,
+    with_error_of_tool,
+)
 from ftbias_jax.filtering.result import join
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
@@ -66,6 +71,7 @@ def filter_log(
         arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints.
     """
     setup, of_tool = weight_in_bias(setup.with_effects(effects), slices(log))
+    of_tool = (*of_tool, *remark_of_tool(setup.tool))
     wrong = () if unchecked else check_setup(setup, [log]).lines()
     if as_stated:
         setup = replace(setup, bias=replace(setup.bias, adapt=False))
@@ -75,18 +81,25 @@ def filter_log(
     ready = ready_to_filter(setup, likeliest, first_q, lambda: in_parts(log, likeliest), len(log.t))
     parts = []
     for part in ready.results():
-        parts.append(part)
+        parts.append(with_error_of_tool(part, setup.tool))
         progress(sum(len(done.t) for done in parts))
     filtered = join(parts)
     bias = setup.bias
     extra = smoothed_arrays(ready, log, options) if smooth else {}
+    extra = arrays_with_error_of_tool(extra, filtered.wrench_tool, setup.tool)
     turning = observability.add(observability.start(), ready.params, filtered)
     return FilterResult(
         **filtered._asdict(),
         params=ready.params,
         noise=ready.noise,
         joint_model=setup.joints.model,
-        repairs=(*map(Repair, wrong), *log.repairs, *of_tool, *observability.remarks(turning)),
+        repairs=(
+            *map(Repair, wrong),
+            *log.repairs,
+            *of_tool,
+            *remark_of_tool(setup.tool),
+            *observability.remarks(turning),
+        ),
         warnings=tuple(wrong),
         start=log.start,
         summary=summarise(filtered),

@@ -34,6 +34,11 @@ def stamps(t: Array, log: LogSetup) -> Array:
     return t.astype(np.int64) * unit
 
 
+def later(t: Array, seconds: float) -> Array:
+    """(T,) stamps, floating point in s or integers in ns, moved by so many seconds."""
+    return t + (round(seconds * 1e9) if t.dtype.kind == "i" else seconds)
+
+
 def rows_at_rate(values: Array, log: LogSetup) -> Array | None:
     """(T,) s of the samples (T, ...) that have a rate instead of stamps; None where the setup states none."""
     return None if log.rate is None else np.arange(len(np.atleast_1d(values))) / log.rate

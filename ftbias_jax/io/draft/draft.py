@@ -85,7 +85,8 @@ def draft(request: Request) -> Draft:
         notes: list[str] = []
         if request.logs:
             found, notes = _of_log(stated, request.logs[0], tables, file)
-            stated = {"sensor.noise_std": GUESS} | found | keys
+            mine = {f"{key}_std" for key in keys}  # a value that somebody states has not the error of the one found
+            stated = {"sensor.noise_std": GUESS} | {key: x for key, x in found.items() if key not in mine} | keys
         text = write_template(stated, _about(request))
         setup = parse_setup(tomllib.loads(text), file)
     notes += [f"not known: {', '.join(f'tool.{key}' for key in setup.tool.unknown)}"] if setup.tool.unknown else []
@@ -232,6 +233,8 @@ def _tool(found: Weighed) -> Keys:
     keys = {
         "tool.mass": Known(float(f"{abs(found.mass):.4g}"), f"\u00b1 {found.mass_stderr:.2g} {remark}"),
         "tool.center_of_mass": Known([round(float(x), 4) for x in found.center_of_mass], remark),
+        "tool.mass_std": Known(float(f"{found.mass_stderr:.2g}"), "for the error bars"),
+        "tool.center_of_mass_std": Known([float(f"{x:.2g}") for x in found.center_stderr], "for the error bars"),
     }
     if found.mass < 0:
         keys["sensor.reports"] = Known("wrench_on_sensor", "because the weight has the opposite sign")

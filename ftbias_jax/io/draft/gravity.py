@@ -12,6 +12,8 @@ MOST_SAMPLES = 5000
 OUTLIER = 4.0
 """Scaled median deviations beyond which a sample is contact or fast motion, and left out."""
 ROUNDS = 4
+MOST_OPEN = 0.1
+"""m: of a centre that the motion does not show, that much is not known."""
 CREDIBLE = 0.5
 """Standard error of the mass, as a share of it, up to which the fit is worth writing down."""
 
@@ -25,6 +27,8 @@ class Weighed(NamedTuple):
     """(3,) m, sensor frame."""
     mass_stderr: float
     """kg, as if one sample a second were independent."""
+    center_stderr: Array
+    """(3,) m, the same, of the torques alone; MOST_OPEN at most."""
     residual: float
     """N, rms of what weight and a constant bias leave of the forces."""
 
@@ -65,15 +69,25 @@ def weigh(t: Array, rotations: Array, gravity: Array, wrench: Array) -> Weighed 
     residual = float(np.sqrt((error[kept] ** 2).mean()))
     seconds = max(1.0, np.ptp(t[rows]) * kept.mean())
     stderr = residual / np.sqrt(turned / len(swing) * seconds)
-    moment = _first_moment(support[kept], torque[kept])
-    return Weighed(float(mass), moment / mass, float(stderr), residual)
+    moment, moment_stderr = _first_moment(support[kept], torque[kept], seconds)
+    center = moment / mass
+    center_stderr = np.minimum(np.hypot(moment_stderr, center * stderr) / abs(mass), MOST_OPEN)
+    return Weighed(float(mass), center, float(stderr), center_stderr, residual)
 
 
-def _first_moment(support: Array, torque: Array) -> Array:
-    """(3,) m c of torque = (m c) x support + constant, by least squares with a weak pull to zero."""
+def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, Array]:
+    """(3,) m c of torque = (m c) x support + constant, by least squares with a weak pull to zero; and standard errors.
+
+    Args:
+        support: (T, 3) what carries one kilogram.
+        torque: (T, 3) Nm.
+        count: how many of the samples are independent.
+    """
     zero = np.zeros(len(support))
     x, y, z = (support - support.mean(0)).T
     columns = np.stack([np.stack(row, 1) for row in ((zero, z, -y), (-z, zero, x), (y, -x, zero))], 1).reshape(-1, 3)
     pull = 1e-6 * np.trace(columns.T @ columns) * np.eye(3)
-    moment: Array = np.linalg.solve(columns.T @ columns + pull, columns.T @ (torque - torque.mean(0)).ravel())
-    return moment
+    target = (torque - torque.mean(0)).ravel()
+    moment = np.linalg.solve(columns.T @ columns + pull, columns.T @ target)
+    variance = ((target - columns @ moment) ** 2).mean() * len(support) / count
+    return moment, np.sqrt(variance * np.diag(np.linalg.inv(columns.T @ columns + pull)))

@@ -10,7 +10,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
 from ftbias_jax.io.clock import choose_clock, continue_after_jumps, jumps, order_repairs, tidy
 from ftbias_jax.io.log import Log, Repair
-from ftbias_jax.io.merge import Part, check_overlap, merge_parts
+from ftbias_jax.io.merge import Part, check_overlap, merge_parts, on_one_clock
 from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_rates, choose_readings, wanted_of
 from ftbias_jax.io.ros.collect import Stream
 from ftbias_jax.io.ros.record import Recording, read_recording
@@ -48,7 +48,7 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Log:
     recording = credible(recording, mended)
     chosen = choose_motion(recording, setup, file) | choose_rates(recording, setup, file)
     chosen |= choose_readings(recording, setup, file)
-    parts = parts_of(chosen, setup, mended, file)
+    parts = on_one_clock(parts_of(chosen, setup, mended, file), setup.log.time_offsets, file)
     by_array = {name: t for t, arrays in parts for name in arrays}
     check_overlap(by_array["q"], by_array["wrench"], file)
     merged = merge_parts(parts, file)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
-from ftbias_jax.io.clock import put_in_order
+from ftbias_jax.io.clock import as_stamps, put_in_order
 from ftbias_jax.io.conventions.units import rows_at_rate, stamps
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.merge import merge_streams
@@ -38,20 +38,49 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
     dq, temperature = arrays.get("dq"), arrays.get("temperature")
     counted = rows_at_rate(wrench, setup.log)
     if counted is not None:
-        return check_log(counted, q, wrench, dq, temperature, setup=setup, file=file)
+        return log_of_table(counted, q, wrench, dq, temperature, setup, file)
     arrays = {name: stamps(values, setup.log) if name in STAMPS else values for name, values in arrays.items()}
     if "t" in arrays:
         if {"t_joints", "t_wrench"} & arrays.keys():
             message = "stands beside t_joints or t_wrench"
             raise LogError(message, file=file, field="t", remedy="keep t, or the stamps of the two streams")
-        return check_log(arrays["t"], q, wrench, dq, temperature, setup=setup, file=file)
+        return log_of_table(arrays["t"], q, wrench, dq, temperature, setup, file)
     t_joints = _get(arrays, "t_joints", "there is no time: neither t (T,) s, nor t_joints with t_wrench", file)
     t_wrench = _get(arrays, "t_wrench", "there is t_joints, but no t_wrench", file)
+    return _log_of_two(t_joints, t_wrench, q, wrench, dq, temperature, setup, file)
+
+
+def log_of_table(
+    t: Array, q: Array, wrench: Array, dq: Array | None, temperature: Array | None, setup: Setup, file: str
+) -> Log:
+    """A log whose samples have one stamp each; of two clocks nevertheless, if the setup states their offsets.
+
+    Raises:
+        LogError: it cannot be filtered (see ``check_log``).
+    """
+    if setup.log.time_offsets:
+        t = as_stamps(t, file=file)
+        return _log_of_two(t, t, q, wrench, dq, temperature, setup, file)
+    return check_log(t, q, wrench, dq, temperature, setup=setup, file=file)
+
+
+def _log_of_two(
+    t_joints: Array,
+    t_wrench: Array,
+    q: Array,
+    wrench: Array,
+    dq: Array | None,
+    temperature: Array | None,
+    setup: Setup,
+    file: str,
+) -> Log:
+    """A log of two streams."""
     joints = put_in_order(t_joints, {"q": q, "dq": dq}, "samples of the joints", file=file, field="t_joints")
     readings = {"wrench": wrench, "temperature": temperature}
     sensor = put_in_order(t_wrench, readings, "samples of the wrench", file=file, field="t_wrench")
     (q, dq), (wrench, temperature) = joints.columns, sensor.columns
-    merged = merge_streams(joints.t, q, sensor.t, wrench, dq, temperature, file=file)
+    offsets = setup.log.time_offsets
+    merged = merge_streams(joints.t, q, sensor.t, wrench, dq, temperature, offsets=offsets, file=file)
     repairs = (*joints.repairs, *sensor.repairs)
     return check_log(
         *(merged.t, merged.q, merged.wrench, merged.dq, merged.temperature), setup=setup, file=file, repairs=repairs

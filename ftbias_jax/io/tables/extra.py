@@ -10,12 +10,14 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import SECOND, as_stamps, tidy
-from ftbias_jax.io.conventions.units import recorded_times
+from ftbias_jax.io.conventions.units import later, recorded_times
 from ftbias_jax.io.log import Column, Log
 from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.remote.fetch import opened
 from ftbias_jax.io.tables.csv import load_csv
 from ftbias_jax.io.tables.csv_columns import check_names
-from ftbias_jax.io.tables.files import files_of, setup_of_file
+from ftbias_jax.io.tables.files import setup_of_file
+from ftbias_jax.io.tables.grouping import files_of
 from ftbias_jax.io.tables.hdf5 import load_hdf5
 from ftbias_jax.io.tables.parquet import load_parquet
 from ftbias_jax.setup.keys.table import further_columns
@@ -40,8 +42,8 @@ def with_extra_columns(log: Log, path: str | os.PathLike[str], setup: Setup) -> 
     if not wanted:
         return log
     if not setup.log.files:
-        return log._replace(columns=_columns_of(os.fspath(path), wanted, log.start, setup))
-    files = files_of(path, setup)
+        return log._replace(columns=_columns_of(os.fspath(path), wanted, log.start, setup, "wrench"))
+    files = files_of(path, setup.log.files)
     columns = {name: _in_one_of(files, name, there, log.start, setup) for name, there in wanted.items()}
     return log._replace(columns=columns)
 
@@ -51,13 +53,15 @@ def _in_one_of(files: Mapping[str, str], name: str, there: str, start: float, se
     errors = []
     for key, file in files.items():
         try:
-            return _columns_of(file, {name: there}, start, setup_of_file(setup, key))[name]
+            with opened(file) as copy:
+                return _columns_of(copy, {name: there}, start, setup_of_file(setup, key), key)[name]
         except LogError as error:
             errors.append(error)
     raise errors[-1]
 
 
-def _columns_of(file: str, wanted: Mapping[str, str], start: float, setup: Setup) -> dict[str, Column]:
+def _columns_of(file: str, wanted: Mapping[str, str], start: float, setup: Setup, clock: str) -> dict[str, Column]:
+    """Columns of one file; ``clock`` is the stream of which [log.time_offsets] holds."""
     suffix = Path(file).suffix.lower()
     if suffix in ARRAY_FILES:
         stamps, found = _of_arrays(file, suffix, wanted)
@@ -70,7 +74,8 @@ def _columns_of(file: str, wanted: Mapping[str, str], start: float, setup: Setup
             file=file,
             remedy="write the log as .npz, .csv or .parquet",
         )
-    times = recorded_times({"t": stamps, "wrench": stamps}, setup.log)
+    times = as_stamps(recorded_times({"t": stamps, "wrench": stamps}, setup.log), file=file)
+    times = later(times, setup.log.time_offsets.get(clock, 0.0))
     return {name: column_of(times, found[there], start, file, there) for name, there in wanted.items()}
 
 

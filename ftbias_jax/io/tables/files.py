@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-import re
 from dataclasses import replace
 
-from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
+from ftbias_jax.io.conventions.units import later
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.merge import Part, check_overlap, merge_parts
+from ftbias_jax.io.remote.fetch import opened
+from ftbias_jax.io.tables.grouping import files_of
 from ftbias_jax.io.tables.stream_files import read_stream
 from ftbias_jax.setup.sensor_pose import pose_columns
 from ftbias_jax.setup.types import Setup
@@ -21,29 +22,6 @@ QUANTITIES = {
     "temperature": ("temperature",),
 }
 """Key of [log.files] -> what its file has, the first of it at least."""
-
-
-def files_of(path: str | os.PathLike[str], setup: Setup) -> dict[str, str]:
-    """The files that make up one log, by quantity.
-
-    Args:
-        path: any of the files; what the * of its pattern stands for is that of the others.
-        setup: [log.files] has the patterns.
-
-    Raises:
-        LogError: the name fits no pattern.
-    """
-    patterns = setup.log.files
-    folder, name = os.path.split(os.fspath(path).rstrip("/" + os.sep))
-    for pattern in patterns.values():
-        before, star, after = pattern.partition("*")
-        shared = re.fullmatch(f"{re.escape(before)}(.*){re.escape(after)}", name) if star else None
-        if shared:
-            return {key: os.path.join(folder, other.replace("*", shared[1], 1)) for key, other in patterns.items()}
-        if name == pattern:
-            return {key: os.path.join(folder, other) for key, other in patterns.items()}
-    remedy = f"give a log whose name fits one of {', '.join(patterns.values())}"
-    raise LogError("is none of the files that log.files of the setup names", file=path, remedy=remedy)
 
 
 def setup_of_file(setup: Setup, key: str) -> Setup:
@@ -66,11 +44,12 @@ def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fa
     parts: list[Part] = []
     repairs: list[Repair] = []
     unused = {"velocity"} if setup.pose and not pose_columns(setup.pose)[1] else set()
-    for key, file in files_of(path, setup).items():
+    for key, file in files_of(path, setup.log.files).items():
         if key not in unused:
             quantities = [name for name in QUANTITIES[key] if name == key or name not in setup.log.files]
-            found, mended = read_stream(file, quantities, setup_of_file(setup, key), salvage=salvage)
-            parts += found
+            with opened(file) as there:
+                found, mended = read_stream(there, quantities, setup_of_file(setup, key), salvage=salvage)
+            parts += [(later(t, setup.log.time_offsets.get(key, 0.0)), arrays) for t, arrays in found]
             repairs += mended
     if len({t.dtype.kind for t, _ in parts}) > 1:
         parts = [(t * 1e-9 if t.dtype.kind == "i" else t, arrays) for t, arrays in parts]

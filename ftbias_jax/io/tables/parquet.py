@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.check import check_log
 from ftbias_jax.io.conventions.units import recorded_times
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.tables.arrays import log_of_table
 from ftbias_jax.io.tables.csv_columns import Columns, check_names, choose_columns, choose_time, named_arrays
 from ftbias_jax.io.unpack import need
 from ftbias_jax.setup.types import Setup
@@ -42,7 +42,7 @@ def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
     file = os.fspath(path)
     arrays = parquet_arrays(file, setup)
     t, q, wrench = recorded_times(arrays, setup.log), arrays["q"], arrays["wrench"]
-    return check_log(t, q, wrench, arrays.get("dq"), arrays.get("temperature"), setup=setup, file=file)
+    return log_of_table(t, q, wrench, arrays.get("dq"), arrays.get("temperature"), setup, file)
 
 
 def parquet_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,9 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax import __version__
+from ftbias_jax.errors import LogError
 from ftbias_jax.files import no_regular_file
 from ftbias_jax.io.health import sample_rate
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.remote.fetch import exists, is_url, shown, sum_of
+from ftbias_jax.io.tables.grouping import inputs_of
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.types import SCREWS, Setup
 from ftbias_jax.types import Array
@@ -56,10 +59,11 @@ def provenance(
 
     Returns:
         plain dicts for JSON: version, date (of the first log's start by its own stamps, None if they are no date),
-        setup and logs with the SHA-256 of their files (None if from memory), robot, options, and over all logs their
-        duration in s, mean rate in Hz and samples of the wrench.
+        setup and logs with the SHA-256 of their files (None if from memory; of a log of several files that of all
+        together, and each by itself as "files"), robot, options, and over all logs their duration in s, mean rate in
+        Hz and samples of the wrench.
     """
-    logs = [_of_log(source) for source in sources]
+    logs = [_of_log(source, setup.log.files) for source in sources]
     for log, name in zip(logs, names, strict=bool(names)):
         log["name"] = name
     # Of the text that was read, not of what the file holds by now; a setup made in a program has none.
@@ -97,25 +101,42 @@ def sha256_of(path: str) -> str | None:
     None, if it cannot be read any more: a result in memory may outlive the file of its log.
     """
     try:
+        if is_url(path):
+            return sum_of(path)
         if os.path.isdir(path):
             files = sorted(file for file in Path(path).iterdir() if file.is_file() and not no_regular_file(file))
-            lines = "".join(f"{sha256_of(os.fspath(file))}  {file.name}\n" for file in files)
-            return hashlib.sha256(lines.encode()).hexdigest()
+            return _sum_of_sums(map(os.fspath, files))
         with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
+    except (OSError, LogError):
         return None
 
 
+def sha256_of_all(paths: Sequence[str]) -> str | None:
+    """SHA-256 of a log: of its file, or of the sums of its files by name; None if one cannot be read any more."""
+    if len(paths) == 1:
+        return sha256_of(paths[0])
+    return _sum_of_sums(paths) if all(map(exists, paths)) else None
+
+
+def _sum_of_sums(files: Iterable[str]) -> str:
+    lines = "".join(f"{sha256_of(file)}  {os.path.basename(file)}\n" for file in files)
+    return hashlib.sha256(lines.encode()).hexdigest()
+
+
 def _of_file(path: str) -> dict[str, Any]:
-    return {"name": os.path.basename(os.path.normpath(path)), "sha256": sha256_of(path)}
+    name = shown(path) if is_url(path) else os.path.basename(os.path.normpath(path))
+    return {"name": name, "sha256": sha256_of(path)}
 
 
-def _of_log(source: Source) -> dict[str, Any]:
+def _of_log(source: Source, patterns: Mapping[str, str]) -> dict[str, Any]:
     t, rate = source.wrench_t, sample_rate(source.wrench_t)
     first = source.start + float(t[0]) if len(t) else 0.0
     dated = FIRST_DATE < first < LAST_DATE
     date = datetime.fromtimestamp(round(first, 3), UTC).isoformat(timespec="milliseconds") if dated else None
-    file = _of_file(source.file) if source.file else {"name": "", "sha256": None}
+    file: dict[str, Any] = _of_file(source.file) if source.file else {"name": "", "sha256": None}
+    paths = inputs_of(source.file, patterns)
+    if len(paths) > 1:
+        file |= {"sha256": sha256_of_all(paths), "files": [_of_file(path) for path in paths]}
     duration = float(t[-1] - t[0]) if len(t) else 0.0
     return {**file, "date": date, "duration": duration, "rate": rate if np.isfinite(rate) else None, "samples": len(t)}

@@ -144,6 +144,22 @@ TOOL = SectionKeys(
             6,
             default=(0.0,) * 6,
         ),
+        "mass_std": number(
+            "standard error of the mass, which the error bars of `filter` then contain",
+            "kg",
+            within=POSITIVE,
+            absent="the mass is known",
+            example=0.02,
+        ),
+        "center_of_mass_std": numbers(
+            "standard errors of the centre of mass, which the error bars of `filter` then contain",
+            "m",
+            3,
+            expand=True,
+            within=POSITIVE,
+            absent="the centre is known",
+            example=0.002,
+        ),
         "from_urdf_link": text(
             "a link of `robot.urdf`, fixed to the tip, whose inertia is taken instead of the other keys",
             absent="the other keys",

@@ -15,6 +15,7 @@ LOG = SectionKeys(
         "clocks": Key(Kind.TABLE, "whose stamps each topic has", absent="found from the recording"),
         "files": Key(Kind.TABLE, "the files of one log, where every stream has its own", absent="one file"),
         "time_units": Key(Kind.TABLE, "units of the stamps of single files", absent="`time_unit` for all"),
+        "time_offsets": Key(Kind.TABLE, "by how much clocks are late or early", absent="one clock"),
         "time_unit": text(
             "unit of the stamps", choices=tuple(TIME_UNITS), absent="s, or ns if they are integers", example="us"
         ),
@@ -89,5 +90,14 @@ TIME_UNITS_OF_FILES = SectionKeys(
     {
         name: text(f"of the file of {name}", choices=tuple(TIME_UNITS), absent="`log.time_unit`", example="us")
         for name in FILES.keys
+    },
+)
+TIME_OFFSETS = SectionKeys(
+    "Constants that are added to the stamps of a stream, or of a file of [log.files], where clocks differ.",
+    {
+        "position": number("of the joints, or of the pose", "s", absent="0", example=-0.5),
+        "velocity": number("of velocities or an IMU with stamps of their own", "s", absent="0", example=0.002),
+        "wrench": number("of the wrench", "s", absent="0", example=0.012),
+        "temperature": number("of temperatures with stamps of their own", "s", absent="0", example=1.0),
     },
 )

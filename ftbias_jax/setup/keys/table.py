@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from ftbias_jax.setup.keys.bodies import FLANGE, JOINT, ROBOT, SENSOR, SENSOR_POSE, TOOL
 from ftbias_jax.setup.keys.key import Key, SectionKeys
 from ftbias_jax.setup.keys.noise import BIAS, DATA_NOISE, JOINTS
-from ftbias_jax.setup.keys.recording import CLOCKS, COLUMNS, FILES, LOG, TIME_UNITS_OF_FILES, TOPICS
+from ftbias_jax.setup.keys.recording import CLOCKS, COLUMNS, FILES, LOG, TIME_OFFSETS, TIME_UNITS_OF_FILES, TOPICS
 
 SECTIONS: Mapping[str, SectionKeys] = {
     "robot": ROBOT,
@@ -26,6 +26,7 @@ SECTIONS: Mapping[str, SectionKeys] = {
     "log.clocks": CLOCKS,
     "log.files": FILES,
     "log.time_units": TIME_UNITS_OF_FILES,
+    "log.time_offsets": TIME_OFFSETS,
 }
 """By the full name of the section. [effects.NAME] is not here: its keys are those of the catalogue of effects."""
 EFFECTS = "effects"

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_archive import SETUP, manifest
+from made_diagnoses import candidate
+from small_archive import SETUP, manifest, write_log
 from small_checks import right_log
 
 from ftbias_jax.cli.jobs.usable import read_usable
 from ftbias_jax.cli.main import main
 from ftbias_jax.diagnosis import diagnose as diagnosing
+from ftbias_jax.filtering import innovation_regression
 from ftbias_jax.setup import dump_setup, load_setup, parse_setup
 
 
@@ -79,11 +81,46 @@ def test_diagnose_writes_answer_and_report_of_each_log(logs, monkeypatch, make_d
     assert files()[:4] == ["b.diagnosis.html", "b.diagnosis.json", "day/a.diagnosis.html", "day/a.diagnosis.json"]
 
 
+def test_diagnose_writes_the_setup_with_the_causes_of_each_log(logs, monkeypatch, make_diagnosis, capsys):
+    cause = candidate()
+    beyond = cause._replace(parameters=dict.fromkeys(cause.parameters, 1000000000.0))
+    answers = {
+        "b.npz": make_diagnosis(causes=(cause,)),
+        "a.npz": make_diagnosis(causes=(beyond,)),
+        "c.npz": make_diagnosis(verdict="none", causes=()),
+    }
+    monkeypatch.setattr(diagnosing, "diagnose", lambda setup, read, names, **more: answers[names[0]])
+    assert run("diagnose", "logs", "--apply") == 3
+    entries = manifest("manifest.diagnose.jsonl")
+    assert [entry.status for entry in entries] == ["ok", "data loss", "ok"]
+    assert entries[1].repairs[0].startswith("not applied: ")
+    assert "not applied: " in capsys.readouterr().out
+    found = {path: load_setup(Path("out", path)).effects for path in files() if path.endswith(".applied.toml")}
+    assert found == {"b.applied.toml": {cause.effect: cause.parameters}, "day/c.applied.toml": {}}
+    assert load_setup("setup.toml").effects == {}
+
+
+def test_a_setup_with_causes_replaces_no_input(logs, capsys):
+    Path("logs/b.applied.toml").write_text(SETUP)
+    line = ["diagnose", "logs/b.npz", "--setup", "logs/b.applied.toml", "-o", "logs"]
+    assert main([*line, "--apply"]) == 2
+    assert "the result of 'logs/b.npz' (.applied.toml)" in capsys.readouterr().err
+    assert Path("logs/b.applied.toml").read_text() == SETUP
+
+
 def test_identify_writes_a_setup_of_each_log(logs):
     assert run("identify", "logs/b.npz") == 0
     (entry,) = manifest("manifest.identify.jsonl")
     assert entry.quality["mass"] == pytest.approx(0.7, abs=4 * entry.quality["mass_std"])
     assert files()[0] == "b.identified.toml"
+
+
+def test_logs_of_similar_length_are_identified_by_one_program(logs):
+    write_log(logs / "day" / "a.npz", 0, samples=290)
+    run("identify", "logs/b.npz")
+    programs = innovation_regression._linearised._cache_size()
+    run("identify", "logs/day/a.npz")
+    assert innovation_regression._linearised._cache_size() == programs > 0
 
 
 def test_many_logs_need_a_folder_for_what_is_identified(logs, capsys):
@@ -129,7 +166,7 @@ def test_a_log_with_other_conventions_is_left_out(swapped, capsys):
     ("line", "option"),
     [
         ("check logs --json a.json", "--json"),
-        ("diagnose logs --apply", "--apply"),
+        ("diagnose logs --apply --in-place", "--in-place"),
         ("diagnose logs --html a.html", "--html"),
         ("identify logs --in-place", "--in-place"),
         ("tune logs --in-place", "--in-place"),

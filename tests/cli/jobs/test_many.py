@@ -56,6 +56,18 @@ def test_results_have_the_fields_and_the_rate_asked_for_and_are_made_again_for_o
     assert filter_archive("logs", "--fields", "bias_smooth") == 2
 
 
+def test_error_bars_contain_the_stated_error_of_the_tool(logs, capsys):
+    assert filter_archive("logs/b.npz", "--smooth") == 0
+    before = outputs()["b.npz"]
+    (logs.parent / "setup.toml").write_text(SETUP.replace("mass = 0.7", "mass = 0.7\nmass_std = 0.07"))
+    assert filter_archive("logs/b.npz", "--smooth") == 0
+    after = outputs()["b.npz"]
+    for name in ("bias_std", "contact_wrench_std", "bias_smooth_std"):
+        np.testing.assert_allclose(after[name], np.hypot(before[name], 0.1 * before["wrench_tool"]))
+    np.testing.assert_array_equal(after["bias"], before["bias"])
+    assert "the error bars contain what is not known of the tool" in manifest()[0].repairs[0]
+
+
 @pytest.fixture
 def done(monkeypatch):
     """Outputs of the logs that were worked on."""

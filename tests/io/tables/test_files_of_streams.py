@@ -1,12 +1,14 @@
 """One log in several files of any formats: the same as from arrays in memory, whoever recorded what."""
 
+from dataclasses import replace
+
 import made_weights as made
 import numpy as np
 import pytest
 import recordings
 from recordings import SECOND, START, Joints, Other, Pose, Wrench
 
-from ftbias_jax.errors import LogError
+from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup import dump_setup, parse_setup
@@ -104,6 +106,45 @@ def test_each_file_may_have_its_own_unit_of_time(tmp_path):
     np.testing.assert_allclose(log.t[~np.isnan(log.wrench).any(1)] + log.start, t_wrench * 1e-9, atol=1e-6)
     np.testing.assert_array_equal(log.q[~np.isnan(log.q).any(1)], q)
     assert 'position = "us"' in dump_setup(setup)
+
+
+def test_a_clock_that_differs_by_a_constant_is_put_right(tmp_path):
+    t_joints, q, t_wrench, w = streams()
+    expected = Log.from_arrays(setup_of(".npz", ".npz"), (t_joints, t_wrench), q, w)
+    late = t_wrench + 12_000_000  # ns; in the other file floating-point s, an hour early
+    write_table(tmp_path / "1_joints.npz", {"t": (t_joints - START) * 1e-9 - 3600, "q": q})
+    write_table(tmp_path / "1_ft.npz", {"t": late - START, "wrench": w})
+    setup = setup_of(".npz", ".npz", time_offsets={"wrench": -0.012, "position": 3600.0})
+    setup = replace(setup, log=replace(setup.log, time_unit=None))
+    log = read_log(tmp_path / "1_ft.npz", setup)
+    np.testing.assert_allclose(log.t, expected.t, atol=1e-9)
+    np.testing.assert_array_equal(log.wrench, expected.wrench)
+    np.testing.assert_array_equal(log.q, expected.q)
+    assert "[log.time_offsets]" in dump_setup(setup)
+    with pytest.raises(SetupError, match="time_offsets: names velocity, which has no file"):
+        setup_of(".npz", ".npz", time_offsets={"velocity": 1.0})
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".csv", ".mcap"])
+def test_offsets_of_one_file_move_a_stream_against_the_other(tmp_path, suffix):
+    t_joints, q, t_wrench, w = streams()
+    stated = {"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}, "log": {"time_offsets": {"wrench": 0.003}}}
+    if suffix == ".mcap":
+        names = built_in_robot("ur5e").joint_names
+        messages = [Joints(int(s), names, tuple(x)) for s, x in zip(t_joints, q, strict=True)]
+        messages += [Wrench(int(s), tuple(x)) for s, x in zip(t_joints, w, strict=True)]
+        write_recording(tmp_path / "log.mcap", messages)
+    else:
+        arrays = {"t": (t_joints - START) * 1e-9, "q": q, "wrench": w}
+        flat = {"t": arrays["t"], **{f"q{i}": q[:, i] for i in range(6)}, **dict(zip(NAMES, w.T, strict=True))}
+        write_table(tmp_path / f"log{suffix}", flat if suffix == ".csv" else arrays)
+    log = read_log(tmp_path / f"log{suffix}", parse_setup(stated))
+    expected = Log.from_arrays(setup_of("", ""), (t_joints, t_wrench), q, w)
+    np.testing.assert_allclose(log.t, expected.t, atol=1e-9)
+    np.testing.assert_array_equal(log.wrench, expected.wrench)
+    stated["log"]["time_offsets"] = {"temperature": 1.0}
+    with pytest.raises(LogError, match=r"log\.time_offsets\.temperature: has no stamps of its own"):
+        read_log(tmp_path / f"log{suffix}", parse_setup(stated))
 
 
 def test_streams_of_different_clocks_are_refused(tmp_path):

@@ -1,0 +1,170 @@
+"""Logs by URL, from object stores and web servers: copied to a temporary file by fsspec (extra ``remote``).
+
+A URL may carry a password or a signature. Whatever is written names it by ``shown``, which leaves them out.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import os
+import re
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.files import keep_temporary_folder, remove_temporary_folder
+from ftbias_jax.io.unpack import need
+
+MOST_BYTES = 16 << 30
+"""Of one file: as much as the numbers of a log may have (``limits.budget``)."""
+MOST_KEPT = 8
+"""Copies that are kept at a time; a log has four files at most."""
+CHUNK = 1 << 20
+_kept: dict[str, str] = {}
+"""URL -> folder of its copy, the oldest first."""
+_sums: dict[str, str] = {}
+"""URL -> SHA-256 of what was copied."""
+
+
+def is_url(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a URL, such as s3://bucket/run.npz."""
+    return re.match(r"[A-Za-z][A-Za-z0-9+.-]+://", os.fspath(path)) is not None
+
+
+def exists(path: str) -> bool:
+    """Whether a file is there; of a URL it is believed until it is read."""
+    return is_url(path) or os.path.exists(path)
+
+
+def shown(path: str | os.PathLike[str]) -> str:
+    """A path as it is; a URL without what may be secret: user, password, and of a web server the query."""
+    name = os.fspath(path)
+    if not is_url(name):
+        return name
+    scheme, rest = name.split("://", 1)
+    host, slash, inner = rest.partition("/")
+    inner = re.split(r"[?#]", inner)[0] if scheme.startswith("http") else inner
+    return f"{scheme}://{host.rpartition('@')[2]}{slash}{inner}"
+
+
+@contextmanager
+def opened(path: str | os.PathLike[str]) -> Iterator[str]:
+    """The file itself, or a copy of what a URL names; errors about the copy name the URL.
+
+    Raises:
+        LogError: the URL cannot be read, has too many bytes, or fsspec is not installed.
+    """
+    name = os.fspath(path)
+    if not is_url(name):
+        yield name
+        return
+    copy = local_copy(name)
+    try:
+        yield copy
+    except LogError as error:
+        if error.file != copy:
+            raise
+        raise LogError(error.message, file=shown(name), field=error.field, remedy=error.remedy) from error
+
+
+def local_copy(url: str) -> str:
+    """Path of a copy of what a URL names, made once; the process removes it at its end.
+
+    Raises:
+        LogError: as for ``opened``.
+    """
+    name = unquote(os.path.basename(urlsplit(shown(url)).path)) or "log"
+    if url not in _kept:
+        while len(_kept) >= MOST_KEPT:
+            remove_temporary_folder(_kept.pop(next(iter(_kept))))
+        folder = keep_temporary_folder()
+        try:
+            _sums[url] = _copy(url, os.path.join(folder, name))
+        except BaseException:
+            remove_temporary_folder(folder)
+            raise
+        _kept[url] = folder
+    return os.path.join(_kept[url], name)
+
+
+def sum_of(url: str) -> str:
+    """SHA-256 of what a URL names.
+
+    Raises:
+        LogError: as for ``opened``.
+    """
+    if url not in _sums:
+        local_copy(url)
+    return _sums[url]
+
+
+def size_and_time(url: str) -> tuple[int, int]:
+    """Bytes, and the time of the last change in ns since 1970; (0, now) where the server does not tell.
+
+    A time that is not known is that of now, so that nothing counts as unchanged because of it.
+    """
+    try:
+        system, path = need("fsspec", "remote").core.url_to_fs(url)
+        return int(system.info(path)["size"] or 0), int(system.modified(path).timestamp() * 1e9)
+    except Exception:  # every kind of store has exceptions of its own; whoever reads the file tells what is wrong
+        return 0, time.time_ns()
+
+
+def listed(url: str) -> list[str]:
+    """URLs of the files that fit a pattern with *, or that are in and below a folder; otherwise the URL itself.
+
+    Raises:
+        LogError: the store cannot be asked, or fsspec is not installed.
+    """
+    with _told(url):
+        system, path = need("fsspec", "remote", shown(url)).core.url_to_fs(url)
+        found = system.glob(path) if "*" in path else system.find(path) if system.isdir(path) else [path]
+        return sorted(str(system.unstrip_protocol(name)) for name in found)
+
+
+def forget() -> None:
+    """Remove all copies."""
+    for folder in _kept.values():
+        remove_temporary_folder(folder)
+    _kept.clear()
+    _sums.clear()
+
+
+atexit.register(forget)
+
+
+def _copy(url: str, target: str) -> str:
+    """Copy to a file; returns the SHA-256."""
+    digest, count = hashlib.sha256(), 0
+    with _told(url):
+        fsspec: Any = need("fsspec", "remote", shown(url))
+        with fsspec.open(url, "rb") as remote, open(target, "wb") as file:
+            while chunk := remote.read(CHUNK):
+                count += len(chunk)
+                if count > MOST_BYTES:
+                    remedy = "split the log, or copy it yourself"
+                    raise LogError(f"has more than {MOST_BYTES} bytes", file=shown(url), remedy=remedy)
+                digest.update(chunk)
+                file.write(chunk)
+    return digest.hexdigest()
+
+
+@contextmanager
+def _told(url: str) -> Iterator[None]:
+    """What fsspec and its stores raise, as an error that names the URL."""
+    try:
+        yield
+    except LogError:
+        raise
+    except ImportError as error:  # s3fs, gcsfs, aiohttp, ...
+        message, remedy = f"its store needs another package: {error}", "install that package"
+        raise LogError(message, file=shown(url), remedy=remedy) from error
+    except Exception as error:  # every kind of store has exceptions of its own
+        words = str(error).replace(url, shown(url)) or type(error).__name__
+        raise LogError(
+            f"cannot be read: {words}", file=shown(url), remedy="check the URL and who may read it"
+        ) from error

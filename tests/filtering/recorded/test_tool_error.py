@@ -1,0 +1,60 @@
+"""Error bars that contain what is not known of the tool, against the derivatives of the wrench in poses at rest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_checks import TABLES
+
+from ftbias_jax.filtering.check.motion import arm_motion, data_matrices
+from ftbias_jax.filtering.check.regression import stated_tool
+from ftbias_jax.filtering.recorded.tool_error import (
+    arrays_with_error_of_tool,
+    error_of_tool,
+    remark_of_tool,
+)
+from ftbias_jax.setup import dump_setup, parse_setup
+
+STEP = 1e-6
+
+
+@pytest.fixture(scope="module")
+def setup():
+    tool = {**TABLES["tool"], "mass_std": 0.03, "center_of_mass_std": [0.001, 0.002, 0.004]}
+    return parse_setup({**TABLES, "tool": tool})
+
+
+@pytest.fixture(scope="module")
+def wrench_of(setup):
+    """Tool -> (8, 6) its wrench in eight poses at rest."""
+    q = np.random.default_rng(0).uniform(-1, 1, (8, 6))
+    motion = arm_motion(setup.robot, setup.sensor, q, 0 * q, 0 * q)
+    columns = data_matrices(motion, setup.robot.gravity)
+    return lambda tool: columns @ stated_tool(tool).theta
+
+
+def test_it_is_what_the_standard_errors_make_of_the_weight(setup, wrench_of):
+    tool = setup.tool
+    moved = [(replace(tool, mass=tool.mass + STEP), tool.mass_std)]
+    for axis, std in zip(np.eye(3), tool.center_of_mass_std, strict=True):
+        moved.append((replace(tool, center_of_mass=tool.center_of_mass + STEP * axis), std))
+    expected = sum(((wrench_of(other) - wrench_of(tool)) / STEP * std) ** 2 for other, std in moved)
+    np.testing.assert_allclose(error_of_tool(wrench_of(tool), tool), np.sqrt(expected), rtol=1e-6, atol=1e-9)
+
+
+def test_a_tool_that_is_known_leaves_the_error_bars_as_they_are(setup, wrench_of):
+    known = replace(setup.tool, mass_std=None, center_of_mass_std=None)
+    arrays = {"bias_smooth_std": np.ones((8, 6)), "drift_smooth_std": np.ones((8, 6))}
+    assert arrays_with_error_of_tool(arrays, wrench_of(known), known) == arrays
+    assert remark_of_tool(known) == ()
+    wide = arrays_with_error_of_tool(arrays, wrench_of(known), setup.tool)
+    assert (wide["bias_smooth_std"] > 1.001).any()
+    assert wide["drift_smooth_std"] is arrays["drift_smooth_std"]
+    assert "standard errors of 0.03 kg and 1 2 4 mm" in remark_of_tool(setup.tool)[0].what
+
+
+def test_the_setup_keeps_them(setup):
+    text = dump_setup(setup)
+    assert "mass_std = 0.03" in text
+    assert "center_of_mass_std = [0.001, 0.002, 0.004]" in text
+    assert "_std" not in dump_setup(parse_setup(TABLES)).partition("[tool]")[2].partition("[bias]")[0]
