@@ -71,7 +71,7 @@ def test_an_archive_in_a_store_is_filtered_once(store):
     assert filter_archive("memory://runs") == 0
     assert set(outputs()) == {"b.npz", "day/a.npz", "day/c.npz"}
     entry = manifest()[1]
-    assert entry.log == "memory://runs/day/a.npz"
+    assert entry.log == "memory:///runs/day/a.npz"
     assert entry.state.sha256 == hashlib.sha256(store.cat("/runs/day/a.npz")).hexdigest()
     assert fetch._kept == {}  # copies go with their logs
     first = manifest()
@@ -86,7 +86,7 @@ def test_an_archive_in_a_store_is_filtered_once(store):
 def test_patterns_find_logs_in_a_store(store):
     tasks = find_logs(["memory://runs/*/*.npz"], "out", ".npz")
     assert [(task.log, task.output) for task in tasks] == [
-        ("memory://runs/day/a.npz", "day/a.npz"), ("memory://runs/day/c.npz", "day/c.npz")]  # fmt: skip
+        ("memory:///runs/day/a.npz", "day/a.npz"), ("memory:///runs/day/c.npz", "day/c.npz")]  # fmt: skip
 
 
 def test_several_files_of_a_log_may_be_in_a_store(store):
@@ -98,7 +98,7 @@ def test_several_files_of_a_log_may_be_in_a_store(store):
         file.write('[log.files]\nposition = "*_joints.npz"\nwrench = "*_ft.npz"\n')
     assert main(["check", "memory://runs/two", "--setup", "setup.toml", "-o", "out"]) == 0
     (entry,) = manifest("manifest.check.jsonl")
-    assert entry.files == ("memory://runs/two/1_joints.npz", "memory://runs/two/1_ft.npz")
+    assert entry.files == ("memory:///runs/two/1_joints.npz", "memory:///runs/two/1_ft.npz")
 
 
 def test_a_log_that_is_too_large_is_refused_and_nothing_is_left(store, monkeypatch, tmp_path):
