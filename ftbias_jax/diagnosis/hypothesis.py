@@ -112,10 +112,10 @@ def places_of(problem: Problem, effect: Effect, **values: np.ndarray | float) ->
 
 
 def neutral_of(problem: Problem, effect: Effect, name: str) -> np.ndarray:
-    """Neutral value of a parameter, in its shape. What the setup states is given as numpy: nothing is compiled."""
+    """Neutral value of a parameter, in its shape, of one event. The model is given as numpy: nothing is compiled."""
     parameter, neutral = effect.parameter(name), effect.parameter(name).neutral
     value = neutral(jax.tree.map(np.asarray, problem.parts[0].signals.model)) if callable(neutral) else neutral
-    return np.broadcast_to(np.asarray(value, float), parameter.shape)
+    return np.broadcast_to(np.asarray(value, float), np.abs(parameter.shape).astype(int))
 
 
 def at_values(problem: Problem, effect: Effect, **values: np.ndarray | float) -> Hypothesis:

@@ -31,6 +31,9 @@ from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
 
+PADDED, MOST_PADDED = 8192, 4 * 8192
+"""Samples: logs of up to so many are smoothed in multiples of the first number, longer ones of twice as many."""
+
 
 class Part(NamedTuple):
     """One log in bins, padded to B of them; a padded bin has no measurement."""
@@ -129,14 +132,11 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
 
 def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFindings]:
     """One log: bins, samples in each (B, 6), effects the setup knows of, and what the samples show."""
-    options = Options(joint_model=setup.joints.model)
-    samples = jax.tree.map(np.asarray, samples_from_log(log))
-    length = samples.dt.shape[0]
-    samples = pad(samples, filter_log.CHUNK * -(-length // filter_log.CHUNK) if length > 8192 else 8192)
-    params = filter_log.likeliest_params(setup, samples, options)
+    samples, length = padded_samples(log), len(log.t)
+    params = filter_log.likeliest_params(setup, samples, _options(setup))
     known = params.bias.noise_per_speed
-    still = params._replace(bias=params.bias.at_rest())  # the noise of samples is added below
-    joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(still, samples, options=options))
+    smoothed = _smooth(_at_rest(params), samples, options=_options(setup))
+    joints, reading, variance = (np.asarray(x)[:length] for x in smoothed)
     rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None
     found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate, speed if arm else None, known)
     joint_variance = variance - setup.sensor.noise_std**2  # with that of accelerations that nobody recorded
@@ -147,6 +147,33 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     of_samples, catalogue = (late * rate) ** 2 + moving, catalogue_of_setup(setup)
     part, count = _bin(params, log, joints, joint_variance + coherent, of_samples, found, catalogue)
     return part, count, params.effects or {}, found
+
+
+def padded_samples(log: Log) -> Sample:
+    """All samples of a log, of numpy arrays, filled up to one of few lengths so that logs share programs."""
+    samples, length = jax.tree.map(np.asarray, samples_from_log(log)), len(log.t)
+    piece = PADDED if length <= MOST_PADDED else 2 * PADDED
+    return pad(samples, piece * -(-length // piece))
+
+
+def prepare_smoother(setup: Setup, params: Params, samples: Sample) -> None:
+    """Make the program ready that smooths the joints of such samples.
+
+    Args:
+        setup: beliefs.
+        params: of the setup.
+        samples: of a log; their shapes are enough.
+    """
+    _smooth.prepare(_at_rest(params), samples, options=_options(setup))
+
+
+def _options(setup: Setup) -> Options:
+    return Options(joint_model=setup.joints.model)
+
+
+def _at_rest(params: Params) -> Params:
+    """The noise of samples is added to that of the joints later."""
+    return params._replace(bias=params.bias.at_rest())
 
 
 def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
