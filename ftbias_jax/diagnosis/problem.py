@@ -13,12 +13,11 @@ from ftbias_jax.diagnosis.regression.chain_model import believed_motion
 from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
 from ftbias_jax.diagnosis.samples.bins import bins_of, fill_up, mean_of_bins, sum_of_bins
 from ftbias_jax.diagnosis.samples.read import inspect_samples
+from ftbias_jax.diagnosis.samples.smoothed import padded_samples, smoothed
 from ftbias_jax.diagnosis.samples.types import SampleFindings
-from ftbias_jax.filtering import filter_log, pipeline, smoother
-from ftbias_jax.filtering.fast import stages
+from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.likelihood import WrenchProblem
 from ftbias_jax.filtering.pipeline import Options
-from ftbias_jax.filtering.samples import pad, samples_from_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.compose import fill_temperature
@@ -27,12 +26,7 @@ from ftbias_jax.model.effects.types import Model, Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params
-from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Sample
-
-PADDED, MOST_PADDED = 8192, 4 * 8192
-"""Samples: logs of up to so many are smoothed in multiples of the first number, longer ones of twice as many."""
 
 
 class Part(NamedTuple):
@@ -132,11 +126,10 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
 
 def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFindings]:
     """One log: bins, samples in each (B, 6), effects the setup knows of, and what the samples show."""
-    samples, length = padded_samples(log), len(log.t)
-    params = filter_log.likeliest_params(setup, samples, _options(setup))
+    options, samples, length = Options(joint_model=setup.joints.model), padded_samples(log), len(log.t)
+    params = filter_log.likeliest_params(setup, samples, options)
     known = params.bias.noise_per_speed
-    smoothed = _smooth(_at_rest(params), samples, options=_options(setup))
-    joints, reading, variance = (np.asarray(x)[:length] for x in smoothed)
+    joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # noise of samples comes below
     rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None
     found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate, speed if arm else None, known)
     joint_variance = variance - setup.sensor.noise_std**2  # with that of accelerations that nobody recorded
@@ -147,33 +140,6 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     of_samples, catalogue = (late * rate) ** 2 + moving, catalogue_of_setup(setup)
     part, count = _bin(params, log, joints, joint_variance + coherent, of_samples, found, catalogue)
     return part, count, params.effects or {}, found
-
-
-def padded_samples(log: Log) -> Sample:
-    """All samples of a log, of numpy arrays, filled up to one of few lengths so that logs share programs."""
-    samples, length = jax.tree.map(np.asarray, samples_from_log(log)), len(log.t)
-    piece = PADDED if length <= MOST_PADDED else 2 * PADDED
-    return pad(samples, piece * -(-length // piece))
-
-
-def prepare_smoother(setup: Setup, params: Params, samples: Sample) -> None:
-    """Make the program ready that smooths the joints of such samples.
-
-    Args:
-        setup: beliefs.
-        params: of the setup.
-        samples: of a log; their shapes are enough.
-    """
-    _smooth.prepare(_at_rest(params), samples, options=_options(setup))
-
-
-def _options(setup: Setup) -> Options:
-    return Options(joint_model=setup.joints.model)
-
-
-def _at_rest(params: Params) -> Params:
-    """The noise of samples is added to that of the joints later."""
-    return params._replace(bias=params.bias.at_rest())
 
 
 def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -188,13 +154,6 @@ def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.
     noise_std = np.where(coarse, np.hypot(stated_std, step / np.sqrt(12)), found.noise_std)
     dither = np.exp(-((2 * np.pi * stated_std / np.where(coarse, step, 1.0)) ** 2))
     return noise_std, np.where(coarse, step**2 / 12 * dither, 0.0)
-
-
-@keep_program("options")
-def _smooth(params: Params, samples: Sample, *, options: Options) -> tuple[Array, Array, Array]:
-    """Joint states (T, n, 3) given the whole log, the wrench (T, 6) they make the tool cause, and its variance."""
-    joints = smoother.smooth_joints(params, pipeline.init(params, samples), samples, options)
-    return joints.mean, *stages.predict_wrenches(params, joints, samples, options)
 
 
 def _bin(

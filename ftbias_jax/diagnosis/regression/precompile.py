@@ -11,9 +11,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from ftbias_jax.diagnosis.problem import padded_samples, prepare_smoother
 from ftbias_jax.diagnosis.regression.evaluate import programs
 from ftbias_jax.diagnosis.samples.bins import bins_of
+from ftbias_jax.diagnosis.samples.smoothed import padded_samples, prepare_smoother
+from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.types import Model, Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
@@ -56,10 +57,10 @@ def programs_of_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Callable[[
     For each of their lengths.
     A log that loses bins while it is cleaned may turn out shorter; then its programs are compiled when they are called.
     """
-    params = params_from_setup(setup)
+    params, options = params_from_setup(setup), Options(joint_model=setup.joints.model)
     outlines = (jax.tree.map(_outline, padded_samples(log)) for log in logs)
     for samples in {str(outline): outline for outline in outlines}.values():
-        yield partial(prepare_smoother, setup, params, samples)
+        yield partial(prepare_smoother, params, samples, options)
     for bins, columns in dict.fromkeys((padded_bins(log), tuple(log.columns)) for log in logs):
         yield from programs(*outline(params, bins, columns), catalogue_of_setup(setup))
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
-from ftbias_jax.diagnosis import problem as problems
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression import precompile
 from ftbias_jax.diagnosis.regression.precompile import compiled_ahead, outline, padded_bins
+from ftbias_jax.diagnosis.samples import smoothed
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
@@ -43,7 +43,7 @@ def test_an_outline_is_like_the_problem(setup, log):
 
 
 def test_the_smoother_is_compiled_for_what_it_will_smooth(setup, log, monkeypatch):
-    asked, smooth = [], problems._smooth
+    asked, smooth = [], smoothed._smooth
 
     class Program:
         def prepare(self, *arguments, **static):
@@ -53,7 +53,7 @@ def test_the_smoother_is_compiled_for_what_it_will_smooth(setup, log, monkeypatc
             asked.append((*_shapes(arguments), static))
             return smooth(*arguments, **static)
 
-    monkeypatch.setattr(problems, "_smooth", Program())
+    monkeypatch.setattr(smoothed, "_smooth", Program())
     first = next(precompile.programs_of_search(setup, [log, log]))
     first()
     make_problem(setup, [log])
