@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple, TypeAlias
 
+import jax
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.coordinates import can_move, to_coordinates
 from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
-from ftbias_jax.model.effects.catalogue import neutral_values
 from ftbias_jax.model.effects.types import Effect
 
 
@@ -103,13 +103,19 @@ def movable(problem: Problem, effect: Effect) -> list[int]:
 def places_of(problem: Problem, effect: Effect, **values: np.ndarray | float) -> dict[int, float]:
     """Coordinates of an effect's parameters at these values: place -> coordinate."""
     places = chain_model.slices(problem.joints, problem.catalogue)
-    neutral = neutral_values(effect, problem.parts[0].signals.model)
     found: dict[int, float] = {}
     for name, value in values.items():
-        at = to_coordinates(effect, effect.parameter(name), np.asarray(neutral[name], float), value)
+        at = to_coordinates(effect, effect.parameter(name), neutral_of(problem, effect, name), value)
         s = places[effect.name, name]
         found |= dict(zip(range(s.start, s.stop), at.tolist(), strict=True))
     return found
+
+
+def neutral_of(problem: Problem, effect: Effect, name: str) -> np.ndarray:
+    """Neutral value of a parameter, in its shape, of one event. The model is given as numpy: nothing is compiled."""
+    parameter, neutral = effect.parameter(name), effect.parameter(name).neutral
+    value = neutral(jax.tree.map(np.asarray, problem.parts[0].signals.model)) if callable(neutral) else neutral
+    return np.broadcast_to(np.asarray(value, float), np.abs(parameter.shape).astype(int))
 
 
 def at_values(problem: Problem, effect: Effect, **values: np.ndarray | float) -> Hypothesis:

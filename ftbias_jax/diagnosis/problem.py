@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from ftbias_jax.diagnosis.recorded import recorded_in
@@ -13,12 +13,11 @@ from ftbias_jax.diagnosis.regression.chain_model import believed_motion
 from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
 from ftbias_jax.diagnosis.samples.bins import bins_of, fill_up, mean_of_bins, sum_of_bins
 from ftbias_jax.diagnosis.samples.read import inspect_samples
+from ftbias_jax.diagnosis.samples.smoothed import padded_samples, smoothed
 from ftbias_jax.diagnosis.samples.types import SampleFindings
-from ftbias_jax.filtering import filter_log, pipeline, smoother
-from ftbias_jax.filtering.fast import stages
-from ftbias_jax.filtering.likelihood import WrenchProblem, without_bias
+from ftbias_jax.filtering import filter_log
+from ftbias_jax.filtering.likelihood import WrenchProblem
 from ftbias_jax.filtering.pipeline import Options
-from ftbias_jax.filtering.samples import pad, samples_from_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.compose import fill_temperature
@@ -27,9 +26,7 @@ from ftbias_jax.model.effects.types import Model, Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params
-from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Sample
 
 
 class Part(NamedTuple):
@@ -48,7 +45,7 @@ class Part(NamedTuple):
 
     def with_variance(self, variance: np.ndarray) -> Part:
         """The same log with another noise of its mean readings, (B, 6) N^2, Nm^2."""
-        wrench = self.wrench._replace(variance=jnp.asarray(variance))
+        wrench = self.wrench._replace(variance=jax.device_put(variance))
         return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
 
 
@@ -89,7 +86,9 @@ class Problem(NamedTuple):
 
     def block(self, seconds: float) -> np.ndarray:
         """(U,) numbers 0, 1, ... of pieces of so many seconds; none reaches over two logs."""
-        return np.unique(np.stack([self.log, self.t // seconds]), axis=1, return_inverse=True)[1].reshape(-1)
+        piece = self.t // seconds
+        begins = (np.diff(self.log) != 0) | (np.diff(piece) != 0)
+        return np.concatenate([[0], np.cumsum(begins)])
 
 
 def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[SampleFindings, ...]]:
@@ -127,14 +126,10 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
 
 def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFindings]:
     """One log: bins, samples in each (B, 6), effects the setup knows of, and what the samples show."""
-    options = Options(joint_model=setup.joints.model)
-    samples = samples_from_log(log)
-    length = samples.dt.shape[0]
-    samples = pad(samples, filter_log.CHUNK * -(-length // filter_log.CHUNK) if length > 8192 else 8192)
+    options, samples, length = Options(joint_model=setup.joints.model), padded_samples(log), len(log.t)
     params = filter_log.likeliest_params(setup, samples, options)
     known = params.bias.noise_per_speed
-    still = params._replace(bias=params.bias.at_rest())  # the noise of samples is added below
-    joints, reading, variance = (np.asarray(x)[:length] for x in _smooth(still, samples, options=options))
+    joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # noise of samples comes below
     rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None
     found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate, speed if arm else None, known)
     joint_variance = variance - setup.sensor.noise_std**2  # with that of accelerations that nobody recorded
@@ -159,13 +154,6 @@ def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.
     noise_std = np.where(coarse, np.hypot(stated_std, step / np.sqrt(12)), found.noise_std)
     dither = np.exp(-((2 * np.pi * stated_std / np.where(coarse, step, 1.0)) ** 2))
     return noise_std, np.where(coarse, step**2 / 12 * dither, 0.0)
-
-
-@keep_program("options")
-def _smooth(params: Params, samples: Sample, *, options: Options) -> tuple[Array, Array, Array]:
-    """Joint states (T, n, 3) given the whole log, the wrench (T, 6) they make the tool cause, and its variance."""
-    joints = smoother.smooth_joints(params, pipeline.init(params, samples), samples, options)
-    return joints.mean, *stages.predict_wrenches(params, joints, samples, options)
 
 
 def _bin(
@@ -215,14 +203,15 @@ def _part(
     catalogue: Catalogue,
 ) -> Part:
     """Bins (U, ...) with the stated bias off their readings, padded to so many."""
-    used, bias, place = len(t), params.bias, jnp.asarray
+    used, bias, place = len(t), params.bias, jax.device_put  # unlike jnp.asarray it compiles nothing
     t, joints, temperature = (fill_up(x, padded, x[-1]) for x in (t, joints, temperature))
     q, dq, ddq = (place(x) for x in np.moveaxis(joints, 2, 0))
     stated = Model(params.arm, params.gravity, params.theta)
     seen = {name: place(fill_up(x, padded, x[-1])) for name, x in columns.items()}
     signals = Signals(place(t), q, dq, ddq, place(temperature), stated, columns=seen)
-    free = without_bias(place(fill_up(reading, padded, np.nan)), bias.prior_mean, signals.t)
+    at_first, drift = np.split(np.asarray(bias.prior_mean), 2)
+    free = fill_up(reading, padded, np.nan) + at_first + t[:, None] * drift
     dt, variance = place(np.diff(t, prepend=t[0])), fill_up(variance, padded, 1.0)
-    wrench = WrenchProblem(dt, free, place(variance), bias.density, bias.prior_std)
+    wrench = WrenchProblem(dt, place(free), place(variance), bias.density, bias.prior_std)
     believed = believed_motion(signals, params.effects or {}, catalogue)
     return Part(signals, wrench, used, believed, make_whitener(wrench, used))

@@ -31,16 +31,27 @@ def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -
     return samples
 
 
-@partial(jax.jit, static_argnames="length")
 def pad(samples: Sample, length: int) -> Sample:
-    """Lengthen a log by samples that change nothing (dt = 0, all NaN), so that logs stack for vmap."""
-    missing = length - samples.dt.shape[0]
-    if missing < 0:
+    """Lengthen a log by samples that change nothing (dt = 0, all NaN), so that logs stack for vmap.
+
+    Where it is of numpy arrays it stays so: of every other length JAX would compile a program of its own.
+    """
+    if samples.dt.shape[0] > length:
         raise ValueError(f"cannot pad {samples.dt.shape[0]} samples to {length}")
+    return _pad(np, samples, length) if isinstance(samples.dt, np.ndarray) else _pad_by_jax(samples, length)
+
+
+@partial(jax.jit, static_argnames="length")
+def _pad_by_jax(samples: Sample, length: int) -> Sample:
+    return _pad(jnp, samples, length)
+
+
+def _pad(xp: Any, samples: Sample, length: int) -> Sample:
+    missing = length - samples.dt.shape[0]
 
     def lengthen(x: Array, value: float) -> Array:
-        return jnp.concatenate([x, jnp.full((missing, *x.shape[1:]), value, x.dtype)])
+        return xp.concatenate([x, xp.full((missing, *x.shape[1:]), value, x.dtype)])
 
-    q, dq, wrench = (lengthen(x, jnp.nan) for x in samples[1:4])
-    temperature, columns = jax.tree.map(lambda x: jnp.pad(x, (0, missing), mode="edge"), samples[4:])
+    q, dq, wrench = (lengthen(x, np.nan) for x in samples[1:4])
+    temperature, columns = jax.tree.map(lambda x: xp.pad(x, (0, missing), mode="edge"), samples[4:])
     return Sample(lengthen(samples.dt, 0.0), q, dq, wrench, temperature, columns)

@@ -19,6 +19,7 @@ from ftbias_jax.model.kinematics.screws import Arm, make_arm
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
+from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.require import require_tool
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -93,6 +94,9 @@ class Params(NamedTuple):
     """Known effects of the catalogue. They may need the whole log: ``pipeline.run`` takes them, ``step`` refuses."""
 
 
+_tool_parameters, _arm = keep_program()(tool_parameters), keep_program()(make_arm)
+
+
 def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     """Parameters of the filter as the robot's owner states them.
 
@@ -107,11 +111,12 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     sensor, n = require_tool(setup).sensor, len(setup.robot.screws)
     # What the controller has subtracted is not in the reading: all that the tool causes, or its weight alone.
     there = {name: float(sensor.compensated != name) for name in ("weight", "tool")}
-    tool = (as_array(x, dtype) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))
+    of_tool = (np.asarray(x) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))
+    theta = _tool_parameters(*(as_array(x, dtype) for x in of_tool))
     params = Params(
         _sensor_base(setup, dtype),
         there["weight"] * setup.robot.gravity,
-        there["tool"] * jax.jit(tool_parameters)(*tool),
+        there["tool"] * np.asarray(theta),
         JointNoise(
             np.ones(n) if setup.joints.process_noise_density is None else setup.joints.process_noise_density,
             setup.joints.position_noise_std,
@@ -180,7 +185,7 @@ def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:
         return FreeBody(as_array(translation, dtype), as_array(sensor.rotation, dtype))
     rotation = robot.flange_rotation @ sensor.rotation
     position = robot.flange_translation + robot.flange_rotation @ sensor.translation
-    arm: Arm = jax.jit(make_arm)(as_array(robot.screws, dtype), as_array(position, dtype), as_array(rotation, dtype))
+    arm: Arm = _arm(as_array(robot.screws, dtype), as_array(position, dtype), as_array(rotation, dtype))
     return arm
 
 

@@ -13,13 +13,13 @@ import os
 import pickle
 import platform
 import stat
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future
-from contextlib import suppress
-from functools import lru_cache, update_wrapper
+from contextlib import contextmanager, suppress
+from functools import lru_cache, partial, update_wrapper
 from importlib.metadata import version
 from pathlib import Path
-from threading import Lock
+from threading import Lock, Thread
 from typing import Any
 
 import jax
@@ -28,7 +28,7 @@ from jax.experimental.serialize_executable import deserialize_and_load, serializ
 
 from ftbias_jax.files import replace_whole
 from ftbias_jax.runtime.compiled_loops import on_cpu
-from ftbias_jax.runtime.jax_config import is_wide
+from ftbias_jax.runtime.jax_config import is_wide, same_precision
 
 ADDRESS = " at 0x"
 """In the words for an object that nothing but its place in memory tells from others: such a program is not kept."""
@@ -86,9 +86,57 @@ class KeptProgram:
         named.__name__ = named.__qualname__ = path.stem if path else self._name
         compiled = jax.jit(named).lower(*outline).compile()
         if path is not None:
-            with suppress(Exception):  # a full disk, or a program that cannot be kept
-                _keep(path, compiled, outline)
+            _postponed.do(same_precision(partial(_keep, path, compiled, outline)))
         return compiled
+
+
+class _Postponed:
+    """Work that is done at once, or while blocks of ``kept_later`` run after the last of them."""
+
+    def __init__(self) -> None:
+        self._lock, self._blocks = Lock(), 0
+        self._waiting: list[Callable[[], None]] = []
+
+    def do(self, work: Callable[[], None]) -> None:
+        with self._lock:
+            if self._blocks:
+                self._waiting.append(work)
+                return
+        work()
+
+    def begin(self) -> None:
+        with self._lock:
+            self._blocks += 1
+
+    def end(self) -> None:
+        with self._lock:
+            self._blocks -= 1
+            if self._blocks:
+                return
+            waiting, self._waiting = self._waiting, []
+        if waiting:
+            Thread(target=_do_all, args=(waiting,)).start()
+
+
+def _do_all(works: list[Callable[[], None]]) -> None:
+    for work in works:
+        work()
+
+
+_postponed = _Postponed()
+
+
+@contextmanager
+def kept_later() -> Iterator[None]:
+    """What is compiled in the block, by whatever thread, is written to the cache after it, by a thread of its own.
+
+    Whoever waits for programs need not wait until they are written; only the end of the process does.
+    """
+    _postponed.begin()
+    try:
+        yield
+    finally:
+        _postponed.end()
 
 
 def keep_program(*static: str) -> Callable[[Callable[..., Any]], KeptProgram]:
@@ -102,11 +150,12 @@ def keep_program(*static: str) -> Callable[[Callable[..., Any]], KeptProgram]:
 
 def _keep(path: Path, compiled: Any, outline: Any) -> None:
     """Write a program that works when it is read again."""
-    parts = serialize(compiled)
-    jax.block_until_ready(deserialize_and_load(*parts)(*jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), outline)))
-    content = pickle.dumps(parts)
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    replace_whole(str(path), lambda file: file.write(content))
+    with suppress(Exception):  # a full disk, or a program that cannot be kept
+        parts, zeros = serialize(compiled), jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), outline)
+        jax.block_until_ready(deserialize_and_load(*parts)(*zeros))
+        content = pickle.dumps(parts)
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        replace_whole(str(path), lambda file: file.write(content))
 
 
 def _path(words: str) -> Path | None:

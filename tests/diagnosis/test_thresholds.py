@@ -23,7 +23,6 @@ ELSEWHERE = {
     "regression/fit.py": "when a solver has converged",
     "terms/fit_terms.py": "when a solver has converged",
     "terms/words.py": "how numbers are told",
-    "problem.py": "lengths that logs are padded to",
     "proposals/starts.py": "how starts are spread",
     "proposals/pulls.py": "how starts are spread",
     "terms/grid.py": "which terms a robot with so many joints can have",

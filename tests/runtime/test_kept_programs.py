@@ -1,11 +1,13 @@
 """Programs that stay compiled between processes: loaded instead of traced, and made anew where that fails."""
 
+import threading
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.runtime.kept_programs import ADDRESS, KeptProgram, keep_program
+from ftbias_jax.runtime.kept_programs import ADDRESS, KeptProgram, keep_program, kept_later
 
 X = np.arange(3.0, dtype=np.float32)
 
@@ -117,4 +119,19 @@ def test_prepared_programs_are_not_traced_when_they_are_called(folder, program, 
     one.prepare({"x": jax.ShapeDtypeStruct((3,), np.float32)})
     assert len(traced) == 1
     one({"x": X})
+    assert len(traced) == 1
+
+
+def test_what_is_compiled_in_a_block_is_written_after_the_last_one(folder, program, traced):
+    one = program()
+    with kept_later():
+        with kept_later():
+            one({"x": X})
+        assert not list(folder.rglob("*.program"))
+        np.testing.assert_array_equal(one({"x": X})["scaled"], 2 * X)
+    for thread in threading.enumerate():
+        if thread is not threading.current_thread() and not thread.daemon:
+            thread.join(60)
+    assert len(list(folder.rglob("*.program"))) == 1
+    program()({"x": X})
     assert len(traced) == 1

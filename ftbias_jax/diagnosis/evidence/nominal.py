@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ftbias_jax.diagnosis.hypothesis import neutral_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.result import Candidate
-from ftbias_jax.model.effects.catalogue import neutral_values
 
 
 def with_nominal(problem: Problem, candidate: Candidate) -> Candidate:
@@ -20,8 +20,7 @@ def with_nominal(problem: Problem, candidate: Candidate) -> Candidate:
     """
     if candidate.effect not in problem.catalogue:
         return candidate
-    entry, model = problem.catalogue[candidate.effect], problem.parts[0].signals.model
-    neutral, known = neutral_values(entry, model), problem.known.get(candidate.effect, {})
-    stated = {p.name: neutral[p.name] for p in entry.parameters if callable(p.neutral)} | known
+    entry, known = problem.catalogue[candidate.effect], problem.known.get(candidate.effect, {})
+    stated = {p.name: neutral_of(problem, entry, p.name) for p in entry.parameters if callable(p.neutral)} | known
     found = [name for name in candidate.parameters if name in stated]
     return candidate._replace(nominal={name: np.asarray(stated[name], float).tolist() for name in found})

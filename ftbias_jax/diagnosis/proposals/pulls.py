@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.diagnosis.evidence.estimates import parameters
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, places_of
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, neutral_of, places_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.dictionary import Found
@@ -19,7 +18,6 @@ from ftbias_jax.diagnosis.regression.evaluate import readings, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import Standing, gain_of_each, gains
 from ftbias_jax.diagnosis.thresholds import FARTHEST, LONGEST_CABLE, PULLS_FITTED, UNDETERMINED
-from ftbias_jax.model.effects.catalogue import neutral_values
 from ftbias_jax.model.effects.fitting import Pull
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Effect, Signals
@@ -47,7 +45,7 @@ def _anchors(problem: Problem, standing: Standing, effect: Effect) -> list[Found
     """The most promising anchors in the world and on the forearm."""
     search, model = _search(effect), problem.parts[0].signals.model
     n, reach = problem.joints, max(float(np.linalg.norm(model.arm.zero_position)), 0.5)
-    attachment = np.asarray(neutral_values(effect, model)[search.attachment])
+    attachment = neutral_of(problem, effect, search.attachment)
     rng = np.random.default_rng(0)
     found: list[tuple[float, float, float, np.ndarray, int]] = []
     motions = [part.believed for part in problem.parts]
@@ -55,12 +53,13 @@ def _anchors(problem: Problem, standing: Standing, effect: Effect) -> list[Found
         spans = _spans(problem, effect, motions, link, attachment)
         near = rng.uniform(0.2, 0.9, (ANCHORS, 1)) * np.asarray(model.arm.zero_position) if link else 0.0
         anchors = near + rng.uniform(-1, 1, (ANCHORS, 3)) * (0.3 if link else 0.7 * reach)
-        anchors = np.concatenate([anchors, _without_slack(problem, standing, spans, attachment)])
-        tried = [(anchor, slack) for anchor in anchors for slack in SLACK]
-        made, rests = zip(*(_pull(spans, anchor, slack, attachment) for anchor, slack in tried), strict=True)
-        gain, stiffness = gain_of_each(standing, whitened(problem, np.stack(made)))
+        linear = whitened(problem, np.stack([_on_tool(span, attachment) for span in spans]))
+        anchors = np.concatenate([anchors, _without_slack(standing, linear)])
+        columns, rests = _pulls(problem, spans, linear, anchors, attachment)
+        gain, stiffness = gain_of_each(standing, columns)
         gain = np.where(stiffness > 0, gain, 0)  # a cable never pushes
-        found += [(float(gain[i]), float(stiffness[i]), rests[i], tried[i][0], link) for i in range(len(tried))]
+        every = zip(gain.tolist(), stiffness.tolist(), rests, np.repeat(anchors, len(SLACK), 0), strict=True)
+        found += [(*one, link) for one in every]
     chosen: list[Found] = []
     kept: list[tuple[np.ndarray, int]] = []
     for gain_of, k, rest, anchor, link in sorted(found, key=lambda one: -one[0]):
@@ -89,34 +88,54 @@ def _span(signals: Signals, anchor: Array, attachment: Array, link: Array, *, na
 def _spans(problem: Problem, effect: Effect, motions: list[ArmMotion], link: int, attachment: np.ndarray) -> np.ndarray:
     """(4, U, 3) m, sensor frame: near end to the link's origin at q = 0, and what a metre of the anchor's axes adds."""
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    fixed = jnp.asarray(attachment), jnp.asarray(float(link))
+    fixed = attachment, np.asarray(float(link))
     parts = []
     for part, motion in zip(problem.parts, motions, strict=True):
         signals = part.signals._replace(motion=motion)
         told = {"name": effect.name, "catalogue": problem.catalogue}
-        ends = [_span(signals, jnp.asarray(corner), *fixed, **told) for corner in corners]
+        ends = [_span(signals, corner, *fixed, **told) for corner in corners]
         parts.append(np.stack([np.asarray(span)[: part.used] for span in ends]))
     spans = np.concatenate(parts, axis=1)
     spans[1:] -= spans[0]
     return spans
 
 
-def _pull(spans: np.ndarray, anchor: np.ndarray, slack: float, attachment: np.ndarray) -> tuple[np.ndarray, float]:
-    """(U, 6) change of the reading by a cable of 1 N/m, and its rest length m."""
-    span = spans[0] + np.tensordot(anchor, spans[1:], 1)
-    length = np.maximum(np.linalg.norm(span, axis=1), 1e-6)
-    rest = slack * float(length.min())
-    return _on_tool((1 - rest / length)[:, None] * span, attachment), rest
+def _pulls(
+    problem: Problem, spans: np.ndarray, linear: np.ndarray, anchors: np.ndarray, attachment: np.ndarray
+) -> tuple[np.ndarray, list[float]]:
+    """Cables of 1 N/m from A anchors, each with every slack: whitened changes of the reading, and rest lengths m.
+
+    Only the unit vectors along a cable are whitened for each anchor: the rest of its pull is linear in the anchor.
+
+    Args:
+        problem: of the logs.
+        spans: (4, U, 3) m, of ``_spans``.
+        linear: (4, U, 6) whitened, of cables with those spans and no rest length.
+        anchors: (A, 3) m.
+        attachment: (3,) m, sensor frame.
+
+    Returns:
+        (A S, U, 6), S = slacks, and A S lengths.
+    """
+    along, shortest = [], []
+    for anchor in anchors:
+        span = spans[0] + np.tensordot(anchor, spans[1:], 1)
+        length = np.maximum(np.linalg.norm(span, axis=1), 1e-6)
+        along.append(_on_tool(span / length[:, None], attachment))
+        shortest.append(float(length.min()))
+    rests = np.outer(shortest, SLACK)
+    taut = linear[0] + np.tensordot(anchors, linear[1:], 1)
+    columns = taut[:, None] - rests[:, :, None, None] * whitened(problem, np.stack(along))[:, None]
+    return columns.reshape(-1, *taut.shape[1:]), rests.ravel().tolist()
 
 
 def _on_tool(force: np.ndarray, attachment: np.ndarray) -> np.ndarray:
     return -np.concatenate([force, np.cross(attachment, force)], 1)
 
 
-def _without_slack(problem: Problem, standing: Standing, spans: np.ndarray, attachment: np.ndarray) -> np.ndarray:
+def _without_slack(standing: Standing, linear: np.ndarray) -> np.ndarray:
     """(0 or 1, 3) m: the best anchor of a cable without rest length, which is linear in k and k times the anchor."""
-    columns = whitened(problem, np.stack([_on_tool(span, attachment) for span in spans]))
-    best = gains(standing, columns).coefficients(list(range(4)))  # k, then k times the anchor
+    best = gains(standing, linear).coefficients(list(range(4)))  # k, then k times the anchor
     anchor = best[None, 1:] / max(float(best[0]), 1e-12)
     near: np.ndarray = anchor[(np.abs(anchor).max(1) < FARTHEST) & (best[0] > 0)]
     return near

@@ -7,19 +7,19 @@ what they would gain. The usual tool, of which moves what the entry says, is tri
 from __future__ import annotations
 
 from collections.abc import Collection
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, places_of
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, neutral_of, places_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.dictionary import Found
-from ftbias_jax.diagnosis.regression.evaluate import slopes, whitened
+from ftbias_jax.diagnosis.regression.evaluate import STEP, readings, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, fit
 from ftbias_jax.diagnosis.regression.score_test import Standing, gains
 from ftbias_jax.diagnosis.thresholds import EQUAL, LEAST_WAY, NEAR_LIMIT
-from ftbias_jax.model.effects.catalogue import neutral_values
 from ftbias_jax.model.effects.fitting import Ringing
 from ftbias_jax.model.effects.types import Effect
 
@@ -60,8 +60,7 @@ def usual(problem: Problem, taken: Collection[str]) -> list[Hypothesis]:
     for effect in problem.catalogue.searched_by(Ringing):
         if effect.name not in taken:
             search = _search(effect)
-            neutral = neutral_values(effect, problem.parts[0].signals.model)
-            moving = {name: np.asarray(neutral[name]) for name in (search.share, search.sagging)}
+            moving = {name: neutral_of(problem, effect, name) for name in (search.share, search.sagging)}
             fixed = tuple(places_of(problem, effect, **moving).items())
             found += [
                 _swinging(problem, effect, f, damping)._replace(fixed=fixed)
@@ -79,14 +78,34 @@ def loose(problem: Problem, standing: Standing, taken: Collection[str]) -> list[
     Returns:
         nats, to first order in the shares that move, and the starting point.
     """
-    return [
-        _stiffest(
-            [_loose(problem, standing, effect, f, sags) for f in effect.parameter(_search(effect).frequency).starts]
-        )
-        for effect in problem.catalogue.searched_by(Ringing)
-        if effect.name not in taken
-        for sags in (0.0, 1.0)
-    ]
+    found = []
+    for effect in problem.catalogue.searched_by(Ringing):
+        if effect.name not in taken:
+            tried = list(product((0.0, 1.0), effect.parameter(_search(effect).frequency).starts))
+            columns = _by_ways(problem, standing, effect, tried)
+            loose = [_loose(problem, standing, effect, *one, white) for one, white in zip(tried, columns, strict=True)]
+            found += [_stiffest(list(alike)) for alike in (loose[: len(loose) // 2], loose[len(loose) // 2 :])]
+    return found
+
+
+def _by_ways(problem: Problem, standing: Standing, effect: Effect, tried: list[tuple[float, float]]) -> np.ndarray:
+    """(N, W, U, 6) whitened derivatives by the W shares that may move, none of which does yet.
+
+    Args:
+        problem: of the logs.
+        standing: what the derivatives come beside.
+        effect: that rings.
+        tried: N pairs of sagging and Hz.
+    """
+    places = _places(problem, effect)
+    z = np.repeat(standing.fit.z[None], len(tried) * len(WAYS) + 1, 0)
+    for i, (sags, frequency) in enumerate(tried):
+        ringing = _swinging(problem, effect, frequency, BETWEEN)
+        rows = z[i * len(WAYS) : (i + 1) * len(WAYS)]
+        rows[:, [*ringing.free, places.sagging]] = *ringing.start, sags
+        rows[range(len(WAYS)), places.ways] += STEP
+    *moved, still = readings(problem, z)  # where no share moves, neither frequency nor sagging matters
+    return whitened(problem, (np.stack(moved) - still) / STEP).reshape(len(tried), len(WAYS), -1, 6)
 
 
 def _stiffest(tried: list[Found]) -> Found:
@@ -98,11 +117,11 @@ def _stiffest(tried: list[Found]) -> Found:
     return gain, h._replace(start=(*h.start[:2], *np.clip(h.start[2:-1], LEAST_SHARE, 1).tolist(), h.start[-1]))
 
 
-def _loose(problem: Problem, standing: Standing, effect: Effect, frequency: float, sags: float) -> Found:
+def _loose(
+    problem: Problem, standing: Standing, effect: Effect, sags: float, frequency: float, white: np.ndarray
+) -> Found:
     ringing, places = _swinging(problem, effect, frequency, BETWEEN), _places(problem, effect)
-    z = standing.fit.z.copy()
-    z[[*ringing.free, places.sagging]] = *ringing.start, sags
-    prepared = gains(standing, whitened(problem, slopes(problem, z, places.ways)))
+    prepared = gains(standing, white)
     gain, chosen = prepared.pursue(list(range(len(WAYS))), len(WAYS), LEAST_WAY)
     free = (*ringing.free, *(places.ways[i] for i in chosen), places.sagging)
     start = (*ringing.start, *prepared.coefficients(chosen).tolist(), sags)

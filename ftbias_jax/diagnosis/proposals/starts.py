@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.coordinates import kind_of, strengths, to_coordinates, why_not_fitted
@@ -101,7 +101,7 @@ def _starts(problem: Problem, effect: Effect) -> Iterator[_Start]:
     """All combinations of the starts of the parameters that need a search, evenly thinned out if there are too many."""
     places = chain_model.slices(problem.joints, problem.catalogue)
     model = problem.parts[0].signals.model
-    neutral = {name: np.asarray(value) for name, value in neutral_values(effect, model).items()}
+    neutral = {parameter.name: neutral_of(problem, effect, parameter.name) for parameter in effect.parameters}
     searched = [parameter for parameter in effect.parameters if parameter.search]
     every = list(product(*(starts_of(effect, parameter, model) for parameter in searched)))
     chosen = np.unique(np.linspace(0, len(every) - 1, min(len(every), MOST_STARTS)).astype(int))

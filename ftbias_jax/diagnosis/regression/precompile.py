@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import jax
@@ -12,6 +13,8 @@ import numpy as np
 
 from ftbias_jax.diagnosis.regression.evaluate import programs
 from ftbias_jax.diagnosis.samples.bins import bins_of
+from ftbias_jax.diagnosis.samples.smoothed import padded_samples, prepare_smoother
+from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.types import Model, Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
@@ -19,6 +22,7 @@ from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.runtime.jax_config import same_precision
+from ftbias_jax.runtime.kept_programs import kept_later
 from ftbias_jax.setup.types import Setup
 
 WORKERS = 2
@@ -37,23 +41,32 @@ def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
         Exception: what XLA says of a program that it cannot compile, at the end of the block.
     """
     worker = ThreadPoolExecutor(WORKERS)
-    try:
-        compiling = [worker.submit(same_precision(prepare)) for prepare in programs_of_search(setup, logs)]
-        yield
-        for one in compiling:
-            one.result()
-    finally:
-        worker.shutdown(cancel_futures=True)
+    with kept_later():
+        try:
+            compiling = [worker.submit(same_precision(prepare)) for prepare in programs_of_search(setup, logs)]
+            yield
+            for one in compiling:
+                one.result()
+        finally:
+            worker.shutdown(cancel_futures=True)
 
 
 def programs_of_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Callable[[], object]]:
-    """Make the programs of a search on these logs ready, when called; for each of their lengths.
+    """Make the programs of a search on these logs ready, when called, and first that which smooths their joints.
 
+    For each of their lengths.
     A log that loses bins while it is cleaned may turn out shorter; then its programs are compiled when they are called.
     """
-    params = params_from_setup(setup)
+    params, options = params_from_setup(setup), Options(joint_model=setup.joints.model)
+    outlines = (jax.tree.map(_outline, padded_samples(log)) for log in logs)
+    for samples in {str(outline): outline for outline in outlines}.values():
+        yield partial(prepare_smoother, params, samples, options)
     for bins, columns in dict.fromkeys((padded_bins(log), tuple(log.columns)) for log in logs):
         yield from programs(*outline(params, bins, columns), catalogue_of_setup(setup))
+
+
+def _outline(x: np.ndarray) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(x.shape, x.dtype)
 
 
 def outline(params: Params, bins: int, columns: Sequence[str] = ()) -> tuple[Signals, Values, ArmMotion]:

@@ -41,15 +41,17 @@ class Whitener(NamedTuple):
         """
         count, used, channels = series.shape
         _, n, length, _ = self.inside.shape
-        y = np.zeros((channels, n * length, count), self.inside.dtype)
-        y[:, :used] = series.transpose(2, 1, 0)
-        y = y.reshape(channels, n, length, count)
-        white, kicks = self.inside @ y, self.leaving @ y
+        y, white = (np.zeros((count, k, n * length), self.inside.dtype) for k in (channels, 6))
+        y[:, :, :used] = series.transpose(0, 2, 1)
+        # Stretches by lanes of one channel: with bins next to each other in memory, all else is a matter of strides.
+        here, out = (x.reshape(count, -1, n, length).transpose(1, 2, 3, 0) for x in (y, white))
+        kicks = self.leaving @ here
         states = np.zeros_like(kicks)
         for k in range(n - 1):
             states[:, k + 1] = self.passing[:, k] @ states[:, k] + kicks[:, k]
-        white += self.entering @ states
-        return np.ascontiguousarray(white.reshape(6, n * length, count)[:, :used].transpose(2, 1, 0))
+        np.matmul(self.inside, here, out=out)
+        out += self.entering @ states
+        return np.ascontiguousarray(white[:, :, :used].transpose(0, 2, 1))
 
 
 def make_whitener(problem: WrenchProblem, used: int) -> Whitener:

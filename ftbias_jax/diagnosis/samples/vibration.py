@@ -120,15 +120,24 @@ def fit_variance(design: np.ndarray, squares: np.ndarray) -> np.ndarray:
         design: (N, d) not negative, the first column ones.
         squares: (N, k) of the noise.
     """
-    weights: np.ndarray = np.outer(1 / design.mean(0), squares.mean(0)) / design.shape[1]
+    size, mean = design.mean(0), squares.mean(0)
+    weights: np.ndarray = np.outer(1 / size, mean) / len(size)
+    # Long rows in the order in memory, into the same memory every round: most of the time would go into new pages.
+    drives, seen = np.ascontiguousarray(design.T), np.ascontiguousarray(squares.T)
+    parts = np.empty((2, *seen.shape))
+    raising, lowering = parts
     for _ in range(ROUNDS):
-        variance = design @ weights
-        ratio = np.minimum(squares, FAR_SQUARES * variance) / variance
-        before, weights = weights, weights * (design.T @ (ratio / variance)) / (design.T @ (1 / variance))
-        moved = np.abs(weights - before) * design.mean(0)[:, None]  # what it changes in the mean variance
-        if (moved <= SETTLED * squares.mean(0)).all():
+        np.matmul(weights.T, drives, out=lowering)
+        np.divide(1, lowering, out=lowering)
+        np.multiply(seen, lowering, out=raising)
+        np.minimum(raising, FAR_SQUARES, out=raising)
+        np.multiply(raising, lowering, out=raising)
+        up, down = parts @ design
+        before, weights = weights, weights * (up / down).T
+        moved = np.abs(weights - before) * size[:, None]  # what it changes in the mean variance
+        if (moved <= SETTLED * mean).all():
             break
-    weights[0] = np.maximum(weights[0], LEAST_REST * squares.mean(0))
+    weights[0] = np.maximum(weights[0], LEAST_REST * mean)
     return weights
 
 

@@ -131,6 +131,7 @@ def _slopes(problem: Problem, state: State, terms: tuple[Term, ...], places: lis
     if not places:
         return np.zeros((0, len(problem.t), 6))
     found = []
+    stays = [_reading(term, state) for term in terms]
     for i, place in enumerate(places):
         step = np.zeros(len(places))
         step[i] = RELATIVE_STEP
@@ -138,7 +139,7 @@ def _slopes(problem: Problem, state: State, terms: tuple[Term, ...], places: lis
         if there.parameters == here.parameters and (there.point == here.point).all():  # at its upper bound
             step[i] = -RELATIVE_STEP
             there = _moved(terms, places, step)[place.term]
-        found.append((_reading(there, state) - _reading(here, state)) / step[i])
+        found.append((_reading(there, state) - stays[place.term]) / step[i])
     return whitened(problem, np.stack(found))
 
 

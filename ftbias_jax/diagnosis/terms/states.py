@@ -9,7 +9,6 @@ from ftbias_jax.diagnosis.regression.evaluate import readings
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.model.effects.terms.columns import state_of
 from ftbias_jax.model.effects.terms.types import State
-from ftbias_jax.model.wrench.inertia import about_center_of_mass
 
 SHARED = ("gravity", "period")
 """Of all logs, not of a bin."""
@@ -35,4 +34,6 @@ def state_of_problem(problem: Problem, fit: Fit) -> State:
 
 def tool_point(problem: Problem) -> np.ndarray:
     """(3,) m, sensor frame: the stated centre of mass."""
-    return np.asarray(about_center_of_mass(problem.parts[0].signals.model.theta)[1])
+    theta = np.asarray(problem.parts[0].signals.model.theta)
+    center: np.ndarray = theta[1:4] / theta[0]
+    return center

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ftbias_jax.model.effects.fitting import Fitting, Linear
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
-from ftbias_jax.model.wrench.inertia import about_center_of_mass
+from ftbias_jax.model.wrench.inertia import about_center_of_mass, center_of_mass
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 from ftbias_jax.types import Array
 
@@ -38,7 +38,7 @@ def _mass(model: Model) -> Array:
 
 
 def _center_of_mass(model: Model) -> Array:
-    return about_center_of_mass(model.theta)[1]
+    return center_of_mass(model.theta)
 
 
 def _inertia(model: Model) -> Array:

@@ -70,9 +70,14 @@ def log_cholesky_from_parameters(theta: Float[Array, " 10"]) -> Float[Array, " 1
     return jnp.concatenate([alpha[None], jnp.log(jnp.diagonal(scaled)[:3]), scaled[_ROWS, _COLUMNS]])
 
 
+def center_of_mass(theta: Float[Array, " 10"]) -> Float[Array, " 3"]:
+    """Centre of mass (3,) m, sensor axes."""
+    return theta[1:4] / theta[0]
+
+
 def about_center_of_mass(theta: Float[Array, " 10"]) -> tuple[Float[Array, ""], Float[Array, " 3"], Float[Array, " 6"]]:
     """What a data sheet states: mass () kg, centre of mass (3,) m, and inertia (6,) kg m^2 about it, sensor axes."""
     mass = theta[0]
-    x, y, z = center = theta[1:4] / mass
+    x, y, z = center = center_of_mass(theta)
     steiner = mass * jnp.stack([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
     return mass, center, theta[4:] - steiner

@@ -10,6 +10,7 @@ from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression import precompile
 from ftbias_jax.diagnosis.regression.precompile import compiled_ahead, outline, padded_bins
+from ftbias_jax.diagnosis.samples import smoothed
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
@@ -39,6 +40,30 @@ def test_an_outline_is_like_the_problem(setup, log):
     assert jax.tree.structure(got) == jax.tree.structure(expected)
     for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(expected), strict=True):
         assert (a.shape, a.dtype, a.weak_type) == (b.shape, b.dtype, b.weak_type)
+
+
+def test_the_smoother_is_compiled_for_what_it_will_smooth(setup, log, monkeypatch):
+    asked, smooth = [], smoothed._smooth
+
+    class Program:
+        def prepare(self, *arguments, **static):
+            asked.append((*_shapes(arguments), static))
+
+        def __call__(self, *arguments, **static):
+            asked.append((*_shapes(arguments), static))
+            return smooth(*arguments, **static)
+
+    monkeypatch.setattr(smoothed, "_smooth", Program())
+    first = next(precompile.programs_of_search(setup, [log, log]))
+    first()
+    make_problem(setup, [log])
+    ahead, called = asked
+    assert ahead == called
+
+
+def _shapes(tree):
+    leaves, structure = jax.tree.flatten(tree)
+    return structure, [(x.shape, x.dtype) for x in leaves]
 
 
 def test_an_error_of_the_compiler_is_told(monkeypatch):

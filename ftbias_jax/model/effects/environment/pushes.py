@@ -11,7 +11,7 @@ from ftbias_jax.model.effects.kinematics import motion_of
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
-from ftbias_jax.model.wrench.inertia import about_center_of_mass
+from ftbias_jax.model.wrench.inertia import center_of_mass
 from ftbias_jax.types import Array
 
 
@@ -54,15 +54,15 @@ def _check_contact(values: EffectValues) -> str:
 
 
 def _center_of_mass(model: Model) -> Array:
-    return about_center_of_mass(model.theta)[1]
+    return center_of_mass(model.theta)
 
 
 def _forearm(model: Model) -> Array:
     """The link that the wrist, the last three joints, is attached to; the world if there are no joints."""
     carrier: Arm | FreeBody = model.arm
     if isinstance(carrier, FreeBody):
-        return jnp.zeros((), model.theta.dtype)
-    return jnp.asarray(max(carrier.linear.shape[-2] - 3, 0), model.theta.dtype)
+        return np.zeros((), model.theta.dtype)
+    return np.asarray(max(carrier.linear.shape[-2] - 3, 0), model.theta.dtype)
 
 
 EFFECTS = (

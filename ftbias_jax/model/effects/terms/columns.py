@@ -69,11 +69,21 @@ def _along_axes(xp: Any, frame: str, vectors: Array, rotation: Array) -> Array:
 
 def _of_three(xp: Any, term: Term, vectors: Array) -> Array:
     """(T, K, 3) forces or torques -> (T, K, 6)."""
-    torques = xp.concatenate([xp.zeros_like(vectors), vectors], 2)
-    forces = xp.concatenate([vectors, xp.cross(term.point[None, None], vectors)], 2)
-    if term.acts_as == "wrench":
-        return xp.concatenate([forces, torques], 1)
-    return torques if term.acts_as == "torque" else forces
+    if term.acts_as == "torque":
+        return _torques(xp, vectors)
+    forces = xp.concatenate([vectors, _cross(xp, term.point, vectors)], 2)
+    return xp.concatenate([forces, _torques(xp, vectors)], 1) if term.acts_as == "wrench" else forces
+
+
+def _torques(xp: Any, vectors: Array) -> Array:
+    return xp.concatenate([xp.zeros_like(vectors), vectors], 2)
+
+
+def _cross(xp: Any, first: Array, second: Array) -> Array:
+    """(..., 3) vector products; numpy's own takes longer to sort out axes than to multiply."""
+    a, b, c = (first[..., i] for i in range(3))
+    x, y, z = (second[..., i] for i in range(3))
+    return xp.stack([b * z - c * y, c * x - a * z, a * y - b * x], -1)
 
 
 def has_point(term: Term) -> bool:
@@ -85,11 +95,11 @@ def at_point(xp: Any, state: State, point: Array) -> State:
     """The motion of a point (3,) m of the tool, sensor frame."""
     arm = state.rotation @ point
     w, w_rate = state.angular_velocity, state.angular_acceleration
-    turning = xp.cross(w, arm)
+    turning = _cross(xp, w, arm)
     return state._replace(
         position=state.position + arm,
         velocity=state.velocity + turning,
-        acceleration=state.acceleration + xp.cross(w_rate, arm) + xp.cross(w, turning),
+        acceleration=state.acceleration + _cross(xp, w_rate, arm) + _cross(xp, w, turning),
     )
 
 
