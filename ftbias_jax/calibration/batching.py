@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from functools import partial
 
@@ -35,10 +36,11 @@ def stack(logs: Sequence[Sample], length: int = 0) -> Sample:
 
 
 def cut(log: Sample, length: int) -> list[Sample]:
-    """Pieces of at most so many samples of the joints, each starting as a log of its own."""
+    """Pieces of at most so many samples of the joints, equally long to one sample, each starting as a log of its own."""
     whole = Sample(*(np.asarray(x) for x in log[:4]))  # joints do not feel the temperature
-    starts = range(0, len(whole.dt), length)
-    pieces = [Sample(*(x[start : start + length] for x in whole[:4])) for start in starts]
+    count = -(-len(whole.dt) // length)
+    ends = [len(whole.dt) * i // count for i in range(count + 1)]
+    pieces = [Sample(*(x[start:end] for x in whole[:4])) for start, end in itertools.pairwise(ends)]
     return [piece._replace(dt=np.concatenate([[0], piece.dt[1:]])) for piece in pieces]
 
 

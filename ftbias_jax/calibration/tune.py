@@ -22,7 +22,7 @@ from ftbias_jax.calibration.batching import cut, equal_parts, stack
 from ftbias_jax.calibration.newton import Report
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
-from ftbias_jax.filtering.fast.scan import filter_scan
+from ftbias_jax.filtering.fast.sums import filter_sums
 from ftbias_jax.filtering.likelihood import counted
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
 from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_model
@@ -76,8 +76,7 @@ class JointScore:
 
         def one(samples: Sample) -> Array:
             inputs = stages.joint_inputs(moved, pipeline.init(params, samples), samples)
-            track = filter_scan(JOINT_MODELS[self.model], inputs)
-            return counted(samples.dt, self.burn_in) @ track.log_likelihood
+            return filter_sums(JOINT_MODELS[self.model], False, inputs, counted(samples.dt, self.burn_in)).nats
 
         return jax.vmap(one)(pieces).sum(0)
 
@@ -110,9 +109,8 @@ class WrenchScore:
             variance = log.joint_variance + params.bias.wrench_variance[None]
             start = pipeline.init(params, log.samples)
             inputs = stages.bias_inputs(params, start, log.samples, log.wrench_tool, variance)
-            return (
-                counted(log.samples.dt, self.burn_in) @ filter_scan(bias_model(inputs.density), inputs).log_likelihood
-            )
+            weight = counted(log.samples.dt, self.burn_in)
+            return filter_sums(bias_model(inputs.density), False, inputs, weight).nats
 
         return jax.vmap(one)(whole).sum(0)
 

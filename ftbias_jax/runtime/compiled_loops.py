@@ -12,7 +12,6 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import jax
 import jax.custom_batching
-import jax.numpy as jnp
 from jax import Array
 from jax.experimental.xla_metadata import set_xla_metadata
 
@@ -52,50 +51,50 @@ def one_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
     looped: Any = jax.custom_batching.custom_vmap(function)
 
     def rule(count: int, is_mapped: Any, *arguments: Any) -> tuple[Any, Any]:
-        leaves, structure = jax.tree.flatten(arguments)
-        mapped = jax.tree.leaves(tuple(is_mapped))
-
-        def one(parts: list[Array]) -> Any:
-            rest = iter(parts)
-            whole = [next(rest) if m else x for x, m in zip(leaves, mapped, strict=True)]
-            return function(*jax.tree.unflatten(structure, whole))
-
-        found = jax.lax.map(one, [x for x, m in zip(leaves, mapped, strict=True) if m])
+        found = jax.lax.map(*_unmapped_apart(function, is_mapped, arguments))
         return found, jax.tree.map(lambda _: True, found)
 
     looped.def_vmap(rule)
     return cast("Callable[..., Any]", looped)
 
 
-def in_tiles(function: Callable[..., Any], most: int) -> Callable[..., Any]:
-    """The same function, which ``vmap`` on a processor applies to tiles of at most so many, one tile after the other.
+def log_by_log(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function of a whole log, of which ``vmap`` on a processor takes one log after the other, however nested.
 
-    What is worked out for a tile stays in the cache, and fills the vector registers. Pairs are taken one at a time.
+    Many logs take no longer than each by itself, and what the function leaves out of one log is left out.
     """
     if not on_cpu():
         return function
-    tiled: Any = jax.custom_batching.custom_vmap(function)
+    looped: Any = jax.custom_batching.custom_vmap(function)
 
     def rule(count: int, is_mapped: Any, *arguments: Any) -> tuple[Any, Any]:
-        leaves, structure = jax.tree.flatten(arguments)
-        mapped = jax.tree.leaves(tuple(is_mapped))
-        tiles = -(-count // most)
-        size = 1 if count < 3 else -(-count // tiles)
-        tiles = -(-count // size)
-        padding = jnp.minimum(jnp.arange(tiles * size), count - 1).reshape(tiles, size)
-        axes = jax.tree.unflatten(structure, [0 if m else None for m in mapped])
-
-        def tile(parts: list[Array]) -> Any:
-            rest = iter(parts)
-            whole = jax.tree.unflatten(structure, [next(rest) if m else x for x, m in zip(leaves, mapped, strict=True)])
-            return jax.vmap(function, axes, axis_size=size)(*whole)
-
-        found = jax.lax.map(tile, [x[padding] for x, m in zip(leaves, mapped, strict=True) if m])
-        found = jax.tree.map(lambda x: x.reshape(tiles * size, *x.shape[2:])[:count], found)
+        found = jax.lax.map(*_unmapped_apart(looped, is_mapped, arguments))
         return found, jax.tree.map(lambda _: True, found)
 
-    tiled.def_vmap(rule)
-    return cast("Callable[..., Any]", tiled)
+    looped.def_vmap(rule)
+    return cast("Callable[..., Any]", looped)
+
+
+def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``log_by_log`` for a function that is differentiated too: its slopes are those of the function as it stands."""
+    if not on_cpu():
+        return function
+    whole: Any = jax.custom_vjp(log_by_log(function))
+    whole.defvjp(lambda *arguments: jax.vjp(function, *arguments), lambda pull, bar: pull(bar))
+    return cast("Callable[..., Any]", whole)
+
+
+def _unmapped_apart(function: Any, is_mapped: Any, arguments: Any) -> tuple[Callable[[list[Array]], Any], list[Array]]:
+    """The function of its mapped leaves alone, and these."""
+    leaves, structure = jax.tree.flatten(arguments)
+    mapped = jax.tree.leaves(tuple(is_mapped))
+
+    def one(parts: list[Array]) -> Any:
+        rest = iter(parts)
+        whole = [next(rest) if m else x for x, m in zip(leaves, mapped, strict=True)]
+        return function(*jax.tree.unflatten(structure, whole))
+
+    return one, [x for x, m in zip(leaves, mapped, strict=True) if m]
 
 
 def on_cpu() -> bool:

@@ -3,9 +3,8 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
-from ftbias_jax.runtime.compiled_loops import compile_whole, in_tiles, one_at_a_time
+from ftbias_jax.runtime.compiled_loops import compile_whole, log_by_log_with_slopes, one_at_a_time
 
 RNG = np.random.default_rng(0)
 X = RNG.normal(size=(50, 3))
@@ -63,9 +62,22 @@ def test_one_at_a_time_under_vmap():
         assert_close(jax.tree.map(lambda leaf, i=i: leaf[i], got), expected(FACTOR, x))
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 7])
-def test_tiles_under_vmap_with_a_last_one_that_is_not_full(count):
-    tiled = in_tiles(lambda factor, x: {"sum": (factor * x).sum(), "x": x}, 3)
-    found = jax.vmap(tiled, (None, 0))(FACTOR, X[:count])
-    np.testing.assert_allclose(found["sum"], X[:count] @ FACTOR)
-    np.testing.assert_array_equal(found["x"], X[:count])
+def test_log_by_log_under_nested_vmap_and_in_slopes():
+    """One after the other, however nested; what one log leaves out is left out, which a mapped ``cond`` would not."""
+    calls = []
+
+    def work(factor, x):
+        jax.debug.callback(lambda: calls.append(1))
+        return {"sum": (factor * x**2).sum()}
+
+    def one(factor, x):
+        return jax.lax.cond(x.sum() > 0, work, lambda factor, x: {"sum": jnp.zeros(())}, factor, x)
+
+    many = np.abs(X[:6]).reshape(2, 3, 3) * np.array([1, 0, 1])[None, :, None]
+    mapped = jax.vmap(jax.vmap(log_by_log_with_slopes(one), (None, 0)), (None, 0))
+    found = mapped(FACTOR, many)
+    jax.effects_barrier()
+    np.testing.assert_allclose(found["sum"], many**2 @ FACTOR)
+    assert len(calls) == 4
+    slopes = jax.grad(lambda factor: mapped(factor, many)["sum"].sum())(FACTOR)
+    np.testing.assert_allclose(slopes, (many**2).sum((0, 1)))

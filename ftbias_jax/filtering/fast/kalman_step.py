@@ -28,6 +28,7 @@ from ftbias_jax.runtime.lanes import (
     times,
     upper,
 )
+from ftbias_jax.runtime.logarithm import log
 
 
 class Record(NamedTuple):
@@ -89,6 +90,15 @@ def filter_step(
         P = from_upper(k, triangle)
         weights, innovations = [*weights, weight], [*innovations, innovation]
     return Step(x, P, prediction, spread, Record(columns, weights, innovations, lost, grown=grown))
+
+
+def nats_of(record: Record) -> tuple[Array, Array]:
+    """Normalised innovation squared over the measured entries, and the share in the log-likelihood."""
+    weight, innovation = record.weight, record.innovation
+    squares = [v**2 * w for v, w in zip(innovation, weight, strict=True)]
+    logs = [log(jnp.where(w > 0, w, 1)) - (w > 0) * jnp.log(2 * jnp.pi).astype(w.dtype) for w in weight]
+    nis = sum(squares[1:], squares[0])
+    return nis, (sum(logs[1:], logs[0]) - nis) / 2
 
 
 def predict(

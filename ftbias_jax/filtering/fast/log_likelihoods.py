@@ -6,12 +6,14 @@ chunk is in the processor's cache. So the memory it takes is that of one chunk, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.custom_derivatives import SymbolicZero
 
 from ftbias_jax.filtering.fast.scan import Smoothed
 from ftbias_jax.filtering.fast.stages import (
@@ -28,7 +30,7 @@ from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.filtering.samples import pad
 from ftbias_jax.filtering.step import Options, State
 from ftbias_jax.model.params import Params
-from ftbias_jax.runtime.compiled_loops import in_tiles, one_at_a_time
+from ftbias_jax.runtime.compiled_loops import log_by_log
 from ftbias_jax.types import Sample
 
 if TYPE_CHECKING:
@@ -37,13 +39,12 @@ if TYPE_CHECKING:
 CHUNK = 512
 """Samples that pass through all stages together, and are worked out again together."""
 
-TILE = 8
-"""Logs side by side, where there are many."""
-
 Nats = tuple[Array, Array]
 """() of the joints, () of the wrench."""
 Chunk = tuple[Sample, Array]
 """Samples, and the weights of their likelihoods."""
+Wrench = tuple[Array, Array]
+"""Of the tool, and the diagonal of R: (T, 6) each."""
 
 
 @partial(jax.jit, static_argnames="options")
@@ -69,51 +70,133 @@ def log_likelihoods(
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
 def _in_chunks(options: Options, params: Params, state: State, chunks: Chunk) -> Nats:
-    return _forward(options, params, state, chunks)[0]
-
-
-def _forward(options: Options, params: Params, state: State, chunks: Chunk) -> tuple[Nats, tuple[Params, State, Chunk]]:
-    """The sums; and for the reverse pass what was given, with the state before every chunk."""
-
-    def all_chunks(params: Params, state: State, chunks: Chunk) -> tuple[Array, Array, State]:
-        def body(state: State, chunk: Chunk) -> tuple[State, tuple[Nats, State]]:
-            after, nats = _one_chunk(options, params, state, chunk)
-            return after, (nats, state)
-
-        _, ((joint, wrench), before) = jax.lax.scan(body, state, chunks)
-        return joint.sum(), wrench.sum(), before
-
-    joint, wrench, before = in_tiles(all_chunks, TILE)(params, state, chunks)
-    return (joint, wrench), (params, before, chunks)
-
-
-def _backward(options: Options, residual: tuple[Params, State, Chunk], bar: Nats) -> tuple[Params, State, Chunk]:
-    def all_chunks(params: Params, before: State, chunks: Chunk, bar: Nats) -> tuple[Params, State, Chunk]:
-        def body(slopes: tuple[Params, State], sample: tuple[State, Chunk]) -> tuple[Any, Chunk]:
-            of_params, of_state = slopes
-            pull = jax.vjp(partial(_one_chunk, options), params, *sample)[1]
-            more, of_state, of_chunk = pull((of_state, bar))
-            return (jax.tree.map(jnp.add, of_params, more), of_state), of_chunk
-
-        start = jax.tree.map(jnp.zeros_like, (params, jax.tree.map(lambda x: x[0], before)))
-        (of_params, of_state), of_chunks = jax.lax.scan(body, start, (before, chunks), reverse=True)
-        return of_params, of_state, of_chunks
-
-    found: tuple[Params, State, Chunk] = one_at_a_time(all_chunks)(*residual, bar)
+    found: Nats = log_by_log(partial(_all_chunks, options, False))(params, state, chunks)[0]
     return found
 
 
-_in_chunks.defvjp(_forward, _backward)
+def _forward(options: Options, params: Params, state: State, chunks: Chunk) -> tuple[Nats, Any]:
+    """The sums; and for the reverse pass what was given, with the state before every chunk, and the wrenches."""
+    leaves, given = jax.tree.flatten((params, chunks))
+    state = jax.tree.map(lambda x: x.value, state)
+    params, chunks = jax.tree.unflatten(given, [x.value for x in leaves])
+    nats, kept = log_by_log(partial(_all_chunks, options, True))(params, state, chunks)
+    wanted = [() if x.perturbed else None for x in leaves]  # part of the structure, not a value
+    return nats, (wanted, params, *kept, chunks)
 
 
-def _one_chunk(options: Options, params: Params, state: State, chunk: Chunk) -> tuple[State, Nats]:
-    """All stages over a chunk: ``stages.run`` without what it would report of every sample."""
+def _all_chunks(options: Options, keep: bool, params: Params, state: State, chunks: Chunk) -> tuple[Nats, Any]:
+    def body(state: State, chunk: Chunk) -> tuple[State, tuple[Nats, Any]]:
+        after, nats, wrench = _unless_empty(partial(_one_chunk, options, params), _unchanged, state, chunk)
+        return after, (nats, (state, wrench) if keep else None)
+
+    _, ((joint, wrench), kept) = jax.lax.scan(body, state, chunks)
+    return (joint.sum(), wrench.sum()), kept
+
+
+def _backward(options: Options, residual: Any, bar: Any) -> tuple[Params, State, Chunk]:
+    """Slopes in what they are asked for; elsewhere None, which is zero."""
+    wanted, *kept = residual
+    params, _, _, chunks = kept
+    bar = tuple(jnp.zeros(x.shape, x.dtype) if isinstance(x, SymbolicZero) else x for x in bar)
+    of_params, of_state, of_chunks = log_by_log(partial(_slopes, options, wanted))(*kept, bar)
+    return (
+        jax.tree.unflatten(jax.tree.structure(params), of_params),
+        of_state,
+        jax.tree.unflatten(jax.tree.structure(chunks), of_chunks),
+    )
+
+
+def _slopes(
+    options: Options, wanted: list[Any], params: Params, before: State, wrenches: Wrench, chunks: Chunk, bar: Nats
+) -> tuple[list[Any], State, list[Any]]:
+    """In the leaves of params and chunks that are wanted, None in the others, and in the state before the log."""
+    count = len(jax.tree.leaves(params))
+    asked, fixed = _apart(params, wanted[:count])
+
+    def body(slopes: Any, sample: tuple[State, Chunk, Wrench]) -> Any:
+        (of_params, of_state), (state, chunk, wrench) = slopes, sample
+
+        def back(chunk: Chunk) -> tuple[Any, Any]:
+            asked_of_chunk, rest = _apart(chunk, wanted[count:])
+
+            def again(asked: Any, state: State, asked_of_chunk: Any) -> tuple[State, Nats]:
+                given = _together(params, asked, fixed), state, _together(chunk, asked_of_chunk, rest)
+                return _one_chunk(options, *given, found=wrench)[:2]
+
+            more, before, of_chunk = jax.vjp(again, asked, state, asked_of_chunk)[1]((of_state, bar))
+            return (jax.tree.map(jnp.add, of_params, more), before), of_chunk
+
+        def nothing(chunk: Chunk) -> tuple[Any, Any]:
+            return slopes, jax.tree.map(jnp.zeros_like, _apart(chunk, wanted[count:])[0])
+
+        return _unless_empty(back, nothing, chunk)
+
+    start = jax.tree.map(jnp.zeros_like, (asked, jax.tree.map(lambda x: x[0], before)))
+    (of_params, of_state), of_chunks = jax.lax.scan(body, start, (before, chunks, wrenches), reverse=True)
+    return of_params, of_state, of_chunks
+
+
+def _apart(tree: Any, wanted: list[Any]) -> tuple[list[Any], list[Any]]:
+    """Leaves whose slopes are asked for, and the others; None where the other list has the leaf."""
+    leaves = jax.tree.leaves(tree)
+    asked = [None if w is None else x for x, w in zip(leaves, wanted, strict=True)]
+    return asked, [x if w is None else None for x, w in zip(leaves, wanted, strict=True)]
+
+
+def _together(like: Any, asked: list[Any], fixed: list[Any]) -> Any:
+    """The tree that ``_apart`` took apart."""
+    leaves = [x if a is None else a for a, x in zip(asked, fixed, strict=True)]
+    return jax.tree.unflatten(jax.tree.structure(like), leaves)
+
+
+_in_chunks.defvjp(_forward, _backward, symbolic_zeros=True)
+
+
+def _one_chunk(
+    options: Options, params: Params, state: State, chunk: Chunk, found: Wrench | None = None
+) -> tuple[State, Nats, Wrench]:
+    """All stages over a chunk: ``stages.run`` without what it would report of every sample.
+
+    Args:
+        options: as above.
+        params: as above.
+        state: before the chunk.
+        chunk: of the log.
+        found: the wrenches, if they are known and only their slopes are needed.
+    """
     samples, weight = chunk
     joint = filter_sums(JOINT_MODELS[options.joint_model], True, joint_inputs(params, state, samples), weight)
     assert joint.states is not None
-    wrench_tool, variance = predict_wrenches(params, joint.states, samples, options)
-    inputs = bias_inputs(params, state, samples, wrench_tool, variance, joint.states.mean[:, 1])
+    wrench_tool, variance = of_tool = predict_wrenches(params, joint.states, samples, options)
+    if found is not None:
+        wrench_tool, variance = _found_before(of_tool, found)
+    inputs = bias_inputs(params, state, samples, wrench_tool, variance, joint.states.mean[1])
     wrench = filter_sums(gated(inputs, options), False, inputs, weight)
     joint_last = joint_states(Smoothed(joint.mean, joint.covariance))
     bias_last = bias_state(Smoothed(*add_noise(wrench.mean, wrench.covariance, -1)))
-    return State(joint_last, bias_last), (joint.nats.sum(), wrench.nats.sum())
+    return State(joint_last, bias_last), (joint.nats.sum(), wrench.nats.sum()), of_tool
+
+
+def _unless_empty(work: Callable[..., Any], nothing: Callable[..., Any], *given: Any) -> Any:
+    """The work on a chunk, the last argument, unless no time passes in it and nothing is measured: it is padding."""
+    samples = given[-1][0]
+
+    def measured() -> Array:
+        return jnp.stack([jnp.isfinite(x).any() for x in (samples.q, samples.dq, samples.wrench)]).any()
+
+    there = jax.lax.cond((samples.dt != 0).any(), lambda: jnp.array(True), measured)
+    return jax.lax.cond(there, work, nothing, *given)
+
+
+def _unchanged(state: State, chunk: Chunk) -> tuple[State, Nats, Wrench]:
+    zero, wrench = jnp.zeros_like(chunk[1][0]), jnp.zeros_like(chunk[0].wrench)
+    return state, (zero, zero), (wrench, wrench)
+
+
+@jax.custom_vjp
+def _found_before(wrench: Wrench, found: Wrench) -> Wrench:
+    """The same, found before: it need not be worked out again."""
+    return found
+
+
+_found_before.defvjp(lambda wrench, found: (found, None), lambda _, bar: (bar, jax.tree.map(jnp.zeros_like, bar)))

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.kalman_step import Record, Step, filter_step
+from ftbias_jax.filtering.fast.kalman_step import Record, Step, filter_step, nats_of
 from ftbias_jax.filtering.fast.kalman_step_back import Cotangent, step_back
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
@@ -113,8 +113,10 @@ def _loop(model: ProcessModel, keep: Callable[[Step], Any]) -> Callable[[Inputs]
 
     @compile_whole
     def loop(inputs: Inputs) -> Any:
+        driven_by = forces_of(inputs)
+
         def body(state: Packed, sample: Seen) -> tuple[Packed, Any]:
-            step = advance(model, inputs, state, sample)
+            step = advance(model, driven_by, state, sample)
             return packed(step), keep(step)
 
         return jax.lax.scan(body, start_of(inputs), samples_of(inputs))[1]
@@ -128,12 +130,20 @@ Seen = tuple[Array, Vector, Vector, Any]
 """One sample: dt, measurements, their variances, and what drives the process."""
 
 
-def advance(model: ProcessModel, inputs: Inputs, state: Packed, sample: Seen) -> Step:
+Forces = tuple[Any, Vector]
+"""What drives the process, and variances to start again from, entries apart."""
+
+
+def forces_of(inputs: Inputs) -> Forces:
+    """Taken apart before the loop, or every step would do so again."""
+    return inputs.density, list(inputs.restart_variance)
+
+
+def advance(model: ProcessModel, forces: Forces, state: Packed, sample: Seen) -> Step:
     """One sample of the recursion."""
-    dt, y, variance, drive = sample
+    (strength, restart), (dt, y, variance, drive) = forces, sample
     before = (state[0], from_upper(len(state[0]), state[1]))
-    density = driven(inputs.density, drive)
-    return filter_step(model, density, list(inputs.restart_variance), before, dt, y, variance)
+    return filter_step(model, driven(strength, drive), restart, before, dt, y, variance)
 
 
 def packed(step: Step) -> Packed:
@@ -160,15 +170,6 @@ def track_of(inputs: Inputs, steps: Step) -> Track:
     spread = [steps.prediction_variance[j] + inputs.variance[:, j] for j in range(len(seen))]
     mean, covariance = jnp.stack(steps.mean, 1), _stack(steps.covariance)
     return Track(mean, covariance, jnp.stack(raw, 1), jnp.stack(spread, 1), nis, log_likelihood)
-
-
-def nats_of(record: Record) -> tuple[Array, Array]:
-    """Normalised innovation squared over the measured entries, and the share in the log-likelihood."""
-    weight, innovation = record.weight, record.innovation
-    squares = [v**2 * w for v, w in zip(innovation, weight, strict=True)]
-    logs = [jnp.log(jnp.where(w > 0, w, 1)) - (w > 0) * jnp.log(2 * jnp.pi).astype(w.dtype) for w in weight]
-    nis = sum(squares[1:], squares[0])
-    return nis, (sum(logs[1:], logs[0]) - nis) / 2
 
 
 Residual = tuple[Array, Any, Any, Record]

@@ -18,16 +18,17 @@ from jax import Array
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.associative_scan import filter_parallel
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, filter_scan
+from ftbias_jax.filtering.fast.sums import States
+from ftbias_jax.filtering.fast.wrench_of_joints import wrenches_of_joints
 from ftbias_jax.filtering.process_models import JOINT_MODELS, BiasStrength, Gated, ProcessModel, bias_model
 from ftbias_jax.filtering.samples import pad
-from ftbias_jax.filtering.step import Options, State, predict_wrench
+from ftbias_jax.filtering.step import Options, State
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model, Signals
-from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.params import Params
-from ftbias_jax.model.wrench.batch import PIECE, wrenches
-from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
-from ftbias_jax.runtime.compiled_loops import on_cpu
+from ftbias_jax.model.wrench.batch import PIECE
+from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
+from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes, on_cpu
 from ftbias_jax.types import Gaussian, Sample
 
 if TYPE_CHECKING:
@@ -60,6 +61,11 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
     Returns:
         the last state and the track of every sample.
     """
+    found: tuple[State, Staged] = log_by_log_with_slopes(partial(_run_log, options))(params, state, samples)
+    return found
+
+
+def _run_log(options: Options, params: Params, state: State, samples: Sample) -> tuple[State, Staged]:
     stages = partial(_run_stages, params, options)
     length = samples.dt.shape[0]
     if length <= CHUNK or params.effects is not None or not on_cpu():
@@ -174,13 +180,13 @@ def joint_states(track: Track | Smoothed) -> Gaussian:
 
 
 def predict_wrenches(
-    params: Params, joints: Gaussian | Track | Smoothed, samples: Sample, options: Options
+    params: Params, joints: Gaussian | Track | Smoothed | States, samples: Sample, options: Options
 ) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
     """What the sensor should read without bias and noise (T, 6), and the diagonal of R (T, 6).
 
     Args:
         params: of the pipeline; without effects the reading is D theta.
-        joints: states of the joints with leading axis T, with the axes in the pipeline's order or as in a track.
+        joints: states of the joints with leading axis T: axes in the pipeline's order, as in a track, or entries apart.
         samples: of the log, for time and temperature.
         options: of the pipeline.
     """
@@ -188,12 +194,9 @@ def predict_wrenches(
         joints = Smoothed(jnp.swapaxes(joints.mean, 1, 2), jnp.moveaxis(joints.covariance, 1, -1))
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
     stated = jnp.diagonal(R)
-    known_exactly = options.joint_uncertainty == "none"
-    if isinstance(params.arm, FreeBody):
-        wrench_tool, from_joints = jax.vmap(partial(_of_free_body, params, known_exactly))(*joint_states(joints))
-    else:
-        covariance = None if known_exactly else joints.covariance
-        wrench_tool, from_joints = wrenches(Model(params.arm, params.gravity, params.theta), joints.mean, covariance)
+    wrench_tool, from_joints = wrenches_of_joints(params, joints, options.joint_uncertainty == "none")
+    if isinstance(joints, States):
+        joints = joints.stacked()
     motion = bias_filter.vibration(params.bias, joints.mean[:, 1])
     if motion is not None:
         from_joints = from_joints + bias_filter.white_share(params.bias, motion)
@@ -206,15 +209,6 @@ def predict_wrenches(
     rate = jnp.concatenate([rate[:1], rate])
     of_terms = compose.variance_of_terms(signals, params.effects, reading)
     return reading, from_joints + of_terms + compose.noise_variance(stated, rate, signals.model, params.effects)
-
-
-def _of_free_body(params: Params, known_exactly: bool, mean: Array, covariance: Array) -> tuple[Array, Array]:
-    """Wrench of the tool (6,) and the variance that the pose adds (6,), for one sample of a recorded pose."""
-    motion, wrench_tool = predict_wrench(params, mean)
-    if known_exactly:
-        return wrench_tool, jnp.zeros_like(wrench_tool)
-    G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
-    return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal"))
 
 
 def predict_readings(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Float[Array, "T 6"]:

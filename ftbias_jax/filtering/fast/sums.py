@@ -1,7 +1,7 @@
 """The recursion of scan.py where only sums are asked for: the likelihood is added up in the loop, nothing is stored.
 
 What the loop does not store it need not write to memory and read again, which costs three times the arithmetic. The
-reverse pass is that of ``scan.filter_scan``.
+reverse pass (sums_back.py) has the record of every step, which the forward pass writes only then.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
-import jax.custom_batching
 import jax.numpy as jnp
 from jax import Array
 
+from ftbias_jax.filtering.fast.kalman_step import Record, nats_of
 from ftbias_jax.filtering.fast.scan import (
     Inputs,
     Packed,
@@ -22,17 +22,32 @@ from ftbias_jax.filtering.fast.scan import (
     Track,
     advance,
     filter_scan,
-    nats_of,
+    forces_of,
     packed,
     samples_of,
     start_of,
 )
+from ftbias_jax.filtering.fast.side_by_side import many_as_lanes
+from ftbias_jax.filtering.fast.sums_back import Bars, slopes_of_sums
 from ftbias_jax.filtering.process_models import Gated, ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
-from ftbias_jax.runtime.lanes import from_upper
+from ftbias_jax.runtime.lanes import Vector, from_upper, upper
 
 if TYPE_CHECKING:
     from jaxtyping import Float
+
+
+class States(NamedTuple):
+    """Filtered states of every sample, entries kept apart."""
+
+    mean: Vector
+    """k arrays (T, B)."""
+    triangle: Vector
+    """k (k + 1) / 2 arrays (T, B): the upper triangle of the covariance, row by row."""
+
+    def stacked(self) -> Smoothed:
+        """The same as arrays."""
+        return Smoothed(jnp.stack(self.mean, 1), _matrix(self.triangle, len(self.mean), 1))
 
 
 class Sums(NamedTuple):
@@ -44,7 +59,7 @@ class Sums(NamedTuple):
     """(k, B) after the last sample."""
     covariance: Float[Array, "k k B"]
     """(k, k, B) after the last sample."""
-    states: Smoothed | None
+    states: States | None
     """Filtered states of every sample, where they are asked for."""
 
 
@@ -58,55 +73,41 @@ def filter_sums(model: ProcessModel, keep: bool, inputs: Inputs, weight: Float[A
         inputs: as for ``scan.filter_scan``.
         weight: (T,) of every sample's likelihood.
     """
-    (mean, triangle), nats, kept = _over_logs(model, keep)(inputs, weight)
-    states = None if kept is None else Smoothed(jnp.stack(kept[0], 1), _matrix(kept[1], len(mean), 1))
-    return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states)
+    return _run(model, keep, False, inputs, weight)[0]
 
 
-def _over_logs(model: ProcessModel, keep: bool) -> Any:
-    """The loop, which takes the filters of many logs as lanes of one: each with its own clock and weights."""
-    loop = partial(_loop, model, keep)
-    if isinstance(model, Gated):  # its lanes depend on each other
-        return one_at_a_time(loop)
-    together: Any = jax.custom_batching.custom_vmap(loop)
-
-    def rule(count: int, is_mapped: Any, inputs: Inputs, weight: Array) -> tuple[Any, Any]:
-        lanes = inputs.mean.shape[-1]
-
-        def of_all(x: Array, mapped: bool) -> Array:
-            return x if mapped else jnp.broadcast_to(x[None], (count, *x.shape))
-
-        def side_by_side(x: Array) -> Array:
-            return jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], count * lanes)
-
-        def apart(x: Array) -> Array:
-            return jnp.moveaxis(x.reshape(*x.shape[:-1], count, lanes), -2, 0)
-
-        inputs, weight = jax.tree.map(of_all, (inputs, weight), tuple(is_mapped))
-        dt, weight = (jnp.broadcast_to(x[..., None], (*x.shape, lanes)) for x in (inputs.dt, weight))
-        found = jax.tree.map(apart, loop(*jax.tree.map(side_by_side, (inputs._replace(dt=dt), weight))))
-        return found, jax.tree.map(lambda _: True, found)
-
-    together.def_vmap(rule)
-    return together
+def _run(model: ProcessModel, keep: bool, for_reverse: bool, inputs: Inputs, weight: Array) -> tuple[Sums, Any]:
+    """The sums, and the record of every step where the reverse pass is to follow."""
+    loop = partial(_loop, model, keep, for_reverse)
+    # A gate makes the lanes of one log depend on each other.
+    over_logs = one_at_a_time(loop) if isinstance(model, Gated) else many_as_lanes(loop)
+    (mean, triangle), nats, kept, record = over_logs(inputs._replace(dt=inputs.dt[:, None]), weight[:, None])
+    states = None if kept is None else States(*kept)
+    return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states), record
 
 
-def _loop(model: ProcessModel, keep: bool, inputs: Inputs, weight: Array) -> tuple[Packed, Array, Packed | None]:
-    """The state after the last sample, the sums, and the states of all samples."""
+Looped = tuple[Packed, Array, Packed | None, Record | None]
+
+
+def _loop(model: ProcessModel, keep: bool, for_reverse: bool, inputs: Inputs, weight: Array) -> Looped:
+    """The state after the last sample, the sums, the states of all samples, and the record."""
 
     @compile_whole
     def loop(inputs: Inputs, weight: Array) -> Any:
+        forces = forces_of(inputs)
+
         def body(carry: tuple[Packed, Array], sample: tuple[Seen, Array]) -> Any:
             (state, nats), (seen, weight) = carry, sample
-            step = advance(model, inputs, state, seen)
+            step = advance(model, forces, state, seen)
             after = packed(step)
-            return (after, nats + weight * nats_of(step.record)[1]), after if keep else None
+            kept = after if keep else None, step.record if for_reverse else None
+            return (after, nats + weight * nats_of(step.record)[1]), kept
 
         start = (start_of(inputs), jnp.zeros_like(inputs.mean[0]))
         (last, nats), kept = jax.lax.scan(body, start, (samples_of(inputs), weight))
-        return last, nats, kept
+        return last, nats, *kept
 
-    found: tuple[Packed, Array, Packed | None] = loop(inputs, weight)
+    found: Looped = loop(inputs, weight)
     return found
 
 
@@ -117,17 +118,40 @@ def _matrix(triangle: list[Array], k: int, axis: int) -> Array:
 
 def _sums_of(keep: bool, track: Track, weight: Array) -> Sums:
     """The same from the track of every sample."""
-    states = Smoothed(track.mean, track.covariance) if keep else None
+    k = track.mean.shape[1]
+    triangle = upper([[track.covariance[:, a, b] for b in range(k)] for a in range(k)])
+    states = States([track.mean[:, a] for a in range(k)], triangle) if keep else None
     return Sums((weight[:, None] * track.log_likelihood).sum(0), track.mean[-1], track.covariance[-1], states)
 
 
 def _forward(model: ProcessModel, keep: bool, inputs: Inputs, weight: Array) -> tuple[Sums, Any]:
-    found: tuple[Sums, Any] = jax.vjp(lambda x, w: _sums_of(keep, filter_scan(model, x), w), inputs, weight)
-    return found
+    if isinstance(inputs.density, tuple) or isinstance(model, Gated):
+        found: tuple[Sums, Any] = jax.vjp(lambda x, w: _sums_of(keep, filter_scan(model, x), w), inputs, weight)
+        return found
+    sums, record = _run(model, keep, True, inputs, weight)
+    return sums, (inputs.dt, inputs.density, weight, record)
 
 
-def _backward(model: ProcessModel, keep: bool, pull: Any, bar: Sums) -> Any:
-    return pull(bar)
+def _backward(model: ProcessModel, keep: bool, residual: Any, bar: Sums) -> Any:
+    if callable(residual):
+        return residual(bar)
+    dt, density, weight, record = residual
+    mean, covariance = bar.mean, (bar.covariance + jnp.swapaxes(bar.covariance, 0, 1)) / 2
+    last = list(mean), upper([list(row) for row in covariance])
+    states = None if bar.states is None else (bar.states.mean, _halved(len(mean), bar.states.triangle))
+    found = slopes_of_sums(model, dt, density, weight, record, Bars(bar.nats, last, states))
+    k, nats = len(mean), nats_of(record)[1]
+    prior = jnp.stack(found.prior[0]), _matrix(found.prior[1], k, 0)
+    of_samples = jnp.stack(found.y, 1), jnp.stack(found.variance, 1)
+    slopes = Inputs(jnp.zeros_like(dt), found.density, *of_samples, *prior, jnp.stack(found.restart))
+    return slopes, nats @ bar.nats
+
+
+def _halved(k: int, triangle: Vector) -> Vector:
+    """Slopes in the entries of a triangle -> those in the entries of the matrix, which has each twice beside its
+    diagonal."""
+    places = [(a, b) for a in range(k) for b in range(a, k)]
+    return [x if a == b else x / 2 for (a, b), x in zip(places, triangle, strict=True)]
 
 
 filter_sums.defvjp(_forward, _backward)

@@ -30,24 +30,19 @@ Columns = tuple[Array, ...]
 """q, dq, ddq, and covariances if any, in pieces: (pieces, n, C)."""
 
 
-def wrenches(
-    model: Model, mean: Float[Array, "T 3 n"], covariance: Float[Array, "T 3 3 n"] | None
-) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
+def wrenches(model: Model, *entries: Float[Array, "T n"]) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
     """D theta, and the diagonal of sum_j G_j P_j G_j^T (tool_wrench.covariance_of_joints).
 
     Args:
         model: arm, gravity and tool.
-        mean: (T, 3, n) joint states.
-        covariance: (T, 3, 3, n), or None for zeros.
+        *entries: (T, n) q, dq and ddq, and of their covariance P_qq, P_qa and P_aa, or none of these for zeros.
 
     Returns:
         wrench (T, 6) N, Nm, sensor frame, and the variance that the joints' uncertainty adds to it (T, 6).
     """
-    length = mean.shape[0]
+    length = entries[0].shape[0]
     size = min(PIECE, length) if on_cpu() else length
-    upper = () if covariance is None else (covariance[:, 0, 0], covariance[:, 0, 2], covariance[:, 2, 2])
-    columns = tuple(_cut(x, size) for x in (mean[:, 0], mean[:, 1], mean[:, 2], *upper))
-    wrench, variance = _pieces(model, columns)
+    wrench, variance = _pieces(model, tuple(_cut(x, size) for x in entries))
     return _join(wrench, length), _join(variance, length)
 
 

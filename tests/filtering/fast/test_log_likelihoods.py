@@ -10,6 +10,7 @@ import pytest
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import log_likelihoods as route
 from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.samples import pad
 
 CORRELATED = {
     "vibration": jnp.full((3, 6), 0.3),
@@ -70,26 +71,37 @@ def test_it_is_the_sum_over_the_steps_and_so_are_its_slopes(params, samples, in_
 
 
 @pytest.mark.slow
-def test_many_logs_are_each_log(params, samples, in_chunks, monkeypatch):
-    """In tiles, the last of which is filled up; each with a clock of its own."""
-    monkeypatch.setattr(route, "TILE", 3)
+def test_many_logs_are_each_log(params, samples, in_chunks):
+    """One after the other, each with a clock of its own; padding, here a chunk of it and more, changes nothing."""
     logs = [
         samples,
         samples._replace(wrench=2 * samples.wrench),
-        samples._replace(q=samples.q + 0.1),
         samples._replace(dt=1.5 * samples.dt, dq=samples.dq / 1.5),
-        samples._replace(dq=samples.dq + 0.2),
     ]
-    many, weight = jax.tree.map(lambda *x: jnp.stack(x), *logs), jnp.ones(40)
+    length, weight = len(samples.dt), jnp.ones(len(samples.dt))
+    many = jax.tree.map(lambda *x: jnp.stack(x), *(pad(log, length + 24) for log in logs))
     one = jax.jit(partial(values_and_slopes, in_chunks, Options()))
     together = jax.jit(jax.vmap(partial(values_and_slopes, in_chunks, Options()), (None, 0, None)))(
-        params, many, weight
+        params, many, jnp.pad(weight, (0, 24))
     )
     for i, log in enumerate(logs):
-        value, slopes = jax.tree.map(lambda x, i=i: x[i], together)
+        value, (of_params, *of_samples) = jax.tree.map(lambda x, i=i: x[i], together)
         expected, expected_slopes = one(params, log, weight)
         assert_close(value, expected, 1e-10)
-        assert_close(slopes, expected_slopes, 1e-6)  # slopes in the prior lose digits
+        assert_close((of_params, *(x[:length] for x in of_samples)), expected_slopes, 1e-6)  # the prior's lose digits
+        assert not any(x[length:].any() for x in of_samples)
+
+
+def test_only_padding_is_left_out(samples):
+    """Neither a gap, in which time passes, nor measurements at one stamp."""
+    chunk = jax.tree.map(lambda x: x[:8], samples)
+    nothing = pad(jax.tree.map(lambda x: x[:0], chunk), 8)
+    done = lambda samples: route._unless_empty(lambda chunk: 1, lambda chunk: 0, (samples, jnp.ones(8)))  # noqa: E731
+    assert done(chunk) == 1
+    assert done(nothing) == 0
+    assert done(nothing._replace(dt=chunk.dt)) == 1
+    assert done(nothing._replace(wrench=nothing.wrench.at[3, 2].set(1.0))) == 1
+    assert done(nothing._replace(dq=nothing.dq.at[7, 0].set(1.0))) == 1
 
 
 def test_what_is_kept_for_slopes_is_the_log_and_little_else(params, samples):
