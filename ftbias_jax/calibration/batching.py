@@ -36,7 +36,7 @@ def stack(logs: Sequence[Sample], length: int = 0) -> Sample:
 
 
 def cut(log: Sample, length: int) -> list[Sample]:
-    """Pieces of at most so many samples of the joints, equally long to one sample, each starting as a log of its own."""
+    """Pieces of at most so many samples of the joints, equally long, each starting as a log of its own."""
     whole = Sample(*(np.asarray(x) for x in log[:4]))  # joints do not feel the temperature
     count = -(-len(whole.dt) // length)
     ends = [len(whole.dt) * i // count for i in range(count + 1)]
