@@ -19,15 +19,14 @@ def measured_bias(result):
 
 
 def past_of(t, ahead):
-    """(T,) index of the newest sample that is at least so old, -1 = none, and the seconds since then."""
-    past = np.searchsorted(t, t - ahead, side="right") - 1
-    return past, (t - t[past])[:, None]
+    """(T,) index of the newest sample that is at least so old, -1 = none."""
+    return np.searchsorted(t, t - ahead, side="right") - 1
 
 
 def prediction(result, ahead):
-    """(T, 6) N, Nm: the bias that the state so many seconds ago expects now; NaN = there is none so old."""
-    past, elapsed = past_of(result.t, ahead)
-    return np.where((past >= 0)[:, None], result.bias[past] + elapsed * result.drift[past], np.nan)
+    """(T, 6) N, Nm: what the state so many seconds ago expects to be measured now; NaN = there is none so old."""
+    past = past_of(result.t, ahead)
+    return np.where((past >= 0)[:, None], result.forecast(ahead).mean[past], np.nan)
 
 
 def rms(errors):
@@ -42,8 +41,9 @@ def errors(result, ahead):
 
 def inside(result, ahead):
     """(T, 6) 1 where the reading is in the 95 % interval predicted for it, 0 where not; NaN = not predicted or used."""
-    past, elapsed = past_of(result.t, ahead)
-    variance = result.bias_std[past] ** 2 + (elapsed * result.drift_std[past]) ** 2 + result.reading_std**2
+    then, std = past_of(result.t, ahead), result.forecast(ahead).std
+    # The noise that the motion makes is that of now; how the arm will move is known.
+    variance = std[then] ** 2 - result.reading_std[then] ** 2 + result.reading_std**2
     error = np.where(result.used[:, None], errors(result, ahead), np.nan)
     return np.where(np.isfinite(error), np.abs(error) < WITHIN * np.sqrt(variance), np.nan)
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from cases import KUKA_RUNS, abb, folder, kuka, panda, with_least_squares_tool
 from figure import draw
-from predict import AHEAD, errors, inside, measured_bias, nis, prediction, rms, slow_and_fast
+from predict import AHEAD, errors, inside, measured_bias, nis, past_of, prediction, rms, slow_and_fast
 
 sys.path.append(str(Path(__file__).parents[1]))
 import itertools
@@ -16,6 +16,8 @@ import itertools
 from common import keep, rounded
 
 import ftbias_jax as ft
+from ftbias_jax.calibration import identify_tool
+from ftbias_jax.calibration.identify_tool import STEADY
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.adapt.log_noise import noise_of_log, with_noise
 from ftbias_jax.filtering.joint_filter import first_measured
@@ -23,14 +25,13 @@ from ftbias_jax.filtering.recorded.bias import filter_prepared
 from ftbias_jax.filtering.recorded.prepare import prepare
 from ftbias_jax.filtering.recorded.ready import in_parts
 from ftbias_jax.filtering.recorded.whole import GATE, blocks_of, with_variance
-from ftbias_jax.filtering.result import join
+from ftbias_jax.filtering.result import join, named_arrays
 
 REST = 0.2
 """s at the end of the KUKA runs, in which the arm rests."""
 TARE = 0.5
 """s at the start that a held tare averages."""
-BATCH = 1.0
-"""s: means of the measured bias over so long tell how far it wanders about its average."""
+IDENTIFIED = "tool, mounting and bias by identify"
 BLOCKS = 10
 
 
@@ -69,21 +70,26 @@ def study_panda(real):
         with_tool = tools[train]
         trained = ft.filter_log(with_tool, logs[train])
         result = ft.filter_log(with_tool, logs[test])
-        wandering = batches(trained.t, measured_bias(trained))
-        constant, spread = np.nanmean(measured_bias(trained), axis=0), wandering.std(0)
-        prior = replace(with_tool, bias=replace(with_tool.bias, initial=constant, initial_std=spread))
+        constant = np.nanmean(measured_bias(trained), axis=0)
+        steady, steady_std = identify_tool._steady_bias(with_tool, logs[train])
+        prior = replace(with_tool, bias=replace(with_tool.bias, initial=steady, initial_std=steady_std))
+        still = {"noise_density": STEADY * with_tool.bias.noise_density, "initial_drift_std": np.zeros(6)}
+        identified = ft.identify_tool(setup, logs[train], mounting=True, bias=True).setup
         after, why = tuned(with_tool, logs[train])
         candidates = {
             "default": result,
             "default, drift not extrapolated": replace(result, drift=np.zeros_like(result.drift)),
             "as stated": ft.filter_log(with_tool, logs[test], as_stated=True),
             "default, prior of the training log": ft.filter_log(prior, logs[test]),
+            "the same prior, no drift": ft.filter_log(replace(prior, bias=replace(prior.bias, **still)), logs[test]),
+            "no prior, no drift": ft.filter_log(replace(with_tool, bias=replace(setup.bias, **still)), logs[test]),
+            IDENTIFIED: ft.filter_log(identified, logs[test]),
             "default, tuned on the training log": ft.filter_log(after, logs[test]),
         }
         scored[f"trained on {train}, tested on {test}"] = {
             "tool": {"mass": rounded(with_tool.tool.mass), "center_of_mass": rounded(with_tool.tool.center_of_mass)},
             "constant": rounded(constant),
-            "spread of the training log": rounded(spread),
+            "prior of the training log": {"initial": rounded(steady), "initial_std": rounded(steady_std)},
             "tune": why,
             "share used": rounded(result.used.mean()),
         } | {f"{ahead:g} s": compare(result, candidates, constant, ahead) for ahead in AHEAD}
@@ -92,24 +98,24 @@ def study_panda(real):
     return scored, results
 
 
-def batches(t, values):
-    """(N, 6) means of whole batches."""
-    index = ((t - t[0]) // BATCH).astype(int)
-    return np.stack([np.nanmean(values[index == i], axis=0) for i in range(index.max())])
-
-
 def compare(result, candidates, constant, ahead):
     """Rms errors (6,) of all candidates, with the wrench of the tool that one result has, over the same samples."""
     y = measured_bias(result)
     tare = np.nanmean(y[result.t < result.t[0] + TARE], axis=0)
     judged = np.where(np.isfinite(prediction(result, ahead)), y, np.nan)
-    found = {name: rms(judged - prediction(each, ahead)) for name, each in candidates.items()}
+    shared = {name: each for name, each in candidates.items() if name != IDENTIFIED}
+    found = {name: rms(judged - prediction(each, ahead)) for name, each in shared.items()}
+    found[IDENTIFIED] = rms(errors(candidates[IDENTIFIED], ahead))  # its own wrench of the tool
     baselines = {"constant calibration": rms(judged - constant), "held tare": rms(judged - tare)}
+    hindsight = rms(judged - np.nanmean(judged, axis=0))
+    so_far = np.nancumsum(y, axis=0) / np.maximum(np.isfinite(y).cumsum(0), 1)
+    averaged = rms(judged - so_far[past_of(result.t, ahead)])
     own = rms(errors(candidates["as stated"], ahead))
     best = np.minimum(*baselines.values())
     return {
         "rms": {name: rounded(x) for name, x in (found | baselines).items()}
-        | {"as stated, with its own wrench of the tool": rounded(own)},
+        | {"as stated, with its own wrench of the tool": rounded(own)}
+        | {"mean of all readings so far": rounded(averaged), "their own mean, in hindsight": rounded(hindsight)},
         "over the better baseline, forces": {name: rounded((x / best)[:3]) for name, x in found.items()},
     }
 
@@ -132,7 +138,9 @@ def study_abb(real):
         columns = {name: getattr(blocks, name)[seen] for name in blocks._fields if name != "size"}
         noise = noise_of_log(blocks._replace(**columns), params)
         parts = (with_variance(part, params, noise) for part in prepared)
-        fold = join(list(filter_prepared(with_noise(params, noise), parts, options, noise)))
+        seen_params = with_noise(params, noise)
+        fold = join(list(filter_prepared(seen_params, parts, options, noise)))
+        fold = replace(result, params=seen_params, **named_arrays(fold))
         rows = (fold.t >= low) & (fold.t < high)
         unseen[rows] = errors(fold, ahead)[rows]
         squares[rows] = (fold.innovation[rows] / fold.innovation_std[rows]) ** 2

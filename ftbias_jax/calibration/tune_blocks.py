@@ -20,7 +20,7 @@ from ftbias_jax.calibration.tune import TIES, Fit, WrenchLogs, fit_wrench
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
 from ftbias_jax.filtering.adapt.blocks import Blocks
 from ftbias_jax.filtering.adapt.contact import in_contact
-from ftbias_jax.filtering.adapt.log_noise import LogNoise, noise_of_log, prior_with
+from ftbias_jax.filtering.adapt.log_noise import LogNoise, expected, noise_of_log, prior_with
 from ftbias_jax.filtering.adapt.slow_noise import coarser
 from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.pipeline import Options
@@ -142,18 +142,19 @@ def _pooled(noises: Sequence[LogNoise]) -> tuple[Array, Array]:
 
 
 def _as_series(log: LogInBlocks, sensor: Array, params: Params) -> Series:
-    """A log in blocks, without those in contact."""
+    """A log in blocks, without those in contact, and without what the prior expects of the bias."""
     blocks, noise = log.blocks, log.noise
     touched = in_contact(blocks.t, list(noise.contacts), blocks.t[1] - blocks.t[0])
     white = blocks.stated if noise.vibration is None else noise.vibration.variance(blocks, sensor)
-    y = np.where(touched[:, None], np.nan, blocks.mean)
+    y = np.where(touched[:, None], np.nan, blocks.mean - expected(blocks.t, params))
     variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
     return Series(*coarser(blocks.t, y, variance), prior_with(params, noise.offset))
 
 
 def _as_samples(log: LogInBlocks, sensor: Array, params: Params) -> tuple[Sample, Array]:
     """The blocks of a log as samples of a log, and the variance (N, 6) of their means."""
-    t, y, variance, _ = _as_series(log, sensor, params)
+    t, deviations, variance, _ = _as_series(log, sensor, params)
+    y = deviations + expected(t, params)
     n, dtype = params.joint.process_density.shape[0], params.theta.dtype
     still = np.zeros((len(t), n))
     dt = np.diff(t, prepend=t[0])

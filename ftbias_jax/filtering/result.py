@@ -43,6 +43,8 @@ class Filtered(NamedTuple):
     reading_std: Float[Array, "T 6"] | None = None
     """N, Nm: how far a reading is off wrench_tool - bias by all its noise, white and correlated. With bias_std it tells
     how well a later reading can be predicted."""
+    slow_error: Float[Array, "T 6"] | None = None
+    """N, Nm: of wrench_tool - reading what is correlated noise, not bias."""
     contact_wrench: Float[Array, "T 6"] | None = None
     """N, Nm, sensor frame: what the environment exerts on the tool, wrench_tool - wrench_unbiased."""
     contact_wrench_std: Float[Array, "T 6"] | None = None

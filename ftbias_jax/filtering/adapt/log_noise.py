@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering.adapt.blocks import Blocks, unmeasured_axes
-from ftbias_jax.filtering.adapt.contact import Contact, find_contacts, in_contact
+from ftbias_jax.filtering.adapt.contact import Contact, find_contacts, in_contact, slow_std
 from ftbias_jax.filtering.adapt.sample_noise import sensor_level
 from ftbias_jax.filtering.adapt.slow_noise import Grid, SlowNoise, coarser, fit_slow_noise, innovations
 from ftbias_jax.filtering.adapt.vibration import HEAVY, Vibration, fit_vibration
@@ -68,7 +68,7 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     white = vibration.variance(blocks, sensor)
     with np.errstate(invalid="ignore"):
         calm = ~(blocks.scatter > HEAVY * white)  # a spike moves the mean of its block as well
-    y = np.where(free[:, None] & calm, blocks.mean, np.nan)
+    y = np.where(free[:, None] & calm, blocks.mean - expected(blocks.t, params), np.nan)
     variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
     bias = params.bias
     prior_std, density = prior_with(params, offset), np.asarray(bias.density, float)
@@ -105,15 +105,26 @@ def is_white(t: Array, innovation: Array) -> bool:
     )
 
 
+def expected(t: Array, params: Params) -> Array:
+    """(N, 6) N, Nm: the bias that the prior expects at the times t (N,) s, if its drift goes on.
+
+    The filters of blocks know deviations from it: a prior that is sharp and far from zero is no error of the model.
+    """
+    mean = np.asarray(params.bias.prior_mean, float)
+    return mean[:6] + (t - t[0])[:, None] * mean[6:12]
+
+
 def offset_of(blocks: Blocks, params: Params) -> Array:
     """(6,) N, Nm: the measured bias of the first blocks, where it is FAR from what the prior expects; 0 elsewhere.
 
-    Raw readings of some sensors have offsets of kilonewtons. A filter would reject them as contact for ever.
+    Raw readings of some sensors have offsets of kilonewtons. A filter would reject them as contact for ever. But a
+    model that is a little wrong is off by as much as it varies later on: that is no offset.
     """
     with np.errstate(invalid="ignore"):
         first = np.nan_to_num(np.nanmedian(blocks.mean[:FIRST], axis=0))
     mean, std = np.asarray(params.bias.prior_mean, float)[:6], np.asarray(params.bias.prior_std, float)[:6]
-    return np.where(np.abs(first - mean) > FAR * np.maximum(std, 1e-12), first - mean, 0.0)
+    usual = np.hypot(std, slow_std(blocks))
+    return np.where(np.abs(first - mean) > FAR * np.maximum(usual, 1e-12), first - mean, 0.0)
 
 
 def prior_with(params: Params, offset: Array) -> Array:

@@ -76,6 +76,7 @@ def _filter_part(
         "drift": track.mean[:, 1],
         "bias_std": std[:, :, 0],
         "drift_std": std[:, :, 1],
+        "slow_error": jnp.zeros_like(samples.wrench) if track.mean.shape[1] == 2 else track.mean[:, 2],
         "innovation": innovation,
         "innovation_std": jnp.sqrt(innovation_variance),
         "nis": jnp.nansum(innovation**2 / innovation_variance, axis=1),

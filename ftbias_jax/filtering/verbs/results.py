@@ -14,6 +14,7 @@ from ftbias_jax.filtering.quality.consistency import Consistency, check
 from ftbias_jax.filtering.quality.contacts import ContactInterval
 from ftbias_jax.filtering.quality.spectrum import Line, find_lines
 from ftbias_jax.filtering.quality.summary import Summary, format_summary
+from ftbias_jax.filtering.verbs.forecast import Forecast, forecast
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write import save_results
 from ftbias_jax.io.write.about import About
@@ -150,6 +151,8 @@ class FilterResult(Saved):
     """(T,) whether the sample passed the gate, and nothing touched the tool."""
     reading_std: Array | None = None
     """(T, 6) N, Nm: how far a reading is off wrench_tool - bias by all its noise, white and correlated."""
+    slow_error: Array | None = None
+    """(T, 6) N, Nm: of wrench_tool - reading what is correlated noise, not bias; None if filtered as stated."""
     contact_wrench: Array | None = None
     """(T, 6) N, Nm, sensor frame: what the environment exerts on the tool; None if filtered as stated."""
     contact_wrench_std: Array | None = None
@@ -170,6 +173,14 @@ class FilterResult(Saved):
     """The sensor's frame, as a recording of ROS names it."""
     provenance: Provenance | None = None
     """What it was made from, as files say it."""
+
+    def forecast(self, seconds: float) -> Forecast:
+        """What wrench_tool - reading should be so many seconds after each sample, with its standard deviation.
+
+        Args:
+            seconds: 0 or more.
+        """
+        return forecast(self, seconds)
 
     def check(self) -> Consistency:
         """Whether the error bars are right: innovations against their chi-square bounds, and their whiteness."""

@@ -45,6 +45,7 @@ FIELDS: dict[str, Field] = {
     "innovation_std": Field(_WRENCH, "standard deviation of innovation, with the noise that the log shows"),
     "used": Field("1", "whether the sample changed the bias: it passed the gate, and nothing touched the tool", ADAPT),
     "reading_std": Field(_WRENCH, "how far a reading is off wrench_tool - bias by all its noise", ADAPT),
+    "slow_error": Field(_WRENCH, "of wrench_tool - reading what is correlated noise, not bias", ADAPT),
     "contact_wrench": Field(_WRENCH, "exerted on the tool by the environment: wrench_tool - wrench_unbiased", ADAPT),
     "contact_wrench_std": Field(_WRENCH, "standard deviation of contact_wrench, by bias_std and reading_std", ADAPT),
     "in_contact": Field("1", "whether the sample is in an interval of contact, found in the whole log", ADAPT),

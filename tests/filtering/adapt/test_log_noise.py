@@ -106,6 +106,31 @@ def test_what_the_setup_states_is_kept(stated):
     assert (noise.inflation < 1.6).all()
 
 
+def test_a_sharp_prior_far_from_zero_is_no_error_of_the_model(stated):
+    blocks = white_blocks(0, slow=1.0)
+    blocks = blocks._replace(mean=blocks.mean - blocks.mean.mean(0))
+    here = 3000 * STD
+    moved = blocks._replace(mean=blocks.mean + here)
+    sharp = stated.bias.prior_std.at[:6].set(jnp.asarray(0.5 * STD))
+    known = stated.bias._replace(prior_mean=jnp.asarray(np.concatenate([here, np.zeros(6)])), prior_std=sharp)
+    noise = noise_of_log(moved, stated._replace(bias=known))
+    expected = noise_of_log(blocks, stated._replace(bias=stated.bias._replace(prior_std=sharp)))
+    assert (expected.slow.std > 0).all()
+    np.testing.assert_allclose(noise.slow.std, expected.slow.std, rtol=1e-6)
+    np.testing.assert_allclose(noise.slow.time, expected.slow.time, rtol=1e-6)
+    np.testing.assert_allclose(noise.inflation, expected.inflation, rtol=1e-6)
+    assert not noise.offset.any()
+
+
+def test_what_slow_errors_are_usually_off_is_no_offset(stated):
+    blocks = white_blocks(0, slow=1.0)
+    blocks = blocks._replace(mean=blocks.mean - blocks.mean.mean(0))
+    sharp = stated.bias.prior_std.at[:6].set(jnp.asarray(0.01 * STD))
+    first = blocks.mean[:5].mean(0)
+    assert (np.abs(first) > 4 * 0.01 * STD).any()
+    assert not offset_of(blocks, stated._replace(bias=stated.bias._replace(prior_std=sharp))).any()
+
+
 def test_a_short_log_says_nothing(stated):
     blocks = white_blocks(0, slow=3.0)
     short = blocks._replace(**{x: getattr(blocks, x)[: LEAST_BLOCKS - 1] for x in blocks._fields if x != "size"})

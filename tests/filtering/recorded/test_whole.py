@@ -183,7 +183,7 @@ def test_parts_are_the_whole(likeliest, made, clean, monkeypatch):
     np.testing.assert_allclose(found.noise.inflation, clean[0].noise.inflation, rtol=0.2)
     one = whole.with_variance(one, likeliest, found.noise)
     expected = join(list(filter_prepared(found.params, [one], Options(gate=whole.GATE), found.noise)))
-    for name in ("t", "bias", "drift", "bias_std", "innovation", "used", "reading_std", "log_likelihood"):
+    for name in ("t", "bias", "drift", "bias_std", "innovation", "used", "reading_std", "slow_error", "log_likelihood"):
         got, other = (np.asarray(getattr(x, name), float) for x in (result, expected))
         np.testing.assert_allclose(got, other, rtol=1e-8, atol=1e-8 * np.nanmax(np.abs(other)), err_msg=name)
 

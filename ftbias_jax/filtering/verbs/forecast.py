@@ -1,0 +1,49 @@
+"""What a filtered log expects of its later readings: bias and drift that go on, slow errors that are forgotten."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from ftbias_jax.filtering.verbs.results import FilterResult
+
+
+class Forecast(NamedTuple):
+    """What wrench_tool - reading should be some seconds after each sample, in free motion."""
+
+    mean: Array
+    """(T, 6) N, Nm."""
+    std: Array
+    """(T, 6) N, Nm: standard deviation of a single reading about it, with all its noise."""
+
+
+def forecast(result: FilterResult, seconds: float) -> Forecast:
+    """Expect the bias with its drift, and of the slow error of now the share exp(-seconds / correlation time).
+
+    A reading tells the sum of bias and slow error to within white noise, but hardly what of it is which: their errors
+    are opposite and equally large. So what is not known of the bias matters as far as the slow error is forgotten.
+
+    Args:
+        result: of a filter.
+        seconds: how far ahead, 0 or more.
+    """
+    noise = result.params.bias
+    shape = result.bias.shape
+    moved: float | Array = seconds
+    if noise.drift_time is not None:
+        times = np.asarray(noise.drift_time, float)
+        moved = -times * np.expm1(-seconds / times)
+    mean = result.bias + moved * result.drift
+    of_drift = (moved * result.drift_std) ** 2
+    white = (result.innovation_std if result.reading_std is None else result.reading_std) ** 2
+    if result.slow_error is None or noise.correlated_std is None or noise.correlated_time is None:
+        return Forecast(mean, np.sqrt(result.bias_std**2 + of_drift + white))
+    kept = np.exp(-seconds / np.asarray(noise.correlated_time, float))
+    slow = np.broadcast_to(np.asarray(noise.correlated_std, float) ** 2, shape)
+    known = np.where(slow > 0, kept, 0.0)  # without slow errors all that is not known of the bias stays
+    variance = ((1 - known) * result.bias_std) ** 2 + of_drift + white - known**2 * slow
+    return Forecast(mean + known * result.slow_error, np.sqrt(variance))

@@ -1,0 +1,87 @@
+"""Forecasts of a filtered log against a Kalman filter of (bias, drift, slow error) that is run on without readings."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ftbias_jax.filtering.verbs.forecast import forecast
+
+STEP, SIGMA, TIME, WHITE, DENSITY = 0.02, 0.3, 4.0, 0.02, 1e-3
+"""s, N, s, N, N/s^1.5."""
+STATE = np.array([2.0, 0.05, -0.2])
+
+
+def process(seconds):
+    """A and Q of (bias, drift, slow error)."""
+    kept = np.exp(-seconds / TIME)
+    A = np.array([[1, seconds, 0], [0, 1, 0], [0, 0, kept]])
+    cross = DENSITY**2 * seconds**2 / 2
+    Q = np.array([[DENSITY**2 * seconds**3 / 3, cross, 0], [cross, DENSITY**2 * seconds, 0], [0, 0, 0]])
+    Q[2, 2] = SIGMA**2 * (1 - kept**2)
+    return A, Q
+
+
+@pytest.fixture(scope="module")
+def covariance():
+    """(3, 3) after 20 s of readings."""
+    A, Q = process(STEP)
+    C, P = np.array([1.0, 0, 1]), np.diag([1.0, 1e-4, SIGMA**2])
+    for _ in range(round(20 / STEP)):
+        P = A @ P @ A.T + Q
+        K = P @ C / (C @ P @ C + WHITE**2)
+        P = P - np.outer(K, C @ P)
+    return P
+
+
+def result_of(covariance, **changes):
+    six = np.ones((1, 6))
+    std = np.sqrt(np.diag(covariance))
+    bias = SimpleNamespace(drift_time=None, correlated_std=np.full(6, SIGMA), correlated_time=np.full(6, TIME))
+    values = {
+        "bias": STATE[0] * six,
+        "drift": STATE[1] * six,
+        "slow_error": STATE[2] * six,
+        "bias_std": std[0] * six,
+        "drift_std": std[1] * six,
+        "reading_std": np.hypot(WHITE, SIGMA) * six,
+        "params": SimpleNamespace(bias=bias),
+    }
+    return SimpleNamespace(**values | changes)
+
+
+@pytest.mark.parametrize("seconds", [0.5, 1.0, 10.0, 100.0])
+def test_a_forecast_is_that_of_the_filter_run_on(covariance, seconds):
+    found = forecast(result_of(covariance), seconds)
+    A, Q = process(seconds)
+    C = np.array([1.0, 0, 1])
+    np.testing.assert_allclose(found.mean, C @ A @ STATE)
+    # The noise of the drift on the way is small, and left out; so is what bias and drift have in common.
+    expected = np.sqrt(C @ (A @ covariance @ A.T + Q) @ C + WHITE**2)
+    np.testing.assert_allclose(found.std, expected, rtol=0.1 if seconds <= 10 else 0.5)
+
+
+def test_without_slow_errors_bias_and_drift_go_on(covariance):
+    white = result_of(covariance, slow_error=None)
+    found = forecast(white, 2.0)
+    np.testing.assert_allclose(found.mean, STATE[0] + 2 * STATE[1])
+    np.testing.assert_allclose(found.std**2, white.bias_std**2 + 4 * white.drift_std**2 + white.reading_std**2)
+
+
+def test_an_axis_whose_noise_is_white_keeps_all_doubt_of_its_bias(covariance):
+    result = result_of(covariance, reading_std=np.full((1, 6), WHITE))
+    result.params.bias.correlated_std[0] = 0.0
+    result.slow_error[:, 0] = 0.0
+    result.reading_std[:, 1:] = np.hypot(WHITE, SIGMA)
+    found = forecast(result, 1.0)
+    expected = np.sqrt(result.bias_std[0, 0] ** 2 + result.drift_std[0, 0] ** 2 + WHITE**2)
+    np.testing.assert_allclose(found.std[0, 0], expected)
+    assert found.std[0, 1] != pytest.approx(expected)
+
+
+def test_a_drift_that_reverts_moves_the_bias_by_less(covariance):
+    result = result_of(covariance)
+    result.params.bias.drift_time = np.full(6, 5.0)
+    moved = 5 * (1 - np.exp(-2))
+    kept = np.exp(-10 / TIME)
+    np.testing.assert_allclose(forecast(result, 10.0).mean, STATE[0] + moved * STATE[1] + kept * STATE[2])
