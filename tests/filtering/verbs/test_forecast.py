@@ -22,6 +22,13 @@ def process(seconds):
     return A, Q
 
 
+def half(seconds):
+    """The same if the slow error is forgotten twice as soon."""
+    (A, Q), kept = process(seconds), np.exp(-2 * seconds / TIME)
+    A[2, 2], Q[2, 2] = kept, SIGMA**2 * (1 - kept**2)
+    return A, Q
+
+
 @pytest.fixture(scope="module")
 def covariance():
     """(3, 3) after 20 s of readings."""
@@ -53,12 +60,14 @@ def result_of(covariance, **changes):
 @pytest.mark.parametrize("seconds", [0.5, 1.0, 10.0, 100.0])
 def test_a_forecast_is_that_of_the_filter_run_on(covariance, seconds):
     found = forecast(result_of(covariance), seconds)
-    A, Q = process(seconds)
     C = np.array([1.0, 0, 1])
-    np.testing.assert_allclose(found.mean, C @ A @ STATE)
+    np.testing.assert_allclose(found.mean, C @ process(seconds)[0] @ STATE)
     # The noise of the drift on the way is small, and left out; so is what bias and drift have in common.
-    expected = np.sqrt(C @ (A @ covariance @ A.T + Q) @ C + WHITE**2)
-    np.testing.assert_allclose(found.std, expected, rtol=0.1 if seconds <= 10 else 0.5)
+    exact, sooner = (
+        np.sqrt(C @ (A @ covariance @ A.T + Q) @ C + WHITE**2) for A, Q in (process(seconds), half(seconds))
+    )
+    np.testing.assert_allclose(found.std, sooner, rtol=0.1 if seconds <= 10 else 0.5)
+    assert (found.std > (1 if seconds <= 1 else 0.5) * exact).all()
 
 
 def test_without_slow_errors_bias_and_drift_go_on(covariance):
