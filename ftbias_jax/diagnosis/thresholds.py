@@ -49,6 +49,8 @@ STARTS_FITTED, PULLS_FITTED = 3, 4
 """Starts that are fitted of effects without a search of their own, and of elastic pulls. [dev]"""
 MOST_ENTRIES, LEAST_ENTRY = 12, 0.01
 """Entries of a matrix that may be named, and the share of the gain that each must add. [dev]"""
+LONGEST_JUMP = 1.5
+"""s that a jump of the bias may take: no re-tare, overload or tool change lasts longer. [physics]"""
 LEAST_OF_RAMP = 12.0
 """nats that a ramp gains over a sudden step. [noise] As LEAST_GAIN."""
 
