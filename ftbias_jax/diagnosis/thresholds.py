@@ -98,7 +98,7 @@ MARGIN, MARGIN_SHARE = 0.1, 0.6
 FARTHEST, LONGEST_CABLE, UNDETERMINED = 5.0, 2.0, 1.0
 """m: farthest anchor, longest cable of a robot, and standard error beyond which nothing is said of it. [physics]"""
 LIKE_A_ROTATION = 0.8
-"""Share of leaks that a rotation makes up, to be one. [noise] Of 200 matrices drawn at random none has it; mean 0.1."""
+"""Share of leaks that a turn or an arm makes up, to be one. [noise] Of 200 drawn at random none has it; mean 0.1."""
 ENTRY_STD = 3.0
 """Typical departures: an entry of a matrix a priori, 6 % of the load of another axis. [physics]"""
 NEAR_LIMIT, EQUAL = 0.97, 0.97
