@@ -14,13 +14,14 @@ from ftbias_jax.diagnosis.terms.library import merit_of
 from ftbias_jax.diagnosis.terms.select import Search, Step, numbers_of
 from ftbias_jax.diagnosis.thresholds import AS_WELL, CLEARLY, CLOSE
 from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.model.effects.fitting import SUDDEN, Linear
+from ftbias_jax.model.effects.fitting import Linear, Pull, Touches
+from ftbias_jax.model.effects.fitting import Step as StepSearch
 from ftbias_jax.model.effects.terms.types import Term
 
 GRAVITY = "orientation"
 """The drive of terms that may be a tool or a mounting that is not as stated."""
-ALIKE = "time"
-"""The drive of terms that say of an event what an effect says of it."""
+SAME: dict[type, str] = {StepSearch: "time", Touches: "time", Pull: "position"}
+"""Search of an effect that takes many shapes -> the drive of terms that say the same of it."""
 
 
 class Description(NamedTuple):
@@ -143,14 +144,16 @@ def says(problem: Problem, effect: Scored, kept: Fit, described: Described) -> b
 
 
 def _rivals(problem: Problem, base: Fit, accepted: Fit, found: Sequence[tuple[float, Described]]) -> tuple[Term, ...]:
-    """Terms that do as well as a single effect that is an event: what follows the motion makes no event by chance."""
-    if len(accepted.hypotheses) > 1 or not isinstance(
-        problem.catalogue[accepted.hypotheses[0].effect].fit.search, SUDDEN
-    ):
+    """Terms that do as well as a single effect that is an event or a pull, and say something else.
+
+    What follows the motion makes no event by chance, and a cable that is no better than a steady force is none.
+    """
+    search = type(problem.catalogue[accepted.hypotheses[0].effect].fit.search)
+    if len(accepted.hypotheses) > 1 or search not in SAME:
         return ()
     best = merit_of(accepted.log_likelihood - base.log_likelihood, accepted.degrees)
     terms = [described.terms[0] for merit, described in found if merit > CLOSE * best]
-    return tuple(term for term in terms if term.drive != ALIKE)
+    return tuple(term for term in terms if term.drive != SAME[search])
 
 
 def _holds(problem: Problem, hold_out: Judge, base: Fit, fit: Fit, accepted: Fit) -> bool:

@@ -73,10 +73,12 @@ def test_what_follows_gravity_as_a_wrong_tool_does_is_one(effect, of_effect, ter
         ("bias_jump", ("joint_velocity", "heat"), 1000.0, True),
         ("bias_jump", ("joint_velocity", "heat"), 500.0, False),
         ("bias_jump", ("time", "step"), 1000.0, False),  # says the same
-        ("warmup", ("joint_velocity", "heat"), 1000.0, False),  # is no event
+        ("cable", ("constant", "steady"), 1000.0, True),
+        ("cable", ("position", "linear"), 1000.0, False),  # says the same
+        ("warmup", ("joint_velocity", "heat"), 1000.0, False),  # is neither an event nor a pull
     ],
 )
-def test_an_event_that_what_follows_the_motion_explains_as_well_has_a_rival(effect, drive, gain, rival):
+def test_an_event_or_a_pull_that_something_else_explains_as_well_has_a_rival(effect, drive, gain, rival):
     accepted = fit_of(effect, 6, BEFORE, 900.0)
     term = described(CHANGE, drive, gain)
     merit = describe.merit_of(gain, 18)
