@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.evidence.cross_validation import Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
@@ -12,12 +14,13 @@ from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.terms.fit_terms import Described
 from ftbias_jax.diagnosis.terms.library import merit_of
 from ftbias_jax.diagnosis.terms.select import Search, Step, numbers_of
-from ftbias_jax.diagnosis.thresholds import AS_WELL, CLEARLY, CLOSE
+from ftbias_jax.diagnosis.thresholds import AS_WELL, CLEARLY, CLOSE, LEAST_SHARE_OF_GAP, NEARLY
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import Linear, Pull, Touches
 from ftbias_jax.model.effects.fitting import Step as StepSearch
 from ftbias_jax.model.effects.terms.types import Term
 
+FORCES = np.repeat([True, False], 3)
 GRAVITY = "orientation"
 """The drive of terms that may be a tool or a mounting that is not as stated."""
 SAME: dict[type, str] = {StepSearch: "time", Touches: "time", Pull: "position"}
@@ -84,11 +87,12 @@ def describe(
     if not explained:
         kept, found, said = _by_name(search, kept, found, said)
     stands = [h.effect for h in kept.hypotheses] == names
+    answer = Outcome(rivals=_rivals(problem, base, accepted, first) if explained else ())
     if stands and explained:
-        return Outcome(rivals=_rivals(problem, base, accepted, first))
+        return answer
     steps = search.grow(kept, found)
     if not steps and (explained or stands):
-        return Outcome()
+        return answer
     fit = steps[-1].described.fit if steps else kept
     if explained:
         numbers = kept.degrees + sum(numbers_of(term) for term in steps[-1].described.terms)
@@ -97,7 +101,7 @@ def describe(
             for one, count in ((fit, numbers), (accepted, accepted.degrees))
         )
         if ours < CLEARLY * theirs or not _holds(problem, hold_out, base, fit, accepted):
-            return Outcome()
+            return answer
     moved = kept._replace(z=fit.z, coefficients=fit.coefficients) if kept.hypotheses else kept
     return Outcome(Description(moved, said, fit, tuple(steps), search))
 
@@ -123,8 +127,8 @@ def _by_name(
 def says(problem: Problem, effect: Scored, kept: Fit, described: Described) -> bool:
     """Whether an effect of the tool or its mounting does to the reading what a term that follows gravity does.
 
-    In the channels in which the term acts it does the same, by no more numbers; in the others, where a term of few
-    numbers may do nothing, it does no harm.
+    It does nearly the same to the forces or the torques, whichever the term acts on, by no more numbers, and no harm to
+    the others: a term is of the few numbers that gain most, and the effect changes what goes with them.
 
     Args:
         problem: of the logs.
@@ -138,9 +142,10 @@ def says(problem: Problem, effect: Scored, kept: Fit, described: Described) -> b
         return False
     of_effect, of_term = (kept.error - one.error for one in (effect.fit, described.fit))
     power, apart = (of_term**2).sum(0), ((of_term - of_effect) ** 2).sum(0)
-    same = apart < (1 - CLOSE) * power
-    left, before = (float((one.error[:, ~same] ** 2).sum()) for one in (effect.fit, kept))
-    return float(power[same].sum()) > CLOSE * float(power.sum()) and left <= before
+    harm = (effect.fit.error**2 - kept.error**2).sum(0)
+    total = float(power.sum())
+    own = next((part for part in (FORCES, ~FORCES) if power[part].sum() > CLOSE * total), FORCES | ~FORCES)
+    return bool(apart[own].sum() < NEARLY * power[own].sum() and harm[~own].sum() < LEAST_SHARE_OF_GAP * total)
 
 
 def _rivals(problem: Problem, base: Fit, accepted: Fit, found: Sequence[tuple[float, Described]]) -> tuple[Term, ...]:

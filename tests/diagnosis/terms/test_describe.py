@@ -56,7 +56,7 @@ NEARLY = 1.05 * CHANGE
     [
         ("tool_com", NEARLY, described(CHANGE), True),
         ("tool_com", BEFORE * [0, 0, 0, 0.5, 0, 0] + only([4]), described(only([4])), True),  # and good for tx
-        ("tool_com", BEFORE * [0, 0, 0, -0.5, 0, 0] + only([4]), described(only([4])), False),  # and bad for it
+        ("tool_com", BEFORE * [-1, 0, 0, 0, 0, 0] + only([4]), described(only([4])), False),  # and bad for fx
         ("tool_com", only([3]), described(CHANGE), False),
         ("tool_com", NEARLY, described(CHANGE, ("position", "linear")), False),  # does not follow gravity
         ("crosstalk", NEARLY, described(CHANGE), False),  # takes nearly any shape
