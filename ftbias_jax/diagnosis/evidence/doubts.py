@@ -34,5 +34,5 @@ def is_sure(problem: Problem, found: Fit) -> bool:
 
 def doubt_by(terms: Sequence[Term]) -> str:
     """The same of a cause that terms could take the place of, which are as good; "" = there are none."""
-    drives = " or ".join(dict.fromkeys(term.drive.replace("_", " ") for term in terms))
-    return f"; or something that is not in the catalogue and follows {drives}, which does as well" if drives else ""
+    drives = ", ".join(dict.fromkeys(term.drive for term in terms))
+    return f"; or something that is not in the catalogue: a term does as well (drive: {drives})" if drives else ""

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.evidence.doubts import doubt_of
+from ftbias_jax.diagnosis.evidence.doubts import doubt_by, doubt_of
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
 from ftbias_jax.diagnosis.proposals import entries, pulls
 from ftbias_jax.diagnosis.proposals.entries import nearest_arm, nearest_rotation, size_of_entries
+from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 
 SIZE = size_of_entries(CATALOGUE["crosstalk"])
@@ -120,3 +121,9 @@ def test_a_contact_that_lasts_is_doubtful(length, doubtful):
 
 def test_other_effects_are_not_doubted():
     assert doubt_of(PROBLEM, None, Hypothesis("gain")) == ""
+
+
+def test_terms_that_do_as_well_are_told_by_their_drives():
+    terms = [make_term(drive, "linear", "base", "force") for drive in ("velocity", "position", "velocity")]
+    assert doubt_by(terms).endswith("a term does as well (drive: velocity, position)")
+    assert doubt_by([]) == ""
