@@ -11,9 +11,9 @@ import numpy as np
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import change, information, lay_out, products, scores
-from ftbias_jax.diagnosis.regression.evaluate import slopes, whitened
+from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, ENTRY_STD, LIKE_A_ROTATION, PRIOR_STD
+from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, CLOSE, ENTRY_STD, LIKE_A_ROTATION, PRIOR_STD
 from ftbias_jax.filtering.innovation_regression import widened_inverse
 from ftbias_jax.model.effects.fitting import Entries
 from ftbias_jax.model.effects.types import Effect
@@ -66,7 +66,20 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     if share > LIKE_A_ROTATION:
         metres = ", ".join(f"{x:.2g}" for x in arm)
         return f"; or the centre of mass is not where it is stated: the leaks are those of an arm of ({metres}) m"
+    if share_of_gains(problem, found, h) > CLOSE:
+        return "; or channels whose gains are wrong: force and torque go together in this log, so that they do as well"
     return ""
+
+
+def share_of_gains(problem: Problem, found: Fit, h: Hypothesis) -> float:
+    """Share of what leaks do to the innovations that another gain of every channel does as well."""
+    z = np.stack([found.z, found.z])
+    z[1, list(h.free)] = 0
+    with_it, load = readings(problem, z)
+    leaked, *scaled = whitened(problem, np.concatenate([[with_it - load], load * np.eye(6)[:, None]]))
+    columns = np.reshape(scaled, (6, -1)).T
+    left = leaked.ravel() - columns @ np.linalg.lstsq(columns, leaked.ravel())[0]
+    return 1 - float(left @ left) / max(float((leaked**2).sum()), 1e-300)
 
 
 def size_of_entries(effect: Effect) -> np.ndarray:

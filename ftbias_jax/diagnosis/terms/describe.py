@@ -156,8 +156,9 @@ def _rivals(problem: Problem, base: Fit, accepted: Fit, found: Sequence[tuple[fl
     search = type(problem.catalogue[accepted.hypotheses[0].effect].fit.search)
     if len(accepted.hypotheses) > 1 or search not in SAME:
         return ()
-    best = merit_of(accepted.log_likelihood - base.log_likelihood, accepted.degrees)
-    terms = [described.terms[0] for merit, described in found if merit > CLOSE * best]
+    # Not by merit, which counts the numbers of an event of any shape against it.
+    least = base.log_likelihood + CLOSE * (accepted.log_likelihood - base.log_likelihood)
+    terms = [described.terms[0] for _, described in found if described.fit.log_likelihood > least]
     return tuple(term for term in terms if term.drive != SAME[search])
 
 

@@ -75,19 +75,36 @@ AN_ARM = (AN_ARM / np.where(OFF, SIZE, 1))[OFF]
 
 
 @pytest.mark.parametrize(
-    ("leaks", "words"),
+    ("leaks", "of_gains", "words"),
     [
-        (A_TURN, "a turn by (1.15, 0.00, 0.00) degrees"),
-        (AN_ARM, "an arm of (0, 0, 0.03) m"),
-        (np.arange(30.0), ""),
+        (A_TURN, 0.0, "a turn by (1.15, 0.00, 0.00) degrees"),
+        (AN_ARM, 0.0, "an arm of (0, 0, 0.03) m"),
+        (np.arange(30.0), 0.0, ""),
+        (np.arange(30.0), 0.99, "channels whose gains are wrong"),
     ],
 )
-def test_crosstalk_that_makes_up_a_turn_or_an_arm_is_doubtful(monkeypatch, leaks, words):
+def test_crosstalk_that_makes_up_a_turn_an_arm_or_gains_is_doubtful(monkeypatch, leaks, of_gains, words):
+    monkeypatch.setattr(entries, "share_of_gains", lambda *given: of_gains)
     whole = Hypothesis("crosstalk", tuple(range(30)))
     monkeypatch.setattr(entries, "whole_matrix", lambda *given: (leaks, whole, np.eye(30)))
     said = doubt_of(PROBLEM, None, whole)
     assert words in said
     assert bool(said) == bool(words)
+
+
+@pytest.mark.parametrize("force_alone", [False, True])
+def test_leaks_are_gains_where_force_and_torque_go_together(monkeypatch, force_alone):
+    rng = np.random.default_rng(0)
+    force = rng.normal(size=(200, 3))
+    torque = rng.normal(size=(200, 3)) if force_alone else np.cross([0.0, 0.0, 0.1], force)
+    load = np.concatenate([force, torque], 1)
+    leaked = np.zeros((200, 6))
+    leaked[:, 0] = 0.5 * torque[:, 1]
+    monkeypatch.setattr(entries, "readings", lambda problem, z: np.stack([load + leaked, load]))
+    monkeypatch.setattr(entries, "whitened", lambda problem, columns: columns)
+    found = SimpleNamespace(z=np.ones(4))
+    share = entries.share_of_gains(PROBLEM, found, Hypothesis("crosstalk", (0, 1)))
+    assert (share < 0.1) if force_alone else (share > 0.99)
 
 
 @pytest.mark.parametrize(

@@ -81,6 +81,5 @@ def test_what_follows_gravity_as_a_wrong_tool_does_is_one(effect, of_effect, ter
 def test_an_event_or_a_pull_that_something_else_explains_as_well_has_a_rival(effect, drive, gain, rival):
     accepted = fit_of(effect, 6, BEFORE, 900.0)
     term = described(CHANGE, drive, gain)
-    merit = describe.merit_of(gain, 18)
-    found = describe._rivals(PROBLEM, fit_of("", 0, BEFORE), accepted, [(merit, term)])
+    found = describe._rivals(PROBLEM, fit_of("", 0, BEFORE), accepted, [(0.0, term)])
     assert bool(found) == rival
