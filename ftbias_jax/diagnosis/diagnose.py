@@ -11,7 +11,7 @@ from ftbias_jax.diagnosis.degenerate import with_typed_errors
 from ftbias_jax.diagnosis.evidence.causes import causes_of, ranking_of
 from ftbias_jax.diagnosis.evidence.compare import compare
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge
-from ftbias_jax.diagnosis.evidence.doubts import is_sure
+from ftbias_jax.diagnosis.evidence.doubts import doubt_by, is_sure
 from ftbias_jax.diagnosis.evidence.nominal import with_nominal
 from ftbias_jax.diagnosis.gap import is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
@@ -75,6 +75,8 @@ class _Answer(NamedTuple):
     """Mean square gap in noise variances, of which causes remove shares."""
     terms: tuple[FoundTerm, ...] = ()
     """Of what the catalogue does not explain."""
+    doubt: str = ""
+    """Why the only cause may be something else: a term does as well."""
 
 
 @in_float64
@@ -123,7 +125,7 @@ def diagnose(
     known = _known(problem, logs, samples, without)
     accepted, rounds = search(known.problem, known.base, known.hold_out, {*without, *not_shown(setup)}, progress)
     answer = _with_effects(known, accepted, rounds)
-    if TERM not in without and not is_quiet(known.problem, answer.gap):
+    if TERM not in without and (accepted.hypotheses or not is_quiet(known.problem, answer.gap)):
         progress("trying terms")
         answer = _with_terms(known, answer, fast_lines(logs, samples))
     progress("writing the report")
@@ -179,19 +181,22 @@ def _with_terms(known: _Known, answer: _Answer, lines: Sequence[float]) -> _Answ
     problem, hold_out, base, accepted = known.problem, known.hold_out, known.base, answer.accepted
     causes = len(accepted.hypotheses) + len(known.found)
     verdict = verdict_of(problem, answer.gap, causes, len(known.found), is_sure(problem, accepted))
-    described = describe(problem, hold_out, base, accepted, answer.rounds, verdict == "explained", lines)
+    outcome = describe(problem, hold_out, base, accepted, answer.rounds, verdict == "explained", lines)
+    described = outcome.description
     if described is None:
-        return answer
+        return answer._replace(doubt=doubt_by(outcome.rivals))
     after = hold_out(described.fit, base.error)
     gap = measure_gap(problem, answer.before, after)
     terms = found_terms(problem, described, gap)
-    return answer._replace(accepted=described.kept, after=after, gap=gap, terms=terms)
+    return answer._replace(accepted=described.kept, rounds=described.rounds, after=after, gap=gap, terms=terms)
 
 
 def _judged(known: _Known, answer: _Answer) -> tuple[_Answer, str, tuple[Candidate, ...]]:
     """The answer without what does not hold on unseen blocks, the verdict, and the causes that it names."""
     problem, (accepted, gap) = known.problem, (answer.accepted, answer.gap)
-    causes = causes_of(problem, known.hold_out, known.base, accepted, answer.rounds, known.found, answer.total)
+    causes = causes_of(
+        problem, known.hold_out, known.base, accepted, answer.rounds, known.found, answer.total, answer.doubt
+    )
     seen = {finding.effect for finding in known.found}
     of_samples = tuple(cause for cause in causes if cause.effect in seen)
     if gap.shrink < USEFUL_SHARE:
@@ -200,7 +205,7 @@ def _judged(known: _Known, answer: _Answer) -> tuple[_Answer, str, tuple[Candida
             before = answer.before
             answer = answer._replace(after=before, gap=measure_gap(problem, before, before))
     answer = answer._replace(terms=(*answer.terms, *known.loud))
-    sure = is_sure(problem, answer.accepted)
+    sure = is_sure(problem, answer.accepted) and not answer.doubt
     verdict = verdict_of(problem, answer.gap, len(causes), len(known.found), sure, len(answer.terms))
     return answer, verdict, of_samples if verdict in ("unknown", "none") else causes
 

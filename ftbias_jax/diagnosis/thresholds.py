@@ -49,6 +49,8 @@ STARTS_FITTED, PULLS_FITTED = 3, 4
 """Starts that are fitted of effects without a search of their own, and of elastic pulls. [dev]"""
 MOST_ENTRIES, LEAST_ENTRY = 12, 0.01
 """Entries of a matrix that may be named, and the share of the gain that each must add. [dev]"""
+LONGEST_JUMP = 1.5
+"""s that a jump of the bias may take: no re-tare, overload or tool change lasts longer. [physics]"""
 LEAST_OF_RAMP = 12.0
 """nats that a ramp gains over a sudden step. [noise] As LEAST_GAIN."""
 
@@ -96,7 +98,7 @@ MARGIN, MARGIN_SHARE = 0.1, 0.6
 FARTHEST, LONGEST_CABLE, UNDETERMINED = 5.0, 2.0, 1.0
 """m: farthest anchor, longest cable of a robot, and standard error beyond which nothing is said of it. [physics]"""
 LIKE_A_ROTATION = 0.8
-"""Share of leaks that a rotation makes up, to be one. [noise] Of 200 matrices drawn at random none has it; mean 0.1."""
+"""Share of leaks that a turn or an arm makes up, to be one. [noise] Of 200 drawn at random none has it; mean 0.1."""
 ENTRY_STD = 3.0
 """Typical departures: an entry of a matrix a priori, 6 % of the load of another axis. [physics]"""
 NEAR_LIMIT, EQUAL = 0.97, 0.97

@@ -31,6 +31,7 @@ def causes_of(
     rounds: list[list[Scored]],
     found: tuple[Finding, ...],
     total: float,
+    rivals: str = "",
 ) -> tuple[Candidate, ...]:
     """Accepted hypotheses with their twins, and what was read off the samples; the larger gap first."""
     of_mean = []
@@ -40,7 +41,7 @@ def causes_of(
         values, stderr = parameters(problem, accepted, hypothesis)
         held, shrink = _judged(problem, hold_out, scored[0].fit, previous, total)
         named = _candidate(problem.catalogue[hypothesis.effect], values, stderr, held, shrink, twins)
-        doubt = doubt_of(problem, accepted, hypothesis)
+        doubt = doubt_of(problem, accepted, hypothesis) or rivals
         of_mean.append(named._replace(explanation=named.explanation + doubt, doubt=doubt.removeprefix("; ")))
         previous = scored[0].fit
     of_samples = [_of_finding(problem.catalogue, finding, problem.duration) for finding in found]

@@ -11,9 +11,9 @@ import numpy as np
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import change, information, lay_out, products, scores
-from ftbias_jax.diagnosis.regression.evaluate import slopes, whitened
+from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, ENTRY_STD, LIKE_A_ROTATION, PRIOR_STD
+from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, CLOSE, ENTRY_STD, LIKE_A_ROTATION, PRIOR_STD
 from ftbias_jax.filtering.innovation_regression import widened_inverse
 from ftbias_jax.model.effects.fitting import Entries
 from ftbias_jax.model.effects.types import Effect
@@ -49,18 +49,37 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndar
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
-    """Why leaks between the channels may be a rotation of the sensor's axes: they make up one."""
+    """Why leaks between the channels may be a rotation of the sensor's axes or another lever arm: they make up one."""
     z, whole, spread = whole_matrix(problem, found, h)
     of_entry = size_of_entries(problem.catalogue[h.effect])
     leaks = np.zeros((6, 6))
     leaks[of_entry > 0] = z[list(whole.free)]
-    rotation, share = nearest_rotation(leaks * of_entry, of_entry, np.linalg.pinv(spread))
-    if share < LIKE_A_ROTATION:
-        return ""
-    degrees = ", ".join(f"{x:.2f}" for x in np.rad2deg(rotation))
-    return (
-        f"; or the sensor is mounted turned, or an encoder is off: the leaks are those of a turn by ({degrees}) degrees"
-    )
+    told = leaks * of_entry, of_entry, np.linalg.pinv(spread)
+    rotation, share = nearest_rotation(*told)
+    if share > LIKE_A_ROTATION:
+        degrees = ", ".join(f"{x:.2f}" for x in np.rad2deg(rotation))
+        return (
+            "; or the sensor is mounted turned, or an encoder is off: the leaks are those of a turn by "
+            f"({degrees}) degrees"
+        )
+    arm, share = nearest_arm(*told)
+    if share > LIKE_A_ROTATION:
+        metres = ", ".join(f"{x:.2g}" for x in arm)
+        return f"; or the centre of mass is not where it is stated: the leaks are those of an arm of ({metres}) m"
+    if share_of_gains(problem, found, h) > CLOSE:
+        return "; or channels whose gains are wrong: force and torque go together in this log, so that they do as well"
+    return ""
+
+
+def share_of_gains(problem: Problem, found: Fit, h: Hypothesis) -> float:
+    """Share of what leaks do to the innovations that another gain of every channel does as well."""
+    z = np.stack([found.z, found.z])
+    z[1, list(h.free)] = 0
+    with_it, load = readings(problem, z)
+    leaked, *scaled = whitened(problem, np.concatenate([[with_it - load], load * np.eye(6)[:, None]]))
+    columns = np.reshape(scaled, (6, -1)).T
+    left = leaked.ravel() - columns @ np.linalg.lstsq(columns, leaked.ravel())[0]
+    return 1 - float(left @ left) / max(float((leaked**2).sum()), 1e-300)
 
 
 def size_of_entries(effect: Effect) -> np.ndarray:
@@ -81,17 +100,28 @@ def nearest_rotation(matrix: np.ndarray, size: np.ndarray, precision: np.ndarray
     Returns:
         (3,) rad, from believed to true axes, and the share of what the log says of the leaks that it makes up.
     """
+    return _nearest(np.stack([np.kron(np.eye(2), _skew(axis)) for axis in range(3)]), matrix, size, precision)
+
+
+def nearest_arm(matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
+    """The same of an arm: (3,) m by which the point where the force acts is off, so that its torque is."""
+    to_torque = np.array([[0.0, 0.0], [1.0, 0.0]])
+    return _nearest(np.stack([np.kron(to_torque, -_skew(axis)) for axis in range(3)]), matrix, size, precision)
+
+
+def _nearest(made: np.ndarray, matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
+    """(3,) numbers of matrices (3, 6, 6) that leaks are nearest to, and the share that they make up."""
     counts = size > 0
     leaks = matrix[counts] / size[counts]
-    turns = np.stack([_turn(axis)[counts] / size[counts] for axis in range(3)], 1)
-    rotation = np.linalg.lstsq(turns.T @ precision @ turns, turns.T @ precision @ leaks)[0]
-    left = leaks - turns @ rotation
-    return rotation, 1 - float(left @ precision @ left) / max(float(leaks @ precision @ leaks), 1e-300)
+    columns = np.stack([one[counts] / size[counts] for one in made], 1)
+    numbers = np.linalg.lstsq(columns.T @ precision @ columns, columns.T @ precision @ leaks)[0]
+    left = leaks - columns @ numbers
+    return numbers, 1 - float(left @ precision @ left) / max(float(leaks @ precision @ leaks), 1e-300)
 
 
-def _turn(axis: int) -> np.ndarray:
-    """(6, 6) change of a wrench's coordinates by a small turn about one axis, per rad: R^T = 1 + r [axis]."""
+def _skew(axis: int) -> np.ndarray:
+    """(3, 3) change of a vector's coordinates by a small turn about one axis, per rad: R^T = 1 + r [axis]."""
     skew = np.zeros((3, 3))
     first, second = (axis + 1) % 3, (axis + 2) % 3
     skew[first, second], skew[second, first] = 1.0, -1.0
-    return np.kron(np.eye(2), skew)
+    return skew

@@ -5,14 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.evidence.cross_validation import Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.terms.fit_terms import Described
 from ftbias_jax.diagnosis.terms.library import merit_of
 from ftbias_jax.diagnosis.terms.select import Search, Step, numbers_of
-from ftbias_jax.diagnosis.thresholds import AS_WELL, CLEARLY
+from ftbias_jax.diagnosis.thresholds import AS_WELL, CLEARLY, CLOSE, LEAST_SHARE_OF_GAP, NEARLY
 from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.effects.fitting import Linear, Pull, Touches
+from ftbias_jax.model.effects.fitting import Step as StepSearch
+from ftbias_jax.model.effects.terms.types import Term
+
+FORCES = np.repeat([True, False], 3)
+GRAVITY = "orientation"
+"""The drive of terms that may be a tool or a mounting that is not as stated."""
+SAME: dict[type, str] = {StepSearch: "time", Touches: "time", Pull: "position"}
+"""Search of an effect that takes many shapes -> the drive of terms that say the same of it."""
 
 
 class Description(NamedTuple):
@@ -20,11 +32,22 @@ class Description(NamedTuple):
 
     kept: Fit
     """The effects."""
+    rounds: list[list[Scored]]
+    """Candidates of each, the one that stays first."""
     fit: Fit
     """The effects with the terms."""
     steps: tuple[Step, ...]
     """One a term."""
     search: Search
+
+
+class Outcome(NamedTuple):
+    """What terms do to the answer of the catalogue."""
+
+    description: Description | None = None
+    """Takes its place; None if it stands."""
+    rivals: tuple[Term, ...] = ()
+    """If it stands: terms that explain the logs as well as the event that it names."""
 
 
 def describe(
@@ -35,8 +58,8 @@ def describe(
     rounds: list[list[Scored]],
     explained: bool,
     fast: Sequence[float] = (),
-) -> Description | None:
-    """Terms for what the catalogue does not explain; None if its answer stands.
+) -> Outcome:
+    """Terms for what the catalogue does not explain.
 
     Args:
         problem: of the logs.
@@ -49,10 +72,10 @@ def describe(
     """
     names = [h.effect for h in accepted.hypotheses]
     if explained and len(names) == 1 and not problem.catalogue[names[0]].fit.any_shape:
-        return None
+        return Outcome()
     search = Search(problem, base, hold_out, fast)
-    found = search.best(base)
-    kept = base
+    first = found = search.best(base)
+    kept, said = base, list(rounds)
     for scored in rounds[: len(names)]:
         gain = scored[0].fit.log_likelihood - kept.log_likelihood
         # What the caller brought has a name and a remedy: a term of the same form does not take its place.
@@ -61,11 +84,15 @@ def describe(
             break  # a single term does better
         kept = scored[0].fit
         found = search.best(kept)
-    if len(kept.hypotheses) == len(names) and explained:
-        return None
+    if not explained:
+        kept, found, said = _by_name(search, kept, found, said)
+    stands = [h.effect for h in kept.hypotheses] == names
+    answer = Outcome(rivals=_rivals(problem, base, accepted, first) if explained else ())
+    if stands and explained:
+        return answer
     steps = search.grow(kept, found)
-    if not steps and (explained or len(kept.hypotheses) == len(names)):
-        return None
+    if not steps and (explained or stands):
+        return answer
     fit = steps[-1].described.fit if steps else kept
     if explained:
         numbers = kept.degrees + sum(numbers_of(term) for term in steps[-1].described.terms)
@@ -74,9 +101,65 @@ def describe(
             for one, count in ((fit, numbers), (accepted, accepted.degrees))
         )
         if ours < CLEARLY * theirs or not _holds(problem, hold_out, base, fit, accepted):
-            return None
+            return answer
     moved = kept._replace(z=fit.z, coefficients=fit.coefficients) if kept.hypotheses else kept
-    return Description(moved, fit, tuple(steps), search)
+    return Outcome(Description(moved, said, fit, tuple(steps), search))
+
+
+def _by_name(
+    search: Search, kept: Fit, found: list[tuple[float, Described]], rounds: list[list[Scored]]
+) -> tuple[Fit, list[tuple[float, Described]], list[list[Scored]]]:
+    """Effects that stay with one more, where the best term beside them says the same as an effect of the catalogue.
+
+    A torque that is linear in the direction of gravity is a wrong centre of mass: it is told by its name, although
+    the gap that other things leave keeps the effect from being found by itself.
+    """
+    place = len(kept.hypotheses)
+    if not found or place >= len(rounds):
+        return kept, found, rounds
+    same = [one for one in rounds[place] if says(search.problem, one, kept, found[0][1])]
+    if not same:
+        return kept, found, rounds
+    named = [same[0], *(one for one in rounds[place] if one is not same[0])]
+    return same[0].fit, search.best(same[0].fit), [*rounds[:place], named, *rounds[place + 1 :]]
+
+
+def says(problem: Problem, effect: Scored, kept: Fit, described: Described) -> bool:
+    """Whether an effect of the tool or its mounting does to the reading what a term that follows gravity does.
+
+    It does nearly the same to the forces or the torques, whichever the term acts on, by no more numbers, and no harm to
+    the others: a term is of the few numbers that gain most, and the effect changes what goes with them.
+
+    Args:
+        problem: of the logs.
+        effect: fitted beside those that stay.
+        kept: the effects that stay.
+        described: a term beside them.
+    """
+    term = described.terms[0]
+    linear = isinstance(problem.catalogue[effect.hypothesis.effect].fit.search, Linear)
+    if term.drive != GRAVITY or not linear or effect.fit.degrees - kept.degrees > numbers_of(term):
+        return False
+    of_effect, of_term = (kept.error - one.error for one in (effect.fit, described.fit))
+    power, apart = (of_term**2).sum(0), ((of_term - of_effect) ** 2).sum(0)
+    harm = (effect.fit.error**2 - kept.error**2).sum(0)
+    total = float(power.sum())
+    own = next((part for part in (FORCES, ~FORCES) if power[part].sum() > CLOSE * total), FORCES | ~FORCES)
+    return bool(apart[own].sum() < NEARLY * power[own].sum() and harm[~own].sum() < LEAST_SHARE_OF_GAP * total)
+
+
+def _rivals(problem: Problem, base: Fit, accepted: Fit, found: Sequence[tuple[float, Described]]) -> tuple[Term, ...]:
+    """Terms that do as well as a single effect that is an event or a pull, and say something else.
+
+    What follows the motion makes no event by chance, and a cable that is no better than a steady force is none.
+    """
+    search = type(problem.catalogue[accepted.hypotheses[0].effect].fit.search)
+    if len(accepted.hypotheses) > 1 or search not in SAME:
+        return ()
+    # Not by merit, which counts the numbers of an event of any shape against it.
+    least = base.log_likelihood + CLOSE * (accepted.log_likelihood - base.log_likelihood)
+    terms = [described.terms[0] for _, described in found if described.fit.log_likelihood > least]
+    return tuple(term for term in terms if term.drive != SAME[search])
 
 
 def _holds(problem: Problem, hold_out: Judge, base: Fit, fit: Fit, accepted: Fit) -> bool:

@@ -22,6 +22,8 @@ POWERS = (2.0,)
 """Of the distance by which a field falls."""
 CENTRES = 5
 """Places along every axis of the base where a field may come from."""
+REFERENCES = (0.0, 0.5, 1.0)
+"""Quantiles of the temperature at which gauges may be right."""
 QUANTILES = (0.3, 0.6, 0.85)
 """Of the tool's places along a normal, beyond which a wall begins."""
 
@@ -53,22 +55,25 @@ def make_grid(
         error: (U, 6) innovations that remain, for what stands out in their spectrum.
         fast: Hz of lines in the single samples.
     """
-    scalars = [
-        *_slow(problem),
-        *_of_places(state),
-        *_of_joints(problem, state, error),
-        *_lines([*fast, *lines(problem, error)]),
-    ]
-    found = [make_term(*term) for term in scalars]
-    found += [make_term(*term) for term in _vectors(state)]
-    found += [make_term(*term) for term in _channels(problem)]
+    rows = (*_slow(problem), *_of_places(state), *_of_joints(problem, state), *_vectors(state), *_channels(problem))
     shifts = state.q.shape[1] or problem.joints == ENTRIES
-    found = [term for term in found if shifts or term.drive not in LINEAR_DRIVES]
-    return [_at(term, point) if has_point(term) else term for term in found]
+    found = _made([row for row in rows if shifts or row[0] not in LINEAR_DRIVES], point)
+    return found + of_spectra(problem, state, point, error, fast)
 
 
-def _at(term: Term, point: np.ndarray) -> Term:
-    return replace(term, point=point)
+def of_spectra(
+    problem: Problem, state: State, point: np.ndarray, error: np.ndarray, fast: Sequence[float] = ()
+) -> list[Term]:
+    """The terms that stand out in what remains: lines in time and in the angles of joints. Arguments as above."""
+    rows = list(_lines([*fast, *lines(problem, error)]))
+    for joint, multiple in multiples(state, error):
+        rows += _both("joint_angle", "harmonic", joint, {"multiple": multiple})
+    return _made(rows, point)
+
+
+def _made(rows: Sequence[Row], point: np.ndarray) -> list[Term]:
+    found = [make_term(*row) for row in rows]
+    return [replace(term, point=point) if has_point(term) else term for term in found]
 
 
 LINEAR_DRIVES = ("position", "velocity", "acceleration")
@@ -132,7 +137,7 @@ def _about_joint(form: tuple[str, str], joint: int, **parameters: float) -> Row:
     return *form, "joint", "torque", joint, parameters
 
 
-def _of_joints(problem: Problem, state: State, error: np.ndarray) -> Iterator[Row]:
+def _of_joints(problem: Problem, state: State) -> Iterator[Row]:
     count = state.q.shape[1]  # none, if the sensor's pose is recorded
     if not count:
         return
@@ -156,8 +161,6 @@ def _of_joints(problem: Problem, state: State, error: np.ndarray) -> Iterator[Ro
     for j in range(count + 1):
         for tau in max(problem.durations) * np.array([0.05, 0.3, 3.0]):
             yield "joint_velocity", "heat", "sensor", "wrench", j, {"time_constant": float(tau)}
-    for joint, multiple in multiples(state, error):
-        yield from _both("joint_angle", "harmonic", joint, {"multiple": multiple})
 
 
 def _lines(frequencies: Sequence[float]) -> Iterator[Row]:
@@ -209,6 +212,10 @@ def _channels(problem: Problem) -> Iterator[Row]:
     if np.ptp(problem.temperature) > LEAST_WARMING:
         for lag in (0.0, longest / 10):
             yield "temperature", "sensitivity", "sensor", "wrench", 0, {"lag": lag}
+            for share in REFERENCES:
+                numbers = {"lag": lag, "reference": float(np.quantile(problem.temperature, share))}
+                yield "temperature", "calibrated", "sensor", "wrench", 0, numbers
+                yield "temperature", "compensated", "sensor", "wrench", 0, numbers
 
 
 def free_names(term: Term) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ DRIVE_WORDS = {
         "repeat the same motion at different times after the start",
     ),
     "temperature": Words(
-        ("warm gauges", "a warm side of the sensor", "a heated tool"),
+        ("warm gauges", "gauges whose gain depends on the temperature", "a warm side of the sensor", "a heated tool"),
         "record the temperature at the sensor, and a log at rest while it warms",
         "warm the sensor while the robot rests",
     ),
@@ -104,6 +104,9 @@ FORM_WORDS = {
     ("temperature", "quadratic"): "that follows the temperature and its square",
     ("temperature", "gradient"): "that follows the temperature late, with a time constant of {lag:.3g} s",
     ("temperature", "sensitivity"): "in proportion to the load and the temperature",
+    ("temperature", "calibrated"): "in proportion to the load and to the temperature off {reference:.3g} deg C",
+    ("temperature", "compensated"): "in proportion to the load and to the square of the temperature off "
+    "{reference:.3g} deg C",
     ("position", "spring"): "of a spring between the tool and a place of the room",
     ("position", "attraction"): "towards the place ({x:.2f}, {y:.2f}, {z:.2f}) m, falling with power {power:.2g} of "
     "the distance (coefficient: at 0.5 m)",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from ftbias_jax.diagnosis.regression.fit import Fit, block_scores
 from ftbias_jax.diagnosis.regression.score_test import stand
 from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Described, fit_terms
-from ftbias_jax.diagnosis.terms.grid import free_names, make_grid
+from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, of_spectra
 from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank
 from ftbias_jax.diagnosis.terms.states import state_of_problem, tool_point
 from ftbias_jax.diagnosis.thresholds import (
@@ -36,6 +37,8 @@ from ftbias_jax.model.effects.terms.types import State, Term
 
 STARTS = {"attraction": 5, "barrier": 2}
 """Points of the grid from which forms with several maxima are fitted."""
+FINE = 13
+"""Times tried at every refinement of one, of which two are made."""
 ROUGH_STEPS, ROUGH_STEPS_FAR = 5, 15
 """Of a first fit, and of one of those."""
 
@@ -62,19 +65,39 @@ class Search:
         """Whiten the grid; fast: Hz of lines in the single samples."""
         self.problem, self.base, self.hold_out = problem, base, hold_out
         self.state: State = state_of_problem(problem, base)
-        self.library: Library = make_library(
-            problem, self.state, make_grid(problem, self.state, tool_point(problem), base.error, fast)
-        )
+        self.point = tool_point(problem)
+        grid = make_grid(problem, self.state, self.point, base.error, fast)
+        self.library: Library = make_library(problem, self.state, grid)
 
     def best(self, start: Fit) -> list[tuple[float, Described]]:
         """The most promising terms fitted beside the effects of a fit, with their merits, best first."""
-        ranked = rank(self.library, stand(start))
+        ranked = self._ranked(start)
         top = ranked[0].merit if ranked else 0.0
         worth = [one for one in _of_each_drive(ranked) if one.merit > max(_worth(one.term) * top, 0.0)]
         few = [one for place, one in enumerate(worth) if place < TERMS_FITTED or one.term.form in STARTS]
+        few = [self._timed(one, start) if "time" in one.term.parameters else one for one in few]
         fitted = [fit_terms(self.problem, self.state, start, (one.term,), _steps_of(one.term)) for one in few]
         scored = [(self.merit(start, described), described) for described in fitted]
         return sorted(scored, key=lambda pair: -pair[0])
+
+    def _ranked(self, start: Fit) -> list[Ranked]:
+        """The grid beside a fit, best first, with what stands out in the spectra of what that leaves."""
+        standing = stand(start)
+        ranked = rank(self.library, standing)
+        if start is not self.base:
+            further = of_spectra(self.problem, self.state, self.point, start.error)
+            ranked += rank(make_library(self.problem, self.state, further), standing)
+        return sorted(ranked, key=lambda one: -one.merit)
+
+    def _timed(self, one: Ranked, start: Fit) -> Ranked:
+        """The best time near that of what sets in suddenly: the likelihood is not smooth in it."""
+        reach = max(self.problem.durations) / FINE
+        for _ in range(2):
+            times = np.maximum(float(one.term.parameters["time"]) + reach * np.linspace(-1, 1, FINE), 0.0)
+            terms = [replace(one.term, parameters={"time": time}, used=()) for time in times]
+            one = rank(make_library(self.problem, self.state, terms), stand(start))[0]
+            reach /= FINE / 2
+        return one
 
     def merit(self, start: Fit, described: Described) -> float:
         """nats that count of what terms gain over a fit."""
@@ -92,7 +115,7 @@ class Search:
         gap = gap_of(self.problem, self.base)
         least = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap)
         now = start
-        while len(steps) < MOST_TERMS and gap_of(self.problem, now) > least:
+        while len(steps) < MOST_TERMS and (not steps or gap_of(self.problem, now) > least):
             chosen = steps[-1].described.terms if steps else ()
             found = first if first is not None and not steps else self.best(now)
             step = next(

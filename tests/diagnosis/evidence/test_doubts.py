@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.evidence.doubts import doubt_of
+from ftbias_jax.diagnosis.evidence.doubts import doubt_by, doubt_of
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
 from ftbias_jax.diagnosis.proposals import entries, pulls
-from ftbias_jax.diagnosis.proposals.entries import nearest_rotation, size_of_entries
+from ftbias_jax.diagnosis.proposals.entries import nearest_arm, nearest_rotation, size_of_entries
+from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 
 SIZE = size_of_entries(CATALOGUE["crosstalk"])
@@ -38,6 +39,17 @@ def test_the_leaks_of_a_small_turn_are_known_as_one():
     assert share > 0.99
 
 
+def test_the_leaks_of_another_lever_arm_are_known_as_one():
+    arm, force = np.array([0.01, -0.02, 0.005]), np.array([3.0, -1.0, 2.0])
+    leaks = np.zeros((6, 6))
+    leaks[3:, :3] = np.cross(arm, np.eye(3)).T
+    np.testing.assert_allclose(leaks[3:, :3] @ force, np.cross(arm, force))
+    found, share = nearest_arm(leaks, SIZE, np.eye(30))
+    np.testing.assert_allclose(found, arm, atol=1e-12)
+    assert share > 0.99
+    assert nearest_rotation(leaks, SIZE, np.eye(30))[1] < 0.01
+
+
 def test_leaks_that_the_log_does_not_determine_do_not_count():
     leaks = leaks_of_a_turn([0.01, -0.02, 0.005])
     known = np.arange(30) % 2 == 0
@@ -47,24 +59,52 @@ def test_leaks_that_the_log_does_not_determine_do_not_count():
     assert share > 0.99
 
 
-def test_leaks_drawn_at_random_are_hardly_a_turn():
+def test_leaks_drawn_at_random_are_hardly_a_turn_or_an_arm():
     rng = np.random.default_rng(0)
-    shares = [nearest_rotation(in_typical_departures(rng.normal(size=30)), SIZE, np.eye(30))[1] for _ in range(200)]
-    assert np.mean(shares) == pytest.approx(0.1, abs=0.02)
-    assert max(shares) < entries.LIKE_A_ROTATION
+    drawn = [in_typical_departures(rng.normal(size=30)) for _ in range(200)]
+    for nearest in (nearest_rotation, nearest_arm):
+        shares = [nearest(leaks, SIZE, np.eye(30))[1] for leaks in drawn]
+        assert np.mean(shares) == pytest.approx(0.1, abs=0.02)
+        assert max(shares) < entries.LIKE_A_ROTATION
 
 
 A_TURN = (leaks_of_a_turn([0.02, 0, 0]) / np.where(OFF, SIZE, 1))[OFF]
+AN_ARM = np.zeros((6, 6))
+AN_ARM[3:, :3] = np.cross([0.0, 0.0, 0.03], np.eye(3)).T
+AN_ARM = (AN_ARM / np.where(OFF, SIZE, 1))[OFF]
 
 
-@pytest.mark.parametrize(("leaks", "doubtful"), [(A_TURN, True), (np.arange(30.0), False)])
-def test_crosstalk_that_makes_up_a_turn_is_doubtful(monkeypatch, leaks, doubtful):
+@pytest.mark.parametrize(
+    ("leaks", "of_gains", "words"),
+    [
+        (A_TURN, 0.0, "a turn by (1.15, 0.00, 0.00) degrees"),
+        (AN_ARM, 0.0, "an arm of (0, 0, 0.03) m"),
+        (np.arange(30.0), 0.0, ""),
+        (np.arange(30.0), 0.99, "channels whose gains are wrong"),
+    ],
+)
+def test_crosstalk_that_makes_up_a_turn_an_arm_or_gains_is_doubtful(monkeypatch, leaks, of_gains, words):
+    monkeypatch.setattr(entries, "share_of_gains", lambda *given: of_gains)
     whole = Hypothesis("crosstalk", tuple(range(30)))
     monkeypatch.setattr(entries, "whole_matrix", lambda *given: (leaks, whole, np.eye(30)))
     said = doubt_of(PROBLEM, None, whole)
-    assert bool(said) == doubtful
-    if doubtful:
-        assert "a turn by (1.15, 0.00, 0.00) degrees" in said
+    assert words in said
+    assert bool(said) == bool(words)
+
+
+@pytest.mark.parametrize("force_alone", [False, True])
+def test_leaks_are_gains_where_force_and_torque_go_together(monkeypatch, force_alone):
+    rng = np.random.default_rng(0)
+    force = rng.normal(size=(200, 3))
+    torque = rng.normal(size=(200, 3)) if force_alone else np.cross([0.0, 0.0, 0.1], force)
+    load = np.concatenate([force, torque], 1)
+    leaked = np.zeros((200, 6))
+    leaked[:, 0] = 0.5 * torque[:, 1]
+    monkeypatch.setattr(entries, "readings", lambda problem, z: np.stack([load + leaked, load]))
+    monkeypatch.setattr(entries, "whitened", lambda problem, columns: columns)
+    found = SimpleNamespace(z=np.ones(4))
+    share = entries.share_of_gains(PROBLEM, found, Hypothesis("crosstalk", (0, 1)))
+    assert (share < 0.1) if force_alone else (share > 0.99)
 
 
 @pytest.mark.parametrize(
@@ -98,3 +138,9 @@ def test_a_contact_that_lasts_is_doubtful(length, doubtful):
 
 def test_other_effects_are_not_doubted():
     assert doubt_of(PROBLEM, None, Hypothesis("gain")) == ""
+
+
+def test_terms_that_do_as_well_are_told_by_their_drives():
+    terms = [make_term(drive, "linear", "base", "force") for drive in ("velocity", "position", "velocity")]
+    assert doubt_by(terms).endswith("a term does as well (drive: velocity, position)")
+    assert doubt_by([]) == ""

@@ -43,6 +43,7 @@ class Form(NamedTuple):
 
 TAU = Parameter("time_constant", "s", 0.1, 1e5)
 LAG = Parameter("lag", "s", 0.0, 1e4)
+REFERENCE = Parameter("reference", "deg C", -100.0, 300.0)
 TIME = Parameter("time", "s", 0.0, 1e7)
 FREQUENCY = Parameter("frequency", "Hz", 1e-4, 1e4)
 SPEED = Parameter("speed", "m/s", 1e-3, 2.0)
@@ -71,6 +72,8 @@ FORMS = {
         Form("temperature", "quadratic", "scalars", slow_series.temperature_squared, "K", (LAG,), labels=SQUARED),
         Form("temperature", "gradient", "scalars", slow_series.warming_side, "K", (LAG,), labels=LATE),
         Form("temperature", "sensitivity", "channels", slow_series.sensitivity, "K", (LAG,)),
+        Form("temperature", "calibrated", "channels", slow_series.calibrated, "K", (LAG, REFERENCE)),
+        Form("temperature", "compensated", "channels", slow_series.compensated, "K^2", (LAG, REFERENCE)),
         Form("position", "spring", "vectors", series.spring, "m", labels=("stiffness", "x", "y", "z")),
         Form("position", "attraction", "vectors", series.attraction, "1", FIELD),
         Form("position", "barrier", "scalars", series.barrier, "m", PLANE),

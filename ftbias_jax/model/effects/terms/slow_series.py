@@ -77,6 +77,20 @@ def sensitivity(xp: Any, s: State, p: Numbers, joint: int) -> Array:
     return -_warmer(xp, s, p) * s.load
 
 
+def _off_reference(xp: Any, s: State, p: Numbers) -> Array:
+    return low_passed(xp, s.t, s.temperature[:, None], p["lag"]) - p["reference"]
+
+
+def calibrated(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """The load times how far the temperature is from that of the calibration."""
+    return -_off_reference(xp, s, p) * s.load
+
+
+def compensated(xp: Any, s: State, p: Numbers, joint: int) -> Array:
+    """The load times the square of that: what a compensation at one temperature leaves."""
+    return -(_off_reference(xp, s, p) ** 2) * s.load
+
+
 def load_squared(xp: Any, s: State, p: Numbers, joint: int) -> Array:
     """Squares of the reading."""
     return -(s.load**2)
