@@ -35,6 +35,8 @@ class Sample(NamedTuple):
     """deg C, for effects that follow it; without gaps. None = not recorded."""
     columns: Any = None
     """Further quantities for effects to see: name -> array, without gaps. None = none are named."""
+    rezeroed: Float[Array, " ..."] | None = None
+    """1 where the sensor was set to zero since the previous sample, else 0. None = it never was."""
 
 
 class Gaussian(NamedTuple):

@@ -29,10 +29,13 @@ def stack(logs: Sequence[Sample], length: int = 0) -> Sample:
             row[: len(leaf)] = leaf
         return jnp.asarray(filled)
 
+    if any(log.rezeroed is not None for log in logs):
+        logs = [log._replace(rezeroed=np.zeros(len(log.dt)) if log.rezeroed is None else log.rezeroed) for log in logs]
     everywhere = {name for name in Sample._fields if all(getattr(log, name) is not None for log in logs)}
     rest = [log._replace(dt=None, **dict.fromkeys(set(Sample._fields[1:]) - everywhere)) for log in logs]
     stacked: Sample = jax.tree.map(partial(fill, np.nan), *rest)
-    return stacked._replace(dt=fill(0.0, *(log.dt for log in logs)))
+    rezeroed = None if stacked.rezeroed is None else jnp.nan_to_num(stacked.rezeroed)
+    return stacked._replace(dt=fill(0.0, *(log.dt for log in logs)), rezeroed=rezeroed)
 
 
 def cut(log: Sample, length: int) -> list[Sample]:

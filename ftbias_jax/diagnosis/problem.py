@@ -14,8 +14,11 @@ from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
 from ftbias_jax.diagnosis.samples.bins import bins_of, fill_up, mean_of_bins, sum_of_bins
 from ftbias_jax.diagnosis.samples.read import inspect_samples
 from ftbias_jax.diagnosis.samples.smoothed import padded_samples, smoothed
+from ftbias_jax.diagnosis.samples.touched import contacts_in
 from ftbias_jax.diagnosis.samples.types import SampleFindings
-from ftbias_jax.filtering import filter_log
+from ftbias_jax.filtering import bias_filter, filter_log
+from ftbias_jax.filtering.adapt.contact import Contact, in_contact
+from ftbias_jax.filtering.adapt.log_noise import MARGIN
 from ftbias_jax.filtering.likelihood import WrenchProblem
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
@@ -42,6 +45,8 @@ class Part(NamedTuple):
     """How the arm moves if the joints are where the setup believes, with the padding."""
     whiten: Whitener
     """The innovations of that filter."""
+    contacts: tuple[Contact, ...] = ()
+    """As a filter finds them."""
 
     def with_variance(self, variance: np.ndarray) -> Part:
         """The same log with another noise of its mean readings, (B, 6) N^2, Nm^2."""
@@ -131,7 +136,10 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     known = params.bias.noise_per_speed
     joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # noise of samples comes below
     rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None
-    found = inspect_samples(log, setup.sensor.noise_std, reading - log.wrench, rate, speed if arm else None, known)
+    contacts = contacts_in(log, reading - log.wrench, speed, variance)
+    touched = in_contact(log.t, list(contacts), MARGIN)
+    error, of_arm = reading - log.wrench, speed if arm else None
+    found = inspect_samples(log, setup.sensor.noise_std, error, rate, of_arm, known, touched)
     joint_variance = variance - setup.sensor.noise_std**2  # with that of accelerations that nobody recorded
     noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
     found = found._replace(noise_std=noise_std)
@@ -139,7 +147,7 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     moving = np.square(speed) @ np.broadcast_to(found.noise_per_speed, (speed.shape[1], 6))
     of_samples, catalogue = (late * rate) ** 2 + moving, catalogue_of_setup(setup)
     part, count = _bin(params, log, joints, joint_variance + coherent, of_samples, found, catalogue)
-    return part, count, params.effects or {}, found
+    return part._replace(contacts=contacts), count, params.effects or {}, found
 
 
 def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -188,7 +196,8 @@ def _bin(
     t, joints, temperature, reading, coherent, white = (mean_of_bins(index, x[rows]) for x in series)
     # The smoothed joints' error is correlated over longer than a bin, so averaging does not reduce it.
     variance = np.where(count > 0, (found.noise_std**2 + white) / np.maximum(count, 1) + coherent, 1.0)
-    return _part(params, padded, t, joints, temperature, reading, variance, columns, catalogue), count
+    rezeroed = log.is_rezeroed(t, 0.0) if log.rezeroed_at else None
+    return _part(params, padded, t, joints, temperature, reading, variance, columns, catalogue, rezeroed), count
 
 
 def _part(
@@ -201,6 +210,7 @@ def _part(
     variance: np.ndarray,
     columns: dict[str, np.ndarray],
     catalogue: Catalogue,
+    rezeroed: np.ndarray | None,
 ) -> Part:
     """Bins (U, ...) with the stated bias off their readings, padded to so many."""
     used, bias, place = len(t), params.bias, jax.device_put  # unlike jnp.asarray it compiles nothing
@@ -212,6 +222,11 @@ def _part(
     at_first, drift = np.split(np.asarray(bias.prior_mean), 2)
     free = fill_up(reading, padded, np.nan) + at_first + t[:, None] * drift
     dt, variance = place(np.diff(t, prepend=t[0])), fill_up(variance, padded, 1.0)
-    wrench = WrenchProblem(dt, place(free), place(variance), bias.density, bias.prior_std)
+    jump = None
+    if rezeroed is not None:
+        # The bin in which it happens has samples of both sides: its own level tells nothing of its neighbours'.
+        either = np.concatenate([rezeroed | np.append(False, rezeroed[:-1]), np.zeros(padded - used, bool)])
+        jump = bias_filter.jumps(params, place(either.astype(float)))
+    wrench = WrenchProblem(dt, place(free), place(variance), bias.density, bias.prior_std, jump)
     believed = believed_motion(signals, params.effects or {}, catalogue)
     return Part(signals, wrench, used, believed, make_whitener(wrench, used))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.filtering import gaussian
 from ftbias_jax.filtering.gaussian import Innovation
 from ftbias_jax.filtering.process_models import FORGET, BiasStrength, bias_noise
-from ftbias_jax.model.params import BiasNoise
+from ftbias_jax.model.params import BiasNoise, Params
 from ftbias_jax.types import Gaussian
 
 if TYPE_CHECKING:
@@ -28,20 +29,63 @@ def init(noise: BiasNoise) -> Gaussian:
     return Gaussian(mean, jnp.diag(std**2))
 
 
-def strength(noise: BiasNoise, vibration: Array | None = None) -> BiasStrength | Array:
+def strength(noise: BiasNoise, vibration: Array | None = None, jump: Array | None = None) -> BiasStrength | Array:
     """What drives bias, drift and correlated noise; sigma_Q alone where the drift never reverts and all noise is white.
 
     Args:
         noise: of the filter.
         vibration: (..., 6) N^2, Nm^2, variance by motion at these samples; None = nothing.
+        jump: (..., 6) N^2, Nm^2, of ``jumps``; None = the sensor is never set to zero.
     """
-    if noise.correlated_std is None and noise.drift_time is None:
+    if noise.correlated_std is None and noise.drift_time is None and jump is None:
         density: Array = noise.density
         return density
     rate = jnp.zeros_like(noise.density) if noise.drift_time is None else 1 / noise.drift_time
     if noise.correlated_std is None or noise.correlated_time is None:
-        return BiasStrength(noise.density, rate)
-    return BiasStrength(noise.density, rate, 1 / noise.correlated_time, correlated_variance(noise, vibration))
+        return BiasStrength(noise.density, rate, jump=jump)
+    return BiasStrength(noise.density, rate, 1 / noise.correlated_time, correlated_variance(noise, vibration), jump)
+
+
+def driving(
+    params: Params, rezeroed: Array | None, velocity: Array | None
+) -> tuple[BiasStrength | Array, dict[str, Array] | None]:
+    """``strength`` over a log: what of it is the same at all samples, and its fields (T, 6) that are not, by name.
+
+    Args:
+        params: of the pipeline.
+        rezeroed: (T,) as for ``jumps``.
+        velocity: (T, n) rad/s of the joints, needed where vibration is correlated.
+    """
+    noise, jump = params.bias, jumps(params, rezeroed)
+    constant, drive = strength(noise, jump=jump), {} if jump is None else {"jump": jump}
+    if noise.correlated_std is not None and noise.correlated_vibration is not None and noise.vibration is not None:
+        assert velocity is not None
+        drive["noise_variance"] = correlated_variance(noise, vibration(noise, velocity))
+    if not drive:
+        return constant, None
+    assert isinstance(constant, BiasStrength)
+    nothing: dict[str, Any] = dict.fromkeys(drive)
+    return constant._replace(**nothing), drive
+
+
+def jumps(params: Params, rezeroed: Array | None) -> Array | None:
+    """(..., 6) N^2, Nm^2 by which the bias may jump at each sample; None = never.
+
+    Where the sensor is set to zero the bias becomes minus what it would have read, anything between nothing and the
+    tool's weight and what it was before. The variance is as large as all that, so that the readings alone decide; the
+    drift goes on as it was.
+
+    Args:
+        params: of the pipeline.
+        rezeroed: (...,) 1 where the sensor was set to zero since the sample before, else 0.
+    """
+    if rezeroed is None:
+        return None
+    bias = params.bias
+    weight = jnp.linalg.norm(params.gravity) * jnp.array([params.theta[0], jnp.linalg.norm(params.theta[1:4])])
+    most = jnp.abs(bias.prior_mean[:6]) + jnp.repeat(jnp.abs(weight), 3)
+    variance: Array = jax.lax.stop_gradient(bias.prior_std[:6] ** 2 + most**2)
+    return rezeroed[..., None] * jnp.broadcast_to(variance, (*rezeroed.shape, 6))
 
 
 def correlated_variance(noise: BiasNoise, vibration: Array | None = None) -> Array:
@@ -87,6 +131,7 @@ def step(
     covariance: Float[Array, "6 6"],
     gate: float | None = None,
     vibration: Array | None = None,
+    jump: Array | None = None,
 ) -> tuple[Gaussian, Innovation]:
     """Predict by dt, then correct by y = D theta - W (report, section 3), which is the bias plus noise.
 
@@ -99,11 +144,12 @@ def step(
         covariance: (6, 6) R of y.
         gate: a sample with any axis this many standard deviations off its prediction is not used, see ``_gated``.
         vibration: (6,) N^2, Nm^2, variance by motion, of which the correlated noise has a share; None = nothing.
+        jump: (6,) N^2, Nm^2, of ``jumps``; None = nothing.
 
     Returns:
         the corrected state and the innovation y - b.
     """
-    predicted = gaussian.predict(state, *bias_noise(dt, strength(noise, vibration)))
+    predicted = gaussian.predict(state, *bias_noise(dt, strength(noise, vibration, jump)))
     observation = observation_of(predicted)
     measurement = wrench_tool - wrench
     if gate is not None:

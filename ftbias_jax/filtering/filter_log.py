@@ -186,7 +186,7 @@ def smooth_with_params(
         _, mean, std = smoother.smooth_log(params, state, padded, options)
     else:
         _, states = pipeline.run(params, state, padded, options, _keep_bias)
-        smoothed = smoother.smooth_bias(params, states, padded.dt)
+        smoothed = smoother.smooth_bias(params, states, padded.dt, padded.rezeroed)
         mean = smoothed.mean.reshape(-1, 2, 6)
         std = jnp.sqrt(jnp.diagonal(smoothed.covariance, axis1=1, axis2=2)).reshape(-1, 2, 6)
     rows = np.isfinite(log.wrench).any(1) if at is None else at

@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering import pipeline
+from ftbias_jax.filtering import bias_filter, pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.log_likelihoods import log_likelihoods
 from ftbias_jax.filtering.fast.scan import Inputs, innovations
 from ftbias_jax.filtering.fast.sums import filter_sums
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State
-from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_model, drift_noise
+from ftbias_jax.filtering.process_models import JOINT_MODELS, BiasStrength, bias_model
 from ftbias_jax.filtering.smoother import smooth_joint_tracks
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.tool_wrench import unbias
@@ -117,6 +117,8 @@ class WrenchProblem(NamedTuple):
     """(6,) sigma_Q."""
     prior_std: Float[Array, " 12"]
     """(12,) square root of P_0, bias then drift."""
+    jump: Float[Array, "T 6"] | None = None
+    """(T, 6) N^2, Nm^2 by which the bias may jump at each sample (``bias_filter.jumps``); None = never."""
 
 
 def bias_recursion(problem: WrenchProblem, y: Float[Array, "T 6"]) -> Inputs:
@@ -127,7 +129,11 @@ def bias_recursion(problem: WrenchProblem, y: Float[Array, "T 6"]) -> Inputs:
     covariance = jnp.stack([jnp.stack([std[0] ** 2, zero]), jnp.stack([zero, std[1] ** 2])])
     never = jnp.full_like(std, jnp.inf)
     variance = problem.variance[:, None]
-    return Inputs(problem.dt, problem.density, y[:, None], variance, jnp.zeros_like(std), covariance, never)
+    common = (y[:, None], variance, jnp.zeros_like(std), covariance, never)
+    if problem.jump is None:
+        return Inputs(problem.dt, problem.density, *common)
+    density = BiasStrength(problem.density, jnp.zeros_like(problem.density))
+    return Inputs(problem.dt, density, *common, {"jump": problem.jump})
 
 
 @jax.jit
@@ -146,7 +152,8 @@ def whiten(problem: WrenchProblem, columns: Float[Array, "C T 6"]) -> Float[Arra
     """
 
     def white(y: Array) -> Array:
-        innovation, variance = innovations(drift_noise, bias_recursion(problem, y))
+        inputs = bias_recursion(problem, y)
+        innovation, variance = innovations(bias_model(inputs.density), inputs)
         return innovation[:, 0] / jnp.sqrt(variance[:, 0])
 
     # Its value is its derivative: so the gains, which all series share, are worked out once.
@@ -173,7 +180,8 @@ def wrench_problem(
     wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
     bias = params.bias
     wrench = without_bias(samples.wrench, bias.prior_mean, jnp.cumsum(samples.dt))
-    return WrenchProblem(samples.dt, wrench, variance, bias.density, bias.prior_std), wrench_tool
+    jump = bias_filter.jumps(params, samples.rezeroed)
+    return WrenchProblem(samples.dt, wrench, variance, bias.density, bias.prior_std, jump), wrench_tool
 
 
 def without_bias(

@@ -40,6 +40,8 @@ class BiasStrength(NamedTuple):
     """(B,) 1/s, one over the correlation time of the noise; None = all noise is white."""
     noise_variance: Array | None = None
     """(B,) N^2 or Nm^2 of the correlated noise where it is stationary; it may differ from sample to sample."""
+    jump: Array | None = None
+    """(B,) N^2 or Nm^2 by which the bias may jump at a sample; None = it never does."""
 
 
 def acceleration_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
@@ -117,7 +119,8 @@ def reverting_drift(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
     moved = dt * _phi(x)
     variance = density**2
     cross = moved**2 / 2 * variance
-    Q = [[dt**3 * _integrated_twice(x) * variance, cross], [cross, dt * _phi(2 * x) * variance]]
+    jumped = 0 if strength.jump is None else strength.jump
+    Q = [[dt**3 * _integrated_twice(x) * variance + jumped, cross], [cross, dt * _phi(2 * x) * variance]]
     A: Rows = [[1, moved], [0, jnp.exp(-x)]]
     return A, Q
 
@@ -151,10 +154,7 @@ def _phi(x: Array) -> Array:
 
 
 def _integrated_twice(x: Array) -> Array:
-    """(x - 2 (1 - exp(-x)) + (1 - exp(-2 x)) / 2) / x^3, for x >= 0; 1/3 at 0.
-
-    Below 1/2 by its series, because the terms cancel to the third order; the first term left out is 1e-13 there.
-    """
+    """(x - 2 (1 - exp(-x)) + (1 - exp(-2 x)) / 2) / x^3, for x >= 0; by its series (to 1e-13) where terms cancel."""
     small = x < 0.5
     safe, near = jnp.where(small, 1, x), jnp.where(small, x, 0)
     series, factorial = jnp.zeros_like(x), 2.0

@@ -26,7 +26,8 @@ def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -
     dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0] if before is None else before)
     temperature = fill_temperature(log.t, log.temperature) if np.isfinite(log.temperature).any() else None
     columns = {name: column.at(log.t) for name, column in log.columns.items()}
-    arrays = Sample(dt, log.q, log.dq, log.wrench, temperature, columns or None)
+    rezeroed = np.asarray(log.is_rezeroed(log.t, before), float) if log.rezeroed_at else None
+    arrays = Sample(dt, log.q, log.dq, log.wrench, temperature, columns or None, rezeroed)
     samples: Sample = jax.tree.map(partial(as_array, dtype=dtype), arrays)
     return samples
 
@@ -53,5 +54,6 @@ def _pad(xp: Any, samples: Sample, length: int) -> Sample:
         return xp.concatenate([x, xp.full((missing, *x.shape[1:]), value, x.dtype)])
 
     q, dq, wrench = (lengthen(x, np.nan) for x in samples[1:4])
-    temperature, columns = jax.tree.map(lambda x: xp.pad(x, (0, missing), mode="edge"), samples[4:])
-    return Sample(lengthen(samples.dt, 0.0), q, dq, wrench, temperature, columns)
+    temperature, columns = jax.tree.map(lambda x: xp.pad(x, (0, missing), mode="edge"), samples[4:6])
+    rezeroed = None if samples.rezeroed is None else lengthen(samples.rezeroed, 0.0)
+    return Sample(lengthen(samples.dt, 0.0), q, dq, wrench, temperature, columns, rezeroed)

@@ -113,8 +113,9 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     vibration = bias_filter.vibration(params.bias, joint.mean[:, 1])
     if vibration is not None:
         R = R + jnp.diag(bias_filter.white_share(params.bias, vibration))
+    jump = bias_filter.jumps(params, sample.rezeroed)
     bias, wrench_innovation = bias_filter.step(
-        params.bias, state.bias, sample.dt, wrench_tool, sample.wrench, R, options.gate, vibration
+        params.bias, state.bias, sample.dt, wrench_tool, sample.wrench, R, options.gate, vibration, jump
     )
     log_likelihood = joint_innovation.log_likelihood.sum() + wrench_innovation.log_likelihood
     return State(joint, bias), Info(joint_innovation, wrench_innovation, wrench_tool, log_likelihood)

@@ -73,7 +73,8 @@ def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> 
         floats[name] = angles(floats[name], setup)
     if setup.sensor.reports == "wrench_on_sensor":
         floats["wrench"] = -floats["wrench"]
-    return log._replace(**floats)
+    rezeroed_at = tuple(float(at - log.start) for at in setup.sensor.rezeroed_at)
+    return log._replace(**floats, rezeroed_at=rezeroed_at)
 
 
 def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "") -> None:

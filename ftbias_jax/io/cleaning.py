@@ -205,7 +205,7 @@ def slices(log: Log) -> Split:
     def split(size: int) -> Iterator[Log]:
         for first in range(0, len(log.t), size):
             t, q, dq, wrench, temperature = (x[first : first + size] for x in log[:5])
-            yield Log(t, q, dq, wrench, temperature, log.start, columns=log.columns)
+            yield Log(t, q, dq, wrench, temperature, log.start, columns=log.columns, rezeroed_at=log.rezeroed_at)
 
     return split
 

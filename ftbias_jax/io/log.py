@@ -66,6 +66,20 @@ class Log(NamedTuple):
     """Where it was read from; "" = from memory."""
     frame: str = ""
     """The sensor's frame, as a recording of ROS names it; "" = not known."""
+    rezeroed_at: tuple[float, ...] = ()
+    """s, relative to the first sample: when the sensor was set to zero, as the setup states; some may be of other logs,
+    outside of this one's time."""
+
+    def is_rezeroed(self, t: Float[Array, " T"], before: float | None = None) -> Float[Array, " T"]:
+        """(T,) whether the sensor was set to zero between each stamp, s, and the one before it.
+
+        Args:
+            t: (T,) s, increasing, relative to the first sample.
+            before: the stamp before the first of these; None = there is none, and what was before does not count.
+        """
+        times = np.sort(self.rezeroed_at)
+        first = t[:1] if before is None else [before]
+        return np.diff(np.searchsorted(times, np.concatenate([first, t]), side="right")) > 0
 
     @classmethod
     def from_arrays(

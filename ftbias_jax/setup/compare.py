@@ -12,7 +12,7 @@ from ftbias_jax.setup.types import Setup
 
 _OWN = {
     "bias": ("initial", "initial_drift", "initial_std", "initial_drift_std"),
-    "sensor": ("rotation_rpy", "rezeroed"),
+    "sensor": ("rotation_rpy", "rezeroed", "rezeroed_at"),
     "robot": ("position_limits", "velocity_limits"),
 }
 """What may differ beside the tool: the prior of the bias, how the rotation was written, and the same arm's limits."""

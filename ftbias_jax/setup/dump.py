@@ -119,6 +119,8 @@ def _sections(setup: Setup) -> Iterable[Line]:
         yield Line("[sensor]", "compensated", sensor.compensated)
     if sensor.rezeroed:
         yield Line("[sensor]", "rezeroed", sensor.rezeroed)
+    if sensor.rezeroed_at:
+        yield Line("[sensor]", "rezeroed_at", np.array(sensor.rezeroed_at))
     if sensor.correlated_std is not None:
         yield Line("[sensor]", "correlated_std", sensor.correlated_std)
         yield Line("[sensor]", "correlated_time", sensor.correlated_time)

@@ -135,9 +135,14 @@ def _sensor(top: Section) -> SensorSetup:
     correlated = [key for key in ("correlated_std", "correlated_time") if key in section.values]
     if len(correlated) == 1:
         raise section.error(correlated[0], "stands alone", "state correlated_std and correlated_time, or none of them")
-    others = [key for key in SECTIONS["sensor"].keys if key != "compensated"]
-    values = {key: read(section, key) for key in others}
-    return SensorSetup(rotation=_rotation(section), compensated=_compensated(section), **values)
+    apart: dict[str, Any] = {"compensated": _compensated(section), "rezeroed_at": _rezeroed_at(section)}
+    values = {key: read(section, key) for key in SECTIONS["sensor"].keys if key not in apart}
+    return SensorSetup(rotation=_rotation(section), **values, **apart)
+
+
+def _rezeroed_at(section: Section) -> tuple[float, ...]:
+    times = read(section, "rezeroed_at")
+    return () if times is None else tuple(map(float, np.sort(times)))
 
 
 def _compensated(section: Section) -> str:

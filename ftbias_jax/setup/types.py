@@ -74,6 +74,8 @@ class SensorSetup:
     rezeroed: bool = False
     """Whether the sensor was set to zero in the log's first pose, with the tool on: its bias is then the tool's wrench
     there."""
+    rezeroed_at: tuple[float, ...] = ()
+    """s, stamps of the log at which the sensor was set to zero while it recorded; its bias may jump there."""
     rotation_rpy: Array | None = None
     """(3,) the angles of ``rotation`` as they were written, rad, to recognise degrees; None = not written."""
     name: str | None = None

@@ -23,7 +23,9 @@ from ftbias_jax.diagnosis.thresholds import (
     MARGIN_SHARE,
     MOST_EVENTS,
     MOST_OF_LOG,
+    MOST_OF_LOG_IF_SEEN,
     PRIOR_STD,
+    SEEN,
     SURELY_EVENT,
 )
 from ftbias_jax.model.effects.fitting import Touches
@@ -61,7 +63,7 @@ def touches(
         gains = [
             (gain_of_series(accepted, whitened_series(problem, h.shapes)), h)
             for h in shapes
-            if is_short(h, problem.duration)
+            if is_short(h, problem.duration) or is_seen(h, problem)
         ]
         found += sorted(gains, key=_after_penalty)[-1:]
     return found
@@ -91,6 +93,24 @@ def is_short(h: Hypothesis, duration: float) -> bool:
     """
     lengths = _lengths(h)
     return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_OF_LOG * duration)
+
+
+def is_seen(h: Hypothesis, problem: Problem) -> bool:
+    """Whether events that take much of the log are contact as a filter finds it: sudden at both ends, with free motion.
+
+    Args:
+        h: has them.
+        problem: the logs.
+    """
+    lengths, inside = _lengths(h), 0.0
+    for (log, start, end), *_ in shaped(h):
+        for contact in problem.parts[log].contacts:
+            inside += max(0.0, min(end, contact.end) - max(start, contact.start))
+    return bool(
+        lengths.max() < LONGEST_EVENT
+        and lengths.sum() < MOST_OF_LOG_IF_SEEN * problem.duration
+        and inside > SEEN * lengths.sum()
+    )
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:

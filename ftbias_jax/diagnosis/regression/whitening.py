@@ -82,7 +82,8 @@ def make_whitener(problem: WrenchProblem, used: int) -> Whitener:
 def _recursion(problem: WrenchProblem, used: int) -> tuple[np.ndarray, np.ndarray]:
     """Gains (U, 2, 6) of bias and drift, 1 and 1/s, and (U, 6) one over the innovations' standard deviation.
 
-    The covariance is that of ``process_models.drift_noise``; both are 0 where nothing was measured.
+    The covariance is that of ``process_models.drift_noise``, larger where the sensor was set to zero. Both are 0 where
+    nothing was measured.
     """
     dt, variance = np.asarray(problem.dt)[:used], np.asarray(problem.variance)[:used]
     variance = np.where(np.isfinite(np.asarray(problem.wrench)[:used]), variance, np.inf)
@@ -92,9 +93,11 @@ def _recursion(problem: WrenchProblem, used: int) -> tuple[np.ndarray, np.ndarra
     noises = np.stack([dt**3 / 3, dt**2 / 2, dt], 1)[:, :, None] * np.asarray(problem.density) ** 2
     prior = np.asarray(problem.prior_std).reshape(2, 6) ** 2
     state = np.stack([prior[0], np.zeros(6), prior[1]])
+    jump = np.zeros((used, 6)) if problem.jump is None else np.asarray(problem.jump)[:used]
     gains, spread = np.zeros((used, 2, 6)), np.zeros((used, 6))
     for k in range(used):
         state = steps[k] @ state + noises[k]
+        state[0] += jump[k]
         spread[k] = state[0] + variance[k]
         gains[k] = state[:2] / spread[k]
         state = state - gains[k, [0, 0, 1]] * state[[0, 1, 1]]

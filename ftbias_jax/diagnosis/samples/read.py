@@ -32,6 +32,7 @@ def inspect_samples(
     rate: Array | None = None,
     speed: Array | None = None,
     noise_per_speed: Array | None = None,
+    touched: Array | None = None,
 ) -> SampleFindings:
     """Find the signs of effects in single samples (``fitting.SIGNS``).
 
@@ -44,6 +45,7 @@ def inspect_samples(
         speed: (T, n) rad/s, of the joints, if known; without it noise is not expected to grow with the motion.
         noise_per_speed: (n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2, by how much the setup says that it grows; it is then not
             measured again. None = the setup says nothing.
+        touched: (T,) samples in contact, whose unrest can look like that of late stamps. None = none.
     """
     stated = np.asarray(noise_std, float)
     samples = select(log, stated, error, rate, speed)
@@ -61,11 +63,14 @@ def inspect_samples(
     tops = [_flat_tops(*column) for column in zip(kept.wrench.T, kept.stated, step, strict=True)]
     saturated = np.stack([_at_top(x, found) for x, found in zip(kept.wrench.T, tops, strict=True)], 1)
     spikes, noise, jitter = _scatter(kept, step, saturated)
+    late_stamps = not jitter.detected or touched is None or _is_late(kept, step, saturated, ~touched[kept.row])
+    if not late_stamps:
+        spikes, noise, jitter = _scatter(kept, step, saturated, late_stamps=False)
     growth = no_growth(1, noise.std**2)
     if noise_per_speed is None and not jitter.detected:
         growth = _growth(kept.only(~(spikes.wild | saturated.any(1))), step)
     if growth.detected:
-        spikes, noise, jitter = _scatter(kept.at_rest(growth.relative), step, saturated)
+        spikes, noise, jitter = _scatter(kept.at_rest(growth.relative), step, saturated, late_stamps=late_stamps)
 
     def six(values: np.ndarray, neutral: float | np.ndarray = 0.0) -> np.ndarray:
         """Channels that are not measured get a neutral value."""
@@ -133,20 +138,28 @@ def _at_top(x: np.ndarray, tops: list[exact.FlatTop]) -> np.ndarray:
     return np.logical_or.reduce(at) if at else np.zeros(len(x), bool)
 
 
-def _scatter(samples: Samples, step: np.ndarray, saturated: np.ndarray) -> tuple[Spikes, Noise, Jitter]:
+def _is_late(samples: Samples, step: np.ndarray, saturated: np.ndarray, free: np.ndarray) -> bool:
+    """Whether stamps are late in the rows (N,) that are free of contact, too: a clock does not know what is touched."""
+    return bool(free.all()) or _scatter(samples.only(free), step, saturated[free])[2].detected
+
+
+def _scatter(
+    samples: Samples, step: np.ndarray, saturated: np.ndarray, *, late_stamps: bool = True
+) -> tuple[Spikes, Noise, Jitter]:
     """Spikes, white noise and jitter; with jitter, spikes are what is beyond its noise.
 
     Args:
         samples: rows of one log that share a clock.
         step: (k,) N, Nm, of lattices.
         saturated: (N, k) bool.
+        late_stamps: whether jitter is looked for.
     """
     least = np.maximum(step, LEAST_SCATTER * samples.stated)
     blind = np.apply_along_axis(np.convolve, 0, saturated, np.ones(2 * REACH + 1), "same") > 0.5
     floor = np.where(blind, np.inf, least)
     for _ in range(2):
         spikes = find_spikes(samples.signal, np.full_like(floor, np.inf) if samples.too_slow else floor)
-        noise, jitter = _noise(samples.only(~(spikes.wild | saturated.any(1))), step, spikes.heavy_tailed)
+        noise, jitter = _noise(samples.only(~(spikes.wild | saturated.any(1))), step, spikes.heavy_tailed, late_stamps)
         if not jitter.detected:
             break
         late = jitter.std * np.abs(samples.rate)
@@ -174,7 +187,7 @@ def _growth(samples: Samples, step: np.ndarray) -> Growth:
     return growth._replace(variance=variance, stderr=stderr, rest=rest)
 
 
-def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool) -> tuple[Noise, Jitter]:
+def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool, late_stamps: bool) -> tuple[Noise, Jitter]:
     """White noise (k,) and jitter of the rows that nothing else has spoiled; the stated noise for too few rows."""
     stated = samples.stated
     none = no_jitter(stated)
@@ -185,7 +198,7 @@ def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool) -> tuple[Nois
     fine = (step < stated) & (noise.std > 0)  # on a coarser lattice the error of rounding grows with the rate
     if samples.too_slow:  # motion only adds
         noise = noise._replace(std=np.minimum(noise.std, stated), low=np.minimum(noise.low, stated))
-    if fine.sum() < 2 or not samples.modelled:  # nothing lies across the direction of change
+    if not late_stamps or fine.sum() < 2 or not samples.modelled:  # nothing lies across the direction of change
         return noise, none
     rate = samples.rate[waves.row].mean(1)
     jitter = measure_jitter(waves.top[..., fine], rate[:, fine], noise.std[fine])

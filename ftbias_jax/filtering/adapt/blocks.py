@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -18,6 +18,8 @@ SPEEDS = (None, *(0.5 * 2 ** (-k / 2) for k in range(13)))
 """rad/s from which vibration may grow with the speed and no longer with its square; None = never."""
 FEWEST = 10
 """Samples of a block: the scatter of fewer about a line tells neighbours apart more than it tells noise."""
+BESIDE = 10
+"""Blocks before and after the sensor was set to zero, whose medians say by how much the bias jumped."""
 
 
 class Blocks(NamedTuple):
@@ -84,6 +86,27 @@ def join_blocks(parts: list[Blocks]) -> Blocks:
         name: np.concatenate([getattr(part, name) for part in parts]) for name in Blocks._fields if name != "size"
     }
     return Blocks(size=parts[0].size, **columns)
+
+
+def without_jumps(blocks: Blocks, times: Sequence[float]) -> Blocks:
+    """The blocks as if the sensor had never been set to zero: what its noise is does not change by that.
+
+    Args:
+        blocks: of the whole log.
+        times: s, when it was; those outside of the log count nothing.
+    """
+    mean, half = blocks.mean.copy(), (blocks.t[1] - blocks.t[0]) / 2 if len(blocks.t) > 1 else 0.0
+    for at in sorted(times):
+        first, after = np.searchsorted(blocks.t, [at - half, at + half])
+        if not 0 < first < len(mean) or after >= len(mean):
+            continue
+        mean[first:after] = np.nan  # it has samples of both sides
+        with unmeasured_axes():
+            sides = [
+                np.nanmedian(side, 0) for side in (mean[max(0, first - BESIDE) : first], mean[after : after + BESIDE])
+            ]
+        mean[after:] -= np.nan_to_num(sides[1] - sides[0])
+    return blocks._replace(mean=mean, count=np.where(np.isfinite(mean), blocks.count, 0))
 
 
 @contextmanager

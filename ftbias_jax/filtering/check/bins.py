@@ -46,6 +46,8 @@ class Bins(NamedTuple):
     """(N, 3) rad/s, sensor frame, as recorded; None = none."""
     acceleration: Array | None = None
     """(N, 3) m/s^2, base frame, by an accelerometer and the orientation as stated; None = none."""
+    piece: Array | None = None
+    """(N,) how often the sensor was set to zero before, as the setup states; None = never."""
 
 
 def bins_of(log: Log, setup: Setup) -> Bins:
@@ -55,7 +57,7 @@ def bins_of(log: Log, setup: Setup) -> Bins:
         log: as ``read_log`` gives it, or a part of one.
         setup: says how well the joints are measured, and whether a pose was recorded instead.
     """
-    log = _stretches(log)
+    rezeroed_at, log = np.sort(log.rezeroed_at), _stretches(log)
     joints = np.isfinite(log.q).any(1) | np.isfinite(log.dq).any(1)
     step = np.median(np.diff(log.t[joints])) if joints.sum() > 1 else WIDTH
     width = max(WIDTH, LEAST * step) if step < WIDEST / 2 else step
@@ -84,7 +86,8 @@ def bins_of(log: Log, setup: Setup) -> Bins:
         q[:, 4:], dq[:, 4:], ddq[:, 4:] = 0, 0, acceleration
     whole = np.isfinite(q).all(1) & np.isfinite(ddq).all(1) & (count > 0)
     t = log.t[0] + (label[first] + 0.5) * width + at * half
-    bins = Bins(t, q, dq, ddq, wrench, count, gyroscope, acceleration)
+    piece = np.searchsorted(rezeroed_at, t) if len(rezeroed_at) else None
+    bins = Bins(t, q, dq, ddq, wrench, count, gyroscope, acceleration, piece)
     return Bins(*(None if x is None else x[whole] for x in bins))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check import poses, special
 from ftbias_jax.filtering.check.alternatives import all_alternatives
 from ftbias_jax.filtering.check.bins import bins_of, join_bins
+from ftbias_jax.filtering.check.findings import absence, clocks, numbers, of_bias, stamped
 from ftbias_jax.filtering.check.judge import (
     BAD,
     TIE,
@@ -26,9 +26,9 @@ from ftbias_jax.filtering.check.mounts import mount_in_degrees
 from ftbias_jax.filtering.check.regression import TRIMS, no_tool
 from ftbias_jax.filtering.check.result import Check, Mistake
 from ftbias_jax.filtering.check.state import Case, Result, State, case_of_bins, make_case, stated
+from ftbias_jax.filtering.check.undetermined import all_undetermined, undetermined
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array
 
 MOST_MISTAKES = 2
 """That are looked for beside those of a recorded pose; the second one with the first one mended."""
@@ -36,8 +36,6 @@ PART, MOST_PARTS = 1 << 17, 16
 """Samples of a part of a long log, and parts that are looked at."""
 FAR_BETTER = 2.0
 """Score by which an alternative must explain a reading that has nothing of the tool."""
-POSE_BETTER = 0.7
-"""Share of what the stated convention of a pose leaves that another may leave."""
 WEAK = {"worse_than_raw", "raw_offset", "rezeroed", "compensated"}
 """Mistakes that contact can feign: they are named only if no other is found without the bins that may be contact."""
 OF_AXES = {"sign", "gravity", "sensor_axes"}
@@ -65,7 +63,7 @@ def check_setup(setup: Setup, logs: Sequence[Log]) -> Check:
     """
     if not logs:
         raise UsageError("there is no log to check", field="logs", remedy="give at least one")
-    return check_case(make_case(setup, logs), setup)
+    return stamped(check_case(make_case(setup, logs), setup), setup, logs)
 
 
 def require_right(setup: Setup, logs: Iterable[Log], command: str, unchecked: bool) -> None:
@@ -97,17 +95,23 @@ def check_case(case: Case | None, setup: Setup) -> Check:
         setup: of the logs.
     """
     if case is None:
-        return Check((), {}, setup.path)
+        return Check((), {}, setup.path, all_undetermined(pose=setup.pose is not None))
     checks: list[Check] = []
     for trim in TRIMS:
-        first = evidence_of(stated(replace(case, layout=case.layout._replace(trim=trim))))
-        checks.append(_check(first))
+        first = evidence_of(stated(case.trimmed(trim)))
+        checks.append(_check(first, tool_is_stated=not setup.tool.unknown))
         if checks[-1].ok and (first.left < BAD).all():
             break
         mistakes = {finding.mistake for finding in checks[-1].findings}
         if mistakes - WEAK:
             return checks[-1]
-    return next((check for check in checks if not check.ok), checks[0])
+    check = next((check for check in checks if not check.ok), checks[0])
+    unseen = [{kind.mistake for kind in other.undetermined} for other in checks]
+    for trim in TRIMS[len(checks) :] if check.undetermined else ():  # a mistake would have led here, and may show
+        kinds = undetermined(evidence_of(stated(case.trimmed(trim))), tool_is_stated=not setup.tool.unknown)
+        unseen.append({kind.mistake for kind in kinds})
+    never = set.intersection(*unseen)
+    return replace(check, undetermined=tuple(kind for kind in check.undetermined if kind.mistake in never))
 
 
 def check_parts(setup: Setup, parts: Callable[[int], Iterator[Log]], length: int) -> Check:
@@ -125,7 +129,7 @@ def check_parts(setup: Setup, parts: Callable[[int], Iterator[Log]], length: int
     return check_case(case_of_bins(setup, [join_bins(bins)]), setup)
 
 
-def _check(first: Evidence) -> Check:
+def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
     """What is wrong with a setup, by the bins that a fit may use."""
     state, case = first.state, first.state.case
     setup = case.setup
@@ -135,13 +139,14 @@ def _check(first: Evidence) -> Check:
         state = state.but(tool=no_tool())
     if setup.sensor.compensated != "none":
         first = evidence_of(state)
-        return Check(tuple(_of_bias(first)), _numbers(first, first.result), setup.path)
+        unseen = undetermined(first, tool_is_stated=tool_is_stated)
+        return Check(tuple(of_bias(first)), numbers(first, first.result), setup.path, unseen)
     found: list[Mistake] = []
     if setup.pose is not None:
         state, of_pose = _of_pose(first)
         found += of_pose
     base = evidence_of(state) if found else first
-    absent = tuple(_of_absence(base))
+    absent = tuple(absence(base))
     enough = score(base, base.state.fit(no_tool())) + FAR_BETTER if absent else -np.inf
     for _ in range(MOST_MISTAKES):
         small = base.raw[0] < FAR_SMALLER * base.exact[0]
@@ -149,22 +154,24 @@ def _check(first: Evidence) -> Check:
         best = best_alternative(base, tried) or slightly(base, mount_in_degrees(base.state))
         moved = None if case.layout.touched else special.time_offset(base)
         if moved is not None and (best is None or score(base, moved[1]) > score(base, best[1]) + TIE):
-            found.append(_of_time(base, first, *moved))
+            found.append(clocks(base, first, *moved))
             break
         if best is None or score(base, best[1]) < enough:
             break
         alternative, result = best
-        evidence = _numbers(first, result)
+        evidence = numbers(first, result)
         found.append(Mistake(alternative.mistake, evidence, alternative.remedy, alternative.setup or {}))
         base, enough = evidence_of(alternative.state), -np.inf
     found += absent if not found else ()
     if not any(mistake.mistake in ("compensated", "time_offset") for mistake in found):
-        found += _of_bias(base)
+        found += of_bias(base)
     worse = special.worse_than_raw(first)
     if worse and not found:
         remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
-        found.append(Mistake("worse_than_raw", _numbers(first, first.result), remedy))
-    return Check(tuple(found), {**_numbers(first, first.result), "worse_than_raw": worse}, setup.path)
+        found.append(Mistake("worse_than_raw", numbers(first, first.result), remedy))
+    named = {mistake.mistake for mistake in found}
+    unseen = tuple(kind for kind in undetermined(base, tool_is_stated=tool_is_stated) if kind.mistake not in named)
+    return Check(tuple(found), {**numbers(first, first.result), "worse_than_raw": worse}, setup.path, unseen)
 
 
 def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
@@ -177,7 +184,7 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
     good = [
         (convention, s, result)
         for convention, s, result in tried[1:]
-        if result.square[0] < POSE_BETTER * as_stated.square[0]
+        if result.square[0] < poses.POSE_BETTER * as_stated.square[0]
         and result.square[0] < BAD * first.raw[0]
         and decisively(as_stated, result, (0,), state.case.layout.block)
     ]
@@ -186,7 +193,7 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
         ties = [entry for entry in good if score(first, entry[2]) > best - POSE_TIE]
         convention, state, result = min(ties, key=lambda entry: sum(vars(entry[0]).values()))
         for mistake, remedy, setup in convention.findings(pose):
-            found.append(Mistake(mistake, _numbers(first, result), remedy, setup))
+            found.append(Mistake(mistake, numbers(first, result), remedy, setup))
     in_g = poses.accelerometer_remedy(state)
     for of_imu in (poses.gyroscope_remedy(state), in_g):
         if of_imu is not None:
@@ -200,50 +207,3 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
 def _of_either_sign(state: State) -> Result:
     """The better fit of the reading and of its opposite: the sign is looked at later."""
     return min((state.fit(), state.but(wrench=-state.wrench).fit()), key=lambda result: result.square[0])
-
-
-def _of_absence(base: Evidence) -> Iterator[Mistake]:
-    """The tool's weight is not in the reading."""
-    absent = special.compensated(base)
-    if absent is not None:
-        mistake, remedy, setup = absent
-        share = special.share_of_tool(base, 0).value
-        rms = {"rms_as_stated": _rms(base.result.square[0]), "rms_if_mended": _rms(base.raw[0])}
-        yield Mistake(mistake, {**rms, "share_of_the_weight": float(f"{share:.3g}")}, remedy, setup)
-
-
-def _of_time(base: Evidence, first: Evidence, delay: float, result: Result) -> Mistake:
-    """The clocks of wrench and motion differ."""
-    later, than = ("wrench", "motion") if delay > 0 else ("motion", "wrench")
-    remedy = f"the {later} is stamped {abs(delay):.2f} s later than the {than}: shift its stamps"
-    states = -1 <= delay <= 2 and base.state.case.setup.pose is None
-    setup = {"effects.time_delay.delay": round(delay, 3)} if states else {}
-    return Mistake("time_offset", {**_numbers(first, result), "offset_s": round(delay, 3)}, remedy, setup)
-
-
-def _of_bias(base: Evidence) -> Iterator[Mistake]:
-    """The bias is not what its prior says, or was set to zero on the way."""
-    times = special.tares(base)
-    if times:
-        words = ", ".join(f"{t:.1f} s" for t in times[:5])
-        remedy = f"the sensor was set to zero while it recorded, at {words}: cut the log there, and filter the pieces"
-        yield Mistake("rezeroed", {"times": times}, remedy)
-        return
-    beyond = special.bias_beyond_prior(base)
-    if beyond is not None:
-        mistake, remedy, setup = beyond
-        offset = np.abs(np.median(base.state.wrench, 0)).max()
-        yield Mistake(mistake, {"largest_reading": float(f"{offset:.5g}")}, remedy, setup, mistake == "rezeroed")
-
-
-def _numbers(first: Evidence, result: Result) -> dict[str, Any]:
-    """Rms of what is left as stated and if mended, and of the reading itself, force and torque."""
-    numbers = {"rms_raw": first.raw, "rms_as_stated": first.exact}
-    if result is not first.result:
-        numbers["rms_if_mended"] = result.square
-    named = {name: _rms(square[0]) for name, square in numbers.items()}
-    return named | {f"torque_{name}": _rms(square[1]) for name, square in numbers.items()}
-
-
-def _rms(square: Array) -> float:
-    return float(f"{np.sqrt(square):.4g}")

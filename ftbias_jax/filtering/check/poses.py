@@ -24,6 +24,8 @@ GYROSCOPES: dict[float, tuple[str, Values]] = {
     1e3: ("in mrad/s: convert it to rad/s", {}),
 }
 """Factor of the recorded rates -> what they are, and the keys of a setup that say so."""
+POSE_BETTER = 0.7
+"""Share of what the stated convention of a pose leaves that another may leave."""
 NEAR = 1.25
 """Factor by which a ratio may be off."""
 TURNING = 0.02

@@ -192,11 +192,11 @@ def _solve(
     X = free[:, :60].reshape(count, 6, 10) / np.repeat(scale, 3)[:, None]
     y = free[:, 60:] / np.repeat(scale, 3)
     X, y = X.reshape(-1, 10), y.reshape(-1)
-    theta = _within_reach(X.T @ X, X.T @ y, tool)
+    theta = within_reach(X.T @ X, X.T @ y, tool)
     return theta, fitted[:, :60].reshape(-1, 6, 10) @ theta - fitted[:, 60:]
 
 
-def _within_reach(normal: Array, right: Array, tool: Tool) -> Float[Array, " 10"]:
+def within_reach(normal: Array, right: Array, tool: Tool) -> Float[Array, " 10"]:
     """argmin of theta' normal theta - 2 right' theta in the tool's ellipsoid."""
     if not tool.reach.any():
         return tool.theta

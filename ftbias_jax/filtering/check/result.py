@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from ftbias_jax.errors import FtbiasError, LogError, SetupError
 from ftbias_jax.io.atomic import write_json
@@ -33,6 +33,15 @@ MISTAKES: Mapping[str, str] = {
 """Every mistake that is recognised, and what it is."""
 NOT_FOR = {"identify": ("worse_than_raw",)}
 """Mistakes that a command can do with: it is there to mend them."""
+
+
+class Undetermined(NamedTuple):
+    """A kind of mistake that a log cannot show."""
+
+    mistake: str
+    """One of MISTAKES."""
+    remedy: str
+    """What log, or what in the setup, would show it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +72,8 @@ class Check:
     """The same numbers of the setup as stated; empty if the logs are too short to tell."""
     setup_path: str = ""
     """Where the setup was read from."""
+    undetermined: tuple[Undetermined, ...] = ()
+    """Mistakes that these logs could not have shown, each with what would show it."""
 
     @property
     def ok(self) -> bool:
@@ -106,7 +117,8 @@ class Check:
             {"mistake": f.mistake, "evidence": dict(f.evidence), "remedy": f.remedy, "setup": dict(f.setup)}
             for f in self.findings
         ]
-        return {"ok": self.ok, "findings": findings, "evidence": dict(self.evidence)}
+        unseen = [{"mistake": name, "remedy": remedy} for name, remedy in self.undetermined]
+        return {"ok": self.ok, "findings": findings, "evidence": dict(self.evidence), "undetermined": unseen}
 
     def to_json(self, path: str | os.PathLike[str], origin: Provenance | None = None) -> None:
         """Write the findings for programs, whole or not at all.
@@ -122,11 +134,21 @@ class Check:
         write_json(path, json.loads(json.dumps(self.as_dict() | said)))
 
     def __str__(self) -> str:
+        return "\n".join((*self._found(), *self.open_questions()))
+
+    def _found(self) -> list[str]:
         if self.findings:
-            return "\n".join(f"{finding}{_shown(finding.evidence)}" for finding in self.findings)
+            return [f"{finding}{_shown(finding.evidence)}" for finding in self.findings]
         if not self.evidence:
-            return "no mistake found; the logs are too short to show much"
-        return f"no mistake found{_shown(self.evidence)}"
+            return ["no mistake found; the logs are too short to show much"]
+        return [f"no mistake found{_shown(self.evidence)}"]
+
+    def open_questions(self) -> list[str]:
+        """What could not be looked for, a line for each remedy."""
+        remedies: dict[str, list[str]] = {}
+        for name, remedy in self.undetermined:
+            remedies.setdefault(remedy, []).append(name)
+        return [f"not shown by these logs: {', '.join(names)}: {remedy}" for remedy, names in remedies.items()]
 
 
 def _shown(evidence: Mapping[str, Any]) -> str:

@@ -8,7 +8,8 @@ import numpy as np
 
 from ftbias_jax.filtering.check.judge import ABSENT, GOOD, Evidence, decisively, noise_of_bins, score
 from ftbias_jax.filtering.check.regression import no_tool, without_bias
-from ftbias_jax.filtering.check.state import Result, delayed
+from ftbias_jax.filtering.check.state import Result, State, delayed
+from ftbias_jax.types import Array
 
 CLEAR = 3.0
 """Times the noise of a bin that the tool's wrench must vary to be missed."""
@@ -125,12 +126,9 @@ def bias_beyond_prior(base: Evidence) -> tuple[str, str, dict[str, object]] | No
         return None
     tool = state.data() @ state.tool.theta
     axes, std = state.case.layout.axes, setup.bias.initial_std
-    moved = np.abs(tool[1] - tool[0])  # since the first sample, at most
-    near = ZERO * setup.sensor.noise_std + moved
+    near = _near_zero(state, tool)
     zero = (np.abs(state.case.wrench[0]) < near)[axes].all()
-    by_chance = np.prod(np.minimum(1, near / std)[axes])
-    weight = np.abs(tool[0] - setup.bias.initial)[axes]  # expected to be read, beside zero
-    if zero and ((weight > (std + moved)[axes]).any() or ((weight > near[axes]).any() and by_chance < BY_CHANCE)):
+    if zero and zero_would_show(state):
         remedy = "the sensor was set to zero with the tool on: set sensor.rezeroed = true"
         return "rezeroed", remedy, {"sensor.rezeroed": True}
     bias = np.median((tool - state.wrench)[bins.t - bins.t[0] < FIRST], 0)
@@ -140,6 +138,22 @@ def bias_beyond_prior(base: Evidence) -> tuple[str, str, dict[str, object]] | No
         remedy = f"the reading is offset by {np.abs(bias).max():.4g}: set bias.initial = {stated}"
         return "raw_offset", remedy, {"bias.initial": stated}
     return None
+
+
+def zero_would_show(state: State) -> bool:
+    """Whether a first reading of zero is what the setup's prior excludes: the tool's weight is expected beside it."""
+    setup, axes = state.case.setup, state.case.layout.axes
+    tool, std = state.data() @ state.tool.theta, setup.bias.initial_std
+    near, moved = _near_zero(state, tool), np.abs(tool[1] - tool[0])
+    by_chance = np.prod(np.minimum(1, near / std)[axes])
+    weight = np.abs(tool[0] - setup.bias.initial)[axes]  # expected to be read, beside zero
+    return bool((weight > (std + moved)[axes]).any() or ((weight > near[axes]).any() and by_chance < BY_CHANCE))
+
+
+def _near_zero(state: State, tool: Array) -> Array:
+    """(6,) N, Nm: how far from zero a first reading may be: the tool moves on within the first bin."""
+    near: Array = ZERO * state.case.setup.sensor.noise_std + np.abs(tool[1] - tool[0])
+    return near
 
 
 BESIDE, MOMENTS = 3, 9
@@ -159,8 +173,9 @@ def tares(base: Evidence) -> list[float]:
     found: list[float] = []
     for i in range(BESIDE, len(t) - BESIDE):
         near = slice(i - BESIDE, i + BESIDE + 1)
-        if t[near][-1] - t[near][0] > 3 * BESIDE * step + 1 or (found and t[i] - found[-1] < 1):
-            continue  # across a pause
+        pause = t[near][-1] - t[near][0] > 3 * BESIDE * step + 1
+        if pause or (case.log[near] != case.log[i]).any() or (found and t[i] - found[-1] < 1):
+            continue
         before, after = left[i - BESIDE : i], left[i + 1 : i + 1 + BESIDE]
         scatter = np.maximum(ZERO * noise, np.maximum(np.ptp(before, axis=0), np.ptp(after, axis=0)))
         jump = np.median(after, 0) - np.median(before, 0)

@@ -37,13 +37,17 @@ class Case:
     setup: Setup
     bins: Bins
     log: Array
-    """(N,) number of the log."""
+    """(N,) number of the log, or of a piece of it between two times at which the sensor was set to zero."""
     layout: Layout
 
     @property
     def wrench(self) -> Array:
         """(N, 6) N, Nm; zeros in axes that were not measured."""
         return np.where(self.layout.axes, self.bins.wrench, 0)
+
+    def trimmed(self, share: float) -> Case:
+        """The same with this share of the bins left out of every fit."""
+        return replace(self, layout=self.layout._replace(trim=share))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +131,8 @@ def case_of_bins(setup: Setup, parts: Sequence[Bins]) -> Case | None:
     """The same from bins, those of each log together."""
     bins = join_bins(parts)
     log = np.repeat(np.arange(len(parts)), [len(part.t) for part in parts])
+    if bins.piece is not None:  # each has a bias of its own
+        log = np.unique(np.stack([log, bins.piece]), axis=1, return_inverse=True)[1].reshape(-1)
     read = np.isfinite(bins.wrench)
     axes = read.sum(0) > HALF * max(read.sum(0).max(initial=0), 1)
     rows = np.flatnonzero(read[:, axes].all(1)) if axes.any() else np.zeros(0, int)

@@ -45,7 +45,7 @@ def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
         return smoothed, (jnp.stack(smoothed[0]), jnp.stack([jnp.stack(row) for row in smoothed[1]]))
 
     last = (list(track.mean[-1]), [list(track.covariance[-1, a]) for a in range(k)])
-    drive = None if inputs.drive is None else inputs.drive[1:]
+    drive = jax.tree.map(lambda x: x[1:], inputs.drive)
     before = (inputs.dt[1:], track.mean[:-1], track.covariance[:-1], drive)
     mean, covariance = jax.lax.scan(body, last, before, reverse=True)[1]
     return Smoothed(jnp.concatenate([mean, track.mean[-1:]]), jnp.concatenate([covariance, track.covariance[-1:]]))

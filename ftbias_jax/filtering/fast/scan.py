@@ -45,8 +45,8 @@ class Inputs(NamedTuple):
     """(k, k, B)."""
     restart_variance: Float[Array, "k B"]
     """(k, B) a filter that knows its first two entries less well starts again from this, at rest; inf = never."""
-    drive: Float[Array, "T B"] | None = None
-    """(T, B) variance of the correlated noise of a ``BiasStrength`` at every sample; None = as its own."""
+    drive: Any = None
+    """Fields of a ``BiasStrength`` that differ from sample to sample, by their names, (T, B) each; None = none does."""
 
 
 class Track(NamedTuple):
@@ -230,14 +230,15 @@ def _backward(model: ProcessModel, residual: Residual, bar: Track) -> tuple[Inpu
 filter_scan.defvjp(_forward, _backward)
 
 
-def driven(density: Any, drive: Array | None) -> Any:
-    """The strength of the process at one sample: with the variance of the correlated noise there, if it changes."""
-    return density if drive is None else density._replace(noise_variance=drive)
+def driven(density: Any, drive: dict[str, Array] | None) -> Any:
+    """The strength of the process at one sample: with what of it changes."""
+    return density if drive is None else density._replace(**drive)
 
 
-def undriven(slope: Any, drive: Array | None) -> tuple[Any, Array | None]:
+def undriven(slope: Any, drive: dict[str, Array] | None) -> tuple[Any, dict[str, Array] | None]:
     """Adjoint of ``driven``."""
-    return (slope, None) if drive is None else (slope._replace(noise_variance=None), slope.noise_variance)
+    own = slope if drive is None else slope._replace(**dict.fromkeys(drive))
+    return own, None if drive is None else {name: getattr(slope, name) for name in drive}
 
 
 def _entries(x: Array) -> Vector:

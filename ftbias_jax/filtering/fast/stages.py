@@ -20,7 +20,7 @@ from ftbias_jax.filtering.fast.associative_scan import filter_parallel
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, filter_scan
 from ftbias_jax.filtering.fast.sums import States
 from ftbias_jax.filtering.fast.wrench_of_joints import wrenches_of_joints
-from ftbias_jax.filtering.process_models import JOINT_MODELS, BiasStrength, Gated, ProcessModel, bias_model
+from ftbias_jax.filtering.process_models import JOINT_MODELS, Gated, ProcessModel, bias_model
 from ftbias_jax.filtering.samples import pad
 from ftbias_jax.filtering.step import Options, State
 from ftbias_jax.model.effects import compose
@@ -139,13 +139,7 @@ def bias_inputs(
         variance: (T, 6) diagonal of R.
         velocity: (T, n) rad/s of the joints, needed where vibration is correlated.
     """
-    noise = params.bias
-    density, drive = bias_filter.strength(noise), None
-    if noise.correlated_std is not None and noise.correlated_vibration is not None and noise.vibration is not None:
-        assert velocity is not None
-        drive = bias_filter.correlated_variance(noise, bias_filter.vibration(noise, velocity))
-        assert isinstance(density, BiasStrength)
-        density = density._replace(noise_variance=None)
+    density, drive = bias_filter.driving(params, samples.rezeroed, velocity)
     y = (wrench_tool - samples.wrench)[:, None]
     axis, k = jnp.arange(6), state.bias.mean.shape[0] // 6
     blocks = state.bias.covariance.reshape(k, 6, k, 6)[:, axis, :, axis]  # (6, k, k): axes do not mix

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from ftbias_jax.filtering.adapt.blocks import Blocks, in_blocks, join_blocks
+from ftbias_jax.filtering.adapt.blocks import Blocks, in_blocks, join_blocks, without_jumps
 from ftbias_jax.filtering.adapt.log_noise import LEAST_BLOCKS, LogNoise, noise_of_log, with_noise
 from ftbias_jax.filtering.adapt.sample_noise import sample_variance, shown_variance, stated_shaking
 from ftbias_jax.filtering.pipeline import Options
@@ -73,8 +73,13 @@ def with_variance(part: Prepared, params: Params, noise: LogNoise) -> Prepared:
 
 
 def blocks_of(parts: Iterable[Prepared], params: Params) -> Blocks:
-    """The whole log in blocks; params as it was prepared with."""
-    return join_blocks([_in_blocks(part, params) for part in parts])
+    """The whole log in blocks, without jumps where the sensor was set to zero; params as it was prepared with."""
+    blocks: list[Blocks] = []
+    rezeroed_at: tuple[float, ...] = ()
+    for part in parts:
+        blocks.append(_in_blocks(part, params))
+        rezeroed_at = part.log.rezeroed_at
+    return without_jumps(join_blocks(blocks), rezeroed_at)
 
 
 def _in_blocks(part: Prepared, params: Params) -> Blocks:

@@ -12,6 +12,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.conventions.units import recorded_times
 from ftbias_jax.io.limits.budget import Budget
+from ftbias_jax.io.limits.parquet_pages import check_pages
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.arrays import log_of_table
 from ftbias_jax.io.tables.csv_columns import Columns, check_names, choose_columns, choose_time, named_arrays
@@ -62,6 +63,7 @@ def parquet_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> di
         t = [np.empty(rows, _time_type(arrow, schema.field(name).type, name, file)) for name in columns.time]
         _check_numbers(arrow, schema, others, file)
         budget.hold(sum(x.nbytes for x in t) + 8 * rows * len(others))
+        check_pages(file, table.metadata, set(used))
         numbers = np.empty((rows, len(others)))
         first = 0
         for batch in table.iter_batches(BATCH, columns=used, use_threads=False):
@@ -89,6 +91,7 @@ def load_parquet(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, 
         check_names(names, header, file)
         _check_numbers(arrow, table.schema_arrow, names, file)
         budget.hold(8 * _rows(table, budget) * (1 + len(names)))
+        check_pages(file, table.metadata, {*time, *names})
         content = table.read(columns=[*time, *names], use_threads=False)
         found = {name: content.column(name).cast("float64").to_numpy() for name in names}
         rows = np.arange(content.num_rows)
@@ -140,7 +143,8 @@ def _rows(table: Any, budget: Budget) -> int:
     """The rows that all parts of the file declare, whose pages may unpack to what the budget allows."""
     groups = [table.metadata.row_group(i) for i in range(table.metadata.num_row_groups)]
     for group in groups:
-        budget.unpack(max(group.total_byte_size, 0))
+        columns = sum(max(group.column(i).total_uncompressed_size, 0) for i in range(group.num_columns))
+        budget.unpack(max(group.total_byte_size, columns))
     return max(sum(int(group.num_rows) for group in groups), 0)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ftbias_jax.setup.fields import NOT_NEGATIVE, POSITIVE
-from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind, SectionKeys, names, number, numbers, text
+from ftbias_jax.setup.keys.key import PER_JOINT, SEVERAL, Key, Kind, SectionKeys, names, number, numbers, text
 from ftbias_jax.setup.recorded import LINEAR, ORIENTATIONS, POSITION_AXES
 from ftbias_jax.setup.robots import BUILT_IN, STANDARD_GRAVITY
 from ftbias_jax.setup.types import COMPENSATED, REPORTS
@@ -82,6 +82,14 @@ SENSOR = SectionKeys(
             "the sensor was set to zero in the log's first pose, at rest and with the tool on: the bias starts at the "
             "tool's wrench there, beside `bias.initial`",
             default=False,
+        ),
+        "rezeroed_at": numbers(
+            "when the sensor was set to zero while the log was recorded: the bias may jump there",
+            "s, stamps of the log, as `check` finds them",
+            SEVERAL,
+            expand=True,
+            absent="never",
+            example=(12.345,),
         ),
         "correlated_std": numbers(
             "standard deviation of noise that is correlated in time: a first-order Gauss-Markov process on each axis",

@@ -23,6 +23,8 @@ class Kind(Enum):
 
 PER_JOINT = 0
 """Size of a key that has an entry for every joint, or for every entry of a recorded pose."""
+SEVERAL = -1
+"""Size of a key that has as many numbers as there are events."""
 
 
 class Key(NamedTuple):
@@ -33,7 +35,7 @@ class Key(NamedTuple):
     """In words, for the reference; without a full stop."""
     unit: str = ""
     size: int = 1
-    """How many numbers or names, or PER_JOINT."""
+    """How many numbers or names, or PER_JOINT, or SEVERAL."""
     expand: bool = False
     """One number stands for all; of six, two stand for three forces and three torques."""
     within: Range = ANY

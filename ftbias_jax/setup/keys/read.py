@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ftbias_jax.setup.fields import Section, check_keys, flag, names, require, scalar, subsection, text, vector
-from ftbias_jax.setup.keys.key import Kind
+from ftbias_jax.setup.keys.key import SEVERAL, Kind
 from ftbias_jax.setup.keys.table import section_keys
 
 
@@ -40,6 +40,9 @@ def read(section: Section, key: str, size: int | None = None, default: Any = Non
     if key not in section.values and default is None and not known.required:
         return None
     count = known.size if size is None else size
+    if count == SEVERAL:
+        value = section.values.get(key)
+        count = max(len(value), 1) if isinstance(value, list) else 1
     match known.kind:
         case Kind.NUMBER:
             return scalar(section, key, default, within=known.within)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind
+from ftbias_jax.setup.keys.key import PER_JOINT, SEVERAL, Key, Kind
 from ftbias_jax.setup.keys.table import EFFECTS, SECTIONS
 
 
@@ -74,12 +74,12 @@ def _number(key: Key) -> dict[str, Any]:
 
 
 def _sizes(key: Key) -> list[int]:
-    """How many numbers a list may have; PER_JOINT = any."""
-    if key.size == PER_JOINT:
-        return [PER_JOINT]
+    """How many numbers a list may have; PER_JOINT or SEVERAL = any."""
+    if key.size in (PER_JOINT, SEVERAL):
+        return [key.size]
     return sorted({key.size} | ({1} if key.expand else set()) | ({2} if key.expand and key.size == 6 else set()))
 
 
 def _list(items: dict[str, Any], size: int) -> dict[str, Any]:
-    ends = {"minItems": 1} if size == PER_JOINT else {"minItems": size, "maxItems": size}
+    ends = {"minItems": 1} if size in (PER_JOINT, SEVERAL) else {"minItems": size, "maxItems": size}
     return {"type": "array", "items": items, **ends}

@@ -41,6 +41,16 @@ def test_whitening_is_that_of_the_bias_filter(problem, series, expected):
     np.testing.assert_allclose(make_whitener(problem, USED)(series), expected, rtol=1e-9, atol=1e-11)
 
 
+def test_it_is_so_with_a_sensor_that_is_set_to_zero_on_the_way(problem, series):
+    jump = np.zeros((PADDED, 6))
+    jump[[40, 41, 97]] = 30.0
+    zeroed = problem._replace(jump=jump)
+    with jax.enable_x64(True):
+        padded = np.pad(series, ((0, 0), (0, PADDED - USED), (0, 0)))
+        expected = np.asarray(whiten(jax.tree.map(jnp.asarray, zeroed), jnp.asarray(padded)))[:, :USED]
+    np.testing.assert_allclose(make_whitener(zeroed, USED)(series), expected, rtol=1e-9, atol=1e-11)
+
+
 def test_single_precision_is_nearly_as_good(problem, series, expected):
     got = make_whitener(problem, USED).single()(series.astype(np.float32))
     assert got.dtype == np.float32

@@ -338,3 +338,31 @@ def pose_log():
         "angular_velocity": in_sensor(motion, motion.velocity),
         "rotation": motion.rotation,
     }
+
+
+def test_the_key_that_a_tare_on_the_way_is_told_with_makes_the_setup_right():
+    tables, arrays = right_log(seed=9)
+    for row in (900, 1500):
+        arrays["wrench"][row:] -= arrays["wrench"][row]
+    arrays["t"] = arrays["t"] + 1.7e9  # as of recordings with stamps of their own
+    (finding,) = checked(tables, arrays).findings
+    expected = [1.7e9 + 8.995, 1.7e9 + 14.995]  # between two samples
+    assert finding.setup["sensor.rezeroed_at"] == pytest.approx(expected, abs=1e-5, rel=0)
+    assert finding.evidence["times"] == finding.setup["sensor.rezeroed_at"]
+    assert "set sensor.rezeroed_at = [1700000008.995, 1700000014.995]" in finding.remedy
+    tables["sensor"]["rezeroed_at"] = [finding.setup["sensor.rezeroed_at"][1]]
+    (rest,) = checked(tables, arrays).findings  # one is stated, one is left
+    assert rest.setup["sensor.rezeroed_at"] == finding.setup["sensor.rezeroed_at"]
+    tables["sensor"]["rezeroed_at"] = rest.setup["sensor.rezeroed_at"]
+    assert checked(tables, arrays).ok
+
+
+def test_tares_of_several_logs_are_told_without_a_key():
+    tables, arrays = right_log(seed=9)
+    setup = ft.parse_setup(tables)
+    right = ft.Log.from_arrays(setup, **arrays)
+    arrays["wrench"][1500:] -= arrays["wrench"][1500]
+    (finding,) = ft.check_setup(setup, [right, ft.Log.from_arrays(setup, **arrays)]).findings
+    assert finding.mistake == "rezeroed"
+    assert not finding.setup
+    assert "a check of this log alone tells them to the sample" in finding.remedy

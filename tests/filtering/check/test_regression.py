@@ -5,7 +5,7 @@ import pytest
 import small_checks
 
 import ftbias_jax as ft
-from ftbias_jax.filtering.check.regression import Tool, _within_reach, exactly, free_tool, no_tool
+from ftbias_jax.filtering.check.regression import Tool, exactly, free_tool, no_tool, within_reach
 from ftbias_jax.filtering.check.state import make_case, stated
 
 
@@ -40,7 +40,7 @@ def test_the_bounded_minimum_is_that_of_a_search():
     rng = np.random.default_rng(0)
     X, y = rng.normal(size=(40, 10)), rng.normal(size=40)
     tool = Tool(rng.normal(size=10), rng.uniform(0.01, 0.1, 10))
-    found = _within_reach(X.T @ X, X.T @ y, tool)
+    found = within_reach(X.T @ X, X.T @ y, tool)
     steps = rng.normal(size=(20000, 10))
     steps *= rng.uniform(0, 1, (20000, 1)) ** 0.1 / np.linalg.norm(steps, axis=1, keepdims=True)
     best = min(((X @ (tool.theta + tool.reach * step) - y) ** 2).sum() for step in steps)

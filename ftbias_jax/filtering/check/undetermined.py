@@ -1,0 +1,209 @@
+"""Mistakes that a log could not show if they were there: its motion does not separate them from a right setup.
+
+Each mistake is imagined: what would the sensor read if the tool is as believed and the mistake was made? If the setup
+explains that reading as well, or if it drowns in what is unexplained anyway, nothing of the mistake would be named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ftbias_jax.filtering.check import poses, special
+from ftbias_jax.filtering.check.alternatives import LEAST_DEGREES, G
+from ftbias_jax.filtering.check.judge import ABSENT, BAD, BETTER, GOOD, GOOD_TOUCHED, TIE, Evidence, noise_of_bins
+from ftbias_jax.filtering.check.motion import data_matrices, in_sensor
+from ftbias_jax.filtering.check.regression import BLOCKS, GROUPS, within_reach, without_bias
+from ftbias_jax.filtering.check.result import Undetermined
+from ftbias_jax.filtering.check.state import State, delayed
+from ftbias_jax.types import Array
+
+TURN = (
+    "turn the sensor by 30 degrees or more about two horizontal axes, with a tool on that weighs more than the noise, "
+    "and touch nothing"
+)
+ACCELERATE = "move the sensor there and back in a few seconds while it turns, and touch nothing"
+ALL_AXES = "record all six axes of the wrench"
+TOOL = "state the tool's mass and centre of mass"
+HEAVIER = "put a tool on whose weight is larger than bias.initial_std, or state a smaller one"
+LONGER = "record motion and wrench together for at least 5 s"
+RAW = "record the wrench from which nothing has been subtracted"
+DELAY = 0.5
+"""s by which clocks are imagined to differ."""
+TURNS = (
+    np.diag([-1.0, -1, 1]),
+    np.diag([1.0, -1, -1]),
+    np.diag([-1.0, 1, -1]),
+    np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]),
+)
+"""Other mounts that are imagined: half turns about each axis, and a quarter."""
+OF_ARM = (
+    "sign",
+    "gravity",
+    "wrench_units",
+    "tool_units",
+    "angle_units",
+    "force_torque_swapped",
+    "sensor_axes",
+    "compensated",
+    "rezeroed",
+    "time_offset",
+    "base_frame_wrench",
+    "raw_offset",
+    "worse_than_raw",
+)
+OF_POSE = ("quaternion_convention", "position_frame", "gyroscope_units")
+
+
+@dataclass(frozen=True, eq=False)
+class Imagined:
+    """What a setup that is right leaves unexplained, and what it would leave of a reading with a mistake in it."""
+
+    state: State
+    columns: Array
+    """(N, 6, 10) D of the state, less bias and drift."""
+    wrench: Array
+    """(N, 6) N, Nm of the believed tool, bias and drift still in it."""
+    floor: Array
+    """(2,) N^2, Nm^2: what the state leaves of the reading as it is, noise and touches included."""
+
+    def of(self, reading: Array, floor: Array | None = None) -> tuple[float, float, float]:
+        """Mean squares of force: what the setup leaves of a reading (N, 6), of the reading itself, and the floor."""
+        floor = self.floor if floor is None else floor
+        free = without_bias(reading, self.state.case.layout)
+        return float(self.left(free)[0] + floor[0]), _squares(free)[0] + floor[0], float(floor[0])
+
+    def left(self, free: Array) -> Array:
+        """(2,) mean square of what a tool near the believed one leaves of a reading (N, 6) without bias."""
+        size = np.repeat(np.sqrt(_squares(free)) + 1e-12, 3)
+        X, y = (self.columns / size[:, None]).reshape(-1, 10), (free / size).reshape(-1)
+        theta = within_reach(X.T @ X, X.T @ y, self.state.tool)
+        return _squares(free - self.columns @ theta)
+
+    def is_seen(self, reading: Array, floor: Array | None = None) -> bool:
+        """Whether a mistake that makes the sensor read this (N, 6) would be named."""
+        stated, raw, right = self.of(reading, floor)
+        good = GOOD_TOUCHED if self.state.case.layout.touched else GOOD
+        return stated > BAD * raw and right < BETTER * stated and right < good * raw
+
+
+def undetermined(base: Evidence, *, tool_is_stated: bool) -> tuple[Undetermined, ...]:
+    """Mistakes that could not be found in the logs.
+
+    Args:
+        base: the setup, without the mistakes that were found.
+        tool_is_stated: otherwise the logs' own tool was taken, and units of force cannot be told.
+    """
+    state = base.state
+    setup = state.case.setup
+    if setup.sensor.compensated != "none":
+        names = set(names_for(setup.pose is not None)) - {"raw_offset", "rezeroed", "compensated"}
+        return _sorted(dict.fromkeys(names, RAW))
+    columns, wrench = state.data(), state.data() @ state.tool.theta
+    left = base.result.square[::-1] if state.swapped else base.result.square
+    floor = np.maximum(left / state.unit**2, noise_of_bins(state) ** 2)
+    columns = without_bias(columns * state.case.layout.axes[:, None], state.case.layout)
+    imagined = Imagined(state, columns, wrench * state.case.layout.axes, floor)
+    found = dict(_unseen(imagined))
+    if not tool_is_stated:
+        found |= dict.fromkeys(("wrench_units", "tool_units"), TOOL)
+    if setup.pose is not None:
+        found |= dict(_unseen_of_pose(imagined))
+    return _sorted(found)
+
+
+def all_undetermined(*, pose: bool) -> tuple[Undetermined, ...]:
+    """Of logs that are too short to show anything; ``pose``: whether they have a pose instead of joints."""
+    return _sorted(dict.fromkeys(names_for(pose), LONGER))
+
+
+def names_for(pose: bool) -> tuple[str, ...]:
+    """The mistakes that are looked for, with a recorded pose or with joints."""
+    return (*OF_ARM, *OF_POSE) if pose else OF_ARM
+
+
+def _unseen(imagined: Imagined) -> Iterator[tuple[str, str]]:
+    """Mistakes of any log that would not be named, each with its remedy."""
+    state, M = imagined.state, imagined.wrench
+    layout = state.case.layout
+    if not imagined.is_seen(-M):
+        yield from dict.fromkeys(("sign", "wrench_units", "tool_units", *_degrees(state)), TURN).items()
+    elif not imagined.is_seen(G * M, G**2 * imagined.floor):
+        yield "wrench_units", TURN
+    if state.specific_force is None:
+        down = np.linalg.norm(state.gravity)
+        others = [-state.gravity, *(down * axis for axis in np.eye(3) if abs(axis @ state.gravity) < 0.9 * down)]
+        if not all(imagined.is_seen(data_matrices(state.motion, g) @ state.tool.theta) for g in others):
+            yield "gravity", TURN
+    force = M.reshape(-1, 2, 3)
+    if not layout.axes.all():
+        yield from dict.fromkeys(("force_torque_swapped", "sensor_axes", "base_frame_wrench"), ALL_AXES).items()
+    else:
+        if not imagined.is_seen(M[:, [3, 4, 5, 0, 1, 2]], imagined.floor[::-1]):
+            yield "force_torque_swapped", TURN
+        if not all(imagined.is_seen((force @ P).reshape(-1, 6)) for P in TURNS):
+            yield "sensor_axes", TURN
+        if not _base_frame_is_seen(imagined):
+            yield "base_frame_wrench", TURN
+    yield from _unseen_weight(imagined)
+    late = imagined.of(delayed(state.case, M, DELAY))
+    enough = late[0] > special.OFFSET_BAD * late[1] and late[2] < special.OFFSET_BETTER * late[0]
+    if layout.touched or not enough or late[2] > GOOD * late[1]:
+        yield "time_offset", ACCELERATE
+
+
+def _unseen_weight(imagined: Imagined) -> Iterator[tuple[str, str]]:
+    """Those of them that a tool brings about whose wrench does not vary, or is too small."""
+    state = imagined.state
+    size, noise = _squares(without_bias(imagined.wrench, state.case.layout)), noise_of_bins(state)
+    clear = np.sqrt(size) > special.CLEAR * noise
+    # Two standard errors over the blocks of a share that is zero.
+    if not clear[0] or 2 * np.sqrt(imagined.floor[0] / size[0] / BLOCKS) > ABSENT:
+        yield "compensated", TURN
+    if not clear.any():
+        yield "worse_than_raw", TURN
+    if not state.case.setup.sensor.rezeroed and not special.zero_would_show(state):
+        yield "rezeroed", HEAVIER
+
+
+def _degrees(state: State) -> tuple[str, ...]:
+    """Numbers of joints that are too small for degrees show that they are none, whatever the sensor reads."""
+    case = state.case
+    turning = case.setup.robot.screws[:, 3:].any(1)
+    small = case.setup.pose is not None or not (np.abs(case.bins.q[:, turning]) > LEAST_DEGREES).any()
+    return () if small else ("angle_units",)
+
+
+def _base_frame_is_seen(imagined: Imagined) -> bool:
+    """A weight in the base's axes does not turn: what is looked for is the little that changes."""
+    turned = np.einsum("nij,nkj->nki", imagined.state.motion.rotation, imagined.wrench.reshape(-1, 2, 3))
+    free = without_bias(turned.reshape(-1, 6), imagined.state.case.layout)
+    raw, stated = _squares(free) + imagined.floor, imagined.left(free) + imagined.floor
+    enough = stated[0] > BAD * raw[0] and imagined.floor[0] < BETTER * stated[0]
+    return bool(enough and -np.log(imagined.floor / raw).sum() > TIE)
+
+
+def _unseen_of_pose(imagined: Imagined) -> Iterator[tuple[str, str]]:
+    """Mistakes of a recorded pose that would not be named."""
+    state = imagined.state
+    for convention, other in poses.conventions(state):
+        if sum(vars(convention).values()) != 1:
+            continue
+        stated, raw, right = imagined.of(other.data() @ state.tool.theta)
+        if right > poses.POSE_BETTER * stated or right > BAD * raw:
+            yield ("position_frame", ACCELERATE) if convention.in_body else ("quaternion_convention", TURN)
+    turning = in_sensor(state.motion, state.motion.velocity)
+    if state.case.bins.gyroscope is not None and np.sqrt((turning**2).sum(1).mean()) < poses.TURNING:
+        yield "gyroscope_units", TURN
+
+
+def _squares(values: Array) -> Array:
+    """(2,) mean squared norm of force and torque, of (N, 6)."""
+    return np.array([(values[:, group] ** 2).sum(1).mean() for group in GROUPS])
+
+
+def _sorted(remedies: dict[str, str]) -> tuple[Undetermined, ...]:
+    order = (*OF_ARM, *OF_POSE)
+    return tuple(Undetermined(name, remedies[name]) for name in sorted(remedies, key=order.index))
