@@ -123,6 +123,22 @@ def test_a_parquet_whose_numbers_fill_the_memory(tmp_path, refused, dictionary):
     refused(path, "that looks like a decompression bomb")
 
 
+def test_a_page_of_a_parquet_that_declares_more_than_its_footer(tmp_path, refused):
+    """Two gigabytes in the header of one page, of which the footer says nothing: its column is the last of the file."""
+    path = parquet_of(tmp_path / "log.parquet", np.arange(1000.0), 1, False)
+    metadata = pytest.importorskip("pyarrow.parquet").ParquetFile(path).metadata
+    last = metadata.row_group(0).column(len(COLUMNS) - 1)
+    content, at = path.read_bytes(), last.data_page_offset + 3  # behind the page's kind: its size, unpacked
+    size = content.index(b"\x15", at)
+    assert content[at - 1] == 0x15
+    # The header grows by three bytes; the page loses them at its end, so that all else stays where it is.
+    end = last.data_page_offset + last.total_compressed_size
+    huge = bytes([0xFE, 0xFF, 0xFF, 0xFF, 0x0F])
+    grown = content[:at] + huge + content[size:end]
+    path.write_bytes(grown[:end] + content[end:])
+    refused(path, "has a page that unpacks to 2147483647 bytes")
+
+
 def test_a_parquet_of_one_long_text_repeated(tmp_path, refused):
     path = parquet_of(tmp_path / "log.parquet", ["x" * 100_000] * 1000, 1, True)
     assert path.stat().st_size < 1 << 20

@@ -96,13 +96,15 @@ def is_short(h: Hypothesis, duration: float) -> bool:
 
 
 def is_seen(h: Hypothesis, problem: Problem) -> bool:
-    """Whether events that take much of the log are contact as a filter finds it: sudden at both ends, with free motion.
+    """Whether events are contact as a filter finds it, too: sudden at both ends, with free motion beside it.
 
     Args:
         h: has them.
         problem: the logs.
     """
     lengths, inside = _lengths(h), 0.0
+    if not len(lengths):
+        return False
     for (log, start, end), *_ in shaped(h):
         for contact in problem.parts[log].contacts:
             inside += max(0.0, min(end, contact.end) - max(start, contact.start))

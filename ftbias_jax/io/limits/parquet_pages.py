@@ -71,7 +71,7 @@ def pages_of(content: Any, chunk: Any, file: str) -> Iterator[Page]:
         LogError: a header is damaged, or reaches out of the column.
     """
     starts = [chunk.data_page_offset]
-    if chunk.has_dictionary_page and chunk.dictionary_page_offset is not None:
+    if chunk.has_dictionary_page and (chunk.dictionary_page_offset or 0) > 0:
         starts.append(chunk.dictionary_page_offset)
     at = min(starts)
     end = at + chunk.total_compressed_size
