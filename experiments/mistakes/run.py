@@ -6,7 +6,9 @@ import os
 import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -46,22 +48,30 @@ def count(table, name, expected, found):
         row["instead"][words] = row["instead"].get(words, 0) + 1
 
 
-def simulated_mistakes(seconds):
-    """Every mistake on 20 logs."""
+def one_log(shape, number, seed):
+    """Every mistake on one log: (name, what is to be found, what is, seconds) of each."""
+    rng = np.random.default_rng(1000 * number + seed)
+    tables, arrays = logs.simulated(shape, 100 * number + seed)
+    pose = logs.as_pose(tables, arrays, rng)
+    rows = []
+    for changes, right in ((mistakes.MISTAKES, (tables, arrays)), (mistakes.POSE_MISTAKES, pose)):
+        for name, (expected, change) in {"right setup": ("none", nothing), **changes}.items():
+            rows.append((name, expected, *check(*mistakes.mistaken(change, *right, rng))))
+    return rows
+
+
+def simulated_mistakes(seconds, jobs=1):
+    """Every mistake on 20 logs, so many of them at once."""
     table = {}
-    for number, shape in enumerate(logs.SHAPES):
-        for seed in range(SEEDS):
-            rng = np.random.default_rng(1000 * number + seed)
-            tables, arrays = logs.simulated(shape, 100 * number + seed)
-            pose = logs.as_pose(tables, arrays, rng)
-            for changes, right in ((mistakes.MISTAKES, (tables, arrays)), (mistakes.POSE_MISTAKES, pose)):
-                for name, (expected, change) in {"right setup": ("none", nothing), **changes}.items():
-                    found, took = check(*mistakes.mistaken(change, *right, rng))
-                    seconds.append(took)
-                    count(table, name, expected, found)
-                    if found[:1] != [expected] and (found or expected != "none"):
-                        print("   ", shape, seed, name, found, flush=True)
-        print(shape, flush=True)
+    tasks = [(shape, number, seed) for number, shape in enumerate(logs.SHAPES) for seed in range(SEEDS)]
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        for task, rows in zip(tasks, pool.map(one_log, *zip(*tasks, strict=True)), strict=True):
+            print(*task, flush=True)
+            for name, expected, found, took in rows:
+                seconds.append(took)
+                count(table, name, expected, found)
+                if found[:1] != [expected] and (found or expected != "none"):
+                    print("   ", name, found, flush=True)
     return table
 
 
@@ -128,10 +138,11 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--part", choices=["simulated", "right", "recorded"])
     parser.add_argument("--sets", nargs="+", default=(), help="labelled logs of 'ftbias validate make', to make none")
+    parser.add_argument("--jobs", type=int, default=1, help="processes for the simulated logs")
     arguments = parser.parse_args()
     part = arguments.part
     right = partial(right_setups, folders=arguments.sets)
-    parts = {"simulated": simulated_mistakes, "right": right, "recorded": recorded}
+    parts = {"simulated": partial(simulated_mistakes, jobs=arguments.jobs), "right": right, "recorded": recorded}
     path = Path(__file__).parent / "result.json"
     result = {}
     for name, work in parts.items():

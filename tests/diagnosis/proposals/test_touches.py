@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
-from ftbias_jax.diagnosis.proposals.touches import is_short, merge, parts_of, robust_rest
+from ftbias_jax.diagnosis.problem import Part, Problem
+from ftbias_jax.diagnosis.proposals.touches import is_seen, is_short, merge, parts_of, robust_rest
+from ftbias_jax.filtering.adapt.contact import Contact
 
 BINS = 400
 
@@ -81,3 +83,23 @@ def test_what_is_one_event(events, merged):
 def test_what_lasts_is_no_event(lengths, short):
     shaped = tuple(Shaped(Event(0, 5.0 * i, 5.0 * i + length), 4) for i, length in enumerate(lengths))
     assert is_short(Hypothesis("contact", detail=shaped), 20.0) is short
+
+
+@pytest.mark.parametrize(
+    ("event", "contacts", "seen"),
+    [
+        ((0, 1.0, 4.5), [(1.0, 4.3)], True),  # more than half of six seconds, as a filter finds it
+        ((0, 1.0, 4.5), [(1.0, 2.0), (2.1, 4.3)], True),
+        ((0, 1.0, 4.5), [(1.0, 2.0)], False),
+        ((0, 1.0, 4.5), [], False),
+        ((1, 1.0, 4.5), [(1.0, 4.3)], False),  # of another log
+        ((0, 0.5, 5.6), [(0.5, 5.6)], False),  # what touches for so long is no event
+    ],
+)
+def test_contact_may_take_much_of_a_log_if_a_filter_finds_it_too(event, contacts, seen):
+    found = tuple(Contact(start, end, np.zeros(6)) for start, end in contacts)
+    parts = tuple(Part(*[None] * 5)._replace(contacts=of_log) for of_log in (found, ()))
+    problem = Problem(parts, *[None] * 5, (6.0,), None, {})
+    h = Hypothesis("contact", detail=(Shaped(Event(*event), 4),))
+    assert is_seen(h, problem) is seen
+    assert not is_seen(Hypothesis("gain"), problem)

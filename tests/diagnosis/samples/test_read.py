@@ -27,14 +27,15 @@ class Recording:
         at = 2 * np.pi * np.array([0.07, 0.11]) * self.t[:, None]
         self.speed = np.sin(at) * (np.cos(0.4 * at) > -0.5)  # with pauses
 
-    def inspect(self, wrench=None, known=True, keep=slice(None), stated=None):
+    def inspect(self, wrench=None, known=True, keep=slice(None), stated=None, touched=None):
         wrench = self.model + self.noise if wrench is None else wrench
         wrench = np.asarray(wrench, np.float32).astype(float)[keep]
         t, model = self.t[keep], self.model[keep]
         unknown = np.full((len(t), 2), np.nan)
         log = Log(t, unknown, unknown, wrench, unknown[:, 0])
         prediction = (model - wrench, np.gradient(model, t, axis=0)) if known else ()
-        return inspect_samples(log, STATED, *prediction, speed=self.speed[keep], noise_per_speed=stated)
+        beside = {"speed": self.speed[keep], "noise_per_speed": stated, "touched": touched}
+        return inspect_samples(log, STATED, *prediction, **beside)
 
 
 def names(found):
@@ -282,3 +283,20 @@ def test_lattice_of_a_few_digits_and_none():
     x = np.random.default_rng(0).normal(size=3000)
     assert find_lattice(x.astype(np.float32)).step == 0
     assert find_lattice(np.round(x, 1) + 0.03).step == pytest.approx(0.1, rel=1e-6)
+
+
+def unrest(recording, rows):
+    """What a push along the direction of change adds to some rows, as late stamps would do."""
+    late = 0.012 * recording.rng.normal(size=len(recording.t)) * rows
+    return recording.model + recording.noise - late[:, None] * np.gradient(recording.model, recording.t, axis=0)
+
+
+def test_unrest_in_contact_is_not_late_stamps():
+    """A clock does not know what is touched: outside of the contact stamps must be late, too."""
+    recording = Recording(11, duration=40.0)
+    touched = (recording.t > 8) & (recording.t < 22)
+    of_contact, everywhere = unrest(recording, touched), unrest(recording, np.ones_like(recording.t))
+    assert recording.inspect(of_contact).jitter.detected  # that is what is to be told apart
+    assert not recording.inspect(of_contact, touched=touched).jitter.detected
+    assert recording.inspect(everywhere, touched=touched).jitter.detected
+    assert recording.inspect(everywhere, touched=np.zeros(len(touched), bool)).jitter.detected

@@ -1,0 +1,41 @@
+"""Contact as a filter finds it, for the diagnosis."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.diagnosis.samples.touched import contacts_in
+from ftbias_jax.io.log import Log
+
+NOISE = np.repeat([0.1, 0.004], 3)
+T = np.arange(4000) / 200
+SPEED = np.zeros((4000, 6))
+
+
+def found(push, rezeroed_at=(), rows=slice(None)):
+    """Contacts in noise, an error of the model that moves slowly, and a push on fx."""
+    error = NOISE * np.random.default_rng(0).normal(size=(4000, 6))
+    error[:, 2] += 0.3 * np.sin(0.5 * T)
+    error[:, 0] += push
+    t, error = T[rows], error[rows]
+    nothing = np.full((len(t), 6), np.nan)
+    log = Log(t, nothing, nothing, -error, nothing[:, 0], rezeroed_at=rezeroed_at)
+    return contacts_in(log, error, SPEED[rows], np.tile(NOISE**2, (len(t), 1)))
+
+
+def test_a_long_push_is_one_contact():
+    (contact,) = found(8.0 * ((T > 5) & (T < 13)) * (1 + 0.5 * np.sin(3 * T)))
+    assert (contact.start, contact.end) == pytest.approx((5, 13), abs=0.1)
+
+
+def test_what_is_slow_is_none():
+    assert found(3.0 * np.sin(0.4 * T)) == ()
+
+
+def test_a_sensor_that_is_zeroed_is_not_touched():
+    twice = 6.0 * ((T >= 11.0) & (T < 13.0))
+    assert len(found(twice)) == 1
+    assert found(twice, rezeroed_at=(10.9975, 12.9975)) == ()
+
+
+def test_a_short_log_says_nothing():
+    assert found(8.0 * (T > 0.5), rows=slice(0, 200)) == ()
