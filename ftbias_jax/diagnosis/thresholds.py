@@ -88,8 +88,8 @@ LEAST_EVENT = 60.0
 MOST_OF_LOG, LONGEST_EVENT, SURELY_EVENT = 0.35, 5.0, 3.0
 """Share of the log; s that one may last; s up to which it is sure to be one. [physics] [dev]"""
 MOST_OF_LOG_IF_SEEN, SEEN = 0.7, 0.75
-"""Share of the log, and of the events, that a filter's search for contact takes for it, too. [physics] In 49 logs without
-contact it finds a tenth of a second of it. [dev]"""
+"""Share of the log, and of the events, that a filter's search for contact takes for it, too. [physics] In 49 logs
+without contact it finds a tenth of a second of it. [dev]"""
 LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.005
 """nats, and share of the largest, of the hats at an event's end. [dev]"""
 CLEAR_HATS = 2
