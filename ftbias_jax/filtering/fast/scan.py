@@ -1,7 +1,7 @@
 """The Kalman recursion of many small independent filters over a log, with a hand-written reverse pass.
 
-It computes what ``gaussian.predict`` and ``gaussian.update`` compute for the filters of kalman_step.py. The loop over
-the samples is compiled as a whole (compiled_loops.py).
+It computes what ``gaussian.predict`` and ``gaussian.update`` compute for the filters of kalman_step.py, in one loop that
+is compiled as a whole (compiled_loops.py).
 
 The reverse pass is the adjoint of the filter. For the log-likelihood it is the Bryson-Frazier smoother (Bierman 1973):
 with L the log-likelihood of the present and future, x_smooth = x_pred + P_pred dL/dx_pred. So gradients cost about as
@@ -46,7 +46,7 @@ class Inputs(NamedTuple):
     restart_variance: Float[Array, "k B"]
     """(k, B) a filter that knows its first two entries less well starts again from this, at rest; inf = never."""
     drive: Any = None
-    """Fields of a ``BiasStrength`` that differ from sample to sample, by their names, (T, B) each; None = none does."""
+    """Fields of a ``BiasStrength`` that differ from sample to sample, by name, (T, B) each; None = none does."""
 
 
 class Track(NamedTuple):
@@ -231,14 +231,13 @@ filter_scan.defvjp(_forward, _backward)
 
 
 def driven(density: Any, drive: dict[str, Array] | None) -> Any:
-    """The strength of the process at one sample: with what of it changes."""
-    return density if drive is None else density._replace(**drive)
+    return density if drive is None else density._replace(**drive)  # at one sample
 
 
 def undriven(slope: Any, drive: dict[str, Array] | None) -> tuple[Any, dict[str, Array] | None]:
     """Adjoint of ``driven``."""
-    own = slope if drive is None else slope._replace(**dict.fromkeys(drive))
-    return own, None if drive is None else {name: getattr(slope, name) for name in drive}
+    alone = slope if drive is None else slope._replace(**dict.fromkeys(drive))
+    return alone, drive and {name: getattr(slope, name) for name in drive}
 
 
 def _entries(x: Array) -> Vector:
