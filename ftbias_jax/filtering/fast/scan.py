@@ -1,11 +1,9 @@
 """The Kalman recursion of many small independent filters over a log, with a hand-written reverse pass.
 
-It computes what ``gaussian.predict`` and ``gaussian.update`` compute for the filters of kalman_step.py, in one loop that
-is compiled as a whole (compiled_loops.py).
-
-The reverse pass is the adjoint of the filter. For the log-likelihood it is the Bryson-Frazier smoother (Bierman 1973):
-with L the log-likelihood of the present and future, x_smooth = x_pred + P_pred dL/dx_pred. So gradients cost about as
-much as the filter, and smoothing is the same pass.
+It computes what ``gaussian.predict`` and ``gaussian.update`` compute for the filters of kalman_step.py, in one loop
+that is compiled as a whole (compiled_loops.py). The reverse pass is the adjoint of the filter. For the log-likelihood
+it is the Bryson-Frazier smoother (Bierman 1973): with L the log-likelihood of the present and future,
+x_smooth = x_pred + P_pred dL/dx_pred. So gradients cost about as much as the filter, and smoothing is the same pass.
 """
 
 from __future__ import annotations
@@ -231,7 +229,8 @@ filter_scan.defvjp(_forward, _backward)
 
 
 def driven(density: Any, drive: dict[str, Array] | None) -> Any:
-    return density if drive is None else density._replace(**drive)  # at one sample
+    """The strength of the process at one sample."""
+    return density if drive is None else density._replace(**drive)
 
 
 def undriven(slope: Any, drive: dict[str, Array] | None) -> tuple[Any, dict[str, Array] | None]:
