@@ -104,8 +104,9 @@ def _scan_joints(arm: Arm, q: Array, keep: Callable[[Pose, Columns], Any]) -> tu
 
     def joint(pose: Pose, constants: tuple[Array, ...]) -> tuple[Pose, Any]:
         R, p = pose
-        v, s = constants[:2]
-        rotation, translation = compile_whole(_turn)(*constants)
+        v, s, *products_and_moved = constants
+        # Without s, which is not read: XLA may abort on an argument of a marked call that nothing reads.
+        rotation, translation = compile_whole(_turn)(v, *products_and_moved)
         angular = times(R, list(s))
         linear = total(times(R, list(v)), cross(p, angular))
         after = product(R, rotation), total(p, times(R, translation))
@@ -115,9 +116,7 @@ def _scan_joints(arm: Arm, q: Array, keep: Callable[[Pose, Columns], Any]) -> tu
     return found
 
 
-def _turn(
-    v: Array, s: Array, skew: Array, skew_squared: Array, skew_v: Array, skew_squared_v: Array, *moved: Array
-) -> Pose:
+def _turn(v: Array, skew: Array, skew_squared: Array, skew_v: Array, skew_squared_v: Array, *moved: Array) -> Pose:
     """The exponential of a joint's screw (v, s), whose q, sin q and 1 - cos q are given."""
     q, sin, versine = moved
     rotation = [[(a == b) + sin * skew[a, b] + versine * skew_squared[a, b] for b in range(3)] for a in range(3)]

@@ -1,0 +1,75 @@
+"""No call that is compiled as a whole is given what it does not read: XLA may end the process at such a call."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ftbias_jax.filtering import likelihood, pipeline, smoother
+from ftbias_jax.filtering.pipeline import Options
+
+PARTS = {
+    "as stated": {},
+    "noise that follows the motion, and is correlated": {
+        "vibration": 0.3 * np.ones((3, 6)),
+        "drift_time": np.linspace(0.3, 5, 6),
+        "correlated_std": np.linspace(0.02, 0.2, 6),
+        "correlated_time": np.linspace(0.02, 1, 6),
+        "correlated_vibration": np.linspace(0, 1, 6),
+    },
+}
+EFFECTS = {
+    "bias_jump": {"time": 0.1, "amplitude": np.ones(6)},
+    "cable": {"stiffness": 10.0, "rest_length": 0.1, "anchor": np.array([0.0, 0, 1])},
+    "hysteresis": {"amplitude": 0.1 * np.ones(6), "threshold": np.ones(6)},
+}
+
+
+def jaxprs_in(jaxpr):
+    for eqn in jaxpr.eqns:
+        for value in jax.tree.leaves(list(eqn.params.values()), is_leaf=lambda x: hasattr(x, "jaxpr")):
+            inner = getattr(value, "jaxpr", value)
+            if hasattr(inner, "eqns"):
+                yield eqn, inner
+                if eqn.params.get("name") != "whole":  # what such a call calls is part of it
+                    yield from jaxprs_in(inner)
+
+
+def unread(program, *arguments):
+    """Shapes of what marked calls are given and do not read."""
+    found, seen = [], 0
+    for eqn, inner in jaxprs_in(jax.make_jaxpr(program)(*arguments).jaxpr):
+        if eqn.params.get("name") == "whole":
+            read = {id(x) for e in inner.eqns for x in e.invars} | {id(x) for x in inner.outvars}
+            found += [(str(x.aval), len(inner.invars)) for x in inner.invars if id(x) not in read]
+            seen += 1
+    assert seen
+    return found
+
+
+@pytest.mark.parametrize("gate", [None, 4.0])
+@pytest.mark.parametrize("part", PARTS)
+def test_of_filter_likelihood_and_gradient(params, samples, part, gate):
+    values = {key: jnp.asarray(x) for key, x in PARTS[part].items()}
+    params, options = params._replace(bias=params.bias._replace(**values)), Options(gate=gate)
+    state = pipeline.init(params, samples)
+
+    def whole(params, samples):
+        return pipeline.run(params, state, samples, options)
+
+    def nats(params, samples):
+        return likelihood.log_likelihood(params, samples, options)
+
+    for program in (whole, nats, jax.grad(nats)):
+        assert not unread(program, params, samples)
+    assert not unread(lambda *given: smoother.smooth_log(*given, options), params, state, samples)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_of_effects(params, samples, name):
+    params = params._replace(effects={name: jax.tree.map(jnp.asarray, EFFECTS[name])})
+
+    def whole(params, samples):
+        return pipeline.run(params, pipeline.init(params, samples), samples)
+
+    assert not unread(whole, params, samples)
