@@ -217,7 +217,7 @@ def test_six_axes_in_matrices_are_the_axes_one_by_one():
     total = np.array([[1, 0, 1], [0, 1, 0], [0, 0, 1]])  # (bias, drift, noise) -> (bias + noise, drift, noise)
     for axis in range(6):
         own = np.ix_([axis, axis + 6, axis + 12], [axis, axis + 6, axis + 12])
-        expected = bias_matrices(correlated_bias, 0.4, [x[axis] for x in strength])
+        expected = bias_matrices(correlated_bias, 0.4, [None if x is None else x[axis] for x in strength])
         np.testing.assert_allclose(total @ A[own] @ np.linalg.inv(total), expected[0], rtol=1e-12, atol=1e-15)
         np.testing.assert_allclose(total @ Q[own] @ total.T, expected[1], rtol=1e-12, atol=1e-15)
     assert np.count_nonzero(Q) == 6 * 5
