@@ -1,25 +1,55 @@
-"""Pages of Parquet columns: what each says that it unpacks to, before a library takes memory for it.
+"""What the columns of a Parquet file unpack to, before a library takes memory for them.
 
 The footer of a file says how large its columns are, and each page says so again in a header of its own, by which the
-memory is taken. Headers are structs of Thrift's compact protocol; of one only the sizes are read, the rest is skipped.
+memory is taken.
 """
 
 from __future__ import annotations
 
 import mmap
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget
+from ftbias_jax.io.limits.thrift import struct_at
 
 MAX_HEADER = 1 << 16
 """Bytes: of numbers it takes about 50."""
-MAX_DEPTH = 16
+TAIL = 8
+"""Bytes at the end of a file: the length of its footer, and its mark."""
+ROW_GROUPS = 4
+"""Field of the footer."""
+COLUMNS, TOTAL_BYTES, ROWS = 1, 2, 3
+"""Fields of a row group."""
+META_DATA = 3
+"""Field of a column."""
+PATH, TOTAL_UNPACKED, TOTAL_STORED, DATA_PAGE, DICTIONARY_PAGE = 3, 6, 7, 9, 11
+"""Fields of its metadata."""
 UNPACKED, STORED = 2, 3
-"""Numbers of the fields of a page's header."""
-TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
-"""Types of the compact protocol."""
+"""Fields of a page's header."""
+
+
+class Chunk(NamedTuple):
+    """A column in one row group, as the footer says."""
+
+    name: str
+    """Of the column; of a nested one that of the outermost."""
+    start: int
+    """The byte at which its pages begin."""
+    stored: int
+    """Bytes."""
+    unpacked: int
+    """Bytes that these become."""
+
+
+class RowGroup(NamedTuple):
+    """A part of the rows, as the footer says."""
+
+    rows: int
+    unpacked: int
+    """Bytes."""
+    chunks: tuple[Chunk, ...]
 
 
 class Page(NamedTuple):
@@ -33,12 +63,43 @@ class Page(NamedTuple):
     """Bytes that these become."""
 
 
-def check_pages(file: str, metadata: Any, names: Collection[str]) -> None:
+def row_groups(file: str) -> tuple[RowGroup, ...]:
+    """What the footer of a file says, whose length was checked before.
+
+    Args:
+        file: the path.
+
+    Raises:
+        LogError: it is damaged.
+    """
+    with open(file, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        try:
+            length = int.from_bytes(content[-TAIL : 4 - TAIL], "little")
+            footer, _ = struct_at(content[-TAIL - length : -TAIL])
+            return tuple(map(_row_group, footer[ROW_GROUPS]))
+        except (IndexError, KeyError, TypeError, ValueError, AttributeError) as error:
+            raise LogError("is damaged: its footer cannot be read", file=file, remedy="write it again") from error
+
+
+def _row_group(fields: dict[int, Any]) -> RowGroup:
+    chunks = tuple(_chunk(column[META_DATA]) for column in fields[COLUMNS])
+    return RowGroup(fields[ROWS], fields[TOTAL_BYTES], chunks)
+
+
+def _chunk(fields: dict[int, Any]) -> Chunk:
+    starts = [fields[DATA_PAGE]]
+    if fields.get(DICTIONARY_PAGE, 0) > 0:
+        starts.append(fields[DICTIONARY_PAGE])
+    name = fields[PATH][0].decode("utf-8", "replace")
+    return Chunk(name, min(starts), fields[TOTAL_STORED], fields[TOTAL_UNPACKED])
+
+
+def check_pages(file: str, groups: Sequence[RowGroup], names: Collection[str]) -> None:
     """Refuse a file whose pages unpack to more than its size allows, whatever the footer says.
 
     Args:
         file: the path.
-        metadata: its footer, of pyarrow.
+        groups: of its footer.
         names: of the columns that are read.
 
     Raises:
@@ -46,47 +107,40 @@ def check_pages(file: str, metadata: Any, names: Collection[str]) -> None:
     """
     budget = Budget(file)
     with open(file, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        for group in (metadata.row_group(i) for i in range(metadata.num_row_groups)):
-            for chunk in (group.column(i) for i in range(group.num_columns)):
-                if chunk.path_in_schema.split(".")[0] not in names:
-                    continue
-                for page in pages_of(content, chunk, file):
-                    budget.count()
-                    if page.unpacked > MAX_CHUNK:
-                        message = f"has a page that unpacks to {page.unpacked} bytes"
-                        remedy = f"the limit is {MAX_CHUNK}; write it again with smaller pages"
-                        raise LogError(message, file=file, field=chunk.path_in_schema, remedy=remedy)
-                    budget.unpack(page.unpacked)
+        for chunk in (chunk for group in groups for chunk in group.chunks if chunk.name in names):
+            for page in pages_of(content, chunk, file):
+                budget.count()
+                if page.unpacked > MAX_CHUNK:
+                    message = f"has a page that unpacks to {page.unpacked} bytes"
+                    remedy = f"the limit is {MAX_CHUNK}; write it again with smaller pages"
+                    raise LogError(message, file=file, field=chunk.name, remedy=remedy)
+                budget.unpack(page.unpacked)
 
 
-def pages_of(content: Any, chunk: Any, file: str) -> Iterator[Page]:
+def pages_of(content: Any, chunk: Chunk, file: str) -> Iterator[Page]:
     """The pages of a column in one row group.
 
     Args:
         content: bytes of the whole file.
-        chunk: what pyarrow's footer says of the column.
+        chunk: what the footer says of the column.
         file: the name in messages.
 
     Raises:
         LogError: a header is damaged, or reaches out of the column.
     """
-    starts = [chunk.data_page_offset]
-    if chunk.has_dictionary_page and (chunk.dictionary_page_offset or 0) > 0:
-        starts.append(chunk.dictionary_page_offset)
-    at = min(starts)
-    end = at + chunk.total_compressed_size
-    values = 0 <= at <= end <= len(content)
-    while values and at < end:
+    at, end = chunk.start, chunk.start + chunk.stored
+    whole = 0 <= at <= end <= len(content)
+    while whole and at < end:
         try:
             page = page_at(content[at : min(end, at + MAX_HEADER)])
         except (IndexError, ValueError):
-            values = False
+            whole = False
             break
         yield page
         at += page.header + page.stored
-    if not values or at != end:
+    if not whole or at != end:
         message, remedy = "is damaged: its pages do not fill their column", "write it again"
-        raise LogError(message, file=file, field=chunk.path_in_schema, remedy=remedy)
+        raise LogError(message, file=file, field=chunk.name, remedy=remedy)
 
 
 def page_at(header: bytes) -> Page:
@@ -95,74 +149,8 @@ def page_at(header: bytes) -> Page:
     Raises:
         ValueError, IndexError: it is none, or is longer than these bytes.
     """
-    fields: dict[int, int] = {}
-    length = _struct(header, 0, 0, fields)
-    stored, unpacked = fields.get(STORED, -1), fields.get(UNPACKED, -1)
-    if stored < 0 or unpacked < 0:
+    fields, length = struct_at(header)
+    stored, unpacked = fields.get(STORED), fields.get(UNPACKED)
+    if not (isinstance(stored, int) and isinstance(unpacked, int) and stored >= 0 and unpacked >= 0):
         raise ValueError("no sizes")
     return Page(length, stored, unpacked)
-
-
-def _struct(data: bytes, at: int, depth: int, numbers: dict[int, int] | None = None) -> int:
-    """Where a struct ends that begins at ``at``; its integers are put into ``numbers`` by their fields."""
-    if depth > MAX_DEPTH:
-        raise ValueError("too deep")
-    field = 0
-    while True:
-        step, kind = data[at] >> 4, data[at] & 15
-        at += 1
-        if kind == 0:
-            return at
-        if step:
-            field += step
-        else:
-            number, at = _varint(data, at)
-            field = _signed(number)
-        if kind in (I16, I32, I64):
-            value, at = _varint(data, at)
-            if numbers is not None:
-                numbers[field] = _signed(value)
-        elif kind not in (TRUE, FALSE):  # a field of truth has its value in its type
-            at = _skip(data, at, kind, depth + 1)
-
-
-def _skip(data: bytes, at: int, kind: int, depth: int) -> int:
-    """Where a value ends that begins at ``at``."""
-    if kind in (TRUE, FALSE, BYTE):
-        return at + 1
-    if kind in (I16, I32, I64):
-        return _varint(data, at)[1]
-    if kind == DOUBLE:
-        return at + 8
-    if kind == BINARY:
-        length, at = _varint(data, at)
-        return at + length
-    if kind == STRUCT:
-        return _struct(data, at, depth)
-    if kind not in (LIST, SET):  # no page's header has a map
-        raise ValueError("unknown type")
-    count, of = data[at] >> 4, data[at] & 15
-    at += 1
-    if count == 15:
-        count, at = _varint(data, at)
-    for _ in range(min(count, len(data))):
-        at = _skip(data, at, of, depth + 1)
-    return at
-
-
-def _varint(data: bytes, at: int) -> tuple[int, int]:
-    value = shift = 0
-    while True:
-        byte = data[at]
-        at += 1
-        value |= (byte & 127) << shift
-        if byte < 128:
-            return value, at
-        shift += 7
-        if shift > 63:
-            raise ValueError("too long")
-
-
-def _signed(value: int) -> int:
-    """Of zigzag: 0, -1, 1, -2, 2 are 0, 1, 2, 3, 4."""
-    return (value >> 1) ^ -(value & 1)

@@ -12,7 +12,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.conventions.units import recorded_times
 from ftbias_jax.io.limits.budget import Budget
-from ftbias_jax.io.limits.parquet_pages import check_pages
+from ftbias_jax.io.limits.parquet_pages import RowGroup, check_pages, row_groups
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.arrays import log_of_table
 from ftbias_jax.io.tables.csv_columns import Columns, check_names, choose_columns, choose_time, named_arrays
@@ -59,11 +59,12 @@ def parquet_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> di
         header = [str(name) for name in schema.names]
         columns = choose(header)
         used = [name for names in columns for name in names]
-        others, rows = used[len(columns.time) :], _rows(table, budget)
+        groups = row_groups(file)
+        others, rows = used[len(columns.time) :], _rows(groups, budget)
         t = [np.empty(rows, _time_type(arrow, schema.field(name).type, name, file)) for name in columns.time]
         _check_numbers(arrow, schema, others, file)
         budget.hold(sum(x.nbytes for x in t) + 8 * rows * len(others))
-        check_pages(file, table.metadata, set(used))
+        check_pages(file, groups, set(used))
         numbers = np.empty((rows, len(others)))
         first = 0
         for batch in table.iter_batches(BATCH, columns=used, use_threads=False):
@@ -90,8 +91,9 @@ def load_parquet(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, 
         time = choose_time(header, setup, file)
         check_names(names, header, file)
         _check_numbers(arrow, table.schema_arrow, names, file)
-        budget.hold(8 * _rows(table, budget) * (1 + len(names)))
-        check_pages(file, table.metadata, {*time, *names})
+        groups = row_groups(file)
+        budget.hold(8 * _rows(groups, budget) * (1 + len(names)))
+        check_pages(file, groups, {*time, *names})
         content = table.read(columns=[*time, *names], use_threads=False)
         found = {name: content.column(name).cast("float64").to_numpy() for name in names}
         rows = np.arange(content.num_rows)
@@ -139,13 +141,11 @@ def _check_footer(source: Any, file: str) -> None:
         source.seek(0)
 
 
-def _rows(table: Any, budget: Budget) -> int:
+def _rows(groups: Sequence[RowGroup], budget: Budget) -> int:
     """The rows that all parts of the file declare, whose pages may unpack to what the budget allows."""
-    groups = [table.metadata.row_group(i) for i in range(table.metadata.num_row_groups)]
     for group in groups:
-        columns = sum(max(group.column(i).total_uncompressed_size, 0) for i in range(group.num_columns))
-        budget.unpack(max(group.total_byte_size, columns))
-    return max(sum(int(group.num_rows) for group in groups), 0)
+        budget.unpack(max(group.unpacked, sum(max(chunk.unpacked, 0) for chunk in group.chunks), 0))
+    return max(sum(group.rows for group in groups), 0)
 
 
 def _time_type(arrow: Any, kind: Any, name: str, file: str) -> type[np.generic]:

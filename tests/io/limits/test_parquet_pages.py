@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.limits.parquet_pages import Page, check_pages, page_at, pages_of
+from ftbias_jax.io.limits.parquet_pages import Page, check_pages, page_at, pages_of, row_groups
 
 arrow = pytest.importorskip("pyarrow")
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -30,13 +30,24 @@ def test_the_pages_of_a_column_are_what_its_footer_says(tmp_path, compression, v
         open(tmp_path / "a.parquet", "rb") as stream,
         mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content,
     ):
-        for group in map(metadata.row_group, range(metadata.num_row_groups)):
-            for chunk in map(group.column, range(group.num_columns)):
+        groups = row_groups(str(tmp_path / "a.parquet"))
+        assert len(groups) == metadata.num_row_groups == 2
+        for i, group in enumerate(groups):
+            theirs = metadata.row_group(i)
+            assert (group.rows, group.unpacked) == (theirs.num_rows, theirs.total_byte_size)
+            assert len(group.chunks) == theirs.num_columns == 2
+            for j, chunk in enumerate(group.chunks):
+                expected = theirs.column(j)
+                assert chunk.name == expected.path_in_schema
+                assert (chunk.stored, chunk.unpacked) == (
+                    expected.total_compressed_size,
+                    expected.total_uncompressed_size,
+                )
                 pages = list(pages_of(content, chunk, "a.parquet"))
                 assert len(pages) > 1
-                assert sum(page.header + page.stored for page in pages) == chunk.total_compressed_size
-                assert sum(page.header + page.unpacked for page in pages) == chunk.total_uncompressed_size
-    check_pages(str(tmp_path / "a.parquet"), metadata, {"t", "x"})
+                assert sum(page.header + page.stored for page in pages) == chunk.stored
+                assert sum(page.header + page.unpacked for page in pages) == chunk.unpacked
+    check_pages(str(tmp_path / "a.parquet"), groups, {"t", "x"})
 
 
 def header(unpacked, stored=100):
@@ -77,10 +88,21 @@ def test_what_is_no_header_is_refused(data):
 
 
 def test_pages_that_leave_their_column_are_damage(tmp_path):
-    metadata = written(tmp_path / "a.parquet")
+    written(tmp_path / "a.parquet")
+    groups = row_groups(str(tmp_path / "a.parquet"))
     content = bytearray((tmp_path / "a.parquet").read_bytes())
-    content[metadata.row_group(0).column(0).data_page_offset] = 0xFF
+    content[groups[0].chunks[0].start] = 0xFF
     (tmp_path / "a.parquet").write_bytes(content)
     with pytest.raises(LogError, match="is damaged: its pages do not fill their column"):
-        check_pages(str(tmp_path / "a.parquet"), metadata, {"t"})
-    check_pages(str(tmp_path / "a.parquet"), metadata, {"x"})  # what is not read is not looked at
+        check_pages(str(tmp_path / "a.parquet"), groups, {"t"})
+    check_pages(str(tmp_path / "a.parquet"), groups, {"x"})  # what is not read is not looked at
+
+
+def test_a_damaged_footer_is_told(tmp_path):
+    """pyarrow ends the process when it is asked for a column of some of these."""
+    written(tmp_path / "a.parquet")
+    content = (tmp_path / "a.parquet").read_bytes()
+    length = int.from_bytes(content[-8:-4], "little")
+    (tmp_path / "a.parquet").write_bytes(content[: -8 - length] + b"\xff" * length + content[-8:])
+    with pytest.raises(LogError, match="is damaged: its footer cannot be read"):
+        row_groups(str(tmp_path / "a.parquet"))
