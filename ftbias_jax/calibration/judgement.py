@@ -15,7 +15,9 @@ import numpy as np
 from ftbias_jax.filtering.adapt.log_noise import LogNoise
 from ftbias_jax.filtering.recorded.ready import filtered_with
 from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.filtering.verbs.forecast import expected_ahead
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array
 
@@ -57,12 +59,11 @@ def judge_predictions(before: Setup, after: Setup, logs: Sequence[Log], hold_out
     totals = {h: np.zeros((2, 6)) for h in HORIZONS}
     counts = {h: np.zeros(6) for h in HORIZONS}
     for log in logs:
-        results = [filtered_with(setup, log)[0] for setup in (before, after)]
+        results = [filtered_with(setup, log) for setup in (before, after)]
         begin = log.t[0] + log.start + (1 - hold_out) * (log.t[-1] - log.t[0])
         for h in HORIZONS:
-            times = (before.bias.drift_time, after.bias.drift_time)
-            errors = np.stack([prediction_errors(*each, h) for each in zip(results, times, strict=True)])
-            errors = errors[:, results[0].t >= begin]
+            errors = np.stack([prediction_errors(result, params.bias, h) for result, params in results])
+            errors = errors[:, results[0][0].t >= begin]
             both = np.isfinite(errors).all(0)
             totals[h] += np.where(both[None], errors**2, 0).sum(1)
             counts[h] += both.sum(0)
@@ -71,21 +72,20 @@ def judge_predictions(before: Setup, after: Setup, logs: Sequence[Log], hold_out
     )
 
 
-def prediction_errors(result: Filtered, drift_time: Array | None, ahead: float) -> Array:
-    """(T, 6) N, Nm: the reading less what bias and drift ``ahead`` seconds earlier predicted; NaN = not predicted.
+def prediction_errors(result: Filtered, noise: BiasNoise, ahead: float) -> Array:
+    """(T, 6) N, Nm: the reading less what ``FilterResult.forecast`` said earlier; NaN = not predicted.
 
     What touches the tool is not predicted by anything, so samples that were not used do not count.
 
     Args:
         result: of a filter.
-        drift_time: (6,) s in which its drift reverts to zero; None = never.
+        noise: that it took.
         ahead: s.
     """
-    moved = ahead if drift_time is None else -drift_time * np.expm1(-ahead / drift_time)
     past = np.searchsorted(result.t, result.t - ahead, side="right") - 1
     reading = result.wrench_unbiased - result.bias
-    expected = result.wrench_tool - result.bias[past] - moved * result.drift[past]
-    errors = np.where((past >= 0)[:, None], reading - expected, np.nan)
+    later = expected_ahead(result.bias, result.drift, result.slow_error, noise, ahead)
+    errors = np.where((past >= 0)[:, None], reading - (result.wrench_tool - later[past]), np.nan)
     return errors if result.used is None else np.where(result.used[:, None], errors, np.nan)
 
 

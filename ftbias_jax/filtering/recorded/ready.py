@@ -76,9 +76,9 @@ def smoothed_arrays(ready: Ready, log: Log, options: Options) -> dict[str, Array
     }
 
 
-def filtered_with(setup: Setup, log: Log) -> tuple[Filtered, LogNoise]:
-    """A log filtered as ``ftbias filter`` does it."""
+def filtered_with(setup: Setup, log: Log) -> tuple[Filtered, Params]:
+    """A log filtered as ``ftbias filter`` does it, and the parameters that the filter took."""
     likeliest = chunks.likeliest_params(setup, samples_from_log(log), options_from_setup(setup))
     first_q = np.asarray(first_measured(jnp.asarray(log.q)))
     ready = ready_to_filter(setup, likeliest, first_q, lambda: in_parts(log, likeliest), len(log.t))
-    return join(list(ready.results())), ready.noise
+    return join(list(ready.results())), ready.params

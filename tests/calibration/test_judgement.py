@@ -1,0 +1,57 @@
+"""What a tuned setup is judged by: errors of predicting the reading, as the filter's own forecast has them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ftbias_jax.calibration.judgement import Predicted, prediction_errors
+
+T = np.arange(50) / 8  # exact in binary
+
+
+def noise(**values):
+    return SimpleNamespace(**{"drift_time": None, "correlated_time": None} | values)
+
+
+def filtered(reading, bias, drift, slow_error, used=None):
+    """Of a tool that weighs nothing."""
+    shape = (len(T), 6)
+    bias, drift, slow_error = (np.broadcast_to(x, shape) for x in (bias, drift, slow_error))
+    return SimpleNamespace(
+        t=T,
+        wrench_tool=np.zeros(shape),
+        wrench_unbiased=reading + bias,
+        bias=bias,
+        drift=drift,
+        slow_error=slow_error,
+        used=used,
+    )
+
+
+@pytest.mark.parametrize("ahead", [0.5, 2.0])
+def test_a_drift_and_a_slow_error_that_go_on_as_they_should_are_predicted(ahead):
+    """The drift reverts to zero within 3 s, and the slow error fades within 1.5 s."""
+    drift = 0.4 * np.exp(-T / 3)[:, None]
+    bias = 1.0 + 3 * (0.4 - drift)
+    slow = 2.0 * np.exp(-T / 1.5)[:, None]
+    result = filtered(-(bias + slow) * np.ones(6), bias, drift, slow)
+    errors = prediction_errors(result, noise(drift_time=np.full(6, 3.0), correlated_time=np.full(6, 1.5)), ahead)
+    early = ahead > T
+    assert np.isnan(errors[early]).all()
+    np.testing.assert_allclose(errors[~early], 0, atol=1e-9)
+
+
+def test_without_correlated_noise_bias_and_drift_go_on():
+    result = filtered(-(0.1 * T[:, None] + np.zeros(6)), 0.1 * T[:, None], 0.1, 0.0)
+    np.testing.assert_allclose(prediction_errors(result, noise(), 1.0)[8:], 0, atol=1e-12)
+
+
+def test_what_was_not_used_is_not_judged():
+    used = T > 3
+    result = filtered(np.ones((len(T), 6)), -1.0, 0.0, 0.0, used)
+    assert (np.isfinite(prediction_errors(result, noise(), 1.0)).all(1) == used).all()
+
+
+def test_an_axis_is_worse_where_chance_does_not_explain_it():
+    assert Predicted(1.0, np.ones(6), np.array([1.04, 1.06, 0.5, 1, 2, 1])).worse == ["fy", "ty"]
