@@ -62,7 +62,9 @@ def verdict_of(problem: Problem, gap: Gap, causes: int, found: int, sure: bool, 
         return "none" if is_quiet(problem, gap) else "unknown"
     if causes == found and not terms:  # single samples say nothing of the mean reading
         return "explained" if is_quiet(problem, gap) else "unknown"
-    if is_closed(problem, gap) and sure:
+    # A gap near the noise may close by chance: the cause stands on its likelihood, the shrink on nothing.
+    closed, certain = is_closed(problem, gap), gap.shrink >= CHANCE * gap.shrink_stderr
+    if closed and sure and certain:
         return "described" if terms else "explained"
-    useful = gap.shrink >= max(USEFUL_SHARE, CHANCE * gap.shrink_stderr)
-    return "partly_explained" if useful else "unknown"
+    useful = certain and gap.shrink >= USEFUL_SHARE
+    return "partly_explained" if useful or closed else "unknown"

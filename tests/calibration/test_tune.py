@@ -1,5 +1,7 @@
 """Noise parameters found again in simulated logs of the filter's own model."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -77,9 +79,11 @@ def wrong(params, factor):
 
 
 def pieces_of(log):
-    """As joints are tuned: each piece a log of its own."""
-    for start in range(0, len(log.dt), tune.PIECE):
-        piece = Sample(*(x[start : start + tune.PIECE] for x in log[:4]))
+    """As joints are tuned: equal pieces, each a log of its own."""
+    count = -(-len(log.dt) // tune.PIECE)
+    ends = np.arange(count + 1) * len(log.dt) // count
+    for start, end in itertools.pairwise(ends):
+        piece = Sample(*(x[start:end] for x in log[:4]))
         yield piece._replace(dt=np.r_[0.0, piece.dt[1:]])
 
 

@@ -49,6 +49,13 @@ def test_a_share_within_two_standard_errors_of_zero_explains_nothing(problem):
     assert verdict_of(problem, gap(2.0, 0.8, 0.4), 1, 0, True) == "partly_explained"
 
 
+def test_a_gap_that_closes_by_chance_as_well_is_not_explained(problem):
+    """The cause itself stands on its likelihood, so it is named; how far the gap shrinks is not known."""
+    assert verdict_of(problem, gap(2.0, 0.02, 0.6), 1, 0, True) == "partly_explained"
+    assert verdict_of(problem, gap(2.0, 0.02, 0.4), 1, 0, True) == "explained"
+    assert verdict_of(problem, gap(2.0, 0.02, 0.6), 0, 0, True, 1) == "partly_explained"
+
+
 def test_what_single_samples_show_stays_told_where_the_mean_reading_is_not_explained(make_diagnosis):
     (cause,) = make_diagnosis().causes
     sentence = sentence_of("unknown", gap(2.0, 2.0), (cause._replace(effect="outliers", indistinguishable_from=()),))

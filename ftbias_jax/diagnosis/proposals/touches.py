@@ -115,6 +115,11 @@ def is_seen(h: Hypothesis, problem: Problem) -> bool:
     )
 
 
+def takes_most(h: Hypothesis, problem: Problem) -> bool:
+    """Whether events are contact as a filter finds it, too, and leave little free motion to compare them with."""
+    return is_seen(h, problem) and bool(_lengths(h).sum() >= MOST_OF_LOG * problem.duration)
+
+
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     """Why events may be something else: only they are short."""
     short = bool(_lengths(h).max() < SURELY_EVENT)

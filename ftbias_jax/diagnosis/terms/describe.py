@@ -10,7 +10,7 @@ import numpy as np
 from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.evidence.cross_validation import Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals.touches import is_seen
+from ftbias_jax.diagnosis.proposals.touches import takes_most
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.terms.fit_terms import Described
 from ftbias_jax.diagnosis.terms.library import merit_of
@@ -82,8 +82,8 @@ def describe(
         # What the caller brought has a name and a remedy: a term of the same form does not take its place.
         ahead = 1.0 if scored[0].hypothesis.effect in CATALOGUE else CLEARLY
         better = found and found[0][0] > ahead * merit_of(gain, scored[0].fit.degrees - kept.degrees)
-        # Contact that a filter finds as well begins and ends suddenly: no term of the motion takes its place.
-        if better and not is_seen(scored[0].hypothesis, problem):
+        # Contact that takes most of a log leaves too little free motion to judge a term of the motion by.
+        if better and not takes_most(scored[0].hypothesis, problem):
             break  # a single term does better
         kept = scored[0].fit
         found = search.best(kept)
