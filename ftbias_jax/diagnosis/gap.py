@@ -63,7 +63,8 @@ def verdict_of(problem: Problem, gap: Gap, causes: int, found: int, sure: bool, 
     if causes == found and not terms:  # single samples say nothing of the mean reading
         return "explained" if is_quiet(problem, gap) else "unknown"
     # A gap near the noise may close by chance: the cause stands on its likelihood, the shrink on nothing.
-    closed, certain = is_closed(problem, gap), gap.shrink >= CHANCE * gap.shrink_stderr
+    closed = is_closed(problem, gap)
+    certain = is_quiet(problem, gap) or gap.shrink >= CHANCE * gap.shrink_stderr
     if closed and sure and certain:
         return "described" if terms else "explained"
     useful = certain and gap.shrink >= USEFUL_SHARE

@@ -60,7 +60,7 @@ LEADS = 0.3
 SILENT = 0.12
 """Noise sigmas of gap below which nothing is missing: the joints' own error reaches half of it. [physics]"""
 BEYOND_CHANCE = 3.0
-"""Standard errors by which a gap exceeds chance. [noise] 1 in 740."""
+"""Standard errors by which a gap, or a term of noise, exceeds chance. [noise] 1 in 740."""
 USEFUL_SHARE, CHANCE = 0.5, 2.0
 """Share of the gap that causes must remove, and its standard errors beyond zero. [owner] [noise] 1 in 44."""
 LEFT, FAINT = 0.05, 1 / 3

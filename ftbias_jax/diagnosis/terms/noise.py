@@ -23,7 +23,7 @@ from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
 from ftbias_jax.diagnosis.terms.words import grouped
 from ftbias_jax.diagnosis.thresholds import (
-    CERTAIN,
+    BEYOND_CHANCE,
     FAR_SQUARES,
     GROWTH_NATS,
     GROWTH_VISIBLE,
@@ -74,9 +74,10 @@ def noise_term(
     """
     longest = int(np.argmax(problem.durations))
     growing = _best(problem, logs[longest], samples[longest], state, longest)
+    # Many forms and channels are tried, and the best one has two standard errors by chance: 1 in 50 logs.
     if (
         growing is None
-        or growing.nats < max(GROWTH_NATS, CERTAIN * growing.nats_stderr)
+        or growing.nats < max(GROWTH_NATS, BEYOND_CHANCE * growing.nats_stderr)
         or growing.visible < GROWTH_VISIBLE
     ):
         return None
