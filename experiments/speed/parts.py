@@ -1,0 +1,108 @@
+"""What the parts of the noise cost: Sigma_D, vibration, robustness, correlated noise, and the gradient; one core."""
+
+import json
+import os
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+import common
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.filtering import likelihood, pipeline
+from ftbias_jax.filtering.fast import stages
+from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
+
+RATE, LENGTH, ROUNDS = 1e-3, 60_000, 7
+PARAMS = common.PARAMS._replace(joint=common.PARAMS.joint._replace(process_density=jnp.full(7, 30.0)))
+GATED = pipeline.DEFAULT_OPTIONS._replace(gate=6.0)
+
+
+def make_log():
+    t = RATE * jnp.arange(LENGTH)
+    motion = jax.tree.map(lambda x: x[None], common.sines(0, t))
+    _, samples = common.simulate_logs(0, 1, PARAMS, motion)
+    samples = jax.tree.map(lambda x: x[0], samples)
+    return samples._replace(dt=jnp.full(LENGTH, RATE).at[0].set(0.0))
+
+
+def variants():
+    """Parameters and options by name."""
+    bias, off = PARAMS.bias, pipeline.DEFAULT_OPTIONS
+    std = jnp.sqrt(bias.wrench_variance)
+    spread = DataNoise(*(jnp.full(3, x) for x in (0.05, 0.5, 0.02, 0.01)))
+    sigma_d = {"data_variance": data_variance(spread, PARAMS.gravity)}
+    shaken = {"vibration": jnp.broadcast_to(0.1 * bias.wrench_variance, (7, 6)), "vibration_speed": jnp.asarray(0.3)}
+    slow = {"correlated_std": 0.5 * std, "correlated_time": jnp.full(6, 2.0)}
+
+    def with_parts(**parts):
+        return PARAMS._replace(bias=bias._replace(**parts))
+
+    return {
+        "all off": (PARAMS, off),
+        "Sigma_D": (with_parts(**sigma_d), off),
+        "vibration": (with_parts(**shaken), off),
+        "robustness (gate)": (PARAMS, GATED),
+        "Sigma_D, vibration and robustness": (with_parts(**sigma_d, **shaken), GATED),
+        "correlated noise": (with_parts(**slow), off),
+        "all together": (with_parts(**sigma_d, **shaken, **slow), GATED),
+    }
+
+
+def whole(params, samples, options):
+    """Log-likelihood, and mean of bias and drift at every sample."""
+    _, track = stages.run(params, pipeline.init(params, samples), samples, options)
+    return track.joint.log_likelihood.sum() + track.wrench.log_likelihood.sum(), track.wrench.mean
+
+
+def score(params, samples, options):
+    return likelihood.log_likelihood(params, samples, options)
+
+
+def gradient(params, samples, options):
+    """Value and slopes in the noise of joints and bias."""
+
+    def nats(joint, bias):
+        return score(params._replace(joint=joint, bias=bias), samples, options)
+
+    return jax.value_and_grad(nats, argnums=(0, 1))(params.joint, params.bias)
+
+
+def compiled(function, params, samples, options):
+    program = jax.jit(partial(function, options=options)).lower(params, samples).compile()
+    return lambda: jax.block_until_ready(program(params, samples))
+
+
+def main():
+    samples = make_log()
+    programs = {}
+    for name, (params, options) in variants().items():
+        for kind, function in (("filter", whole), ("likelihood", score)):
+            programs[f"{kind}, {name}"] = compiled(function, params, samples, options)
+    programs["gradient, all off"] = compiled(gradient, PARAMS, samples, pipeline.DEFAULT_OPTIONS)
+    seconds = dict.fromkeys(programs, np.inf)
+    for _ in range(ROUNDS + 1):  # the first warms up
+        for name, program in programs.items():
+            start = time.process_time()
+            program()
+            seconds[name] = min(seconds[name], time.process_time() - start)
+    ratios = {}
+    for kind in ("filter", "likelihood"):
+        off = seconds[f"{kind}, all off"]
+        ratios |= {name: x / off for name, x in seconds.items() if name.startswith(kind) and not name.endswith("off")}
+    ratios["gradient / likelihood, all off"] = seconds["gradient, all off"] / seconds["likelihood, all off"]
+    result = {"us_per_sample": {name: 1e6 * x / LENGTH for name, x in seconds.items()}, "ratios": ratios}
+    result = jax.tree.map(lambda x: float(f"{x:.3g}"), result)
+    print(json.dumps(result, indent=1))
+    text = json.dumps({"versions": common.versions(), "result": result}, indent=1) + "\n"
+    (Path(__file__).parent / "parts.json").write_text(text)
+
+
+if __name__ == "__main__":
+    main()
