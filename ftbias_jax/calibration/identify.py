@@ -201,7 +201,7 @@ def _quarter_turn(params: Params, joints: Gaussian, samples: Sample) -> np.ndarr
 
 @jax.jit
 def _columns_of_weight(params: Params, joints: Array, samples: Sample) -> Array:
-    """(T, 6, 4) derivatives of the reading by mass and first moment."""
+    """(T, 6, 4) derivatives of the reading with respect to mass and first moment."""
 
     def reading(theta: Array) -> Array:
         return stages.predict_readings(params._replace(theta=theta), joints, samples)

@@ -58,13 +58,13 @@ def verdict_of(problem: Problem, gap: Gap, causes: int, found: int, sure: bool, 
         sure: no cause could as well be something else.
         terms: of what is not in the catalogue.
     """
+    quiet = is_quiet(problem, gap)
     if not causes and not terms:
-        return "none" if is_quiet(problem, gap) else "unknown"
+        return "none" if quiet else "unknown"
     if causes == found and not terms:  # single samples say nothing of the mean reading
-        return "explained" if is_quiet(problem, gap) else "unknown"
+        return "explained" if quiet else "unknown"
     # A gap near the noise may close by chance: the cause stands on its likelihood, the shrink on nothing.
-    closed = is_closed(problem, gap)
-    certain = is_quiet(problem, gap) or gap.shrink >= CHANCE * gap.shrink_stderr
+    closed, certain = is_closed(problem, gap), quiet or gap.shrink >= CHANCE * gap.shrink_stderr
     if closed and sure and certain:
         return "described" if terms else "explained"
     useful = certain and gap.shrink >= USEFUL_SHARE

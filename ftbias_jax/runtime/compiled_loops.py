@@ -46,16 +46,7 @@ def compile_whole(function: Callable[P, R]) -> Callable[P, R]:
 
 def one_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
     """The same function, which ``vmap`` on a processor turns into a loop: the arrays of one call stay in the cache."""
-    if not on_cpu():
-        return function
-    looped: Any = jax.custom_batching.custom_vmap(function)
-
-    def rule(count: int, is_mapped: Any, *arguments: Any) -> tuple[Any, Any]:
-        found = jax.lax.map(*_unmapped_apart(function, is_mapped, arguments))
-        return found, jax.tree.map(lambda _: True, found)
-
-    looped.def_vmap(rule)
-    return cast("Callable[..., Any]", looped)
+    return _looped(function, nested=False)
 
 
 def log_by_log(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -63,12 +54,18 @@ def log_by_log(function: Callable[..., Any]) -> Callable[..., Any]:
 
     Many logs take no longer than each by itself, and what the function leaves out of one log is left out.
     """
+    return _looped(function, nested=True)
+
+
+def _looped(function: Callable[..., Any], *, nested: bool) -> Callable[..., Any]:
+    """A function that ``vmap`` on a processor turns into a loop; a further one as well, if it is ``nested``."""
     if not on_cpu():
         return function
     looped: Any = jax.custom_batching.custom_vmap(function)
+    inside = looped if nested else function
 
     def rule(count: int, is_mapped: Any, *arguments: Any) -> tuple[Any, Any]:
-        found = jax.lax.map(*_unmapped_apart(looped, is_mapped, arguments))
+        found = jax.lax.map(*_unmapped_apart(inside, is_mapped, arguments))
         return found, jax.tree.map(lambda _: True, found)
 
     looped.def_vmap(rule)

@@ -39,7 +39,7 @@ def forecast(result: FilterResult, seconds: float) -> Forecast:
     """
     noise = result.params.bias
     mean = expected_ahead(result.bias, result.drift, result.slow_error, noise, seconds)
-    of_drift = (drift_over(noise, seconds) * result.drift_std) ** 2
+    of_drift = (_moved(noise, seconds) * result.drift_std) ** 2
     white = (result.innovation_std if result.reading_std is None else result.reading_std) ** 2
     if result.slow_error is None or noise.correlated_std is None or noise.correlated_time is None:
         return Forecast(mean, np.sqrt(result.bias_std**2 + of_drift + white))
@@ -62,13 +62,13 @@ def expected_ahead(
         noise: that the filter took.
         seconds: how far ahead, () or (T, 1).
     """
-    mean = bias + drift_over(noise, seconds) * drift
+    mean = bias + _moved(noise, seconds) * drift
     if slow_error is None or noise.correlated_time is None:
         return mean
     return mean + np.exp(-seconds / np.asarray(noise.correlated_time, float)) * slow_error
 
 
-def drift_over(noise: BiasNoise, seconds: float | Array) -> float | Array:
+def _moved(noise: BiasNoise, seconds: float | Array) -> float | Array:
     """s by which a drift moves the bias: fewer than have passed, where it reverts to zero."""
     if noise.drift_time is None:
         return seconds
