@@ -30,7 +30,9 @@ from ftbias_jax.filtering.likelihood import counted
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import bias_model
 from ftbias_jax.filtering.smoother import smooth_joints
+from ftbias_jax.model.effects.shown import not_shown
 from ftbias_jax.model.params import Params
+from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array, Sample
 
 NAME = "vibration"
@@ -88,8 +90,10 @@ class MotionScore:
         return params._replace(bias=params.bias._replace(vibration=rows, vibration_speed=speed))
 
 
-def shown_vibration(logs: Sequence[LogInBlocks]) -> Vibration | None:
-    """Of the log that shows it best; None = no log does."""
+def shown_vibration(setup: Setup, logs: Sequence[LogInBlocks]) -> Vibration | None:
+    """Of the log that shows it best; None = no log does, or the setup cannot state it, because it has no joints."""
+    if NAME in not_shown(setup):
+        return None
     found = [log.noise.vibration for log in logs if log.noise.vibration is not None]
     best = max(found, key=lambda vibration: vibration.gain, default=None)
     return best if best is not None and best.per_speed.any() else None

@@ -161,7 +161,7 @@ def tune(
         reasons = reasons_against(scores if not correlated else scores[:1], predicted, shown)
         return TuneResult(setups[0], fits, scores, tuple(setups[1:]), predicted, reasons)
 
-    result, vibration = judged(tuned, fits), shown_vibration(looked)
+    result, vibration = judged(tuned, fits), shown_vibration(setup, looked)
     if vibration is None or "sensor" not in fit or not hold_out:
         return result
     # Errors that are correlated leave the samples' likelihood no say in how fast the bias moves.

@@ -10,8 +10,10 @@ import small_archive
 
 import ftbias_jax as ft
 from ftbias_jax.calibration import tune_motion
+from ftbias_jax.calibration.tune_blocks import LogInBlocks
 from ftbias_jax.calibration.tune_motion import MovingLog
 from ftbias_jax.calibration.tune_result import HeldOut, TuneResult, is_better
+from ftbias_jax.filtering.adapt.log_noise import nothing
 from ftbias_jax.filtering.adapt.vibration import Shares, Vibration
 from ftbias_jax.model import simulate
 from ftbias_jax.types import Sample
@@ -19,6 +21,11 @@ from ftbias_jax.types import Sample
 COUNT, DT, CORNER = 6000, 0.01, 0.2
 STD = np.repeat([0.1, 0.005], 3)
 WEIGHTS = np.outer([4.0, 0.0, 12.0], STD**2 / CORNER)
+OF_POSE = {
+    "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]},
+    "sensor": {"noise_std": [0.1, 0.004]},
+    "sensor_pose": {"linear": "none"},
+}
 EACH = {"density": "each", "wrench_std": "each"}
 
 
@@ -71,6 +78,17 @@ def test_weights_speed_and_the_rest_come_back_within_their_errors(truth):
     np.testing.assert_allclose(fitted.bias.vibration, fit.values["vibration"])
     np.testing.assert_allclose(fitted.bias.vibration_speed, fit.values["vibration_speed"][0])
     np.testing.assert_allclose(jnp.sqrt(fitted.bias.wrench_variance), fit.values["wrench_std"])
+
+
+def test_the_log_that_shows_it_best_is_where_to_start_and_a_setup_without_joints_cannot_state_it():
+    setup = ft.parse_setup(tomllib.loads(small_archive.SETUP), "setup.toml")
+    best, other = shown(1.0, 0.2), shown(0.5, None)._replace(gain=20.0)
+    none = best._replace(per_speed=np.zeros_like(WEIGHTS), gain=1.0)
+    logs = [LogInBlocks(None, nothing()._replace(vibration=one)) for one in (None, other, best)]
+    assert tune_motion.shown_vibration(setup, logs) is best
+    assert tune_motion.shown_vibration(setup, [LogInBlocks(None, nothing()._replace(vibration=none))]) is None
+    assert tune_motion.shown_vibration(setup, []) is None
+    assert tune_motion.shown_vibration(ft.parse_setup(OF_POSE, "pose.toml"), logs) is None
 
 
 def result(after, reasons=()):
