@@ -1,7 +1,8 @@
 """Which drift forecasts best, on the blocks of logs: the stated one, a stronger or weaker one, or one that reverts.
 
 The likelihood of the next block is made by what happens within seconds. A drift that follows the slow errors of a model
-is likely, and carries the bias away from where it will be: it must also predict the reading 1 s and 10 s ahead.
+is likely, and carries the bias away from where it will be: it must also predict the reading 1 s and 10 s ahead, by
+bias, drift and slow error, as the results of a filter do (``quality.ahead``).
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.adapt.slow_noise import Grid, drift_over, filter_blocks
+from ftbias_jax.filtering.adapt.slow_noise import Grid, filter_blocks
+from ftbias_jax.filtering.quality.ahead import expected_with
 from ftbias_jax.types import Array
 
 TIMES = (np.inf, 300.0, 100.0, 30.0, 10.0)
@@ -98,12 +100,15 @@ def score(logs: Sequence[Series], slow: tuple[Array, Array], drifts: Drift) -> S
     nats, squares, counts = np.zeros(shape), np.zeros((len(HORIZONS), *shape)), np.zeros((len(HORIZONS), 1, 6))
     for t, y, variance, prior_std in logs:
         steps = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), drifts.density, 1 / drifts.time)
-        v, s, bias, drift = (np.stack(x) for x in zip(*steps, strict=True))
+        v, s, bias, drift, at_end = (np.stack(x) for x in zip(*steps, strict=True))
+        half = float(np.median(np.diff(t))) / 2 if len(t) > 1 else 0.0
+        slow_error = np.exp(half / grid.time) * at_end  # as if it, too, were forgotten from the middle of its block on
         nats -= np.where(np.isfinite(v), np.log(s) + np.nan_to_num(v) ** 2 / s, 0).sum(0) / 2
         for i, ahead in enumerate(HORIZONS):
             past = np.searchsorted(t, t - ahead, side="right") - 1
             rows = past >= 0
-            expected = bias[past[rows]] + drift_over(ahead, 1 / drifts.time)[0] * drift[past[rows]]
+            then = past[rows]
+            expected = expected_with(bias[then], drift[then], slow_error[then], drifts.time, grid.time, ahead)
             errors = y[rows, None] - expected
             squares[i] += np.nansum(errors**2, axis=0)
             counts[i, 0] += np.isfinite(y[rows]).sum(0)

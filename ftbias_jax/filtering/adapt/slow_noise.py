@@ -103,6 +103,8 @@ class Filtered(NamedTuple):
     """N, Nm."""
     drift: Array
     """N/s, Nm/s."""
+    slow: Array
+    """N, Nm, slow error at the end of the block."""
 
 
 def innovations(
@@ -164,7 +166,7 @@ def filter_blocks(
         b, d, g = b + to_b * w * by, d + to_d * w * by, g + to_g * w * by
         bb, bd, bg = bb - to_b * w * to_b, bd - to_b * w * to_d, bg - to_b * w * to_g
         dd, dg, gg = dd - to_d * w * to_d, dg - to_d * w * to_g, gg - to_g * w * to_g
-        yield Filtered(v, s, b, d)
+        yield Filtered(v, s, b, d, g)
 
 
 def drift_over(h: float, rate: Array | float) -> tuple[Array, ...]:
