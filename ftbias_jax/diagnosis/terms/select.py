@@ -22,6 +22,7 @@ from ftbias_jax.diagnosis.thresholds import (
     CLOSE,
     FORM_LOSS,
     FORMS_OF_A_DRIVE,
+    LEAST_DIFFERENCE,
     LEAST_GAIN,
     LEAST_SHARE_OF_GAP,
     LEAST_SIGMAS,
@@ -88,7 +89,7 @@ class Search:
             if best is not None and found[best][0] > GOES_ON * found[0][0]:
                 further = improve(self.problem, self.state, standing, found[best][1].terms, FURTHER_STEPS, ROUGHLY)
                 found[best] = self._by_merit(start, [further])[0]
-        return sorted(found, key=lambda pair: -pair[0])
+        return sorted(found, key=_order)
 
     def _by_merit(self, start: Fit, tried: Sequence[Solved]) -> list[tuple[float, Solved]]:
         """Terms with the nats that count of what they gain over a fit, best first."""
@@ -96,7 +97,7 @@ class Search:
         for one in tried:
             numbers = sum(numbers_of(term) for term in one.terms)
             found.append((merit_of(one.log_likelihood - start.log_likelihood, numbers), one))
-        return sorted(found, key=lambda pair: -pair[0])
+        return sorted(found, key=_order)
 
     def _ranked(self, start: Fit) -> list[Ranked]:
         """The grid beside a fit, best first, with what stands out in the spectra of what that leaves."""
@@ -176,6 +177,12 @@ class Search:
             if term.drive != drive and close:
                 rivals.setdefault(term.drive, term)
         return tuple(rivals.values())
+
+
+def _order(found: tuple[float, Solved]) -> float:
+    """By merit, best first; a line before a wave of time that is the same, because its period came back in the log."""
+    merit, one = found
+    return -merit - LEAST_DIFFERENCE * (one.terms[0].drive == "frequency")
 
 
 def numbers_of(term: Term) -> int:

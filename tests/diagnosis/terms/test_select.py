@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from made_states import still_state
 
+from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.select import cancels
+from ftbias_jax.diagnosis.terms.select import _order, cancels
 from ftbias_jax.model.effects.terms.columns import count_columns
 
 
@@ -36,3 +37,13 @@ def test_a_far_spring_on_a_robot_that_moves_a_little_is_one():
     pull = np.array([100.0, -50.0, 100.0, -40.0])
     term = replace(make_term("position", "spring", "base", "force"), coefficients=pull)
     assert not cancels(term, still_state(rng.normal(size=200), position))
+
+
+@pytest.mark.parametrize(("ahead", "first"), [(1.0, "frequency"), (100.0, "time")])
+def test_of_a_wave_and_a_line_that_do_the_same_the_line_comes_first(ahead, first):
+    error, none = np.zeros((1, 6)), np.zeros((0, 1, 6))
+    wave, line = (
+        (merit, Solved((make_term(*form, "sensor", "wrench"),), error, 0.0, none, np.zeros(0)))
+        for merit, form in ((1e4 + ahead, ("time", "wave")), (1e4, ("frequency", "line")))
+    )
+    assert sorted([wave, line], key=_order)[0][1].terms[0].drive == first
