@@ -118,9 +118,9 @@ def diagnose(
     check_names([name for name in without if name != TERM], "without", catalogue_of_setup(setup))
     progress("checking the setup")
     logs = [clean(log, clipped=False, held=False) for log in logs]
-    require_right(setup, map(clean, logs), "diagnose", unchecked)
-    progress("making the logs ready")
     with compiled_ahead(setup, logs):
+        require_right(setup, map(clean, logs), "diagnose", unchecked)
+        progress("making the logs ready")
         problem, samples = make_problem(setup, logs)
     known = _known(problem, logs, samples, without)
     accepted, rounds = search(known.problem, known.base, known.hold_out, {*without, *not_shown(setup)}, progress)

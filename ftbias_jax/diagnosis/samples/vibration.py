@@ -28,8 +28,10 @@ BLOCKS = 20
 FOLDS = 4
 MOST_ROWS = 12288
 """Longer logs are averaged over runs of samples, in which the speed hardly changes."""
-ROUNDS, SETTLED = 200, 1e-5
-"""Of the fit, and the share of the mean variance by which a round then changes a term."""
+ROUNDS, SETTLED = 100, 1e-5
+"""Of the fit, and the share of the mean variance by which a step then changes a term."""
+LEAST_LEFT, TINY = 0.01, 1e-24
+"""Share of a weight that is left where carrying on would pass zero; of a step that is none."""
 
 
 class Growth(NamedTuple):
@@ -113,8 +115,9 @@ def average_runs(x: np.ndarray, length: int) -> np.ndarray:
 def fit_variance(design: np.ndarray, squares: np.ndarray) -> np.ndarray:
     """Weights (d, k), none negative, of the most likely variance ``design @ weights`` of normal noise.
 
-    Every round multiplies each weight by the ratio of the two parts of its derivative, so that signs never change;
-    at the maximum the ratio is 1, or the weight goes to 0.
+    Every step multiplies each weight by the ratio of the two parts of its derivative, so that signs never change;
+    at the maximum the ratio is 1, or the weight goes to 0. From two steps each channel is carried on as far as they
+    shrink (SQUAREM, Varadhan and Roland 2008): alone, hundreds of them would not arrive.
 
     Args:
         design: (N, d) not negative, the first column ones.
@@ -126,16 +129,26 @@ def fit_variance(design: np.ndarray, squares: np.ndarray) -> np.ndarray:
     drives, seen = np.ascontiguousarray(design.T), np.ascontiguousarray(squares.T)
     parts = np.empty((2, *seen.shape))
     raising, lowering = parts
-    for _ in range(ROUNDS):
+
+    def stepped(weights: np.ndarray) -> np.ndarray:
         np.matmul(weights.T, drives, out=lowering)
         np.divide(1, lowering, out=lowering)
         np.multiply(seen, lowering, out=raising)
         np.minimum(raising, FAR_SQUARES, out=raising)
         np.multiply(raising, lowering, out=raising)
         up, down = parts @ design
-        before, weights = weights, weights * (up / down).T
-        moved = np.abs(weights - before) * size[:, None]  # what it changes in the mean variance
-        if (moved <= SETTLED * mean).all():
+        after: np.ndarray = weights * (up / down).T
+        return after
+
+    for _ in range(ROUNDS):
+        once = stepped(weights)
+        twice = stepped(once)
+        moved, bent = (x * size[:, None] for x in (once - weights, twice - 2 * once + weights))  # of the mean variance
+        settled = (np.abs(moved + bent) <= SETTLED * mean).all()
+        further = np.sqrt((moved**2).sum(0) / np.maximum((bent**2).sum(0), TINY * mean**2))
+        carried = weights + (2 * further * moved + further**2 * bent) / size[:, None]
+        weights = twice if settled else np.where(further > 1, np.maximum(carried, LEAST_LEFT * twice), twice)
+        if settled:
             break
     weights[0] = np.maximum(weights[0], LEAST_REST * mean)
     return weights
