@@ -164,7 +164,7 @@ def _earned(problem: Problem, hold_out: Judge, bar: Bar, start: Fit, accepted: F
     if trial.hypothesis.local and not _stands_out(problem, start, accepted, trial.fit):
         return False
     held = hold_out(trial.fit, accepted.error)
-    if not _is_sudden(problem, trial) and held.nats < SURE * held.nats_stderr:
+    if not _is_sudden(problem, trial) and held.nats < SURE * held.nats_by_noise:
         return False
     return gap_removed(bar.elsewhere, accepted.error, held.error) > bar.least
 

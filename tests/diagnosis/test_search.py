@@ -50,7 +50,8 @@ def test_what_a_cause_must_do(why, effect, nats, leaves, held, earned):
     accepted, trial = fit_of(GAP), fit_of(leaves, effect)
 
     def hold_out(fit, reference):
-        return HeldOut(fit.error, *held)
+        nats, by_noise = held
+        return HeldOut(fit.error, nats, 2 * nats, by_noise)  # it acts in one block more than in others
 
     bar = Bar(PROBLEM, 0.08**2)
     got = searching._earned(PROBLEM, hold_out, bar, accepted, accepted, Scored(trial, nats))
