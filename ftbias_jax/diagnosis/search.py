@@ -202,4 +202,5 @@ def _spare(problem: Problem, accepted: Fit) -> Fit | None:
 def _other_firsts(first: list[Scored], accepted: Fit) -> list[Scored]:
     """Strong candidates of the first round that are not among the causes."""
     named = {h.effect for h in accepted.hypotheses}
-    return [s for s in first[1:BEAM] if s.nats > BEAM_SHARE * first[0].nats and s.hypothesis.effect not in named]
+    strong = [s for s in first[1:] if s.nats > BEAM_SHARE * first[0].nats and s.hypothesis.effect not in named]
+    return strong[: BEAM - 1]

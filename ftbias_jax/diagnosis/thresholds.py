@@ -28,7 +28,7 @@ NEARLY = 0.1
 MOST_JUDGED = 3
 """Candidates of a round that are judged on blocks they have not seen. [dev]"""
 BEAM = 2
-"""First causes from which pairs are tried. [dev]"""
+"""First causes from which pairs are tried: the one that was found, and others that are not among the causes. [dev]"""
 BEAM_SHARE = 0.3
 """Share of the best first cause's gain from which on another one may be the first of a pair. [dev]"""
 BLOCK_SECONDS = 2.0

@@ -112,7 +112,8 @@ def test_a_cause_that_later_ones_make_needless_is_dropped(monkeypatch, loss, deg
 @pytest.mark.parametrize(
     ("gains", "others"),
     [
-        ({"tool_mass": 100.0, "gain": 31.0, "tool_com": 99.0}, ["gain"]),  # of the first two alone
+        ({"tool_mass": 100.0, "gain": 31.0, "tool_com": 99.0}, ["gain"]),  # one other alone
+        ({"tool_mass": 100.0, "warmup": 90.0, "gain": 80.0}, ["gain"]),  # what is a cause takes nobody's place
         ({"tool_mass": 100.0, "gain": 29.0}, []),  # too weak
         ({"tool_mass": 100.0, "warmup": 90.0}, []),  # a cause already
     ],
