@@ -16,6 +16,7 @@ from ftbias_jax.cli.completion import SHELLS, PrintCompletion
 from ftbias_jax.cli.parsers import ADD
 from ftbias_jax.cli.terminal import print_what_the_terminal_can
 from ftbias_jax.errors import FtbiasError
+from ftbias_jax.runtime.imports import many_imports
 
 RENAMED = {"blind": "validate"}
 """Commands that had another name."""
@@ -41,7 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         # A command's module is imported only now: JAX alone costs half a second.
         folder = "jobs" if parsed.command in OF_MANY else "commands"
-        command = importlib.import_module(f"ftbias_jax.cli.{folder}.{parsed.command}")
+        with many_imports():
+            command = importlib.import_module(f"ftbias_jax.cli.{folder}.{parsed.command}")
         run: Callable[[argparse.Namespace], int] = command.run
         return run(parsed)
     except FtbiasError as error:

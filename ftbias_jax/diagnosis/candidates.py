@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +47,9 @@ def score(better: Fit, worse: Fit) -> float:
     return better.log_likelihood - worse.log_likelihood - NATS_PER_DEGREE * (better.degrees - worse.degrees)
 
 
-def candidates(problem: Problem, library: Library, accepted: Fit, without: Collection[str] = ()) -> list[Scored]:
+def candidates(
+    problem: Problem, library: Callable[[], Library], accepted: Fit, without: Collection[str] = ()
+) -> list[Scored]:
     """Every effect that is not accepted yet, fitted on top of the accepted ones; best first.
 
     While nothing is accepted, weak smooth effects are there too, to first order: they make the ranking whole.
@@ -58,9 +60,9 @@ def candidates(problem: Problem, library: Library, accepted: Fit, without: Colle
     for make in (grid.from_starts, ringing.loose, pulls, best_starts):
         found += make(problem, standing, taken)
     for propose in (series.slow, series.steplike):
-        found += propose(problem, library, accepted, taken)
+        found += propose(problem, library(), accepted, taken)
     smooth = np.concatenate([accepted.columns.moving, *columns.values()])
-    found += touches(problem, library, accepted, taken, smooth)
+    found += touches(problem, library(), accepted, taken, smooth)
     best: dict[tuple[str, int], Found] = {}
     for gain, h in found:
         penalised, key = gain - penalty(h), (h.effect, h.group)

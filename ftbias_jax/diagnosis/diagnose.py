@@ -118,10 +118,11 @@ def diagnose(
     check_names([name for name in without if name != TERM], "without", catalogue_of_setup(setup))
     progress("checking the setup")
     facts = [survey(slices(log)) for log in logs]
-    require_right(setup, map(cleaned, logs, facts), "diagnose", unchecked)
+    as_filtered = map(cleaned, logs, facts)  # one at a time, each no longer than it is looked at
     logs = [cleaned(log, known, clipped=False, held=False) for log, known in zip(logs, facts, strict=True)]
-    progress("making the logs ready")
     with compiled_ahead(setup, logs):
+        require_right(setup, as_filtered, "diagnose", unchecked)
+        progress("making the logs ready")
         problem, samples = make_problem(setup, logs)
     known = _known(problem, logs, samples, without)
     accepted, rounds = search(known.problem, known.base, known.hold_out, {*without, *not_shown(setup)}, progress)

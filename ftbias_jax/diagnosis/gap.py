@@ -8,6 +8,7 @@ from ftbias_jax.diagnosis.evidence.cross_validation import (
     HeldOut,
     excess_by_chance,
     excess_by_channel,
+    excess_by_size,
     excess_stderr,
 )
 from ftbias_jax.diagnosis.problem import Problem
@@ -35,13 +36,20 @@ def measure_gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
 
 
 def is_quiet(problem: Problem, gap: Gap) -> bool:
-    """Whether there is no gap of the mean reading to speak of."""
+    """Whether there is no gap of the mean reading to speak of.
+
+    Innovations scatter, and the noise that they are compared with is not known exactly: in a short log that is more.
+    """
     before = np.sqrt(gap.before_sigmas**2 - 1)
-    return bool(before < SILENT or before**2 < BEYOND_CHANCE * excess_by_chance(problem))
+    chance = np.hypot(excess_by_chance(problem), excess_by_size(problem))
+    return bool(before < SILENT or before**2 < BEYOND_CHANCE * chance)
 
 
 def is_closed(problem: Problem, gap: Gap) -> bool:
-    """Whether what is left is small for the owner and against what was there, or no more than chance."""
+    """Whether what is left is small for the owner and against what was there, or no more than chance.
+
+    That the noise may be larger than measured is no reason to call a gap closed.
+    """
     before, after = np.sqrt(gap.before_sigmas**2 - 1), np.sqrt(gap.after_sigmas**2 - 1)
     small = max(LEFT * before, min(SILENT, FAINT * before))
     return bool(after < small or after**2 < excess_by_chance(problem))

@@ -78,6 +78,8 @@ class Problem(NamedTuple):
     """The effects that are looked for."""
     recorded: frozenset[str] = frozenset()
     """What the logs have beside joints and wrench, of what effects may need."""
+    noise_stderr: np.ndarray = np.zeros(6)
+    """(6,) N, Nm, of ``noise_std``."""
 
     @property
     def duration(self) -> float:
@@ -110,6 +112,8 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
     parts = tuple(part for part, *_ in prepared)
     found = tuple(found for *_, found in prepared)
     used = [part.used for part in parts]
+    stds, stderrs = np.array([one.noise_std for one in found]), np.array([one.noise_std_stderr for one in found])
+    noise_std = np.sqrt((stds**2).mean(0))
 
     def join(arrays: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate([np.asarray(array)[:length] for array, length in zip(arrays, used, strict=True)])
@@ -122,10 +126,11 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
         variance=join([np.asarray(part.wrench.variance) for part in parts]),
         temperature=join([part.signals.temperature for part in parts]),
         durations=tuple(float(log.t[-1]) for log in logs),
-        noise_std=np.sqrt(np.mean([one.noise_std**2 for one in found], axis=0)),
+        noise_std=noise_std,
         known=prepared[0][2],
         catalogue=catalogue_of_setup(setup),
         recorded=recorded_in(logs),
+        noise_stderr=np.sqrt(((stds * stderrs) ** 2).sum(0)) / len(found) / noise_std,
     ), found
 
 

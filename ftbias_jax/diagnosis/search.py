@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from ftbias_jax.diagnosis.thresholds import (
     SURE,
 )
 from ftbias_jax.model.effects.fitting import SUDDEN
+from ftbias_jax.runtime.jax_config import same_precision
 from ftbias_jax.runtime.progress import silent
 
 
@@ -59,7 +61,20 @@ def search(
         the fit of all accepted effects, and for each of them all candidates of its round, best first; the last round
         is the one that added nothing.
     """
-    library = make_library(problem)
+    with ThreadPoolExecutor(1) as worker:
+        library = worker.submit(same_precision(make_library), problem).result  # made while effects without it are tried
+        return _best_of_pairs(problem, library, start, hold_out, without, progress)
+
+
+def _best_of_pairs(
+    problem: Problem,
+    library: Callable[[], Library],
+    start: Fit,
+    hold_out: Judge,
+    without: Collection[str],
+    progress: Callable[[str], None],
+) -> tuple[Fit, list[list[Scored]]]:
+    """What is found greedily, or from another first cause if that pair is better; see ``search``."""
     accepted, rounds = grow(problem, library, start, hold_out, [], without, progress=progress)
     left, settled = gap_of(problem, accepted), len(accepted.hypotheses) <= 2
     if len(accepted.hypotheses) > 1 and (LEAST_SIGMAS**2 if settled else 0) < left < NEARLY * gap_of(problem, start):
@@ -74,7 +89,7 @@ def search(
 
 def grow(
     problem: Problem,
-    library: Library,
+    library: Callable[[], Library],
     start: Fit,
     hold_out: Judge,
     rounds: list[list[Scored]],
@@ -86,7 +101,7 @@ def grow(
 
     Args:
         problem: the logs.
-        library: whitened derivatives with respect to everything that may be proposed.
+        library: gives the whitened series that may be proposed.
         start: the believed model.
         hold_out: judges a fit on blocks of the logs that it has not seen.
         rounds: candidates of earlier rounds, the first of each being accepted.
@@ -149,7 +164,7 @@ def _earned(problem: Problem, hold_out: Judge, bar: Bar, start: Fit, accepted: F
     if trial.hypothesis.local and not _stands_out(problem, start, accepted, trial.fit):
         return False
     held = hold_out(trial.fit, accepted.error)
-    if not _is_sudden(problem, trial) and held.nats < SURE * held.nats_stderr:
+    if not _is_sudden(problem, trial) and held.nats < SURE * held.nats_by_noise:
         return False
     return gap_removed(bar.elsewhere, accepted.error, held.error) > bar.least
 
@@ -187,4 +202,5 @@ def _spare(problem: Problem, accepted: Fit) -> Fit | None:
 def _other_firsts(first: list[Scored], accepted: Fit) -> list[Scored]:
     """Strong candidates of the first round that are not among the causes."""
     named = {h.effect for h in accepted.hypotheses}
-    return [s for s in first[1:BEAM] if s.nats > BEAM_SHARE * first[0].nats and s.hypothesis.effect not in named]
+    strong = [s for s in first[1:] if s.nats > BEAM_SHARE * first[0].nats and s.hypothesis.effect not in named]
+    return strong[: BEAM - 1]

@@ -18,7 +18,7 @@ LEAST_SHARE_OF_GAP = 0.02
 STEADY = 1.3
 """Standard errors of the gain over blocks; one block that gains everything is one. [noise] 1 in 10 is as steady."""
 SURE = 2.0
-"""Standard errors by which the gain on unseen blocks exceeds zero. [noise] 1 in 44."""
+"""Times that the gain on unseen blocks exceeds what noise can have moved it by. [noise] 1 in 44."""
 LEAST_BESIDE = 0.1
 """Squared innovations that events take away, per those that earlier causes did in the same time: they fit all. [dev]"""
 MOST_CAUSES = 3
@@ -28,7 +28,7 @@ NEARLY = 0.1
 MOST_JUDGED = 3
 """Candidates of a round that are judged on blocks they have not seen. [dev]"""
 BEAM = 2
-"""First causes from which pairs are tried. [dev]"""
+"""First causes from which pairs are tried: the one that was found, and others that are not among the causes. [dev]"""
 BEAM_SHARE = 0.3
 """Share of the best first cause's gain from which on another one may be the first of a pair. [dev]"""
 BLOCK_SECONDS = 2.0

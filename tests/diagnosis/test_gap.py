@@ -44,6 +44,15 @@ def test_the_verdict(problem, before, after, causes, found, sure, verdict):
     assert verdict_of(problem, gap(before, after), causes, found, sure) == verdict
 
 
+def test_a_gap_that_the_error_of_the_measured_noise_explains_is_none_but_does_not_close_another(problem):
+    """The noise of a short log is known to a few per cent."""
+    unsure = problem._replace(noise_stderr=np.full(6, 0.03))
+    assert verdict_of(problem, gap(0.2, 0.2), 0, 0, True) == "unknown"
+    assert verdict_of(unsure, gap(0.2, 0.2), 0, 0, True) == "none"
+    assert verdict_of(unsure, gap(0.3, 0.3), 0, 0, True) == "unknown"
+    assert verdict_of(unsure, gap(1.0, 0.13), 1, 0, True) == verdict_of(problem, gap(1.0, 0.13), 1, 0, True)
+
+
 def test_a_share_within_two_standard_errors_of_zero_explains_nothing(problem):
     assert verdict_of(problem, gap(2.0, 0.8, 0.5), 1, 0, True) == "unknown"
     assert verdict_of(problem, gap(2.0, 0.8, 0.4), 1, 0, True) == "partly_explained"

@@ -1,13 +1,73 @@
 """An entry of the catalogue that is deleted and handed in as an effect of one's own gives the same diagnosis."""
 
+from types import SimpleNamespace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.diagnose import diagnose
+from ftbias_jax.diagnosis.hypothesis import movable
+from ftbias_jax.diagnosis.proposals import starts
+from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.own_effects import catalogue_with, load_effects
 
 AMPLITUDE = jnp.array([1.5, -1.0, 2.0, 0.05, 0.1, -0.08])
+JOINTS = 7
+
+
+@pytest.fixture
+def hand_in(monkeypatch, tmp_path):
+    """Deletes an entry, and gives the catalogue with it as a user's file brings it."""
+
+    def hand_in(name):
+        entry = CATALOGUE[name]
+        # In a table of its own: the order of the entries is the order in which they act, also after this test.
+        monkeypatch.setattr(CATALOGUE, "_entries", {other: CATALOGUE[other] for other in CATALOGUE if other != name})
+        monkeypatch.setattr(starts, "ENTRY", entry, raising=False)
+        file = tmp_path / "mine.py"
+        file.write_text("from ftbias_jax.diagnosis.proposals import starts\nEFFECTS = [starts.ENTRY]\n")
+        return catalogue_with(load_effects(file))
+
+    return hand_in
+
+
+@pytest.mark.parametrize("name", list(CATALOGUE))
+def test_an_entry_that_is_handed_in_is_fitted_and_searched_as_before(name, hand_in):
+    entry, every = CATALOGUE[name], dict(CATALOGUE)
+    searches = {type(one.fit.search) for one in every.values()}
+    before = {kind: {one.name for one in CATALOGUE.searched_by(kind)} for kind in searches}
+    built_in = _coordinates(name, CATALOGUE)
+    catalogue = hand_in(name)
+    assert name not in CATALOGUE
+    assert dict(catalogue) == every
+    assert catalogue[name] is entry
+    assert {kind: {one.name for one in catalogue.searched_by(kind)} for kind in searches} == before
+    for (mine, free), (its, freed) in zip(_coordinates(name, catalogue), built_in, strict=True):
+        assert (mine.parameter, mine.size, free) == (its.parameter, its.size, freed)
+        np.testing.assert_array_equal(mine.least, its.least)
+        np.testing.assert_array_equal(mine.most, its.most)
+
+
+@pytest.mark.parametrize("name", list(CATALOGUE))
+def test_it_acts_next_to_others_of_its_stage(name, hand_in):
+    stage, catalogue = CATALOGUE[name].stage, hand_in(name)
+    place = list(catalogue).index(name)
+    beside = list(catalogue.values())[max(place - 1, 0) : place + 2]
+    assert [effect.stage for effect in beside].count(stage) > 1
+
+
+def _coordinates(name, catalogue):
+    """Blocks of an effect, and which of each block's coordinates are fitted, counted from its first."""
+    problem = SimpleNamespace(joints=JOINTS, catalogue=catalogue)
+    places = chain_model.slices(JOINTS, catalogue)
+    free = movable(problem, catalogue[name])
+    blocks = [block for block in chain_model.blocks(JOINTS, catalogue) if block.effect == name]
+    slices = [places[name, block.parameter] for block in blocks]
+    return [
+        (block, [i - s.start for i in free if s.start <= i < s.stop]) for block, s in zip(blocks, slices, strict=True)
+    ]
 
 
 @pytest.mark.slow

@@ -50,7 +50,8 @@ def test_what_a_cause_must_do(why, effect, nats, leaves, held, earned):
     accepted, trial = fit_of(GAP), fit_of(leaves, effect)
 
     def hold_out(fit, reference):
-        return HeldOut(fit.error, *held)
+        nats, by_noise = held
+        return HeldOut(fit.error, nats, 2 * nats, by_noise)  # it acts in one block more than in others
 
     bar = Bar(PROBLEM, 0.08**2)
     got = searching._earned(PROBLEM, hold_out, bar, accepted, accepted, Scored(trial, nats))
@@ -111,7 +112,8 @@ def test_a_cause_that_later_ones_make_needless_is_dropped(monkeypatch, loss, deg
 @pytest.mark.parametrize(
     ("gains", "others"),
     [
-        ({"tool_mass": 100.0, "gain": 31.0, "tool_com": 99.0}, ["gain"]),  # of the first two alone
+        ({"tool_mass": 100.0, "gain": 31.0, "tool_com": 99.0}, ["gain"]),  # one other alone
+        ({"tool_mass": 100.0, "warmup": 90.0, "gain": 80.0}, ["gain"]),  # what is a cause takes nobody's place
         ({"tool_mass": 100.0, "gain": 29.0}, []),  # too weak
         ({"tool_mass": 100.0, "warmup": 90.0}, []),  # a cause already
     ],

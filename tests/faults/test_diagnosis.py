@@ -34,10 +34,10 @@ def test_a_covariance_that_is_no_number_leaves_the_standard_error_unknown(monkey
 
     monkeypatch.setattr(estimates, "covariance", covariance)
 
-    def to_values(signals, z, catalogue):
-        return {"tool_mass": {"mass": 0.7 + z[3]}}
+    def prepare(signals, z, catalogue):
+        return lambda signals, z: {"tool_mass": {"mass": 0.7 + z[3]}}
 
-    monkeypatch.setattr(estimates.chain_model, "to_values", to_values)
+    monkeypatch.setattr(estimates.chain_model, "to_values", SimpleNamespace(prepare=prepare))
     problem = SimpleNamespace(parts=[SimpleNamespace(signals=None)], catalogue=CATALOGUE)
     fit = small_fit(np.ones((2, 5, 6)), np.ones((5, 6)), (3, 4))
     values, stderr = estimates.parameters(problem, fit, Hypothesis("tool_mass", (3,), (0.0,)))

@@ -8,10 +8,8 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from ftbias_jax.cli.jobs.many import ANSWER, APPLIED, REPORT, find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
-from ftbias_jax.fleet.entry import settings_of
 from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_outputs, check_writable, output_of_setup
@@ -24,18 +22,21 @@ def run(arguments: argparse.Namespace) -> int:
         return _each(arguments)
     setup = check_arguments(arguments)
 
-    from ftbias_jax.runtime.jax_config import prepare_jax
+    from ftbias_jax.runtime.imports import many_imports
     from ftbias_jax.runtime.progress import Stages
 
     names = [Path(path).name for path in arguments.logs]
     with Stages(f"diagnosing {', '.join(names)}") as stages:
         stages("reading")
         logs = [read_log(path, setup, raw=True) for path in arguments.logs]
-        prepare_jax()
-        from ftbias_jax.diagnosis.apply import refused, some_applied
-        from ftbias_jax.diagnosis.diagnose import diagnose
-        from ftbias_jax.model.effects.catalogue import check_names
-        from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
+        with many_imports():
+            from ftbias_jax.runtime.jax_config import prepare_jax
+
+            prepare_jax()
+            from ftbias_jax.diagnosis.apply import refused, some_applied
+            from ftbias_jax.diagnosis.diagnose import diagnose
+            from ftbias_jax.model.effects.catalogue import check_names
+            from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
 
         setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
         check_names(arguments.without, "--without", catalogue_of_setup(setup))
@@ -63,6 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _each(arguments: argparse.Namespace) -> int:
     """Every log by itself, into a folder."""
+    from ftbias_jax.cli.jobs.many import ANSWER, APPLIED, REPORT, find_tasks, refuse_options, run_archive
+    from ftbias_jax.fleet.entry import settings_of
+
     refuse_options(arguments, ("json", "html", "in_place"))
     setup = load_setup(arguments.setup, with_tool=True)
     tasks, manifest = find_tasks(

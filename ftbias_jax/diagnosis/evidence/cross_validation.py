@@ -20,6 +20,9 @@ class HeldOut(NamedTuple):
     nats: float
     """Per second, over the reference."""
     nats_stderr: float
+    nats_by_noise: float = 0.0
+    """Per second: how far noise, and what else the fit leaves, may have moved the gain. Less than the standard error,
+    which counts it, too, that an effect acts in some blocks more than in others."""
 
 
 class Judge:
@@ -34,9 +37,12 @@ class Judge:
         if id(fit) not in self._errors:
             self._errors[id(fit)] = fit, unseen_error(self._problem, fit)
         _, error = self._errors[id(fit)]
-        gains = np.bincount(self._problem.block(BLOCK_SECONDS), (reference**2 - error**2).sum(1) / 2)
-        duration = max(self._problem.duration, 1e-9)
-        return HeldOut(error, float(gains.sum() / duration), float(np.sqrt(len(gains)) * gains.std() / duration))
+        block, duration = self._problem.block(BLOCK_SECONDS), max(self._problem.duration, 1e-9)
+        gains = np.bincount(block, (reference**2 - error**2).sum(1) / 2)
+        # The change of the prediction, s = r - e, gains s^2 / 2 + s e: of these only s e is chance.
+        chance = np.bincount(block, ((reference - error) * error).sum(1))
+        stderr, by_noise = np.sqrt(len(gains)) * gains.std(), np.sqrt((chance**2).sum())
+        return HeldOut(error, *(float(x / duration) for x in (gains.sum(), stderr, by_noise)))
 
 
 def unseen_error(problem: Problem, fit: Fit) -> np.ndarray:
@@ -80,9 +86,15 @@ def excess_stderr(problem: Problem, error: np.ndarray) -> float:
 
 
 def excess_by_chance(problem: Problem) -> float:
-    """Standard error of the mean excess over the channels if the innovations are white noise of the stated size."""
+    """Standard error of the mean excess over the channels if the innovations are white noise of the measured size."""
     relative = problem.variance / problem.noise_std**2
     return float(np.sqrt(2 * ((_weights(problem) * relative) ** 2).sum()) / 6)
+
+
+def excess_by_size(problem: Problem) -> float:
+    """Standard error of the mean excess over the channels that the noise's size has, which was measured in the log."""
+    share = (_weights(problem) * problem.variance).sum(0) / problem.noise_std**2
+    return float(np.linalg.norm(2 * problem.noise_stderr / problem.noise_std * share) / 6)
 
 
 def _weights(problem: Problem) -> np.ndarray:

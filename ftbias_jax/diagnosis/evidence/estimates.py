@@ -82,7 +82,8 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
     z = np.repeat(fit.z[None], 2 * len(step) + 2, 0)
     z[1:-1, list(h.free)] += np.concatenate([step, -step])
     z[-1, list(h.free)] *= 1 - form_error(problem, h.effect)
-    values = [chain_model.to_values(signals, row, catalogue=problem.catalogue)[h.effect] for row in z]
+    told = chain_model.to_values.prepare(signals, fit.z, catalogue=problem.catalogue)
+    values = [told(signals, row)[h.effect] for row in z]
     found: Parameters = {}
     errors: Parameters = {}
     for name in values[0]:

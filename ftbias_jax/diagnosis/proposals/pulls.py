@@ -14,7 +14,7 @@ from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, neutral_of, p
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.dictionary import Found
-from ftbias_jax.diagnosis.regression.evaluate import readings, whitened
+from ftbias_jax.diagnosis.regression.evaluate import readings, whitened, whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import Standing, gain_of_each, gains
 from ftbias_jax.diagnosis.thresholds import FARTHEST, LONGEST_CABLE, PULLS_FITTED, UNDETERMINED
@@ -53,7 +53,7 @@ def _anchors(problem: Problem, standing: Standing, effect: Effect) -> list[Found
         spans = _spans(problem, effect, motions, link, attachment)
         near = rng.uniform(0.2, 0.9, (ANCHORS, 1)) * np.asarray(model.arm.zero_position) if link else 0.0
         anchors = near + rng.uniform(-1, 1, (ANCHORS, 3)) * (0.3 if link else 0.7 * reach)
-        linear = whitened(problem, np.stack([_on_tool(span, attachment) for span in spans]))
+        linear = whitened(problem, _on_tool(spans, attachment))
         anchors = np.concatenate([anchors, _without_slack(standing, linear)])
         columns, rests = _pulls(problem, spans, linear, anchors, attachment)
         gain, stiffness = gain_of_each(standing, columns)
@@ -115,22 +115,23 @@ def _pulls(
         attachment: (3,) m, sensor frame.
 
     Returns:
-        (A S, U, 6), S = slacks, and A S lengths.
+        (A S, U, 6) in single precision, S = slacks, and A S lengths.
     """
-    along, shortest = [], []
-    for anchor in anchors:
-        span = spans[0] + np.tensordot(anchor, spans[1:], 1)
-        length = np.maximum(np.linalg.norm(span, axis=1), 1e-6)
-        along.append(_on_tool(span / length[:, None], attachment))
-        shortest.append(float(length.min()))
-    rests = np.outer(shortest, SLACK)
+    linear, anchors, spans = (x.astype(np.float32) for x in (linear, anchors, spans))
+    span = spans[0] + np.tensordot(anchors, spans[1:], 1)
+    length = np.maximum(np.sqrt(np.einsum("aui,aui->au", span, span)), 1e-6)
+    along = whitened_single(problem, list(_on_tool(span / length[:, :, None], attachment)))
+    rests = np.outer(length.min(1), SLACK).astype(np.float32)
     taut = linear[0] + np.tensordot(anchors, linear[1:], 1)
-    columns = taut[:, None] - rests[:, :, None, None] * whitened(problem, np.stack(along))[:, None]
+    columns = taut[:, None] - rests[:, :, None, None] * along[:, None]
     return columns.reshape(-1, *taut.shape[1:]), rests.ravel().tolist()
 
 
 def _on_tool(force: np.ndarray, attachment: np.ndarray) -> np.ndarray:
-    return -np.concatenate([force, np.cross(attachment, force)], 1)
+    """(..., 3) N -> (..., 6) N, Nm: change of the reading by a force on the tool at the attachment (3,) m."""
+    arm = np.concatenate([np.eye(3), np.cross(attachment, np.eye(3))], 1)
+    change: np.ndarray = -force @ arm.astype(force.dtype)
+    return change
 
 
 def _without_slack(standing: Standing, linear: np.ndarray) -> np.ndarray:

@@ -115,7 +115,8 @@ def whiten_lanes(problem: Problem, lanes: np.ndarray) -> None:
 
 def _over_logs(problem: Problem, filters: Sequence[Whitener], columns: np.ndarray) -> np.ndarray:
     pieces = np.split(columns, np.cumsum([part.used for part in problem.parts])[:-1], axis=1)
-    return np.concatenate([whiten(piece) for whiten, piece in zip(filters, pieces, strict=True)], axis=1)
+    white = [whiten(piece) for whiten, piece in zip(filters, pieces, strict=True)]
+    return white[0] if len(white) == 1 else np.concatenate(white, axis=1)
 
 
 def whitened_series(problem: Problem, shapes: Sequence[np.ndarray]) -> np.ndarray:

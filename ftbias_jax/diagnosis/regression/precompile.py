@@ -33,6 +33,8 @@ WORKERS = 2
 def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
     """While the block runs, compile the programs of a search on these logs; at its end, wait until that is done.
 
+    If the block fails nobody waits: what is being compiled then is finished, and kept, behind the error.
+
     Args:
         setup: beliefs.
         logs: as read.
@@ -48,7 +50,7 @@ def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
             for one in compiling:
                 one.result()
         finally:
-            worker.shutdown(cancel_futures=True)
+            worker.shutdown(wait=False, cancel_futures=True)
 
 
 def programs_of_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Callable[[], object]]:

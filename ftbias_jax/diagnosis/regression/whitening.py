@@ -49,12 +49,16 @@ class Whitener(NamedTuple):
         y[:, :, :used] = series
         # Stretches by lanes of one channel: with bins next to each other in memory, all else is a matter of strides.
         here, out = (x.reshape(-1, count, n, length).transpose(0, 2, 3, 1) for x in (y, white))
-        kicks = self.leaving @ here
+        # Pulses and steps are zero at first, and so are their innovations.
+        begins = int(series.any((0, 1)).argmax()) // length if channels == 1 else 0
+        inside, entering, leaving, passing = (matrices[:, begins:] for matrices in self)
+        here, out = here[:, begins:], out[:, begins:]
+        kicks = leaving @ here
         states = np.zeros_like(kicks)
-        for k in range(n - 1):
-            states[:, k + 1] = self.passing[:, k] @ states[:, k] + kicks[:, k]
-        np.matmul(self.inside, here, out=out)
-        out += self.entering @ states
+        for k in range(n - begins - 1):
+            states[:, k + 1] = passing[:, k] @ states[:, k] + kicks[:, k]
+        np.matmul(inside, here, out=out)
+        out += entering @ states
         return white[:, :, :used]
 
 

@@ -13,13 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.samples.growth_errors import stderr_with_speed, variance_stderr
+from ftbias_jax.diagnosis.samples.growth_fit import fit_variance, stderr_with_speed, variance_stderr
 from ftbias_jax.diagnosis.thresholds import (
     CERTAIN,
     FAR_SQUARES,
     GROWTH_NATS,
     GROWTH_VISIBLE,
-    LEAST_REST,
     MOVES,
     RESTED,
     SLOW,
@@ -32,12 +31,10 @@ BLOCKS = 20
 FOLDS = 4
 MOST_ROWS = 12288
 """Longer logs are averaged over runs of samples, in which the speed hardly changes."""
-ROUNDS, SETTLED = 200, 1e-5
-"""Of the fit, and the share of the mean variance by which a round then changes a term."""
 SPEEDS, FINER = tuple(2.0**-k for k in range(6)), (0.5, 0.25, 0.125)
 """rad/s from which the variance may grow with the speed alone, tried first; then powers of 2 on either side of the
 best. A joint slower than the last of them rests, so a lower speed would change nothing."""
-ROUNDS_TO_COMPARE = 60
+ROUNDS_TO_COMPARE = 20
 """Of the fits that only choose the speed."""
 
 
@@ -200,38 +197,6 @@ def average_runs(x: np.ndarray, length: int) -> np.ndarray:
     count = len(x) // length
     mean: np.ndarray = x[: count * length].reshape(count, length, *x.shape[1:]).mean(1)
     return mean
-
-
-def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
-    """Weights (d, k), none negative, of the most likely variance ``design @ weights`` of normal noise.
-
-    Every round multiplies each weight by the ratio of the two parts of its derivative, so that signs never change;
-    at the maximum the ratio is 1, or the weight goes to 0.
-
-    Args:
-        design: (N, d) not negative, the first column ones.
-        squares: (N, k) of the noise.
-        rounds: at most.
-    """
-    size, mean = design.mean(0), squares.mean(0)
-    weights: np.ndarray = np.outer(1 / size, mean) / len(size)
-    # Long rows in the order in memory, into the same memory every round: most of the time would go into new pages.
-    drives, seen = np.ascontiguousarray(design.T), np.ascontiguousarray(squares.T)
-    parts = np.empty((2, *seen.shape))
-    raising, lowering = parts
-    for _ in range(rounds):
-        np.matmul(weights.T, drives, out=lowering)
-        np.divide(1, lowering, out=lowering)
-        np.multiply(seen, lowering, out=raising)
-        np.minimum(raising, FAR_SQUARES, out=raising)
-        np.multiply(raising, lowering, out=raising)
-        up, down = parts @ design
-        before, weights = weights, weights * (up / down).T
-        moved = np.abs(weights - before) * size[:, None]  # what it changes in the mean variance
-        if (moved <= SETTLED * mean).all():
-            break
-    weights[0] = np.maximum(weights[0], LEAST_REST * mean)
-    return weights
 
 
 def held_out_gains(design: np.ndarray, squares: np.ndarray, block: np.ndarray) -> np.ndarray:

@@ -9,14 +9,13 @@ import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.result import FoundTerm
-from ftbias_jax.diagnosis.samples.growth_errors import variance_stderr
+from ftbias_jax.diagnosis.samples.growth_fit import fit_variance, variance_stderr
 from ftbias_jax.diagnosis.samples.noise import WINDOW, fast_waves
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
 from ftbias_jax.diagnosis.samples.vibration import (
     BLOCK_SECONDS,
     BLOCKS,
     average_runs,
-    fit_variance,
     held_out_gains,
 )
 from ftbias_jax.diagnosis.terms.grid import make_term

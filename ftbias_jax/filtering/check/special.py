@@ -168,22 +168,23 @@ def tares(base: Evidence) -> list[float]:
     if (state.unit != 1).any() or not case.layout.axes.all():
         return []
     t, reading, tool = case.bins.t, state.wrench, state.data() @ state.tool.theta
-    left = reading - tool
-    step = np.median(np.diff(t))
+    if len(t) <= 2 * BESIDE:
+        return []
+    # Of every bin that has enough of them on both sides: what is beside it (N, 6, BESIDE), and where its log pauses.
+    beside = np.lib.stride_tricks.sliding_window_view(reading - tool, BESIDE, axis=0)
+    before, after = beside[: -BESIDE - 1], beside[BESIDE + 1 :]
+    scatter = np.maximum(ZERO * noise, np.maximum(np.ptp(before, axis=2), np.ptp(after, axis=2)))
+    level = np.median(after, 2)
+    jumps = (np.abs(level - np.median(before, 2)) > 2 * scatter)[:, :3].any(1)
+    first, last = slice(None, -2 * BESIDE), slice(2 * BESIDE, None)
+    together = (case.log[first] == case.log[last]) & (t[last] - t[first] <= 3 * BESIDE * np.median(np.diff(t)) + 1)
     found: list[float] = []
-    for i in range(BESIDE, len(t) - BESIDE):
-        near = slice(i - BESIDE, i + BESIDE + 1)
-        pause = t[near][-1] - t[near][0] > 3 * BESIDE * step + 1
-        if pause or (case.log[near] != case.log[i]).any() or (found and t[i] - found[-1] < 1):
-            continue
-        before, after = left[i - BESIDE : i], left[i + 1 : i + 1 + BESIDE]
-        scatter = np.maximum(ZERO * noise, np.maximum(np.ptp(before, axis=0), np.ptp(after, axis=0)))
-        jump = np.median(after, 0) - np.median(before, 0)
-        if not (np.abs(jump) > 2 * scatter)[:3].any():
+    for k in np.flatnonzero(jumps & together):
+        i = k + BESIDE
+        if found and t[i] - found[-1] < 1:
             continue
         # At one moment from the bin before to the bin after the reading was zero on every axis.
-        path = np.concatenate([np.linspace(tool[j], tool[j + 1], MOMENTS) for j in (i - 1, i)])
-        zeroed = np.median(after, 0) + path
-        if (np.abs(zeroed) < scatter).all(1).any() and not (np.abs(reading[i - BESIDE : i]) < scatter).all():
+        zeroed = level[k] + np.concatenate([np.linspace(tool[j], tool[j + 1], MOMENTS) for j in (i - 1, i)])
+        if (np.abs(zeroed) < scatter[k]).all(1).any() and not (np.abs(reading[k:i]) < scatter[k]).all():
             found.append(float(t[i]))
     return found

@@ -76,8 +76,11 @@ def center_of_mass(theta: Float[Array, " 10"]) -> Float[Array, " 3"]:
 
 
 def about_center_of_mass(theta: Float[Array, " 10"]) -> tuple[Float[Array, ""], Float[Array, " 3"], Float[Array, " 6"]]:
-    """What a data sheet states: mass () kg, centre of mass (3,) m, and inertia (6,) kg m^2 about it, sensor axes."""
-    mass = theta[0]
-    x, y, z = center = center_of_mass(theta)
-    steiner = mass * jnp.stack([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+    """What a data sheet states: mass () kg, centre of mass (3,) m, and inertia (6,) kg m^2 about it, sensor axes.
+
+    Of a numpy array it makes numpy arrays, and compiles nothing.
+    """
+    mass, center = theta[0], center_of_mass(theta)
+    row, column = np.triu_indices(3)
+    steiner = mass * ((center @ center) * (row == column) - center[row] * center[column])
     return mass, center, theta[4:] - steiner

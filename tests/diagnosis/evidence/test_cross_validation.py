@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from small_fits import shift, small_fit
 
-from ftbias_jax.diagnosis.evidence.cross_validation import Judge
+from ftbias_jax.diagnosis.evidence.cross_validation import Judge, excess_by_chance, excess_by_channel, excess_by_size
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, FOLDS
@@ -44,3 +44,43 @@ def test_a_fit_is_held_out_once_and_judged_against_any_reference(problem):
         gain = ((scale * fit.error) ** 2 - held.error**2).sum() / 2
         assert held.nats == pytest.approx(gain / SECONDS, rel=1e-9)
     assert hold_out(made_up(2), fit.error).error is not worse.error
+
+
+def test_what_acts_in_one_block_is_gained_surely_where_the_prediction_was_right(problem):
+    """The gain scatters over blocks as much as it can; noise has next to nothing to do with that."""
+    error = np.random.default_rng(3).normal(size=(BINS, 6))
+    there = (problem.t < BLOCK_SECONDS)[:, None]
+    held = Judge(problem)(small_fit(np.zeros((0, BINS, 6)), error, ()), error + 20.0 * there)
+    assert held.nats < 2 * held.nats_stderr
+    assert held.nats > 10 * held.nats_by_noise
+
+
+def test_what_happens_in_one_block_is_not_gained_surely_by_a_prediction_of_a_part_of_it(problem):
+    error = np.random.default_rng(4).normal(size=(BINS, 6)) + 20.0 * (problem.t < BLOCK_SECONDS)[:, None]
+    held = Judge(problem)(small_fit(np.zeros((0, BINS, 6)), error, ()), 1.1 * error)
+    assert 0 < held.nats < 2 * held.nats_by_noise
+
+
+def test_the_gain_of_a_wrong_prediction_moves_by_chance_as_noise_moves_it(problem):
+    """The standard error of the gain of a prediction of size s on noise alone is the square root of s^2."""
+    rng = np.random.default_rng(5)
+    change = 0.3 * rng.normal(size=(BINS, 6))
+    made = []
+    for _ in range(200):
+        error = rng.normal(size=(BINS, 6))
+        held = Judge(problem)(small_fit(np.zeros((0, BINS, 6)), error, ()), error + change)
+        made.append((held.nats, held.nats_by_noise))
+    gains, chances = np.transpose(made)
+    assert np.sqrt((chances**2).mean()) == pytest.approx(gains.std(), rel=0.15)
+
+
+def test_the_excess_scatters_as_the_innovations_and_the_measured_noise_do(problem):
+    """Of bins with the noise's own size, against the scatter of the excess over many logs."""
+    rng, samples = np.random.default_rng(6), 300
+    logs = []
+    for _ in range(400):
+        measured = rng.chisquare(samples, 6) / samples
+        logs.append(excess_by_channel(problem, rng.normal(size=(BINS, 6)) / np.sqrt(measured)).mean())
+    known = problem._replace(noise_stderr=np.full(6, np.sqrt(1 / (2 * samples))))
+    assert np.hypot(excess_by_chance(known), excess_by_size(known)) == pytest.approx(np.std(logs), rel=0.12)
+    assert excess_by_chance(known) < 0.85 * np.std(logs)

@@ -68,3 +68,13 @@ def test_what_was_not_measured_says_nothing(problem, series):
     assert (white[:, [5, 6]] == 0).all()
     assert (white[:, 20:60, 2] == 0).all()
     assert (white[:, 20:60, 1] != 0).all()
+
+
+def test_a_series_that_begins_late_is_nothing_before_and_the_same_after(problem, series):
+    late = series[:, :, :1].copy()
+    late[:, :100] = 0
+    whitener = make_whitener(problem, USED)
+    white = whitener(late)
+    np.testing.assert_allclose(white, whitener(np.repeat(late, 6, 2)), rtol=1e-12, atol=1e-13)
+    assert (white[:, :100] == 0).all()
+    assert white[:, 100:].any()

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 from ftbias_jax.diagnosis.samples import vibration
+from ftbias_jax.diagnosis.samples.growth_fit import fit_variance
 from ftbias_jax.model.motion_noise import effective_speed_squared
 
 REST = np.array([0.01, 0.04])
@@ -39,7 +40,7 @@ def test_the_fit_is_the_maximum_of_the_likelihood():
 
     best = min((minimize(loss, np.log([0.02, a, b, c])) for a in (0.1, 1e-4) for b in (0.1, 1e-4) for c in (0.1, 1e-4)),
                key=lambda result: result.fun)  # fmt: skip
-    assert loss(np.log(vibration.fit_variance(design, squares)[:, 0])) <= best.fun + 0.01
+    assert loss(np.log(fit_variance(design, squares)[:, 0])) <= best.fun + 0.01
 
 
 def test_growth_comes_back_within_its_errors_in_nineteen_of_twenty():
