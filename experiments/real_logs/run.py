@@ -109,7 +109,11 @@ def study_panda(real):
             "tune": why,
             "tune with gains and crosstalk": calibrated_why,
             "95 % intervals of forecasts": {
-                f"{ahead:g} s": {name: rounded(np.nanmean(inside(each, ahead))) for name, each in candidates.items()}
+                f"{ahead:g} s": {
+                    name: rounded(np.nanmean(inside(each, ahead)))
+                    for name, each in candidates.items()
+                    if each.reading_std is not None
+                }
                 for ahead in AHEAD
             },
             "share used": rounded(result.used.mean()),

@@ -52,7 +52,7 @@ def test_a_sensor_that_is_right_is_left_as_it_is():
 
 
 def test_a_bias_that_jumps_where_the_sensor_is_zeroed_is_no_leak():
-    jump = np.where(25.03 < T, 8.0, 0.0)[:, None]
+    jump = np.where(T > 25.03, 8.0, 0.0)[:, None]
     found = fitted(TRUTH, 1, bias=jump, zeroed_at=(25.03,))
     assert found.shown
     np.testing.assert_allclose(found.matrix, fitted(TRUTH, 1).matrix, atol=0.01 * UNITS.max())
