@@ -16,8 +16,8 @@ import itertools
 from common import keep, rounded
 
 import ftbias_jax as ft
-from ftbias_jax.calibration import identify_tool
-from ftbias_jax.calibration.identify_tool import STEADY
+from ftbias_jax.calibration.tool.crosstalk import find_channels, with_channels
+from ftbias_jax.calibration.tool.steady import steady_bias
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.adapt.log_noise import noise_of_log, with_noise
 from ftbias_jax.filtering.joint_filter import first_measured
@@ -31,7 +31,12 @@ REST = 0.2
 """s at the end of the KUKA runs, in which the arm rests."""
 TARE = 0.5
 """s at the start that a held tare averages."""
-IDENTIFIED = "tool, mounting and bias by identify"
+CALIBRATED = "gains and crosstalk of the training log, and its bias as prior"
+CALIBRATED_TUNED = "the same, tuned on the training log"
+IDENTIFIED = "identify --bias --crosstalk"
+MOUNTED = "identify --bias --mounting"
+OWN_WRENCH = (CALIBRATED, CALIBRATED_TUNED, IDENTIFIED, MOUNTED)
+"""Candidates whose wrench of the tool is not that of the others."""
 BLOCKS = 10
 
 
@@ -71,26 +76,46 @@ def study_panda(real):
         trained = ft.filter_log(with_tool, logs[train])
         result = ft.filter_log(with_tool, logs[test])
         constant = np.nanmean(measured_bias(trained), axis=0)
-        steady, steady_std = identify_tool._steady_bias(with_tool, logs[train])
-        prior = replace(with_tool, bias=replace(with_tool.bias, initial=steady, initial_std=steady_std))
-        still = {"noise_density": STEADY * with_tool.bias.noise_density, "initial_drift_std": np.zeros(6)}
-        identified = ft.identify_tool(setup, logs[train], mounting=True, bias=True).setup
+        prior = with_prior(with_tool, logs[train])
+        channels = find_channels(with_tool, logs[train])
+        calibrated = with_prior(with_channels(with_tool, channels), logs[train])
+        identified = {
+            IDENTIFIED: ft.identify_tool(setup, logs[train], bias=True, crosstalk=True),
+            MOUNTED: ft.identify_tool(setup, logs[train], bias=True, mounting=True),
+        }
         after, why = tuned(with_tool, logs[train])
+        calibrated_after, calibrated_why = tuned(calibrated, logs[train])
         candidates = {
             "default": result,
             "default, drift not extrapolated": replace(result, drift=np.zeros_like(result.drift)),
             "as stated": ft.filter_log(with_tool, logs[test], as_stated=True),
             "default, prior of the training log": ft.filter_log(prior, logs[test]),
-            "the same prior, no drift": ft.filter_log(replace(prior, bias=replace(prior.bias, **still)), logs[test]),
-            "no prior, no drift": ft.filter_log(replace(with_tool, bias=replace(setup.bias, **still)), logs[test]),
-            IDENTIFIED: ft.filter_log(identified, logs[test]),
             "default, tuned on the training log": ft.filter_log(after, logs[test]),
-        }
+            CALIBRATED: ft.filter_log(calibrated, logs[test]),
+            CALIBRATED_TUNED: ft.filter_log(calibrated_after, logs[test]),
+        } | {name: ft.filter_log(found.setup, logs[test]) for name, found in identified.items()}
         scored[f"trained on {train}, tested on {test}"] = {
             "tool": {"mass": rounded(with_tool.tool.mass), "center_of_mass": rounded(with_tool.tool.center_of_mass)},
             "constant": rounded(constant),
-            "prior of the training log": {"initial": rounded(steady), "initial_std": rounded(steady_std)},
+            "prior of the training log": {
+                "initial": rounded(prior.bias.initial),
+                "initial_std": rounded(prior.bias.initial_std),
+                "initial_drift_std": rounded(prior.bias.initial_drift_std),
+            },
+            "gains and crosstalk": {
+                "matrix": rounded(channels.matrix),
+                "nats on blocks left out": rounded(channels.held_out),
+            },
             "tune": why,
+            "tune with gains and crosstalk": calibrated_why,
+            "95 % intervals of forecasts": {
+                f"{ahead:g} s": {
+                    name: rounded(np.nanmean(inside(each, ahead)))
+                    for name, each in candidates.items()
+                    if each.reading_std is not None
+                }
+                for ahead in AHEAD
+            },
             "share used": rounded(result.used.mean()),
         } | {f"{ahead:g} s": compare(result, candidates, constant, ahead) for ahead in AHEAD}
         results[f"panda {test}"] = result
@@ -98,14 +123,22 @@ def study_panda(real):
     return scored, results
 
 
+def with_prior(setup, log):
+    """A setup that expects the bias of a log, as ``identify --bias`` hands it over; its tool counts as known."""
+    found = steady_bias(setup, log)
+    prior = replace(setup.bias, initial=found.value, initial_std=found.std, initial_drift_std=found.drift_std)
+    return replace(setup, bias=prior)
+
+
 def compare(result, candidates, constant, ahead):
     """Rms errors (6,) of all candidates, with the wrench of the tool that one result has, over the same samples."""
     y = measured_bias(result)
     tare = np.nanmean(y[result.t < result.t[0] + TARE], axis=0)
     judged = np.where(np.isfinite(prediction(result, ahead)), y, np.nan)
-    shared = {name: each for name, each in candidates.items() if name != IDENTIFIED}
-    found = {name: rms(judged - prediction(each, ahead)) for name, each in shared.items()}
-    found[IDENTIFIED] = rms(errors(candidates[IDENTIFIED], ahead))  # its own wrench of the tool
+    found = {
+        name: rms(errors(each, ahead) if name in OWN_WRENCH else judged - prediction(each, ahead))
+        for name, each in candidates.items()
+    }
     baselines = {"constant calibration": rms(judged - constant), "held tare": rms(judged - tare)}
     hindsight = rms(judged - np.nanmean(judged, axis=0))
     so_far = np.nancumsum(y, axis=0) / np.maximum(np.isfinite(y).cumsum(0), 1)

@@ -10,11 +10,13 @@ import numpy as np
 
 from ftbias_jax.calibration.identify import NAMES, UNITS, Identified, identify
 from ftbias_jax.calibration.identify_poses import PoseReport, identify_poses
-from ftbias_jax.errors import LogError
+from ftbias_jax.calibration.tool import crosstalk as sensor_channels
+from ftbias_jax.calibration.tool.channels import Channels
+from ftbias_jax.calibration.tool.steady import SteadyBias, steady_bias
+from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.pipeline import Options
-from ftbias_jax.filtering.recorded.ready import filtered_with
 from ftbias_jax.filtering.samples import pad, samples_from_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
@@ -22,11 +24,8 @@ from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.require import with_guessed_tool
 from ftbias_jax.setup.rotations import rotation_from_vector
-from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array
+from ftbias_jax.setup.types import BiasSetup, Setup
 
-STEADY, CLEARLY = 1e-3, 6.0
-"""sigma_Q of a bias that does not drift, in the stated one, and nats by which one that drifts must be likelier."""
 MUCH = 5.0
 """Innovations this many times larger than the noise stated are no noise."""
 
@@ -47,6 +46,8 @@ class IdentifyResult:
     """Whether the setup has the bias found, as the prior of logs that follow."""
     poses: PoseReport | None = None
     """Of static poses: how well each is predicted from the others; None = a log of motion."""
+    channels: Channels | None = None
+    """Gains of the sensor's channels and leaks between them; None = not asked for."""
 
     @property
     def converged(self) -> bool:
@@ -65,7 +66,8 @@ class IdentifyResult:
         remedy = "turn the wrist through all directions of gravity, and keep the tool free of contact"
         if not self.converged:
             raise LogError("the search for the tool did not converge; nothing is written", remedy=remedy)
-        if all(self.tool.remarks) and not (self.mounting or self.gravity or self.bias):
+        channels = self.channels is not None and self.channels.shown
+        if all(self.tool.remarks) and not (self.mounting or self.gravity or self.bias or channels):
             raise LogError("determines nothing of the tool; nothing is written", remedy=remedy)
         self.setup.save(path)
 
@@ -81,6 +83,8 @@ class IdentifyResult:
             lines.append(f"sensor turned by {turned} deg")
         if self.gravity:
             lines.append(f"gravity {_with_errors(found.gravity, found.gravity_stderr)} m/s^2")
+        if self.channels is not None:
+            lines += sensor_channels.in_words(self.channels)
         lines.append(f"bias at the end: {_with_errors(found.bias[:3], found.bias_stderr[:3])} N")
         lines.append(f"                 {_with_errors(found.bias[3:], found.bias_stderr[3:])} Nm")
         lines += _motion_lines(found) if self.poses is None else _pose_lines(self.poses)
@@ -99,6 +103,7 @@ def identify_tool(
     mounting: bool = False,
     gravity: bool = False,
     bias: bool = False,
+    crosstalk: bool = False,
     unchecked: bool = False,
     progress: Callable[[str], None] = silent,
 ) -> IdentifyResult:
@@ -114,7 +119,10 @@ def identify_tool(
         mounting: also find how the sensor is turned on the flange, by any angle.
         gravity: also find the direction of gravity in the base frame; its size is kept.
         bias: also put the bias, with its standard error, into the setup: the prior of logs that are recorded next, as
-            long as nobody zeroes the sensor. It is constant unless a drift is clearly likelier; then that at the end.
+            long as nobody zeroes the sensor. It is constant, and they begin without drift, unless a drift is clearly
+            likelier and predicts the readings better; then it is that at the end.
+        crosstalk: also find the gains of the sensor's channels and the leaks between them, as effects of the setup, if
+            blocks of the log that are left out of the fit are likelier with them. Not from static poses.
         unchecked: do not look first whether the setup can be right (``check_setup``).
         progress: called with the name of each stage as it begins.
 
@@ -124,8 +132,12 @@ def identify_tool(
     Raises:
         SetupError: the setup is wrong in more than the tool, as the log shows. LogError: the log is in units or frames
             that no setup states.
+        UsageError: crosstalk is asked of static poses.
     """
-    report = None
+    report, channels, steady = None, None, None
+    if crosstalk and isinstance(log, Poses):
+        remedy = "give a log of motion, or leave it out"
+        raise UsageError("gains and crosstalk are not found from static poses", field="crosstalk", remedy=remedy)
     progress("checking the setup")
     if not isinstance(log, Poses):
         require_right(setup, [log], "identify", unchecked)
@@ -139,42 +151,46 @@ def identify_tool(
         samples = samples_from_log(filter_log.without_useless(log, params))
         samples = pad(samples, filter_log.padded_length(len(log.t)))  # logs of different lengths share programs
         found = identify(params, samples, options, mounting, gravity)
-        if bias:
-            value, std = _steady_bias(_with_tool(setup, found, mounting, gravity, bias=False), log)
-            # The filter takes the tool as known; what is not known of it is in the first standard error.
-            found = found._replace(bias=value, bias_stderr=np.hypot(found.bias_stderr, std))
+        of_tool = _with_tool(setup, found, mounting, gravity)
+        if crosstalk:
+            progress("fitting gains and crosstalk")
+            channels = sensor_channels.find_channels(of_tool, log)
+            setup, of_tool = (sensor_channels.with_channels(each, channels) for each in (setup, of_tool))
+        if bias or (channels is not None and channels.shown):
+            steady = steady_bias(of_tool, log)
+            std = steady.std_with_tool(found.values, found.stderr)
+            found = found._replace(bias=steady.value, bias_stderr=std)
     comments = {**setup.comments, **_comments(found, mounting, gravity, bias)}
-    result = replace(_with_tool(setup, found, mounting, gravity, bias), comments=comments)
-    return IdentifyResult(result, found, mounting, gravity, bias, report)
+    result = replace(_with_tool(setup, found, mounting, gravity), comments=comments)
+    if bias:
+        result = replace(result, bias=_prior(result.bias, found, steady))
+    return IdentifyResult(result, found, mounting, gravity, bias, report, channels)
 
 
-def _steady_bias(setup: Setup, log: Log) -> tuple[Array, Array]:
-    """The bias (6,) N, Nm that logs which follow should expect, and its standard deviation.
+def _prior(stated: BiasSetup, found: Identified, steady: SteadyBias | None) -> BiasSetup:
+    """The bias that was found, as what logs that follow expect."""
+    drift_std = stated.initial_drift_std if steady is None else steady.drift_std
+    return replace(
+        stated,
+        initial=found.bias,
+        initial_std=found.bias_stderr,
+        initial_drift=np.zeros(6),
+        initial_drift_std=drift_std,
+    )
 
-    A constant one, with what the log shows of noise and of errors that vary slowly; that of the end of the log only
-    if a drift is clearly likelier. In a log of seconds an error of the model looks like a drift, and goes on in none.
-    """
-    given = replace(setup.bias, adapt=True)
-    still = replace(given, noise_density=STEADY * given.noise_density, initial_drift_std=np.zeros(6))
-    constant, drifting = (filtered_with(replace(setup, bias=each), log)[0] for each in (still, given))
-    found = drifting if drifting.log_likelihood > constant.log_likelihood + CLEARLY else constant
-    return found.bias[-1], found.bias_std[-1]
 
-
-def _with_tool(setup: Setup, found: Identified, mounting: bool, gravity: bool, bias: bool) -> Setup:
+def _with_tool(setup: Setup, found: Identified, mounting: bool, gravity: bool) -> Setup:
     tool = replace(setup.tool, mass=float(found.values[0]), center_of_mass=found.values[1:4], inertia=found.values[4:])
     if tool.mass_std is not None and np.isfinite(found.stderr[0]):
         tool = replace(tool, mass_std=float(found.stderr[0]))
     if tool.center_of_mass_std is not None and np.isfinite(found.stderr[1:4]).all():
         tool = replace(tool, center_of_mass_std=found.stderr[1:4])
     turned = setup.sensor.rotation @ rotation_from_vector(found.rotation)
-    prior = replace(setup.bias, initial=found.bias, initial_std=found.bias_stderr, initial_drift=np.zeros(6))
     return replace(
         setup,
         tool=tool,
         sensor=replace(setup.sensor, rotation=turned) if mounting else setup.sensor,
         robot=replace(setup.robot, gravity=found.gravity) if gravity else setup.robot,
-        bias=prior if bias else setup.bias,
     )
 
 
@@ -191,7 +207,7 @@ def _comments(found: Identified, mounting: bool, gravity: bool, bias: bool) -> d
     if gravity:
         comments["robot.gravity"] = f"identified ± {_plain(found.gravity_stderr)}"
     if bias:
-        comments["bias.initial"] = "at the end of the log that the tool was identified from"
+        comments["bias.initial"] = "of the log that the tool was identified from"
     return comments
 
 

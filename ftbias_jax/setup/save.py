@@ -23,6 +23,8 @@ from ftbias_jax.setup.types import RobotSetup, Setup
 OURS = ("\u00b1", "ftbias ", "tuned, ")
 """What marks a remark of an earlier command, which a new one replaces; words of others stay."""
 SCREW_SECTIONS = ("[robot.flange]", "[[robot.joints]]")
+TERMS = "[[effects.term]]"
+"""A section that may stand several times, and is written as a whole."""
 _Said = dict[tuple[str, str], Line]
 
 
@@ -65,12 +67,14 @@ def edited_text(setup: Setup, target: str = "") -> str:
     if not _same_arm(read.robot, setup.robot):
         return dump_setup(setup)
     text = _edited(setup, _said(read), _said(setup), target)
+    if _terms(read) != _terms(setup):
+        text = _with_terms(text, setup)
     try:
         written = parse_setup(tomllib.loads(text), target)
     except (SetupError, tomllib.TOMLDecodeError):  # an odd way to write TOML: better all anew than wrong
         return dump_setup(setup)
     same = _same_arm(written.robot, setup.robot) and _values(_said(written)) == _values(_said(setup))
-    return text if same else dump_setup(setup)
+    return text if same and _terms(written) == _terms(setup) else dump_setup(setup)
 
 
 def _edited(setup: Setup, before: _Said, after: _Said, target: str) -> str:
@@ -104,6 +108,26 @@ def _edited(setup: Setup, before: _Said, after: _Said, target: str) -> str:
     for section, lines in new.items():
         written = f"{written.rstrip()}\n\n{section}\n" + "".join(f"{text}\n" for text in lines if text)
     return written
+
+
+def _with_terms(text: str, setup: Setup) -> str:
+    """The text with the terms of the setup at its end, in place of those it has."""
+    document = tomlkit.parse(text)
+    if "term" in document.get("effects", {}):
+        del document["effects"]["term"]
+    sections = "".join(f"\n{section}" for section in _terms(setup))
+    return f"{tomlkit.dumps(document).rstrip()}\n{sections}"
+
+
+def _terms(setup: Setup) -> list[str]:
+    """The sections of a setup's terms as text."""
+    texts: list[str] = []
+    for line in lines_of(setup):
+        if line.section == TERMS and not line.key:
+            texts.append(f"{TERMS}\n")
+        elif line.section == TERMS:
+            texts[-1] += toml_line(line.key, line.value, line.comment("")) + "\n"
+    return texts
 
 
 def _put(table: MutableMapping[str, Any], line: Line, remark: str) -> None:
@@ -153,8 +177,9 @@ def _move_urdf(document: MutableMapping[str, Any], setup: Setup, target: str) ->
 
 
 def _said(setup: Setup) -> _Said:
-    """The lines of a setup by section and key, without the list of screws."""
-    return {(line.section, line.key): line for line in lines_of(setup) if line.section not in SCREW_SECTIONS}
+    """The lines of a setup by section and key, without the list of screws and the terms."""
+    apart = (*SCREW_SECTIONS, TERMS)
+    return {(line.section, line.key): line for line in lines_of(setup) if line.section not in apart}
 
 
 def _same_arm(one: RobotSetup, two: RobotSetup) -> bool:

@@ -131,6 +131,23 @@ def test_effects_are_replaced_on_their_lines_and_removed(file, tmp_path):
     assert come == ["mass = 0.9  # ftbias diagnose: 0.9 \u00b1 0.2 kg"]
 
 
+def test_every_term_has_a_section_of_its_own_and_the_text_before_them_stays(file, tmp_path):
+    setup = load_setup(file)
+    first = {"drive": "velocity", "form": "linear", "columns": [4, 9], "coefficients": [0.1, 0.2]}
+    second = {"drive": "acceleration", "form": "swing", "frequency": 6.2, "coefficients": [0.9]}
+    out = tmp_path / "out.toml"
+    replace(setup, effects={**setup.effects, "term": [first, second]}).save(out)
+    assert load_setup(out).effects["term"] == [first, second]
+    assert out.read_text(encoding="utf-8").startswith(file.read_text(encoding="utf-8").rstrip())
+    again = load_setup(out)
+    replace(again, effects={**again.effects, "term": [second]}).save(out)
+    assert load_setup(out).effects["term"] == [second]
+    cleared = load_setup(out)
+    replace(cleared, effects={name: x for name, x in cleared.effects.items() if name != "term"}).save(out)
+    assert "term" not in load_setup(out).effects
+    assert "term" not in out.read_text(encoding="utf-8")
+
+
 def test_the_setup_of_a_urdf_keeps_the_reference_wherever_it_is_saved(tmp_path):
     (tmp_path / "arm.urdf").write_text(ARM)
     text = '[robot]\nurdf = "arm.urdf"  # from the driver\ntip_link = "arm"\n\n[sensor]\nnoise_std = 0.1\n'

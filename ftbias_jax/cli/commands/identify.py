@@ -61,4 +61,4 @@ def _each(arguments: argparse.Namespace) -> int:
 
 def _asked(arguments: argparse.Namespace) -> dict[str, bool]:
     """Named arguments of ``identify_tool``."""
-    return {name: getattr(arguments, name) for name in ("mounting", "gravity", "bias", "unchecked")}
+    return {name: getattr(arguments, name) for name in ("mounting", "gravity", "bias", "crosstalk", "unchecked")}

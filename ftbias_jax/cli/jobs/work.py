@@ -105,7 +105,7 @@ def identify_one(log: str, output: str, setup: Setup, asked: Mapping[str, Any]) 
         log: its path.
         output: the setup that is written.
         setup: to start from.
-        asked: ``mounting``, ``gravity``, ``bias`` and ``unchecked`` of the command.
+        asked: ``mounting``, ``gravity``, ``bias``, ``crosstalk`` and ``unchecked`` of the command.
     """
     from ftbias_jax.calibration.identify_tool import identify_tool
 

@@ -111,7 +111,12 @@ def add_identify(commands: Commands) -> None:
     parser.add_argument(
         "--bias",
         action="store_true",
-        help="also write the bias at the end of LOG with its standard error, as the prior of logs recorded next",
+        help="also write the bias of LOG with its standard error, as the prior of logs recorded next",
+    )
+    parser.add_argument(
+        "--crosstalk",
+        action="store_true",
+        help="also find the gains of the sensor's channels and the leaks between them, if LOG shows them",
     )
     add_unchecked(parser)
     add_archive(parser)
