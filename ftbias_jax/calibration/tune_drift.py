@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.adapt.slow_noise import Grid, drift_over, filter_blocks
+from ftbias_jax.filtering.adapt.slow_noise import Grid, drift_over, filter_blocks, nats_of
 from ftbias_jax.types import Array
 
 TIMES = (np.inf, 300.0, 100.0, 30.0, 10.0)
@@ -97,13 +97,12 @@ def score(logs: Sequence[Series], slow: tuple[Array, Array], drifts: Drift) -> S
     grid = Grid(np.ones(shape), *(np.broadcast_to(x, shape) for x in slow))
     nats, squares, counts = np.zeros(shape), np.zeros((len(HORIZONS), *shape)), np.zeros((len(HORIZONS), 1, 6))
     for t, y, variance, prior_std in logs:
-        steps = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), drifts.density, 1 / drifts.time)
-        v, s, bias, drift = (np.stack(x) for x in zip(*steps, strict=True))
-        nats -= np.where(np.isfinite(v), np.log(s) + np.nan_to_num(v) ** 2 / s, 0).sum(0) / 2
+        found = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), drifts.density, 1 / drifts.time)
+        nats += nats_of(found.innovation, found.variance)
         for i, ahead in enumerate(HORIZONS):
             past = np.searchsorted(t, t - ahead, side="right") - 1
             rows = past >= 0
-            expected = bias[past[rows]] + drift_over(ahead, 1 / drifts.time)[0] * drift[past[rows]]
+            expected = found.bias[past[rows]] + drift_over(ahead, 1 / drifts.time)[0] * found.drift[past[rows]]
             errors = y[rows, None] - expected
             squares[i] += np.nansum(errors**2, axis=0)
             counts[i, 0] += np.isfinite(y[rows]).sum(0)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering import filter_log as chunks
 from ftbias_jax.filtering.check.check_setup import check_setup
-from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
 from ftbias_jax.filtering.quality.contacts import contact_intervals
@@ -23,7 +21,7 @@ from ftbias_jax.filtering.recorded.tool_error import (
     with_error_of_tool,
 )
 from ftbias_jax.filtering.result import join
-from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.filtering.samples import arrays_from_log, first_position, samples_from_log
 from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log, Repair
@@ -76,8 +74,8 @@ def filter_log(
     if as_stated:
         setup = replace(setup, bias=replace(setup.bias, adapt=False))
     options = options_from_setup(setup)
-    likeliest = chunks.likeliest_params(setup, samples_from_log(log), options)
-    first_q = np.asarray(first_measured(jnp.asarray(log.q)))
+    likeliest = chunks.likeliest_params(setup, arrays_from_log(log), options)
+    first_q = first_position(log.q)
     ready = ready_to_filter(setup, likeliest, first_q, lambda: in_parts(log, likeliest), len(log.t))
     parts = []
     for part in ready.results():
@@ -124,7 +122,7 @@ def smooth_log(setup: Setup, log: Log) -> SmoothResult:
         arrays at the stamps of the wrench.
     """
     options = options_from_setup(setup)
-    params = chunks.likeliest_params(setup, samples_from_log(log), options)
+    params = chunks.likeliest_params(setup, arrays_from_log(log), options)
     mean, std = chunks.smooth_with_params(params, log, options)
     rows = np.isfinite(log.wrench).any(1)
     return SmoothResult(
