@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.adapt.slow_noise import Grid, drift_over, filter_blocks, nats_of
+from ftbias_jax.filtering.adapt.block_filter import Grid, drift_over, filter_blocks
+from ftbias_jax.filtering.adapt.slow_noise import nats_of
 from ftbias_jax.types import Array
 
 TIMES = (np.inf, 300.0, 100.0, 30.0, 10.0)

@@ -10,10 +10,10 @@ from jax import Array
 from ftbias_jax.filtering.fast.scan import Inputs
 from ftbias_jax.filtering.fast.sums import filter_sums
 from ftbias_jax.filtering.joint_filter import first_measured, init
-from ftbias_jax.filtering.pieces import over_pieces
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.model.params import JointNoise
 from ftbias_jax.runtime.kept_programs import keep_program
+from ftbias_jax.runtime.pieces import over_pieces
 
 if TYPE_CHECKING:
     from jaxtyping import Float

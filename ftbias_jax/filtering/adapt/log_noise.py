@@ -7,11 +7,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.filtering.adapt.block_filter import Grid, filter_blocks
 from ftbias_jax.filtering.adapt.blocks import Blocks, unmeasured_axes
 from ftbias_jax.filtering.adapt.contact import Contact, find_contacts, in_contact, slow_std
 from ftbias_jax.filtering.adapt.sample_noise import sensor_level
 from ftbias_jax.filtering.adapt.scatter import HEAVY
-from ftbias_jax.filtering.adapt.slow_noise import Grid, SlowNoise, coarser, filter_blocks, fit_slow_noise
+from ftbias_jax.filtering.adapt.slow_noise import SlowNoise, coarser, fit_slow_noise
 from ftbias_jax.filtering.adapt.vibration import Vibration, fit_vibration
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import AXES, Array

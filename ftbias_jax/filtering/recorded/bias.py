@@ -21,12 +21,12 @@ from ftbias_jax.filtering.fast.stages import (
     without_noise,
 )
 from ftbias_jax.filtering.filter_log import padded_length, start_at
-from ftbias_jax.filtering.pieces import over_pieces
 from ftbias_jax.filtering.pipeline import Options, State
 from ftbias_jax.filtering.recorded.prepare import Prepared
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.filtering.samples import first_position, pad
 from ftbias_jax.model.params import Params
+from ftbias_jax.runtime.pieces import over_pieces
 from ftbias_jax.types import Array, Gaussian, Sample
 
 

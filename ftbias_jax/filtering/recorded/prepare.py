@@ -19,13 +19,13 @@ from ftbias_jax.filtering.fast.stages import (
     signals_of,
 )
 from ftbias_jax.filtering.filter_log import CHUNK, padded_length, start_at, without_useless
-from ftbias_jax.filtering.pieces import over_pieces
 from ftbias_jax.filtering.pipeline import Options, State
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.filtering.samples import arrays_from_log, pad
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.params import Params
+from ftbias_jax.runtime.pieces import over_pieces
 from ftbias_jax.types import Array, Gaussian, Sample
 
 LOOKAHEAD = 2048

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import overload
 
 import numpy as np
 
@@ -22,7 +24,9 @@ from ftbias_jax.filtering.recorded.tool_error import (
 )
 from ftbias_jax.filtering.result import join
 from ftbias_jax.filtering.samples import arrays_from_log, first_position, samples_from_log
-from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
+from ftbias_jax.filtering.verbs.many import FilterResults, filter_each
+from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult, only, require_fields
+from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.write.provenance import provenance, source_of
@@ -37,18 +41,47 @@ def _nobody(done: int) -> None:
     """Progress that nobody wants to know."""
 
 
-@in_float64
-def filter_log(
+Source = Log | str | os.PathLike[str]
+"""A log, or the path of one."""
+
+
+@overload
+def filter_log(  # type: ignore[overload-overlap]  # a path is a sequence of letters, too
     setup: Setup,
-    log: Log,
+    log: Source,
     *,
     smooth: bool = False,
     as_stated: bool = False,
     unchecked: bool = False,
+    fields: Sequence[str] = (),
     progress: Callable[[int], None] = _nobody,
     effects: Sequence[Effect] = (),
-) -> FilterResult:
-    """Bias, drift and corrected wrench of a log, each from the wrench samples before it.
+) -> FilterResult: ...
+@overload
+def filter_log(
+    setup: Setup,
+    log: Iterable[Source],
+    *,
+    smooth: bool = False,
+    as_stated: bool = False,
+    unchecked: bool = False,
+    fields: Sequence[str] = (),
+    progress: Callable[[int], None] = _nobody,
+    effects: Sequence[Effect] = (),
+) -> FilterResults: ...
+@in_float64
+def filter_log(
+    setup: Setup,
+    log: Source | Iterable[Source],
+    *,
+    smooth: bool = False,
+    as_stated: bool = False,
+    unchecked: bool = False,
+    fields: Sequence[str] = (),
+    progress: Callable[[int], None] = _nobody,
+    effects: Sequence[Effect] = (),
+) -> FilterResult | FilterResults:
+    """Bias, drift and corrected wrench of a log or of many logs, each from the wrench samples before it.
 
     The joints are smoothed, for a recording has their future too. Contact, vibration and slow errors are taken from the
     log where the setup leaves them open (``[bias] adapt = false`` does not), and standard deviations that the log
@@ -57,18 +90,62 @@ def filter_log(
 
     Args:
         setup: robot, sensor, tool and noise. A tool of unknown mass is part of the bias, if the log does not turn it.
-        log: what ``read_log`` gives.
+        log: what ``read_log`` gives, or its path. Or many of them, in a list or from a generator, which are taken one
+            at a time: logs of all lengths share a few compiled programs, and each result is that of the log alone.
         smooth: add the bias given past and future.
         as_stated: as a filter on the robot would: joints from the past alone, noise and gate as the setup states. The
             joints' process noise is then LAG_GUARD times the likeliest.
         unchecked: do not look first whether the setup can be right (``check_setup``); ``print`` says so if it is not.
-        progress: called with the number of samples done so far.
+        fields: names of the arrays that the result keeps beside t and log_likelihood, the others are None; () = all,
+            which takes 0.8 kB a sample. ``summary`` and all else of the result are worked out from the whole.
+        progress: called with the number of samples done so far, of all logs.
         effects: of your own that the setup states.
 
     Returns:
-        arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints.
+        arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints. Of many logs a sequence of
+        such results in their order, with None for a log that cannot be read or filtered: ``errors`` says why.
+
+    Raises:
+        UsageError: there is no log, or no field of such a name. Of a single log FtbiasError: it cannot be read or
+            filtered.
     """
-    setup, of_tool = weight_in_bias(setup.with_effects(effects), slices(log))
+    require_fields(fields)
+    setup, done = setup.with_effects(effects), Counted(progress)
+
+    def one(source: Source) -> FilterResult:
+        log = source if isinstance(source, Log) else read_log(source, setup)
+        result = _filter(setup, log, smooth=smooth, as_stated=as_stated, unchecked=unchecked, progress=done.of_one)
+        done.end()
+        return only(result, fields)
+
+    return one(log) if isinstance(log, Log | str | os.PathLike) else filter_each(log, one)
+
+
+class Counted:
+    """Adds up the samples of one log after the other.
+
+    Args:
+        report: called with the sum.
+    """
+
+    def __init__(self, report: Callable[[int], None]) -> None:
+        self._report, self._before, self._last = report, 0, 0
+
+    def of_one(self, samples: int) -> None:
+        """So many of the log at hand are done."""
+        self._last = samples
+        self._report(self._before + samples)
+
+    def end(self) -> None:
+        """The log at hand is done."""
+        self._before, self._last = self._before + self._last, 0
+
+
+def _filter(
+    setup: Setup, log: Log, *, smooth: bool, as_stated: bool, unchecked: bool, progress: Callable[[int], None]
+) -> FilterResult:
+    """The result of one log."""
+    setup, of_tool = weight_in_bias(setup, slices(log))
     of_tool = (*of_tool, *remark_of_tool(setup.tool))
     wrong = () if unchecked else check_setup(setup, [log]).lines()
     if as_stated:

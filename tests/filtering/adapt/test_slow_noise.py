@@ -5,14 +5,8 @@ import pytest
 from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.filtering.adapt import slow_noise
-from ftbias_jax.filtering.adapt.slow_noise import (
-    Grid,
-    averaged,
-    coarser,
-    filter_blocks,
-    fit_slow_noise,
-    log_likelihoods,
-)
+from ftbias_jax.filtering.adapt.block_filter import Grid, averaged, filter_blocks
+from ftbias_jax.filtering.adapt.slow_noise import coarser, fit_slow_noise, log_likelihoods
 
 PRIOR = np.concatenate([20 * STD, 0.05 * STD])
 DENSITY = 0.01 * STD
