@@ -8,12 +8,12 @@ import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.filtering.fast.scan import Inputs
-from ftbias_jax.filtering.fast.sums import filter_sums
 from ftbias_jax.filtering.joint_filter import first_measured, init
+from ftbias_jax.filtering.likelihood import measured_length, nats_in_pieces
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.model.params import JointNoise
 from ftbias_jax.runtime.kept_programs import keep_program
-from ftbias_jax.runtime.pieces import over_pieces
+from ftbias_jax.types import Sample
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -54,29 +54,14 @@ def likeliest_density(
     return 2 ** (jnp.take_along_axis(exponents, best, 0)[0] + spacing * jnp.clip(shift, -1, 1))
 
 
-Summed = tuple[Array, Array, Array]
-"""nats so far, and mean and covariance of the filters."""
-
-
 def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densities: Array, model: str) -> Array:
     """Log-likelihood (G, n) of each joint's measurements for each density of its grid (G, n), all in one recursion."""
-    start, T = init(noise, first_measured(q)), len(dt)
-    variance = jnp.stack([noise.position_std, noise.velocity_std]) ** 2
+    start, y = init(noise, first_measured(q)), jnp.stack([q, dq], 1)
+    variance = jnp.broadcast_to((jnp.stack([noise.position_std, noise.velocity_std]) ** 2)[None], y.shape)
     restart = jnp.broadcast_to((noise.prior_std**2)[:, None], start.mean.T.shape)
-
-    def lanes(x: Array) -> Array:
-        return jnp.concatenate([x] * len(densities), -1)
-
-    def add_piece(state: Summed, piece: tuple[Array, Array]) -> tuple[Summed, None]:
-        dt, y = piece
-        spread = jnp.broadcast_to(variance[None], y.shape)
-        inputs = Inputs(dt, densities.reshape(-1), lanes(y), lanes(spread), *state[1:], lanes(restart))
-        found = filter_sums(JOINT_MODELS[model], False, inputs, jnp.ones_like(dt))
-        return (state[0] + found.nats, found.mean, found.covariance), None
-
-    begin = jnp.zeros_like(densities).reshape(-1), *map(lanes, (start.mean.T, jnp.moveaxis(start.covariance, 0, -1)))
-    y = jnp.stack([q, dq], 1)
-    of_log = (dt != 0) | jnp.isfinite(y).any((1, 2))
-    length = jnp.max(jnp.where(of_log, jnp.arange(1, T + 1), 0))
-    nats: Array = over_pieces(add_piece, begin, (dt, y), length)[0][0]
+    joints = (y, variance, start.mean.T, jnp.moveaxis(start.covariance, 0, -1), restart)
+    lanes = (jnp.concatenate([x] * len(densities), -1) for x in joints)
+    inputs, nothing = Inputs(dt, densities.reshape(-1), *lanes), jnp.full((len(dt), 0), jnp.nan)
+    length = measured_length(Sample(dt, q, dq, nothing))
+    nats = nats_in_pieces(JOINT_MODELS[model], inputs, jnp.ones_like(dt), length)
     return nats.reshape(densities.shape)

@@ -1,4 +1,4 @@
-"""The Kalman filter of bias, drift and an error that varies slowly, on the means of blocks: many sets of noise at once."""
+"""The Kalman filter of bias, drift and slow error on the means of blocks, for many sets of noise at once."""
 
 from __future__ import annotations
 
