@@ -121,7 +121,7 @@ def nats_in_pieces(
 
 
 def measured_length(samples: Sample) -> Array:
-    """() samples up to the last one that is not padding, of the longest of logs (..., T)."""
+    """() samples up to the last one that is not padding, where dt is 0 s and all is NaN; of the longest of (..., T)."""
     there = samples.dt != 0
     for x in (samples.q, samples.dq, samples.wrench):
         there = there if x is None else there | jnp.isfinite(x).any(-1)
