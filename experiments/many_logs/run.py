@@ -17,7 +17,7 @@ import numpy as np
 
 import ftbias_jax as ft
 from ftbias_jax.calibration.batching import equal_parts
-from ftbias_jax.calibration.tune import SAMPLES_AT_ONCE
+from ftbias_jax.calibration.tune import PIECES_AT_ONCE
 from ftbias_jax.filtering.samples import arrays_from_log
 from ftbias_jax.runtime.pieces import PIECE
 
@@ -68,7 +68,7 @@ def shares_of_padding(logs):
     lengths = np.array([len(log.t) for log in logs])
     filtered = PIECE * -(-lengths // PIECE)
     samples = [arrays_from_log(log) for log in logs]
-    parts = equal_parts(samples, max(1, SAMPLES_AT_ONCE // max(lengths)))
+    parts = equal_parts(samples, PIECES_AT_ONCE)
     tuned = sum(len(part) * PIECE * -(-max(len(log.dt) for log in part) // PIECE) for part in parts)
     powers = 2 ** np.ceil(np.log2(lengths))
     return {

@@ -32,6 +32,7 @@ from ftbias_jax.types import Array, Sample
 PIECE = 4096
 """Joint filters forget within a fraction of a second, so their logs are cut into pieces that run side by side."""
 PIECES_AT_ONCE = 4
+"""Or logs: few, because work on them takes the time of the longest."""
 SAMPLES_AT_ONCE = 1 << 18
 """Of whole logs side by side. Both bound the memory."""
 RESTART_SPREAD = np.log(10.0)
@@ -176,7 +177,8 @@ def tune_wrench(
         params with the fitted noise, and the fit.
     """
     longest = max(len(log.dt) for log in logs)
-    samples = [stack(part, longest) for part in equal_parts(list(logs), max(1, SAMPLES_AT_ONCE // longest))]
+    at_once = max(1, min(PIECES_AT_ONCE, SAMPLES_AT_ONCE // longest))
+    samples = [stack(part, longest) for part in equal_parts(list(logs), at_once)]
     wrenches = newton.for_each(partial(smoothed_wrenches, params, options=options), samples)
     parts = [(params, WrenchLogs(part, *wrench)) for part, wrench in zip(samples, wrenches, strict=True)]
     return fit_wrench(params, parts, ties, burn_in, restarts, report, total)
