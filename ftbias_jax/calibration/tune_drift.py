@@ -1,7 +1,8 @@
 """Which drift forecasts best, on the blocks of logs: the stated one, a stronger or weaker one, or one that reverts.
 
 The likelihood of the next block is made by what happens within seconds. A drift that follows the slow errors of a model
-is likely, and carries the bias away from where it will be: it must also predict the reading 1 s and 10 s ahead.
+is likely, and carries the bias away from where it will be: it must also predict the reading 1 s and 10 s ahead, by
+bias, drift and slow error, as the results of a filter do (``quality.ahead``).
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.adapt.block_filter import Grid, drift_over, filter_blocks
+from ftbias_jax.filtering.adapt.block_filter import Grid, filter_blocks
 from ftbias_jax.filtering.adapt.slow_noise import nats_of
+from ftbias_jax.filtering.quality.ahead import expected_with
 from ftbias_jax.types import Array
 
 TIMES = (np.inf, 300.0, 100.0, 30.0, 10.0)
@@ -99,11 +101,17 @@ def score(logs: Sequence[Series], slow: tuple[Array, Array], drifts: Drift) -> S
     nats, squares, counts = np.zeros(shape), np.zeros((len(HORIZONS), *shape)), np.zeros((len(HORIZONS), 1, 6))
     for t, y, variance, prior_std in logs:
         found = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), drifts.density, 1 / drifts.time)
+        half = float(np.median(np.diff(t))) / 2 if len(t) > 1 else 0.0
+        slow_error = (
+            np.exp(half / grid.time) * found.slow
+        )  # as if it, too, were forgotten from the middle of its block on
         nats += nats_of(found.innovation, found.variance)
         for i, ahead in enumerate(HORIZONS):
             past = np.searchsorted(t, t - ahead, side="right") - 1
             rows = past >= 0
-            expected = found.bias[past[rows]] + drift_over(ahead, 1 / drifts.time)[0] * found.drift[past[rows]]
+            then = past[rows]
+            states = found.bias[then], found.drift[then], slow_error[then]
+            expected = expected_with(*states, drifts.time, grid.time, ahead)
             errors = y[rows, None] - expected
             squares[i] += np.nansum(errors**2, axis=0)
             counts[i, 0] += np.isfinite(y[rows]).sum(0)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ftbias_jax.calibration.data_noise.values import setup_from_values
 from ftbias_jax.calibration.judgement import Predicted
 from ftbias_jax.calibration.tune import Fit
+from ftbias_jax.calibration.tune_motion import NAME as VIBRATION
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array
@@ -108,14 +109,31 @@ def reasons_against(scores: Sequence[HeldOut], predicted: Sequence[Predicted], s
     return (*reasons, f"the logs show {', '.join(shown)}") if reasons and shown else tuple(reasons)
 
 
+def is_better(moving: TuneResult, plain: TuneResult) -> bool:
+    """Whether noise that grows with the motion, fitted beside the rest, holds out better than the rest alone."""
+    gain = moving.held_out[-1].after - plain.held_out[-1].after
+    return gain > LEAST_LOSS and (not moving.reasons or bool(plain.reasons))
+
+
+def with_fit(wrench: Fit | None, motion: Fit) -> Fit:
+    """The fit of noise that grows with the motion as part of that of the wrench."""
+    if wrench is None:
+        return motion
+    return motion._replace(
+        values={**wrench.values, **motion.values},
+        relative_stderr={**wrench.relative_stderr, **motion.relative_stderr},
+        undetermined=[*(() if "density" in motion.values else wrench.undetermined), *motion.undetermined],
+    )
+
+
 def _table(fit: Fit) -> str:
     lines = []
     for name, values in fit.values.items():
-        errors = fit.relative_stderr[name] * values
-        shown = (
-            f"{x:.3g} ± {e:.1g}" if np.isfinite(e) else f"{x:.3g} (open)" for x, e in zip(values, errors, strict=True)
-        )
-        lines.append(f"{name:16s} " + "  ".join(shown))
+        # One row of six axes for each joint, where every joint has its own.
+        for row, relative in zip(np.atleast_2d(values), np.atleast_2d(fit.relative_stderr[name]), strict=True):
+            errors = zip(row, relative * row, strict=True)
+            shown = (f"{x:.3g} ± {e:.1g}" if np.isfinite(e) else f"{x:.3g} (open)" for x, e in errors)
+            lines.append(f"{name:16s} " + "  ".join(shown))
     found = fit.optimum
     lines.append(f"{'':16s} log-likelihood {found.value:.1f} nats; {found.agreeing} of {found.starts} starts agree")
     lines += [f"{'':16s} not determined by these logs: {words}" for words in fit.undetermined]
@@ -150,8 +168,17 @@ def with_noise(setup: Setup, params: Params, fits: dict[str, Fit]) -> Setup:
             bias=replace(setup.bias, noise_density=density, drift_time=_optional(params.bias.drift_time)),
             sensor=replace(setup.sensor, noise_std=_where_known(found.get("wrench_std"), noise_std, noise_std)),
             data_noise=setup_from_values(fits["wrench"].values) or setup.data_noise,
+            effects=_with_vibration(setup.effects, fits["wrench"].values),
         )
     return setup
+
+
+def _with_vibration(effects: Mapping[str, Any], values: dict[str, np.ndarray]) -> Mapping[str, Any]:
+    """The effects of a setup with the noise that grows with the motion, if that was fitted."""
+    if VIBRATION not in values:
+        return effects
+    bend = {"speed": float(values[f"{VIBRATION}_speed"][0])} if f"{VIBRATION}_speed" in values else {}
+    return {**effects, VIBRATION: {"variance": values[VIBRATION].tolist()} | bend}
 
 
 def _optional(values: Array | None) -> Array | None:
@@ -173,9 +200,12 @@ def comments_of(fits: dict[str, Fit]) -> dict[str, str]:
         "velocity_std": "joints.velocity_noise_std",
         "density": "bias.noise_density",
         "wrench_std": "sensor.noise_std",
+        VIBRATION: f"effects.{VIBRATION}.variance",
+        f"{VIBRATION}_speed": f"effects.{VIBRATION}.speed",
     }
     comments = {
-        keys.get(name, f"data_noise.{name}"): "tuned, relative standard errors " + " ".join(f"{x:.1g}" for x in errors)
+        keys.get(name, f"data_noise.{name}"): "tuned, relative standard errors "
+        + " ".join(f"{x:.1g}" for x in errors.ravel())
         for fit in fits.values()
         for name, errors in fit.relative_stderr.items()
     }

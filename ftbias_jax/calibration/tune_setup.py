@@ -16,7 +16,16 @@ from ftbias_jax.calibration.data_noise.values import KINDS, values_from_setup
 from ftbias_jax.calibration.judgement import Predicted, judge_predictions, what_the_logs_show
 from ftbias_jax.calibration.tune import JOINT_NAMES, TIES, Fit, tune_joints, tune_wrench
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, is_correlated, look_at, tune_in_blocks
-from ftbias_jax.calibration.tune_result import HeldOut, TuneResult, comments_of, reasons_against, with_noise
+from ftbias_jax.calibration.tune_motion import shown_vibration, tune_motion
+from ftbias_jax.calibration.tune_result import (
+    HeldOut,
+    TuneResult,
+    comments_of,
+    is_better,
+    reasons_against,
+    with_fit,
+    with_noise,
+)
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.check.check_setup import require_right
@@ -136,22 +145,30 @@ def tune(
                 tuned[0], seen[0], wanted, options, restarts=restarts, report=told, total=total
             )
         tuned = [params]
-    scores: tuple[HeldOut, ...] = ()
-    if hold_out:
-        unseen = [[_part(log, 1 - hold_out, 1) for log in logs_of_tool] for logs_of_tool in samples]
-        scores = _judge(stated, tuned, unseen, options, total)
-    comments = comments_of(fits)
-    setups = [
-        replace(with_noise(each, params, fits), comments={**each.comments, **comments})
-        for (each, _), params in zip(tools, tuned, strict=True)
-    ]
-    predicted: tuple[Predicted, ...] = ()
-    if hold_out and wanted and alone:
-        predicted = judge_predictions(setup, setups[0], logs, hold_out)
-    shown = what_the_logs_show([log.noise for log in looked], logs)
-    correlated = is_correlated(looked)
-    reasons = reasons_against(scores if not correlated else scores[:1], predicted, shown)
-    return TuneResult(setups[0], fits, scores, tuple(setups[1:]), predicted, reasons)
+    unseen = [[_part(log, 1 - hold_out, 1) for log in logs_of_tool] for logs_of_tool in samples] if hold_out else []
+    shown, correlated = what_the_logs_show([log.noise for log in looked], logs), is_correlated(looked)
+
+    def judged(tuned: Sequence[Params], fits: dict[str, Fit]) -> TuneResult:
+        scores = _judge(stated, tuned, unseen, options, total) if hold_out else ()
+        comments = comments_of(fits)
+        setups = [
+            replace(with_noise(each, params, fits), comments={**each.comments, **comments})
+            for (each, _), params in zip(tools, tuned, strict=True)
+        ]
+        predicted: tuple[Predicted, ...] = ()
+        if hold_out and wanted and alone:
+            predicted = judge_predictions(setup, setups[0], logs, hold_out)
+        reasons = reasons_against(scores if not correlated else scores[:1], predicted, shown)
+        return TuneResult(setups[0], fits, scores, tuple(setups[1:]), predicted, reasons)
+
+    result, vibration = judged(tuned, fits), shown_vibration(setup, looked)
+    if vibration is None or "sensor" not in fit or not hold_out:
+        return result
+    # Errors that are correlated leave the samples' likelihood no say in how fast the bias moves.
+    beside = {} if correlated else wanted
+    params, of_motion = tune_motion(tuned[0], seen[0], vibration, beside, options, told)
+    moving = judged([params], {**fits, "wrench": with_fit(fits.get("wrench"), of_motion)})
+    return moving if is_better(moving, result) else result
 
 
 def _check(

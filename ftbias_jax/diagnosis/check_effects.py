@@ -113,7 +113,9 @@ def _faults_of_reading(effect: Effect, signals: Signals) -> Iterator[str]:
         return
     model, searched = signals.model, [p for p in effect.parameters if p.search and -1 not in p.shape]
     neutral = neutral_values(effect, model)
-    starts = {p.name: starts_of(effect, p, model)[0] for p in searched} if strengths(effect) else {}
+    starts = (
+        {p.name: starts_of(effect, p, np.asarray(neutral[p.name]))[0] for p in searched} if strengths(effect) else {}
+    )
     for words, values in {"at neutral": neutral, "switched off, at a start of its search": neutral | starts}.items():
         change = np.abs(np.asarray(predict(values) - believed)).max()
         if not np.isfinite(change):
@@ -162,7 +164,7 @@ def _faults_of_slopes(effect: Effect, signals: Signals, believed: Array) -> Iter
     at = {
         p.name: np.zeros(neutral[p.name].size)
         if not p.search
-        else to_coordinates(effect, p, neutral[p.name], _middle(starts_of(effect, p, model)))
+        else to_coordinates(effect, p, neutral[p.name], _middle(starts_of(effect, p, neutral[p.name])))
         for p in effect.parameters
     }
     on = at | {p.name: np.full(neutral[p.name].size, 0.5) for p in strengths(effect)}

@@ -32,7 +32,7 @@ from ftbias_jax.diagnosis.terms.states import state_of_problem
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check.check_setup import require_right
-from ftbias_jax.io.cleaning import clean
+from ftbias_jax.io.cleaning import cleaned, slices, survey
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.catalogue import check_names
@@ -117,8 +117,9 @@ def diagnose(
         raise UsageError(message, field="logs", remedy="give one log or more, and a name for each or none")
     check_names([name for name in without if name != TERM], "without", catalogue_of_setup(setup))
     progress("checking the setup")
-    logs = [clean(log, clipped=False, held=False) for log in logs]
-    require_right(setup, map(clean, logs), "diagnose", unchecked)
+    facts = [survey(slices(log)) for log in logs]
+    require_right(setup, map(cleaned, logs, facts), "diagnose", unchecked)
+    logs = [cleaned(log, known, clipped=False, held=False) for log, known in zip(logs, facts, strict=True)]
     progress("making the logs ready")
     with compiled_ahead(setup, logs):
         problem, samples = make_problem(setup, logs)

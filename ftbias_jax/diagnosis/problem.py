@@ -133,7 +133,7 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     """One log: bins, samples in each (B, 6), effects the setup knows of, and what the samples show."""
     options, samples, length = Options(joint_model=setup.joints.model), padded_samples(log), len(log.t)
     params = filter_log.likeliest_params(setup, samples, options)
-    known = params.bias.noise_per_speed
+    known = params.bias.in_motion
     joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # noise of samples comes below
     rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None
     contacts = contacts_in(log, reading - log.wrench, speed, variance)
@@ -144,8 +144,7 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
     found = found._replace(noise_std=noise_std)
     late = float(np.max(found.jitter.parameters["std"])) if found.jitter.detected else 0.0
-    moving = np.square(speed) @ np.broadcast_to(found.noise_per_speed, (speed.shape[1], 6))
-    of_samples, catalogue = (late * rate) ** 2 + moving, catalogue_of_setup(setup)
+    of_samples, catalogue = (late * rate) ** 2 + found.in_motion.variance(speed), catalogue_of_setup(setup)
     part, count = _bin(params, log, joints, joint_variance + coherent, of_samples, found, catalogue)
     return part._replace(contacts=contacts), count, params.effects or {}, found
 

@@ -171,7 +171,7 @@ def _is_sudden(problem: Problem, trial: Scored) -> bool:
 
 
 def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:
-    difference = block_scores(problem, better) - block_scores(problem, worse)
+    difference = block_scores(problem, better.error) - block_scores(problem, worse.error)
     return float(difference.sum() / max(np.sqrt(len(difference)) * difference.std(), 1e-12))
 
 

@@ -100,19 +100,8 @@ def correlated_variance(noise: BiasNoise, vibration: Array | None = None) -> Arr
 
 def vibration(noise: BiasNoise, velocity: Array) -> Array | None:
     """(..., 6) N^2, Nm^2: what the motion of the joints, velocity (..., n) rad/s, adds to the noise; None = nothing."""
-    if noise.vibration is None:
-        return None
-    variance: Array = effective_speed_squared(velocity, noise.vibration_speed) @ noise.vibration
-    return variance
-
-
-def effective_speed_squared(velocity: Any, most: Any) -> Any:
-    """dq^2 / sqrt(1 + (dq / most)^2), (rad/s)^2: vibration of real arms grows with dq^2, from some speed on with |dq|.
-
-    On recorded logs of three robots this form predicts the scatter of unseen stretches at least as well as one that
-    levels off altogether, and errs less where ``most`` is wrong.
-    """
-    return velocity**2 if most is None else velocity**2 / (1 + velocity**2 / most**2) ** 0.5
+    moving = noise.in_motion
+    return None if moving is None else moving.variance(velocity)
 
 
 def white_share(noise: BiasNoise, vibration: Array) -> Array:

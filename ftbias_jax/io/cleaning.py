@@ -76,7 +76,13 @@ def clean(log: Log, *, clipped: bool = True, stuck: bool = True, held: bool = Tr
     Raises:
         LogError: nothing of the wrench would be left.
     """
-    facts = survey(slices(log))
+    return cleaned(log, survey(slices(log)), clipped=clipped, stuck=stuck, held=held, file=file)
+
+
+def cleaned(
+    log: Log, facts: Facts, *, clipped: bool = True, stuck: bool = True, held: bool = True, file: str = ""
+) -> Log:
+    """The same of a log of which is known what must be; ``facts``: by ``survey``."""
     known = findings(facts, clipped=False, stuck=False, held=False)
     repairs = (*(repair for repair in log.repairs if repair not in known), *findings(facts, clipped, stuck, held))
     check_rest(facts, clipped, stuck, file)

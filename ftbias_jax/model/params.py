@@ -16,6 +16,7 @@ from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm, make_arm
+from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
@@ -70,13 +71,13 @@ class BiasNoise(NamedTuple):
     """(6,) s in which the drift reverts to zero; None = it never does (report, section 3)."""
 
     @property
-    def noise_per_speed(self) -> Array | None:
-        """What the squared speed of each joint adds to the noise variance, as ``vibration``."""
-        return self.vibration
+    def in_motion(self) -> MotionNoise | None:
+        """What the motion of the joints adds to the noise; None = nothing."""
+        return None if self.vibration is None else MotionNoise(self.vibration, self.vibration_speed)
 
     def at_rest(self) -> BiasNoise:
         """The same without what the motion adds to the noise."""
-        return self._replace(vibration=None)
+        return self._replace(vibration=None, vibration_speed=None)
 
 
 class Params(NamedTuple):
@@ -157,7 +158,8 @@ def split_noise(
         catalogue: that has the effects.
 
     Returns:
-        the other effects, and field -> (n, 6) N^2, Nm^2 per squared unit of each joint's speed.
+        the other effects, and field -> value: (n, 6) N^2, Nm^2 per squared unit of each joint's speed, and what else
+        the effect states that is not infinite, which is neutral.
 
     Raises:
         SetupError: rows that are neither one for each joint nor one for all.
@@ -167,12 +169,14 @@ def split_noise(
         effect = catalogue[name]
         if effect.filter_noise:
             del others[name]
-            key = effect.parameters[0].name
+            key, *further = (parameter.name for parameter in effect.parameters)
             rows = values[name][key]
             if len(rows) not in (1, joints):
                 remedy = f"give six numbers, or a row of six for each of the {joints} joints"
                 raise SetupError(f"has {len(rows)} rows", file=file, field=f"effects.{name}.{key}", remedy=remedy)
             noise[effect.filter_noise] = np.broadcast_to(rows, (joints, 6))
+            stated = {other: values[name][other] for other in further if other in values[name]}
+            noise |= {f"{effect.filter_noise}_{other}": x for other, x in stated.items() if np.isfinite(x).all()}
     return others, noise
 
 

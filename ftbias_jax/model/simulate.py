@@ -86,9 +86,15 @@ def temperature_course(t: Array) -> Array:
 
 def _effects_of_noise(params: Params) -> Values:
     """Effects of the catalogue that the filter knows as noise, with the values that it believes."""
-    known = {effect.name: effect for effect in CATALOGUE.values() if effect.filter_noise}
-    stated = {name: getattr(params.bias, effect.filter_noise) for name, effect in known.items()}
-    return {name: {known[name].parameters[0].name: value} for name, value in stated.items() if value is not None}
+    values = {}
+    for effect in CATALOGUE.values():
+        field = effect.filter_noise
+        if field and getattr(params.bias, field) is not None:
+            first, *further = (parameter.name for parameter in effect.parameters)
+            fields = {first: field} | {name: f"{field}_{name}" for name in further}
+            stated = {name: getattr(params.bias, own) for name, own in fields.items()}
+            values[effect.name] = {name: value for name, value in stated.items() if value is not None}
+    return values
 
 
 @jax.jit

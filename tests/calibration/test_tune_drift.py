@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from made_series import STD, gauss_markov, stamps
 
-from ftbias_jax.calibration.tune_drift import Drift, Series, choose_drift, score
+from ftbias_jax.calibration.tune_drift import HORIZONS, Drift, Series, choose_drift, score
+from ftbias_jax.filtering.adapt.slow_noise import Grid, filter_blocks
 
 STATED, NEVER = 0.01 * STD, np.full(6, np.inf)
 EACH = np.arange(6)
@@ -57,6 +58,29 @@ def test_slow_errors_do_not_make_a_drift():
     found = chosen([series], fitted=100 * STATED)
     before, after = (score([series], SLOW, Drift(x.density[None], x.time[None])) for x in (Drift(STATED, NEVER), found))
     assert (after.squares <= before.squares).all()
+
+
+def test_what_is_expected_ahead_is_what_results_of_a_filter_forecast():
+    """With the slow error that a filter tells from the bias, forgotten with its time, forecasts are better."""
+    rng = np.random.default_rng(6)
+    series = drifting(rng, STATED)
+    series = series._replace(y=series.y + gauss_markov(rng, series.t, 2 * STD, 3.0))
+    slow, stated = (2 * STD, np.full(6, 3.0)), Drift(STATED[None], NEVER[None])
+    known = score([series], slow, stated)
+    t, y = series.t, series.y
+    grid = Grid(np.ones((1, 6)), slow[0][None], slow[1][None])
+    steps = list(filter_blocks(t, y, series.variance, grid, PRIOR.reshape(2, 6), STATED))
+    half = np.median(np.diff(t)) / 2
+    for ahead, squares in zip(HORIZONS, known.squares, strict=True):
+        errors = []
+        for now in range(len(t)):
+            then = [k for k in range(now + 1) if t[k] <= t[now] - ahead]
+            if then:
+                state = steps[then[-1]]
+                expected = state.bias + ahead * state.drift + np.exp(-(ahead - half) / 3.0) * state.slow
+                errors.append(y[now] - expected[0])
+        np.testing.assert_allclose(squares[0], np.mean(np.square(errors), 0), rtol=1e-6)
+    assert (known.squares[0] < score([series], SLOW, stated).squares[0]).all()
 
 
 def test_axes_of_a_group_are_decided_together():

@@ -172,7 +172,8 @@ def test_a_density_left_open_is_the_true_one_times_the_guard():
 def filtered(path):
     setup = load_setup(path.with_suffix(".toml"))
     log = read_log(path, setup)
-    return log, filter_log.filter_with_params(filter_log.params_for_log(setup, samples_from_log(log)), log)
+    params = filter_log.params_for_log(setup, samples_from_log(log))
+    return log, params, filter_log.filter_with_params(params, log)
 
 
 @pytest.mark.slow
@@ -181,7 +182,7 @@ def test_logs_of_foreign_physics_without_a_gap(shared_data):
     truth = json.loads((shared_data / "gap_dev" / "truth.json").read_text())
     inside, better = [], []
     for name in (name for name, facts in truth.items() if "none" in facts["effects"]):
-        log, result = filtered(shared_data / "gap_dev" / f"{name}.npz")
+        log, _, result = filtered(shared_data / "gap_dev" / f"{name}.npz")
         bias = np.array(truth[name]["bias_1hz"])
         rows = np.minimum(np.searchsorted(log.t, np.arange(len(bias))), len(log.t) - 1)
         error = result.bias[rows] - bias
@@ -196,8 +197,8 @@ def test_logs_of_foreign_physics_without_a_gap(shared_data):
 @pytest.mark.slow
 def test_a_recorded_arm(shared_data):
     """ABB FRIDA: what is left of the wrench, and how well it is predicted one second ahead."""
-    _, result = filtered(shared_data / "real" / "abb_frida.npz")
-    summary = summarise(result)
+    _, params, result = filtered(shared_data / "real" / "abb_frida.npz")
+    summary = summarise(result, params.bias)
     assert (summary.residual_std[:3] <= 0.09).all()
     assert (summary.residual_std[3:] <= 3.2e-3).all()
     assert (summary.raw_std[:3] / summary.one_second_rms[:3] >= 8).all()

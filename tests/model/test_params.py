@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import SetupError
+from ftbias_jax.filtering import bias_filter
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import dump_setup, parse_setup
 
@@ -23,6 +24,19 @@ def test_vibration_of_the_setup_is_noise_of_the_filter_and_no_effect(rows):
     assert params.effects is None
     np.testing.assert_allclose(params.bias.vibration, np.broadcast_to(variance, (7, 6)))
     assert params_with({}).bias.vibration is None
+
+
+def test_the_speed_from_which_vibration_grows_with_the_speed_alone_is_known_to_the_filter():
+    rows = np.arange(1.0, 43).reshape(7, 6)
+    noise = params_with({"vibration": {"variance": rows.tolist(), "speed": 0.06}}).bias
+    dq = np.linspace(-1, 1, 7)
+    expected = (dq**2 / np.sqrt(1 + (dq / 0.06) ** 2)) @ rows
+    np.testing.assert_allclose(bias_filter.vibration(noise, dq), expected, rtol=1e-6)
+    never = params_with({"vibration": {"variance": rows.tolist(), "speed": float("inf")}}).bias
+    assert never.vibration_speed is None
+    np.testing.assert_allclose(bias_filter.vibration(never, dq), dq**2 @ rows, rtol=1e-6)
+    with pytest.raises(SetupError, match=r"effects\.vibration\.speed: got 0"):
+        params_with({"vibration": {"variance": rows.tolist(), "speed": 0.0}})
 
 
 def test_other_effects_stay():

@@ -68,6 +68,11 @@ def test_noise_that_params_say_grows_is_in_the_log_once(params, trajectory):
     np.testing.assert_allclose((noise**2 / expected).mean(0), 1, atol=5 * np.sqrt(2 / len(T)))
     named = simulate(jax.random.key(2), shaking, trajectory, {"vibration": {"variance": variance}})
     np.testing.assert_array_equal(named.wrench, log.wrench)
+    bent = shaking._replace(bias=shaking.bias._replace(vibration_speed=jnp.asarray(0.2)))
+    less = simulate(jax.random.key(2), bent, trajectory).wrench
+    also = {"vibration": {"variance": variance, "speed": jnp.asarray(0.2)}}
+    np.testing.assert_array_equal(simulate(jax.random.key(2), params, trajectory, also).wrench, less)
+    assert not np.array_equal(less, log.wrench)
 
 
 def test_the_same_key_gives_the_same_log(params, trajectory):

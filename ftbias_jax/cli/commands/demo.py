@@ -18,6 +18,7 @@ from ftbias_jax.types import Array
 if TYPE_CHECKING:
     from ftbias_jax.diagnosis.result import Diagnosis
     from ftbias_jax.filtering.result import Filtered
+    from ftbias_jax.model.params import Params
     from ftbias_jax.model.simulate import Simulation
 
 SETUP = {
@@ -71,12 +72,12 @@ def run(arguments: argparse.Namespace) -> int:
     noise = "{0:g} N, {3:g} Nm".format(*setup.sensor.noise_std)
     print(f"a simulated Panda, {recorded}, noise {noise}; its setup says that the tool weighs {setup.tool.mass} kg")
 
-    before = _filter(setup, log, folder / "before.npz")
-    print(f"1 filter    {_prediction(before)}")
+    before, params = _filter(setup, log, folder / "before.npz")
+    print(f"1 filter    {_prediction(before, params)}")
     diagnosis = _diagnose(setup, log, folder)
     print(f"2 diagnose  {_verdict(diagnosis)}")
-    after = _filter(load_setup(folder / "fixed.toml"), log, folder / "after.npz")
-    print(f"3 filter    {_prediction(after)}, with {folder / 'fixed.toml'}")
+    after, params = _filter(load_setup(folder / "fixed.toml"), log, folder / "after.npz")
+    print(f"3 filter    {_prediction(after, params)}, with {folder / 'fixed.toml'}")
     print(f"the truth   mass = {TRUE_MASS} kg; the bias against its truth, after {SETTLED:g} s:")
     print(_against_truth(before, after, truth))
     names = list(FILES[:6])
@@ -118,16 +119,16 @@ def _simulate(setup: Setup, seed: int, count: int, rate: float) -> Simulation:
     return simulated
 
 
-def _filter(setup: Setup, log: Log, path: Path) -> Filtered:
+def _filter(setup: Setup, log: Log, path: Path) -> tuple[Filtered, Params]:
     from ftbias_jax.filtering.recorded.ready import filtered_with
     from ftbias_jax.filtering.result import named_arrays
     from ftbias_jax.io.write import save_results
     from ftbias_jax.io.write.about import About
     from ftbias_jax.io.write.provenance import provenance, source_of
 
-    filtered, _ = filtered_with(setup, log)
+    filtered, params = filtered_with(setup, log)
     save_results(path, named_arrays(filtered), About(origin=provenance(setup, [source_of(log)], {})))
-    return filtered
+    return filtered, params
 
 
 def _diagnose(setup: Setup, log: Log, folder: Path) -> Diagnosis:
@@ -140,11 +141,11 @@ def _diagnose(setup: Setup, log: Log, folder: Path) -> Diagnosis:
     return diagnosis
 
 
-def _prediction(filtered: Filtered) -> str:
+def _prediction(filtered: Filtered, params: Params) -> str:
     """How well the filter knows the reading: the number that no forgiving noise can make small."""
     from ftbias_jax.filtering.quality.summary import summarise
 
-    rms = summarise(filtered).one_second_rms
+    rms = summarise(filtered, params.bias).one_second_rms
     force, torque = (np.sqrt(np.mean(np.square(part))) for part in (rms[:3], rms[3:]))
     return f"error of the reading predicted 1 s ahead: {force:.3f} N, {torque:.4f} Nm"
 

@@ -136,7 +136,7 @@ def filter_file(
         nonlocal tally, turning, touches
         for i, found in enumerate(ready.results(), 1):
             part = with_error_of_tool(found, setup.tool)
-            tally, turning = summary.add(tally, part), observability.add(turning, ready.params, part)
+            tally, turning = summary.add(tally, part, ready.params.bias), observability.add(turning, ready.params, part)
             touches = contacts.add(touches, ready.noise.contacts, part, log.start)
             progress(min(i * size / log.length, 1.0))
             yield part

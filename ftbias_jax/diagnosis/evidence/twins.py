@@ -26,14 +26,14 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     rest = tuple(h for h in accepted.hypotheses if h is not cause)
     named = {h.effect for h in accepted.hypotheses}
     without = fit(problem, rest, accepted) if rest else base
-    gain, blocks = accepted.log_likelihood - without.log_likelihood, block_scores(problem, accepted)
+    gain, blocks = accepted.log_likelihood - without.log_likelihood, block_scores(problem, accepted.error)
     left = max(-accepted.log_likelihood - (problem.samples > 0).sum() / 2, 0.0)
     declared = {twin.effect for twin in problem.catalogue[cause.effect].twins}
     twins: dict[str, None] = {}
     hopeful = [s for s in scored if s.hypothesis.effect not in named and s.nats > HOPELESS * scored[0].nats]
     for other in hopeful[:MOST_TRIED]:
         trial = fit(problem, (*rest, other.hypothesis), accepted) if rest else other.fit
-        difference = blocks - block_scores(problem, trial)
+        difference = blocks - block_scores(problem, trial.error)
         error = np.sqrt(len(difference)) * difference.std()
         lost = accepted.log_likelihood - trial.log_likelihood
         by_form = FORM_LOSS * gain + left if other.hypothesis.effect in declared else 0.0

@@ -11,6 +11,7 @@ from ftbias_jax.diagnosis.regression.evaluate import readings, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import gains, stand
 from ftbias_jax.diagnosis.thresholds import CLOSE, LONGEST_JUMP
+from ftbias_jax.model.effects.terms.columns import forces_at, torques
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
@@ -47,19 +48,10 @@ def with_the_pose(problem: Problem, found: Fit, series: np.ndarray) -> dict[str,
     axes = axes.transpose(0, 2, 1)  # (3, U, 3), each axis of the base in the sensor's coordinates
     down = np.tensordot(np.asarray(problem.parts[0].signals.model.gravity), axes, 1)
     arms = np.cross(np.eye(3)[:, None], down)
+    steady, weight = (forces_at(np, np.zeros(3), vectors) for vectors in (axes, down[None]))
     made = {
-        "a force that set in then and keeps its direction in the room": [_forces(axes), _torques(axes)],
-        "a load that was taken up or lost then": [_forces(down[None]), _torques(arms)],
+        "a force that set in then and keeps its direction in the room": [steady, torques(np, axes)],
+        "a load that was taken up or lost then": [weight, torques(np, arms)],
         "gauges whose gain changed then": [readings(problem, found.z[None])[0] * np.eye(6)[:, None]],
     }
     return {words: series[:, None] * np.concatenate(pieces) for words, pieces in made.items()}
-
-
-def _forces(vectors: np.ndarray) -> np.ndarray:
-    """(K, U, 3) N -> (K, U, 6)."""
-    return np.concatenate([vectors, np.zeros_like(vectors)], 2)
-
-
-def _torques(vectors: np.ndarray) -> np.ndarray:
-    """(K, U, 3) Nm -> (K, U, 6)."""
-    return np.concatenate([np.zeros_like(vectors), vectors], 2)

@@ -21,9 +21,8 @@ from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import keep
 from ftbias_jax.diagnosis.regression.score_test import Standing, gains
 from ftbias_jax.diagnosis.thresholds import STARTS_FITTED
-from ftbias_jax.model.effects.catalogue import neutral_values
 from ftbias_jax.model.effects.fitting import LINEAR, Starts
-from ftbias_jax.model.effects.types import Effect, Model, Parameter
+from ftbias_jax.model.effects.types import Effect, Parameter
 
 MOST_STARTS = 256
 """Combinations of starts of an effect that are tried."""
@@ -100,10 +99,9 @@ def _as_they_are(problem: Problem, standing: Standing, name: str, starts: list[_
 def _starts(problem: Problem, effect: Effect) -> Iterator[_Start]:
     """All combinations of the starts of the parameters that need a search, evenly thinned out if there are too many."""
     places = chain_model.slices(problem.joints, problem.catalogue)
-    model = problem.parts[0].signals.model
     neutral = {parameter.name: neutral_of(problem, effect, parameter.name) for parameter in effect.parameters}
     searched = [parameter for parameter in effect.parameters if parameter.search]
-    every = list(product(*(starts_of(effect, parameter, model) for parameter in searched)))
+    every = list(product(*(starts_of(effect, parameter, neutral[parameter.name]) for parameter in searched)))
     chosen = np.unique(np.linspace(0, len(every) - 1, min(len(every), MOST_STARTS)).astype(int))
     for combination in (every[i] for i in chosen):
         free, fixed = dict[int, float](), dict[int, float]()
@@ -115,15 +113,20 @@ def _starts(problem: Problem, effect: Effect) -> Iterator[_Start]:
         yield _Start(tuple(free), tuple(free.values()), tuple(fixed.items()))
 
 
-def starts_of(effect: Effect, parameter: Parameter, model: Model) -> list[np.ndarray]:
-    """Values at which the search for a parameter begins, in its shape: as stated, or spread over what is possible."""
+def starts_of(effect: Effect, parameter: Parameter, neutral: np.ndarray) -> list[np.ndarray]:
+    """Values at which the search for a parameter begins, in its shape: as stated, or spread over what is possible.
+
+    Args:
+        effect: that has the parameter.
+        parameter: to search for.
+        neutral: its neutral value, in its shape.
+    """
     if parameter.starts:
         return [np.broadcast_to(np.asarray(start, float), parameter.shape) for start in parameter.starts]
     lower, upper, scale = (
         np.broadcast_to(np.asarray(x, float), parameter.shape)
         for x in (parameter.lower, parameter.upper, parameter.scale)
     )
-    neutral = np.asarray(neutral_values(effect, model)[parameter.name])
     if not scale.any():
         if parameter.shape or not np.isfinite(upper - lower):
             return [neutral]

@@ -202,9 +202,9 @@ def _trials(columns: np.ndarray, error: np.ndarray, at: np.ndarray, least: np.nd
     return np.clip(trials, least, most, out=trials)
 
 
-def block_scores(problem: Problem, fit: Fit) -> np.ndarray:
-    """nats of each block of BLOCK_SECONDS, up to a constant."""
-    return -np.bincount(problem.block(BLOCK_SECONDS), (fit.error**2).sum(1)) / 2
+def block_scores(problem: Problem, error: np.ndarray) -> np.ndarray:
+    """nats of each block of BLOCK_SECONDS, up to a constant, of a fit that leaves these innovations (U, 6)."""
+    return -np.bincount(problem.block(BLOCK_SECONDS), (error**2).sum(1)) / 2
 
 
 def covariance(problem: Problem, fit: Fit, further: np.ndarray | None = None) -> np.ndarray:

@@ -25,6 +25,8 @@ class Gains(NamedTuple):
     """(M, M) products of the columns, after those of the fit are taken out of them."""
     pull: np.ndarray
     """(M,) products with the error."""
+    taken: np.ndarray
+    """(K, M) what the fit's own numbers do of each column."""
 
     def of(self, chosen: list[int]) -> float:
         """nats that these columns gain together."""
@@ -50,12 +52,12 @@ class Gains(NamedTuple):
         chosen: list[int] = []
         gained = 0.0
         while len(chosen) < min(most, len(rows)):
-            gains = np.where(np.isin(rows, chosen), -1, pull**2 / (normal.diagonal() + ridge))
+            gains = np.where(np.isin(rows, chosen), -1, pull**2 / (np.maximum(normal.diagonal(), 0) + ridge))
             best = int(gains.argmax())
-            trial = self.of([*chosen, rows[best]])
-            if trial - gained < max(2 * NATS_PER_DEGREE, least * trial):
+            gain = float(gains[best]) / 2
+            if gain < max(2 * NATS_PER_DEGREE, least * (gained + gain)):
                 break
-            chosen, gained = [*chosen, rows[best]], trial
+            chosen, gained = [*chosen, rows[best]], gained + gain
             # What the chosen column does of the others and of the error is taken out of them.
             taken = normal[best] / (normal[best, best] + ridge)
             pull, normal = pull - taken * pull[best], normal - np.outer(taken, normal[best])
@@ -71,19 +73,28 @@ class Standing(NamedTuple):
     information: Information
     pull: np.ndarray
     """(K,) their products with the error."""
+    step: np.ndarray
+    """(K,) change of its own numbers that brings the error nearest to zero: next to nothing at the fit's end."""
+
+    def at(self, error: np.ndarray) -> Standing:
+        """The same fit with other innovations (U, 6)."""
+        pull = products(self.layout, error[None])[0]
+        step = -self.information.solve(pull[:, None])[:, 0]
+        return self._replace(fit=self.fit._replace(error=error), pull=pull, step=step)
 
 
 def stand(fit: Fit) -> Standing:
     """Prepare a fit for columns that come beside it."""
     layout = lay_out(fit.columns)
-    return Standing(fit, layout, information(fit.columns), products(layout, fit.error[None])[0])
+    told, pull = information(fit.columns), products(layout, fit.error[None])[0]
+    return Standing(fit, layout, told, pull, -told.solve(pull[:, None])[:, 0])
 
 
 def gains(standing: Standing, columns: np.ndarray) -> Gains:
     """Prepare the gains of whitened columns (M, U, 6) beside a fit."""
     flat = columns.reshape(len(columns), -1)
     shared, taken, pull = _beside(standing, columns)
-    return Gains(flat @ flat.T - shared @ taken, pull)
+    return Gains(flat @ flat.T - shared @ taken, pull, taken)
 
 
 def gain_of_each(standing: Standing, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

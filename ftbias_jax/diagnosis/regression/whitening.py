@@ -39,19 +39,23 @@ class Whitener(NamedTuple):
         Args:
             series: (C, U, 6), or (C, U, 1) if the same in every channel.
         """
-        count, used, channels = series.shape
+        return np.ascontiguousarray(self.by_channel(series.transpose(2, 0, 1)).transpose(1, 2, 0))
+
+    def by_channel(self, series: np.ndarray) -> np.ndarray:
+        """The same with channels first: (6, C, U), or (1, C, U) if the same in every channel -> (6, C, U)."""
+        channels, count, used = series.shape
         _, n, length, _ = self.inside.shape
-        y, white = (np.zeros((count, k, n * length), self.inside.dtype) for k in (channels, 6))
-        y[:, :, :used] = series.transpose(0, 2, 1)
+        y, white = (np.zeros((k, count, n * length), self.inside.dtype) for k in (channels, 6))
+        y[:, :, :used] = series
         # Stretches by lanes of one channel: with bins next to each other in memory, all else is a matter of strides.
-        here, out = (x.reshape(count, -1, n, length).transpose(1, 2, 3, 0) for x in (y, white))
+        here, out = (x.reshape(-1, count, n, length).transpose(0, 2, 3, 1) for x in (y, white))
         kicks = self.leaving @ here
         states = np.zeros_like(kicks)
         for k in range(n - 1):
             states[:, k + 1] = self.passing[:, k] @ states[:, k] + kicks[:, k]
         np.matmul(self.inside, here, out=out)
         out += self.entering @ states
-        return np.ascontiguousarray(white[:, :, :used].transpose(0, 2, 1))
+        return white[:, :, :used]
 
 
 def make_whitener(problem: WrenchProblem, used: int) -> Whitener:

@@ -146,7 +146,7 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bo
 
 
 def judge_growth(growth: Growth) -> Finding:
-    """Noise of six channels that grows with the squared speeds of the joints."""
+    """Noise of six channels that grows with the speeds of the joints."""
     sentence = "the noise does not grow with the speed of the joints, or no more than it may by chance"
     if growth.detected:
         grown = name_channels(np.asarray(growth.variance.any(0)))
@@ -154,6 +154,8 @@ def judge_growth(growth: Growth) -> Finding:
         sentence += "the log; the gain is beyond that of a constant of the best size"
     parameters: Numbers = {"variance": growth.variance.tolist()}
     errors: Numbers = {"variance": growth.stderr.tolist()}
+    if growth.speed is not None:
+        parameters["speed"], errors["speed"] = growth.speed, growth.speed_stderr
     return Finding(GROWTH, growth.detected, parameters, errors, max(growth.nats, 0.0), sentence, growth.nats_stderr)
 
 

@@ -19,6 +19,7 @@ from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
 from ftbias_jax.diagnosis.samples.vibration import Growth, measure_growth, no_growth
 from ftbias_jax.diagnosis.thresholds import COARSE, LEAST_SCATTER, LEAST_WINDOWS
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.types import Array
 
 JITTER_SHAPE = 0.1
@@ -31,7 +32,7 @@ def inspect_samples(
     error: Array | None = None,
     rate: Array | None = None,
     speed: Array | None = None,
-    noise_per_speed: Array | None = None,
+    in_motion: MotionNoise | None = None,
     touched: Array | None = None,
 ) -> SampleFindings:
     """Find the signs of effects in single samples (``fitting.SIGNS``).
@@ -43,16 +44,16 @@ def inspect_samples(
             jitter, which is then not looked for, and in logs slower than 200 Hz like noise, which is then never louder.
         rate: (T, 6) N/s, Nm/s, the model's dW/dt, if known; else it is taken from the wrench.
         speed: (T, n) rad/s, of the joints, if known; without it noise is not expected to grow with the motion.
-        noise_per_speed: (n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2, by how much the setup says that it grows; it is then not
-            measured again. None = the setup says nothing.
+        in_motion: of six channels, by how much the setup says that it grows; it is then not measured again. None = the
+            setup says nothing.
         touched: (T,) samples in contact, whose unrest can look like that of late stamps. None = none.
     """
     stated = np.asarray(noise_std, float)
     samples = select(log, stated, error, rate, speed)
-    known = np.zeros((1, 6)) if noise_per_speed is None else np.asarray(noise_per_speed, float)
+    known = MotionNoise(np.zeros((1, 6))) if in_motion is None else in_motion.as_numbers()
     if len(samples.t) < LEAST_WINDOWS * WINDOW:
         return _nothing(log, stated, known, f"only {len(samples.t)} samples of the wrench")
-    samples = samples.at_rest((known / stated**2)[:, samples.channels])
+    samples = samples.at_rest(known._replace(per_speed=(known.per_speed / stated**2)[:, samples.channels]))
     lattices = [exact.find_lattice(x) for x in samples.only(~exact.repeated_rows(samples.wrench)).wrench.T]
     step, step_stderr = (np.array([lattice[i] for lattice in lattices], float) for i in range(2))
     on_lattice = max(lattice.on_lattice for lattice in lattices)
@@ -67,7 +68,7 @@ def inspect_samples(
     if not late_stamps:
         spikes, noise, jitter = _scatter(kept, step, saturated, late_stamps=False)
     growth = no_growth(1, noise.std**2)
-    if noise_per_speed is None and not jitter.detected:
+    if in_motion is None and not jitter.detected:
         growth = _growth(kept.only(~(spikes.wild | saturated.any(1))), step)
     if growth.detected:
         spikes, noise, jitter = _scatter(kept.at_rest(growth.relative), step, saturated, late_stamps=late_stamps)
@@ -82,12 +83,15 @@ def inspect_samples(
     all_tops = [tops[measured.index(i)] if i in measured else [] for i in range(6)]
     std, stderr = six(noise.std, stated), six(noise.stderr)
     noise = Noise(std, stderr, six(noise.low, stated), six(noise.high, stated), six(noise.coloured))
+    if growth.detected:
+        low, high = (edge(1, growth.rest_factor) for edge in (np.minimum, np.maximum))
+        noise = noise._replace(low=noise.low * six(low, 1.0), high=noise.high * six(high, 1.0))
     growth = growth._replace(variance=six(growth.variance), stderr=six(growth.stderr))
     clean = np.array(log.wrench, float)
     clean[samples.row[repeated]] = np.nan
     clean[kept.row] = np.where(spikes.wild[:, None] | six(saturated), np.nan, clean[kept.row])
-    per_speed = growth.variance if growth.detected else known
-    level = findings.judge_noise(noise, stated, six(step), bool(per_speed.any()), growth.shows_rest)
+    moving = MotionNoise(growth.variance, growth.speed) if growth.detected else known
+    level = findings.judge_noise(noise, stated, six(step), bool(moving.per_speed.any()), growth.shows_rest)
     wild = findings.find_outliers(spikes._replace(hit=six(spikes.hit), off=six(spikes.off), scale=six(spikes.scale)))
     late = findings.judge_jitter(jitter)
     return SampleFindings(
@@ -103,7 +107,7 @@ def inspect_samples(
         stderr,
         noise.coloured,
         spikes.heavy_tailed,
-        per_speed,
+        moving,
     )
 
 
@@ -112,7 +116,7 @@ def _untold(finding: Finding) -> Finding:
     return finding if finding.detected else finding._replace(sentence="not told from motion without the model's error")
 
 
-def _nothing(log: Log, stated: np.ndarray, known: np.ndarray, reason: str) -> SampleFindings:
+def _nothing(log: Log, stated: np.ndarray, known: MotionNoise, reason: str) -> SampleFindings:
     """For a log that cannot be examined."""
     a, b, c, d, e, f, g = (Finding(name, False, {}, {}, 0.0, reason) for name in SampleFindings._fields[:7])
     wrench, zeros = np.array(log.wrench, float), np.zeros(6)
@@ -182,9 +186,9 @@ def _growth(samples: Samples, step: np.ndarray) -> Growth:
     growth = measure_growth(samples.t[row], waves.top_squares[:, fine], speed[row], len(samples.t))
     variance, stderr = none.variance.copy(), none.stderr.copy()
     variance[:, fine], stderr[:, fine] = growth.variance, growth.stderr
-    rest = none.rest.copy()
-    rest[fine] = growth.rest
-    return growth._replace(variance=variance, stderr=stderr, rest=rest)
+    rest, factor = none.rest.copy(), np.ones(len(fine))
+    rest[fine], factor[fine] = growth.rest, growth.rest_factor
+    return growth._replace(variance=variance, stderr=stderr, rest=rest, rest_factor=factor)
 
 
 def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool, late_stamps: bool) -> tuple[Noise, Jitter]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.thresholds import SLOW_LOG
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.types import Array
 
 REACH = 16
@@ -47,15 +48,15 @@ class Samples(NamedTuple):
         speed = None if self.speed is None else self.speed[keep]
         return Samples(self.row[keep], self.channels, *parts, self.stated, speed, self.modelled)
 
-    def at_rest(self, growth: np.ndarray) -> Samples:
+    def at_rest(self, growth: MotionNoise) -> Samples:
         """The fast part of the signal with the noise that it would have at rest.
 
         Args:
-            growth: (n, k) by how much the squared speed of each joint makes the variance grow, per variance at rest.
+            growth: what the motion adds to the variance of the channels, per variance at rest.
         """
-        if self.speed is None or not growth.any():
+        if self.speed is None or not growth.per_speed.any():
             return self
-        louder = np.sqrt(1 + self.speed**2 @ growth)
+        louder = np.sqrt(1 + growth.variance(self.speed))
         fast = self.signal - moving_mean(self.signal)  # a slow error divided by a fast factor would be noise
         return self._replace(signal=fast / louder, rate=self.rate / louder)
 

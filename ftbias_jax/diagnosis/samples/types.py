@@ -10,6 +10,7 @@ import numpy as np
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import LEVEL, Samples
 from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.types import AXES
 
 Numbers = dict[str, float | list[float] | list[list[float]]]
@@ -55,9 +56,9 @@ class SampleFindings(NamedTuple):
     heavy_tailed: bool
     """The noise has more large values than a normal distribution, without a gap between them and the rest."""
 
-    noise_per_speed: np.ndarray
-    """(n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2: what the squared speed of each joint adds to the variance of a sample, as
-    found or, where the setup knows of it, as stated; (1, 6) zeros without joints."""
+    in_motion: MotionNoise
+    """What the speeds of the joints add to the variance of a sample, N^2, Nm^2 of six channels, as found or, where the
+    setup knows of it, as stated; zeros without joints."""
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -1,16 +1,19 @@
-"""Noise whose variance grows with the squared speeds of the joints, judged by held-out likelihood.
+"""Noise whose variance grows with the speeds of the joints, judged by held-out likelihood.
 
 The squares of what the fast waves leave of each sample have the noise's variance as their mean. A constant and
 squared joint speeds with weights that are not negative are fitted to them by the maximum of the likelihood of normal
-noise, and must predict the variance on blocks of the log that they have not seen better than a constant does.
+noise, and must predict the variance on blocks of the log that they have not seen better than a constant does. A speed
+from which the variance grows with the speed alone must predict it better again.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.samples.growth_errors import stderr_with_speed, variance_stderr
 from ftbias_jax.diagnosis.thresholds import (
     CERTAIN,
     FAR_SQUARES,
@@ -21,6 +24,7 @@ from ftbias_jax.diagnosis.thresholds import (
     RESTED,
     SLOW,
 )
+from ftbias_jax.model.motion_noise import MotionNoise, effective_speed_squared
 
 BLOCK_SECONDS = 20.0
 BLOCKS = 20
@@ -30,10 +34,15 @@ MOST_ROWS = 12288
 """Longer logs are averaged over runs of samples, in which the speed hardly changes."""
 ROUNDS, SETTLED = 200, 1e-5
 """Of the fit, and the share of the mean variance by which a round then changes a term."""
+SPEEDS, FINER = tuple(2.0**-k for k in range(6)), (0.5, 0.25, 0.125)
+"""rad/s from which the variance may grow with the speed alone, tried first; then powers of 2 on either side of the
+best. A joint slower than the last of them rests, so a lower speed would change nothing."""
+ROUNDS_TO_COMPARE = 60
+"""Of the fits that only choose the speed."""
 
 
 class Growth(NamedTuple):
-    """Noise that grows with the squared speeds of n joints in k channels."""
+    """Noise that grows with the speeds of n joints in k channels."""
 
     variance: np.ndarray
     """(n, k) N^2/(rad/s)^2, Nm^2/(rad/s)^2; 0 = none, or the joint hardly moves."""
@@ -48,6 +57,12 @@ class Growth(NamedTuple):
     """Standard deviation in the fastest tenth of the log per standard deviation at rest, where it grows most."""
     shows_rest: bool
     """The log rests long enough for ``rest`` to be more than what the form of the growth leaves over."""
+    speed: float | None = None
+    """rad/s from which it grows with the speed alone (``effective_speed_squared``); None = with its square, always."""
+    speed_stderr: float = 0.0
+    rest_factor: np.ndarray | float = 1.0
+    """(k,) by which the standard deviation at rest differs if it grows with the square at any speed: which form the
+    growth has is not so sure that the difference would be evidence."""
 
     @property
     def detected(self) -> bool:
@@ -56,10 +71,9 @@ class Growth(NamedTuple):
         return certain and self.visible > GROWTH_VISIBLE
 
     @property
-    def relative(self) -> np.ndarray:
-        """(n, k) 1/(rad/s)^2, growth per variance at rest."""
-        relative: np.ndarray = self.variance / self.rest
-        return relative
+    def relative(self) -> MotionNoise:
+        """The growth per variance at rest."""
+        return MotionNoise(self.variance / self.rest, self.speed)
 
 
 def no_growth(joints: int, rest: np.ndarray) -> Growth:
@@ -84,23 +98,101 @@ def measure_growth(t: np.ndarray, squares: np.ndarray, speed: np.ndarray, sample
     nothing = no_growth(len(mean), squares.mean(0))
     if not mean.any() or not (squares.mean(0) > 0).all():
         return nothing
-    design = np.column_stack([np.ones(len(fast)), fast[:, moving]])
     block = ((t[:, 0] - t[0, 0]) // min(BLOCK_SECONDS, np.ptp(t) / BLOCKS)).astype(int)
-    gains = held_out_gains(design, squares, block) * samples / len(t)
-    better = gains.sum(0) > 0  # a channel that does not grow keeps its constant
-    weights = fit_variance(design, squares)
-    stderr = variance_stderr(design, squares, weights, block)
-    weights = np.where(better, weights, np.outer(np.eye(len(weights))[0], squares.mean(0)))
-    variance, error = np.zeros((2, len(mean), squares.shape[1]))
-    variance[moving], error[moving] = weights[1:], np.where(better, stderr[1:], 0)
-    extra = fast @ variance
     whole = fast.sum(1)
-    tenth = whole >= np.quantile(whole, 0.9)
-    rested = float((whole <= SLOW**2 * whole[tenth].mean()).mean())
-    visible = np.sqrt(1 + (extra[tenth].mean(0) / weights[0]).max())
-    total = gains[:, better].sum(1)
-    scatter = float(np.sqrt(len(total)) * total.std())
-    return Growth(variance, error, weights[0], float(total.sum()), scatter, float(visible), rested >= RESTED)
+    shares = samples / len(t)
+
+    def drives(most: float | None) -> np.ndarray:
+        return average_runs(effective_speed_squared(speed[:, moving], most), run)
+
+    plain = _judged(_design(fast[:, moving]), squares, block, shares)
+    found, most = plain, None
+    if _visible(plain, whole) > GROWTH_VISIBLE and plain.nats.sum() > GROWTH_NATS:
+        at = _likeliest_speed(drives, squares)
+        bent = _judged(_design(drives(at)), squares, block, shares)
+        found, most = (bent, at) if _is_better(bent, plain) else (plain, None)
+    variance, error = np.zeros((2, len(mean), squares.shape[1]))
+    if most is None:
+        stderr, speed_error = variance_stderr(found.design, squares, found.weights, block), 0.0
+    else:
+        stderr, speed_error = stderr_with_speed(found.design, most, squares, found.weights, block)
+    variance[moving], error[moving] = found.weights[1:], np.where(found.better, stderr[1:], 0)
+    rested = float((whole <= SLOW**2 * whole[_fastest(whole)].mean()).mean())
+    return Growth(
+        variance,
+        error,
+        found.weights[0],
+        float(found.nats.sum()),
+        float(np.sqrt(len(found.nats)) * found.nats.std()),
+        _visible(found, whole),
+        rested >= RESTED,
+        most,
+        speed_error,
+        np.sqrt(plain.weights[0] / found.weights[0]),
+    )
+
+
+class _Judged(NamedTuple):
+    """One form of the growth."""
+
+    design: np.ndarray
+    """(N, d): ones, and what the variance grows with."""
+    weights: np.ndarray
+    """(d, k)."""
+    better: np.ndarray
+    """(k,) bool: channels that grow; the others keep their constant."""
+    nats: np.ndarray
+    """(blocks,) over a constant, on blocks that both have not seen."""
+
+
+def _judged(design: np.ndarray, squares: np.ndarray, block: np.ndarray, share: float) -> _Judged:
+    gains = held_out_gains(design, squares, block) * share
+    better = gains.sum(0) > 0
+    weights = fit_variance(design, squares)
+    weights = np.where(better, weights, np.outer(np.eye(len(weights))[0], squares.mean(0)))
+    return _Judged(design, weights, better, gains[:, better].sum(1))
+
+
+def _design(drives: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.ones(len(drives)), drives])
+
+
+def _fastest(whole: np.ndarray) -> np.ndarray:
+    """(N,) bool: the tenth in which the squared speeds of all joints together are largest."""
+    fastest: np.ndarray = whole >= np.quantile(whole, 0.9)
+    return fastest
+
+
+def _visible(found: _Judged, whole: np.ndarray) -> float:
+    extra = found.design[:, 1:] @ found.weights[1:]
+    return float(np.sqrt(1 + (extra[_fastest(whole)].mean(0) / found.weights[0]).max()))
+
+
+def _is_better(bent: _Judged, plain: _Judged) -> bool:
+    """Whether a form gains over a simpler one on unseen blocks, by their signed ranks (Wilcoxon 1945).
+
+    One wild block on which the simpler form is all wrong would make the mean gain, and its scatter.
+    """
+    more = bent.nats - plain.nats
+    count = len(more)
+    ranks = np.argsort(np.argsort(np.abs(more))) + 1
+    scatter = np.sqrt(count * (count + 1) * (2 * count + 1) / 6)
+    return bool(more.sum() > GROWTH_NATS and (np.sign(more) * ranks).sum() > CERTAIN * scatter)
+
+
+def _likeliest_speed(drives: Callable[[float | None], np.ndarray], squares: np.ndarray) -> float:
+    """The speed, rad/s, from which the variance grows with the speed alone, whatever the weights."""
+
+    def nats(most: float) -> float:
+        design = _design(drives(most))
+        variance = design @ fit_variance(design, squares, ROUNDS_TO_COMPARE)
+        return float(-(np.log(variance) + np.minimum(squares / variance, FAR_SQUARES)).sum() / 2)
+
+    tried = {most: nats(most) for most in SPEEDS}
+    for power in FINER:
+        best = max(tried, key=lambda most: tried[most])
+        tried |= {most: nats(most) for most in (best * 2**power, max(best / 2**power, SPEEDS[-1]))}
+    return max(tried, key=lambda most: tried[most])
 
 
 def average_runs(x: np.ndarray, length: int) -> np.ndarray:
@@ -110,7 +202,7 @@ def average_runs(x: np.ndarray, length: int) -> np.ndarray:
     return mean
 
 
-def fit_variance(design: np.ndarray, squares: np.ndarray) -> np.ndarray:
+def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
     """Weights (d, k), none negative, of the most likely variance ``design @ weights`` of normal noise.
 
     Every round multiplies each weight by the ratio of the two parts of its derivative, so that signs never change;
@@ -119,6 +211,7 @@ def fit_variance(design: np.ndarray, squares: np.ndarray) -> np.ndarray:
     Args:
         design: (N, d) not negative, the first column ones.
         squares: (N, k) of the noise.
+        rounds: at most.
     """
     size, mean = design.mean(0), squares.mean(0)
     weights: np.ndarray = np.outer(1 / size, mean) / len(size)
@@ -126,7 +219,7 @@ def fit_variance(design: np.ndarray, squares: np.ndarray) -> np.ndarray:
     drives, seen = np.ascontiguousarray(design.T), np.ascontiguousarray(squares.T)
     parts = np.empty((2, *seen.shape))
     raising, lowering = parts
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         np.matmul(weights.T, drives, out=lowering)
         np.divide(1, lowering, out=lowering)
         np.multiply(seen, lowering, out=raising)
@@ -139,21 +232,6 @@ def fit_variance(design: np.ndarray, squares: np.ndarray) -> np.ndarray:
             break
     weights[0] = np.maximum(weights[0], LEAST_REST * mean)
     return weights
-
-
-def variance_stderr(design: np.ndarray, squares: np.ndarray, weights: np.ndarray, block: np.ndarray) -> np.ndarray:
-    """(d, k) standard errors of the weights, from the scatter of the derivative over blocks (N,)."""
-    variance = design @ weights
-    score = (np.minimum(squares, FAR_SQUARES * variance) - variance) / variance**2
-    scale = design.mean(0)
-    stderr = np.zeros_like(weights)
-    for channel in range(weights.shape[1]):
-        relative = design / scale / variance[:, [channel]]
-        inverse = np.linalg.pinv(relative.T @ relative, rcond=1e-9, hermitian=True)
-        terms = design / scale * score[:, [channel]]
-        sums = np.stack([np.bincount(block, column) for column in terms.T], 1)
-        stderr[:, channel] = np.sqrt(((sums @ inverse) ** 2).sum(0)) / scale
-    return stderr
 
 
 def held_out_gains(design: np.ndarray, squares: np.ndarray, block: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from ftbias_jax.diagnosis.evidence.cross_validation import Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.touches import takes_most
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.terms.fit_terms import Described
+from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.library import merit_of
 from ftbias_jax.diagnosis.terms.select import Search, Step, numbers_of
 from ftbias_jax.diagnosis.thresholds import AS_WELL, CLEARLY, CLOSE, LEAST_SHARE_OF_GAP, NEARLY
@@ -110,8 +110,8 @@ def describe(
 
 
 def _by_name(
-    search: Search, kept: Fit, found: list[tuple[float, Described]], rounds: list[list[Scored]]
-) -> tuple[Fit, list[tuple[float, Described]], list[list[Scored]]]:
+    search: Search, kept: Fit, found: list[tuple[float, Solved]], rounds: list[list[Scored]]
+) -> tuple[Fit, list[tuple[float, Solved]], list[list[Scored]]]:
     """Effects that stay with one more, where the best term beside them says the same as an effect of the catalogue.
 
     A torque that is linear in the direction of gravity is a wrong centre of mass: it is told by its name, although
@@ -127,7 +127,7 @@ def _by_name(
     return same[0].fit, search.best(same[0].fit), [*rounds[:place], named, *rounds[place + 1 :]]
 
 
-def says(problem: Problem, effect: Scored, kept: Fit, described: Described) -> bool:
+def says(problem: Problem, effect: Scored, kept: Fit, described: Solved) -> bool:
     """Whether an effect of the tool or its mounting does to the reading what a term that follows gravity does.
 
     It does nearly the same to the forces or the torques, whichever the term acts on, by no more numbers, and no harm to
@@ -143,7 +143,7 @@ def says(problem: Problem, effect: Scored, kept: Fit, described: Described) -> b
     linear = isinstance(problem.catalogue[effect.hypothesis.effect].fit.search, Linear)
     if term.drive != GRAVITY or not linear or effect.fit.degrees - kept.degrees > numbers_of(term):
         return False
-    of_effect, of_term = (kept.error - one.error for one in (effect.fit, described.fit))
+    of_effect, of_term = (kept.error - one.error for one in (effect.fit, described))
     power, apart = (of_term**2).sum(0), ((of_term - of_effect) ** 2).sum(0)
     harm = (effect.fit.error**2 - kept.error**2).sum(0)
     total = float(power.sum())
@@ -151,7 +151,7 @@ def says(problem: Problem, effect: Scored, kept: Fit, described: Described) -> b
     return bool(apart[own].sum() < NEARLY * power[own].sum() and harm[~own].sum() < LEAST_SHARE_OF_GAP * total)
 
 
-def _rivals(problem: Problem, base: Fit, accepted: Fit, found: Sequence[tuple[float, Described]]) -> tuple[Term, ...]:
+def _rivals(problem: Problem, base: Fit, accepted: Fit, found: Sequence[tuple[float, Solved]]) -> tuple[Term, ...]:
     """Terms that do as well as a single effect that is an event or a pull, and say something else.
 
     What follows the motion makes no event by chance, and a cable that is no better than a steady force is none.
@@ -161,7 +161,7 @@ def _rivals(problem: Problem, base: Fit, accepted: Fit, found: Sequence[tuple[fl
         return ()
     # Not by merit, which counts the numbers of an event of any shape against it.
     least = base.log_likelihood + CLOSE * (accepted.log_likelihood - base.log_likelihood)
-    terms = [described.terms[0] for _, described in found if described.fit.log_likelihood > least]
+    terms = [described.terms[0] for _, described in found if described.log_likelihood > least]
     return tuple(term for term in terms if term.drive != SAME[search])
 
 

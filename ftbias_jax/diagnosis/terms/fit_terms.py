@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.design_matrix import Columns, change, information, lay_out, products
+from ftbias_jax.diagnosis.regression.design_matrix import Columns, change
 from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.model.effects.terms.columns import columns, has_point
+from ftbias_jax.diagnosis.regression.score_test import Standing, gains
+from ftbias_jax.model.effects.terms.columns import added, columns, has_point
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import State, Term
 
@@ -19,6 +20,7 @@ MOST_STEPS = 10
 ENOUGH = 0.5
 """nats; a step that gains less is the last."""
 DAMPINGS = (0.0, 0.1, 3.0)
+"""Of the numbers that are not linear: from the one that did well last, or from none where no step is too long."""
 RELATIVE_STEP = 1e-3
 POINT_SCALE = 0.05
 """m."""
@@ -26,6 +28,20 @@ RESOLUTION = 0.2
 """Of one over the duration of the logs, in which a frequency is moved."""
 LONGEST_STEP = 0.7
 """Of a parameter's scale in one step."""
+
+
+class Solved(NamedTuple):
+    """Terms at given parameters and points, with the best coefficients beside a fit."""
+
+    terms: tuple[Term, ...]
+    error: np.ndarray
+    """(U, 6) innovations that remain, in standard deviations."""
+    log_likelihood: float
+    """nats, as that of a fit."""
+    white: np.ndarray
+    """(K, U, 6) columns of the coefficients, which lower the reading."""
+    step: np.ndarray
+    """(S,) change of the fit's own numbers."""
 
 
 class Described(NamedTuple):
@@ -50,32 +66,51 @@ class _Place(NamedTuple):
     most: float
 
 
-def fit_terms(
-    problem: Problem, state: State, start: Fit, terms: tuple[Term, ...], steps: int = MOST_STEPS
-) -> Described:
-    """The terms together at their best, to first order in the coordinates of the start.
+def improve(
+    problem: Problem,
+    state: State,
+    standing: Standing,
+    terms: tuple[Term, ...],
+    steps: int = MOST_STEPS,
+    enough: float = 0.0,
+) -> Solved:
+    """The terms together, better at every step, to first order in the numbers of the fit beside them.
 
     Args:
         problem: of the logs.
         state: of all logs end to end.
-        start: the effects of the catalogue beside them.
+        standing: the effects of the catalogue beside them, and terms before.
         terms: with parameters and points to start from.
         steps: of Gauss-Newton at most.
+        enough: share of the whole gain; the last step gains less.
     """
     places = _places(terms, float(np.ptp(state.t)))
-    now = _solve(problem, state, start, terms)
+    now, level = _solve(problem, state, standing, terms), 0
     for _ in range(steps if places else 0):
-        slopes = _slopes(problem, state, now.terms, places)
-        best = now
-        for step in _steps(start, now, slopes):
-            trial = _solve(problem, state, start, _moved(now.terms, places, step))
-            best = min(best, trial, key=lambda solved: solved.cost)
-            if best.cost < now.cost - ENOUGH:
-                break
-        gained, now = now.cost - best.cost, best
-        if gained < ENOUGH:
+        least = max(ENOUGH, enough * (now.log_likelihood - standing.fit.log_likelihood))
+        told = _reduced(standing, now, _slopes(problem, state, now.terms, places))
+        free, promised = _step(*told, 0.0)
+        if promised < least:
             break
-    return _described(problem, state, start, now, places)
+        least_level = level if np.abs(free).max() > LONGEST_STEP else 0
+        best = now
+        for level in range(least_level, len(DAMPINGS)):
+            step = np.clip(_step(*told, DAMPINGS[level])[0], -LONGEST_STEP, LONGEST_STEP)
+            trial = _solve(problem, state, standing, _moved(now.terms, places, step))
+            best = max(best, trial, key=lambda solved: solved.log_likelihood)
+            gained = trial.log_likelihood - now.log_likelihood
+            if gained > least:
+                break
+        gained, now = best.log_likelihood - now.log_likelihood, best
+        if gained < least:
+            break
+    return now
+
+
+def fit_terms(problem: Problem, state: State, standing: Standing, terms: tuple[Term, ...]) -> Described:
+    """The same, brought to its end, with all that a fit has. Arguments as above."""
+    now = improve(problem, state, standing, terms)
+    return _described(problem, state, standing.fit, now, _places(terms, float(np.ptp(state.t))))
 
 
 def _places(terms: tuple[Term, ...], duration: float) -> list[_Place]:
@@ -93,37 +128,21 @@ def _places(terms: tuple[Term, ...], duration: float) -> list[_Place]:
     return found
 
 
-class _Solved(NamedTuple):
-    """Coefficients at given parameters and points."""
-
-    terms: tuple[Term, ...]
-    numbers: np.ndarray
-    """Of the start's columns and of the terms', in the order of a fit's."""
-    white: np.ndarray
-    """(K, U, 6) columns of the coefficients, which lower the reading."""
-    error: np.ndarray
-    cost: float
-
-
-def _solve(problem: Problem, state: State, start: Fit, terms: tuple[Term, ...]) -> _Solved:
-    """Coefficients of the terms and of the start's columns."""
+def _solve(problem: Problem, state: State, standing: Standing, terms: tuple[Term, ...]) -> Solved:
+    """Coefficients of the terms, and what becomes of the fit's own numbers beside them."""
     pieces = [np.asarray(columns(np, term, state)).transpose(1, 0, 2) for term in terms]
-    raw = -np.concatenate(pieces)
+    raw, start = -np.concatenate(pieces), standing.fit
     if not np.isfinite(raw).all():
-        return _Solved(terms, np.zeros(0), raw, start.error, np.inf)
+        return Solved(terms, start.error, -np.inf, raw, np.zeros(len(standing.pull)))
     white = whitened(problem, raw)
-    norm = np.sqrt((white**2).sum((1, 2))) + 1e-9
-    first, count = len(start.columns.moving), len(white)
-    whole = Columns(np.concatenate([start.columns.moving, white / norm[:, None, None]]), start.columns.series)
-    # The coordinates of the start have their prior; what is added has none.
-    pull = products(lay_out(whole), start.error[None])[0]
-    numbers = -information(whole, first).solve(pull[:, None])[:, 0]
-    error = start.error + change(whole, numbers)
-    numbers[first : first + count] /= norm
-    ends = np.cumsum([len(piece) for piece in pieces])[:-1]
-    own = np.split(numbers[first : first + count], ends)
+    norm = np.sqrt(np.einsum("kuc,kuc->k", white, white)) + 1e-9
+    prepared = gains(standing, white / norm[:, None, None])
+    numbers = prepared.coefficients(list(range(len(white))))
+    step = standing.step - prepared.taken @ numbers
+    error = start.error + change(start.columns, step) + np.tensordot(numbers / norm, white, 1)
+    own = np.split(numbers / norm, np.cumsum([len(piece) for piece in pieces])[:-1])
     solved = tuple(replace(term, coefficients=c) for term, c in zip(terms, own, strict=True))
-    return _Solved(solved, numbers, white, error, float((error**2).sum()) / 2)
+    return Solved(solved, error, -float(error.ravel() @ error.ravel()) / 2, white, step)
 
 
 def _slopes(problem: Problem, state: State, terms: tuple[Term, ...], places: list[_Place]) -> np.ndarray:
@@ -131,7 +150,7 @@ def _slopes(problem: Problem, state: State, terms: tuple[Term, ...], places: lis
     if not places:
         return np.zeros((0, len(problem.t), 6))
     found = []
-    stays = [_reading(term, state) for term in terms]
+    stays = [added(np, term, state) for term in terms]
     for i, place in enumerate(places):
         step = np.zeros(len(places))
         step[i] = RELATIVE_STEP
@@ -139,34 +158,28 @@ def _slopes(problem: Problem, state: State, terms: tuple[Term, ...], places: lis
         if there.parameters == here.parameters and (there.point == here.point).all():  # at its upper bound
             step[i] = -RELATIVE_STEP
             there = _moved(terms, places, step)[place.term]
-        found.append((_reading(there, state) - stays[place.term]) / step[i])
+        found.append((added(np, there, state) - stays[place.term]) / step[i])
     return whitened(problem, np.stack(found))
 
 
-def _reading(term: Term, state: State) -> np.ndarray:
-    """(U, 6) what a term adds to the reading."""
-    added: np.ndarray = -np.einsum("tkc,k->tc", columns(np, term, state), term.coefficients)
-    return added
+def _reduced(standing: Standing, now: Solved, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Products (N, N) of the slopes without what the linear numbers do of them, theirs with the error, their power."""
+    norm = np.sqrt(np.einsum("kuc,kuc->k", now.white, now.white)) + 1e-9
+    prepared = gains(standing.at(now.error), np.concatenate([now.white / norm[:, None, None], slopes]))
+    K, normal, pull = len(norm), prepared.normal, prepared.pull
+    taken = np.linalg.solve(normal[:K, :K] + 1e-8 * np.eye(K), normal[:K, K:])
+    power = np.einsum("nuc,nuc->n", slopes, slopes)
+    return normal[K:, K:] - normal[K:, :K] @ taken, pull[K:] - taken.T @ pull[:K], power
 
 
-def _steps(start: Fit, now: _Solved, slopes: np.ndarray) -> list[np.ndarray]:
-    """Steps (N,) of the numbers that are not linear, the longest first."""
-    norm = np.sqrt((now.white**2).sum((1, 2))) + 1e-9
-    moving = np.concatenate([start.columns.moving, now.white / norm[:, None, None], slopes])
-    whole, first = Columns(moving, start.columns.series), len(moving) - len(slopes)
-    told, pull = information(whole, len(start.columns.moving)), products(lay_out(whole), now.error[None])[0]
-    own = np.arange(first, len(moving))
-    found = []
-    for damping in DAMPINGS:
-        stiff = told.moving.copy()
-        stiff[own, own] *= 1 + damping
-        stiff[own, own] += 1e-9 * np.trace(stiff) / len(stiff)
-        step = -told._replace(moving=stiff).solve(pull[:, None])[own, 0]
-        found.append(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
-    return found
+def _step(normal: np.ndarray, pull: np.ndarray, power: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
+    """A step (N,) of the numbers that are not linear, and the nats that it promises."""
+    ridge = 1e-9 * power.mean() + 1e-12
+    step = -np.linalg.solve(normal + np.diag(damping * power + ridge), pull)
+    return step, float(-pull @ step - step @ normal @ step / 2)
 
 
-def _described(problem: Problem, state: State, start: Fit, now: _Solved, places: list[_Place]) -> Described:
+def _described(problem: Problem, state: State, start: Fit, now: Solved, places: list[_Place]) -> Described:
     """The fit with all columns that the terms' numbers have."""
     slopes = _slopes(problem, state, now.terms, places)
     moving, scales, row = [start.columns.moving], [], 0
@@ -179,12 +192,11 @@ def _described(problem: Problem, state: State, start: Fit, now: _Solved, places:
         scales.append(np.concatenate([size, [places[k].scale for k in own]]))
         row += count
     columns_of_all = Columns(np.concatenate(moving), start.columns.series)
-    first = len(start.columns.moving)
-    z, free = start.z.copy(), len(start.free)
-    z[list(start.free)] += now.numbers[:free]
-    coefficients = start.coefficients + now.numbers[first + len(now.white) :]
+    z, free, first = start.z.copy(), len(start.free), len(start.columns.moving)
+    z[list(start.free)] += now.step[:free]
+    coefficients = start.coefficients + now.step[first:]
     fit = start._replace(
-        z=z, coefficients=coefficients, error=now.error, columns=columns_of_all, log_likelihood=-now.cost
+        z=z, coefficients=coefficients, error=now.error, columns=columns_of_all, log_likelihood=now.log_likelihood
     )
     return Described(now.terms, fit, tuple(scales))
 

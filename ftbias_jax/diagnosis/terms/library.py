@@ -9,11 +9,19 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.evaluate import whitened_single
-from ftbias_jax.diagnosis.regression.score_test import Gains, Standing, gains
+from ftbias_jax.diagnosis.regression.design_matrix import channels_first
+from ftbias_jax.diagnosis.regression.evaluate import whiten_lanes
+from ftbias_jax.diagnosis.regression.score_test import Gains, Standing
 from ftbias_jax.diagnosis.terms.grid import free_names
 from ftbias_jax.diagnosis.thresholds import LEAST_ENTRY, MOST_NUMBERS, NATS_PER_DEGREE, SHARE_PER_NUMBER
-from ftbias_jax.model.effects.terms.columns import columns, has_point
+from ftbias_jax.model.effects.terms.columns import (
+    acts_on_channels,
+    channel_series,
+    columns,
+    count_columns,
+    has_point,
+    vectors_of,
+)
 from ftbias_jax.model.effects.terms.types import State, Term
 
 ROUNDS = 6
@@ -26,23 +34,20 @@ AT_ONE_POINT = (
     ("frequency", "line"),
 )
 """Forms with many starting points: at first their forces act at the tool's centre of mass."""
-FORCE, TORQUE, ALL = slice(0, 3), slice(3, 6), slice(0, 6)
-
-
-class Column(NamedTuple):
-    """Part of a whitened lane."""
-
-    lane: int
-    channels: slice
+FORCE, TORQUE, ALL = (np.isin(np.arange(6), own) for own in ((0, 1, 2), (3, 4, 5), range(6)))
 
 
 class Trial(NamedTuple):
-    """One term of the grid."""
+    """One term of the grid, with M columns: lanes of the library, each of which acts on some channels."""
 
     term: Term
-    columns: tuple[Column, ...]
-    arms: tuple[Column, ...]
-    """Torques of the force of every column about the three axes of the sensor, where its point is free; three each."""
+    lanes: np.ndarray
+    """(M,) whole numbers."""
+    acts: np.ndarray
+    """(M, 6) whether a column acts on a channel."""
+    arms: int = 0
+    """How many columns, the last ones, are torques of the others' forces about the three axes of the sensor, three
+    each, where the point of the term is free."""
 
 
 class Ranked(NamedTuple):
@@ -60,44 +65,50 @@ class Library(NamedTuple):
 
     trials: list[Trial]
     white: np.ndarray
-    """(L, U, 6)."""
+    """(6, L, U), channels first."""
+    normals: list[np.ndarray]
+    """(M, M) products of each trial's columns."""
+
+
+Place = Callable[[tuple[object, ...], Callable[[], np.ndarray]], range]
+"""(what lanes are of, how to make them (U, L, 6)) -> the lanes, which may be there already."""
 
 
 def make_library(problem: Problem, state: State, terms: list[Term]) -> Library:
     """Whiten what the terms need, several columns in one lane where their channels differ."""
-    lanes: list[np.ndarray] = []
-    places: dict[tuple[object, ...], int] = {}
+    pieces: list[np.ndarray] = []
+    places: dict[tuple[object, ...], range] = {}
 
-    def place(key: tuple[object, ...], series: np.ndarray) -> int:
-        """The first lane of series (U, L, 6), which may be there already."""
+    def place(key: tuple[object, ...], make: Callable[[], np.ndarray]) -> range:
         if key not in places:
-            places[key] = len(lanes)
-            lanes.extend(series.transpose(1, 0, 2))
+            pieces.append(np.ascontiguousarray(make().transpose(2, 1, 0), np.float32))
+            first = max((lanes.stop for lanes in places.values()), default=0)
+            places[key] = range(first, first + pieces[-1].shape[1])
         return places[key]
 
-    return Library([_trial(term, columns(np, term, state), place) for term in terms], whitened_single(problem, lanes))
+    trials = [_trial(term, state, place) for term in terms]
+    white = np.concatenate([np.zeros((6, 0, len(problem.t)), np.float32), *pieces], 1)
+    whiten_lanes(problem, white)
+    return Library(trials, white, [_products(white, trial) for trial in trials])
 
 
-def _trial(term: Term, whole: np.ndarray, place: Callable[[tuple[object, ...], np.ndarray], int]) -> Trial:
-    """A term whose columns (U, K, 6) have found their lanes."""
-    K, unique = whole.shape[1], (id(term),)
+def _trial(term: Term, state: State, place: Place) -> Trial:
+    """A term whose columns have found their lanes."""
     key = (term.drive, term.form, term.frame, term.joint, *((n, float(x)) for n, x in term.parameters.items()))
-    if term.frame == "sensor" and term.acts_as == "wrench":  # a channel each
-        first = place(key, whole.reshape(len(whole), -1, 6, 6).sum(3))
-        own = tuple(Column(first + i, slice(k, k + 1)) for i in range(K // 6) for k in range(6))
-        return Trial(term, own, ())
+    if acts_on_channels(term):
+        lanes = place((*key, "channels"), lambda: channel_series(np, term, state))
+        return Trial(term, np.repeat(lanes, 6), np.tile(np.eye(6, dtype=bool), (len(lanes), 1)))
     if term.acts_as == "force" and (term.drive, term.form) in AT_ONE_POINT:
-        first = place(unique, whole)
-        return Trial(term, tuple(Column(first + k, ALL) for k in range(K)), ())
-    forces = K // 2 if term.acts_as == "wrench" else 0 if term.acts_as == "torque" else K
-    vectors = whole[:, :forces, FORCE] if forces else whole[:, :, TORQUE]
-    first = place(key, np.concatenate([vectors, vectors], 2))
-    own = tuple(Column(first + k, FORCE if k < forces else TORQUE) for k in range(vectors.shape[1]))
-    own += tuple(Column(first + k, TORQUE) for k in range(K - len(own)))
+        lanes = place((id(term),), lambda: columns(np, term, state))
+        return Trial(term, np.array(lanes), np.tile(ALL, (len(lanes), 1)))
+    both = place(key, lambda: np.tile(vectors_of(np, term, state), 2))
+    forces = 0 if term.acts_as == "torque" else len(both)
+    own = np.concatenate([both[:forces], both[: count_columns(term) - forces]]).astype(int)
+    acts = np.where(np.arange(len(own))[:, None] < forces, FORCE, TORQUE)
     if not has_point(term) or term.joint:
-        return Trial(term, own, ())
-    start = place((*key, "arms"), _arms(vectors))
-    return Trial(term, own, tuple(Column(start + i, TORQUE) for i in range(3 * vectors.shape[1])))
+        return Trial(term, own, acts)
+    arms = place((*key, "arms"), lambda: _arms(vectors_of(np, term, state)))
+    return Trial(term, np.append(own, arms), np.append(acts, np.tile(TORQUE, (len(arms), 1)), 0), len(arms))
 
 
 def _arms(forces: np.ndarray) -> np.ndarray:
@@ -109,10 +120,37 @@ def _arms(forces: np.ndarray) -> np.ndarray:
     return found.reshape(len(forces), -1, 6)
 
 
+def _products(white: np.ndarray, trial: Trial) -> np.ndarray:
+    """(M, M) products of a trial's columns."""
+    lanes, place = np.unique(trial.lanes, return_inverse=True)
+    own = white[:, lanes]
+    of_lanes = own @ own.transpose(0, 2, 1)
+    both = trial.acts.T[:, :, None] & trial.acts.T[:, None]
+    found: np.ndarray = np.where(both, of_lanes[:, place[:, None], place], 0).sum(0, dtype=float)
+    return found
+
+
 def rank(library: Library, standing: Standing) -> list[Ranked]:
     """Every term of the grid beside a fit, best first."""
-    found = [_judge(library, standing, trial) for trial in library.trials]
-    return sorted(found, key=lambda ranked: -ranked.merit)
+    pairs = zip(library.trials, _gains(library, standing), strict=True)
+    return sorted((_judge(trial, prepared) for trial, prepared in pairs), key=lambda ranked: -ranked.merit)
+
+
+def _gains(library: Library, standing: Standing) -> list[Gains]:
+    """Those of every trial's columns beside a fit; the products of all lanes with the fit are worked out together."""
+    fit, white = standing.fit, library.white
+    own = channels_first(np.concatenate([fit.error[None], fit.columns.moving])).astype(np.float32)
+    series = channels_first(fit.columns.series).astype(np.float32)
+    of_moving, of_series = (white @ x.transpose(0, 2, 1) for x in (own, series))
+    lanes, acts = (np.concatenate([getattr(trial, name) for trial in library.trials]) for name in ("lanes", "acts"))
+    by_moving = np.einsum("mk,kmf->mf", acts.astype(float), of_moving[:, lanes])
+    by_series = (acts[:, None] * of_series[:, lanes].transpose(1, 2, 0)).reshape(len(lanes), -1)
+    shared = np.concatenate([by_moving[:, 1:], by_series], 1)
+    taken = standing.information.solve(shared.T).T
+    pull = by_moving[:, 0] - taken @ standing.pull
+    ends = np.cumsum([len(trial.lanes) for trial in library.trials])[:-1]
+    pieces = zip(library.normals, *(np.split(x, ends) for x in (shared, taken, pull)), strict=True)
+    return [Gains(normal - a @ b.T, c, b.T) for normal, a, b, c in pieces]
 
 
 def merit_of(gain: float, numbers: int) -> float:
@@ -120,12 +158,11 @@ def merit_of(gain: float, numbers: int) -> float:
     return gain * (1 - SHARE_PER_NUMBER * numbers) - NATS_PER_DEGREE * numbers
 
 
-def _judge(library: Library, standing: Standing, trial: Trial) -> Ranked:
-    prepared = gains(standing, _columns(library, (*trial.columns, *trial.arms)))
-    term, count = trial.term, len(trial.columns)
+def _judge(trial: Trial, prepared: Gains) -> Ranked:
+    term, count = trial.term, len(trial.lanes) - trial.arms
     numbers = len(free_names(term))
     if trial.arms:
-        gain, point, coefficients = _with_point(prepared, count, len(trial.arms) // 3)
+        gain, point, coefficients = _with_point(prepared, count, trial.arms // 3)
         best = _with(term, coefficients, point)
         return Ranked(merit_of(gain, numbers + count + 3), gain, best)
     rows = list(range(count))
@@ -142,14 +179,6 @@ def _judge(library: Library, standing: Standing, trial: Trial) -> Ranked:
 def _with(term: Term, coefficients: np.ndarray, point: np.ndarray | None = None, used: tuple[int, ...] = ()) -> Term:
     at = term.point if point is None else point
     return replace(term, used=used, point=at, coefficients=-coefficients)
-
-
-def _columns(library: Library, wanted: tuple[Column, ...]) -> np.ndarray:
-    """(M, U, 6)."""
-    found = np.zeros((len(wanted), *library.white.shape[1:]), np.float32)
-    for row, (lane, channels) in zip(found, wanted, strict=True):
-        row[:, channels] = library.white[lane][:, channels]
-    return found
 
 
 def _with_point(prepared: Gains, count: int, forces: int) -> tuple[float, np.ndarray, np.ndarray]:

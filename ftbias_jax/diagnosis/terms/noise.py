@@ -9,6 +9,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.result import FoundTerm
+from ftbias_jax.diagnosis.samples.growth_errors import variance_stderr
 from ftbias_jax.diagnosis.samples.noise import WINDOW, fast_waves
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
 from ftbias_jax.diagnosis.samples.vibration import (
@@ -17,7 +18,6 @@ from ftbias_jax.diagnosis.samples.vibration import (
     average_runs,
     fit_variance,
     held_out_gains,
-    variance_stderr,
 )
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS

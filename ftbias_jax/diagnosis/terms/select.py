@@ -13,7 +13,7 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, block_scores
 from ftbias_jax.diagnosis.regression.score_test import stand
 from ftbias_jax.diagnosis.search import gap_of
-from ftbias_jax.diagnosis.terms.fit_terms import Described, fit_terms
+from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, of_spectra
 from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank
 from ftbias_jax.diagnosis.terms.states import state_of_problem, tool_point
@@ -22,6 +22,7 @@ from ftbias_jax.diagnosis.thresholds import (
     CLOSE,
     FORM_LOSS,
     FORMS_OF_A_DRIVE,
+    LEAST_DIFFERENCE,
     LEAST_GAIN,
     LEAST_SHARE_OF_GAP,
     LEAST_SIGMAS,
@@ -39,8 +40,12 @@ STARTS = {"attraction": 5, "barrier": 2}
 """Points of the grid from which forms with several maxima are fitted."""
 FINE = 13
 """Times tried at every refinement of one, of which two are made."""
-ROUGH_STEPS, ROUGH_STEPS_FAR = 5, 15
-"""Of a first fit, and of one of those."""
+ROUGH_STEPS, FURTHER_STEPS = 5, 10
+"""Of a first fit, and more of the best of those."""
+ROUGHLY = 1e-3
+"""Share of its whole gain that the last step of such a fit gains less than."""
+GOES_ON = 0.5
+"""Of the best merit from which on it is worth it."""
 
 
 class Step(NamedTuple):
@@ -69,16 +74,30 @@ class Search:
         grid = make_grid(problem, self.state, self.point, base.error, fast)
         self.library: Library = make_library(problem, self.state, grid)
 
-    def best(self, start: Fit) -> list[tuple[float, Described]]:
+    def best(self, start: Fit) -> list[tuple[float, Solved]]:
         """The most promising terms fitted beside the effects of a fit, with their merits, best first."""
         ranked = self._ranked(start)
         top = ranked[0].merit if ranked else 0.0
         worth = [one for one in _of_each_drive(ranked) if one.merit > max(_worth(one.term) * top, 0.0)]
         few = [one for place, one in enumerate(worth) if place < TERMS_FITTED or one.term.form in STARTS]
         few = [self._timed(one, start) if "time" in one.term.parameters else one for one in few]
-        fitted = [fit_terms(self.problem, self.state, start, (one.term,), _steps_of(one.term)) for one in few]
-        scored = [(self.merit(start, described), described) for described in fitted]
-        return sorted(scored, key=lambda pair: -pair[0])
+        standing = stand(start)
+        tried = [improve(self.problem, self.state, standing, (one.term,), ROUGH_STEPS, ROUGHLY) for one in few]
+        found = self._by_merit(start, tried)
+        for form in STARTS:  # the best of several starts goes on
+            best = next((i for i, (_, one) in enumerate(found) if one.terms[0].form == form), None)
+            if best is not None and found[best][0] > GOES_ON * found[0][0]:
+                further = improve(self.problem, self.state, standing, found[best][1].terms, FURTHER_STEPS, ROUGHLY)
+                found[best] = self._by_merit(start, [further])[0]
+        return sorted(found, key=_order)
+
+    def _by_merit(self, start: Fit, tried: Sequence[Solved]) -> list[tuple[float, Solved]]:
+        """Terms with the nats that count of what they gain over a fit, best first."""
+        found = []
+        for one in tried:
+            numbers = sum(numbers_of(term) for term in one.terms)
+            found.append((merit_of(one.log_likelihood - start.log_likelihood, numbers), one))
+        return sorted(found, key=_order)
 
     def _ranked(self, start: Fit) -> list[Ranked]:
         """The grid beside a fit, best first, with what stands out in the spectra of what that leaves."""
@@ -99,12 +118,7 @@ class Search:
             reach /= FINE / 2
         return one
 
-    def merit(self, start: Fit, described: Described) -> float:
-        """nats that count of what terms gain over a fit."""
-        gain = described.fit.log_likelihood - start.log_likelihood
-        return merit_of(gain, sum(numbers_of(term) for term in described.terms))
-
-    def grow(self, start: Fit, first: list[tuple[float, Described]] | None = None) -> list[Step]:
+    def grow(self, start: Fit, first: list[tuple[float, Solved]] | None = None) -> list[Step]:
         """Terms beside the effects of a fit, while each removes enough on blocks that it has not seen.
 
         Args:
@@ -128,15 +142,15 @@ class Search:
         return steps
 
     def _step(
-        self, start: Fit, now: Fit, chosen: tuple[Term, ...], found: list[tuple[float, Described]], place: int
+        self, start: Fit, now: Fit, chosen: tuple[Term, ...], found: list[tuple[float, Solved]], place: int
     ) -> Step | None:
         """One candidate fitted with all that were chosen, and judged on unseen blocks."""
         problem, (_, one) = self.problem, found[place]
-        described = fit_terms(problem, self.state, start, (*chosen, *one.terms))
+        described = fit_terms(problem, self.state, stand(start), (*chosen, *one.terms))
         gain = described.fit.log_likelihood - now.log_likelihood
         if merit_of(gain, numbers_of(one.terms[0])) < LEAST_GAIN:
             return None
-        difference = block_scores(problem, described.fit) - block_scores(problem, now)
+        difference = block_scores(problem, described.fit.error) - block_scores(problem, now.error)
         if difference.sum() < STEADY * np.sqrt(len(difference)) * difference.std():
             return None
         if any(cancels(term, self.state) for term in described.terms):
@@ -146,23 +160,29 @@ class Search:
         if held.nats < STEADY * held.nats_stderr:
             return None
         share = gap_removed(problem, reference, held.error)
-        return Step(described, gain, self._rivals(now, described, [d for _, d in found], place), held, share)
+        return Step(described, gain, self._rivals(now, [d for _, d in found], place), held, share)
 
-    def _rivals(self, now: Fit, described: Described, found: list[Described], place: int) -> tuple[Term, ...]:
+    def _rivals(self, now: Fit, found: list[Solved], place: int) -> tuple[Term, ...]:
         """Terms of other drives that could stand in the place of the one that was chosen."""
-        best = found[place].fit
-        gain, blocks = best.log_likelihood - now.log_likelihood, block_scores(self.problem, best)
+        best = found[place]
+        gain, blocks = best.log_likelihood - now.log_likelihood, block_scores(self.problem, best.error)
         rivals: dict[str, Term] = {}
-        drive = found[place].terms[0].drive
+        drive = best.terms[0].drive
         for other in found:
             term = other.terms[0]
-            difference = blocks - block_scores(self.problem, other.fit)
-            lost = best.log_likelihood - other.fit.log_likelihood
+            difference = blocks - block_scores(self.problem, other.error)
+            lost = best.log_likelihood - other.log_likelihood
             error = ALIKE * float(np.sqrt(len(difference)) * difference.std())
             close = lost < FORM_LOSS * gain or (lost < error and lost < (1 - CLOSE) * gain)
             if term.drive != drive and close:
                 rivals.setdefault(term.drive, term)
         return tuple(rivals.values())
+
+
+def _order(found: tuple[float, Solved]) -> float:
+    """By merit, best first; a line before a wave of time that is the same, because its period came back in the log."""
+    merit, one = found
+    return -merit - LEAST_DIFFERENCE * (one.terms[0].drive == "frequency")
 
 
 def numbers_of(term: Term) -> int:
@@ -179,10 +199,6 @@ def cancels(term: Term, state: State) -> bool:
 
 def _worth(term: Term) -> float:
     return TERM_WORTH_FAR if term.form in STARTS else TERM_WORTH
-
-
-def _steps_of(term: Term) -> int:
-    return ROUGH_STEPS_FAR if term.form in STARTS else ROUGH_STEPS
 
 
 def _of_each_drive(ranked: list[Ranked]) -> list[Ranked]:

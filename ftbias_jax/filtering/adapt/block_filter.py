@@ -38,6 +38,8 @@ class Filtered(NamedTuple):
     """N, Nm."""
     drift: Array
     """N/s, Nm/s."""
+    slow: Array
+    """N, Nm, slow error at the end of the block."""
 
 
 class Averaged(NamedTuple):
@@ -140,7 +142,7 @@ def _filter(sets: _Sets, h: Array, pause: Array, y: Array, variance: Array) -> F
             b, d, g = b + to_b * w * by, d + to_d * w * by, g + to_g * w * by
             bb, bd, bg = bb - to_b * w * to_b, bd - to_b * w * to_d, bg - to_b * w * to_g
             dd, dg, gg = dd - to_d * w * to_d, dg - to_d * w * to_g, gg - to_g * w * to_g
-            return ((b, d, g), (bb, bd, bg, dd, dg, gg)), Filtered(v, s, b, d)
+            return ((b, d, g), (bb, bd, bg, dd, dg, gg)), Filtered(v, s, b, d, g)
 
         covariance = (sets.bias_std**2, zero, zero, sets.drift_std**2, zero, sets.stationary)
         return jax.lax.scan(step, ((zero, zero, zero), covariance), (h, pause, y, variance))[1]

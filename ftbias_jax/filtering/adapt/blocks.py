@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.bias_filter import effective_speed_squared
+from ftbias_jax.model.motion_noise import effective_speed_squared
 from ftbias_jax.types import Array
 
 BLOCK_SECONDS = 0.05

@@ -6,7 +6,8 @@ import numpy as np
 
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.adapt.vibration import Vibration
-from ftbias_jax.filtering.bias_filter import effective_speed_squared, white_share
+from ftbias_jax.filtering.bias_filter import white_share
+from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array
 
@@ -37,7 +38,8 @@ def shown_variance(stated: Params, found: Vibration | None, variance: Array, vel
         return variance
     sensor, shares = np.asarray(stated.bias.wrench_variance), found.shares
     shaking = stated_shaking(stated, velocity)
-    parts = shares.sensor * sensor + shares.rest * (variance - sensor - shaking)
+    # An effect of the setup may make the sensor quieter: there is then nothing beside it, and not less than nothing.
+    parts = shares.sensor * sensor + shares.rest * np.maximum(variance - sensor - shaking, 0)
     return np.asarray(parts + _growth(stated, found, velocity), variance.dtype)
 
 
@@ -49,7 +51,7 @@ def stated_shaking(params: Params, velocity: Array) -> Array:
 
 def _growth(stated: Params, found: Vibration, velocity: Array) -> Array:
     """(T, 6) N^2, Nm^2: white vibration that the log shows."""
-    motion = effective_speed_squared(velocity, found.speed) @ found.per_speed
+    motion = MotionNoise(found.per_speed, found.speed).variance(velocity)
     return np.asarray(white_share(stated.bias, motion))
 
 

@@ -40,7 +40,7 @@ class Vibration(NamedTuple):
     per_speed: Array
     """(n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2, not negative."""
     speed: float | None
-    """rad/s from which it grows with the speed alone (``bias_filter.effective_speed_squared``); None = never."""
+    """rad/s from which it grows with the speed alone (``motion_noise.effective_speed_squared``); None = never."""
     gain: float
     """nats on unseen stretches, of ``per_speed`` over a constant."""
     shares: Shares

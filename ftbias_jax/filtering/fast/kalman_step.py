@@ -8,6 +8,7 @@ are taken one at a time, which is exact for independent noise.
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -94,11 +95,20 @@ def filter_step(
 
 def nats_of(record: Record) -> tuple[Array, Array]:
     """Normalised innovation squared over the measured entries, and the share in the log-likelihood."""
-    weight, innovation = record.weight, record.innovation
-    squares = [v**2 * w for v, w in zip(innovation, weight, strict=True)]
-    logs = [log(jnp.where(w > 0, w, 1)) - (w > 0) * jnp.log(2 * jnp.pi).astype(w.dtype) for w in weight]
-    nis = sum(squares[1:], squares[0])
-    return nis, (sum(logs[1:], logs[0]) - nis) / 2
+    nis = nis_of(record)
+    return nis, (log(density_of(record)) - nis) / 2
+
+
+def nis_of(record: Record) -> Array:
+    """Normalised innovation squared over the measured entries."""
+    squares = [v**2 * w for v, w in zip(record.innovation, record.weight, strict=True)]
+    return sum(squares[1:], squares[0])
+
+
+def density_of(record: Record) -> Array:
+    """Product of 1 / (2 pi s) over the measured entries: the square of the density of the innovation at zero."""
+    factors = [jnp.where(w > 0, w / (2 * math.pi), 1) for w in record.weight]
+    return math.prod(factors[1:], start=factors[0])
 
 
 def predict(

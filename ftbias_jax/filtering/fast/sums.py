@@ -1,4 +1,4 @@
-"""The recursion of scan.py where only sums are asked for: the likelihood is added up in the loop, nothing is stored.
+"""The recursion of scan.py where only sums are asked for: of a step one number remains, the density of its innovation.
 
 What the loop does not store it need not write to memory and read again, which costs three times the arithmetic. The
 reverse pass (sums_back.py) has the record of every step, which the forward pass writes only then.
@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.kalman_step import Record, nats_of
+from ftbias_jax.filtering.fast.kalman_step import Record, density_of, nats_of, nis_of
 from ftbias_jax.filtering.fast.scan import (
     Inputs,
     Packed,
@@ -32,6 +32,7 @@ from ftbias_jax.filtering.fast.sums_back import Bars, slopes_of_sums
 from ftbias_jax.filtering.process_models import Gated, ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
 from ftbias_jax.runtime.lanes import Vector, from_upper, upper
+from ftbias_jax.runtime.logarithm import log
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -81,31 +82,35 @@ def _run(model: ProcessModel, keep: bool, for_reverse: bool, inputs: Inputs, wei
     loop = partial(_loop, model, keep, for_reverse)
     # A gate makes the lanes of one log depend on each other.
     over_logs = one_at_a_time(loop) if isinstance(model, Gated) else many_as_lanes(loop)
-    (mean, triangle), nats, kept, record = over_logs(inputs._replace(dt=inputs.dt[:, None]), weight[:, None])
+    (mean, triangle), squares, densities, kept, record = over_logs(
+        inputs._replace(dt=inputs.dt[:, None]), weight[:, None]
+    )
     states = None if kept is None else States(*kept)
-    return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states), record
+    # In the loop a logarithm would cost as much as all the rest of a step; here it is worked out for many samples.
+    logs = jnp.matmul(weight, log(densities), precision="highest")
+    return Sums((logs - squares) / 2, jnp.stack(mean), _matrix(triangle, len(mean), 0), states), record
 
 
-Looped = tuple[Packed, Array, Packed | None, Record | None]
+Looped = tuple[Packed, Array, Array, Packed | None, Record | None]
 
 
 def _loop(model: ProcessModel, keep: bool, for_reverse: bool, inputs: Inputs, weight: Array) -> Looped:
-    """The state after the last sample, the sums, the states of all samples, and the record."""
+    """The state after the last sample, the sum of the NIS, densities, the states of all samples, and the record."""
 
     @compile_whole
     def loop(inputs: Inputs, weight: Array) -> Any:
         forces = forces_of(inputs)
 
         def body(carry: tuple[Packed, Array], sample: tuple[Seen, Array]) -> Any:
-            (state, nats), (seen, weight) = carry, sample
+            (state, squares), (seen, weight) = carry, sample
             step = advance(model, forces, state, seen)
-            after = packed(step)
-            kept = after if keep else None, step.record if for_reverse else None
-            return (after, nats + weight * nats_of(step.record)[1]), kept
+            after, record = packed(step), step.record
+            kept = density_of(record), after if keep else None, record if for_reverse else None
+            return (after, squares + weight * nis_of(record)), kept
 
         start = (start_of(inputs), jnp.zeros_like(inputs.mean[0]))
-        (last, nats), kept = jax.lax.scan(body, start, (samples_of(inputs), weight))
-        return last, nats, *kept
+        (last, squares), kept = jax.lax.scan(body, start, (samples_of(inputs), weight))
+        return last, squares, *kept
 
     found: Looped = loop(inputs, weight)
     return found

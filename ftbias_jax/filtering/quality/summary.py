@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ftbias_jax.filtering.quality.ahead import expected_ahead
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.types import AXES, Array
+
+if TYPE_CHECKING:
+    from ftbias_jax.model.params import BiasNoise
 
 AHEAD = 1.0
 """s: how far ahead the reading is predicted."""
@@ -44,8 +48,8 @@ class Tally(NamedTuple):
     """Samples with an axis FAR off its prediction that it did take in."""
     first: float
     """s, the first stamp."""
-    recent: tuple[Array, Array, Array] | None
-    """t (R,), bias and drift (R, 6) of the last samples, back to one at least AHEAD before the last."""
+    recent: tuple[Array, ...] | None
+    """t (R,), bias, drift and slow error (R, 6) of the last samples, back to one at least AHEAD before the last."""
     last: Filtered | None
     """The last part."""
 
@@ -69,7 +73,8 @@ class Summary(NamedTuple):
     residual_std: Array
     """Standard deviation of corrected wrench minus tool model; a fast bias process makes it small by itself."""
     one_second_rms: Array
-    """Error of predicting the reading from the state one second earlier, which a bias process cannot make small."""
+    """Error of the reading that ``FilterResult.forecast`` expected one second earlier, which a bias process cannot make
+    small."""
     mean_nis: float
     """Mean normalised innovation squared per measured axis; 1 for a right model."""
 
@@ -80,20 +85,21 @@ def start() -> Tally:
     return Tally(nothing, nothing, nothing, 0.0, 0, 0, 0, 0, np.nan, None, None)
 
 
-def add(tally: Tally, part: Filtered) -> Tally:
-    """Take in the next part; parts without a wrench change nothing."""
+def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
+    """Take in the next part, filtered with this noise; parts without a wrench change nothing."""
     if not len(part.t):
         return tally
     raw = part.wrench_unbiased - part.bias
     # One-second-ahead errors use the newest state at least one second old.
-    states = (part.t, part.bias, part.drift)
+    slow = np.zeros_like(part.bias) if part.slow_error is None else part.slow_error
+    states = (part.t, part.bias, part.drift, slow)
     recent = states if tally.recent is None else tuple(map(np.concatenate, zip(tally.recent, states, strict=True)))
-    t, bias, drift = recent
+    t, bias, drift, slow = recent
     past = np.searchsorted(t, part.t - AHEAD, side="right") - 1
     known = past >= 0
     past = past[known]
     elapsed = (part.t[known] - t[past])[:, None]
-    predicted = part.wrench_tool[known] - bias[past] - elapsed * drift[past]
+    predicted = part.wrench_tool[known] - expected_ahead(bias[past], drift[past], slow[past], noise, elapsed)
     keep = max(np.searchsorted(t, t[-1] - AHEAD, side="right") - 1, 0)
     return Tally(
         _merge(tally.raw, raw),
@@ -105,7 +111,7 @@ def add(tally: Tally, part: Filtered) -> Tally:
         tally.gated + int(np.isnan(part.innovation).all(1).sum()),
         tally.far + int((np.abs(part.innovation) > FAR * part.innovation_std).any(1).sum()),
         float(part.t[0]) if tally.recent is None else tally.first,
-        (t[keep:], bias[keep:], drift[keep:]),
+        tuple(x[keep:] for x in (t, bias, drift, slow)),
         part,
     )
 
@@ -134,9 +140,9 @@ def finish(tally: Tally) -> Summary:
     )
 
 
-def summarise(filtered: Filtered) -> Summary:
-    """The summary of a result that is whole."""
-    return finish(add(start(), filtered))
+def summarise(filtered: Filtered, noise: BiasNoise) -> Summary:
+    """The summary of a result that is whole, filtered with this noise."""
+    return finish(add(start(), filtered, noise))
 
 
 def worse_than_raw(summary: Summary) -> bool:

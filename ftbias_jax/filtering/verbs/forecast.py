@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ftbias_jax.filtering.quality.ahead import expected_ahead, moved_by_drift
 from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from ftbias_jax.filtering.verbs.results import FilterResult
-    from ftbias_jax.model.params import BiasNoise
-
 
 SOONER = 2.0
 """A log of a few correlation times may show one this many times too long, and the standard deviation allows that. On
@@ -39,7 +38,7 @@ def forecast(result: FilterResult, seconds: float) -> Forecast:
     """
     noise = result.params.bias
     mean = expected_ahead(result.bias, result.drift, result.slow_error, noise, seconds)
-    of_drift = (_moved(noise, seconds) * result.drift_std) ** 2
+    of_drift = (moved_by_drift(noise.drift_time, seconds) * result.drift_std) ** 2
     white = (result.innovation_std if result.reading_std is None else result.reading_std) ** 2
     if result.slow_error is None or noise.correlated_std is None or noise.correlated_time is None:
         return Forecast(mean, np.sqrt(result.bias_std**2 + of_drift + white))
@@ -48,30 +47,3 @@ def forecast(result: FilterResult, seconds: float) -> Forecast:
     known = np.where(slow > 0, kept**SOONER, 0.0)  # without slow errors all that is not known of the bias stays
     variance = ((1 - known) * result.bias_std) ** 2 + of_drift + white - known**2 * slow
     return Forecast(mean, np.sqrt(variance))
-
-
-def expected_ahead(
-    bias: Array, drift: Array, slow_error: Array | None, noise: BiasNoise, seconds: float | Array
-) -> Array:
-    """What wrench_tool - reading should be later: (T, 6) N, Nm.
-
-    Args:
-        bias: (T, 6) N, Nm.
-        drift: (T, 6) N/s, Nm/s.
-        slow_error: (T, 6) N, Nm; None = none was told from the bias.
-        noise: that the filter took.
-        seconds: how far ahead, () or (T, 1).
-    """
-    mean = bias + _moved(noise, seconds) * drift
-    if slow_error is None or noise.correlated_time is None:
-        return mean
-    return mean + np.exp(-seconds / np.asarray(noise.correlated_time, float)) * slow_error
-
-
-def _moved(noise: BiasNoise, seconds: float | Array) -> float | Array:
-    """s by which a drift moves the bias: fewer than have passed, where it reverts to zero."""
-    if noise.drift_time is None:
-        return seconds
-    times = np.asarray(noise.drift_time, float)
-    moved: Array = -times * np.expm1(-seconds / times)
-    return moved

@@ -177,7 +177,7 @@ def _filter(
         ),
         warnings=tuple(wrong),
         start=log.start,
-        summary=summarise(filtered),
+        summary=summarise(filtered, ready.params.bias),
         contacts=contact_intervals(filtered, ready.noise.contacts, log.start),
         frame=log.frame,
         provenance=provenance(setup, [source_of(log)], {"smooth": smooth, "gate": bias.gate, "adapt": bias.adapt}),

@@ -8,6 +8,7 @@ import numpy as np
 
 from ftbias_jax.model.effects.fitting import FLAT_TOPS, GROWTH, LATTICE, LEVEL, SPIKES, Fitting, Samples
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Record, Twin
+from ftbias_jax.model.motion_noise import effective_speed_squared
 from ftbias_jax.types import Array
 
 _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
@@ -25,11 +26,12 @@ def widen_noise(values: EffectValues, variance: Array, rate: Array) -> Array:
 
 
 def vibration(values: EffectValues, key: Array, record: Record) -> Record:
-    """White noise whose variance is a sum over the squared speeds of the joints, beside the noise at rest."""
+    """White noise whose variance is a sum over the speeds of the joints, beside the noise at rest."""
     if record.dq is None:
         return record
     rows = jnp.broadcast_to(values["variance"], (record.dq.shape[1], 6))
-    shaking = jnp.sqrt(record.dq**2 @ rows) * jax.random.normal(key, record.wrench.shape, record.wrench.dtype)
+    variance = effective_speed_squared(record.dq, values["speed"]) @ rows
+    shaking = jnp.sqrt(variance) * jax.random.normal(key, record.wrench.shape, record.wrench.dtype)
     return record._replace(wrench=record.wrench + shaking, noise=record.noise + shaking)
 
 
@@ -103,6 +105,18 @@ EFFECTS = (
                 0.0,
                 (0.25 * _NEWTON[None]) ** 2,
                 search=True,
+            ),
+            Parameter(
+                "speed",
+                "rad/s",
+                "of a joint, from which its part of the variance grows with the speed and no longer with its square",
+                (),
+                1e-4,
+                float("inf"),
+                float("inf"),
+                0.5,
+                search=True,
+                optional=True,
             ),
         ),
         "the noise grows with the speed of the joints; at rest it is what the setup says",

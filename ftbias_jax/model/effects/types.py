@@ -158,8 +158,8 @@ class Effect(NamedTuple):
     check: Callable[[EffectValues], str] | None = None
     """What is wrong with values that are within their bounds, or ""."""
     filter_noise: str = ""
-    """Field of ``params.BiasNoise`` that holds the one parameter of a recording effect which the filter knows as noise:
-    one row of values for each joint, or one for all of them."""
+    """Field of ``params.BiasNoise`` that holds the first parameter of a recording effect which the filter knows as
+    noise: one row of values for each joint, or one for all of them. Further ones are in fields FIELD_PARAMETER."""
     needs: tuple[str, ...] = ()
     """Columns a log must have for the effect to be visible, beyond t, q and wrench."""
     needs_motion: str = ""

@@ -13,7 +13,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion, sensor_pose
+from ftbias_jax.model.kinematics.seen_from_sensor import Chain, chain_of
 from ftbias_jax.model.wrench.adjoint import PoseSlopes, Slopes, slopes_of_piece
+from ftbias_jax.model.wrench.joint_slopes import slopes_of_joints
 from ftbias_jax.model.wrench.piece import felt_of, wrench_of, wrench_piece
 from ftbias_jax.model.wrench.tool_wrench import Model
 from ftbias_jax.runtime.compiled_loops import compile_whole, on_cpu, one_at_a_time
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 
-PIECE = 64
+PIECE = 128
 """Samples worked out together."""
 
 Columns = tuple[Array, ...]
@@ -77,14 +79,15 @@ def _pieces(model: Model, columns: Columns) -> tuple[Array, Array]:
 
 
 def _forward(model: Model, columns: Columns) -> tuple[tuple[Array, Array], tuple[Model, Columns]]:
-    return one_at_a_time(_all_wrenches)(model, columns), (model, columns)
+    chain = chain_of(model.arm)
+    return one_at_a_time(_all_wrenches)(chain, model.gravity, model.theta, columns), (model, columns)
 
 
-def _backward(residual: tuple[Model, Columns], bars: tuple[Array, Array]) -> tuple[Model, Columns]:
+def _backward(residual: tuple[Model, Columns], bars: tuple[Array, ...]) -> tuple[Model, Columns]:
     model, columns = residual
-    if len(columns) == 3:  # the variance is zero: XLA aborts on an argument that is never read and constant
-        bars = (bars[0], bars[0])
-    joints: Columns = one_at_a_time(_joint_slopes)(model, columns, bars)
+    if len(columns) == 3:  # the variance is zero: XLA aborts on an argument that is never read
+        bars = bars[:1]
+    joints: Columns = one_at_a_time(_joint_slopes)(chain_of(model.arm), model.gravity, model.theta, columns, bars)
     # Few ask for the slopes in the model: they are worked out apart, or not at all.
     gravity, theta, pose = one_at_a_time(_model_slopes)(model, columns, bars)
     arm = one_at_a_time(_arm_slopes)(model, columns[0], pose)
@@ -96,31 +99,33 @@ _pieces.defvjp(_forward, _backward)
 
 
 @compile_whole
-def _all_wrenches(model: Model, columns: Columns) -> tuple[Array, Array]:
-    def one(piece: Columns) -> tuple[Array, Array]:
-        wrench, variance = wrench_piece(model, *piece)
+def _all_wrenches(chain: Chain, gravity: Array, theta: Array, columns: Columns) -> tuple[Array, Array]:
+    def one(i: Array) -> tuple[Array, Array]:
+        wrench, variance = wrench_piece(chain, gravity, theta, columns, i)
         return jnp.stack(wrench), jnp.stack(variance)
 
-    found: tuple[Array, Array] = jax.lax.map(one, columns)
+    found: tuple[Array, Array] = jax.lax.map(one, jnp.arange(columns[0].shape[0]))
     return found
 
 
 @compile_whole
-def _joint_slopes(model: Model, columns: Columns, bars: tuple[Array, Array]) -> Columns:
-    found: Columns = jax.lax.map(lambda piece: _slopes(model, *piece).joints, (columns, bars))
+def _joint_slopes(chain: Chain, gravity: Array, theta: Array, columns: Columns, bars: tuple[Array, ...]) -> Columns:
+    def one(i: Array) -> Columns:
+        return slopes_of_joints(chain, gravity, theta, columns, bars, i)
+
+    found: Columns = jax.lax.map(one, jnp.arange(columns[0].shape[0]))
     return found
 
 
 @compile_whole
-def _model_slopes(model: Model, columns: Columns, bars: tuple[Array, Array]) -> tuple[Vector, Vector, PoseSlopes]:
+def _model_slopes(model: Model, columns: Columns, bars: tuple[Array, ...]) -> tuple[Vector, Vector, PoseSlopes]:
     found: tuple[Vector, Vector, PoseSlopes]
-    found = jax.lax.map(lambda piece: _slopes(model, *piece)[1:], (columns, bars))
+    found = jax.lax.map(lambda piece: _slopes(model, *piece), (columns, bars))
     return found
 
 
-def _slopes(model: Model, columns: Columns, bars: tuple[Array, Array]) -> Slopes:
-    wrench, variance = bars
-    return slopes_of_piece(model, columns, list(wrench), list(variance))
+def _slopes(model: Model, columns: Columns, bars: tuple[Array, ...]) -> Slopes:
+    return slopes_of_piece(model, columns, *(list(bar) for bar in bars))
 
 
 def _arm_slopes(model: Model, q: Array, bars: PoseSlopes) -> Any:

@@ -12,10 +12,19 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.model.kinematics.arm_batch import Columns, acceleration_at, motion, sensor_pose
-from ftbias_jax.model.wrench.tool_wrench import Model
+from ftbias_jax.model.kinematics.arm_batch import Columns, Moving
+from ftbias_jax.model.kinematics.seen_from_sensor import (
+    Chain,
+    Walk,
+    at_last_joint,
+    column_of,
+    joint_before,
+    moved_by,
+    seen_by_sensor,
+    turns_of,
+)
 from ftbias_jax.runtime.compiled_loops import compile_whole
-from ftbias_jax.runtime.lanes import Rows, Vector, cross, scale, times, total, transpose
+from ftbias_jax.runtime.lanes import Rows, Vector, cross, scale, times, total
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -40,37 +49,51 @@ class Turned(NamedTuple):
 
 
 def wrench_piece(
-    model: Model, q: Float[Array, "n C"], dq: Float[Array, "n C"], ddq: Float[Array, "n C"], *covariance: Array
+    chain: Chain, gravity: Float[Array, " 3"], theta: Float[Array, " 10"], columns: tuple[Array, ...], i: Array
 ) -> tuple[Vector, Vector]:
     """Wrench and variance, six entries (C,) each.
 
     Args:
-        model: arm, gravity and tool.
-        q: (n, C) joint positions, rad.
-        dq: (n, C) joint velocities, rad/s.
-        ddq: (n, C) joint accelerations, rad/s^2.
-        covariance: P_qq, P_qa and P_aa (n, C), or none for zeros; velocities are left out, as in
-            ``joint_sensitivity``.
+        chain: of the arm.
+        gravity: (3,) m/s^2, base frame.
+        theta: (10,) of the tool.
+        columns: q, dq and ddq of the joints in all pieces (pieces, n, C), rad, s, and P_qq, P_qa and P_aa, or none of
+            these for zeros; velocities are left out, as in ``joint_sensitivity``.
+        i: which piece. XLA would copy a piece that was cut out before, number by number, and so it would the row of a
+            joint.
     """
-    theta, gravity = list(model.theta), list(model.gravity)
-    R, p, columns = sensor_pose(model.arm, q)
-    moving, _ = motion(columns, dq, ddq)
-    R_sensor_base = transpose(R)
-    rates = acceleration_at(p, moving), moving.velocity.angular, moving.acceleration.angular
-    wrench = wrench_of(theta, felt_of(gravity, R_sensor_base, *rates))
-    zero = [jnp.zeros_like(q[0])] * 6
-    if not covariance:
-        return wrench, zero
-    g = times(R_sensor_base, gravity)
+    q, dq, ddq, *covariance = columns
+    tool, zero = list(theta), jnp.zeros_like(q[0, 0])
+    turns = turns_of(chain, jax.lax.dynamic_index_in_dim(q, i, 0, keepdims=False))
+    g = seen_by_sensor(chain, turns, list(gravity))
 
-    def joint(variance: Vector, own: tuple[Columns, tuple[Array, ...]]) -> tuple[Vector, None]:
-        column, (qq, qa, aa) = own
-        turned = compile_whole(turned_by)(R_sensor_base, p, g, column)
-        by_q, by_ddq = compile_whole(sensitivity)(theta, turned)
-        added = [b * (b * qq + 2 * a * qa) + a**2 * aa for a, b in zip(by_ddq, by_q, strict=True)]
-        return total(variance, added), None
+    def moved(j: Array, column: Columns, dq: Array, ddq: Array, moving: Moving) -> Moving:
+        return moved_by(column, row_of(dq, i, j), row_of(ddq, i, j), moving)
 
-    return wrench, jax.lax.scan(joint, zero, (columns, covariance))[0]
+    def joint(carry: tuple[Walk, Vector], j: Array) -> tuple[tuple[Walk, Vector], None]:
+        (axes, p, moving), variance = carry
+        column = compile_whole(column_of)(chain, j, axes[2], p)
+        moving = compile_whole(moved)(j, column, dq, ddq, moving)
+        if covariance:
+            V, W = column
+            by_q, by_ddq = sensitivity(tool, Turned(V, W, cross(W, g)))
+            qq, qa, aa = (row_of(x, i, j) for x in covariance)
+            added = [b * (b * qq + a * (2 * qa)) + a * (a * aa) for a, b in zip(by_ddq, by_q, strict=True)]
+            variance = total(variance, added)
+        axes, p = joint_before(chain, j, row_of(q, i, j), turns, axes, p)
+        return (Walk(axes, p, moving), variance), None
+
+    start = at_last_joint(chain, zero), [zero] * 6
+    ((_, _, moving), variance), _ = jax.lax.scan(joint, start, jnp.arange(q.shape[1]), reverse=True)
+    (v, w), (v_rate, w_rate) = moving
+    specific = [a + b - c for a, b, c in zip(v_rate, cross(w, v), g, strict=True)]
+    return wrench_of(tool, Felt(specific, w, w_rate)), variance
+
+
+def row_of(columns: Float[Array, "pieces n C"], i: Array | int, j: Array | int) -> Float[Array, " C"]:
+    """Row j of piece i."""
+    row: Array = jax.lax.dynamic_slice(columns, (i, j, 0), (1, 1, columns.shape[2]))[0, 0]
+    return row
 
 
 def felt_of(gravity: Vector, R_sensor_base: Rows, acceleration: Vector, velocity: Vector, turning: Vector) -> Felt:

@@ -9,6 +9,7 @@ from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.proposals.starts import starts_of
 from ftbias_jax.filtering.verbs.from_setup import filter_log
+from ftbias_jax.model.effects.catalogue import neutral_values
 from ftbias_jax.model.effects.types import Effect, Model, Parameter
 from ftbias_jax.model.own_effects import load_effects
 from ftbias_jax.model.simulate_log import simulate
@@ -20,7 +21,7 @@ SIZE = Parameter("size", "N", "", scale=1.0)
 
 def starts(parameter, *others):
     effect = Effect("own", "sensor", (parameter, *others), "", "", reading=lambda v, s, w: w)
-    return np.stack(starts_of(effect, parameter, MODEL))
+    return np.stack(starts_of(effect, parameter, np.asarray(neutral_values(effect, MODEL)[parameter.name])))
 
 
 def test_stated_starts_are_taken():

@@ -7,6 +7,7 @@ from ftbias_jax.diagnosis.samples.exact import find_gaps, find_lattice
 from ftbias_jax.diagnosis.samples.read import inspect_samples
 from ftbias_jax.diagnosis.samples.types import together
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.motion_noise import MotionNoise
 
 STATED = np.array([0.1, 0.1, 0.1, 0.004, 0.004, 0.004])
 EFFECTS = ("noise_level", "outliers", "quantisation", "saturation", "dropped_samples", "stamp_jitter", "vibration")
@@ -34,7 +35,7 @@ class Recording:
         unknown = np.full((len(t), 2), np.nan)
         log = Log(t, unknown, unknown, wrench, unknown[:, 0])
         prediction = (model - wrench, np.gradient(model, t, axis=0)) if known else ()
-        beside = {"speed": self.speed[keep], "noise_per_speed": stated, "touched": touched}
+        beside = {"speed": self.speed[keep], "in_motion": stated, "touched": touched}
         return inspect_samples(log, STATED, *prediction, **beside)
 
 
@@ -209,7 +210,7 @@ def test_noise_that_grows_with_the_motion_is_no_noise_level(rate):
     assert names(found) == ("vibration",)
     agrees(found.growth, "variance", GROWTH, 4.0)
     np.testing.assert_allclose(found.noise_std, STATED, rtol=0.2)
-    np.testing.assert_array_equal(found.noise_per_speed, found.growth.parameters["variance"])
+    np.testing.assert_array_equal(found.in_motion.per_speed, found.growth.parameters["variance"])
 
 
 def test_noise_that_grows_and_is_wrong_at_rest_has_both_names():
@@ -228,10 +229,24 @@ def test_a_log_that_never_rests_does_not_show_the_noise_at_rest():
 
 def test_growth_that_the_setup_knows_is_not_told_again():
     recording = Recording(18, duration=60.0)
-    found = recording.inspect(recording.model + 5.0 + grown(recording), stated=GROWTH)
+    found = recording.inspect(recording.model + 5.0 + grown(recording), stated=MotionNoise(GROWTH))
     assert names(found) == ()
     np.testing.assert_allclose(found.noise_std, STATED, rtol=0.05)
-    np.testing.assert_array_equal(found.noise_per_speed, GROWTH)
+    np.testing.assert_array_equal(found.in_motion.per_speed, GROWTH)
+
+
+def test_growth_with_the_speed_alone_is_told_with_the_speed_from_which_it_is_so():
+    recording = Recording(16, 250.0, 60.0)
+    stated = MotionNoise(4 * GROWTH, 0.1)
+    noise = recording.noise * np.sqrt(1 + stated.variance(recording.speed) / STATED**2)
+    found = recording.inspect(recording.model + noise)
+    assert names(found) == ("vibration",)
+    agrees(found.growth, "speed", 0.1, 3.0)
+    assert found.in_motion.speed == found.growth.parameters["speed"]
+    assert found.in_motion.variance(np.ones((1, 2))) == pytest.approx(stated.variance(np.ones((1, 2))), rel=0.1)
+    known = recording.inspect(recording.model + noise, stated=stated)
+    assert names(known) == ()
+    np.testing.assert_allclose(known.noise_std, STATED, rtol=0.05)
 
 
 def test_growth_needs_the_models_error():

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 from ftbias_jax.diagnosis.samples import vibration
+from ftbias_jax.model.motion_noise import effective_speed_squared
 
 REST = np.array([0.01, 0.04])
 SLOPE = np.array([[0.05, 0.0], [0.2, 0.1], [0.0, 0.3]])
@@ -47,10 +48,27 @@ def test_growth_comes_back_within_its_errors_in_nineteen_of_twenty():
         t, speed, white = moving_log(seed)
         found = measure(t, growing(speed, white), speed)
         certain += found.detected
+        assert found.speed is None, seed
         inside.append(np.abs(found.variance - SLOPE) <= 3 * found.stderr + 1e-3)
         np.testing.assert_allclose(found.rest, REST, rtol=0.25)
     assert certain == 20
     assert np.mean(inside) > 0.95
+
+
+@pytest.mark.parametrize("corner", [0.05, 0.2])
+def test_the_speed_from_which_it_grows_with_the_speed_alone_comes_back_within_its_errors(corner):
+    inside, of_weights = [], []
+    for seed in range(20):
+        t, speed, white = moving_log(seed)
+        slope = SLOPE / corner
+        squares = (REST + effective_speed_squared(speed, corner) @ slope) * white**2
+        found = measure(t, squares, speed)
+        assert found.speed is not None, seed
+        inside.append(abs(found.speed - corner) <= 3 * found.speed_stderr)
+        of_weights.append(np.abs(found.variance - slope) <= 3 * found.stderr + 2e-2 / corner)
+        assert found.speed_stderr < 0.2
+    assert np.mean(inside) >= 0.95
+    assert np.mean(of_weights) > 0.95
 
 
 def test_noise_that_does_not_grow_raises_no_alarm():

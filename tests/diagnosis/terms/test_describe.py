@@ -10,7 +10,7 @@ from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.regression.design_matrix import Columns
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.terms import describe
-from ftbias_jax.diagnosis.terms.fit_terms import Described
+from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 
@@ -41,7 +41,7 @@ def described(change, drive=("orientation", "linear"), gain=0.0):
     """A term of 18 numbers that takes a change out of what was left."""
     term = make_term(*drive, "sensor", "wrench")
     term = term.__class__(**{**vars(term), "coefficients": np.zeros(18)})
-    return Described((term,), fit_of("", 18, BEFORE - change, gain), (np.ones(18),))
+    return Solved((term,), BEFORE - change, gain, np.zeros((18, BINS, 6)), np.zeros(0))
 
 
 def only(channels):

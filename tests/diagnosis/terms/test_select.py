@@ -4,31 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_states import still_state
 
+from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.select import cancels
+from ftbias_jax.diagnosis.terms.select import _order, cancels
 from ftbias_jax.model.effects.terms.columns import count_columns
-from ftbias_jax.model.effects.terms.types import State
-
-
-def state_of(q, position):
-    """Sensor axes are base axes; one joint."""
-    count, zero = len(q), np.zeros((len(q), 3))
-    still = dict.fromkeys(("velocity", "acceleration", "angular_velocity", "angular_acceleration"), zero)
-    return State(
-        t=np.arange(float(count)),
-        temperature=np.full(count, 20.0),
-        q=q[:, None],
-        dq=np.zeros((count, 1)),
-        rotation=np.tile(np.eye(3), (count, 1, 1)),
-        position=position,
-        gravity=np.array([0.0, 0.0, -9.81]),
-        load=np.ones((count, 6)),
-        axes=np.tile([0.0, 0.0, 1.0], (count, 1, 1)),
-        counts=np.ones(count),
-        period=0.002,
-        **still,
-    )
 
 
 @pytest.mark.parametrize(
@@ -47,7 +28,7 @@ def test_parts_that_cancel_are_no_description(swing, coefficients, refused):
     q = 1 + swing * np.sin(np.linspace(0, 6, 200))
     term = replace(make_term("joint_angle", "cubic", "joint", "torque", 1), coefficients=np.array(coefficients))
     assert count_columns(term) == 3
-    assert cancels(term, state_of(q, np.zeros((200, 3)))) == refused
+    assert cancels(term, still_state(q, np.zeros((200, 3)))) == refused
 
 
 def test_a_far_spring_on_a_robot_that_moves_a_little_is_one():
@@ -55,4 +36,14 @@ def test_a_far_spring_on_a_robot_that_moves_a_little_is_one():
     position = [0.5, 0.2, 0.4] + 0.03 * rng.normal(size=(200, 3))
     pull = np.array([100.0, -50.0, 100.0, -40.0])
     term = replace(make_term("position", "spring", "base", "force"), coefficients=pull)
-    assert not cancels(term, state_of(rng.normal(size=200), position))
+    assert not cancels(term, still_state(rng.normal(size=200), position))
+
+
+@pytest.mark.parametrize(("ahead", "first"), [(1.0, "frequency"), (100.0, "time")])
+def test_of_a_wave_and_a_line_that_do_the_same_the_line_comes_first(ahead, first):
+    error, none = np.zeros((1, 6)), np.zeros((0, 1, 6))
+    wave, line = (
+        (merit, Solved((make_term(*form, "sensor", "wrench"),), error, 0.0, none, np.zeros(0)))
+        for merit, form in ((1e4 + ahead, ("time", "wave")), (1e4, ("frequency", "line")))
+    )
+    assert sorted([wave, line], key=_order)[0][1].terms[0].drive == first

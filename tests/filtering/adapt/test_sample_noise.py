@@ -38,6 +38,11 @@ def test_what_the_log_shows_may_be_less(stated):
     np.testing.assert_allclose(shown, STD**2 / 2 + JOINTS / 4 + MOTION, rtol=1e-6)
 
 
+def test_a_sensor_that_an_effect_makes_quieter_leaves_nothing_negative_beside_it(stated):
+    _, shown = both(stated, found(sensor=0.5, rest=3.0), STD**2 / 4)
+    np.testing.assert_allclose(shown, STD**2 / 2 + MOTION, rtol=1e-6)
+
+
 def test_a_log_as_stated_shows_what_the_filter_takes(stated):
     taken, shown = both(stated, found())
     np.testing.assert_allclose(taken, shown, rtol=1e-6)

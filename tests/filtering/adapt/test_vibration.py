@@ -8,7 +8,7 @@ from ftbias_jax.filtering.adapt import vibration
 from ftbias_jax.filtering.adapt.blocks import SPEEDS, Blocks
 from ftbias_jax.filtering.adapt.scatter import LEAST_LEVEL
 from ftbias_jax.filtering.adapt.vibration import fit_vibration
-from ftbias_jax.filtering.bias_filter import effective_speed_squared
+from ftbias_jax.model.motion_noise import effective_speed_squared
 
 COUNT, JOINTS = 2400, 3
 PER_SPEED = np.outer([1.0, 0.4, 2.0], 30 * STD**2)

@@ -27,11 +27,18 @@ def filtered():
     return Filtered(**fields)
 
 
-def test_summary_is_the_formulas_in_a_loop(filtered):
-    got = summary.summarise(filtered)
-    t, bias, drift, tool, corrected = (
+@pytest.fixture(scope="module")
+def noise(params):
+    """Slow errors, but for one axis, and a drift that reverts, but for another."""
+    slow = {"correlated_std": np.array([0, 1, 1, 1, 1, 1.0]), "correlated_time": np.linspace(0.5, 3, 6)}
+    return params.bias._replace(**slow, drift_time=np.array([2.0, 3, 4, 5, 6, 1e6]))
+
+
+def test_summary_is_the_formulas_in_a_loop(filtered, noise):
+    got = summary.summarise(filtered, noise)
+    t, bias, drift, slow, tool, corrected = (
         filtered.t,
-        *(getattr(filtered, name) for name in ("bias", "drift", "wrench_tool", "wrench_unbiased")),
+        *(getattr(filtered, name) for name in ("bias", "drift", "slow_error", "wrench_tool", "wrench_unbiased")),
     )
     for axis in range(6):
         raw, residual, ahead = [], [], []
@@ -42,11 +49,14 @@ def test_summary_is_the_formulas_in_a_loop(filtered):
             residual.append(corrected[i, axis] - tool[i, axis])
             old = [j for j in range(COUNT) if t[j] <= t[i] - 1]
             if old:
-                now = bias[old[-1], axis] + (t[i] - t[old[-1]]) * drift[old[-1], axis]
+                then, passed = old[-1], t[i] - t[old[-1]]
+                reverts, forgotten = noise.drift_time[axis], noise.correlated_time[axis]
+                now = bias[then, axis] + reverts * (1 - np.exp(-passed / reverts)) * drift[then, axis]
+                now += np.exp(-passed / forgotten) * slow[then, axis]
                 ahead.append((raw[-1] - (tool[i, axis] - now)) ** 2)
         expected = (np.std(raw), np.std(residual), np.sqrt(np.mean(ahead))) if raw else (np.nan,) * 3
         found = [x[axis] for x in (got.raw_std, got.residual_std, got.one_second_rms)]
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
     np.testing.assert_allclose(got.mean_nis, filtered.nis.sum() / np.isfinite(corrected).sum())
     assert got.samples == COUNT
     assert got.seconds == t[-1] - t[0]
@@ -54,11 +64,11 @@ def test_summary_is_the_formulas_in_a_loop(filtered):
 
 
 @given(cuts=st.lists(st.integers(0, COUNT), max_size=6))
-def test_cutting_a_result_into_parts_changes_nothing(filtered, cuts):
+def test_cutting_a_result_into_parts_changes_nothing(filtered, noise, cuts):
     tally = summary.start()
     edges = [0, *sorted(cuts), COUNT]
     for first, last in pairwise(edges):
-        tally = summary.add(tally, Filtered(*(x[first:last] for x in filtered)))
-    whole = summary.summarise(filtered)
+        tally = summary.add(tally, Filtered(*(x[first:last] for x in filtered)), noise)
+    whole = summary.summarise(filtered, noise)
     for name in Summary._fields:
         np.testing.assert_allclose(getattr(summary.finish(tally), name), getattr(whole, name), rtol=1e-12)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.model.effects.terms.columns import at_point, change, columns, count_columns, state_of
+from ftbias_jax.model.effects.terms.columns import added, at_point, change, columns, count_columns, state_of
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import State, Term
 from ftbias_jax.model.effects.types import Signals
@@ -110,3 +110,11 @@ def test_every_form_has_the_columns_it_counts_and_is_the_same_in_jax(state):
 def test_only_what_acts_as_bias_counts_as_bias(state):
     terms = {"1": a_term("velocity", "linear"), "2": a_term("time", "linear", "sensor", "bias", 0, np.ones(6))}
     np.testing.assert_allclose(change(np, terms, state, ("bias",)), -np.repeat(state.t[:, None], 6, 1))
+
+
+@pytest.mark.parametrize("acts_as", ["force", "torque", "wrench"])
+def test_what_a_term_adds_is_its_columns_times_its_coefficients(state, acts_as):
+    term = a_term("position", "linear", acts_as=acts_as, coefficients=[2.0, -1.0, 0.5])
+    term = Term(**{**vars(term), "used": (1, 4, 6)})
+    expected = -np.einsum("tkc,k->tc", columns(np, term, state), term.coefficients)
+    np.testing.assert_allclose(added(np, term, state), expected, atol=1e-12)
