@@ -8,6 +8,7 @@
     log = ft.read_log("log.npz", setup)
     check = ft.check_setup(setup, [log])                # print(check): units, signs, frames
     result = ft.filter_log(setup, log, smooth=True)     # result.bias, .bias_std, .wrench_unbiased, ...
+    results = ft.filter_log(setup, paths)               # many logs: one result each, results.errors
     tuned = ft.tune(setup, [log])                       # tuned.setup
     found = ft.identify_tool(setup, log)                # found.setup
     made = ft.simulate(setup, {"gain": {}})             # made.log, made.truth
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from ftbias_jax.filtering.pipeline import Options, options_from_setup
     from ftbias_jax.filtering.samples import samples_from_log
     from ftbias_jax.filtering.verbs.from_setup import filter_log, params_for_log, smooth_log
+    from ftbias_jax.filtering.verbs.many import FilterResults
     from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
     from ftbias_jax.io import read_log
     from ftbias_jax.io.log import Log, Repair
@@ -61,6 +63,7 @@ __all__ = [
     "Diagnosis",
     "Effect",
     "FilterResult",
+    "FilterResults",
     "FtbiasError",
     "Identified",
     "IdentifyResult",
@@ -116,6 +119,7 @@ _MODULES = {
     "filtering.pipeline": "Options options_from_setup",
     "filtering.samples": "samples_from_log",
     "filtering.verbs.from_setup": "filter_log params_for_log smooth_log",
+    "filtering.verbs.many": "FilterResults",
     "filtering.verbs.results": "FilterResult SmoothResult",
     "io": "read_log",
     "io.log": "Log Repair",

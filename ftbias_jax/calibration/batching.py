@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from functools import partial
 
@@ -50,10 +51,13 @@ def cut(log: Sample, length: int) -> list[Sample]:
 def equal_parts(logs: list[Sample], at_once: int) -> list[list[Sample]]:
     """Parts of equally many logs, at most ``at_once``, some filled up by a log that measured nothing.
 
-    The first parts are to speak for all, so each takes logs from everywhere.
+    Those of a part are about as long as each other, because work on a part takes the time of its longest log. The first
+    parts are to speak for all, so parts of all lengths take turns.
     """
     count = -(-len(logs) // at_once)
     size = -(-len(logs) // count)
     nothing = jax.tree.map(lambda x: np.full_like(x[:1], np.nan), logs[0])._replace(dt=np.zeros(1))
-    filled = logs + [nothing] * (count * size - len(logs))
-    return [filled[i::count] for i in range(count)]
+    filled = [nothing] * (count * size - len(logs)) + sorted(logs, key=lambda log: len(log.dt))
+    parts = [filled[i : i + size] for i in range(0, len(filled), size)]
+    stride = math.isqrt(count)
+    return [part for first in reversed(range(stride)) for part in parts[first::stride]]

@@ -22,8 +22,7 @@ from ftbias_jax.calibration.batching import cut, equal_parts, stack
 from ftbias_jax.calibration.newton import Report
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
-from ftbias_jax.filtering.fast.sums import filter_sums
-from ftbias_jax.filtering.likelihood import counted
+from ftbias_jax.filtering.likelihood import counted, measured_length, nats_in_pieces
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
 from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_model
 from ftbias_jax.filtering.smoother import smooth_joints
@@ -33,6 +32,7 @@ from ftbias_jax.types import Array, Sample
 PIECE = 4096
 """Joint filters forget within a fraction of a second, so their logs are cut into pieces that run side by side."""
 PIECES_AT_ONCE = 4
+"""Or logs: few, because work on them takes the time of the longest."""
 SAMPLES_AT_ONCE = 1 << 18
 """Of whole logs side by side. Both bound the memory."""
 RESTART_SPREAD = np.log(10.0)
@@ -72,11 +72,11 @@ class JointScore:
         """(K, n) logarithms -> (n,) nats."""
         params, pieces = part
         noise = params.joint._replace(**dict(zip(self.names, jnp.exp(logs), strict=True)))
-        moved = params._replace(joint=noise)
+        moved, length = params._replace(joint=noise), measured_length(pieces)
 
         def one(samples: Sample) -> Array:
             inputs = stages.joint_inputs(moved, pipeline.init(params, samples), samples)
-            return filter_sums(JOINT_MODELS[self.model], False, inputs, counted(samples.dt, self.burn_in)).nats
+            return nats_in_pieces(JOINT_MODELS[self.model], inputs, counted(samples.dt, self.burn_in), length)
 
         return jax.vmap(one)(pieces).sum(0)
 
@@ -104,13 +104,14 @@ class WrenchScore:
         """(K, 6) logarithms -> (6,) nats."""
         params, whole = part
         params = with_wrench_noise(params, dict(zip(self.names, jnp.exp(logs), strict=True)))
+        length = measured_length(whole.samples)
 
         def one(log: WrenchLogs) -> Array:
             variance = log.joint_variance + params.bias.wrench_variance[None]
             start = pipeline.init(params, log.samples)
             inputs = stages.bias_inputs(params, start, log.samples, log.wrench_tool, variance)
             weight = counted(log.samples.dt, self.burn_in)
-            return filter_sums(bias_model(inputs.density), False, inputs, weight).nats
+            return nats_in_pieces(bias_model(inputs.density), inputs, weight, length)
 
         return jax.vmap(one)(whole).sum(0)
 
@@ -176,7 +177,8 @@ def tune_wrench(
         params with the fitted noise, and the fit.
     """
     longest = max(len(log.dt) for log in logs)
-    samples = [stack(part, longest) for part in equal_parts(list(logs), max(1, SAMPLES_AT_ONCE // longest))]
+    at_once = max(1, min(PIECES_AT_ONCE, SAMPLES_AT_ONCE // longest))
+    samples = [stack(part, longest) for part in equal_parts(list(logs), at_once)]
     wrenches = newton.for_each(partial(smoothed_wrenches, params, options=options), samples)
     parts = [(params, WrenchLogs(part, *wrench)) for part, wrench in zip(samples, wrenches, strict=True)]
     return fit_wrench(params, parts, ties, burn_in, restarts, report, total)

@@ -22,11 +22,11 @@ from ftbias_jax.filtering.adapt.blocks import Blocks
 from ftbias_jax.filtering.adapt.contact import in_contact
 from ftbias_jax.filtering.adapt.log_noise import LogNoise, expected, noise_of_log, prior_with
 from ftbias_jax.filtering.adapt.slow_noise import coarser
-from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.recorded.prepare import prepare
 from ftbias_jax.filtering.recorded.ready import in_parts
 from ftbias_jax.filtering.recorded.whole import blocks_of
+from ftbias_jax.filtering.samples import first_position
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import AXES, Array, Sample
@@ -52,7 +52,7 @@ def look_at(params: Params, logs: Sequence[Log], options: Options) -> list[LogIn
     """
     found = []
     for log in logs:
-        first_q = np.asarray(first_measured(jnp.asarray(log.q)))
+        first_q = first_position(log.q)
         blocks = blocks_of(prepare(params, first_q, in_parts(log, params), options), params)
         found.append(LogInBlocks(blocks, noise_of_log(blocks, params)))
     return found

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.adapt.slow_noise import Grid, filter_blocks
+from ftbias_jax.filtering.adapt.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.adapt.slow_noise import nats_of
 from ftbias_jax.filtering.quality.ahead import expected_with
 from ftbias_jax.types import Array
 
@@ -99,16 +100,18 @@ def score(logs: Sequence[Series], slow: tuple[Array, Array], drifts: Drift) -> S
     grid = Grid(np.ones(shape), *(np.broadcast_to(x, shape) for x in slow))
     nats, squares, counts = np.zeros(shape), np.zeros((len(HORIZONS), *shape)), np.zeros((len(HORIZONS), 1, 6))
     for t, y, variance, prior_std in logs:
-        steps = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), drifts.density, 1 / drifts.time)
-        v, s, bias, drift, at_end = (np.stack(x) for x in zip(*steps, strict=True))
+        found = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), drifts.density, 1 / drifts.time)
         half = float(np.median(np.diff(t))) / 2 if len(t) > 1 else 0.0
-        slow_error = np.exp(half / grid.time) * at_end  # as if it, too, were forgotten from the middle of its block on
-        nats -= np.where(np.isfinite(v), np.log(s) + np.nan_to_num(v) ** 2 / s, 0).sum(0) / 2
+        slow_error = (
+            np.exp(half / grid.time) * found.slow
+        )  # as if it, too, were forgotten from the middle of its block on
+        nats += nats_of(found.innovation, found.variance)
         for i, ahead in enumerate(HORIZONS):
             past = np.searchsorted(t, t - ahead, side="right") - 1
             rows = past >= 0
             then = past[rows]
-            expected = expected_with(bias[then], drift[then], slow_error[then], drifts.time, grid.time, ahead)
+            states = found.bias[then], found.drift[then], slow_error[then]
+            expected = expected_with(*states, drifts.time, grid.time, ahead)
             errors = y[rows, None] - expected
             squares[i] += np.nansum(errors**2, axis=0)
             counts[i, 0] += np.isfinite(y[rows]).sum(0)

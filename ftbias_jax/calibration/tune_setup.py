@@ -31,7 +31,7 @@ from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_joints
 from ftbias_jax.filtering.pipeline import Options
-from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.filtering.samples import arrays_from_log, pad
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.params import Params, params_from_setup
@@ -104,10 +104,10 @@ def tune(
     for each, its_logs in tools:
         require_right(each, its_logs, "tune", unchecked)
     options = Options(joint_model=setup.joints.model)
-    first = filter_log.likeliest_params(setup, samples_from_log(start or logs[0]), options)
+    first = filter_log.likeliest_params(setup, arrays_from_log(start or logs[0]), options)
     stated = [first, *(params_from_setup(other)._replace(joint=first.joint) for other, _ in others)]
     samples = [
-        [samples_from_log(filter_log.without_useless(log, params)) for log in logs_of_tool]
+        [arrays_from_log(filter_log.without_useless(log, params)) for log in logs_of_tool]
         for params, (_, logs_of_tool) in zip(stated, tools, strict=True)
     ]
     seen = [[_part(log, 0, 1 - hold_out) for log in logs_of_tool] for logs_of_tool in samples]
@@ -208,6 +208,7 @@ def _judge(
 ) -> tuple[HeldOut, ...]:
     """Scores of two sets of parameters, of each tool, on logs that neither has seen."""
     seconds = sum(float(part.dt.sum()) for part in chain(*unseen))
+    unseen = [[pad(part, filter_log.padded_length(len(part.dt))) for part in logs] for logs in unseen]
     scores = []
     for likelihood in (joint_log_likelihood, wrench_given_joints):
         score = jax.jit(partial(likelihood, options=options, burn_in=1.0))

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering import joint_filter, pipeline, smoother
+from ftbias_jax.filtering import pipeline, smoother
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.joint_noise import likeliest_density
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State, predict_wrench
 from ftbias_jax.filtering.result import Filtered, join, keep
-from ftbias_jax.filtering.samples import pad, samples_from_log
+from ftbias_jax.filtering.samples import arrays_from_log, first_position, pad
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model
@@ -66,7 +66,7 @@ def zeroed_at_first(params: Params, samples: Sample) -> Params:
         params: with the bias that the setup expects beside that.
         samples: of the log, from its beginning.
     """
-    q = joint_filter.first_measured(samples.q)
+    q = jnp.asarray(first_position(samples.q))
     still = jnp.zeros_like(q)
     _, weight = predict_wrench(params, jnp.stack([q, still, still], 1))
     mean = params.bias.prior_mean.at[:6].add(weight)
@@ -90,7 +90,7 @@ def filter_with_params(
     # Effects with a memory need the whole log at once.
     size = CHUNK if params.effects is None else len(log.t)
     parts = (log._replace(**rows_of(log, i, size)) for i in range(0, len(log.t), size))
-    first_q = np.asarray(joint_filter.first_measured(jnp.asarray(log.q)))
+    first_q = first_position(log.q)
     results = []
     for i, result in enumerate(filter_parts(params, first_q, parts, options), 1):
         results.append(result)
@@ -113,18 +113,29 @@ def filter_parts(
         the result of every part; its log_likelihood is that of the part.
     """
     dtype = params.theta.dtype
-    state, before, length = None, None, 0
+    state, before, length = start_at(params, first_q), None, 0
     for log in parts:
         log = without_useless(log, params)
-        samples = samples_from_log(log, dtype, before)
+        samples = arrays_from_log(log, dtype, before)
         if params.effects is None:
             samples = samples._replace(temperature=None, columns=None)
-        if state is None:
-            state = pipeline.init(params, samples._replace(q=jnp.asarray(first_q, dtype)[None]))
         length = max(length, padded_length(len(log.t)))  # a short last part runs the program of the others
         state, kept = _run(params, state, pad(samples, length), options)
         yield _filtered(log, {name: np.asarray(x)[: len(log.t)] for name, x in kept.items()})
         before = log.t[-1]
+
+
+def start_at(params: Params, first_q: Array) -> State:
+    """The state before the first sample: ``pipeline.init`` as one program for logs of any length.
+
+    Args:
+        params: of the pipeline.
+        first_q: (n,) rad, the first measured position of every joint.
+    """
+    nothing: Any = None
+    q = np.asarray(first_q, params.theta.dtype)[None]
+    start: State = pipeline.init(params, Sample(nothing, q, nothing, nothing))
+    return start
 
 
 def rows_of(log: Log, first: int, count: int) -> dict[str, Array]:
@@ -174,7 +185,7 @@ def smooth_with_params(
         means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_with_params``.
     """
     log = without_useless(log, params)
-    samples = samples_from_log(log, params.theta.dtype)
+    samples = arrays_from_log(log, params.theta.dtype)
     length = samples.dt.shape[0]
     padded = pad(samples, padded_length(length))
     state = pipeline.init(params, padded)

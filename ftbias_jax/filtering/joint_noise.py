@@ -8,11 +8,12 @@ import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.filtering.fast.scan import Inputs
-from ftbias_jax.filtering.fast.sums import filter_sums
 from ftbias_jax.filtering.joint_filter import first_measured, init
+from ftbias_jax.filtering.likelihood import measured_length, nats_in_pieces
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.model.params import JointNoise
 from ftbias_jax.runtime.kept_programs import keep_program
+from ftbias_jax.types import Sample
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -55,11 +56,12 @@ def likeliest_density(
 
 def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densities: Array, model: str) -> Array:
     """Log-likelihood (G, n) of each joint's measurements for each density of its grid (G, n), all in one recursion."""
-    start = init(noise, first_measured(q))
-    y = jnp.stack([q, dq], 1)
+    start, y = init(noise, first_measured(q)), jnp.stack([q, dq], 1)
     variance = jnp.broadcast_to((jnp.stack([noise.position_std, noise.velocity_std]) ** 2)[None], y.shape)
     restart = jnp.broadcast_to((noise.prior_std**2)[:, None], start.mean.T.shape)
     joints = (y, variance, start.mean.T, jnp.moveaxis(start.covariance, 0, -1), restart)
     lanes = (jnp.concatenate([x] * len(densities), -1) for x in joints)
-    inputs = Inputs(dt, densities.reshape(-1), *lanes)
-    return filter_sums(JOINT_MODELS[model], False, inputs, jnp.ones_like(dt)).nats.reshape(densities.shape)
+    inputs, nothing = Inputs(dt, densities.reshape(-1), *lanes), jnp.full((len(dt), 0), jnp.nan)
+    length = measured_length(Sample(dt, q, dq, nothing))
+    nats = nats_in_pieces(JOINT_MODELS[model], inputs, jnp.ones_like(dt), length)
+    return nats.reshape(densities.shape)

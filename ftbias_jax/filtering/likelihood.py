@@ -6,7 +6,7 @@ The likelihood is differentiable in every parameter, and its gradient costs one 
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,11 +18,12 @@ from ftbias_jax.filtering.fast.log_likelihoods import log_likelihoods
 from ftbias_jax.filtering.fast.scan import Inputs, innovations
 from ftbias_jax.filtering.fast.sums import filter_sums
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State
-from ftbias_jax.filtering.process_models import JOINT_MODELS, BiasStrength, bias_model
+from ftbias_jax.filtering.process_models import JOINT_MODELS, BiasStrength, ProcessModel, bias_model
 from ftbias_jax.filtering.smoother import smooth_joint_tracks
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.tool_wrench import unbias
 from ftbias_jax.runtime.compiled_loops import on_cpu
+from ftbias_jax.runtime.pieces import over_pieces
 from ftbias_jax.types import Gaussian, Sample
 
 if TYPE_CHECKING:
@@ -92,6 +93,39 @@ def wrench_given_joints(
     wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
     inputs = stages.bias_inputs(params, start, samples, wrench_tool, variance, joints.mean[:, 1])
     return filter_sums(bias_model(inputs.density), False, inputs, counted(samples.dt, burn_in)).nats.sum()
+
+
+def nats_in_pieces(
+    model: ProcessModel, inputs: Inputs, weight: Float[Array, " T"], length: Array
+) -> Float[Array, " B"]:
+    """The likelihoods (B,) of ``filter_sums``, without the time that padding would take.
+
+    Args:
+        model: as for ``scan.filter_scan``.
+        inputs: of the filters, padded.
+        weight: (T,) of every sample's likelihood.
+        length: () samples at the start that are of a log.
+    """
+
+    def add(state: tuple[Array, Array, Array], piece: Any) -> tuple[tuple[Array, Array, Array], None]:
+        nats, mean, covariance = state
+        dt, y, variance, drive, weight = piece
+        here = Inputs(dt, inputs.density, y, variance, mean, covariance, inputs.restart_variance, drive)
+        found = filter_sums(model, False, here, weight)
+        return (nats + found.nats, found.mean, found.covariance), None
+
+    log = (inputs.dt, inputs.y, inputs.variance, inputs.drive, weight)
+    start = (jnp.zeros_like(inputs.mean[0]), inputs.mean, inputs.covariance)
+    nats: Array = over_pieces(add, start, log, length)[0][0]
+    return nats
+
+
+def measured_length(samples: Sample) -> Array:
+    """() samples up to the last one that is not padding, where dt is 0 s and all is NaN; of the longest of (..., T)."""
+    there = samples.dt != 0
+    for x in (samples.q, samples.dq, samples.wrench):
+        there = there if x is None else there | jnp.isfinite(x).any(-1)
+    return jnp.max(jnp.where(there, jnp.arange(1, there.shape[-1] + 1), 0))
 
 
 def counted(dt: Float[Array, " T"], burn_in: float | Array) -> Float[Array, " T"]:

@@ -11,7 +11,6 @@ import numpy as np
 
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.compose import fill_temperature
-from ftbias_jax.model.params import as_array
 from ftbias_jax.types import Array, Sample
 
 
@@ -23,13 +22,33 @@ def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -
         dtype: of the arrays.
         before: s, stamp of the sample before the part.
     """
+    samples: Sample = jax.tree.map(jnp.asarray, arrays_from_log(log, dtype, before))
+    return samples
+
+
+def arrays_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:
+    """The same as numpy arrays, which cost JAX nothing until a program takes them.
+
+    Args:
+        log: a whole log, or a part of one.
+        dtype: of the arrays.
+        before: s, stamp of the sample before the part.
+    """
     dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0] if before is None else before)
     temperature = fill_temperature(log.t, log.temperature) if np.isfinite(log.temperature).any() else None
     columns = {name: column.at(log.t) for name, column in log.columns.items()}
     rezeroed = np.asarray(log.is_rezeroed(log.t, before), float) if log.rezeroed_at else None
     arrays = Sample(dt, log.q, log.dq, log.wrench, temperature, columns or None, rezeroed)
-    samples: Sample = jax.tree.map(partial(as_array, dtype=dtype), arrays)
+    kind = jnp.result_type(float) if dtype is None else dtype
+    samples: Sample = jax.tree.map(lambda x: np.asarray(x, kind), arrays)
     return samples
+
+
+def first_position(q: Array) -> Array:
+    """First finite position of every joint; (T, n) -> (n,) rad, NaN if there is none: ``first_measured`` in numpy."""
+    q = np.asarray(q)
+    found: Array = q[np.isfinite(q).argmax(0), np.arange(q.shape[1])]
+    return found
 
 
 def pad(samples: Sample, length: int) -> Sample:

@@ -46,7 +46,8 @@ def trajectory_of(setup: Setup, motion: str | Log, duration: float, rate: float,
     if setup.pose is not None:
         return tumbling(generate, key, t, len(setup.robot.joint_names))
     center, excursion = working_range(setup)
-    return generate(key, t, jnp.asarray(center), jnp.asarray(excursion))
+    made: Trajectory = generate(key, t, jnp.asarray(center), jnp.asarray(excursion))
+    return made
 
 
 def check_motion(duration: float, rate: float, motion: str | Log) -> None:

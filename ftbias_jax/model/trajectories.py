@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -26,6 +27,7 @@ class Trajectory(NamedTuple):
     """(T, n) rad/s^2."""
 
 
+@partial(jax.jit, static_argnames="harmonics")  # or its loop would be compiled anew for every log
 def excitation_sines(
     key: Array, t: Array, center: Array, amplitude: Array, harmonics: int = 4, base_frequency: float = 0.05
 ) -> Trajectory:
@@ -68,6 +70,7 @@ def excitation_sines(
     return Trajectory(t, q, dq, ddq)
 
 
+@jax.jit
 def minimum_jerk_moves(
     key: Array, t: Array, center: Array, amplitude: Array, move: float = 3.0, dwell: float = 1.0
 ) -> Trajectory:

@@ -45,9 +45,14 @@ def rpy_from_rotation(rotation: Array) -> Array:
     return np.where(angles <= -np.pi, np.pi, angles)
 
 
+_GENERATORS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
+"""Matrices [e_i] of the unit vectors, a row each."""
+
+
 def skew(vectors: Array) -> Array:
     """Matrices [v] (..., 3, 3) of the cross product, [v] w = v x w, of vectors (..., 3)."""
-    return np.cross(np.asarray(vectors)[..., None, :], np.eye(3), axisb=-1).swapaxes(-1, -2)
+    vectors = np.asarray(vectors)
+    return (vectors @ _GENERATORS).reshape(*vectors.shape, 3)
 
 
 def rotation_from_vector(vector: Array) -> Array:

@@ -48,3 +48,13 @@ def test_parts_are_equally_many_logs(count, at_once, expected):
     assert all(sum(log is other for other in found) == 1 for log in logs)
     fillers = [log for log in found if not any(log is other for other in logs)]
     assert all(np.isnan(leaf).all() for log in fillers for leaf in log[1:4])
+
+
+def test_logs_of_a_part_are_about_as_long_and_the_first_parts_are_of_all_lengths():
+    lengths = np.random.default_rng(0).permutation(np.arange(1, 65))
+    parts = equal_parts([log_of(length) for length in lengths], 4)
+    spread = [max(len(log.dt) for log in part) - min(len(log.dt) for log in part) for part in parts]
+    assert max(spread) == 3
+    first = [np.mean([len(log.dt) for log in part]) for part in parts[:4]]
+    assert min(first) < 20
+    assert max(first) > 45

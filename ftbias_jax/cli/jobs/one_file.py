@@ -23,7 +23,7 @@ from ftbias_jax.filtering.recorded.tool_error import (
     with_error_of_tool,
 )
 from ftbias_jax.filtering.result import Filtered, join, named_arrays
-from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.filtering.samples import arrays_from_log
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write import save_results
@@ -127,7 +127,7 @@ def filter_file(
     for line in check.lines():
         warn(line)
     options = options_from_setup(setup)
-    likeliest = filter_log.likeliest_params(setup, samples_from_log(next(log.parts(filter_log.CHUNK))), options)
+    likeliest = filter_log.likeliest_params(setup, arrays_from_log(next(log.parts(filter_log.CHUNK))), options)
     size = filter_log.CHUNK if likeliest.effects is None else log.length  # effects with a memory need the whole log
     ready = ready_to_filter(setup, likeliest, log.facts.first_q, lambda: log.parts(size), log.length)
     tally, turning, touches = summary.start(), observability.start(), contacts.start(ready.noise.contacts)

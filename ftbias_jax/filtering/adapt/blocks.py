@@ -109,6 +109,12 @@ def without_jumps(blocks: Blocks, times: Sequence[float]) -> Blocks:
     return blocks._replace(mean=mean, count=np.where(np.isfinite(mean), blocks.count, 0))
 
 
+def room_for(count: int) -> int:
+    """Blocks of the shortest program that takes so many: 64, 96, 128, 192 and so on."""
+    half = 1 << max(0, (count - 1).bit_length() - 1)
+    return max(64, half + half // 2 if count <= half + half // 2 else 2 * half)
+
+
 @contextmanager
 def unmeasured_axes() -> Iterator[None]:
     """NumPy without its warnings of medians and means of nothing: an axis may never have been measured."""

@@ -7,11 +7,13 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.filtering.adapt.block_filter import Grid, filter_blocks
 from ftbias_jax.filtering.adapt.blocks import Blocks, unmeasured_axes
 from ftbias_jax.filtering.adapt.contact import Contact, find_contacts, in_contact, slow_std
 from ftbias_jax.filtering.adapt.sample_noise import sensor_level
-from ftbias_jax.filtering.adapt.slow_noise import Grid, SlowNoise, coarser, fit_slow_noise, innovations
-from ftbias_jax.filtering.adapt.vibration import HEAVY, Vibration, fit_vibration
+from ftbias_jax.filtering.adapt.scatter import HEAVY
+from ftbias_jax.filtering.adapt.slow_noise import SlowNoise, coarser, fit_slow_noise
+from ftbias_jax.filtering.adapt.vibration import Vibration, fit_vibration
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import AXES, Array
 
@@ -91,8 +93,9 @@ def standard_innovations(
     """(N, 6) innovations of blocks in their standard deviations, for correlated noise (std, time), each (6,)."""
     std, time = noise
     grid = Grid(np.ones((1, 6)), std[None], time[None])
-    steps = innovations(t, y, variance, grid, prior_std.reshape(2, 6), density)
-    return np.array([v[0] / np.sqrt(s[0]) for v, s in steps])
+    found = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), density)
+    white: Array = found.innovation[:, 0] / np.sqrt(found.variance[:, 0])
+    return white
 
 
 def is_white(t: Array, innovation: Array) -> bool:

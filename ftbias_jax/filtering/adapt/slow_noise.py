@@ -7,11 +7,11 @@ blocks: fast noise averages out there, and a log is a few hundred numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.filtering.adapt.block_filter import Grid, filter_blocks
 from ftbias_jax.filtering.adapt.blocks import unmeasured_axes
 from ftbias_jax.types import Array
 
@@ -21,10 +21,6 @@ LEAST_GAIN = 12.0
 RATIOS, TIMES = 0.3 * 2.0 ** np.arange(7), 8
 """Standard deviations of the slow error that are tried, in those of a block's mean, and how many correlation times.
 Large and long is likely wherever small and short is, so a coarse grid misses the top of that ridge."""
-SHORTEST = 1e-5
-"""Length of a block in correlation times, below which it is a point, as far as numbers can tell."""
-NEVER = 1e-3
-"""Share of the drift that reverts in a block, below which it does not."""
 WHITE = np.array([1.0, 4.0])
 """Factors of the variance of a block's mean that are tried: vibration is not quite white."""
 
@@ -38,14 +34,6 @@ class SlowNoise(NamedTuple):
     """s, correlation time."""
     gain: Array
     """nats over white noise."""
-
-
-class Grid(NamedTuple):
-    """Parameters of G filters for each of six axes; (G, 6)."""
-
-    white: Array
-    std: Array
-    time: Array
 
 
 def fit_slow_noise(t: Array, y: Array, variance: Array, density: Array, prior_std: Array) -> SlowNoise:
@@ -86,128 +74,14 @@ def fit_slow_noise(t: Array, y: Array, variance: Array, density: Array, prior_st
 
 def log_likelihoods(t: Array, y: Array, variance: Array, grid: Grid, prior_std: Array, density: Array) -> Array:
     """(G, 6) nats of the means of blocks, for every set of parameters; arguments as for ``innovations``."""
-    total = np.zeros(grid.std.shape)
-    for v, s in innovations(t, y, variance, grid, prior_std, density):
-        total = total - np.where(np.isfinite(v), np.log(s) + np.nan_to_num(v) ** 2 / s, 0) / 2
-    return total
+    found = filter_blocks(t, y, variance, grid, prior_std, density)
+    return nats_of(found.innovation, found.variance)
 
 
-class Filtered(NamedTuple):
-    """A block after it was used; (G, 6)."""
-
-    innovation: Array
-    """N, Nm; NaN = not measured."""
-    variance: Array
-    """N^2, Nm^2, of the innovation."""
-    bias: Array
-    """N, Nm."""
-    drift: Array
-    """N/s, Nm/s."""
-    slow: Array
-    """N, Nm, slow error at the end of the block."""
-
-
-def innovations(
-    t: Array, y: Array, variance: Array, grid: Grid, prior_std: Array, density: Array
-) -> Iterator[tuple[Array, Array]]:
-    """Innovation (G, 6), NaN = not measured, and its variance, block by block; arguments as for ``filter_blocks``."""
-    return ((x.innovation, x.variance) for x in filter_blocks(t, y, variance, grid, prior_std, density))
-
-
-def filter_blocks(
-    t: Array,
-    y: Array,
-    variance: Array,
-    grid: Grid,
-    prior_std: Array,
-    density: Array,
-    drift_rate: Array | float = 0.0,
-) -> Iterator[Filtered]:
-    """Filter the means of blocks.
-
-    The Kalman filter of (bias, drift, slow error at the end of the block), over all sets at once. What is measured is
-    the mean of the slow error over the block, which is smoother than the error itself (``Averaged``); the bias hardly
-    curves within a block, so its mean is its value in the middle.
-
-    Args:
-        t: (N,) s, middles of blocks as long as the usual distance between them.
-        y: (N, 6); NaN = not measured.
-        variance: (N, 6).
-        grid: the sets.
-        prior_std: (2, 6) of bias and drift.
-        density: (6,) or (G, 6) sigma_Q.
-        drift_rate: 1/s at which the drift reverts to zero, (G, 6), or 0 = never.
-    """
-    shape = grid.std.shape
-    zero = np.zeros(shape)
-    b, d, g = zero, zero, zero
-    stationary = grid.std**2
-    bb, bd, bg = prior_std[0] ** 2 + zero, zero, zero
-    dd, dg, gg = prior_std[1] ** 2 + zero, zero, stationary
-    q = density**2
-    length = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
-    block = averaged(length / grid.time)
-    for k, h in enumerate(np.diff(t, prepend=t[0])):
-        # The bias to the middle of this block; the slow error, through a pause if there is one, to its beginning.
-        f = np.exp(-max(h - length, 0.0) / grid.time)
-        moved, kept, of_bias, cross, of_drift = drift_over(h, drift_rate)
-        b, d, g = b + moved * d, kept * d, f * g
-        bb, bg = bb + 2 * moved * bd + moved**2 * dd + of_bias * q, f * (bg + moved * dg)
-        bd, dd = kept * (bd + moved * dd) + cross * q, kept**2 * dd + of_drift * q
-        dg, gg = f * kept * dg, stationary + f**2 * (gg - stationary)
-        seen = np.isfinite(y[k])[None]
-        v = np.where(seen, y[k] - b - block.mean * g, np.nan)
-        to_b, to_d, to_g = bb + block.mean * bg, bd + block.mean * dg, bg + block.mean * gg
-        s = to_b + block.mean * to_g + block.scatter * stationary + grid.white * np.nan_to_num(variance[k])
-        to_g = block.kept * to_g + block.cross * stationary
-        g, bg, dg = block.kept * g, block.kept * bg, block.kept * dg
-        gg = stationary + block.kept**2 * (gg - stationary)
-        w, by = np.where(seen, 1 / s, 0), np.where(seen, v, 0)
-        b, d, g = b + to_b * w * by, d + to_d * w * by, g + to_g * w * by
-        bb, bd, bg = bb - to_b * w * to_b, bd - to_b * w * to_d, bg - to_b * w * to_g
-        dd, dg, gg = dd - to_d * w * to_d, dg - to_d * w * to_g, gg - to_g * w * to_g
-        yield Filtered(v, s, b, d, g)
-
-
-def drift_over(h: float, rate: Array | float) -> tuple[Array, ...]:
-    """``process_models.reverting_drift`` over h s: entries of A and, for a density of 1, of Q.
-
-    Returns:
-        what of the drift goes into the bias, what is left of it, and variance of the bias, covariance and variance of
-        the drift.
-    """
-    x = rate * np.asarray(h, float)
-    e, near = -np.expm1(-np.where(x > NEVER, x, 1)), x <= NEVER
-    safe = np.where(near, 1, x)
-    moved = h * np.where(near, 1, e / safe)
-    of_bias = h**3 * np.where(near, 1 / 3, (safe - 2 * e + e * (2 - e) / 2) / safe**3)
-    of_drift = h * np.where(near, 1, e * (2 - e) / 2 / safe)
-    return moved, np.where(near, 1, 1 - e), of_bias, moved**2 / 2, of_drift
-
-
-class Averaged(NamedTuple):
-    """A Gauss-Markov process of variance 1 over a block, given its value at the beginning."""
-
-    kept: Array
-    """What of that value is left at the end."""
-    mean: Array
-    """What of it is in the mean over the block."""
-    scatter: Array
-    """Variance of that mean about it."""
-    cross: Array
-    """Covariance of the mean with the value at the end."""
-
-
-def averaged(x: Array) -> Averaged:
-    """Moments of the mean over a block x correlation times long.
-
-    With the autocorrelation exp(-|u|) the value at the end of the block has the correlation (1 - exp(-x)) / x with its
-    mean, and the mean the variance 2 (x - 1 + exp(-x)) / x^2; what the value at the beginning explains is taken off.
-    """
-    x = np.maximum(x, SHORTEST)
-    kept = np.exp(-x)
-    mean = (1 - kept) / x
-    return Averaged(kept, mean, 2 * (x - 1 + kept) / x**2 - mean**2, mean * (1 - kept))
+def nats_of(v: Array, s: Array) -> Array:
+    """(G, 6) nats of innovations (N, G, 6) N, Nm, NaN = not measured, with these variances."""
+    nats: Array = -np.where(np.isfinite(v), np.log(s) + np.nan_to_num(v) ** 2 / s, 0).sum(0) / 2
+    return nats
 
 
 def coarser(t: Array, y: Array, variance: Array) -> tuple[Array, Array, Array]:

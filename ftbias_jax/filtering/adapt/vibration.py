@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.filtering.adapt.blocks import SPEEDS, Blocks
+from ftbias_jax.filtering.adapt.scatter import LEAST_LEVEL, Scatter, log_likelihood, maximise, variance_of
 from ftbias_jax.types import Array
 
 ROUNDS, ROUNDS_TO_COMPARE = 300, 100
@@ -16,15 +17,10 @@ FOLD_SECONDS = 5.0
 """Stretches that go to the two folds in turn."""
 LEAST_GAIN = 10.0
 """nats on the unseen fold, over all axes, below which the log does not show that its noise grows with motion."""
-HEAVY = 6.0
-"""A scatter this many times the usual is no vibration but a spike: it is cut to that."""
-
 MOST_BLOCKS = 4000
 """Of a longer log as many are taken, evenly: they tell the variance to a percent, and more would take minutes."""
 LEVEL_WITHIN = 0.1
 """The stated variance is believed if the log's is within this share of it."""
-LEAST_LEVEL = 0.01
-"""Of the stated variance: less is a reading that stands still, or repeats itself."""
 
 
 class Shares(NamedTuple):
@@ -62,30 +58,6 @@ class Vibration(NamedTuple):
         return found
 
 
-class Scatter(NamedTuple):
-    """What a variance is fitted to: blocks of a log, N of them."""
-
-    value: Array
-    """(N, 6) N^2, Nm^2."""
-    dof: Array
-    """(N, 6); 0 = not to be used."""
-    stated: tuple[Array, ...]
-    """(N, 6) each: parts of the stated variance, of which the scatter may show any share."""
-
-    def only(self, rows: Array) -> Scatter:
-        """The rows marked in (N,) count, the others do not."""
-        return self._replace(dof=np.where(rows[:, None], self.dof, 0))
-
-
-class Coefficients(NamedTuple):
-    """Of a variance, none negative."""
-
-    shares: Array
-    """(K, 6) of the stated parts."""
-    per_speed: Array
-    """(n, 6) of the motion."""
-
-
 def fit_vibration(blocks: Blocks, free: Array, sensor: Array, taken: bool = True) -> Vibration:
     """Variance of samples by maximum likelihood: the scatter of a block is Gamma distributed about the model.
 
@@ -115,18 +87,18 @@ def fit_vibration(blocks: Blocks, free: Array, sensor: Array, taken: bool = True
         """Of both folds, each with the variance of the other."""
         unseen = 0.0
         for side in (0, 1):
-            found = _maximise(whole.only(fold == side), motion, ROUNDS_TO_COMPARE)
-            unseen += _nats(_variance(whole.stated, motion, found), whole.only(fold != side))
+            found = maximise(whole.only(fold == side), motion, ROUNDS_TO_COMPARE)
+            unseen += log_likelihood(whole.only(fold != side), variance_of(whole.stated, motion, found))
         return unseen
 
     best, gain = _best_speed(blocks.motion, nats)
     moves = gain > LEAST_GAIN
     motion = blocks.motion[:, best] if moves else still
-    found = _maximise(whole, motion)
+    found = maximise(whole, motion, ROUNDS)
     seen = (dof > 0).any(0)
     level = np.where(seen & taken, _sensor_level(found.shares[0], np.median(calm, axis=0), sensor), 1)
     as_stated = ~seen | (np.abs(found.shares[0] - 1) < LEVEL_WITHIN)
-    found = _maximise(parts, motion)
+    found = maximise(parts, motion, ROUNDS)
     per_speed = found.per_speed if moves else np.zeros((blocks.motion.shape[2], 6))
     shares = Shares(*np.where(as_stated, 1, np.maximum(found.shares, LEAST_LEVEL)))
     return Vibration(level, per_speed, SPEEDS[best] if moves else None, gain, shares, taken)
@@ -150,53 +122,3 @@ def _sensor_level(level: Array, stated: Array, sensor: Array) -> Array:
     more, less = 1 + (level - 1) * stated / sensor, np.minimum(level * stated / sensor, 1)
     found = np.maximum(np.where(level > 1, more, less), LEAST_LEVEL)
     return np.where(np.abs(found - 1) < LEVEL_WITHIN, 1, found)
-
-
-def _variance(stated: tuple[Array, ...], motion: Array, coefficients: Coefficients) -> Array:
-    # Never zero, as an axis that stands still would have it.
-    known = sum(share * part for share, part in zip(coefficients.shares, stated, strict=True))
-    found: Array = np.maximum(known + motion @ coefficients.per_speed, LEAST_LEVEL * 1e-3 * sum(stated))
-    return found
-
-
-def _maximise(data: Scatter, motion: Array, rounds: int = ROUNDS) -> Coefficients:
-    """Non-negative coefficients that are likeliest, by multiplicative steps that never lose.
-
-    The likelihood of the scatter is that of the Itakura-Saito divergence (Fevotte, Bertin and Durrieu 2009), whose
-    multiplicative step with an exponent of 1/2 does not decrease it.
-
-    Args:
-        data: scatter of blocks.
-        motion: (N, n) (rad/s)^2.
-        rounds: steps.
-    """
-    dof, scatter, stated = data.dof, data.value, data.stated
-    columns = zip(scatter.T, dof.T, strict=True)
-    usual = np.array([np.median(x[there > 0]) if (there > 0).any() else 1.0 for x, there in columns])
-    scale = np.maximum(motion.mean(0), 1e-12)[:, None]
-    whole = np.mean(sum(stated), 0)
-    shares = np.repeat((usual / whole)[None] / 2, len(stated), axis=0)
-    per_speed = usual[None] / scale / 2 / max(1, len(scale))
-    seen = (dof > 0).any(0)
-
-    def of_shares(x: Array) -> Array:
-        return np.stack([(part * x).sum(0) for part in stated])
-
-    def of_motion(x: Array) -> Array:
-        return motion.T @ x
-
-    for _ in range(rounds):
-        mu = _variance(stated, motion, Coefficients(shares, per_speed))
-        down, up = dof / mu, dof * np.minimum(scatter, HEAVY * mu) / mu**2
-        shares, per_speed = (
-            np.where(seen, b * np.sqrt(slope(up) / np.maximum(slope(down), 1e-300)), b)
-            for b, slope in ((shares, of_shares), (per_speed, of_motion))
-        )
-    shares = np.where(seen, shares, 1)
-    kept = seen & (per_speed * scale > 1e-3 * whole)
-    return Coefficients(shares, np.where(kept, per_speed, 0))
-
-
-def _nats(mu: Array, data: Scatter) -> float:
-    """Log-likelihood of the scatter, up to a constant."""
-    return float(-(data.dof * (np.log(mu) + np.minimum(data.value / mu, HEAVY))).sum() / 2)

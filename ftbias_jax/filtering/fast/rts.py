@@ -18,9 +18,23 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, driven
+from ftbias_jax.filtering.fast.scan import Inputs, Packed, Smoothed, Track, driven
 from ftbias_jax.filtering.process_models import ProcessModel
-from ftbias_jax.runtime.lanes import Entry, Rows, Table, Vector, congruence, dot, plus, product, times, transpose
+from ftbias_jax.runtime.compiled_loops import compile_whole
+from ftbias_jax.runtime.lanes import (
+    Entry,
+    Rows,
+    Table,
+    Vector,
+    congruence,
+    dot,
+    from_upper,
+    plus,
+    product,
+    times,
+    transpose,
+    upper,
+)
 
 
 def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
@@ -34,21 +48,29 @@ def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
     k = track.mean.shape[1]
     step_back = _damped_step if isinstance(inputs.density, tuple) else _step
 
-    def body(after: tuple[Vector, Rows], sample: tuple[Array, Array, Array, Any]) -> Any:
-        dt_after, mean, covariance, drive = sample
-        x, P = list(mean), [list(row) for row in covariance]
-        A, Q = model(dt_after, driven(inputs.density, drive))
-        ahead = plus(congruence(A, P), Q)
-        # A filter that started again at the next sample learned nothing of its past.
-        apart = (ahead[0][0] > inputs.restart_variance[0]) & (ahead[1][1] > inputs.restart_variance[1])
-        smoothed = jax.tree.map(lambda new, old: jnp.where(apart, old, new), step_back(A, Q, x, P, *after), (x, P))
-        return smoothed, (jnp.stack(smoothed[0]), jnp.stack([jnp.stack(row) for row in smoothed[1]]))
+    @compile_whole
+    def loop(density: Any, restart: Vector, last: Packed, before: Any) -> Packed:
+        def body(after: Packed, sample: tuple[Array, Packed, Any]) -> tuple[Packed, Packed]:
+            dt_after, (x, triangle), drive = sample
+            P, P_after = from_upper(k, triangle), from_upper(k, after[1])
+            A, Q = model(dt_after, driven(density, drive))
+            ahead = plus(congruence(A, P), Q)
+            # A filter that started again at the next sample learned nothing of its past.
+            apart = (ahead[0][0] > restart[0]) & (ahead[1][1] > restart[1])
+            mean, covariance = step_back(A, Q, x, P, after[0], P_after)
+            new = mean, upper(covariance)
+            smoothed: Packed = jax.tree.map(lambda new, old: jnp.where(apart, old, new), new, (x, triangle))
+            return smoothed, smoothed
 
-    last = (list(track.mean[-1]), [list(track.covariance[-1, a]) for a in range(k)])
-    drive = jax.tree.map(lambda x: x[1:], inputs.drive)
-    before = (inputs.dt[1:], track.mean[:-1], track.covariance[:-1], drive)
-    mean, covariance = jax.lax.scan(body, last, before, reverse=True)[1]
-    return Smoothed(jnp.concatenate([mean, track.mean[-1:]]), jnp.concatenate([covariance, track.covariance[-1:]]))
+        found: Packed = jax.lax.scan(body, last, before, reverse=True)[1]
+        return found
+
+    states = _entries(track.mean), upper([_entries(track.covariance[:, a]) for a in range(k)])
+    last, earlier = jax.tree.map(lambda x: x[-1], states), jax.tree.map(lambda x: x[:-1], states)
+    dt, drive = jax.tree.map(lambda x: x[1:], (inputs.dt[:, None], inputs.drive))
+    smoothed = loop(inputs.density, list(inputs.restart_variance[:2]), last, (dt, earlier, drive))
+    mean, triangle = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), smoothed, last)
+    return Smoothed(jnp.stack(mean, 1), jnp.stack([jnp.stack(row, 1) for row in from_upper(k, triangle)], 1))
 
 
 def _step(A: Table, Q: Table, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:
@@ -106,3 +128,8 @@ def _solve(S: Rows, right: Rows) -> Rows:
         known = [[lower[c][a] * entry for entry in rows[a]] for a in range(c + 1, k)]
         rows[c] = [(rows[c][b] - sum(row[b] for row in known)) / pivot[c] for b in range(len(rows[c]))]
     return rows
+
+
+def _entries(x: Array) -> Vector:
+    """(T, k, B) -> k arrays (T, B)."""
+    return [x[:, a] for a in range(x.shape[1])]

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering import bias_filter, pipeline
+from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.adapt.contact import in_contact
 from ftbias_jax.filtering.adapt.log_noise import LogNoise, useless
 from ftbias_jax.filtering.fast.scan import Smoothed
@@ -20,13 +20,14 @@ from ftbias_jax.filtering.fast.stages import (
     run_filters,
     without_noise,
 )
-from ftbias_jax.filtering.filter_log import padded_length
+from ftbias_jax.filtering.filter_log import padded_length, start_at
 from ftbias_jax.filtering.pipeline import Options, State
 from ftbias_jax.filtering.recorded.prepare import Prepared
 from ftbias_jax.filtering.result import Filtered
-from ftbias_jax.filtering.samples import pad
+from ftbias_jax.filtering.samples import first_position, pad
 from ftbias_jax.model.params import Params
-from ftbias_jax.types import Array, Sample
+from ftbias_jax.runtime.pieces import over_pieces
+from ftbias_jax.types import Array, Gaussian, Sample
 
 
 def filter_prepared(params: Params, parts: Iterable[Prepared], options: Options, noise: LogNoise) -> Iterator[Filtered]:
@@ -47,8 +48,8 @@ def filter_prepared(params: Params, parts: Iterable[Prepared], options: Options,
         wrench = np.where(touched[:, None], np.nan, part.log.wrench)
         length = len(part.log.t)
         room = padded_length(length)
-        samples = pad(part.samples._replace(wrench=jnp.asarray(wrench, params.theta.dtype)), room)
-        state = pipeline.init(params, part.samples) if state is None else state
+        samples = pad(part.samples._replace(wrench=np.asarray(wrench, params.theta.dtype)), room)
+        state = start_at(params, first_position(part.samples.q)) if state is None else state
         known = (part.wrench_tool, part.variance, part.joints.mean[:, 1], part.shown)
         at_samples = tuple(_lengthen(x, room) for x in known)
         state, kept = _filter_part(params, state, samples, at_samples, options, length)
@@ -60,30 +61,34 @@ def _filter_part(
     params: Params, state: State, samples: Sample, at_samples: tuple[Array, ...], options: Options, length: int
 ) -> tuple[State, dict[str, Array]]:
     """The bias filter over a part, whose first samples, so many, are of the log."""
-    wrench_tool, variance, velocity, shown = at_samples
     noise = params.bias
-    inputs = bias_inputs(params, state, samples, wrench_tool, variance, velocity)
-    track = without_noise(run_filters(gated(inputs, options), inputs))
-    std = jnp.sqrt(jnp.diagonal(track.covariance, axis1=1, axis2=2))  # (T, 6, k)
-    motion = bias_filter.vibration(noise, velocity)
-    correlated = 0.0 if noise.correlated_std is None else bias_filter.correlated_variance(noise, motion)
-    used = jnp.isfinite(samples.wrench) & (track.log_likelihood != 0)
-    innovation = jnp.where(used, track.innovation[:, 0], jnp.nan)
-    innovation_variance = _judged(track.innovation_variance[:, 0] - variance, variance, shown)
-    after = state._replace(bias=bias_state(Smoothed(track.mean[length - 1], track.covariance[length - 1])))
-    return after, {
-        "bias": track.mean[:, 0],
-        "drift": track.mean[:, 1],
-        "bias_std": std[:, :, 0],
-        "drift_std": std[:, :, 1],
-        "slow_error": jnp.zeros_like(samples.wrench) if track.mean.shape[1] == 2 else track.mean[:, 2],
-        "innovation": innovation,
-        "innovation_std": jnp.sqrt(innovation_variance),
-        "nis": jnp.nansum(innovation**2 / innovation_variance, axis=1),
-        "log_likelihood": track.log_likelihood.sum(1),
-        "reading_std": jnp.sqrt(shown + jnp.broadcast_to(correlated, variance.shape)),
-        "used": used.any(1),
-    }
+
+    def filtered(bias: Gaussian, piece: tuple[Sample, tuple[Array, ...]]) -> tuple[Gaussian, dict[str, Array]]:
+        samples, (wrench_tool, variance, velocity, shown) = piece
+        inputs = bias_inputs(params, state._replace(bias=bias), samples, wrench_tool, variance, velocity)
+        track = without_noise(run_filters(gated(inputs, options), inputs))
+        std = jnp.sqrt(jnp.diagonal(track.covariance, axis1=1, axis2=2))  # (T, 6, k)
+        motion = bias_filter.vibration(noise, velocity)
+        correlated = 0.0 if noise.correlated_std is None else bias_filter.correlated_variance(noise, motion)
+        used = jnp.isfinite(samples.wrench) & (track.log_likelihood != 0)
+        innovation = jnp.where(used, track.innovation[:, 0], jnp.nan)
+        innovation_variance = _judged(track.innovation_variance[:, 0] - variance, variance, shown)
+        return bias_state(Smoothed(track.mean[-1], track.covariance[-1])), {
+            "bias": track.mean[:, 0],
+            "drift": track.mean[:, 1],
+            "bias_std": std[:, :, 0],
+            "drift_std": std[:, :, 1],
+            "slow_error": jnp.zeros_like(samples.wrench) if track.mean.shape[1] == 2 else track.mean[:, 2],
+            "innovation": innovation,
+            "innovation_std": jnp.sqrt(innovation_variance),
+            "nis": jnp.nansum(innovation**2 / innovation_variance, axis=1),
+            "log_likelihood": track.log_likelihood.sum(1),
+            "reading_std": jnp.sqrt(shown + jnp.broadcast_to(correlated, variance.shape)),
+            "used": used.any(1),
+        }
+
+    bias, found = over_pieces(filtered, state.bias, (samples, at_samples), length)
+    return state._replace(bias=bias), found
 
 
 def _judged(predicted: Array, taken: Array, shown: Array) -> Array:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering import filter_log as chunks
 from ftbias_jax.filtering.adapt.log_noise import LogNoise, nothing, useless
-from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.pipeline import Options, options_from_setup
 from ftbias_jax.filtering.recorded.whole import filter_recorded
 from ftbias_jax.filtering.result import Filtered, join
-from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.filtering.samples import arrays_from_log, first_position
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
@@ -78,7 +76,7 @@ def smoothed_arrays(ready: Ready, log: Log, options: Options) -> dict[str, Array
 
 def filtered_with(setup: Setup, log: Log) -> tuple[Filtered, Params]:
     """A log filtered as ``ftbias filter`` does it, and the parameters that the filter took."""
-    likeliest = chunks.likeliest_params(setup, samples_from_log(log), options_from_setup(setup))
-    first_q = np.asarray(first_measured(jnp.asarray(log.q)))
+    likeliest = chunks.likeliest_params(setup, arrays_from_log(log), options_from_setup(setup))
+    first_q = first_position(log.q)
     ready = ready_to_filter(setup, likeliest, first_q, lambda: in_parts(log, likeliest), len(log.t))
     return join(list(ready.results())), ready.params

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import overload
 
-import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering import filter_log as chunks
 from ftbias_jax.filtering.check.check_setup import check_setup
-from ftbias_jax.filtering.joint_filter import first_measured
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
 from ftbias_jax.filtering.quality.contacts import contact_intervals
@@ -23,8 +23,10 @@ from ftbias_jax.filtering.recorded.tool_error import (
     with_error_of_tool,
 )
 from ftbias_jax.filtering.result import join
-from ftbias_jax.filtering.samples import samples_from_log
-from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
+from ftbias_jax.filtering.samples import arrays_from_log, first_position, samples_from_log
+from ftbias_jax.filtering.verbs.many import FilterResults, filter_each
+from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult, only, require_fields
+from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.write.provenance import provenance, source_of
@@ -39,18 +41,47 @@ def _nobody(done: int) -> None:
     """Progress that nobody wants to know."""
 
 
-@in_float64
-def filter_log(
+Source = Log | str | os.PathLike[str]
+"""A log, or the path of one."""
+
+
+@overload
+def filter_log(  # type: ignore[overload-overlap]  # a path is a sequence of letters, too
     setup: Setup,
-    log: Log,
+    log: Source,
     *,
     smooth: bool = False,
     as_stated: bool = False,
     unchecked: bool = False,
+    fields: Sequence[str] = (),
     progress: Callable[[int], None] = _nobody,
     effects: Sequence[Effect] = (),
-) -> FilterResult:
-    """Bias, drift and corrected wrench of a log, each from the wrench samples before it.
+) -> FilterResult: ...
+@overload
+def filter_log(
+    setup: Setup,
+    log: Iterable[Source],
+    *,
+    smooth: bool = False,
+    as_stated: bool = False,
+    unchecked: bool = False,
+    fields: Sequence[str] = (),
+    progress: Callable[[int], None] = _nobody,
+    effects: Sequence[Effect] = (),
+) -> FilterResults: ...
+@in_float64
+def filter_log(
+    setup: Setup,
+    log: Source | Iterable[Source],
+    *,
+    smooth: bool = False,
+    as_stated: bool = False,
+    unchecked: bool = False,
+    fields: Sequence[str] = (),
+    progress: Callable[[int], None] = _nobody,
+    effects: Sequence[Effect] = (),
+) -> FilterResult | FilterResults:
+    """Bias, drift and corrected wrench of a log or of many logs, each from the wrench samples before it.
 
     The joints are smoothed, for a recording has their future too. Contact, vibration and slow errors are taken from the
     log where the setup leaves them open (``[bias] adapt = false`` does not), and standard deviations that the log
@@ -59,25 +90,69 @@ def filter_log(
 
     Args:
         setup: robot, sensor, tool and noise. A tool of unknown mass is part of the bias, if the log does not turn it.
-        log: what ``read_log`` gives.
+        log: what ``read_log`` gives, or its path. Or many of them, in a list or from a generator, which are taken one
+            at a time: logs of all lengths share a few compiled programs, and each result is that of the log alone.
         smooth: add the bias given past and future.
         as_stated: as a filter on the robot would: joints from the past alone, noise and gate as the setup states. The
             joints' process noise is then LAG_GUARD times the likeliest.
         unchecked: do not look first whether the setup can be right (``check_setup``); ``print`` says so if it is not.
-        progress: called with the number of samples done so far.
+        fields: names of the arrays that the result keeps beside t and log_likelihood, the others are None; () = all,
+            which takes 0.8 kB a sample. ``summary`` and all else of the result are worked out from the whole.
+        progress: called with the number of samples done so far, of all logs.
         effects: of your own that the setup states.
 
     Returns:
-        arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints.
+        arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints. Of many logs a sequence of
+        such results in their order, with None for a log that cannot be read or filtered: ``errors`` says why.
+
+    Raises:
+        UsageError: there is no log, or no field of such a name. Of a single log FtbiasError: it cannot be read or
+            filtered.
     """
-    setup, of_tool = weight_in_bias(setup.with_effects(effects), slices(log))
+    require_fields(fields)
+    setup, done = setup.with_effects(effects), Counted(progress)
+
+    def one(source: Source) -> FilterResult:
+        log = source if isinstance(source, Log) else read_log(source, setup)
+        result = _filter(setup, log, smooth=smooth, as_stated=as_stated, unchecked=unchecked, progress=done.of_one)
+        done.end()
+        return only(result, fields)
+
+    return one(log) if isinstance(log, Log | str | os.PathLike) else filter_each(log, one)
+
+
+class Counted:
+    """Adds up the samples of one log after the other.
+
+    Args:
+        report: called with the sum.
+    """
+
+    def __init__(self, report: Callable[[int], None]) -> None:
+        self._report, self._before, self._last = report, 0, 0
+
+    def of_one(self, samples: int) -> None:
+        """So many of the log at hand are done."""
+        self._last = samples
+        self._report(self._before + samples)
+
+    def end(self) -> None:
+        """The log at hand is done."""
+        self._before, self._last = self._before + self._last, 0
+
+
+def _filter(
+    setup: Setup, log: Log, *, smooth: bool, as_stated: bool, unchecked: bool, progress: Callable[[int], None]
+) -> FilterResult:
+    """The result of one log."""
+    setup, of_tool = weight_in_bias(setup, slices(log))
     of_tool = (*of_tool, *remark_of_tool(setup.tool))
     wrong = () if unchecked else check_setup(setup, [log]).lines()
     if as_stated:
         setup = replace(setup, bias=replace(setup.bias, adapt=False))
     options = options_from_setup(setup)
-    likeliest = chunks.likeliest_params(setup, samples_from_log(log), options)
-    first_q = np.asarray(first_measured(jnp.asarray(log.q)))
+    likeliest = chunks.likeliest_params(setup, arrays_from_log(log), options)
+    first_q = first_position(log.q)
     ready = ready_to_filter(setup, likeliest, first_q, lambda: in_parts(log, likeliest), len(log.t))
     parts = []
     for part in ready.results():
@@ -124,7 +199,7 @@ def smooth_log(setup: Setup, log: Log) -> SmoothResult:
         arrays at the stamps of the wrench.
     """
     options = options_from_setup(setup)
-    params = chunks.likeliest_params(setup, samples_from_log(log), options)
+    params = chunks.likeliest_params(setup, arrays_from_log(log), options)
     mean, std = chunks.smooth_with_params(params, log, options)
     rows = np.isfinite(log.wrench).any(1)
     return SmoothResult(

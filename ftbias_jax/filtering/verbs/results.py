@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
+from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.adapt.log_noise import LogNoise, describe
 from ftbias_jax.filtering.quality.consistency import Consistency, check
 from ftbias_jax.filtering.quality.contacts import ContactInterval
@@ -180,14 +181,17 @@ class FilterResult(Saved):
         Args:
             seconds: 0 or more.
         """
+        _require(self, "forecast", ("bias", "drift", "bias_std", "drift_std", "innovation_std"))
         return forecast(self, seconds)
 
     def check(self) -> Consistency:
         """Whether the error bars are right: innovations against their chi-square bounds, and their whiteness."""
+        _require(self, "check", ("innovation", "innovation_std"))
         return check(self.innovation, (self.innovation / self.innovation_std) ** 2)
 
     def lines(self) -> list[Line]:
         """Hum and resonances: peaks in the spectrum of the innovations, strongest first; white noise has none."""
+        _require(self, "lines", ("innovation",))
         return find_lines(self.t, self.innovation)
 
     def __str__(self) -> str:
@@ -206,3 +210,33 @@ def _arrays(result: Any) -> dict[str, Array]:
     """The named arrays of a result, as they stand in a file."""
     named = {field.name: getattr(result, field.name) for field in fields(result)}
     return {name: value for name, value in named.items() if isinstance(value, np.ndarray | np.generic)}
+
+
+ARRAYS = tuple(
+    field.name for field in fields(FilterResult) if field.type in ("Array", "Array | None") and field.name != "t"
+)
+"""Names of the arrays of a result beside t."""
+
+
+def require_fields(names: Sequence[str]) -> None:
+    """Refuse names that no array of a result has.
+
+    Raises:
+        UsageError: naming the first of them.
+    """
+    for name in names:
+        if name not in (*ARRAYS, "t"):
+            raise UsageError(f"there is no field {name!r}", field="fields", remedy=f"choose from {', '.join(ARRAYS)}")
+
+
+def only(result: FilterResult, names: Sequence[str]) -> FilterResult:
+    """The result with t, log_likelihood and the arrays so named; () = with all."""
+    left_out = {*ARRAYS} - {*names, "log_likelihood"} if names else set[str]()
+    nothing: dict[str, Any] = dict.fromkeys(left_out)
+    return replace(result, **nothing)
+
+
+def _require(result: FilterResult, what: str, names: Sequence[str]) -> None:
+    if missing := [name for name in names if getattr(result, name) is None]:
+        remedy = f"name {', '.join(missing)} in fields of filter_log"
+        raise UsageError(f"{what} needs {missing[0]}, which was not kept", field="fields", remedy=remedy)

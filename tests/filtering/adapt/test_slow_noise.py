@@ -5,7 +5,8 @@ import pytest
 from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.filtering.adapt import slow_noise
-from ftbias_jax.filtering.adapt.slow_noise import Grid, averaged, coarser, fit_slow_noise, innovations, log_likelihoods
+from ftbias_jax.filtering.adapt.block_filter import Grid, averaged, filter_blocks
+from ftbias_jax.filtering.adapt.slow_noise import coarser, fit_slow_noise, log_likelihoods
 
 PRIOR = np.concatenate([20 * STD, 0.05 * STD])
 DENSITY = 0.01 * STD
@@ -81,7 +82,7 @@ def test_likelihoods_are_those_of_the_one_normal_distribution_of_all_blocks(line
 
 def test_innovations_are_those_of_a_filter_in_matrices(linear_gaussian, short):
     y = short[1]
-    found = list(innovations(*short, PRIOR.reshape(2, 6), DENSITY))
+    found = list(zip(*filter_blocks(*short, PRIOR.reshape(2, 6), DENSITY)[:2], strict=True))
     for g, axis in ((0, 0), (1, 4), (2, 2)):
         model = textbook(linear_gaussian, short, g, axis)
         x, P = model.mean, model.covariance

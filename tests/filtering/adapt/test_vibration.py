@@ -6,7 +6,8 @@ from made_series import STD, blocks_of
 
 from ftbias_jax.filtering.adapt import vibration
 from ftbias_jax.filtering.adapt.blocks import SPEEDS, Blocks
-from ftbias_jax.filtering.adapt.vibration import LEAST_LEVEL, fit_vibration
+from ftbias_jax.filtering.adapt.scatter import LEAST_LEVEL
+from ftbias_jax.filtering.adapt.vibration import fit_vibration
 from ftbias_jax.model.motion_noise import effective_speed_squared
 
 COUNT, JOINTS = 2400, 3

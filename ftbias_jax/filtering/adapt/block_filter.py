@@ -1,0 +1,179 @@
+"""The Kalman filter of bias, drift and slow error on the means of blocks, for many sets of noise at once."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.filtering.adapt.blocks import room_for
+from ftbias_jax.runtime.compiled_loops import compile_whole
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.types import Array
+
+SHORTEST = 1e-5
+"""Length of a block in correlation times, below which it is a point, as far as numbers can tell."""
+NEVER = 1e-3
+"""Share of the drift that reverts in a block, below which it does not."""
+
+
+class Grid(NamedTuple):
+    """Parameters of G filters for each of six axes; (G, 6)."""
+
+    white: Array
+    std: Array
+    time: Array
+
+
+class Filtered(NamedTuple):
+    """Blocks after they were used; (N, G, 6)."""
+
+    innovation: Array
+    """N, Nm; NaN = not measured."""
+    variance: Array
+    """N^2, Nm^2, of the innovation."""
+    bias: Array
+    """N, Nm."""
+    drift: Array
+    """N/s, Nm/s."""
+    slow: Array
+    """N, Nm, slow error at the end of the block."""
+
+
+class Averaged(NamedTuple):
+    """A Gauss-Markov process of variance 1 over a block, given its value at the beginning."""
+
+    kept: Array
+    """What of that value is left at the end."""
+    mean: Array
+    """What of it is in the mean over the block."""
+    scatter: Array
+    """Variance of that mean about it."""
+    cross: Array
+    """Covariance of the mean with the value at the end."""
+
+
+class _Sets(NamedTuple):
+    """What a filter of blocks is given beside them, (G * 6,) each."""
+
+    white: Array
+    time: Array
+    stationary: Array
+    density: Array
+    drift_rate: Array
+    block: Averaged
+    bias_std: Array
+    drift_std: Array
+
+
+@in_float64
+def filter_blocks(
+    t: Array,
+    y: Array,
+    variance: Array,
+    grid: Grid,
+    prior_std: Array,
+    density: Array,
+    drift_rate: Array | float = 0.0,
+) -> Filtered:
+    """Filter the means of blocks.
+
+    The Kalman filter of (bias, drift, slow error at the end of the block), over all sets at once. What is measured is
+    the mean of the slow error over the block, which is smoother than the error itself (``Averaged``); the bias hardly
+    curves within a block, so its mean is its value in the middle.
+
+    Args:
+        t: (N,) s, middles of blocks as long as the usual distance between them.
+        y: (N, 6); NaN = not measured.
+        variance: (N, 6).
+        grid: the sets.
+        prior_std: (2, 6) of bias and drift.
+        density: (6,) or (G, 6) sigma_Q.
+        drift_rate: 1/s at which the drift reverts to zero, (G, 6), or 0 = never.
+    """
+    shape, count = grid.std.shape, len(t)
+    length = float(np.median(np.diff(t))) if count > 1 else 1.0
+
+    def lanes(x: Array | float) -> Array:
+        return np.ascontiguousarray(np.broadcast_to(np.asarray(x, float), shape)).reshape(-1)
+
+    def of_blocks(x: Array, value: float) -> Array:
+        padded = np.pad(np.asarray(x, float), [(0, room_for(count) - count), (0, 0)], constant_values=value)
+        return np.tile(padded, shape[0])
+
+    block = Averaged(*map(lanes, averaged(length / grid.time)))
+    white, time, stationary, strength, rate = map(lanes, (grid.white, grid.time, grid.std**2, density, drift_rate))
+    bias_std, drift_std = map(lanes, prior_std)
+    sets = _Sets(white, time, stationary, strength, rate, block, bias_std, drift_std)
+    h = np.zeros((room_for(count), 1))
+    h[:count, 0] = np.diff(t, prepend=t[0])
+    found = _filter(sets, h, np.maximum(h - length, 0), of_blocks(y, np.nan), of_blocks(np.nan_to_num(variance), 1.0))
+    return Filtered(*(np.asarray(x)[:count].reshape(count, *shape) for x in found))
+
+
+@jax.jit
+def _filter(sets: _Sets, h: Array, pause: Array, y: Array, variance: Array) -> Filtered:
+    """Blocks (N, G * 6): h (N, 1) s after the middle of the one before, pause (N, 1) s after its end."""
+
+    @compile_whole
+    def loop(sets: _Sets, h: Array, pause: Array, y: Array, variance: Array) -> Filtered:
+        zero, block, q = jnp.zeros_like(sets.white), sets.block, sets.density**2
+
+        def step(state: Any, sample: Any) -> tuple[Any, Filtered]:
+            (b, d, g), (bb, bd, bg, dd, dg, gg) = state
+            h, pause, y, variance = sample
+            # The bias to the middle of this block; the slow error, through a pause if there is one, to its beginning.
+            f = jnp.exp(-pause / sets.time)
+            moved, kept, of_bias, cross, of_drift = drift_over(h, sets.drift_rate, jnp)
+            b, d, g = b + moved * d, kept * d, f * g
+            bb, bg = bb + 2 * moved * bd + moved**2 * dd + of_bias * q, f * (bg + moved * dg)
+            bd, dd = kept * (bd + moved * dd) + cross * q, kept**2 * dd + of_drift * q
+            dg, gg = f * kept * dg, sets.stationary + f**2 * (gg - sets.stationary)
+            seen = jnp.isfinite(y)
+            v = jnp.where(seen, y - b - block.mean * g, jnp.nan)
+            to_b, to_d, to_g = bb + block.mean * bg, bd + block.mean * dg, bg + block.mean * gg
+            s = to_b + block.mean * to_g + block.scatter * sets.stationary + sets.white * variance
+            to_g = block.kept * to_g + block.cross * sets.stationary
+            g, bg, dg = block.kept * g, block.kept * bg, block.kept * dg
+            gg = sets.stationary + block.kept**2 * (gg - sets.stationary)
+            w, by = jnp.where(seen, 1 / s, 0), jnp.where(seen, v, 0)
+            b, d, g = b + to_b * w * by, d + to_d * w * by, g + to_g * w * by
+            bb, bd, bg = bb - to_b * w * to_b, bd - to_b * w * to_d, bg - to_b * w * to_g
+            dd, dg, gg = dd - to_d * w * to_d, dg - to_d * w * to_g, gg - to_g * w * to_g
+            return ((b, d, g), (bb, bd, bg, dd, dg, gg)), Filtered(v, s, b, d, g)
+
+        covariance = (sets.bias_std**2, zero, zero, sets.drift_std**2, zero, sets.stationary)
+        return jax.lax.scan(step, ((zero, zero, zero), covariance), (h, pause, y, variance))[1]
+
+    found: Filtered = loop(sets, h, pause, y, variance)
+    return found
+
+
+def drift_over(h: Array | float, rate: Array | float, xp: Any = np) -> tuple[Array, ...]:
+    """``process_models.reverting_drift`` over h s: entries of A and, for a density of 1, of Q.
+
+    Returns:
+        what of the drift goes into the bias, what is left of it, and variance of the bias, covariance and variance of
+        the drift.
+    """
+    x = rate * h
+    e, near = -xp.expm1(-xp.where(x > NEVER, x, 1)), x <= NEVER
+    safe = xp.where(near, 1, x)
+    moved = h * xp.where(near, 1, e / safe)
+    of_bias = h**3 * xp.where(near, 1 / 3, (safe - 2 * e + e * (2 - e) / 2) / safe**3)
+    of_drift = h * xp.where(near, 1, e * (2 - e) / 2 / safe)
+    return moved, xp.where(near, 1, 1 - e), of_bias, moved**2 / 2, of_drift
+
+
+def averaged(x: Array) -> Averaged:
+    """Moments of the mean over a block x correlation times long.
+
+    With the autocorrelation exp(-|u|) the value at the end of the block has the correlation (1 - exp(-x)) / x with its
+    mean, and the mean the variance 2 (x - 1 + exp(-x)) / x^2; what the value at the beginning explains is taken off.
+    """
+    x = np.maximum(x, SHORTEST)
+    kept = np.exp(-x)
+    mean = (1 - kept) / x
+    return Averaged(kept, mean, 2 * (x - 1 + kept) / x**2 - mean**2, mean * (1 - kept))
