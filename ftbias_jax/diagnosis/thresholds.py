@@ -119,8 +119,9 @@ MOST_CANCELLED = 100.0
 The parts of a spring a metre long, on a robot that moves by a few centimetres, cancel to a thirtieth."""
 MOST_NUMBERS, MOST_TERMS = 14, 3
 """Coefficients of a term on any channel; terms. [owner]"""
-TERM_WORTH, TERM_WORTH_FAR = 0.25, 0.08
-"""Shares of the best merit on the grid to be fitted; the second where the grid is coarse. [dev]"""
+TERM_WORTH, TERM_WORTH_FAR, TERM_GOES_ON = 0.25, 0.08, 0.5
+"""Shares of the best merit: on the grid to be fitted, the second where the grid is coarse; of a rough fit from one of
+several starts to be fitted further. [dev]"""
 TERMS_FITTED, FORMS_OF_A_DRIVE, NOISE_FORMS_FITTED = 10, 2, 2
 """Terms, forms of one drive, and forms of noise that are fitted. [dev]"""
 NOISE_BETTER, TERM_WINDOWS = 1.05, 64

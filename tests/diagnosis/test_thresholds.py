@@ -28,11 +28,12 @@ ELSEWHERE = {
     "terms/grid.py": "which terms a robot with so many joints can have",
     "samples/exact.py": "levels that a line needs; a fourth of a step",
     "samples/findings.py": "six channels",
+    "samples/growth_fit.py": "when a solver has converged",
     "samples/jitter.py": "which windows are slow; when a solver has converged",
     "samples/noise.py": "lengths of windows; when a line is broad",
     "samples/read.py": "half of a count",
     "samples/spikes.py": "lengths of windows",
-    "samples/vibration.py": "which tenth; folds; when a solver has converged",
+    "samples/vibration.py": "which tenth; folds",
     "terms/library.py": "three axes",
     "terms/peaks.py": "lengths of spectra",
 }

@@ -138,6 +138,8 @@ def rank(library: Library, standing: Standing) -> list[Ranked]:
 
 def _gains(library: Library, standing: Standing) -> list[Gains]:
     """Those of every trial's columns beside a fit; the products of all lanes with the fit are worked out together."""
+    if not library.trials:
+        return []
     fit, white = standing.fit, library.white
     own = channels_first(np.concatenate([fit.error[None], fit.columns.moving])).astype(np.float32)
     series = channels_first(fit.columns.series).astype(np.float32)

@@ -29,6 +29,7 @@ from ftbias_jax.diagnosis.thresholds import (
     MOST_CANCELLED,
     MOST_TERMS,
     STEADY,
+    TERM_GOES_ON,
     TERM_WORTH,
     TERM_WORTH_FAR,
     TERMS_FITTED,
@@ -44,8 +45,6 @@ ROUGH_STEPS, FURTHER_STEPS = 5, 10
 """Of a first fit, and more of the best of those."""
 ROUGHLY = 1e-3
 """Share of its whole gain that the last step of such a fit gains less than."""
-GOES_ON = 0.5
-"""Of the best merit from which on it is worth it."""
 
 
 class Step(NamedTuple):
@@ -86,7 +85,7 @@ class Search:
         found = self._by_merit(start, tried)
         for form in STARTS:  # the best of several starts goes on
             best = next((i for i, (_, one) in enumerate(found) if one.terms[0].form == form), None)
-            if best is not None and found[best][0] > GOES_ON * found[0][0]:
+            if best is not None and found[best][0] > TERM_GOES_ON * found[0][0]:
                 further = improve(self.problem, self.state, standing, found[best][1].terms, FURTHER_STEPS, ROUGHLY)
                 found[best] = self._by_merit(start, [further])[0]
         return sorted(found, key=_order)

@@ -27,8 +27,8 @@ def twins_of(monkeypatch, losses, scatter, preliminary=1000.0, gain=1000.0):
     others = [Scored(fit_of(Hypothesis(name), -lost), preliminary) for name, lost in losses.items()]
     sign = np.where(np.arange(BLOCKS) % 2, 1.0, -1.0)
 
-    def block_scores(problem, fit):
-        return (0.0 if fit is accepted else -scatter) * sign
+    def block_scores(problem, error):
+        return (0.0 if error is accepted.error else -scatter) * sign
 
     monkeypatch.setattr(twins, "block_scores", block_scores)
     scored = [Scored(accepted, 1000.0), *others]
