@@ -167,7 +167,7 @@ def draw(values, totals):
         right.plot([], [], "o", color=color, label=tool)
     right.set_xticks(range(6), ["fx", "fy", "fz", "tx", "ty", "tz"])
     right.set(ylabel="tuned / true", title="standard deviation of the reading, sqrt(R)")
-    right.legend(fontsize=8)
+    right.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=3, frameon=False)
     for axes in (left, right):
         axes.axhline(1, color="black", linewidth=0.8)
     return figure
