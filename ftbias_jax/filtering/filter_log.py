@@ -15,7 +15,7 @@ from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.joint_noise import likeliest_density
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State, predict_wrench
 from ftbias_jax.filtering.result import Filtered, join, keep
-from ftbias_jax.filtering.samples import arrays_from_log, first_position, pad
+from ftbias_jax.filtering.samples import arrays_from_log, first_position, pad, without_unsettled
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model
@@ -116,7 +116,7 @@ def filter_parts(
     state, before, length = start_at(params, first_q), None, 0
     for log in parts:
         log = without_useless(log, params)
-        samples = arrays_from_log(log, dtype, before)
+        samples = without_unsettled(arrays_from_log(log, dtype, before), log.t, params)
         if params.effects is None:
             samples = samples._replace(temperature=None, columns=None)
         length = max(length, padded_length(len(log.t)))  # a short last part runs the program of the others
@@ -185,7 +185,7 @@ def smooth_with_params(
         means and standard deviations (T, 2, 6) of (bias, drift), at the stamps of ``filter_with_params``.
     """
     log = without_useless(log, params)
-    samples = arrays_from_log(log, params.theta.dtype)
+    samples = without_unsettled(arrays_from_log(log, params.theta.dtype), log.t, params)
     length = samples.dt.shape[0]
     padded = pad(samples, padded_length(length))
     state = pipeline.init(params, padded)

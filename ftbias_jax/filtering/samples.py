@@ -10,8 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.effects.compose import fill_temperature
+from ftbias_jax.model.effects.compose import fill_temperature, forgetting_time
+from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
+
+FORGOTTEN = 0.01
+"""Share of what a memory held at the first sample that no longer matters."""
+LONGEST, MOST = 1.0, 0.1
+"""s, and share of the log, that are left out at most: what lasts longer looks like a bias, or swings about zero."""
 
 
 def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:
@@ -42,6 +48,34 @@ def arrays_from_log(log: Log, dtype: Any = None, before: float | None = None) ->
     kind = jnp.result_type(float) if dtype is None else dtype
     samples: Sample = jax.tree.map(lambda x: np.asarray(x, kind), arrays)
     return samples
+
+
+def settled_at(t: Array, params: Params) -> float:
+    """s, of the log's time, when the known effects have forgotten how they began; the first stamp if none remembers.
+
+    A mass that swings, a tool on springs or a low-pass of the sensor is taken as settled at the first sample. If the
+    arm moves there, the readings are off by what is left of that, and a filter would take it for bias.
+
+    Args:
+        t: (T,) s, stamps of the whole log.
+        params: of the pipeline.
+    """
+    if params.effects is None:
+        return float(t[0])
+    wait = -np.log(FORGOTTEN) * forgetting_time(params.effects)
+    return float(t[0] + min(wait, LONGEST, MOST * (t[-1] - t[0])))
+
+
+def without_unsettled(samples: Sample, t: Array, params: Params) -> Sample:
+    """The samples of a whole log (effects need it whole) without the wrench before it has settled.
+
+    Args:
+        samples: numpy arrays over the log.
+        t: (T,) s, their stamps.
+        params: of the pipeline.
+    """
+    unsettled = np.asarray(t) < settled_at(t, params)
+    return samples._replace(wrench=np.where(unsettled[:, None], np.nan, samples.wrench)) if unsettled.any() else samples
 
 
 def first_position(q: Array) -> Array:

@@ -265,11 +265,12 @@ def test_a_static_pose_names_what_it_does_not_tell(filtered, simulated):
 
 
 def test_singular_priors_are_fine(filtered):
-    """Drift and joints that are known exactly at the start, and a noise whose square is zero."""
+    """What is known exactly at the start; of a noise whose square is zero the result is not to be trusted."""
     setup = {**SETUP, "bias": {"initial_drift_std": 0.0}, "joints": {**SETUP["joints"], "initial_std": [0.0, 0.0, 0.0]}}
     result, _ = filtered(nothing, setup=setup)
     assert (result["drift_std"][0] == 0).all()
-    filtered(nothing, setup={**SETUP, "sensor": {"noise_std": 1e-200}})
+    _, told = filtered(nothing, setup={**SETUP, "sensor": {"noise_std": 1e-200}}, code=3)
+    assert "wherever the bias begins: do not trust the bias" in told
 
 
 @pytest.mark.parametrize("value", ["0", "-0.1", "nan", "inf"])

@@ -16,6 +16,7 @@ from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import contacts, observability, summary
 from ftbias_jax.filtering.quality.summary import Summary
 from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
+from ftbias_jax.filtering.recorded.begin_again import remark_of_gate
 from ftbias_jax.filtering.recorded.ready import ready_to_filter, smoothed_arrays
 from ftbias_jax.filtering.recorded.tool_error import (
     arrays_with_error_of_tool,
@@ -160,7 +161,8 @@ def filter_file(
         save_npz_parts(output, selected_parts(map(named_arrays, results()), selection), about)
         assert tally.last is not None  # no log is empty
         filtered = tally.last
-    repairs = (*log.repairs, *of_tool, *remark_of_tool(setup.tool), *observability.remarks(turning))
+    of_filter = (*of_tool, *remark_of_tool(setup.tool), *remark_of_gate(ready.noise))
+    repairs = (*log.repairs, *of_filter, *observability.remarks(turning))
     told = summary.finish(tally)
     worse = check.worse_than_raw or summary.worse_than_raw(told)
     return Outcome(told, ready.params, ready.noise, repairs, filtered, check, origin, worse)

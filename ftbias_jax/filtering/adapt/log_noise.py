@@ -44,6 +44,10 @@ class LogNoise(NamedTuple):
     """(6,) N, Nm: the bias at the start on axes where the prior does not expect it, 0 elsewhere."""
     inflation: Array
     """(6,) factor, 1 or more, of the standard deviations of bias and drift: what the innovations still contradict."""
+    begun_again: bool = False
+    """Whether the bias begins at the log's median, because from the first readings the gate kept out most of it."""
+    kept_out: float = 0.0
+    """Share of the free samples that the gate keeps out wherever the bias begins; 0 = it keeps at least half."""
 
 
 def nothing() -> LogNoise:
@@ -124,7 +128,8 @@ def offset_of(blocks: Blocks, params: Params) -> Array:
     model that is a little wrong is off by as much as it varies later on: that is no offset.
     """
     with np.errstate(invalid="ignore"):
-        first = np.nan_to_num(np.nanmedian(blocks.mean[:FIRST], axis=0))
+        measured = blocks.mean[np.isfinite(blocks.mean).any(1)]
+        first = np.nan_to_num(np.nanmedian(measured[:FIRST], axis=0))
     mean, std = np.asarray(params.bias.prior_mean, float)[:6], np.asarray(params.bias.prior_std, float)[:6]
     usual = np.hypot(std, slow_std(blocks))
     return np.where(np.abs(first - mean) > FAR * np.maximum(usual, 1e-12), first - mean, 0.0)
@@ -187,12 +192,17 @@ MARGIN = 0.05
 """s beside a contact that are left out with it."""
 
 
+BEGUN_AGAIN = "from its first readings on, the gate kept out most of the log: the bias begins at its median instead"
+
+
 def describe(noise: LogNoise) -> list[str]:
     """Lines that tell a reader what the log shows beyond its setup; none if nothing."""
     lines = []
     if noise.offset.any():
         words = " ".join(f"{name} {x:.4g}" for name, x in zip(AXES, noise.offset, strict=True) if x)
         lines.append(f"the bias at the start is far from what the setup expects, by N, Nm: {words}")
+    if noise.begun_again:
+        lines.append(BEGUN_AGAIN)
     for contact in noise.contacts:
         size = np.linalg.norm(contact.force[:3])
         lines.append(f"contact from {contact.start:.2f} to {contact.end:.2f} s, up to {size:.2g} N: not used")

@@ -92,7 +92,10 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
     raw = part.wrench_unbiased - part.bias
     # One-second-ahead errors use the newest state at least one second old.
     slow = np.zeros_like(part.bias) if part.slow_error is None else part.slow_error
-    states = (part.t, part.bias, part.drift, slow)
+    # Before any reading counted there is the prior alone, which predicts nothing.
+    before = tally.recent is not None and len(tally.recent[0]) > 0
+    begun = np.logical_or.accumulate(np.isfinite(part.innovation).any(1)) | before
+    states = tuple(x[begun] for x in (part.t, part.bias, part.drift, slow))
     recent = states if tally.recent is None else tuple(map(np.concatenate, zip(tally.recent, states, strict=True)))
     t, bias, drift, slow = recent
     past = np.searchsorted(t, part.t - AHEAD, side="right") - 1
@@ -100,7 +103,7 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
     past = past[known]
     elapsed = (part.t[known] - t[past])[:, None]
     predicted = part.wrench_tool[known] - expected_ahead(bias[past], drift[past], slow[past], noise, elapsed)
-    keep = max(np.searchsorted(t, t[-1] - AHEAD, side="right") - 1, 0)
+    keep = max(np.searchsorted(t, part.t[-1] - AHEAD, side="right") - 1, 0)
     return Tally(
         _merge(tally.raw, raw),
         _merge(tally.residual, part.wrench_unbiased - part.wrench_tool),

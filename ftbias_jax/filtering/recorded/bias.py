@@ -45,10 +45,10 @@ def filter_prepared(params: Params, parts: Iterable[Prepared], options: Options,
     state = None
     for part in parts:
         touched = useless(part.log.t, noise)
-        wrench = np.where(touched[:, None], np.nan, part.log.wrench)
+        wrench = np.where(touched[:, None], np.nan, part.samples.wrench)
         length = len(part.log.t)
         room = padded_length(length)
-        samples = pad(part.samples._replace(wrench=np.asarray(wrench, params.theta.dtype)), room)
+        samples = pad(part.samples._replace(wrench=wrench), room)
         state = start_at(params, first_position(part.samples.q)) if state is None else state
         known = (part.wrench_tool, part.variance, part.joints.mean[:, 1], part.shown)
         at_samples = tuple(_lengthen(x, room) for x in known)

@@ -21,7 +21,7 @@ from ftbias_jax.filtering.fast.stages import (
 from ftbias_jax.filtering.filter_log import CHUNK, padded_length, start_at, without_useless
 from ftbias_jax.filtering.pipeline import Options, State
 from ftbias_jax.filtering.process_models import JOINT_MODELS
-from ftbias_jax.filtering.samples import arrays_from_log, pad
+from ftbias_jax.filtering.samples import arrays_from_log, pad, without_unsettled
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.params import Params
@@ -37,6 +37,7 @@ class Prepared(NamedTuple):
 
     log: Log
     samples: Sample
+    """The wrench is NaN, too, where effects with a memory have not yet settled."""
     joints: Smoothed
     """Position, velocity and acceleration: mean (T, 3, n)."""
     wrench_tool: Array
@@ -114,7 +115,7 @@ def _smooth_part(
 
 
 def _samples(params: Params, log: Log, before: float | None) -> Sample:
-    samples = arrays_from_log(log, params.theta.dtype, before)
+    samples = without_unsettled(arrays_from_log(log, params.theta.dtype, before), log.t, params)
     return samples if params.effects is not None else samples._replace(temperature=None, columns=None)
 
 

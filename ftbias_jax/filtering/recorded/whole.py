@@ -14,6 +14,7 @@ from ftbias_jax.filtering.adapt.blocks import Blocks, in_blocks, join_blocks, wi
 from ftbias_jax.filtering.adapt.log_noise import LEAST_BLOCKS, LogNoise, noise_of_log, with_noise
 from ftbias_jax.filtering.adapt.sample_noise import sample_variance, shown_variance, stated_shaking
 from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.recorded.begin_again import filter_or_begin_again
 from ftbias_jax.filtering.recorded.bias import filter_prepared
 from ftbias_jax.filtering.recorded.prepare import Prepared, prepare
 from ftbias_jax.filtering.result import Filtered
@@ -25,6 +26,9 @@ GATE = 6.0
 """Standard deviations: with the noise of the log, spikes and short contacts are off by more, and nothing else is."""
 MOST_KEPT = 1 << 19
 """Samples of a log whose joints are kept between the two passes; those of a longer one are smoothed twice."""
+MOST_JUDGED = 1 << 17
+"""Samples of a log that is filtered again where its gate keeps most of it out. In a longer one it has opened long
+before, because the bias is forgotten meanwhile (``process_models.FORGET``)."""
 Parts = Callable[[], Iterable[Log]]
 """Reads the log once more, in parts of CHUNK samples but for the last."""
 
@@ -56,14 +60,18 @@ def filter_recorded(params: Params, first_q: Array, parts: Parts, length: int, o
     blocks = blocks_of(again() if kept is None else kept, params)
     noise = noise_of_log(blocks, params)
     tuned = with_noise(params, noise)
-    if options.gate is None and len(blocks.t) >= LEAST_BLOCKS:  # without the log's noise a gate may keep out anything
+    by_default = options.gate is None and len(blocks.t) >= LEAST_BLOCKS
+    if by_default:  # without the log's noise a gate may keep out anything
         options = options._replace(gate=GATE)
 
-    def results() -> Iterator[Filtered]:
+    def run(tuned: Params) -> Iterator[Filtered]:
         parts = again() if kept is None else kept
         return filter_prepared(tuned, (with_variance(part, params, noise) for part in parts), options, noise)
 
-    return Recorded(tuned, noise, results)
+    if kept is None or not by_default or length > MOST_JUDGED:
+        return Recorded(tuned, noise, lambda: run(tuned))
+    tuned, told, found = filter_or_begin_again(tuned, noise, blocks, kept, run)
+    return Recorded(tuned, told, lambda: iter(found))
 
 
 def with_variance(part: Prepared, params: Params, noise: LogNoise) -> Prepared:
@@ -85,4 +93,4 @@ def blocks_of(parts: Iterable[Prepared], params: Params) -> Blocks:
 def _in_blocks(part: Prepared, params: Params) -> Blocks:
     velocity = part.joints.mean[:, 1]
     shaking = stated_shaking(params, velocity)
-    return in_blocks(part.log.t, part.wrench_tool - part.log.wrench, velocity, part.variance, shaking)
+    return in_blocks(part.log.t, part.wrench_tool - part.samples.wrench, velocity, part.variance, shaking)

@@ -16,6 +16,7 @@ from ftbias_jax.filtering.quality import observability
 from ftbias_jax.filtering.quality.contacts import contact_intervals
 from ftbias_jax.filtering.quality.summary import summarise
 from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
+from ftbias_jax.filtering.recorded.begin_again import remark_of_gate
 from ftbias_jax.filtering.recorded.ready import in_parts, ready_to_filter, smoothed_arrays
 from ftbias_jax.filtering.recorded.tool_error import (
     arrays_with_error_of_tool,
@@ -154,6 +155,7 @@ def _filter(
     likeliest = chunks.likeliest_params(setup, arrays_from_log(log), options)
     first_q = first_position(log.q)
     ready = ready_to_filter(setup, likeliest, first_q, lambda: in_parts(log, likeliest), len(log.t))
+    of_gate = remark_of_gate(ready.noise)
     parts = []
     for part in ready.results():
         parts.append(with_error_of_tool(part, setup.tool))
@@ -172,10 +174,10 @@ def _filter(
             *map(Repair, wrong),
             *log.repairs,
             *of_tool,
-            *remark_of_tool(setup.tool),
+            *of_gate,
             *observability.remarks(turning),
         ),
-        warnings=tuple(wrong),
+        warnings=(*wrong, *(repair.what for repair in of_gate if repair.lost)),
         start=log.start,
         summary=summarise(filtered, ready.params.bias),
         contacts=contact_intervals(filtered, ready.noise.contacts, log.start),

@@ -147,7 +147,7 @@ class FilterResult(Saved):
     summary: Summary
     """The numbers that ``print`` shows."""
     warnings: tuple[str, ...] = ()
-    """Mistakes of the setup that the log shows, a line each."""
+    """Mistakes of the setup that the log shows, or that the gate keeps out most of the log; a line each."""
     used: Array | None = None
     """(T,) whether the sample passed the gate, and nothing touched the tool."""
     reading_std: Array | None = None

@@ -15,6 +15,7 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, complete
 from ftbias_jax.model.effects.kinematics import motion_of
 from ftbias_jax.model.effects.terms.columns import change, state_of
 from ftbias_jax.model.effects.terms.columns import noise_variance as term_noise
+from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect, Model, Record, Signals, Values
 from ftbias_jax.model.wrench.batch import wrenches_in_motion
@@ -133,6 +134,18 @@ def correct_record(wrench: Array, model: Model, values: Values, catalogue: Mappi
         if effect.screen:
             wrench = effect.screen(complete(effect, values[name], model), wrench)
     return wrench
+
+
+def forgetting_time(values: Values, catalogue: Mapping[str, Effect] | None = None) -> float:
+    """s, the longest time constant with which effects and terms forget how they began; 0 if none remembers.
+
+    What swings or lags is taken as settled at the first sample, which it need not be.
+    """
+    times = [effect.forgets(values[name]) for name, effect in _acting(values, catalogue) if effect.forgets]
+    for term in values.get(TERM, {}).values():
+        if forgets := FORMS[term.drive, term.form].forgets:
+            times.append(forgets(term.parameters))
+    return max((float(np.nan_to_num(time)) for time in times), default=0.0)  # a rigid tool without a damper: 0 / 0
 
 
 def noise_variance(

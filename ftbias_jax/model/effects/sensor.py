@@ -133,6 +133,7 @@ EFFECTS = (
         "the wrench is smoothed by a filter in sensor or driver",
         "raise the cutoff or switch the filter off in the sensor's settings",
         reading=low_pass,
+        forgets=lambda values: 1 / (2 * jnp.pi * values["cutoff"]),
         # Filters of another order, or a moving average, with the same delay have other cutoffs.
         fit=Fitting(Grid(), form_error=0.15),
         twins=(Twin("time_delay", False, "move fast: a low-pass attenuates, a delay does not"),),

@@ -155,6 +155,8 @@ class Effect(NamedTuple):
     widen: Widen | None = None
     """For a recording effect that acts like noise: how much."""
     twins: tuple[Twin, ...] = ()
+    forgets: Callable[[EffectValues], Array] | None = None
+    """s, time constant with which it forgets how it began: a log does not show what went on before."""
     check: Callable[[EffectValues], str] | None = None
     """What is wrong with values that are within their bounds, or ""."""
     filter_noise: str = ""

@@ -72,3 +72,12 @@ def test_cutting_a_result_into_parts_changes_nothing(filtered, noise, cuts):
     whole = summary.summarise(filtered, noise)
     for name in Summary._fields:
         np.testing.assert_allclose(getattr(summary.finish(tally), name), getattr(whole, name), rtol=1e-12)
+
+
+def test_what_the_prior_says_before_any_reading_counts_is_no_prediction(filtered, noise):
+    innovation = filtered.innovation.copy()
+    innovation[:10] = np.nan
+    late = summary.summarise(Filtered(*(x[10:] for x in filtered)), noise)
+    got = summary.summarise(filtered._replace(innovation=innovation), noise)
+    np.testing.assert_allclose(got.one_second_rms, late.one_second_rms)
+    assert got.samples == COUNT

@@ -200,3 +200,16 @@ def test_a_filter_as_on_the_robot_looks_at_nothing(made, likeliest):
     result, expected = join(list(ready.results())), filter_log.filter_with_params(ready.params, log)
     np.testing.assert_allclose(result.bias, expected.bias, rtol=0, atol=1e-12)
     assert result.used is None
+
+
+def test_a_few_odd_readings_at_the_start_do_not_shut_the_gate_for_good(likeliest, made):
+    """A torque alone is no contact, and ten readings far off are enough for a gate that trusts them."""
+    log, bias = made
+    odd = (np.arange(len(log.t)) < 10)[:, None] * np.array([0, 0, 0, 1.0, 0, 0])
+    found, result = record(likeliest, with_wrench(log, odd))
+    assert found.noise.begun_again
+    assert found.noise.kept_out == 0
+    assert not result.used[:10].any()
+    assert result.used[10:].mean() > 0.99
+    error = np.abs(result.bias - bias) / result.bias_std
+    assert error[-1].max() < 4

@@ -7,6 +7,7 @@ import numpy as np
 
 from ftbias_jax.model.effects.fitting import INVERSE, LOGARITHM, Coordinate, Fitting, Ringing
 from ftbias_jax.model.effects.responses import rung
+from ftbias_jax.model.effects.terms.memory import swing_forgets
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.model.wrench.inertia import about_center_of_mass, spatial_inertia
 from ftbias_jax.types import Array
@@ -112,6 +113,7 @@ FLEXIBILITY = (
         "the tool or its mounting swings at one frequency after accelerations",
         "tighten or stiffen the tool, or move more smoothly",
         reading=tool_flexibility,
+        forgets=lambda values: swing_forgets(values["frequency"], values["damping_ratio"]),
         needs_motion="acceleration",
         fit=Fitting(Ringing(), any_shape=True),
         twins=(

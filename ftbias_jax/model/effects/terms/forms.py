@@ -6,10 +6,13 @@ act along themselves; or (T, 6) for channels that act on themselves.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from ftbias_jax.model.effects.terms import series, slow_series
-from ftbias_jax.model.effects.terms.series import Make
+from ftbias_jax.model.effects.terms.memory import swing_forgets
+from ftbias_jax.model.effects.terms.series import Make, Numbers
+from ftbias_jax.types import Array
 
 
 class Parameter(NamedTuple):
@@ -34,6 +37,9 @@ class Form(NamedTuple):
     parameters: tuple[Parameter, ...] = ()
     labels: tuple[str, ...] = ("",)
     """What each series is, where there are several."""
+
+    forgets: Callable[[Numbers], Array] | None = None
+    """s by the parameters, as ``Effect.forgets``; None = no memory, or one so slow that its start is like a bias."""
 
     @property
     def series(self) -> int:
@@ -118,8 +124,9 @@ FORMS = {
             series.swinging,
             "m/s^2",
             (Parameter("frequency", "Hz", 0.05, 30.0), Parameter("damping_ratio", "1", 0.001, 0.95)),
+            forgets=lambda p: swing_forgets(p["frequency"], p["damping_ratio"]),
         ),
-        Form("acceleration", "trailing", "vectors", series.trailing, "m/s^2", (LAG,)),
+        Form("acceleration", "trailing", "vectors", series.trailing, "m/s^2", (LAG,), forgets=lambda p: p["lag"]),
         Form("acceleration", "turning", "vectors", series.along("angular_acceleration", 1), "rad/s^2"),
         Form("joint_angle", "linear", "scalars", series.angle, "rad"),
         Form("joint_angle", "cubic", "scalars", series.angle_squared, "rad", labels=("q", "q2", "q3")),

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ftbias_jax.types import Array
+
+
+def swing_forgets(frequency: Array, damping_ratio: Array) -> Array:
+    """() s, time constant with which a swing of so many Hz, undamped, with this damping ratio dies down."""
+    return 1 / (2 * np.pi * frequency * damping_ratio)
 
 
 def recurrence(xp: Any, decay: Array, kick: Array) -> Array:
