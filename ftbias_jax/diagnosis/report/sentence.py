@@ -29,9 +29,10 @@ def sentence_of(verdict: str, gap: Gap, causes: tuple[Candidate, ...], terms: tu
         return f"{named}: seen in single samples; the mean reading agrees with the setup."
     if verdict == "explained" and gap.shrink == 0:
         return f"{named}: seen in single samples; the mean reading departs from the setup no more than by chance."
+    explain = "explains" if len(causes) == 1 else "explain"
     if verdict == "explained":
-        return f"{named} explains the gap: the error falls from {before} to {after}."
-    return f"{named} explains {gap.shrink:.0%} of the gap: the error falls from {before} to {after}."
+        return f"{named} {explain} the gap: the error falls from {before} to {after}."
+    return f"{named} {explain} {gap.shrink:.0%} of the gap: the error falls from {before} to {after}."
 
 
 def not_whitened(setup: Setup) -> str:
