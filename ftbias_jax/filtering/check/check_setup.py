@@ -19,6 +19,7 @@ from ftbias_jax.filtering.check.judge import (
     best_alternative,
     decisively,
     evidence_of,
+    is_pulled,
     score,
     slightly,
 )
@@ -166,7 +167,7 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
     if not any(mistake.mistake in ("compensated", "time_offset") for mistake in found):
         found += of_bias(base)
     worse = special.worse_than_raw(first)
-    if worse and not found:
+    if worse and not found and not is_pulled(first):
         remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
         found.append(Mistake("worse_than_raw", numbers(first, first.result), remedy))
     named = {mistake.mistake for mistake in found}

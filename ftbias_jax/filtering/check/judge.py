@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -34,6 +35,8 @@ ABSENT = 0.2
 """Coefficient of the tool's wrench below which it is not in the reading."""
 CLEARLY = 2.0
 """Times the noise of a bin that a reading must vary to show anything."""
+BY_EFFECTS = 0.1
+"""Share of the raw variance that effects of the catalogue leave where the tool is free."""
 LEVER = 0.5
 """m: no tool's centre of mass is farther off."""
 
@@ -57,6 +60,11 @@ class Evidence:
         """(2,) share of the raw variance that the setup leaves."""
         share: Array = self.result.square / self.raw
         return share
+
+    @cached_property
+    def pulled(self) -> Result:
+        """Of the force alone, with a tool near the stated one and a steady force along axes of the base."""
+        return self.state.fit_force(pulled=True)
 
 
 def evidence_of(state: State) -> Evidence:
@@ -132,6 +140,22 @@ def shows_anything(base: Evidence) -> bool:
     return bool((np.sqrt(base.raw) > CLEARLY * noise_of_bins(base.state)).any())
 
 
+def is_pulled(base: Evidence) -> bool:
+    """Whether the stated tool and a steady force along axes of the base explain a force that no tool explains.
+
+    A weight balancer pulls like this: it makes the model worse than nothing, but the setup is right. A tool that is
+    stated wrong leaves little with another tool.
+
+    Args:
+        base: the stated model.
+    """
+    state = base.state
+    raw, free, pulled = state.fit_force(no_tool()), state.fit_force(free_tool(state.tool)), base.pulled
+    if free.square[0] < BY_EFFECTS * raw.square[0] or pulled.square[0] > BETTER * free.square[0]:
+        return False
+    return decisively(free, pulled, (0,), state.case.layout.block)
+
+
 def score(base: Evidence, result: Result) -> float:
     """Logarithm of the share that is left, force and torque; larger is better."""
     return float(-np.log(result.square / base.raw + PENALTY).sum())
@@ -183,7 +207,23 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
         return False
     if any_tool and base.free is not None and not (left < BETTER * (base.free / base.raw)[groups]).all():
         return False
-    return _is_sure(base, alternative, result)
+    return _is_sure(base, alternative, result) and not _is_but_pulled(base, alternative, any_tool)
+
+
+def _is_but_pulled(base: Evidence, alternative: Alternative, any_tool: bool) -> bool:
+    """Whether, with a steady force along axes of the base, the stated axes explain more of the force than others do.
+
+    Such a force turns with the weight, and so do the readings of a sensor that is turned; but only one of the two can
+    be imitated by the other where poses differ little. With the force in both, what is true of the axes is left.
+    """
+    if alternative.mistake != "sensor_axes":
+        return False
+    if any_tool:
+        stated = base.state.fit_force(free_tool(base.state.tool), pulled=True)
+        other = alternative.state.fit_force(free_tool(alternative.state.tool), pulled=True)
+    else:
+        stated, other = base.pulled, alternative.state.fit_force(pulled=True)
+    return bool(stated.square[0] < other.square[0]) and decisively(other, stated, (0,), base.state.case.layout.block)
 
 
 def _is_sure(base: Evidence, alternative: Alternative, result: Result) -> bool:

@@ -137,7 +137,7 @@ def fit(D: Array, wrench: Array, tool: Tool, layout: Layout) -> Fit:
     """Least squares of W = D theta - b with theta within the tool's reach, b free, and the worst bins left out.
 
     Args:
-        D: (N, 6, 10).
+        D: (N, 6, 10); (N, 6, k) with columns of more than a tool, which theta and reach then have, too.
         wrench: (N, 6) N, Nm.
         tool: where theta may lie.
         layout: bias, drift and blocks.
@@ -184,16 +184,17 @@ def _solve(
 ) -> tuple[Float[Array, " 10"], Float[Array, "K 6"]]:
     B = layout.basis[rows]
     count = len(B)
-    columns = np.concatenate([D[rows].reshape(count, 60), wrench[rows]], 1)
+    width = D.shape[2]
+    columns = np.concatenate([D[rows].reshape(count, 6 * width), wrench[rows]], 1)
     gram = B.T @ B
     gram += 1e-9 * max(np.trace(gram), 1e-300) / len(gram) * np.eye(len(gram))
     fitted = np.linalg.solve(gram, B.T @ columns)
     free = columns - B @ fitted
-    X = free[:, :60].reshape(count, 6, 10) / np.repeat(scale, 3)[:, None]
-    y = free[:, 60:] / np.repeat(scale, 3)
-    X, y = X.reshape(-1, 10), y.reshape(-1)
+    X = free[:, :-6].reshape(count, 6, width) / np.repeat(scale, 3)[:, None]
+    y = free[:, -6:] / np.repeat(scale, 3)
+    X, y = X.reshape(-1, width), y.reshape(-1)
     theta = within_reach(X.T @ X, X.T @ y, tool)
-    return theta, fitted[:, :60].reshape(-1, 6, 10) @ theta - fitted[:, 60:]
+    return theta, fitted[:, :-6].reshape(-1, 6, width) @ theta - fitted[:, -6:]
 
 
 def within_reach(normal: Array, right: Array, tool: Tool) -> Float[Array, " 10"]:
@@ -202,7 +203,7 @@ def within_reach(normal: Array, right: Array, tool: Tool) -> Float[Array, " 10"]
         return tool.theta
     if np.isinf(tool.reach).all():
         size = np.sqrt(np.diag(normal)) + 1e-12
-        scaled = normal / np.outer(size, size) + 1e-9 * np.eye(10)
+        scaled = normal / np.outer(size, size) + 1e-9 * np.eye(len(normal))
         free: Array = np.linalg.solve(scaled, right / size) / size
         return free
     S = tool.reach

@@ -26,6 +26,8 @@ HALF = 0.5
 """Of the bins that the best axis has: an axis with less counts as not measured."""
 LIGHTEST, FARTHEST = 0.01, 1.0
 """kg and m: a fitted tool that is lighter, or whose centre is farther away, is none."""
+STRONGEST = 100.0
+"""N: no balancer that is left out of a setup pulls harder."""
 PENALTY = 2e-3
 """Share of the raw variance below which better is no evidence."""
 
@@ -76,10 +78,13 @@ class State:
 
     def data(self) -> Array:
         """D (N, 6, 10)."""
-        D = data_matrices(self.motion, self.gravity, self.specific_force)
+        return self._stamped(data_matrices(self.motion, self.gravity, self.specific_force))
+
+    def _stamped(self, values: Array) -> Array:
+        """Values (N, ...) as late as the wrench."""
         if self.delay:
-            D = delayed(self.case, D, self.delay)
-        return lagged(self.case, D, self.lag) if self.lag else D
+            values = delayed(self.case, values, self.delay)
+        return lagged(self.case, values, self.lag) if self.lag else values
 
     def fit(self, tool: Tool | None = None) -> Result:
         """Least squares with this tool, or the one believed."""
@@ -88,6 +93,25 @@ class State:
         errors = done.errors * self.unit**2
         order = [1, 0] if self.swapped else [0, 1]
         return Result(done, square[order], errors[:, order])
+
+    def fit_force(self, tool: Tool | None = None, *, pulled: bool = False) -> Result:
+        """The same of the force alone, in the units of ``wrench``.
+
+        Args:
+            tool: None = the one believed.
+            pulled: with a steady force along axes of the base beside the tool, as of a weight balancer on a trolley.
+        """
+        force = np.arange(6) < 3
+        D, tool = self.data(), self.tool if tool is None else tool
+        if pulled:
+            pull = np.zeros((len(D), 6, 3))
+            pull[:, :3] = self._stamped(self.motion.rotation.transpose(0, 2, 1))
+            D = np.concatenate([D, pull], 2)
+            reach = np.inf if np.isinf(tool.reach).all() else STRONGEST
+            tool = Tool(np.append(tool.theta, np.zeros(3)), np.append(tool.reach, np.full(3, reach)))
+        layout = self.case.layout
+        done = fit(D, self.wrench * force, tool, layout._replace(axes=layout.axes & force))
+        return Result(done, done.square, done.errors)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from small_checks import checked, right_log
 
 import ftbias_jax as ft
 from ftbias_jax.filtering.check import check_setup as module
+from ftbias_jax.filtering.check.motion import arm_motion
 from ftbias_jax.filtering.check.result import MISTAKES, Check, Mistake
 from ftbias_jax.io.cleaning import slices
 
@@ -366,3 +367,35 @@ def test_tares_of_several_logs_are_told_without_a_key():
     assert finding.mistake == "rezeroed"
     assert not finding.setup
     assert "a check of this log alone tells them to the sample" in finding.remedy
+
+
+def pulled_by(tables, arrays, force, lever):
+    """The log with a steady force, N in axes of the base, on the tool at this point, m in the sensor's frame."""
+    setup = ft.parse_setup(tables)
+    rotation = arm_motion(setup.robot, setup.sensor, *(arrays[name] for name in ("q", "dq", "dq"))).rotation
+    pull = np.einsum("nji,j->ni", rotation, np.array(force))
+    arrays["wrench"] = arrays["wrench"] + np.concatenate([pull, np.cross(lever, pull)], 1)
+
+
+PULLS = [
+    (16, (-5.9, 1.1, -2.5), (0.05, -0.1, 0.02)),  # which a turned sensor explains in part
+    (14, (8.0, 0.0, 8.0), (0.0, 0.0, 0.1)),
+    (15, (-2.5, -2.0, -4.8), (-0.07, -0.04, 0.02)),  # with which the stated tool is worse than none
+    (18, (0.8, -2.8, -5.8), (-0.05, 0.06, 0.01)),
+]
+
+
+@pytest.mark.parametrize(("seed", "force", "lever"), PULLS)
+def test_a_tool_on_a_weight_balancer_is_no_mistake_of_the_setup(seed, force, lever):
+    tables, arrays = right_log(seed=seed)
+    pulled_by(tables, arrays, force, lever)
+    found = checked(tables, arrays)
+    assert found.ok, str(found)
+
+
+@pytest.mark.parametrize("P", [np.diag([-1, -1, 1]), np.diag([1, -1, -1]), [[0, -1, 0], [1, 0, 0], [0, 0, 1]]])
+def test_a_turned_sensor_is_found_on_a_tool_that_hangs_on_a_weight_balancer(P):
+    tables, arrays = right_log(seed=13)
+    pulled_by(tables, arrays, (1.0, 0.0, 1.0), (0.0, 0.0, 0.1))
+    turned(P)(tables, arrays)
+    assert names(checked(tables, arrays)) == ["sensor_axes"]
