@@ -213,8 +213,8 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
 def _is_but_pulled(base: Evidence, alternative: Alternative, any_tool: bool) -> bool:
     """Whether, with a steady force along axes of the base, the stated axes explain more of the force than others do.
 
-    Such a force turns with the weight, and so do the readings of a sensor that is turned; but only one of the two can
-    be imitated by the other where poses differ little. With the force in both, what is true of the axes is left.
+    Such a force turns with the weight in the sensor's axes, and a sensor that is turned imitates it in part. With the
+    force in both fits only the axes differ: where poses differ too little to tell, neither is better.
     """
     if alternative.mistake != "sensor_axes":
         return False
