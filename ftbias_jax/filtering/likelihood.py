@@ -52,7 +52,8 @@ def log_likelihood(
     It has the precision of its arrays, because it is part of the caller's own program.
 
     Args:
-        params: as ``params_for_log`` gives them; differentiable in every leaf.
+        params: as ``params_for_log`` gives them; differentiable in every leaf, rotations in the directions in which
+            they stay rotations.
         samples: as ``samples_from_log`` gives them, leaves with a leading time axis; padding counts nothing.
         options: of the pipeline, as ``options_from_setup`` gives them where a setup states any.
         burn_in: s at the start of the log that do not count, because the first innovations measure P_0 and little else.

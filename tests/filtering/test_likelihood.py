@@ -15,9 +15,11 @@ from ftbias_jax.filtering.fast.scan import filter_scan
 from ftbias_jax.filtering.likelihood import WrenchProblem, log_likelihood, log_likelihood_parts
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_drift_noise
+from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
 
 BURN_IN = 0.1  # s, about ten samples
+TURN = jnp.array([0.3, -0.2, 0.5])  # rad; a rotation has three directions to move in, not the nine of its entries
 
 
 def joint_model(linear_gaussian, params, samples, joint):
@@ -90,13 +92,14 @@ def values_of(params):
         "Sigma_W": bias.wrench_variance,
         "Sigma_D": bias.data_variance,
         "theta": params.theta,
-        "mounting": (arm.zero_position, arm.zero_rotation),
+        "mounting": (arm.zero_position, TURN),
     }
 
 
 def with_values(params, values):
     position_std, velocity_std = values["encoders"]
-    zero_position, zero_rotation = values["mounting"]
+    zero_position, turn = values["mounting"]
+    zero_rotation = params.arm.zero_rotation @ rotation_from_vector(turn - TURN)
     noise = params.joint._replace(
         process_density=values["process density"], position_std=position_std, velocity_std=velocity_std
     )
