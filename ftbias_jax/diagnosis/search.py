@@ -9,7 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored, candidates, score
-from ftbias_jax.diagnosis.evidence.cross_validation import Judge, excess_by_channel, gap_removed
+from ftbias_jax.diagnosis.evidence.cross_validation import (
+    Judge,
+    excess_by_channel,
+    excess_over_quiet,
+    gap_removed,
+)
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import is_plausible
 from ftbias_jax.diagnosis.regression.dictionary import Library, make_library
@@ -112,7 +117,7 @@ def grow(
     accepted, rounds = (rounds[-1][0].fit if rounds else start), list(rounds)
     while len(accepted.hypotheses) < most:
         bar = _bar(problem, start, accepted)
-        if rounds and gap_of(bar.elsewhere, accepted) <= bar.least:
+        if rounds and _left_somewhere(bar.elsewhere, accepted) <= bar.least:
             break
         progress(f"looking for cause {len(accepted.hypotheses) + 1} of at most {most}")
         scored = candidates(problem, library, accepted, without)
@@ -132,6 +137,11 @@ def grow(
 def gap_of(problem: Problem, found: Fit) -> float:
     """Mean square gap over the channels, in units of one sample's noise variance."""
     return float(np.maximum(excess_by_channel(problem, found.error), 0).mean())
+
+
+def _left_somewhere(problem: Problem, found: Fit) -> float:
+    """As ``gap_of``, but what is left in a few blocks counts although all others have less than expected."""
+    return float(np.maximum(excess_over_quiet(problem, found.error), 0).mean())
 
 
 def _bar(problem: Problem, start: Fit, accepted: Fit) -> Bar:

@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 from small_fits import shift, small_fit
 
-from ftbias_jax.diagnosis.evidence.cross_validation import Judge, excess_by_chance, excess_by_channel, excess_by_size
+from ftbias_jax.diagnosis.evidence.cross_validation import (
+    Judge,
+    excess_by_chance,
+    excess_by_channel,
+    excess_by_size,
+    excess_over_quiet,
+)
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, FOLDS
+from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, FOLDS, LEAST_SIGMAS
 
 BINS, SECONDS = 240, 24.0
 
@@ -84,3 +90,28 @@ def test_the_excess_scatters_as_the_innovations_and_the_measured_noise_do(proble
     known = problem._replace(noise_stderr=np.full(6, np.sqrt(1 / (2 * samples))))
     assert np.hypot(excess_by_chance(known), excess_by_size(known)) == pytest.approx(np.std(logs), rel=0.12)
     assert excess_by_chance(known) < 0.85 * np.std(logs)
+
+
+def test_one_block_that_is_far_off_shows_though_the_joints_are_known_better_than_believed(problem):
+    """Squares of 0.2 where 1 is expected, but in one block of twelve: a mean of 0.5 over the log."""
+    squares = np.where(problem.t < BLOCK_SECONDS, 3.8, 0.2)[:, None] * np.ones(6)
+    assert (excess_by_channel(problem, np.sqrt(squares)) < 0).all()
+    np.testing.assert_allclose(excess_over_quiet(problem, np.sqrt(squares)), 3.6 / 12)
+
+
+def test_what_is_left_everywhere_is_no_less_for_that(problem):
+    squares = np.where(problem.t < BLOCK_SECONDS, 2.0, 1.5)[:, None] * np.ones(6)
+    np.testing.assert_allclose(excess_over_quiet(problem, np.sqrt(squares)), 0.5 + 0.5 / 12)
+
+
+def test_channels_that_were_never_measured_have_nothing_left(problem):
+    blind = problem._replace(samples=problem.samples * [1, 1, 1, 1, 1, 0])
+    np.testing.assert_allclose(excess_over_quiet(blind, np.full((BINS, 6), 2.0)), [3, 3, 3, 3, 3, 0], atol=1e-9)
+
+
+def test_noise_alone_leaves_less_than_an_owner_would_see(problem):
+    """The median of chi-squared is below its mean: the floor must not make up a gap of noise."""
+    bins = problem._replace(samples=25 * problem.samples, variance=problem.variance / 25)
+    error = np.random.default_rng(5).normal(size=(200, BINS, 6))
+    left = np.mean([np.maximum(excess_over_quiet(bins, e), 0).mean() for e in error])
+    assert left < LEAST_SIGMAS**2
