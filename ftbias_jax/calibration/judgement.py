@@ -49,30 +49,37 @@ class Predicted(NamedTuple):
         return [name for name, was, now in zip(AXES, self.before, self.after, strict=True) if now > WORSE * was]
 
 
-def judge_predictions(before: Setup, after: Setup, logs: Sequence[Log], hold_out: float) -> tuple[Predicted, ...]:
-    """Errors of both setups on the end of every log, for the horizons that fit into it.
+def judge_predictions(
+    before: Setup, after: Sequence[Setup], logs: Sequence[Log], hold_out: float
+) -> list[tuple[Predicted, ...]]:
+    """Errors of each tuned setup and of the one before on the end of every log, for the horizons that fit into it.
 
     Args:
         before: the setup that was tuned.
-        after: the tuned setup.
+        after: tuned setups, each of which is compared with that.
         logs: all of them, of which MOST_LOGS are judged; the filter sees them whole, as a user's would.
         hold_out: share at the end of each that is judged.
     """
     logs = logs[:: -(-len(logs) // MOST_LOGS)]
-    totals = {h: np.zeros((2, 6)) for h in HORIZONS}
-    counts = {h: np.zeros(6) for h in HORIZONS}
+    totals = {h: np.zeros((len(after), 2, 6)) for h in HORIZONS}
+    counts = {h: np.zeros((len(after), 6)) for h in HORIZONS}
     for log in logs:
-        results = [filtered_with(setup, log) for setup in (before, after)]
+        results = [filtered_with(setup, log) for setup in (before, *after)]
         begin = log.t[0] + log.start + (1 - hold_out) * (log.t[-1] - log.t[0])
         for h in HORIZONS:
             errors = np.stack([prediction_errors(result, params.bias, h) for result, params in results])
             errors = errors[:, results[0][0].t >= begin]
-            both = np.isfinite(errors).all(0)
-            totals[h] += np.where(both[None], errors**2, 0).sum(1)
-            counts[h] += both.sum(0)
-    return tuple(
-        Predicted(h, *np.sqrt(totals[h] / np.maximum(counts[h], 1))) for h in HORIZONS if counts[h].max() >= FEWEST
-    )
+            for i in range(len(after)):
+                pair = errors[[0, i + 1]]
+                both = np.isfinite(pair).all(0)
+                totals[h][i] += np.where(both[None], pair**2, 0).sum(1)
+                counts[h][i] += both.sum(0)
+
+    def of_setup(i: int) -> tuple[Predicted, ...]:
+        shown = [h for h in HORIZONS if counts[h][i].max() >= FEWEST]
+        return tuple(Predicted(h, *np.sqrt(totals[h][i] / np.maximum(counts[h][i], 1))) for h in shown)
+
+    return [of_setup(i) for i in range(len(after))]
 
 
 def prediction_errors(result: Filtered, noise: BiasNoise, ahead: float) -> Array:

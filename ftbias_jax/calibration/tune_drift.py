@@ -102,9 +102,8 @@ def score(logs: Sequence[Series], slow: tuple[Array, Array], drifts: Drift) -> S
     for t, y, variance, prior_std in logs:
         found = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), drifts.density, 1 / drifts.time)
         half = float(np.median(np.diff(t))) / 2 if len(t) > 1 else 0.0
-        slow_error = (
-            np.exp(half / grid.time) * found.slow
-        )  # as if it, too, were forgotten from the middle of its block on
+        # As if it, too, were forgotten from the middle of its block on.
+        slow_error = np.exp(half / grid.time) * found.slow
         nats += nats_of(found.innovation, found.variance)
         for i, ahead in enumerate(HORIZONS):
             past = np.searchsorted(t, t - ahead, side="right") - 1

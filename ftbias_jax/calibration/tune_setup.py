@@ -147,28 +147,38 @@ def tune(
         tuned = [params]
     unseen = [[_part(log, 1 - hold_out, 1) for log in logs_of_tool] for logs_of_tool in samples] if hold_out else []
     shown, correlated = what_the_logs_show([log.noise for log in looked], logs), is_correlated(looked)
-
-    def judged(tuned: Sequence[Params], fits: dict[str, Fit]) -> TuneResult:
-        scores = _judge(stated, tuned, unseen, options, total) if hold_out else ()
-        comments = comments_of(fits)
-        setups = [
-            replace(with_noise(each, params, fits), comments={**each.comments, **comments})
+    candidates = [(tuned, fits)]
+    vibration = shown_vibration(setup, looked)
+    if vibration is not None and "sensor" in fit and hold_out:
+        # Errors that are correlated leave the samples' likelihood no say in how fast the bias moves.
+        beside = {} if correlated else wanted
+        params, of_motion = tune_motion(tuned[0], seen[0], vibration, beside, options, told)
+        candidates.append(([params], {**fits, "wrench": with_fit(fits.get("wrench"), of_motion)}))
+    setups = [
+        [
+            replace(with_noise(each, params, found), comments={**each.comments, **comments_of(found)})
             for (each, _), params in zip(tools, tuned, strict=True)
         ]
-        predicted: tuple[Predicted, ...] = ()
-        if hold_out and wanted and alone:
-            predicted = judge_predictions(setup, setups[0], logs, hold_out)
-        reasons = reasons_against(scores if not correlated else scores[:1], predicted, shown)
-        return TuneResult(setups[0], fits, scores, tuple(setups[1:]), predicted, reasons)
-
-    result, vibration = judged(tuned, fits), shown_vibration(setup, looked)
-    if vibration is None or "sensor" not in fit or not hold_out:
-        return result
-    # Errors that are correlated leave the samples' likelihood no say in how fast the bias moves.
-    beside = {} if correlated else wanted
-    params, of_motion = tune_motion(tuned[0], seen[0], vibration, beside, options, told)
-    moving = judged([params], {**fits, "wrench": with_fit(fits.get("wrench"), of_motion)})
-    return moving if is_better(moving, result) else result
+        for tuned, found in candidates
+    ]
+    scores: list[tuple[HeldOut, ...]] = [()] * len(candidates)
+    predicted: list[tuple[Predicted, ...]] = [()] * len(candidates)
+    if hold_out:
+        scores = _judge(stated, [tuned for tuned, _ in candidates], unseen, options, total)
+    if hold_out and wanted and alone:
+        predicted = judge_predictions(setup, [own[0] for own in setups], logs, hold_out)
+    plain, *moving = [
+        TuneResult(
+            own[0],
+            found,
+            held_out,
+            tuple(own[1:]),
+            errors,
+            reasons_against(held_out[:1] if correlated else held_out, errors, shown),
+        )
+        for (_, found), own, held_out, errors in zip(candidates, setups, scores, predicted, strict=True)
+    ]
+    return next((result for result in moving if is_better(result, plain)), plain)
 
 
 def _check(
@@ -201,12 +211,12 @@ def _check(
 
 def _judge(
     before: Sequence[Params],
-    after: Sequence[Params],
+    after: Sequence[Sequence[Params]],
     unseen: Sequence[Sequence[Sample]],
     options: Options,
     total: newton.Total,
-) -> tuple[HeldOut, ...]:
-    """Scores of two sets of parameters, of each tool, on logs that neither has seen."""
+) -> list[tuple[HeldOut, ...]]:
+    """Scores of each of several sets of parameters, of each tool, beside those before, on logs that none has seen."""
     seconds = sum(float(part.dt.sum()) for part in chain(*unseen))
     unseen = [[pad(part, filter_log.padded_length(len(part.dt))) for part in logs] for logs in unseen]
     scores = []
@@ -214,11 +224,15 @@ def _judge(
         score = jax.jit(partial(likelihood, options=options, burn_in=1.0))
         scores += [
             sum(float(score(p, x)) for p, logs in zip(params, unseen, strict=True) for x in logs)
-            for params in (before, after)
+            for params in (before, *after)
         ]
     seconds, found = total(seconds, np.array(scores))
-    pairs = found.reshape(2, 2) / seconds
-    return tuple(HeldOut(name, *map(float, pair)) for name, pair in zip(("joint", "wrench"), pairs, strict=True))
+    joint, wrench = found.reshape(2, 1 + len(after)) / seconds
+    parts = {"joint": joint, "wrench": wrench}
+    return [
+        tuple(HeldOut(name, float(nats[0]), float(nats[i])) for name, nats in parts.items())
+        for i in range(1, len(after) + 1)
+    ]
 
 
 def _first_share(log: Log, share: float) -> Log:

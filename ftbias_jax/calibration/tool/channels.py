@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.calibration.tool.shown import FEWEST_BLOCKS, MOST_BLOCKS
-from ftbias_jax.filtering.innovation_regression import BLOCK_SECONDS
+from ftbias_jax.calibration.tool.shown import FEWEST_BLOCKS, block_of
 from ftbias_jax.types import Array
 
 LEVER = np.where(np.arange(6) < 3, 1.0, 0.1)
@@ -212,8 +211,8 @@ def _posterior(row: Row, times: Array, spreads: Array) -> Posterior:
     return Posterior(times, spreads, *(np.stack(x, 1) for x in (nats, means, variances)))
 
 
-def _ridge(row: Row, noise: Noise, share: float) -> tuple[float, Array, Array]:
-    """nats with bias, drift and E integrated out, and mean (P,) and covariance (P, P) of these.
+def _nats(row: Row, noise: Noise, share: float) -> float:
+    """Log-likelihood with bias, drift and E integrated out.
 
     Args:
         row: the channel.
@@ -226,19 +225,17 @@ def _ridge(row: Row, noise: Noise, share: float) -> tuple[float, Array, Array]:
     white = np.linalg.solve(root, np.column_stack([row.y, row.columns * prior]))
     y, scaled = white[:, 0], white[:, 1:]
     information = scaled.T @ scaled + np.eye(len(prior))
-    inverse, push = np.linalg.inv(information), scaled.T @ y
-    nats = -np.log(np.diag(root)).sum() - np.linalg.slogdet(information)[1] / 2 - (y @ y - push @ inverse @ push) / 2
-    return float(nats), prior * (inverse @ push), prior[:, None] * inverse * prior
+    push = scaled.T @ y
+    squares = y @ y - push @ np.linalg.solve(information, push)
+    return float(-np.log(np.diag(root)).sum() - np.linalg.slogdet(information)[1] / 2 - squares / 2)
 
 
 def _gains_of_blocks(row: Row, noise: Noise, share: float) -> Array:
     """(B,) nats by which a block is likelier, given all others, than with E = 0."""
-    span = row.t[-1] - row.t[0]
-    number = int(np.clip(span / BLOCK_SECONDS, FEWEST_BLOCKS, MOST_BLOCKS))
-    block = np.minimum((row.t - row.t[0]) / span * number, number - 1).astype(int)
+    block = block_of(row.t - row.t[0])
 
     def gain(seen: Array) -> float:
         left = row._replace(t=row.t[seen], y=row.y[seen], columns=row.columns[seen])
-        return _ridge(left, noise, share)[0] - _ridge(left, noise, 0.0)[0]
+        return _nats(left, noise, share) - _nats(left, noise, 0.0)
 
-    return gain(block >= 0) - np.array([gain(block != k) for k in range(number)])
+    return gain(block >= 0) - np.array([gain(block != k) for k in range(block[-1] + 1)])

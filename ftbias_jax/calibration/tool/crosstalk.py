@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ftbias_jax.calibration.tool.channels import Channels, fit_channels
+from ftbias_jax.calibration.tool.channels import LEVER, Channels, fit_channels
 from ftbias_jax.filtering.recorded.ready import filtered_with
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import values_from_setup
@@ -51,7 +51,7 @@ def in_words(found: Channels) -> list[str]:
         return [f"gains and crosstalk: not shown by this log ({nats}), not written"]
     lines = [f"gains and crosstalk ({nats}): what each channel reads of loads by 1 N and 0.1 Nm"]
     lines.append(" " * 8 + "".join(f"{name:>8s}" for name in AXES))
-    scaled = found.matrix * np.where(np.arange(6) < 3, 1.0, 0.1)
+    scaled = found.matrix * LEVER
     lines += [f"{name:8s}" + "".join(f"{x:8.3f}" for x in row) for name, row in zip(AXES, scaled, strict=True)]
     return lines
 

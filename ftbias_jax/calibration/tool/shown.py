@@ -53,6 +53,13 @@ class Shown(NamedTuple):
     """nats that the fitted inertia gains on blocks left out, and its standard error."""
 
 
+def block_of(t: np.ndarray) -> np.ndarray:
+    """Number of the block of each sample, FEWEST_BLOCKS to MOST_BLOCKS of equal length; t (T,) s begins at 0."""
+    count = int(np.clip(t[-1] / BLOCK_SECONDS, FEWEST_BLOCKS, MOST_BLOCKS))
+    block: np.ndarray = np.minimum(t / t[-1] * count, count - 1).astype(int)
+    return block
+
+
 def in_blocks(linear: Linear, dt: np.ndarray) -> list[Quadratic]:
     """The cost of a linearised model, block by block of the log.
 
@@ -60,11 +67,8 @@ def in_blocks(linear: Linear, dt: np.ndarray) -> list[Quadratic]:
         linear: the model.
         dt: (T,) s.
     """
-    t = np.cumsum(dt)
-    count = int(np.clip(t[-1] / BLOCK_SECONDS, FEWEST_BLOCKS, MOST_BLOCKS))
-    block = np.minimum(t / t[-1] * count, count - 1).astype(int)
-    parts = []
-    for k in range(count):
+    block, parts = block_of(np.cumsum(dt)), []
+    for k in range(block[-1] + 1):
         columns, residual = linear.columns[:, block == k].reshape(len(linear.at), -1), linear.residual[block == k]
         pull, information = columns @ residual.ravel(), columns @ columns.T
         parts.append(Quadratic(linear.at, pull, information, float((residual**2).sum() / 2)))

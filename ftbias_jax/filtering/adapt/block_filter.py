@@ -126,7 +126,7 @@ def _filter(sets: _Sets, h: Array, pause: Array, y: Array, variance: Array) -> F
             h, pause, y, variance = sample
             # The bias to the middle of this block; the slow error, through a pause if there is one, to its beginning.
             f = jnp.exp(-pause / sets.time)
-            moved, kept, of_bias, cross, of_drift = drift_over(h, sets.drift_rate, jnp)
+            moved, kept, of_bias, cross, of_drift = drift_over(h, sets.drift_rate)
             b, d, g = b + moved * d, kept * d, f * g
             bb, bg = bb + 2 * moved * bd + moved**2 * dd + of_bias * q, f * (bg + moved * dg)
             bd, dd = kept * (bd + moved * dd) + cross * q, kept**2 * dd + of_drift * q
@@ -151,7 +151,7 @@ def _filter(sets: _Sets, h: Array, pause: Array, y: Array, variance: Array) -> F
     return found
 
 
-def drift_over(h: Array | float, rate: Array | float, xp: Any = np) -> tuple[Array, ...]:
+def drift_over(h: Array, rate: Array) -> tuple[Array, ...]:
     """``process_models.reverting_drift`` over h s: entries of A and, for a density of 1, of Q.
 
     Returns:
@@ -159,12 +159,12 @@ def drift_over(h: Array | float, rate: Array | float, xp: Any = np) -> tuple[Arr
         the drift.
     """
     x = rate * h
-    e, near = -xp.expm1(-xp.where(x > NEVER, x, 1)), x <= NEVER
-    safe = xp.where(near, 1, x)
-    moved = h * xp.where(near, 1, e / safe)
-    of_bias = h**3 * xp.where(near, 1 / 3, (safe - 2 * e + e * (2 - e) / 2) / safe**3)
-    of_drift = h * xp.where(near, 1, e * (2 - e) / 2 / safe)
-    return moved, xp.where(near, 1, 1 - e), of_bias, moved**2 / 2, of_drift
+    e, near = -jnp.expm1(-jnp.where(x > NEVER, x, 1)), x <= NEVER
+    safe = jnp.where(near, 1, x)
+    moved = h * jnp.where(near, 1, e / safe)
+    of_bias = h**3 * jnp.where(near, 1 / 3, (safe - 2 * e + e * (2 - e) / 2) / safe**3)
+    of_drift = h * jnp.where(near, 1, e * (2 - e) / 2 / safe)
+    return moved, jnp.where(near, 1, 1 - e), of_bias, moved**2 / 2, of_drift
 
 
 def averaged(x: Array) -> Averaged:

@@ -73,7 +73,7 @@ def fit_slow_noise(t: Array, y: Array, variance: Array, density: Array, prior_st
 
 
 def log_likelihoods(t: Array, y: Array, variance: Array, grid: Grid, prior_std: Array, density: Array) -> Array:
-    """(G, 6) nats of the means of blocks, for every set of parameters; arguments as for ``innovations``."""
+    """(G, 6) nats of the means of blocks, for every set of parameters; arguments as for ``filter_blocks``."""
     found = filter_blocks(t, y, variance, grid, prior_std, density)
     return nats_of(found.innovation, found.variance)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ftbias_jax.model.effects.fitting import FLAT_TOPS, GROWTH, LATTICE, LEVEL, SPIKES, Fitting, Samples
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Record, Twin
-from ftbias_jax.model.motion_noise import effective_speed_squared
+from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.types import Array
 
 _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
@@ -29,8 +29,7 @@ def vibration(values: EffectValues, key: Array, record: Record) -> Record:
     """White noise whose variance is a sum over the speeds of the joints, beside the noise at rest."""
     if record.dq is None:
         return record
-    rows = jnp.broadcast_to(values["variance"], (record.dq.shape[1], 6))
-    variance = effective_speed_squared(record.dq, values["speed"]) @ rows
+    variance = MotionNoise(values["variance"], values["speed"]).variance(record.dq)
     shaking = jnp.sqrt(variance) * jax.random.normal(key, record.wrench.shape, record.wrench.dtype)
     return record._replace(wrench=record.wrench + shaking, noise=record.noise + shaking)
 

@@ -29,7 +29,7 @@ from ftbias_jax.model.kinematics.seen_from_sensor import (
     seen_by_sensor,
     turns_of,
 )
-from ftbias_jax.model.wrench.piece import Turned, row_of, sensitivity, turn
+from ftbias_jax.model.wrench.piece import falling, row_of, sensitivity, turn
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import Vector, cross, dot, scale, total
 
@@ -145,9 +145,9 @@ def _variance_slopes(
     theta: Vector, column: Columns, g: Vector, covariance: tuple[Array, ...], bar: Vector
 ) -> tuple[tuple[Vector, Vector, Vector], list[Array]]:
     """What one joint adds to the slopes in its column, in gravity, and in its covariance."""
-    V, W = column
+    W = column.angular
     qq, qa, aa = covariance
-    by_q, by_ddq = compile_whole(_sensitivity)(theta, V, W, g)
+    by_q, by_ddq = compile_whole(_sensitivity)(theta, column, g)
     q_weighed, ddq_weighed = ([2 * z * x for z, x in zip(bar, y, strict=True)] for y in (by_q, by_ddq))
     q_bar = [b * qq + a * qa for a, b in zip(ddq_weighed, q_weighed, strict=True)]
     ddq_bar = [b * qa + a * aa for a, b in zip(ddq_weighed, q_weighed, strict=True)]
@@ -159,5 +159,5 @@ def _variance_slopes(
     return (V_bar, W_bar, cross(falling_bar, W)), slopes
 
 
-def _sensitivity(theta: Vector, V: Vector, W: Vector, g: Vector) -> tuple[Vector, Vector]:
-    return sensitivity(theta, Turned(V, W, cross(W, g)))
+def _sensitivity(theta: Vector, column: Columns, g: Vector) -> tuple[Vector, Vector]:
+    return sensitivity(theta, falling(column, g))

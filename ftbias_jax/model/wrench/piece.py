@@ -75,8 +75,7 @@ def wrench_piece(
         column = compile_whole(column_of)(chain, j, axes[2], p)
         moving = compile_whole(moved)(j, column, dq, ddq, moving)
         if covariance:
-            V, W = column
-            by_q, by_ddq = sensitivity(tool, Turned(V, W, cross(W, g)))
+            by_q, by_ddq = sensitivity(tool, falling(column, g))
             qq, qa, aa = (row_of(x, i, j) for x in covariance)
             added = [b * (b * qq + a * (2 * qa)) + a * (a * aa) for a, b in zip(by_ddq, by_q, strict=True)]
             variance = total(variance, added)
@@ -124,8 +123,13 @@ def turn(theta: Vector, angular: Vector) -> Vector:
 
 def turned_by(R_sensor_base: Rows, p: Vector, g: Vector, column: Columns) -> Turned:
     """A column of the space Jacobian as the sensor at p feels it; g: gravity in the sensor frame."""
-    angular = times(R_sensor_base, column.angular)
-    return Turned(times(R_sensor_base, total(column.linear, cross(column.angular, p))), angular, cross(angular, g))
+    linear = times(R_sensor_base, total(column.linear, cross(column.angular, p)))
+    return falling(Columns(linear, times(R_sensor_base, column.angular)), g)
+
+
+def falling(column: Columns, g: Vector) -> Turned:
+    """A column of the sensor's Jacobian, with what it does to gravity g; all in the sensor frame."""
+    return Turned(column.linear, column.angular, cross(column.angular, g))
 
 
 def sensitivity(theta: Vector, turned: Turned) -> tuple[Vector, Vector]:
