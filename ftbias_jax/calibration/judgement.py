@@ -42,11 +42,23 @@ class Predicted(NamedTuple):
     """How far ahead."""
     before: Array
     after: Array
+    constant: Array
+    """Of a constant bias, the mean over what was fitted; NaN on axes that were not measured there."""
 
     @property
     def worse(self) -> list[str]:
         """Axes on which the tuned setup predicts worse."""
-        return [name for name, was, now in zip(AXES, self.before, self.after, strict=True) if now > WORSE * was]
+        return _larger(self.after, self.before)
+
+    @property
+    def constant_better(self) -> list[str]:
+        """Axes on which the constant bias predicts better than the tuned setup."""
+        return _larger(self.after, self.constant)
+
+
+def _larger(errors: Array, others: Array) -> list[str]:
+    """Names of axes on which errors (6,) are larger than others (6,) by more than chance."""
+    return [name for name, x, other in zip(AXES, errors, others, strict=True) if x > WORSE * other]
 
 
 def judge_predictions(
@@ -61,18 +73,19 @@ def judge_predictions(
         hold_out: share at the end of each that is judged.
     """
     logs = logs[:: -(-len(logs) // MOST_LOGS)]
-    totals = {h: np.zeros((len(after), 2, 6)) for h in HORIZONS}
+    totals = {h: np.zeros((len(after), 3, 6)) for h in HORIZONS}
     counts = {h: np.zeros((len(after), 6)) for h in HORIZONS}
     for log in logs:
         results = [filtered_with(setup, log) for setup in (before, *after)]
         begin = log.t[0] + log.start + (1 - hold_out) * (log.t[-1] - log.t[0])
+        unseen = results[0][0].t >= begin
+        of_constant = errors_of_constant_bias(results[0][0], ~unseen)
         for h in HORIZONS:
             errors = np.stack([prediction_errors(result, params.bias, h) for result, params in results])
-            errors = errors[:, results[0][0].t >= begin]
             for i in range(len(after)):
-                pair = errors[[0, i + 1]]
-                both = np.isfinite(pair).all(0)
-                totals[h][i] += np.where(both[None], pair**2, 0).sum(1)
+                compared = np.stack([errors[0], errors[i + 1], of_constant])[:, unseen]
+                both = np.isfinite(compared[:2]).all(0)
+                totals[h][i] += np.where(both[None], compared**2, 0).sum(1)
                 counts[h][i] += both.sum(0)
 
     def of_setup(i: int) -> tuple[Predicted, ...]:
@@ -97,6 +110,21 @@ def prediction_errors(result: Filtered, noise: BiasNoise, ahead: float) -> Array
     later = expected_ahead(result.bias, result.drift, result.slow_error, noise, ahead)
     errors = np.where((past >= 0)[:, None], reading - (result.wrench_tool - later[past]), np.nan)
     return errors if result.used is None else np.where(result.used[:, None], errors, np.nan)
+
+
+def errors_of_constant_bias(result: Filtered, fitted: Array) -> Array:
+    """(T, 6) N, Nm: the reading less the tool's wrench and one bias, the mean over a part of the log; NaN = no such.
+
+    Args:
+        result: of a filter, for the wrench of the tool and the samples it used.
+        fitted: (T,) the samples of that part.
+    """
+    error = result.wrench_unbiased - result.bias - result.wrench_tool
+    counts = np.isfinite(error) & fitted[:, None]
+    if result.used is not None:
+        counts &= result.used[:, None]
+    mean = np.where(counts, error, 0).sum(0) / np.maximum(counts.sum(0), 1)
+    return np.where(counts.any(0), error - mean, np.nan)
 
 
 def what_the_logs_show(noises: Sequence[LogNoise], logs: Sequence[Log]) -> list[str]:

@@ -76,7 +76,20 @@ class TuneResult:
             )
             for p in self.predicted
         ]
-        return "\n".join([*map(_table, self.fits.values()), *_correlated(self.setup), *scores, *errors])
+        advice = _advice(self.predicted)
+        return "\n".join([*map(_table, self.fits.values()), *_correlated(self.setup), *scores, *errors, *advice])
+
+
+def _advice(predicted: Sequence[Predicted]) -> list[str]:
+    """What to do where a bias that is taken from the log and held predicts better: it can be handed over."""
+    found = [(p.seconds, better) for p in predicted if (better := [x for x in p.constant_better if x.startswith("f")])]
+    if not found:
+        return []
+    where = " and ".join(f"{seconds:g} s ahead on {', '.join(axes)}" for seconds, axes in found)
+    return [
+        f"a constant bias, the mean of what was fitted, predicts better {where}: `ftbias identify --crosstalk --bias` "
+        "hands one over to logs that are recorded before the sensor is zeroed again"
+    ]
 
 
 def _correlated(setup: Setup) -> list[str]:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ftbias_jax.calibration.judgement import Predicted, prediction_errors
+from ftbias_jax.calibration.judgement import Predicted, errors_of_constant_bias, prediction_errors
 
 T = np.arange(50) / 8  # exact in binary
 
@@ -54,4 +54,15 @@ def test_what_was_not_used_is_not_judged():
 
 
 def test_an_axis_is_worse_where_chance_does_not_explain_it():
-    assert Predicted(1.0, np.ones(6), np.array([1.04, 1.06, 0.5, 1, 2, 1])).worse == ["fy", "ty"]
+    predicted = Predicted(1.0, np.ones(6), np.array([1.04, 1.06, 0.5, 1, 2, 1]), np.array([1, 1.02, 0.4, 1, 1, np.nan]))
+    assert predicted.worse == ["fy", "ty"]
+    assert predicted.constant_better == ["fz", "ty"]
+
+
+def test_a_constant_bias_is_the_mean_of_what_was_fitted_and_used():
+    """Readings of 2 while something touches the tool, of 5 later; ty was not measured at first."""
+    reading = np.where(T > 3, 5.0, np.where(T > 1, 3.0, 2.0))[:, None] * np.ones(6)
+    reading[T <= 3, 4] = np.nan
+    errors = errors_of_constant_bias(filtered(reading, 0.7, 0.0, 0.0, used=T > 1), T <= 3)
+    np.testing.assert_allclose(errors[T > 3][:, [0, 1, 2, 3, 5]], 2.0)
+    assert np.isnan(errors[:, 4]).all()
