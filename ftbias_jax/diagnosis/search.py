@@ -116,11 +116,13 @@ def grow(
     """
     accepted, rounds = (rounds[-1][0].fit if rounds else start), list(rounds)
     while len(accepted.hypotheses) < most:
-        bar = _bar(problem, start, accepted)
-        if rounds and _left_somewhere(bar.elsewhere, accepted) <= bar.least:
-            break
+        bar, excluded = _bar(problem, start, accepted), set(without)
+        if rounds and gap_of(bar.elsewhere, accepted) <= bar.least:
+            if _left_somewhere(bar.elsewhere, accepted) <= bar.least:
+                break
+            excluded |= _not_sudden(problem)
         progress(f"looking for cause {len(accepted.hypotheses) + 1} of at most {most}")
-        scored = candidates(problem, library, accepted, without)
+        scored = candidates(problem, library, accepted, excluded)
         best = next((s for s in scored[:MOST_JUDGED] if _earned(problem, hold_out, bar, start, accepted, s)), None)
         rounds.append([best, *(s for s in scored if s is not best)] if best else scored)
         if best is None:
@@ -140,8 +142,16 @@ def gap_of(problem: Problem, found: Fit) -> float:
 
 
 def _left_somewhere(problem: Problem, found: Fit) -> float:
-    """As ``gap_of``, but what is left in a few blocks counts although all others have less than expected."""
+    """As ``gap_of``, but what is left in a few blocks counts although all others have less than expected.
+
+    Only what is sudden is looked for then: what acts all the time would have to do with the joints' error, which is
+    believed to explain what is left.
+    """
     return float(np.maximum(excess_over_quiet(problem, found.error), 0).mean())
+
+
+def _not_sudden(problem: Problem) -> set[str]:
+    return {name for name, effect in problem.catalogue.items() if not isinstance(effect.fit.search, SUDDEN)}
 
 
 def _bar(problem: Problem, start: Fit, accepted: Fit) -> Bar:
@@ -192,7 +202,7 @@ def _is_steady(problem: Problem, trial: Scored, accepted: Fit) -> bool:
 
 
 def _is_sudden(problem: Problem, trial: Scored) -> bool:
-    return isinstance(problem.catalogue[trial.hypothesis.effect].fit.search, SUDDEN)
+    return trial.hypothesis.effect not in _not_sudden(problem)
 
 
 def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:
