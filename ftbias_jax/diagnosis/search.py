@@ -130,9 +130,7 @@ def grow(
         accepted = best.fit
         spare = _spare(problem, accepted)
         if spare is not None:
-            accepted = spare
-            kept = {h.effect for h in accepted.hypotheses}
-            rounds = [r for r in rounds if r[0].hypothesis.effect in kept]
+            accepted, rounds = spare, _rounds_of(problem, spare, rounds)
     return accepted, rounds
 
 
@@ -217,6 +215,14 @@ def _spare(problem: Problem, accepted: Fit) -> Fit | None:
         if score(accepted, rest) < LEAST_GAIN:
             return rest
     return None
+
+
+def _rounds_of(problem: Problem, accepted: Fit, rounds: list[list[Scored]]) -> list[list[Scored]]:
+    """Rounds of the causes that stay, the first of each fitted beside those before it that stay, too."""
+    kept = {h.effect for h in accepted.hypotheses}
+    rounds = [scored for scored in rounds if scored[0].hypothesis.effect in kept]
+    fits = [fit(problem, accepted.hypotheses[:i], accepted) for i in range(1, len(rounds))]
+    return [[best._replace(fit=own), *others] for (best, *others), own in zip(rounds, [*fits, accepted], strict=True)]
 
 
 def _other_firsts(first: list[Scored], accepted: Fit) -> list[Scored]:
