@@ -158,6 +158,8 @@ LEAST_SHARE_ON_LATTICE, LATTICE_TOLERANCE = 0.9, 0.05
 """Share of samples, the rest may be spikes; steps, float32 rounds much finer. [physics]"""
 LEAST_TIES, MOST_TIES, FLAT_TOP_NATS = 5, 0.95, 20.0
 """Samples at one extreme value; share that is a dead axis; nats. [noise] 2 in 1e9."""
+AROUND_CLIPPED = 10
+"""Samples about a clipped one that noise may have sorted. [noise] 1.5 sigmas below a limit 3 in 4 have one so near."""
 LONGEST_GAP, HOLE, MADE_UP = 0.5, 1.5, 2.5
 """s of a hole; periods of a hole, and of it with a short neighbour, which makes up for it. [physics]"""
 ON_TICK, MOST_ON_TICK, MOST_PERIODS = 0.3, 0.9, 4.5

@@ -1,8 +1,8 @@
 """Effects that are read off the samples before anything is averaged, and the wrench without the samples they destroyed.
 
 Order: repeated rows and lattices (exact numbers), flat tops, spikes, then the white noise of what is left, and whether
-it grows with the rate of the wrench or with the speed of the
-joints. Floors on the size of an effect say what still matters to the owner.
+it grows with the rate of the wrench or with the speed of the joints. Floors on the size of an effect say what still
+matters to the owner.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ftbias_jax.diagnosis.samples.rows import Samples, select
 from ftbias_jax.diagnosis.samples.spikes import REACH, Spikes, find_spikes
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
 from ftbias_jax.diagnosis.samples.vibration import Growth, measure_growth, no_growth
-from ftbias_jax.diagnosis.thresholds import COARSE, LEAST_SCATTER, LEAST_WINDOWS
+from ftbias_jax.diagnosis.thresholds import AROUND_CLIPPED, COARSE, LEAST_SCATTER, LEAST_WINDOWS
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.types import Array
@@ -57,12 +57,15 @@ def inspect_samples(
     lattices = [exact.find_lattice(x) for x in samples.only(~exact.repeated_rows(samples.wrench)).wrench.T]
     step, step_stderr = (np.array([lattice[i] for lattice in lattices], float) for i in range(2))
     on_lattice = max(lattice.on_lattice for lattice in lattices)
-    repeated = _repeated(samples, step)
-    dropped = findings.find_dropped(repeated, exact.find_gaps(samples.t))
+    fine = step < COARSE * samples.stated  # on a coarse lattice equal numbers are no evidence
+    repeated = exact.repeated_rows(samples.wrench[:, fine]) & fine.any()
 
     kept = samples.only(~repeated)
     tops = [_flat_tops(*column) for column in zip(kept.wrench.T, kept.stated, step, strict=True)]
-    saturated = np.stack([_at_top(x, found) for x, found in zip(kept.wrench.T, tops, strict=True)], 1)
+    at_limit = np.stack([_at_top(x, found) for x, found in zip(samples.wrench.T, tops, strict=True)], 1)
+    # Rows in which every axis is clipped are equal, too, and none of them is lost.
+    dropped = findings.find_dropped(repeated & ~at_limit[:, fine].all(1), exact.find_gaps(samples.t))
+    saturated = at_limit[~repeated]
     spikes, noise, jitter = _scatter(kept, step, saturated)
     late_stamps = not jitter.detected or touched is None or _is_late(kept, step, saturated, ~touched[kept.row])
     if not late_stamps:
@@ -89,7 +92,9 @@ def inspect_samples(
     growth = growth._replace(variance=six(growth.variance), stderr=six(growth.stderr))
     clean = np.array(log.wrench, float)
     clean[samples.row[repeated]] = np.nan
-    clean[kept.row] = np.where(spikes.wild[:, None] | six(saturated), np.nan, clean[kept.row])
+    # Near a limit noise takes the higher readings of a pose to it, and the mean of those that are left is too low.
+    near_limit = six(_around(saturated, AROUND_CLIPPED))
+    clean[kept.row] = np.where(spikes.wild[:, None] | near_limit, np.nan, clean[kept.row])
     moving = MotionNoise(growth.variance, growth.speed) if growth.detected else known
     level = findings.judge_noise(noise, stated, six(step), bool(moving.per_speed.any()), growth.shows_rest)
     wild = findings.find_outliers(spikes._replace(hit=six(spikes.hit), off=six(spikes.off), scale=six(spikes.scale)))
@@ -123,12 +128,6 @@ def _nothing(log: Log, stated: np.ndarray, known: MotionNoise, reason: str) -> S
     return SampleFindings(a, b, c, d, e, f, g, wrench, stated, zeros, zeros.astype(bool), False, known)
 
 
-def _repeated(samples: Samples, step: np.ndarray) -> np.ndarray:
-    """(N,) rows that repeat the one before; on a coarse lattice (k,) equal numbers are no evidence."""
-    fine = step < COARSE * samples.stated
-    return exact.repeated_rows(samples.wrench[:, fine]) & fine.any()
-
-
 def _flat_tops(x: np.ndarray, noise_std: float, step: float) -> list[exact.FlatTop]:
     """Limits of one channel (N,), on either side."""
     tops = (exact.find_flat_top(x, side, noise_std, step) for side in (1.0, -1.0))
@@ -140,6 +139,12 @@ def _at_top(x: np.ndarray, tops: list[exact.FlatTop]) -> np.ndarray:
     near = 8 * np.finfo(np.float32).eps
     at = [np.sign(top.value) * (x - top.value) >= -near * abs(top.value) for top in tops]
     return np.logical_or.reduce(at) if at else np.zeros(len(x), bool)
+
+
+def _around(marked: np.ndarray, reach: int) -> np.ndarray:
+    """(N, k) samples that are marked, or within so many samples of one that is."""
+    near: np.ndarray = np.apply_along_axis(np.convolve, 0, marked, np.ones(2 * reach + 1), "same") > 0.5
+    return near
 
 
 def _is_late(samples: Samples, step: np.ndarray, saturated: np.ndarray, free: np.ndarray) -> bool:
@@ -159,7 +164,7 @@ def _scatter(
         late_stamps: whether jitter is looked for.
     """
     least = np.maximum(step, LEAST_SCATTER * samples.stated)
-    blind = np.apply_along_axis(np.convolve, 0, saturated, np.ones(2 * REACH + 1), "same") > 0.5
+    blind = _around(saturated, REACH)
     floor = np.where(blind, np.inf, least)
     for _ in range(2):
         spikes = find_spikes(samples.signal, np.full_like(floor, np.inf) if samples.too_slow else floor)
