@@ -12,6 +12,7 @@ from ftbias_jax.diagnosis.evidence.cross_validation import Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.touches import takes_most
 from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.library import merit_of
 from ftbias_jax.diagnosis.terms.select import Search, Step, numbers_of
@@ -94,7 +95,9 @@ def describe(
     if stands and explained:
         return answer
     steps = search.grow(kept, found)
-    if not steps and (explained or stands):
+    # A term that does better, but not on unseen blocks, takes no place of effects that explain nearly all.
+    nearly = gap_of(problem, accepted) < NEARLY * gap_of(problem, base)
+    if not steps and (explained or stands or nearly):
         return answer
     fit = steps[-1].described.fit if steps else kept
     if explained:
