@@ -65,23 +65,21 @@ def _looped(function: Callable[..., Any], *, nested: bool) -> Callable[..., Any]
     inside = looped if nested else function
 
     def rule(count: int, is_mapped: Any, *arguments: Any) -> tuple[Any, Any]:
-        found = jax.lax.map(*_unmapped_apart(inside, is_mapped, arguments))
+        found = jax.lax.map(*unmapped_apart(inside, is_mapped, arguments))
         return found, jax.tree.map(lambda _: True, found)
 
     looped.def_vmap(rule)
     return cast("Callable[..., Any]", looped)
 
 
-def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``log_by_log`` for a function that is differentiated too: its slopes are those of the function as it stands."""
-    if not on_cpu():
-        return function
-    whole: Any = jax.custom_vjp(log_by_log(function))
+def with_slopes(mapped: Callable[..., Any], function: Callable[..., Any]) -> Callable[..., Any]:
+    """What ``log_by_log`` and its like make of a function, which has no slopes, with those of the function itself."""
+    whole: Any = jax.custom_vjp(mapped)
     whole.defvjp(lambda *arguments: jax.vjp(function, *arguments), lambda pull, bar: pull(bar))
     return cast("Callable[..., Any]", whole)
 
 
-def _unmapped_apart(function: Any, is_mapped: Any, arguments: Any) -> tuple[Callable[[list[Array]], Any], list[Array]]:
+def unmapped_apart(function: Any, is_mapped: Any, arguments: Any) -> tuple[Callable[[list[Array]], Any], list[Array]]:
     """The function of its mapped leaves alone, and these."""
     leaves, structure = jax.tree.flatten(arguments)
     mapped = jax.tree.leaves(tuple(is_mapped))

@@ -17,6 +17,7 @@ from jax.custom_derivatives import SymbolicZero
 
 from ftbias_jax.filtering.fast.scan import Smoothed
 from ftbias_jax.filtering.fast.stages import (
+    TILE,
     add_noise,
     bias_inputs,
     bias_state,
@@ -24,6 +25,7 @@ from ftbias_jax.filtering.fast.stages import (
     joint_inputs,
     joint_states,
     predict_wrenches,
+    side_by_side,
 )
 from ftbias_jax.filtering.fast.sums import filter_sums
 from ftbias_jax.filtering.process_models import JOINT_MODELS
@@ -31,6 +33,7 @@ from ftbias_jax.filtering.samples import pad
 from ftbias_jax.filtering.step import Options, State
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.compiled_loops import log_by_log
+from ftbias_jax.runtime.side_by_side import Parts, in_tiles, scan_of_logs
 from ftbias_jax.types import Sample
 
 if TYPE_CHECKING:
@@ -70,7 +73,7 @@ def log_likelihoods(
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
 def _in_chunks(options: Options, params: Params, state: State, chunks: Chunk) -> Nats:
-    found: Nats = log_by_log(partial(_all_chunks, options, False))(params, state, chunks)[0]
+    found: Nats = _of_many(partial(_all_chunks, options, False), params, chunks[0], options)(params, state, chunks)[0]
     return found
 
 
@@ -79,17 +82,26 @@ def _forward(options: Options, params: Params, state: State, chunks: Chunk) -> t
     leaves, given = jax.tree.flatten((params, chunks))
     state = jax.tree.map(lambda x: x.value, state)
     params, chunks = jax.tree.unflatten(given, [x.value for x in leaves])
-    nats, kept = log_by_log(partial(_all_chunks, options, True))(params, state, chunks)
+    nats, kept = _of_many(partial(_all_chunks, options, True), params, chunks[0], options)(params, state, chunks)
     wanted = [() if x.perturbed else None for x in leaves]  # part of the structure, not a value
     return nats, (wanted, params, *kept, chunks)
 
 
+def _of_many(work: Callable[..., Any], params: Params, samples: Sample, options: Options) -> Callable[..., Any]:
+    """The work, which takes many logs in tiles where the lanes of a filter are independent and the model is plain."""
+    return in_tiles(work, TILE) if side_by_side(params, samples, options) else log_by_log(work)
+
+
 def _all_chunks(options: Options, keep: bool, params: Params, state: State, chunks: Chunk) -> tuple[Nats, Any]:
-    def body(state: State, chunk: Chunk) -> tuple[State, tuple[Nats, Any]]:
-        after, nats, wrench = _unless_empty(partial(_one_chunk, options, params), _unchanged, state, chunk)
+    def work(params: Params, state: State, chunk: Chunk) -> tuple[State, tuple[Nats, Any]]:
+        after, nats, wrench = _one_chunk(options, params, state, chunk)
         return after, (nats, (state, wrench) if keep else None)
 
-    _, ((joint, wrench), kept) = jax.lax.scan(body, state, chunks)
+    def pass_over(params: Params, state: State, chunk: Chunk) -> tuple[State, tuple[Nats, Any]]:
+        zero, wrench = jnp.zeros_like(chunk[1][0]), jnp.zeros_like(chunk[0].wrench)
+        return state, ((zero, zero), (state, (wrench, wrench)) if keep else None)
+
+    _, ((joint, wrench), kept) = scan_of_logs(Parts(work, pass_over, IS_THERE), params, state, chunks)
     return (joint.sum(), wrench.sum()), kept
 
 
@@ -97,8 +109,9 @@ def _backward(options: Options, residual: Any, bar: Any) -> tuple[Params, State,
     """Slopes in what they are asked for; elsewhere None, which is zero."""
     wanted, *kept = residual
     params, _, _, chunks = kept
+    slopes = _of_many(partial(_slopes, options, wanted), params, chunks[0], options)
     bar = tuple(jnp.zeros(x.shape, x.dtype) if isinstance(x, SymbolicZero) else x for x in bar)
-    of_params, of_state, of_chunks = log_by_log(partial(_slopes, options, wanted))(*kept, bar)
+    of_params, of_state, of_chunks = slopes(*kept, bar)
     return (
         jax.tree.unflatten(jax.tree.structure(params), of_params),
         of_state,
@@ -113,26 +126,24 @@ def _slopes(
     count = len(jax.tree.leaves(params))
     asked, fixed = _apart(params, wanted[:count])
 
-    def body(slopes: Any, sample: tuple[State, Chunk, Wrench]) -> Any:
-        (of_params, of_state), (state, chunk, wrench) = slopes, sample
+    def work(shared: Any, slopes: Any, sample: tuple[Chunk, State, Wrench]) -> tuple[Any, Any]:
+        (params, asked, fixed, bar), (of_params, of_state), (chunk, state, wrench) = shared, slopes, sample
+        asked_of_chunk, rest = _apart(chunk, wanted[count:])
 
-        def back(chunk: Chunk) -> tuple[Any, Any]:
-            asked_of_chunk, rest = _apart(chunk, wanted[count:])
+        def again(asked: Any, state: State, asked_of_chunk: Any) -> tuple[State, Nats]:
+            given = _together(params, asked, fixed), state, _together(chunk, asked_of_chunk, rest)
+            return _one_chunk(options, *given, found=wrench)[:2]
 
-            def again(asked: Any, state: State, asked_of_chunk: Any) -> tuple[State, Nats]:
-                given = _together(params, asked, fixed), state, _together(chunk, asked_of_chunk, rest)
-                return _one_chunk(options, *given, found=wrench)[:2]
+        more, before, of_chunk = jax.vjp(again, asked, state, asked_of_chunk)[1]((of_state, bar))
+        return (jax.tree.map(jnp.add, of_params, more), before), of_chunk
 
-            more, before, of_chunk = jax.vjp(again, asked, state, asked_of_chunk)[1]((of_state, bar))
-            return (jax.tree.map(jnp.add, of_params, more), before), of_chunk
-
-        def nothing(chunk: Chunk) -> tuple[Any, Any]:
-            return slopes, jax.tree.map(jnp.zeros_like, _apart(chunk, wanted[count:])[0])
-
-        return _unless_empty(back, nothing, chunk)
+    def pass_over(shared: Any, slopes: Any, sample: tuple[Chunk, State, Wrench]) -> tuple[Any, Any]:
+        return slopes, jax.tree.map(jnp.zeros_like, _apart(sample[0], wanted[count:])[0])
 
     start = jax.tree.map(jnp.zeros_like, (asked, jax.tree.map(lambda x: x[0], before)))
-    (of_params, of_state), of_chunks = jax.lax.scan(body, start, (before, chunks, wrenches), reverse=True)
+    shared, log = (params, asked, fixed, bar), (chunks, before, wrenches)
+    parts = Parts(work, pass_over, tuple(partial(_of_sample, test) for test in IS_THERE), reverse=True)
+    (of_params, of_state), of_chunks = scan_of_logs(parts, shared, start, log)
     return of_params, of_state, of_chunks
 
 
@@ -177,20 +188,22 @@ def _one_chunk(
     return State(joint_last, bias_last), (joint.nats.sum(), wrench.nats.sum()), of_tool
 
 
-def _unless_empty(work: Callable[..., Any], nothing: Callable[..., Any], *given: Any) -> Any:
-    """The work on a chunk, the last argument, unless no time passes in it and nothing is measured: it is padding."""
-    samples = given[-1][0]
-
-    def measured() -> Array:
-        return jnp.stack([jnp.isfinite(x).any() for x in (samples.q, samples.dq, samples.wrench)]).any()
-
-    there = jax.lax.cond((samples.dt != 0).any(), lambda: jnp.array(True), measured)
-    return jax.lax.cond(there, work, nothing, *given)
+def _time_passes(chunk: Chunk) -> Array:
+    passes: Array = (chunk[0].dt != 0).any()
+    return passes
 
 
-def _unchanged(state: State, chunk: Chunk) -> tuple[State, Nats, Wrench]:
-    zero, wrench = jnp.zeros_like(chunk[1][0]), jnp.zeros_like(chunk[0].wrench)
-    return state, (zero, zero), (wrench, wrench)
+def _is_measured(chunk: Chunk) -> Array:
+    samples = chunk[0]
+    return jnp.stack([jnp.isfinite(x).any() for x in (samples.q, samples.dq, samples.wrench)]).any()
+
+
+IS_THERE: tuple[Callable[[Chunk], Array], ...] = (_time_passes, _is_measured)
+"""A chunk for which neither holds is padding."""
+
+
+def _of_sample(test: Callable[[Chunk], Array], sample: tuple[Chunk, State, Wrench]) -> Array:
+    return test(sample[0])
 
 
 @jax.custom_vjp

@@ -15,6 +15,7 @@ from jax import Array
 
 from ftbias_jax.filtering.fast.kalman_step import Record, density_of, nats_of, nis_of
 from ftbias_jax.filtering.fast.scan import (
+    Forces,
     Inputs,
     Packed,
     Seen,
@@ -22,17 +23,15 @@ from ftbias_jax.filtering.fast.scan import (
     Track,
     advance,
     filter_scan,
-    forces_of,
     packed,
-    samples_of,
-    start_of,
+    taken_apart,
 )
-from ftbias_jax.filtering.fast.side_by_side import many_as_lanes
 from ftbias_jax.filtering.fast.sums_back import Bars, slopes_of_sums
 from ftbias_jax.filtering.process_models import Gated, ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
 from ftbias_jax.runtime.lanes import Vector, from_upper, upper
 from ftbias_jax.runtime.logarithm import log
+from ftbias_jax.runtime.side_by_side import for_lanes, many_as_lanes
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -79,41 +78,50 @@ def filter_sums(model: ProcessModel, keep: bool, inputs: Inputs, weight: Float[A
 
 def _run(model: ProcessModel, keep: bool, for_reverse: bool, inputs: Inputs, weight: Array) -> tuple[Sums, Any]:
     """The sums, and the record of every step where the reverse pass is to follow."""
-    loop = partial(_loop, model, keep, for_reverse)
+
+    def sums(forces: Forces, start: Packed, samples: Seen, weight: Array) -> Any:
+        last, squares, densities, kept, record = _loop(model, keep, for_reverse, forces, start, samples, weight)
+        # In the loop a logarithm would cost as much as all the rest of a step; here it is worked out for many samples.
+        each = compile_whole(_weighted)(log(densities), weight)
+        logs = jnp.matmul(jnp.ones_like(each[:, 0]), each, precision="highest")
+        return last, (logs - squares) / 2, kept, record
+
     # A gate makes the lanes of one log depend on each other.
-    over_logs = one_at_a_time(loop) if isinstance(model, Gated) else many_as_lanes(loop)
-    (mean, triangle), squares, densities, kept, record = over_logs(
-        inputs._replace(dt=inputs.dt[:, None]), weight[:, None]
-    )
+    over_logs = one_at_a_time(sums) if isinstance(model, Gated) else many_as_lanes(sums)
+    (mean, triangle), nats, kept, record = over_logs(*taken_apart(inputs), weight[:, None])
     states = None if kept is None else States(*kept)
-    # In the loop a logarithm would cost as much as all the rest of a step; here it is worked out for many samples.
-    logs = jnp.matmul(weight, log(densities), precision="highest")
-    return Sums((logs - squares) / 2, jnp.stack(mean), _matrix(triangle, len(mean), 0), states), record
+    return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states), record
 
 
 Looped = tuple[Packed, Array, Array, Packed | None, Record | None]
 
 
-def _loop(model: ProcessModel, keep: bool, for_reverse: bool, inputs: Inputs, weight: Array) -> Looped:
+def _loop(
+    model: ProcessModel, keep: bool, for_reverse: bool, forces: Forces, start: Packed, samples: Seen, weight: Array
+) -> Looped:
     """The state after the last sample, the sum of the NIS, densities, the states of all samples, and the record."""
 
     @compile_whole
-    def loop(inputs: Inputs, weight: Array) -> Any:
-        forces = forces_of(inputs)
+    def loop(forces: Forces, start: Packed, samples: Seen, weight: Array) -> Any:
+        zero = jnp.zeros_like(start[0][0])
 
         def body(carry: tuple[Packed, Array], sample: tuple[Seen, Array]) -> Any:
-            (state, squares), (seen, weight) = carry, sample
-            step = advance(model, forces, state, seen)
+            (state, squares), ((dt, *seen), weight) = carry, sample
+            step = advance(model, forces, state, (for_lanes(dt, len(zero)), *seen))
             after, record = packed(step), step.record
             kept = density_of(record), after if keep else None, record if for_reverse else None
-            return (after, squares + weight * nis_of(record)), kept
+            return (after, squares + for_lanes(weight, len(zero)) * nis_of(record)), kept
 
-        start = (start_of(inputs), jnp.zeros_like(inputs.mean[0]))
-        (last, squares), kept = jax.lax.scan(body, start, (samples_of(inputs), weight))
+        (last, squares), kept = jax.lax.scan(body, (start, zero), (samples, weight))
         return last, squares, *kept
 
-    found: Looped = loop(inputs, weight)
+    found: Looped = loop(forces, start, samples, weight)
     return found
+
+
+def _weighted(x: Array, weight: Array) -> Array:
+    """Numbers of lanes times the weights of logs; with the logarithm in one loop, that would not be put in vectors."""
+    return (x.reshape(len(x), -1, weight.shape[-1]) * weight[:, None]).reshape(x.shape)
 
 
 def _matrix(triangle: list[Array], k: int, axis: int) -> Array:

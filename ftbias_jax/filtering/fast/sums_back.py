@@ -14,7 +14,6 @@ import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.filtering.fast.kalman_step import Record, at_rest
-from ftbias_jax.filtering.fast.side_by_side import many_as_lanes
 from ftbias_jax.filtering.process_models import ProcessModel, as_arrays
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import (
@@ -29,6 +28,7 @@ from ftbias_jax.runtime.lanes import (
     transpose,
     upper,
 )
+from ftbias_jax.runtime.side_by_side import for_lanes, many_as_lanes
 
 Packed = tuple[Vector, Vector]
 """Slopes in a state: in the mean, and in the upper triangle of the covariance."""
@@ -77,6 +77,7 @@ def _loop(model: ProcessModel, density: Array, dt: Array, weight: Array, record:
     def loop(density: Array, dt: Array, weight: Array, record: Record, bars: Bars) -> Slopes:
         def body(carry: tuple[Packed, Array, Vector], sample: Any) -> Any:
             (state, slope, restart), (dt, weight, record, bar) = carry, sample
+            dt, weight = (for_lanes(x, len(slope)) for x in (dt, weight))
             if bar is not None:
                 state = total(state[0], bar[0]), total(state[1], bar[1])
             state, y, variance = _before_corrections(record, weight * bars.nats, *state)

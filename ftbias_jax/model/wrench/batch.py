@@ -6,6 +6,7 @@ Time is cut into pieces that stay in the processor's fastest cache, and the loop
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -20,6 +21,7 @@ from ftbias_jax.model.wrench.piece import felt_of, wrench_of, wrench_piece
 from ftbias_jax.model.wrench.tool_wrench import Model
 from ftbias_jax.runtime.compiled_loops import compile_whole, on_cpu, one_at_a_time
 from ftbias_jax.runtime.lanes import Vector
+from ftbias_jax.runtime.side_by_side import samples_as_lanes
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -29,7 +31,9 @@ PIECE = 128
 """Samples worked out together."""
 
 Columns = tuple[Array, ...]
-"""q, dq, ddq, and covariances if any, in pieces: (pieces, n, C)."""
+"""q, dq, ddq, and covariances if any: (T, n), or in pieces (pieces, n, C)."""
+Constants = tuple[Chain, Array, Array]
+"""Arm, gravity and theta."""
 
 
 def wrenches(model: Model, *entries: Float[Array, "T n"]) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
@@ -42,10 +46,7 @@ def wrenches(model: Model, *entries: Float[Array, "T n"]) -> tuple[Float[Array, 
     Returns:
         wrench (T, 6) N, Nm, sensor frame, and the variance that the joints' uncertainty adds to it (T, 6).
     """
-    length = entries[0].shape[0]
-    size = min(PIECE, length) if on_cpu() else length
-    wrench, variance = _pieces(model, tuple(_cut(x, size) for x in entries))
-    return _join(wrench, length), _join(variance, length)
+    return _of_samples(model, entries)
 
 
 def wrenches_in_motion(
@@ -61,45 +62,50 @@ def wrenches_in_motion(
     return jnp.stack(wrench_of(list(theta), felt_of(list(gravity), R_sensor_base, *rates)), 1)
 
 
-def _cut(x: Array, size: int) -> Array:
-    """(T, n) -> (pieces, n, size)."""
-    x = jnp.pad(x, ((0, -x.shape[0] % size), (0, 0)))
-    return jnp.swapaxes(x.reshape(-1, size, x.shape[1]), 1, 2)
+def _in_pieces(lanes: int, x: Array) -> Array:
+    """(T, n) -> (pieces, n, lanes)."""
+    x = jnp.pad(x, ((0, -x.shape[0] % lanes), (0, 0)))
+    return jnp.swapaxes(x.reshape(-1, lanes, x.shape[1]), 1, 2)
 
 
-def _join(x: Array, length: int) -> Array:
-    """(pieces, 6, size) -> (T, 6)."""
-    return jnp.swapaxes(x, 1, 2).reshape(-1, x.shape[1])[:length]
+def _lanes(length: int) -> int:
+    """Of a piece."""
+    return PIECE if on_cpu() else length
 
 
 @jax.custom_vjp
-def _pieces(model: Model, columns: Columns) -> tuple[Array, Array]:
-    """Wrench and variance (pieces, 6, C)."""
-    return _forward(model, columns)[0]
+def _of_samples(model: Model, entries: Columns) -> tuple[Array, Array]:
+    """Wrench and variance (T, 6)."""
+    return _forward(model, entries)[0]
 
 
-def _forward(model: Model, columns: Columns) -> tuple[tuple[Array, Array], tuple[Model, Columns]]:
-    chain = chain_of(model.arm)
-    return one_at_a_time(_all_wrenches)(chain, model.gravity, model.theta, columns), (model, columns)
+def _forward(model: Model, entries: Columns) -> tuple[tuple[Array, Array], tuple[Model, Columns]]:
+    constants = chain_of(model.arm), model.gravity, model.theta
+    found: tuple[Array, Array] = samples_as_lanes(_all_wrenches, _lanes(len(entries[0])))(constants, entries)
+    return found, (model, entries)
 
 
 def _backward(residual: tuple[Model, Columns], bars: tuple[Array, ...]) -> tuple[Model, Columns]:
-    model, columns = residual
-    if len(columns) == 3:  # the variance is zero: XLA aborts on an argument that is never read
+    model, entries = residual
+    if len(entries) == 3:  # the variance is zero: XLA aborts on an argument that is never read
         bars = bars[:1]
-    joints: Columns = one_at_a_time(_joint_slopes)(chain_of(model.arm), model.gravity, model.theta, columns, bars)
+    constants, lanes = (chain_of(model.arm), model.gravity, model.theta), _lanes(len(entries[0]))
+    joints: Columns = samples_as_lanes(_joint_slopes, lanes)(constants, (entries, bars))
     # Few ask for the slopes in the model: they are worked out apart, or not at all.
+    columns, bars = jax.tree.map(partial(_in_pieces, lanes), (entries, bars))
     gravity, theta, pose = one_at_a_time(_model_slopes)(model, columns, bars)
     arm = one_at_a_time(_arm_slopes)(model, columns[0], pose)
     gravity, theta = (jnp.stack([entry.sum() for entry in entries]) for entries in (gravity, theta))
     return Model(arm, gravity, theta), joints
 
 
-_pieces.defvjp(_forward, _backward)
+_of_samples.defvjp(_forward, _backward)
 
 
 @compile_whole
-def _all_wrenches(chain: Chain, gravity: Array, theta: Array, columns: Columns) -> tuple[Array, Array]:
+def _all_wrenches(constants: Constants, columns: Columns) -> tuple[Array, Array]:
+    chain, gravity, theta = constants
+
     def one(i: Array) -> tuple[Array, Array]:
         wrench, variance = wrench_piece(chain, gravity, theta, columns, i)
         return jnp.stack(wrench), jnp.stack(variance)
@@ -109,7 +115,9 @@ def _all_wrenches(chain: Chain, gravity: Array, theta: Array, columns: Columns) 
 
 
 @compile_whole
-def _joint_slopes(chain: Chain, gravity: Array, theta: Array, columns: Columns, bars: tuple[Array, ...]) -> Columns:
+def _joint_slopes(constants: Constants, given: tuple[Columns, tuple[Array, ...]]) -> Columns:
+    (chain, gravity, theta), (columns, bars) = constants, given
+
     def one(i: Array) -> Columns:
         return slopes_of_joints(chain, gravity, theta, columns, bars, i)
 

@@ -70,38 +70,83 @@ def test_it_is_the_sum_over_the_steps_and_so_are_its_slopes(params, samples, in_
     assert_close(got[1], expected[1], 1e-6)  # the textbook filter's own rounding, for sharp encoders
 
 
-@pytest.mark.slow
-def test_many_logs_are_each_log(params, samples, in_chunks):
-    """One after the other, each with a clock of its own; padding, here a chunk of it and more, changes nothing."""
+NOISE_OF_MOTION = {"vibration": jnp.full((3, 6), 0.3), "vibration_speed": jnp.asarray(0.5)}
+MANY = {
+    "side by side": ({}, Options(), 5),
+    "side by side, noise that follows the motion": (NOISE_OF_MOTION, Options("acceleration"), 5),
+    "side by side, joints known": ({}, Options(joint_uncertainty="none"), 4),
+    "too few": ({}, Options(), 3),
+    "one after the other, correlated noise and gate": (CORRELATED, Options(gate=3.0), 5),
+}
+
+
+def different(samples):
+    """Logs with clocks, gaps, axes and lengths of their own."""
+    nan, length = jnp.nan, len(samples.dt)
     logs = [
         samples,
-        samples._replace(wrench=2 * samples.wrench),
+        samples._replace(wrench=(2 * samples.wrench).at[:, 1].set(nan)),
         samples._replace(dt=1.5 * samples.dt, dq=samples.dq / 1.5),
+        jax.tree.map(lambda x: x[:7], samples),
+        samples._replace(q=samples.q.at[5:20].set(nan), dq=samples.dq.at[:, 0].set(nan)),
     ]
-    length, weight = len(samples.dt), jnp.ones(len(samples.dt))
-    many = jax.tree.map(lambda *x: jnp.stack(x), *(pad(log, length + 24) for log in logs))
-    one = jax.jit(partial(values_and_slopes, in_chunks, Options()))
-    together = jax.jit(jax.vmap(partial(values_and_slopes, in_chunks, Options()), (None, 0, None)))(
-        params, many, jnp.pad(weight, (0, 24))
-    )
+    assert length > 20
+    return logs
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", MANY)
+def test_many_logs_are_each_log(params, samples, in_chunks, monkeypatch, case):
+    """Each with a clock of its own; padding, here a chunk of it and more, changes nothing."""
+    changes, options, count = MANY[case]
+    monkeypatch.setattr(route, "TILE", 4)  # five logs are two tiles, of which one is filled up
+    params = params._replace(bias=params.bias._replace(**changes))
+    logs, length = different(samples)[:count], len(samples.dt) + 24
+    many = jax.tree.map(lambda *x: jnp.stack(x), *(pad(log, length) for log in logs))
+    weight = jnp.linspace(0.5, 1.5, length)
+    function = partial(values_and_slopes, in_chunks, options)
+    together = jax.jit(jax.vmap(function, (None, 0, None)))(params, many, weight)
+    one = jax.jit(function)
     for i, log in enumerate(logs):
         value, (of_params, *of_samples) = jax.tree.map(lambda x, i=i: x[i], together)
-        expected, expected_slopes = one(params, log, weight)
+        expected, expected_slopes = one(params, pad(log, length), weight)
         assert_close(value, expected, 1e-10)
-        assert_close((of_params, *(x[:length] for x in of_samples)), expected_slopes, 1e-6)  # the prior's lose digits
-        assert not any(x[length:].any() for x in of_samples)
+        assert_close((of_params, *of_samples), expected_slopes, 1e-6)  # the prior's lose digits
+        assert not any(x[len(log.dt) :].any() for x in of_samples)
+
+
+def test_parameters_of_their_own_are_taken_one_after_the_other(params, samples, in_chunks):
+    logs = jax.tree.map(lambda x: jnp.stack([x] * 4), samples)
+    densities, weight = params.bias.density[None] * jnp.arange(1.0, 5)[:, None], jnp.ones(len(samples.dt))
+
+    def total(density, samples):
+        own = params._replace(bias=params.bias._replace(density=density))
+        return sum(in_chunks(own, pipeline.init(own, samples), samples, weight, Options()))
+
+    together = jax.jit(jax.vmap(total))(densities, logs)
+    np.testing.assert_allclose(together, [jax.jit(total)(density, samples) for density in densities], rtol=1e-10)
+
+
+def test_in_single_precision(params, samples, in_chunks):
+    """Four logs side by side are as good as each."""
+    params, samples = jax.tree.map(lambda x: x.astype(jnp.float32), (params, samples))
+    weight = jnp.ones(len(samples.dt), jnp.float32)
+    total = lambda log: sum(in_chunks(params, pipeline.init(params, log), log, weight, Options()))  # noqa: E731
+    together = jax.jit(jax.vmap(total))(jax.tree.map(lambda x: jnp.stack([x] * 4), samples))
+    assert together.dtype == jnp.float32
+    np.testing.assert_allclose(together, jax.jit(total)(samples), rtol=1e-5)
 
 
 def test_only_padding_is_left_out(samples):
     """Neither a gap, in which time passes, nor measurements at one stamp."""
     chunk = jax.tree.map(lambda x: x[:8], samples)
     nothing = pad(jax.tree.map(lambda x: x[:0], chunk), 8)
-    done = lambda samples: route._unless_empty(lambda chunk: 1, lambda chunk: 0, (samples, jnp.ones(8)))  # noqa: E731
-    assert done(chunk) == 1
-    assert done(nothing) == 0
-    assert done(nothing._replace(dt=chunk.dt)) == 1
-    assert done(nothing._replace(wrench=nothing.wrench.at[3, 2].set(1.0))) == 1
-    assert done(nothing._replace(dq=nothing.dq.at[7, 0].set(1.0))) == 1
+    done = lambda samples: any(test((samples, jnp.ones(8))) for test in route.IS_THERE)  # noqa: E731
+    assert done(chunk)
+    assert not done(nothing)
+    assert done(nothing._replace(dt=chunk.dt))
+    assert done(nothing._replace(wrench=nothing.wrench.at[3, 2].set(1.0)))
+    assert done(nothing._replace(dq=nothing.dq.at[7, 0].set(1.0)))
 
 
 def test_what_is_kept_for_slopes_is_the_log_and_little_else(params, samples):
