@@ -72,9 +72,11 @@ def _looped(function: Callable[..., Any], *, nested: bool) -> Callable[..., Any]
     return cast("Callable[..., Any]", looped)
 
 
-def with_slopes(mapped: Callable[..., Any], function: Callable[..., Any]) -> Callable[..., Any]:
-    """What ``log_by_log`` and its like make of a function, which has no slopes, with those of the function itself."""
-    whole: Any = jax.custom_vjp(mapped)
+def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``log_by_log`` for a function that is differentiated too: its slopes are those of the function as it stands."""
+    if not on_cpu():
+        return function
+    whole: Any = jax.custom_vjp(log_by_log(function))
     whole.defvjp(lambda *arguments: jax.vjp(function, *arguments), lambda pull, bar: pull(bar))
     return cast("Callable[..., Any]", whole)
 

@@ -115,9 +115,9 @@ class Parts(NamedTuple):
 
     work: Callable[[Any, Any, Any], tuple[Any, Any]]
     """What all parts share, state, part -> state after it, and results."""
-    pass_over: Callable[[Any, Any, Any], tuple[Any, Any]] | None = None
-    """The same for a part that is empty; None = all are worked on."""
-    is_there: tuple[Callable[[Any], Array], ...] = ()
+    pass_over: Callable[[Any, Any, Any], tuple[Any, Any]]
+    """The same for a part that is empty."""
+    is_there: tuple[Callable[[Any], Array], ...]
     """Part -> whether it is not empty: tests of which one suffices, the cheapest first."""
     reverse: bool = False
     """From the last part to the first."""
@@ -135,7 +135,6 @@ def scan_of_logs(parts: Parts, shared: Any, start: Any, log: Any) -> tuple[Any, 
         start: state before the first part, or after the last one.
         log: arrays (parts, ...).
     """
-
     at = partial(jax.lax.dynamic_index_in_dim, keepdims=False)
 
     def one(shared: Any, start: Any, log: Any) -> tuple[Any, Any]:
@@ -147,17 +146,19 @@ def scan_of_logs(parts: Parts, shared: Any, start: Any, log: Any) -> tuple[Any, 
     together: Any = jax.custom_batching.custom_vmap(one)
 
     def rule(count: int, is_mapped: Any, shared: Any, start: Any, log: Any) -> tuple[Any, Any]:
+        def all_mapped(x: Array, mapped: bool) -> Array:
+            return x if mapped else jnp.broadcast_to(x, (count, *x.shape))
+
         of_shared = jax.tree.map(lambda m: 0 if m else None, is_mapped[0])
-        of_part = jax.tree.map(lambda m: -1 if m else None, is_mapped[2])
-        start = jax.tree.map(lambda x, m: x if m else jnp.broadcast_to(x, (count, *x.shape)), start, is_mapped[1])
-        many = partial(jax.vmap, in_axes=(of_shared, 0, of_part), axis_size=count)
-        work, pass_over = many(parts.work), None if parts.pass_over is None else many(parts.pass_over)
-        tests = tuple(jax.vmap(test, (of_part,), axis_size=count) for test in parts.is_there)
+        start, log = jax.tree.map(all_mapped, (start, log), tuple(is_mapped[1:]))
+        many = partial(jax.vmap, in_axes=(of_shared, 0, -1), axis_size=count)
+        tests = tuple(jax.vmap(test, -1) for test in parts.is_there)
+        of_all = Parts(many(parts.work), many(parts.pass_over), tests)
 
         def part_of(i: Array) -> Any:
-            return jax.tree.map(lambda x, m: jnp.moveaxis(at(x, i, 1), 0, -1) if m else at(x, i, 0), log, is_mapped[2])
+            return jax.tree.map(lambda x: jnp.moveaxis(at(x, i, 1), 0, -1), log)
 
-        of_all, length = Parts(work, pass_over, tests), jax.tree.leaves(log)[0].shape[jax.tree.leaves(is_mapped[2])[0]]
+        length = jax.tree.leaves(log)[0].shape[1]
         state, found = _scan(partial(_on_part, of_all, shared), start, part_of, length, parts.reverse)
         found = state, jax.tree.map(lambda x: jnp.moveaxis(x, 1, 0), found)
         return found, jax.tree.map(lambda _: True, found)
@@ -168,8 +169,6 @@ def scan_of_logs(parts: Parts, shared: Any, start: Any, log: Any) -> tuple[Any, 
 
 def _on_part(parts: Parts, shared: Any, state: Any, part: Any) -> tuple[Any, Any]:
     """Work, or pass over."""
-    if parts.pass_over is None:
-        return parts.work(shared, state, part)
     there = jnp.array(False)
     for test in parts.is_there:
         there = jax.lax.cond(there, lambda: jnp.array(True), lambda test=test: test(part).any())
@@ -181,7 +180,7 @@ def _scan(on_part: Any, start: Any, part_of: Callable[[Array], Any], count: int,
     return jax.lax.scan(lambda state, i: on_part(state, part_of(i)), start, jnp.arange(count), reverse=reverse)
 
 
-def in_tiles(function: Callable[..., Any], size: int, alone: Callable[..., Any] | None = None) -> Callable[..., Any]:
+def in_tiles(function: Callable[..., Any], size: int) -> Callable[..., Any]:
     """The same function, of which ``vmap`` on a processor takes tiles of so many logs, one tile after the other.
 
     Where it maps over the first argument too, what logs share, it takes one log after the other.
@@ -189,13 +188,11 @@ def in_tiles(function: Callable[..., Any], size: int, alone: Callable[..., Any] 
     Args:
         function: of what logs share, and of one log.
         size: logs of a tile, at the most.
-        alone: what to do with a single log, if that is quicker done in another way.
     """
-    alone = function if alone is None else alone
     if not on_cpu():
-        return alone
-    tiled: Any = jax.custom_batching.custom_vmap(alone)
-    one = log_by_log(alone)
+        return function
+    tiled: Any = jax.custom_batching.custom_vmap(function)
+    one = log_by_log(function)
 
     def rule(count: int, is_mapped: Any, *arguments: Any) -> tuple[Any, Any]:
         axes = jax.tree.map(lambda m: 0 if m else None, tuple(is_mapped))

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.runtime.compiled_loops import compile_whole, log_by_log, one_at_a_time, with_slopes
+from ftbias_jax.runtime.compiled_loops import compile_whole, log_by_log_with_slopes, one_at_a_time
 
 RNG = np.random.default_rng(0)
 X = RNG.normal(size=(50, 3))
@@ -74,7 +74,7 @@ def test_log_by_log_under_nested_vmap_and_in_slopes():
         return jax.lax.cond(x.sum() > 0, work, lambda factor, x: {"sum": jnp.zeros(())}, factor, x)
 
     many = np.abs(X[:6]).reshape(2, 3, 3) * np.array([1, 0, 1])[None, :, None]
-    mapped = jax.vmap(jax.vmap(with_slopes(log_by_log(one), one), (None, 0)), (None, 0))
+    mapped = jax.vmap(jax.vmap(log_by_log_with_slopes(one), (None, 0)), (None, 0))
     found = mapped(FACTOR, many)
     jax.effects_barrier()
     np.testing.assert_allclose(found["sum"], many**2 @ FACTOR)

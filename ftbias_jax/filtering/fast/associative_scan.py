@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.filtering.fast.kalman_step import Step, filter_step
-from ftbias_jax.filtering.fast.scan import Inputs, Track, driven, taken_apart, track_of
+from ftbias_jax.filtering.fast.scan import Inputs, Track, driven, track_of
 from ftbias_jax.filtering.gaussian import symmetrise
 from ftbias_jax.filtering.process_models import ProcessModel, as_arrays
 from ftbias_jax.runtime.lanes import Rows, Table, Vector
@@ -72,7 +72,7 @@ def filter_parallel(model: ProcessModel, inputs: Inputs) -> Track:
     # at least the first one that is not yet right. No restart, one round.
     nowhere = Restarts(jnp.zeros((length, lanes), bool), jnp.zeros((length, lanes), inputs.y.dtype))
     restarts, _ = jax.lax.while_loop(lambda carry: carry[1], settle, (nowhere, jnp.array(True)))
-    return track_of(taken_apart(inputs)[2], step(jax.lax.stop_gradient(restarts)))
+    return track_of(inputs, step(jax.lax.stop_gradient(restarts)))
 
 
 class Restarts(NamedTuple):

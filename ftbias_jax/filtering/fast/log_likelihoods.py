@@ -15,9 +15,9 @@ import jax.numpy as jnp
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
+from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.scan import Smoothed
 from ftbias_jax.filtering.fast.stages import (
-    TILE,
     add_noise,
     bias_inputs,
     bias_state,
@@ -25,12 +25,12 @@ from ftbias_jax.filtering.fast.stages import (
     joint_inputs,
     joint_states,
     predict_wrenches,
-    side_by_side,
 )
 from ftbias_jax.filtering.fast.sums import filter_sums
-from ftbias_jax.filtering.process_models import JOINT_MODELS
+from ftbias_jax.filtering.process_models import JOINT_MODELS, BiasStrength
 from ftbias_jax.filtering.samples import pad
 from ftbias_jax.filtering.step import Options, State
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.compiled_loops import log_by_log
 from ftbias_jax.runtime.side_by_side import Parts, in_tiles, scan_of_logs
@@ -39,6 +39,8 @@ from ftbias_jax.types import Sample
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+TILE = 16
+"""Logs side by side, where there are many."""
 CHUNK = 512
 """Samples that pass through all stages together, and are worked out again together."""
 
@@ -88,8 +90,14 @@ def _forward(options: Options, params: Params, state: State, chunks: Chunk) -> t
 
 
 def _of_many(work: Callable[..., Any], params: Params, samples: Sample, options: Options) -> Callable[..., Any]:
-    """The work, which takes many logs in tiles where the lanes of a filter are independent and the model is plain."""
-    return in_tiles(work, TILE) if side_by_side(params, samples, options) else log_by_log(work)
+    """The work, which takes many logs in tiles, or with all that noise and robot may be besides one after the other.
+
+    A gate makes the lanes of one log depend on each other, effects need whole logs, and the others are in no hurry.
+    """
+    plain = options.gate is None and params.effects is None and samples.rezeroed is None
+    plain = plain and not isinstance(params.arm, FreeBody)
+    plain = plain and not isinstance(bias_filter.strength(params.bias), BiasStrength)
+    return in_tiles(work, TILE) if plain else log_by_log(work)
 
 
 def _all_chunks(options: Options, keep: bool, params: Params, state: State, chunks: Chunk) -> tuple[Nats, Any]:

@@ -18,10 +18,9 @@ from jax import Array
 
 from ftbias_jax.filtering.fast.kalman_step import Record, Step, filter_step, nats_of
 from ftbias_jax.filtering.fast.kalman_step_back import Cotangent, step_back
-from ftbias_jax.filtering.process_models import Gated, ProcessModel
+from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
-from ftbias_jax.runtime.lanes import Rows, Vector, from_upper, total, upper
-from ftbias_jax.runtime.side_by_side import for_lanes, many_as_lanes
+from ftbias_jax.runtime.lanes import Rows, Vector, from_upper, upper
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -82,11 +81,7 @@ def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
         model: process_models.drift_noise or one of process_models.JOINT_MODELS.values().
         inputs: see there.
     """
-    run = partial(_tracked, model, False)
-    # A gate makes the lanes of one log depend on each other.
-    over_logs = one_at_a_time(run) if isinstance(model, Gated) else many_as_lanes(run)
-    track: Track = over_logs(*taken_apart(inputs))[0]
-    return track
+    return track_of(inputs, _steps(model, inputs))
 
 
 def innovations(model: ProcessModel, inputs: Inputs) -> tuple[Float[Array, "T m B"], Float[Array, "T m B"]]:
@@ -95,36 +90,34 @@ def innovations(model: ProcessModel, inputs: Inputs) -> tuple[Float[Array, "T m 
     Derivatives along many measurements share one recursion of the covariance, which does not depend on them.
     """
     loop = _loop(model, lambda step: (step.prediction, step.prediction_variance))
-    prediction, variance = (jnp.stack(x, 1) for x in loop(*taken_apart(inputs)))
+    prediction, variance = (jnp.stack(x, 1) for x in loop(inputs))
     return jnp.where(jnp.isfinite(inputs.y), inputs.y - prediction, 0), variance + inputs.variance
 
 
-def _tracked(
-    model: ProcessModel, for_reverse: bool, forces: Forces, start: Packed, samples: Seen
-) -> tuple[Track, Record]:
-    """The track, and the record of every step; columns of the covariance are for the reverse pass alone."""
+def _steps(model: ProcessModel, inputs: Inputs, for_reverse: bool = False) -> Step:
+    """The filter at every sample, leaves (T, B); columns of the covariance are for the reverse pass alone."""
 
     def keep(step: Step) -> tuple[Step, Vector]:
         column = step.record.column if for_reverse else []
         return step._replace(covariance=[], record=step.record._replace(column=column)), upper(step.covariance)
 
     steps: Step
-    steps, triangles = _loop(model, keep)(forces, start, samples)
-    steps = steps._replace(covariance=from_upper(len(start[0]), triangles))
-    return track_of(samples, steps), steps.record
+    steps, triangles = one_at_a_time(_loop(model, keep))(inputs)
+    return steps._replace(covariance=from_upper(len(inputs.mean), triangles))
 
 
-def _loop(model: ProcessModel, keep: Callable[[Step], Any]) -> Callable[[Forces, Packed, Seen], Any]:
+def _loop(model: ProcessModel, keep: Callable[[Step], Any]) -> Callable[[Inputs], Any]:
     """The loop over the samples, and what it keeps of every step."""
 
     @compile_whole
-    def loop(forces: Forces, start: Packed, samples: Seen) -> Any:
+    def loop(inputs: Inputs) -> Any:
+        driven_by = forces_of(inputs)
+
         def body(state: Packed, sample: Seen) -> tuple[Packed, Any]:
-            dt, *seen = sample
-            step = advance(model, forces, state, (for_lanes(dt, start[0][0].shape[-1]), *seen))
+            step = advance(model, driven_by, state, sample)
             return packed(step), keep(step)
 
-        return jax.lax.scan(body, start, samples)[1]
+        return jax.lax.scan(body, start_of(inputs), samples_of(inputs))[1]
 
     return loop
 
@@ -139,11 +132,9 @@ Forces = tuple[Any, Vector]
 """What drives the process, and variances to start again from, entries apart."""
 
 
-def taken_apart(inputs: Inputs) -> tuple[Forces, Packed, Seen]:
-    """Forces, the state before the first sample, and all samples: entries apart, or every step would do so again."""
-    forces = inputs.density, list(inputs.restart_variance)
-    start = list(inputs.mean), upper([list(row) for row in inputs.covariance])
-    return forces, start, (inputs.dt[:, None], _entries(inputs.y), _entries(inputs.variance), inputs.drive)
+def forces_of(inputs: Inputs) -> Forces:
+    """Taken apart before the loop, or every step would do so again."""
+    return inputs.density, list(inputs.restart_variance)
 
 
 def advance(model: ProcessModel, forces: Forces, state: Packed, sample: Seen) -> Step:
@@ -158,14 +149,23 @@ def packed(step: Step) -> Packed:
     return step.mean, upper(step.covariance)
 
 
-def track_of(samples: Seen, steps: Step) -> Track:
+def start_of(inputs: Inputs) -> Packed:
+    """The state before the first sample."""
+    return list(inputs.mean), upper([list(row) for row in inputs.covariance])
+
+
+def samples_of(inputs: Inputs) -> Seen:
+    """All samples, with a leading time axis."""
+    return inputs.dt, _entries(inputs.y), _entries(inputs.variance), inputs.drive
+
+
+def track_of(inputs: Inputs, steps: Step) -> Track:
     """What a run reports; likelihoods are sums over entries, so they need not be worked out in the recursion."""
-    _, y, variance, _ = samples
     nis, log_likelihood = nats_of(steps.record)
+    seen = [w > 0 for w in steps.record.weight]
     # What the gate left out has an innovation of 0, like what is missing.
-    parts = zip(y, steps.prediction, steps.record.weight, strict=True)
-    raw = [jnp.where(weight > 0, seen - expected, 0) for seen, expected, weight in parts]
-    spread = total(steps.prediction_variance, variance)
+    raw = [jnp.where(s, inputs.y[:, j] - steps.prediction[j], 0) for j, s in enumerate(seen)]
+    spread = [steps.prediction_variance[j] + inputs.variance[:, j] for j in range(len(seen))]
     mean, covariance = jnp.stack(steps.mean, 1), _stack(steps.covariance)
     return Track(mean, covariance, jnp.stack(raw, 1), jnp.stack(spread, 1), nis, log_likelihood)
 
@@ -175,8 +175,8 @@ Residual = tuple[Array, Any, Any, Record]
 
 
 def _forward(model: ProcessModel, inputs: Inputs) -> tuple[Track, Residual]:
-    run = one_at_a_time(partial(_tracked, model, True))
-    track, record = run(*taken_apart(inputs))
+    steps = _steps(model, inputs, for_reverse=True)
+    track, record = track_of(inputs, steps), steps.record
     if isinstance(inputs.density, tuple):
         record = record._replace(before=_before(inputs, track))
     return track, (inputs.dt, inputs.density, inputs.drive, record)
@@ -209,7 +209,7 @@ def _backward(model: ProcessModel, residual: Residual, bar: Track) -> tuple[Inpu
         def body(carry: tuple[tuple[Vector, Rows], Any, Vector], sample: tuple[Array, Any, Record, Cotangent]) -> Any:
             (state, density_slope, restart), (dt, drive, record, bar) = carry, sample
             slopes = step_back(model, driven(density, drive), dt, record, bar, state)
-            restart = total(restart, slopes.restart)
+            restart = [total + slope for total, slope in zip(restart, slopes.restart, strict=True)]
             own, drive_slope = undriven(slopes.density, drive)
             density_slope = jax.tree.map(jnp.add, density_slope, own)
             return (slopes.state, density_slope, restart), (slopes.y, slopes.variance, drive_slope)

@@ -20,17 +20,15 @@ from ftbias_jax.filtering.fast.associative_scan import filter_parallel
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, filter_scan
 from ftbias_jax.filtering.fast.sums import States
 from ftbias_jax.filtering.fast.wrench_of_joints import wrenches_of_joints
-from ftbias_jax.filtering.process_models import JOINT_MODELS, BiasStrength, Gated, ProcessModel, bias_model
+from ftbias_jax.filtering.process_models import JOINT_MODELS, Gated, ProcessModel, bias_model
 from ftbias_jax.filtering.samples import pad
 from ftbias_jax.filtering.step import Options, State
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model, Signals
-from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.batch import PIECE
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
-from ftbias_jax.runtime.compiled_loops import log_by_log, on_cpu, with_slopes
-from ftbias_jax.runtime.side_by_side import Parts, in_tiles, scan_of_logs
+from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes, on_cpu
 from ftbias_jax.types import Gaussian, Sample
 
 if TYPE_CHECKING:
@@ -38,10 +36,6 @@ if TYPE_CHECKING:
 
 CHUNK = 1024
 """Samples that pass through all stages together: what goes from one stage to the next stays in the cache."""
-
-
-TILE, TILE_CHUNK = 16, 128
-"""Logs side by side, where there are many, and the samples of each that pass through all stages together."""
 
 
 class Staged(NamedTuple):
@@ -60,16 +54,6 @@ def applies(options: Options) -> bool:
     return options.joint_uncertainty != "full"
 
 
-def side_by_side(params: Params, samples: Sample, options: Options) -> bool:
-    """Whether many logs are best taken side by side; with all else that noise and robot may be, one after the other.
-
-    A gate makes the lanes of one log depend on each other, and effects need whole logs.
-    """
-    plain = options.gate is None and params.effects is None and samples.rezeroed is None
-    strength = bias_filter.strength(params.bias)
-    return plain and not isinstance(params.arm, FreeBody) and not isinstance(strength, BiasStrength)
-
-
 @partial(jax.jit, static_argnames="options")
 def run(params: Params, state: State, samples: Sample, options: Options) -> tuple[State, Staged]:
     """Filter a whole log; arguments as for ``pipeline.run``.
@@ -77,29 +61,26 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
     Returns:
         the last state and the track of every sample.
     """
-    one = partial(_run_log, options, CHUNK)
-    plain = side_by_side(params, samples, options)
-    many = in_tiles(partial(_run_log, options, TILE_CHUNK), TILE, one) if plain else log_by_log(one)
-    found: tuple[State, Staged] = with_slopes(many, one)(params, state, samples)
+    found: tuple[State, Staged] = log_by_log_with_slopes(partial(_run_log, options))(params, state, samples)
     return found
 
 
-def _run_log(options: Options, most: int, params: Params, state: State, samples: Sample) -> tuple[State, Staged]:
-    stages = partial(_run_stages, options)
+def _run_log(options: Options, params: Params, state: State, samples: Sample) -> tuple[State, Staged]:
+    stages = partial(_run_stages, params, options)
     length = samples.dt.shape[0]
-    if length <= most or params.effects is not None or not on_cpu():
-        return stages(params, state, (samples, length))
-    count = -(-length // most)
+    if length <= CHUNK or params.effects is not None or not on_cpu():
+        return stages(state, (samples, length))
+    count = -(-length // CHUNK)
     size = PIECE * -(-length // (PIECE * count))
     padded = pad(samples, count * size)
     chunks = jax.tree.map(lambda x: x.reshape(count, size, *x.shape[1:]), padded)
     measured = jnp.minimum(length - size * jnp.arange(count), size)
-    state, tracks = scan_of_logs(Parts(stages), params, state, (chunks, measured))
+    state, tracks = jax.lax.scan(stages, state, (chunks, measured))
     return state, jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:length], tracks)
 
 
 def _run_stages(
-    options: Options, params: Params, state: State, chunk: tuple[Sample, int | Array]
+    params: Params, options: Options, state: State, chunk: tuple[Sample, int | Array]
 ) -> tuple[State, Staged]:
     """All stages over a chunk whose first samples, so many, are of the log."""
     samples, measured = chunk
@@ -107,7 +88,7 @@ def _run_stages(
     wrench_tool, variance = predict_wrenches(params, joint, samples, options)
     inputs = bias_inputs(params, state, samples, wrench_tool, variance, joint.mean[:, 1])
     wrench = without_noise(run_filters(gated(inputs, options), inputs))
-    last = jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, measured - 1, keepdims=False), (joint, wrench))
+    last = jax.tree.map(lambda x: x[measured - 1], (joint, wrench))
     return state_of(*last), Staged(joint, wrench, wrench_tool)
 
 

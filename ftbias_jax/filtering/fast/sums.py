@@ -23,8 +23,10 @@ from ftbias_jax.filtering.fast.scan import (
     Track,
     advance,
     filter_scan,
+    forces_of,
     packed,
-    taken_apart,
+    samples_of,
+    start_of,
 )
 from ftbias_jax.filtering.fast.sums_back import Bars, slopes_of_sums
 from ftbias_jax.filtering.process_models import Gated, ProcessModel
@@ -88,7 +90,9 @@ def _run(model: ProcessModel, keep: bool, for_reverse: bool, inputs: Inputs, wei
 
     # A gate makes the lanes of one log depend on each other.
     over_logs = one_at_a_time(sums) if isinstance(model, Gated) else many_as_lanes(sums)
-    (mean, triangle), nats, kept, record = over_logs(*taken_apart(inputs), weight[:, None])
+    (mean, triangle), nats, kept, record = over_logs(
+        forces_of(inputs), start_of(inputs), samples_of(inputs._replace(dt=inputs.dt[:, None])), weight[:, None]
+    )
     states = None if kept is None else States(*kept)
     return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states), record
 
