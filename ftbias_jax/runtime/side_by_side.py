@@ -18,8 +18,8 @@ from jax import Array
 
 from ftbias_jax.runtime.compiled_loops import log_by_log, on_cpu, unmapped_apart
 
-FEW = 4
-"""Logs: fewer do not fill the vectors."""
+FEW = 8
+"""Logs: fewer than these fill the vectors so badly that one after the other is quicker."""
 
 
 def many_as_lanes(loop: Callable[..., Any]) -> Callable[..., Any]:

@@ -11,6 +11,7 @@ from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import log_likelihoods as route
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import pad
+from ftbias_jax.runtime import side_by_side
 
 CORRELATED = {
     "vibration": jnp.full((3, 6), 0.3),
@@ -29,8 +30,10 @@ CASES = {
 
 @pytest.fixture
 def in_chunks(monkeypatch):
-    """Two whole chunks of the log's 40 samples, and a part."""
+    """Two whole chunks of the log's 40 samples, and a part; four logs make a tile."""
     monkeypatch.setattr(route, "CHUNK", 16)
+    monkeypatch.setattr(route, "TILE", 4)
+    monkeypatch.setattr(side_by_side, "FEW", 4)
     return route.log_likelihoods.__wrapped__
 
 
@@ -75,7 +78,6 @@ MANY = {
     "side by side": ({}, Options(), 5),
     "side by side, noise that follows the motion": (NOISE_OF_MOTION, Options("acceleration"), 5),
     "side by side, joints known": ({}, Options(joint_uncertainty="none"), 4),
-    "too few": ({}, Options(), 3),
     "one after the other, correlated noise and gate": (CORRELATED, Options(gate=3.0), 5),
 }
 
@@ -96,10 +98,9 @@ def different(samples):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", MANY)
-def test_many_logs_are_each_log(params, samples, in_chunks, monkeypatch, case):
-    """Each with a clock of its own; padding, here a chunk of it and more, changes nothing."""
+def test_many_logs_are_each_log(params, samples, in_chunks, case):
+    """Each with a clock of its own; padding, here a chunk of it and more, changes nothing. Five logs fill two tiles."""
     changes, options, count = MANY[case]
-    monkeypatch.setattr(route, "TILE", 4)  # five logs are two tiles, of which one is filled up
     params = params._replace(bias=params.bias._replace(**changes))
     logs, length = different(samples)[:count], len(samples.dt) + 24
     many = jax.tree.map(lambda *x: jnp.stack(x), *(pad(log, length) for log in logs))
