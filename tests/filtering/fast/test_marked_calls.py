@@ -65,6 +65,16 @@ def test_of_filter_likelihood_and_gradient(params, samples, part, gate):
     assert not unread(lambda *given: smoother.smooth_log(*given, options), params, state, samples)
 
 
+def test_of_many_logs_side_by_side(params, samples):
+    many = jax.tree.map(lambda x: jnp.stack([x] * 8), samples)
+
+    def nats(params, many):
+        return jax.vmap(lambda log: likelihood.log_likelihood(params, log, Options()))(many).sum()
+
+    for program in (nats, jax.grad(nats), jax.grad(nats, 1)):
+        assert not unread(program, params, many._replace(rezeroed=None))
+
+
 @pytest.mark.parametrize("name", EFFECTS)
 def test_of_effects(params, samples, name):
     params = params._replace(effects={name: jax.tree.map(jnp.asarray, EFFECTS[name])})
