@@ -82,10 +82,12 @@ def _run(model: ProcessModel, keep: bool, for_reverse: bool, inputs: Inputs, wei
     """The sums, and the record of every step where the reverse pass is to follow."""
 
     def sums(forces: Forces, start: Packed, samples: Seen, weight: Array) -> Any:
-        last, squares, densities, kept, record = _loop(model, keep, for_reverse, forces, start, samples, weight)
+        last, squares, densities, kept, record, each = _loop(model, keep, for_reverse, forces, start, samples, weight)
         # In the loop a logarithm would cost as much as all the rest of a step; here it is worked out for many samples.
-        each = compile_whole(_weighted)(log(densities), weight)
-        logs = jnp.matmul(jnp.ones_like(each[:, 0]), each, precision="highest")
+        if each is None:
+            logs = jnp.matmul(weight[:, 0], log(densities), precision="highest")
+        else:
+            logs = jnp.matmul(jnp.ones_like(weight[:, 0]), each * log(densities), precision="highest")
         return last, (logs - squares) / 2, kept, record
 
     # A gate makes the lanes of one log depend on each other.
@@ -97,13 +99,14 @@ def _run(model: ProcessModel, keep: bool, for_reverse: bool, inputs: Inputs, wei
     return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states), record
 
 
-Looped = tuple[Packed, Array, Array, Packed | None, Record | None]
+Looped = tuple[Packed, Array, Array, Packed | None, Record | None, Array | None]
 
 
 def _loop(
     model: ProcessModel, keep: bool, for_reverse: bool, forces: Forces, start: Packed, samples: Seen, weight: Array
 ) -> Looped:
-    """The state after the last sample, the sum of the NIS, densities, the states of all samples, and the record."""
+    """The state after the last sample, the sum of the NIS, densities, the states of all samples, the record, and
+    the weights of lanes, where logs have their own."""
 
     @compile_whole
     def loop(forces: Forces, start: Packed, samples: Seen, weight: Array) -> Any:
@@ -113,19 +116,17 @@ def _loop(
             (state, squares), ((dt, *seen), weight) = carry, sample
             step = advance(model, forces, state, (for_lanes(dt, len(zero)), *seen))
             after, record = packed(step), step.record
-            kept = density_of(record), after if keep else None, record if for_reverse else None
-            return (after, squares + for_lanes(weight, len(zero)) * nis_of(record)), kept
+            weight = for_lanes(weight, len(zero))
+            # Weights of logs are told as those of lanes: repeated after the loop, they keep logarithms out of vectors.
+            each = weight if len(weight) > 1 else None
+            kept = density_of(record), after if keep else None, record if for_reverse else None, each
+            return (after, squares + weight * nis_of(record)), kept
 
         (last, squares), kept = jax.lax.scan(body, (start, zero), (samples, weight))
         return last, squares, *kept
 
     found: Looped = loop(forces, start, samples, weight)
     return found
-
-
-def _weighted(x: Array, weight: Array) -> Array:
-    """Numbers of lanes times the weights of logs; with the logarithm in one loop, that would not be put in vectors."""
-    return (x.reshape(len(x), -1, weight.shape[-1]) * weight[:, None]).reshape(x.shape)
 
 
 def _matrix(triangle: list[Array], k: int, axis: int) -> Array:
