@@ -33,6 +33,7 @@ from ftbias_jax.diagnosis.thresholds import (
     SURE,
 )
 from ftbias_jax.model.effects.fitting import SUDDEN
+from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.jax_config import same_precision
 from ftbias_jax.runtime.progress import silent
 
@@ -44,6 +45,8 @@ class Bar(NamedTuple):
     """The logs without the times of the accepted contacts: these dwarf all else, and their shape is never exact."""
     least: float
     """Mean square gap that it must remove there, in noise variances."""
+    least_of_bias: float = LEAST_SIGMAS**2
+    """The same of an effect on the bias: beside causes that all follow the motion it is no error of their form."""
 
 
 def search(
@@ -118,9 +121,9 @@ def grow(
     while len(accepted.hypotheses) < most:
         bar, excluded = _bar(problem, start, accepted), set(without)
         if rounds and gap_of(bar.elsewhere, accepted) <= bar.least:
-            if _left_somewhere(bar.elsewhere, accepted) <= bar.least:
+            if _left_somewhere(bar.elsewhere, accepted) <= bar.least_of_bias:
                 break
-            excluded |= _not_sudden(problem)
+            excluded |= {name for name, effect in problem.catalogue.items() if _follows_motion(effect)}
         progress(f"looking for cause {len(accepted.hypotheses) + 1} of at most {most}")
         scored = candidates(problem, library, accepted, excluded)
         best = next((s for s in scored[:MOST_JUDGED] if _earned(problem, hold_out, bar, start, accepted, s)), None)
@@ -142,14 +145,14 @@ def gap_of(problem: Problem, found: Fit) -> float:
 def _left_somewhere(problem: Problem, found: Fit) -> float:
     """As ``gap_of``, but what is left in a few blocks counts although all others have less than expected.
 
-    Only what is sudden is looked for then: what acts all the time would have to do with the joints' error, which is
+    Only what does not follow the motion is looked for then: all else would have to do with the joints' error, which is
     believed to explain what is left.
     """
     return float(np.maximum(excess_over_quiet(problem, found.error), 0).mean())
 
 
-def _not_sudden(problem: Problem) -> set[str]:
-    return {name for name, effect in problem.catalogue.items() if not isinstance(effect.fit.search, SUDDEN)}
+def _follows_motion(effect: Effect) -> bool:
+    return effect.stage != "bias" and not isinstance(effect.fit.search, SUDDEN)
 
 
 def _bar(problem: Problem, start: Fit, accepted: Fit) -> Bar:
@@ -159,7 +162,9 @@ def _bar(problem: Problem, start: Fit, accepted: Fit) -> Bar:
     local = np.repeat([h.local for h in accepted.hypotheses], [len(h.shapes) for h in accepted.hypotheses])
     _, (untouched,) = projection(accepted.columns.series[local])(start.error[None])
     gap = gap_of(elsewhere, start._replace(error=untouched))
-    return Bar(elsewhere, max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap))
+    least = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap)
+    all_follow = all(_follows_motion(problem.catalogue[h.effect]) for h in accepted.hypotheses)
+    return Bar(elsewhere, least, LEAST_SIGMAS**2 if all_follow else least)
 
 
 def _elsewhere(problem: Problem, accepted: Fit) -> Problem:
@@ -184,7 +189,8 @@ def _earned(problem: Problem, hold_out: Judge, bar: Bar, start: Fit, accepted: F
     held = hold_out(trial.fit, accepted.error)
     if not _is_sudden(problem, trial) and held.nats < SURE * held.nats_by_noise:
         return False
-    return gap_removed(bar.elsewhere, accepted.error, held.error) > bar.least
+    of_bias = problem.catalogue[trial.hypothesis.effect].stage == "bias"
+    return gap_removed(bar.elsewhere, accepted.error, held.error) > (bar.least_of_bias if of_bias else bar.least)
 
 
 def _stands_out(problem: Problem, start: Fit, accepted: Fit, trial: Fit) -> bool:
@@ -200,7 +206,7 @@ def _is_steady(problem: Problem, trial: Scored, accepted: Fit) -> bool:
 
 
 def _is_sudden(problem: Problem, trial: Scored) -> bool:
-    return trial.hypothesis.effect not in _not_sudden(problem)
+    return isinstance(problem.catalogue[trial.hypothesis.effect].fit.search, SUDDEN)
 
 
 def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:
