@@ -45,8 +45,8 @@ class Bar(NamedTuple):
     """The logs without the times of the accepted contacts: these dwarf all else, and their shape is never exact."""
     least: float
     """Mean square gap that it must remove there, in noise variances."""
-    least_of_bias: float = LEAST_SIGMAS**2
-    """The same of an effect on the bias: beside causes that all follow the motion it is no error of their form."""
+    least_of_slow: float = LEAST_SIGMAS**2
+    """The same of a slow effect on the bias: beside causes that all follow the motion it is no error of their form."""
 
 
 def search(
@@ -121,7 +121,7 @@ def grow(
     while len(accepted.hypotheses) < most:
         bar, excluded = _bar(problem, start, accepted), set(without)
         if rounds and gap_of(bar.elsewhere, accepted) <= bar.least:
-            if _left_somewhere(bar.elsewhere, accepted) <= bar.least_of_bias:
+            if _left_somewhere(bar.elsewhere, accepted) <= bar.least_of_slow:
                 break
             excluded |= {name for name, effect in problem.catalogue.items() if _follows_motion(effect)}
         progress(f"looking for cause {len(accepted.hypotheses) + 1} of at most {most}")
@@ -189,8 +189,8 @@ def _earned(problem: Problem, hold_out: Judge, bar: Bar, start: Fit, accepted: F
     held = hold_out(trial.fit, accepted.error)
     if not _is_sudden(problem, trial) and held.nats < SURE * held.nats_by_noise:
         return False
-    of_bias = problem.catalogue[trial.hypothesis.effect].stage == "bias"
-    return gap_removed(bar.elsewhere, accepted.error, held.error) > (bar.least_of_bias if of_bias else bar.least)
+    slow = problem.catalogue[trial.hypothesis.effect].stage == "bias" and not _is_sudden(problem, trial)
+    return gap_removed(bar.elsewhere, accepted.error, held.error) > (bar.least_of_slow if slow else bar.least)
 
 
 def _stands_out(problem: Problem, start: Fit, accepted: Fit, trial: Fit) -> bool:
