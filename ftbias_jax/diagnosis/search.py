@@ -9,12 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored, candidates, score
-from ftbias_jax.diagnosis.evidence.cross_validation import (
-    Judge,
-    excess_by_channel,
-    excess_over_quiet,
-    gap_removed,
-)
+from ftbias_jax.diagnosis.evidence.cross_validation import Judge, excess_by_channel, excess_over_quiet, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import is_plausible
 from ftbias_jax.diagnosis.regression.dictionary import Library, make_library
@@ -189,8 +184,21 @@ def _earned(problem: Problem, hold_out: Judge, bar: Bar, start: Fit, accepted: F
     held = hold_out(trial.fit, accepted.error)
     if not _is_sudden(problem, trial) and held.nats < SURE * held.nats_by_noise:
         return False
+    if gap_removed(bar.elsewhere, accepted.error, held.error) > bar.least:
+        return True
     slow = problem.catalogue[trial.hypothesis.effect].stage == "bias" and not _is_sudden(problem, trial)
-    return gap_removed(bar.elsewhere, accepted.error, held.error) > (bar.least_of_slow if slow else bar.least)
+    return slow and _removes_itself(problem, bar, accepted, trial.fit, held.error)
+
+
+def _removes_itself(problem: Problem, bar: Bar, accepted: Fit, trial: Fit, unseen: np.ndarray) -> bool:
+    """Whether a slow effect removes all that is left, and not the other causes, whose numbers went on to move with it.
+
+    Where something is left beside it, that may be the form of the other causes, and the effect a part of it.
+    """
+    alone = fit(problem, accepted.hypotheses, trial)
+    removed = gap_removed(bar.elsewhere, alone.error, unseen)
+    all_gone = gap_of(bar.elsewhere, trial) <= LEAST_SIGMAS**2
+    return all_gone and removed > bar.least_of_slow and score(trial, alone) > LEAST_GAIN
 
 
 def _stands_out(problem: Problem, start: Fit, accepted: Fit, trial: Fit) -> bool:

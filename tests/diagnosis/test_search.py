@@ -92,17 +92,26 @@ def test_a_slow_effect_on_the_bias_needs_a_share_only_beside_what_does_not_follo
 
 
 @pytest.mark.parametrize(
-    ("effect", "earned"), [("warmup", True), ("bias_jump", False), ("contact", False), ("gain", False)]
+    ("why", "effect", "before", "alone", "earned"),
+    [
+        ("all that is left is slow", "warmup", 1.01, 1.01, True),
+        ("the other causes moved on with it", "warmup", 1.01, 1.0, False),
+        ("more is left, of which it may be a part", "warmup", 1.04, 1.04, False),
+        ("a jump is like many an error of form", "bias_jump", 1.01, 1.01, False),
+        ("what follows the motion even more so", "gain", 1.01, 1.01, False),
+    ],
 )
-def test_a_slow_effect_on_the_bias_is_no_error_of_the_form_of_another(effect, earned):
-    """It removes a hundredth of the gap; all else would have to remove a fiftieth, for a jump is like many an error."""
-    accepted, trial = fit_of(GAP), fit_of(GAP - 0.01, effect)
+def test_a_slow_effect_on_the_bias_is_no_error_of_the_form_of_another(monkeypatch, why, effect, before, alone, earned):
+    """It removes a hundredth of the gap; all else would have to remove a fiftieth."""
+    accepted, trial = fit_of(before + 0 * T), fit_of(before - 0.01 + 0 * T, effect)
+    rest = fit_of(alone + 0 * T)._replace(log_likelihood=trial.log_likelihood - 500.0)
+    monkeypatch.setattr(searching, "fit", lambda problem, hypotheses, start: rest)
 
     def hold_out(fit, reference):
         return HeldOut(fit.error, 3.0, 3.0, 1.0)
 
     bar = Bar(PROBLEM, 0.02, 0.08**2)
-    assert searching._earned(PROBLEM, hold_out, bar, accepted, accepted, Scored(trial, 500.0)) is earned
+    assert searching._earned(PROBLEM, hold_out, bar, accepted, accepted, Scored(trial, 500.0)) is earned, why
 
 
 @pytest.mark.parametrize(
