@@ -14,7 +14,8 @@ LEAST_GAIN = 12.0
 LEAST_SIGMAS = 0.08
 """Of one sample's noise: a smaller effect is real, perhaps, but means nothing. [owner]"""
 LEAST_SHARE_OF_GAP = 0.02
-"""Share of the gap that a further cause must remove: fitted forms are never quite the real ones. [dev]"""
+"""Share of the gap that a further cause must remove: fitted forms are never quite the real ones. [dev] A slow effect on
+the bias need not, if it removes all that is left: it is no error of the form of what follows the motion."""
 STEADY = 1.3
 """Standard errors of the gain over blocks; one block that gains everything is one. [noise] 1 in 10 is as steady."""
 SURE = 2.0
