@@ -109,6 +109,11 @@ def prediction_errors(result: Filtered, noise: BiasNoise, ahead: float) -> Array
     reading = result.wrench_unbiased - result.bias
     later = expected_ahead(result.bias, result.drift, result.slow_error, noise, ahead)
     errors = np.where((past >= 0)[:, None], reading - (result.wrench_tool - later[past]), np.nan)
+    return _of_used(result, errors)
+
+
+def _of_used(result: Filtered, errors: Array) -> Array:
+    """(T, 6) errors, NaN at the samples that the filter did not use."""
     return errors if result.used is None else np.where(result.used[:, None], errors, np.nan)
 
 
@@ -119,10 +124,8 @@ def errors_of_constant_bias(result: Filtered, fitted: Array) -> Array:
         result: of a filter, for the wrench of the tool and the samples it used.
         fitted: (T,) the samples of that part.
     """
-    error = result.wrench_unbiased - result.bias - result.wrench_tool
+    error = _of_used(result, result.wrench_unbiased - result.bias - result.wrench_tool)
     counts = np.isfinite(error) & fitted[:, None]
-    if result.used is not None:
-        counts &= result.used[:, None]
     mean = np.where(counts, error, 0).sum(0) / np.maximum(counts.sum(0), 1)
     return np.where(counts.any(0), error - mean, np.nan)
 

@@ -39,15 +39,17 @@ def many_as_lanes(loop: Callable[..., Any]) -> Callable[..., Any]:
                 return x if x.shape[-1] == 1 else jnp.repeat(x, count, -1)
             return jnp.moveaxis(x, 0, -1).reshape(*x.shape[1:-1], x.shape[-1] * count)
 
-        def apart(x: Array) -> Array:
-            return jnp.moveaxis(x.reshape(*x.shape[:-1], -1, count), -1, 0)
-
         whole = [side_by_side(x, m) for x, m in zip(leaves, mapped, strict=True)]
-        found = jax.tree.map(apart, together(*jax.tree.unflatten(structure, whole)))
+        found = jax.tree.map(partial(_apart, count), together(*jax.tree.unflatten(structure, whole)))
         return found, jax.tree.map(lambda _: True, found)
 
     together.def_vmap(rule)
     return cast("Callable[..., Any]", together)
+
+
+def _apart(count: int, x: Array) -> Array:
+    """(..., lanes * logs) -> (logs, ..., lanes)."""
+    return jnp.moveaxis(x.reshape(*x.shape[:-1], -1, count), -1, 0)
 
 
 def for_lanes(row: Array, lanes: int) -> Array:
@@ -82,10 +84,7 @@ def samples_as_lanes(work: Callable[[Any, Any], Any], most: int) -> Callable[[An
             x = jnp.moveaxis(x, 0, -1) if mapped else jnp.broadcast_to(x[..., None], (*x.shape, count))
             return x.reshape(*x.shape[:-2], -1)
 
-        def apart(x: Array) -> Array:
-            return jnp.moveaxis(x.reshape(*x.shape[:-1], -1, count), -1, 0)
-
-        found = jax.tree.map(apart, together(shared, jax.tree.map(side_by_side, series, is_mapped[1])))
+        found = jax.tree.map(partial(_apart, count), together(shared, jax.tree.map(side_by_side, series, is_mapped[1])))
         return found, jax.tree.map(lambda _: True, found)
 
     together.def_vmap(rule)

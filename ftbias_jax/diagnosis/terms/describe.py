@@ -96,8 +96,7 @@ def describe(
         return answer
     steps = search.grow(kept, found)
     # A term that does better, but not on unseen blocks, takes no place of effects that explain nearly all.
-    nearly = gap_of(problem, accepted) < NEARLY * gap_of(problem, base)
-    if not steps and (explained or stands or nearly):
+    if not steps and (explained or stands or gap_of(problem, accepted) < NEARLY * gap_of(problem, base)):
         return answer
     fit = steps[-1].described.fit if steps else kept
     if explained:

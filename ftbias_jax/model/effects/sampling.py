@@ -29,7 +29,8 @@ def vibration(values: EffectValues, key: Array, record: Record) -> Record:
     """White noise whose variance is a sum over the speeds of the joints, beside the noise at rest."""
     if record.dq is None:
         return record
-    variance = MotionNoise(values["variance"], values["speed"]).variance(record.dq)
+    rows = jnp.broadcast_to(values["variance"], (record.dq.shape[1], 6))
+    variance = MotionNoise(rows, values["speed"]).variance(record.dq)
     shaking = jnp.sqrt(variance) * jax.random.normal(key, record.wrench.shape, record.wrench.dtype)
     return record._replace(wrench=record.wrench + shaking, noise=record.noise + shaking)
 
