@@ -6,6 +6,7 @@ Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with data loss.
 from __future__ import annotations
 
 import argparse
+import difflib
 import importlib
 import os
 import sys
@@ -36,7 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if words and words[0] in RENAMED:
         print(f"ftbias: {words[0]!r} is now called {RENAMED[words[0]]!r}", file=sys.stderr)
         words[0] = RENAMED[words[0]]
-    parsed = build_parser().parse_args(words)
+    parser = build_parser()
+    if misspelt := _misspelt_command(parser, words):
+        parser.error(misspelt)
+    parsed = parser.parse_args(words)
     # The matrices are small: threads of BLAS that wait for one another cost more than they save.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
@@ -75,6 +79,15 @@ def build_parser() -> argparse.ArgumentParser:
     for add in ADD:
         add(commands)
     return parser
+
+
+def _misspelt_command(parser: argparse.ArgumentParser, words: Sequence[str]) -> str:
+    """What to say of a first word that is nearly a command; "" if it is one, or nothing like one."""
+    (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+    if not words or words[0] in commands.choices:
+        return ""
+    near = difflib.get_close_matches(words[0], commands.choices, 1)
+    return f"there is no command {words[0]!r}: did you mean {near[0]!r}?" if near else ""
 
 
 if __name__ == "__main__":

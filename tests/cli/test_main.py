@@ -303,3 +303,12 @@ def test_an_interrupted_write_leaves_the_old_result(copy, tmp_path, monkeypatch,
     assert_one_line(capsys, "interrupted, nothing more was written")
     assert (tmp_path / "out.npz").read_bytes() == b"an older result"
     assert sorted(os.listdir(tmp_path)) == ["log.npz", "out.npz", "setup.toml"]
+
+
+def test_a_misspelt_command_is_told_which_one_is_near(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["diagnos", "log.npz"])
+    assert "there is no command 'diagnos': did you mean 'diagnose'?" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main(["xyzzy"])
+    assert "choose from" in capsys.readouterr().err

@@ -96,7 +96,8 @@ def check_arguments(arguments: argparse.Namespace) -> Setup:
         remedy = "add -o FIXED.toml, or --in-place to replace the setup itself"
         raise UsageError("needs the name of the setup to write", field="--apply", remedy=remedy)
     if arguments.output and not arguments.apply:
-        raise UsageError("is the setup that --apply writes", field="--output", remedy="add --apply")
+        remedy = "add --apply; the diagnosis itself is written by --json OUT.json and --html OUT.html"
+        raise UsageError("is the setup that --apply writes", field="--output", remedy=remedy)
     if arguments.in_place and not arguments.apply:
         raise UsageError("replaces the setup by what --apply writes", field="--in-place", remedy="add --apply")
     kept = [arguments.setup]
