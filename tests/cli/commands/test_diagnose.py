@@ -103,7 +103,7 @@ def test_an_axis_that_was_never_measured_is_told(folder, calls, capsys):
     ("options", "code", "words"),
     [
         ("--apply", 2, "--apply: needs the name of the setup to write (add -o FIXED.toml, or --in-place"),
-        ("-o fixed.toml", 2, "--output: is the setup that --apply writes (add --apply; the diagnosis itself is written by --json"),
+        ("-o fixed.toml", 2, "--output: is the setup that --apply writes (add --apply; the diagnosis itself is"),
         ("--apply -o fixed.json", 2, "end the name in .toml"),
         ("--json out.html", 2, "--json: cannot write 'out.html' (end the name in .json)"),
         ("--html out", 2, "--html: cannot write 'out' (end the name in .html)"),
