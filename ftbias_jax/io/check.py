@@ -7,7 +7,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import as_stamps, put_in_order
 from ftbias_jax.io.conventions.axes import in_sensor_axes
-from ftbias_jax.io.conventions.units import angles
+from ftbias_jax.io.conventions.units import angles, wrenches
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.pose import pose_entries
 from ftbias_jax.setup.types import Setup
@@ -71,8 +71,7 @@ def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> 
     floats = {name: _floats(getattr(log, name), shape, name, file, first) for name, shape in shapes.items()}
     for name in ("q", "dq"):
         floats[name] = angles(floats[name], setup)
-    if setup.sensor.reports == "wrench_on_sensor":
-        floats["wrench"] = -floats["wrench"]
+    floats["wrench"] = wrenches(floats["wrench"], setup)
     rezeroed_at = tuple(float(at - log.start) for at in setup.sensor.rezeroed_at)
     return log._replace(**floats, rezeroed_at=rezeroed_at)
 

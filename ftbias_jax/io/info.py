@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import os
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +13,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import is_ros, read_recorded
 from ftbias_jax.io.cleaning import clean
+from ftbias_jax.io.draft.table import look
 from ftbias_jax.io.draft.unstated import RawStream, described, pose_keys
 from ftbias_jax.io.health import gaps, sample_rate, saturation, stuck_seconds
 from ftbias_jax.io.limits.budget import Budget
@@ -30,7 +30,6 @@ from ftbias_jax.io.ros.types.roles import JOINTS, POSE, POSITION, TRANSFORM, WRE
 from ftbias_jax.io.tables.csv import read_header
 from ftbias_jax.io.tables.delimiters import with_commas
 from ftbias_jax.io.tables.hdf5 import dataset_shapes
-from ftbias_jax.io.tables.parquet import column_names
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array
@@ -210,14 +209,8 @@ def _joint_names(path: str | os.PathLike[str]) -> list[str]:
     """Names for the joints of a log of a native format, from the log alone."""
     suffix = Path(path).suffix.lower()
     if suffix in (".csv", ".parquet"):
-        header = column_names(path) if suffix == ".parquet" else _header(path)
-        counted = [name for name in header if re.fullmatch(r"q\d+", name)]
-        found = counted or [name.removeprefix("position_") for name in header if name.startswith("position_")]
-        twice = next((name for name in found if found.count(name) > 1), None)
-        if twice is not None:
-            remedy = "rename one of them"
-            raise LogError("two columns are of this joint", file=os.fspath(path), field=twice, remedy=remedy)
-        return found
+        found = look(os.fspath(path))
+        return list(found.names or (f"q{i}" for i in range(found.joints)))
     shape: tuple[int, ...] = ()
     if suffix == ".npz" and (stored := stored_arrays(path, {"q"})):
         shape = stored["q"].shape

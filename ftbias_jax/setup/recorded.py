@@ -18,6 +18,10 @@ TIME_UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """Unit of stamps -> its length in ns."""
 ANGLE_UNITS = ("rad", "deg")
 ACCELERATION_UNITS = ("m/s^2", "g")
+FORCE_UNITS = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605}
+"""Unit of force -> N."""
+TORQUE_UNITS = {"Nm": 1.0, "Nmm": 1e-3, "Ncm": 1e-2, "lbf-in": 0.1129848290276167, "lbf-ft": 1.3558179483314004}
+"""Unit of torque -> Nm."""
 WRENCH_AXES = ("sensor", "base")
 HEADER, RECEIPT = "header", "receipt"
 CLOCKS = (HEADER, RECEIPT)
@@ -77,5 +81,9 @@ class LogSetup:
     """One of ANGLE_UNITS: of joints, and of the rates of joints and gyroscope."""
     acceleration_unit: str = "m/s^2"
     """One of ACCELERATION_UNITS: of an accelerometer."""
+    force_unit: str = "N"
+    """One of FORCE_UNITS."""
+    torque_unit: str = "Nm"
+    """One of TORQUE_UNITS."""
     wrench_axes: str = "sensor"
     """One of WRENCH_AXES: in which axes the wrench is recorded, about the sensor's origin."""

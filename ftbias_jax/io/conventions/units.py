@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ftbias_jax.setup.recorded import TIME_UNITS, LogSetup
+from ftbias_jax.setup.recorded import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, LogSetup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -57,3 +57,10 @@ def angles(values: Array, setup: Setup) -> Array:
     turns = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0
     factors: Array = np.where(turns, np.pi / 180, 1.0)
     return values * factors
+
+
+def wrenches(values: Array, setup: Setup) -> Array:
+    """(T, 6) recorded wrenches in N and Nm, with the sign of the report."""
+    scale = np.repeat([FORCE_UNITS[setup.log.force_unit], TORQUE_UNITS[setup.log.torque_unit]], 3)
+    with np.errstate(invalid="ignore"):  # a damaged file may have NaN of the kind that raises
+        return values * (-scale if setup.sensor.reports == "wrench_on_sensor" else scale)

@@ -16,6 +16,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.io import is_ros, read_recorded
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.conventions.axes import sensor_rotations
+from ftbias_jax.io.draft.columns import left_to_choose, stated_columns
 from ftbias_jax.io.draft.conventions import Read, accelerometer, best_reading, gyroscope, position_axes, ways_of
 from ftbias_jax.io.draft.gravity import Weighed, weigh
 from ftbias_jax.io.draft.noise import quietest_noise
@@ -119,7 +120,8 @@ def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
             keys = from_urdf(request.urdf, *links, folder)
         elif request.robot or not any(table.orientation for table in tables):
             names = next((table.names for table in tables if table.names), ())
-            keys = built_in(_named(request, names), names)
+            by_columns = any(table.header for table in tables)  # then [log.columns] gives their order
+            keys = built_in(_named(request, names), () if by_columns else names)
         return keys, "", tables
     (path,) = request.logs
     recorded = look_into(path)
@@ -155,13 +157,19 @@ def _about(request: Request) -> str:
 def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tuple[Keys, list[str]]:
     """What a log tells: how it was recorded, the noise of the sensor, its sign, and the tool by its weight."""
     keys = _of_tables(tables)
+    has_pose = any(table.orientation for table in tables) and not any(key.startswith("robot.") for key in stated)
+    joints = None if has_pose else parse_setup(tomllib.loads(write_template(stated)), file).robot.joint_names
+    for table in tables:
+        keys |= stated_columns(table, joints)
+    if left := left_to_choose(tables, stated["log.rate"].value if "log.rate" in stated else None):
+        what = " and ".join(key.rpartition(".")[2] for key in left)
+        return keys | left, [f"which columns are {what} does not show by their names: fill in [log.columns]"]
 
     def read(further: Keys) -> tuple[Setup, Log]:
         text = write_template({**stated, **keys, **further})
         setup = parse_setup(tomllib.loads(text), file)
         return setup, clean(read_recorded(path, setup, salvage=True), file=path)
 
-    has_pose = any(table.orientation for table in tables) and not any(key.startswith("robot.") for key in stated)
     if has_pose:
         body = next(table for table in tables if table.orientation)
         keys |= {"sensor_pose.linear": Known("none"), "sensor_pose.orientation": Known(body.orientation)}
@@ -170,7 +178,7 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
         best = best_reading(ways_of(body), read)
         keys |= best.keys if best else {}
         keys |= _of_motion(tables, body, best.weighed if best else None, read)
-    elif tables and max(table.joints for table in tables):
+    elif tables and "log.angle_unit" not in keys and max(table.joints for table in tables):
         keys |= _degrees(read)
     setup, log = read({})
     noise = quietest_noise(log.t, log.wrench)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -12,6 +11,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
+from ftbias_jax.io.conventions.headers import Match, matches
 from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.io.ros.collect import Wanted
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES, read_recording
@@ -22,7 +22,7 @@ from ftbias_jax.io.tables.csv_columns import Columns
 from ftbias_jax.io.tables.hdf5 import load_hdf5
 from ftbias_jax.io.tables.parquet import column_names, parquet_columns
 from ftbias_jax.setup.recorded import TIME_UNITS
-from ftbias_jax.types import AXES, Array
+from ftbias_jax.types import Array
 
 CENTURY = (9.4e8, 4.1e9)
 """s since 1970: stamps of a clock that is set lie between 2000 and 2100."""
@@ -30,12 +30,10 @@ LONGEST_RUN = 1e8
 """s: other clocks start when a computer does."""
 WIDTHS = {3: "axis_angle", 9: "matrix", 4: "quaternion_xyzw"}
 """Numbers of an orientation -> what it may be."""
-FORCE = ("ax", "ay", "az")
-COLUMNS = {
-    "quaternion_xyzw": ("qx", "qy", "qz", "qw"),
-    "matrix": ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33"),
-    "axis_angle": ("rx", "ry", "rz"),
-}
+ORIENTATIONS = ("quaternion_xyzw", "matrix", "axis_angle")
+"""What columns of an orientation may be by their names."""
+JOINTS_OR_POSE = ("time", "position", "velocity", "wrench", "temperature", "place", "gyroscope", "accelerometer")
+"""Quantities that are looked for in the names of columns, and ORIENTATIONS."""
 
 
 class Table(NamedTuple):
@@ -59,7 +57,11 @@ class Table(NamedTuple):
     others: tuple[str, ...] = ()
     """Names of columns or arrays that nothing is made of."""
     names: tuple[str, ...] = ()
-    """Of the joints, as a recording of ROS has them."""
+    """Of the joints, as a recording of ROS or a header has them."""
+    header: tuple[str, ...] = ()
+    """Names of all columns of a table that has columns."""
+    found: Mapping[str, Match] = {}
+    """Quantity -> the columns that are most likely it, by their names."""
 
 
 def look(path: str) -> Table:
@@ -84,15 +86,27 @@ def look(path: str) -> Table:
     elif not os.path.isfile(path):
         raise LogError("cannot be read: there is no such file", file=path, remedy="check the path")
     header: list[str] = []
+    found: dict[str, Match] = {}
 
-    def choose(found: Sequence[str]) -> Columns:
-        header.extend(found)
-        time = next(((name,) for name in ("t", "time") if name in found), ())
-        force = FORCE if set(FORCE) <= set(found) else ()
-        return Columns(time, (), force, (), ())
+    def choose(names: Sequence[str]) -> Columns:
+        header.extend(names)
+        found.update(_find(names))
+        time, felt = (found[name].names if name in found else () for name in ("time", "accelerometer"))
+        return Columns(time, (), felt, (), ())
 
     values = (parquet_columns if suffix == ".parquet" else named_columns)(path, choose)
-    return _of_columns(path, header, values)
+    return _of_columns(path, header, found, values)
+
+
+def likeliest(candidates: Sequence[Match]) -> Match | None:
+    """Of sets of columns that may be a quantity, the one with the usual names to the letter, or else the first."""
+    return next((match for match in candidates if match.native), candidates[0] if candidates else None)
+
+
+def _find(header: Sequence[str]) -> dict[str, Match]:
+    """The likeliest columns of every quantity that has any."""
+    found = {name: likeliest(matches(name, header)) for name in (*JOINTS_OR_POSE, *ORIENTATIONS)}
+    return {name: match for name, match in found.items() if match}
 
 
 def _of_recording(path: str) -> Table:
@@ -134,32 +148,25 @@ def _of_arrays(path: str, arrays: Mapping[str, Array]) -> Table:
     )
 
 
-def _of_columns(path: str, header: Sequence[str], values: Mapping[str, Array]) -> Table:
+def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], values: Mapping[str, Array]) -> Table:
     """Of the names of all columns, and as "t" and "dq" the stamps and the accelerometer."""
-
-    def has(names: Sequence[str]) -> bool:
-        return set(names) <= set(header)
-
+    used = {name for match in found.values() for name in match.names}
     return Table(
         path=path,
         time=values.get("t"),
-        joints=sum(re.fullmatch(r"q\d+|position_.+", name) is not None for name in header),
-        orientation=next((kind for kind, names in COLUMNS.items() if has(names)), ""),
+        joints=len(found["position"].names) if "position" in found else 0,
+        orientation=next((kind for kind in ORIENTATIONS if kind in found), ""),
         named=True,
-        position=has("xyz"),
-        gyroscope=has(("wx", "wy", "wz")),
+        position="place" in found,
+        gyroscope="gyroscope" in found,
         accelerometer=values.get("dq"),
-        wrench=has(("fx", "fy", "fz")),
-        temperature="temperature" in header,
-        others=tuple(name for name in header if not _known(name)),
+        wrench="wrench" in found,
+        temperature="temperature" in found,
+        others=tuple(name for name in header if name not in used),
+        names=found["position"].joints if "position" in found else (),
+        header=tuple(header),
+        found=found,
     )
-
-
-def _known(name: str) -> bool:
-    """Whether a column has one of the usual names."""
-    usual = (*sum(COLUMNS.values(), ()), *FORCE, *"xyz", "wx", "wy", "wz", *AXES, "mx", "my", "mz")
-    counted = re.fullmatch(r"d?q\d+|(position|velocity)_.+", name)
-    return counted is not None or name in (*usual, "t", "time", "temperature")
 
 
 def time_unit(t: Array) -> str:

@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.conventions.headers import FIXED
 from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
+from ftbias_jax.io.draft.columns import nested, stated_columns
 from ftbias_jax.io.draft.table import Table, look, time_unit
 from ftbias_jax.io.ros.record import Recording
 from ftbias_jax.io.ros.types.roles import IMU, POSE, TRANSFORM
@@ -18,12 +20,6 @@ from ftbias_jax.setup.keys.toml_text import toml_line
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.types import AXES, Array
 
-ENTRIES = {
-    "quaternion_xyzw": ("qx", "qy", "qz", "qw"),
-    "quaternion_wxyz": ("qw", "qx", "qy", "qz"),
-    "matrix": tuple(f"r{i}{j}" for i in "123" for j in "123"),
-    "axis_angle": ("rx", "ry", "rz"),
-}
 MOST_NAMES = 40
 """Columns that are listed."""
 
@@ -121,6 +117,7 @@ def _stated(table: Table) -> dict[str, Any]:
         log["time_unit"] = unit
     if table.accelerometer is not None and _in_g(table.accelerometer):
         log["acceleration_unit"] = "g"
+    log |= nested(stated_columns(table)).get("log", {})
     return stated | ({"log": log} if log else {})
 
 
@@ -133,7 +130,8 @@ def _some_robot(table: Table) -> dict[str, Any]:
     """A robot of so many joints, which reads a file and means nothing else."""
     if table.orientation or _has_imu(table):
         return {}
-    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": f"q{i}"} for i in range(max(table.joints, 1))]
+    names = table.names or [f"q{i}" for i in range(max(table.joints, 1))]
+    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in names]
     return {"robot": {"joints": joints, "flange": {"translation": [0, 0, 0]}}}
 
 
@@ -142,7 +140,7 @@ def _stream(table: Table, quantity: str, t: Array, values: Array) -> RawStream:
     if quantity == "position":
         name, kind, labels = "joints", "q", tuple(f"q{i}" for i in range(values.shape[1]))
         if table.orientation:
-            name, kind, labels = "pose", table.orientation, ENTRIES[table.orientation]
+            name, kind, labels = "pose", table.orientation, FIXED[table.orientation][0]
             if not table.named:
                 kind = "quaternion_xyzw or quaternion_wxyz"
             if values.shape[1] > len(labels):
@@ -168,12 +166,14 @@ def _lines(stated: Mapping[str, Mapping[str, Any]], table: Table) -> list[str]:
     if table.time is None:
         tables.setdefault("log", {})["rate"] = None
     for name, values in tables.items():
-        lines.append(f"[{name}]")
+        columns = values.pop("columns", {}) if name == "log" else {}
+        lines += [f"[{name}]"] if values else []
         for key, value in values.items():
             if key == "rate":
                 lines.append("rate = ...  # Hz: there are no stamps (t)")
             else:
                 lines.append(toml_line(key, value, _remark(key, table)))
+        lines += ["[log.columns]", *(toml_line(key, value) for key, value in columns.items())] if columns else []
     return lines
 
 
@@ -187,7 +187,10 @@ def _verdict(path: str, table: Table) -> str:
     found = " and ".join(part for part in parts if part)
     name = Path(path).name
     if not found:
-        return "has nothing that is known by its name: state the names in [log.columns]"
+        return (
+            f"has nothing that is known by its name: ftbias setup {name} --robot NAME -o setup.toml writes a setup "
+            "whose [log.columns] lists what to choose from"
+        )
     rate = " --rate HZ" if table.time is None else ""
     robot = " --robot NAME" if table.joints and not table.orientation else ""
     if motion and table.wrench:
@@ -217,6 +220,7 @@ def described(path: str) -> Unstated | None:
         table = look(path)
     except LogError:
         return None  # its reader says it better
-    usual = table.joints and table.wrench and table.time is not None and not table.orientation
+    known = not stated_columns(table)
+    usual = known and table.joints and table.wrench and table.time is not None and not table.orientation
     odd = table.time is not None and len(table.time) > 1 and bool(time_unit(table.time))
     return None if usual and not odd else look_at(path, table)

@@ -41,7 +41,7 @@ def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
     Args:
         path: the file, UTF-8, cells separated by commas, semicolons, tabs or spaces; stamps in s, or as [log] states.
         setup: [log.columns] names the columns, where the header does not use the usual names (see
-            ``csv_columns.usual_names``).
+            ``conventions.headers``).
 
     Raises:
         LogError: the file cannot be read, a column is missing, a cell is not a number (the line is named), or the log

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import NamedTuple
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.conventions.headers import FIXED, Match, Names, matches, some
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
-Names = tuple[str, ...]
+EXAMPLES = {
+    "time": "t, time or timestamp",
+    "temperature": "temperature",
+    "position": "q0 q1 ..., joint_1 joint_2 ..., or position_NAME of every joint",
+    "velocity": "dq0 dq1 ..., or velocity_NAME of every joint",
+    "wrench": "fx fy fz tx ty tz, force_x ... torque_z, or ft_0 ... ft_5",
+}
+"""Names that are looked for, as messages say it."""
 
 
 class Columns(NamedTuple):
@@ -53,14 +62,10 @@ def choose_columns(header: Sequence[str], setup: Setup, file: str = "", static: 
     Raises:
         LogError: a quantity that every log needs has no columns, or a name is not there or not unique.
     """
-    usual = usual_names(setup.robot.joint_names)
-    if setup.pose is not None:
-        usual |= pose_names(setup.pose)
     optional = ("velocity", "temperature", "time") if static else ("velocity", "temperature")
     unwanted = {"velocity"} if static else {"time"} if setup.log.rate is not None else set()
     chosen = [
-        () if quantity in unwanted else _choose(quantity, usual[quantity], header, setup, optional, file)
-        for quantity in Columns._fields
+        () if quantity in unwanted else _choose(quantity, header, setup, optional, file) for quantity in Columns._fields
     ]
     for name in sum(chosen, ()):
         if header.count(name) > 1:
@@ -76,7 +81,7 @@ def choose_time(header: Sequence[str], setup: Setup, file: str = "") -> Names:
     """
     if setup.log.rate is not None:
         return ()
-    return _choose("time", usual_names(())["time"], header, setup, (), file)
+    return _choose("time", header, setup, (), file)
 
 
 def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, file: str) -> Columns:
@@ -85,12 +90,11 @@ def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, 
     Raises:
         LogError: the first quantity, or the time, has no columns.
     """
-    usual = usual_names(setup.robot.joint_names) | (pose_names(setup.pose) if setup.pose else {})
     needed = ["time", *quantities] if setup.log.rate is None else quantities
     optional = ("velocity", "temperature")
-    found = {quantity: _choose(quantity, usual[quantity], header, setup, optional, file) for quantity in needed}
+    found = {quantity: _choose(quantity, header, setup, optional, file) for quantity in needed}
     if not found[quantities[0]]:
-        raise _not_found(quantities[0], usual[quantities[0]], header, file)
+        raise _not_found(quantities[0], header, setup, file)
     return Columns(*(found.get(quantity, ()) for quantity in Columns._fields))
 
 
@@ -113,43 +117,7 @@ def check_names(names: Sequence[str], header: Sequence[str], file: str = "") -> 
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
 
 
-def usual_names(joint_names: Sequence[str]) -> dict[str, list[Names]]:
-    """Sets of column names that need no declaration, by quantity, the first that is complete wins."""
-    n = len(joint_names)
-
-    def joints(letter: str, quantity: str) -> list[Names]:
-        counted = [tuple(f"{letter}{i}" for i in range(first, first + n)) for first in (0, 1)]
-        return [*counted, tuple(f"{quantity}_{name}" for name in joint_names)]
-
-    return {
-        "time": [("t",), ("time",)],
-        "position": [*joints("q", "position"), tuple(joint_names)],
-        "velocity": joints("dq", "velocity"),
-        "wrench": [("fx", "fy", "fz", "tx", "ty", "tz"), ("fx", "fy", "fz", "mx", "my", "mz")],
-        "temperature": [("temperature",)],
-    }
-
-
-def pose_names(pose: PoseSetup) -> dict[str, list[Names]]:
-    """The same for a recorded pose: positions are orientation and position, velocities what an IMU says."""
-    orders = {
-        "quaternion_xyzw": ("qx", "qy", "qz", "qw"),
-        "quaternion_wxyz": ("qw", "qx", "qy", "qz"),
-        "matrix": tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)),
-        "axis_angle": ("rx", "ry", "rz"),
-    }
-    position = ("x", "y", "z") if pose.linear == "position" else ()
-    force = ("ax", "ay", "az") if pose.linear == "specific_force" else ()
-    gyroscope = [("wx", "wy", "wz", *force)] if pose.gyroscope else []
-    return {
-        "position": [(*orders[pose.orientation], *position)],
-        "velocity": [*gyroscope, *([force] if force else [])],  # some IMUs have no gyroscope
-    }
-
-
-def _choose(
-    quantity: str, usual: Sequence[Names], header: Sequence[str], setup: Setup, optional: Names, file: str
-) -> Names:
+def _choose(quantity: str, header: Sequence[str], setup: Setup, optional: Names, file: str) -> Names:
     declared = setup.log.columns.get(quantity, ())
     names = (declared,) if isinstance(declared, str) else declared
     for name in names:
@@ -158,28 +126,68 @@ def _choose(
             raise LogError(message, file=file, field=name, remedy=nearest(name, header))
     if names:
         return names
-    present = next((candidate for candidate in usual if set(candidate) <= set(header)), ())
-    if present and not _one_more(present, header):
-        return present
-    some = any(name in header for candidate in usual for name in candidate)
-    if quantity in optional and not some:  # some, but not all, is a mistake to report
-        return ()
-    raise _not_found(quantity, usual, header, file)
+    found = _usual(quantity, header, setup)
+    native = [match for match in found if match.native]
+    if not found:
+        # Some columns of an optional quantity, but not all, are a mistake to report.
+        if quantity in optional and not some(quantity, header, setup.robot.joint_names):
+            return ()
+        raise _not_found(quantity, header, setup, file)
+    if len(found) > 1 and not native:
+        which = " or ".join(f"{match.names[0]} ... {match.names[-1]}" for match in found[:8])
+        raise LogError(
+            f"several columns may be the {quantity}: {which}", file=file, field=quantity, remedy=_name(quantity)
+        )
+    match = native[0] if native else found[0]
+    _check_facts(match, setup, file)
+    return match.names
 
 
-def _one_more(names: Names, header: Sequence[str]) -> bool:
-    """Whether counted columns go on, q0..q7 for 7 joints: then the log is of another robot, or has a gripper."""
-    letter, last = names[-1].rstrip("0123456789"), names[-1]
-    return last != letter and letter in ("q", "dq") and f"{letter}{int(last[len(letter) :]) + 1}" in header
+def _usual(quantity: str, header: Sequence[str], setup: Setup) -> list[Match]:
+    """What the columns of a quantity may be by their names; of a recorded pose, the parts of it side by side."""
+    if setup.pose is None or quantity not in ("position", "velocity"):
+        return matches(quantity, header, setup.robot.joint_names)
+    parts = [matches(name, header) for name in pose_parts(setup.pose)[quantity]]
+    if quantity == "velocity" and not all(parts):
+        parts = parts[1:]  # some IMUs have no gyroscope
+    return [_side_by_side(choice) for choice in product(*parts)] if parts else []
 
 
-def _not_found(quantity: str, usual: Sequence[Names], header: Sequence[str], file: str) -> LogError:
-    wanted = " or ".join(" ".join(names) for names in usual)
+def pose_parts(pose: PoseSetup) -> dict[str, Names]:
+    """Of what positions and velocities of a recorded pose consist: quantities of ``headers.FIXED``."""
+    place = ("place",) if pose.linear == "position" else ()
+    force = ("accelerometer",) if pose.linear == "specific_force" else ()
+    return {"position": (pose.orientation, *place), "velocity": (*(("gyroscope",) if pose.gyroscope else ()), *force)}
+
+
+def _side_by_side(parts: Sequence[Match]) -> Match:
+    facts = {key: value for part in parts for key, value in part.facts.items()}
+    return Match(sum((part.names for part in parts), ()), facts, native=all(part.native for part in parts))
+
+
+def _check_facts(match: Match, setup: Setup, file: str) -> None:
+    """Refuse a setup that contradicts what the names of the columns say of units and axes."""
+    for key, value in match.facts.items():
+        stated = getattr(setup.log, key.removeprefix("log."))
+        if stated != value and not (stated is None and value == "s"):
+            message = f"is {value} by its name, but {key} of the setup " + (
+                f"is {stated}" if stated else "is not stated"
+            )
+            remedy = f'state [log] {key.removeprefix("log.")} = "{value}", or name the columns in [log.columns]'
+            raise LogError(message, file=file, field=match.names[0], remedy=remedy)
+
+
+def _name(quantity: str) -> str:
+    example = '"..."' if quantity in ("time", "temperature") else '["...", ...]'
+    return f"name them in the setup: [log.columns] {quantity} = {example}"
+
+
+def _not_found(quantity: str, header: Sequence[str], setup: Setup, file: str) -> LogError:
+    wanted = EXAMPLES[quantity]
+    if setup.pose is not None and quantity in ("position", "velocity"):
+        wanted = " and ".join(" ".join(FIXED[part][0]) for part in pose_parts(setup.pose)[quantity])
+    elif quantity == "position":
+        wanted += f" ({len(setup.robot.joint_names)} joints: {', '.join(setup.robot.joint_names)})"
     found = ", ".join(header[:40]) + (", ..." if len(header) > 40 else "")
-    example = '"..."' if quantity == "time" else '["...", ...]'
-    return LogError(
-        f"no columns for the {quantity}: looked for {wanted}; the header has {found}",
-        file=file,
-        field=quantity,
-        remedy=f"name them in the setup: [log.columns] {quantity} = {example}",
-    )
+    message = f"no columns for the {quantity}: looked for {wanted}; the header has {found}"
+    return LogError(message, file=file, field=quantity, remedy=_name(quantity))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -16,6 +16,7 @@ from ftbias_jax.io.limits.parquet_pages import RowGroup, check_pages, row_groups
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.arrays import log_of_table
 from ftbias_jax.io.tables.csv_columns import Columns, check_names, choose_columns, choose_time, named_arrays
+from ftbias_jax.io.tables.parquet_lists import cells_of, number_type, values_of
 from ftbias_jax.io.unpack import need
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -55,24 +56,25 @@ def parquet_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> di
     """The chosen columns of a file, by the names of the native format; errors as for ``csv.named_columns``."""
     arrow = need("pyarrow", "parquet", file)
     with _opened(file) as (table, budget):
-        schema = table.schema_arrow
-        header = [str(name) for name in schema.names]
-        columns = choose(header)
+        schema, cells = table.schema_arrow, cells_of(arrow, table, file)
+        columns, where = choose([name for name, _ in cells]), dict(cells)
         used = [name for names in columns for name in names]
+        stored = list(dict.fromkeys(where[name].column for name in used))
         groups = row_groups(file)
         others, rows = used[len(columns.time) :], _rows(groups, budget)
         t = [np.empty(rows, _time_type(arrow, schema.field(name).type, name, file)) for name in columns.time]
-        _check_numbers(arrow, schema, others, file)
+        _check_numbers(arrow, schema, {where[name].column for name in others}, file)
         budget.hold(sum(x.nbytes for x in t) + 8 * rows * len(others))
-        check_pages(file, groups, set(used))
+        check_pages(file, groups, set(stored))
         numbers = np.empty((rows, len(others)))
-        first = 0
-        for batch in table.iter_batches(BATCH, columns=used, use_threads=False):
+        first, compute = 0, need("pyarrow.compute", "parquet", file)
+        for batch in table.iter_batches(BATCH, columns=stored, use_threads=False):
             here = slice(first, first + batch.num_rows)
             for times, name in zip(t, columns.time, strict=True):
                 times[here] = _times(arrow, batch.column(name), name, file)
             for i, name in enumerate(others):
-                numbers[here, i] = batch.column(name).cast("float64").to_numpy(zero_copy_only=False)
+                values = values_of(compute, batch.column(where[name].column), where[name].entry)
+                numbers[here, i] = values.to_numpy(zero_copy_only=False)
             first = here.stop
     ends = np.cumsum([len(names) for names in columns[1:]])
     times = np.stack(t, 1)[:first] if t else numbers[:first, :0]
@@ -87,27 +89,31 @@ def load_parquet(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, 
     """
     arrow = need("pyarrow", "parquet", file)
     with _opened(file) as (table, budget):
-        header = [str(name) for name in table.schema_arrow.names]
+        cells = cells_of(arrow, table, file)
+        header, where = [name for name, _ in cells], dict(cells)
         time = choose_time(header, setup, file)
         check_names(names, header, file)
-        _check_numbers(arrow, table.schema_arrow, names, file)
+        stored = list(dict.fromkeys(where[name].column for name in (*time, *names)))
+        _check_numbers(arrow, table.schema_arrow, {where[name].column for name in names}, file)
         groups = row_groups(file)
         budget.hold(8 * _rows(groups, budget) * (1 + len(names)))
-        check_pages(file, groups, {*time, *names})
-        content = table.read(columns=[*time, *names], use_threads=False)
-        found = {name: content.column(name).cast("float64").to_numpy() for name in names}
+        check_pages(file, groups, set(stored))
+        content, compute = table.read(columns=stored, use_threads=False), need("pyarrow.compute", "parquet", file)
+        columns = {name: content.column(where[name].column) for name in names}
+        found = {name: values_of(compute, columns[name], where[name].entry).to_numpy() for name in names}
         rows = np.arange(content.num_rows)
         return (_times(arrow, content.column(time[0]), time[0], file) if time else rows), found
 
 
 def column_names(path: str | os.PathLike[str]) -> list[str]:
-    """The names of all columns.
+    """The names of all columns, and of the entries of those that hold lists.
 
     Raises:
         LogError: pyarrow is not installed, or the file cannot be read.
     """
-    with _opened(os.fspath(path)) as (table, _):
-        return [str(name) for name in table.schema_arrow.names]
+    file = os.fspath(path)
+    with _opened(file) as (table, _):
+        return [name for name, _ in cells_of(need("pyarrow", "parquet", file), table, file)]
 
 
 @contextmanager
@@ -165,10 +171,10 @@ def _times(arrow: Any, column: Any, name: str, file: str) -> Array:
     return column.cast("float64" if arrow.types.is_floating(column.type) else "int64").to_numpy()
 
 
-def _check_numbers(arrow: Any, schema: Any, names: Sequence[str], file: str) -> None:
+def _check_numbers(arrow: Any, schema: Any, names: Iterable[str], file: str) -> None:
     """Refuse columns that are no numbers before any is read: a text may be repeated a million times."""
     for name in names:
-        kind = schema.field(name).type
+        kind = number_type(arrow, schema.field(name).type)
         if not (arrow.types.is_floating(kind) or arrow.types.is_integer(kind) or arrow.types.is_null(kind)):
             remedy = "store real numbers, null where not measured"
             raise LogError(f"has the type {kind}", file=file, field=name, remedy=remedy)

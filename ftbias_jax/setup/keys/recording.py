@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from ftbias_jax.setup.fields import POSITIVE
 from ftbias_jax.setup.keys.key import PER_JOINT, Key, Kind, SectionKeys, names, number, text
-from ftbias_jax.setup.recorded import ACCELERATION_UNITS, ANGLE_UNITS, RECEIPT, TIME_UNITS, WRENCH_AXES
+from ftbias_jax.setup.recorded import (
+    ACCELERATION_UNITS,
+    ANGLE_UNITS,
+    FORCE_UNITS,
+    RECEIPT,
+    TIME_UNITS,
+    TORQUE_UNITS,
+    WRENCH_AXES,
+)
 from ftbias_jax.setup.recorded import CLOCKS as STAMPED_BY
 
 LOG = SectionKeys(
@@ -24,6 +32,8 @@ LOG = SectionKeys(
         "acceleration_unit": text(
             "unit of an accelerometer", choices=ACCELERATION_UNITS, default=ACCELERATION_UNITS[0]
         ),
+        "force_unit": text("unit of the recorded forces", choices=tuple(FORCE_UNITS), default="N"),
+        "torque_unit": text("unit of the recorded torques", choices=tuple(TORQUE_UNITS), default="Nm"),
         "wrench_axes": text(
             "axes in which the wrench is recorded, about the sensor's origin",
             choices=WRENCH_AXES,

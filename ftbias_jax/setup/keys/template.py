@@ -20,6 +20,7 @@ class Known(NamedTuple):
     """The value of one key, and where it is from."""
 
     value: Any
+    """None = it is left to choose: a comment says of what."""
     remark: str = ""
 
 
@@ -45,7 +46,9 @@ def _section(name: str, known: Mapping[str, Known], everything: Mapping[str, Kno
     elsewhere = name == "robot" and "sensor_pose.orientation" in everything
     lines = [f"[{name}]  # {section.about}"]
     for key, spec in section.keys.items():
-        if key in known:
+        if key in known and known[key].value is None:
+            lines.append(f"# {key} = ...  # {spec.meaning}; {toml_comment(known[key].remark)[4:]}")
+        elif key in known:
             comment = "; ".join(part for part in (spec.unit, known[key].remark) if part)
             lines.append(toml_line(key, known[key].value, comment))
         elif spec.kind not in (Kind.TABLE, Kind.TABLES) and _has_value(spec) and not (elsewhere and key != "gravity"):

@@ -85,7 +85,11 @@ def test_an_array_of_four_may_have_either_order_and_rows_need_a_rate(tmp_path):
         (NAMES, WRENCH, "has a wrench, but not joints or a pose: if that is in other files"),
         (MATRIX, TURNED.as_matrix().reshape(-1, 9), "has the pose of the sensor's mount, but not the wrench"),
         (["ax", "ay", "az"], WRENCH[:, :3], "has an IMU, but not joints or a pose and the wrench"),
-        (["a", "b", "c"], WRENCH[:, :3], "has nothing that is known by its name: state the names in [log.columns]"),
+        (
+            ["a", "b", "c"],
+            WRENCH[:, :3],
+            "has nothing that is known by its name: ftbias setup 1_part.csv --robot NAME",
+        ),
     ],
 )
 def test_one_file_of_several_says_what_is_missing(tmp_path, names, columns, words):

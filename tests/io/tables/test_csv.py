@@ -148,14 +148,22 @@ def test_the_line_of_a_bad_cell_counts_blank_lines(tmp_path, setup):
     [
         (
             "s,q0,q1,fx,fy,fz,tx,ty,tz",
-            "time: no columns for the time: looked for t or time; the header has s, q0",
+            "time: no columns for the time: looked for t, time or timestamp; the header has s, q0",
             "= ",
         ),
-        ("t,a,b,fx,fy,fz,tx,ty,tz", "looked for q0 q1 or q1 q2 or position_base", "[log.columns] position = "),
+        (
+            "t,a,b,fx,fy,fz,tx,ty,tz",
+            "of every joint (2 joints: base, elbow); the header has t, a, b",
+            "[log.columns] position = ",
+        ),
         ("t,q0,q1,q2,fx,fy,fz,tx,ty,tz", "position: no columns for the position", "[log.columns] position = "),
         ("t,q0,q1,dq0,dq1,dq2,fx,fy,fz,tx,ty,tz", "velocity: no columns", "[log.columns] velocity = "),
         ("t,q0,q1,dq1,fx,fy,fz,tx,ty,tz", "velocity: no columns", "[log.columns] velocity = "),
-        ("t,q0,q1,fx,fy,fz", "looked for fx fy fz tx ty tz or fx fy fz mx my mz", "[log.columns] wrench = "),
+        (
+            "t,q0,q1,fx,fy,fz",
+            "looked for fx fy fz tx ty tz, force_x ... torque_z",
+            "[log.columns] wrench = ",
+        ),
         ("", "the header has ", "[log.columns] time = "),
         ("t,q0,q1,fx,fy,fz,tx,ty,tz,fx", "fx: two columns have this name", "rename one of them"),
     ],

@@ -1,0 +1,214 @@
+"""What the names of a table's columns say: one table of the names that people, robots and loggers use.
+
+Names are compared without upper case, brackets and units: ``/ft/wrench/force/x``, ``Force X [N]`` and ``force_x`` are
+one name, the first with something before it. Whoever reads a table asks here, so that all understand the same.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from ftbias_jax.io.conventions.unit_words import DIMENSIONS, UNITS
+
+Names = tuple[str, ...]
+
+FORCES, TORQUES = tuple(f"force_{x}" for x in "xyz"), tuple(f"torque_{x}" for x in "xyz")
+QUATERNIONS = ("q", "orientation_", "quaternion_", "quat_")
+FIXED: Mapping[str, tuple[Names, ...]] = {
+    "time": (("t",), ("time",), ("timestamp",), ("stamp",), ("seconds",)),
+    "temperature": (("temperature",), ("temp",)),
+    "wrench": (
+        ("fx", "fy", "fz", "tx", "ty", "tz"),
+        ("fx", "fy", "fz", "mx", "my", "mz"),
+        (*FORCES, *TORQUES),
+        (*FORCES, *(f"moment_{x}" for x in "xyz")),
+    ),
+    **{
+        f"quaternion_{order}": tuple(tuple(f"{stem}{x}" for x in order) for stem in QUATERNIONS)
+        for order in ("xyzw", "wxyz")
+    },
+    "matrix": (tuple(f"r{i}{j}" for i in "123" for j in "123"),),
+    "axis_angle": (("rx", "ry", "rz"),),
+    "place": tuple(tuple(f"{stem}{x}" for x in "xyz") for stem in ("", "position_")),
+    "gyroscope": tuple(tuple(f"{stem}{x}" for x in "xyz") for stem in ("w", "angular_velocity_", "gyro_")),
+    "accelerometer": tuple(
+        tuple(f"{stem}{x}" for x in "xyz") for stem in ("a", "linear_acceleration_", "accel_", "acc_")
+    ),
+}
+"""Quantity -> what its columns may be called."""
+COUNTED: Mapping[str, Names] = {
+    "position": (
+        *("actual_q", "q", "joint_positions", "joint_position", "joint_pos", "joint_angles", "joint_angle"),
+        *("joints", "joint", "positions", "position", "axis", "a"),
+    ),
+    "velocity": (
+        *("actual_qd", "dq", "qd", "joint_velocities", "joint_velocity", "joint_vel", "velocities", "velocity"),
+    ),
+    "wrench": (
+        *("ft_raw_wrench", "actual_tcp_force", "k_f_ext_hat_k", "o_f_ext_hat_k", "force_torque", "ft_sensor"),
+        *("external_wrench", "wrench", "ft"),
+    ),
+}
+"""Quantity -> stems behind which its columns are counted from 0 or 1."""
+BY_JOINT: Mapping[str, Names] = {
+    "position": ("position_{}", "{}_position", "{}_pos", "{}"),
+    "velocity": ("velocity_{}", "{}_velocity", "{}_vel"),
+}
+"""Quantity -> how its columns have the names of the joints."""
+IN_BASE_AXES = ("actual_tcp_force", "o_f_ext_hat_k")
+"""What UR and Franka report in the axes of the base."""
+COMMANDED = re.compile(r"(^|_)(target|desired|commanded|command|cmd|setpoint|reference|goal|action)_")
+"""Before a name: what somebody asked for is no measurement."""
+BARE = re.compile(r"(.*_)?states?_|")
+"""What may stand before the name of a joint alone."""
+_BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
+
+
+class Match(NamedTuple):
+    """Columns that together are one quantity."""
+
+    names: Names
+    """As the header has them, in order."""
+    facts: Mapping[str, str] = {}
+    """Keys of a setup and their values, that follow from the names: units and axes."""
+    joints: Names = ()
+    """Names of the joints, where the columns have them."""
+    native: bool = False
+    """Whether the names are these to the letter, with nothing before them: they come before all others."""
+
+
+class _Column(NamedTuple):
+    name: str
+    """As the header has it."""
+    plain: str
+    """Lower case, words by underscores, without a unit."""
+    unit: str
+    """In lower case; "" = none."""
+
+
+def matches(quantity: str, header: Sequence[str], joints: Sequence[str] | None = None) -> list[Match]:
+    """All sets of columns that may be a quantity, without those that are commanded.
+
+    Args:
+        quantity: a key of FIXED, COUNTED or BY_JOINT.
+        header: the names of all columns.
+        joints: names of the joints, which decide how many columns there are; None = any.
+    """
+    columns = [column for name in header for column in _forms(name, _words_for(quantity))]
+    found = [*_fixed(quantity, columns), *_counted(quantity, columns, joints), *_by_joint(quantity, columns, joints)]
+    unique: dict[Names, Match] = {}
+    for match in found:
+        unique.setdefault(match.names, match)
+    return list(unique.values())
+
+
+def some(quantity: str, header: Sequence[str], joints: Sequence[str]) -> bool:
+    """Whether any column has a usual name of a quantity, though they need not be complete."""
+    tails = {tail for tails in FIXED.get(quantity, ()) for tail in tails}
+    tails |= {template.format(_plain(joint)) for template in BY_JOINT.get(quantity, ()) for joint in joints}
+    stems = "|".join(COUNTED.get(quantity, ()))
+    plain = [column.plain for name in header for column in _forms(name, _words_for(quantity))]
+    return any(name in tails or (stems and re.fullmatch(rf"({stems})_?\d+", name)) for name in plain)
+
+
+def _words_for(quantity: str) -> Mapping[str, str]:
+    """Words of units that columns of a quantity may have."""
+    dimensions = ("force", "torque") if quantity == "wrench" else (DIMENSIONS.get(quantity, ""),)
+    return {word: name for name in dimensions if name for word in UNITS[name][1]}
+
+
+def _forms(name: str, words: Mapping[str, str]) -> Iterator[_Column]:
+    """A name without its unit; one that may end in a unit, such as time_s, with and without it."""
+    bracket = _BRACKETS.search(name)
+    unit = bracket[1].lower() if bracket else ""
+    if bracket and unit in words:
+        yield _Column(name, _plain(name[: bracket.start()]), unit)
+        return
+    plain = _plain(name)
+    yield _Column(name, plain, "")
+    stem, _, last = plain.rpartition("_")
+    if stem and last in words:
+        yield _Column(name, stem, last)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^0-9a-z\u00b0-\uffff]+", "_", name.lower()).strip("_")
+
+
+def _fixed(quantity: str, columns: Sequence[_Column]) -> Iterator[Match]:
+    for tails in FIXED.get(quantity, ()):
+        alone = min(map(len, tails)) == 1 or quantity == "time"  # x, or t, is the end of too many names
+        for start, found in _sharing_a_start(columns, tails):
+            if not (alone and start):
+                yield from _match(quantity, found, start)
+
+
+def _counted(quantity: str, columns: Sequence[_Column], joints: Sequence[str] | None) -> Iterator[Match]:
+    width = 6 if quantity == "wrench" else None if joints is None else len(joints)
+    for stem in COUNTED.get(quantity, ()):
+        groups: dict[str, dict[int, _Column]] = {}
+        for column in columns:
+            if named := re.fullmatch(rf"((?:.*_)?){stem}_?(\d{{1,3}})", column.plain):
+                groups.setdefault(named[1], {}).setdefault(int(named[2]), column)
+        for start, group in groups.items():
+            whole = sorted(group) in (list(range(len(group))), list(range(1, len(group) + 1)))
+            if whole and (len(group) == width if width else len(group) > 1):
+                axes = {"log.wrench_axes": "base"} if stem in IN_BASE_AXES else {}
+                yield from _match(quantity, [group[i] for i in sorted(group)], start, axes)
+
+
+def _by_joint(quantity: str, columns: Sequence[_Column], joints: Sequence[str] | None) -> Iterator[Match]:
+    for template in BY_JOINT.get(quantity, ()):
+        if joints is not None:
+            tails = tuple(template.format(_plain(joint)) for joint in joints)
+            for start, found in _sharing_a_start(columns, tails):
+                if template != "{}" or BARE.fullmatch(start):
+                    yield from _match(quantity, found, start, joints=tuple(joints))
+        elif template != "{}":
+            yield from _named_after_joints(quantity, columns, *template.split("{}"))
+
+
+def _match(
+    quantity: str, columns: Sequence[_Column], start: str, facts: Mapping[str, str] | None = None, joints: Names = ()
+) -> Iterator[Match]:
+    """What these columns are, unless they were commanded or have units that contradict each other."""
+    units: dict[str, set[str]] = {}
+    for i, column in enumerate(columns):
+        if column.unit:
+            dimension = DIMENSIONS.get(quantity, "force" if i < 3 else "torque")
+            key, words = UNITS[dimension]
+            units.setdefault(key, set()).add(words.get(column.unit, ""))
+    if COMMANDED.search(start) or any(len(values) > 1 for values in units.values()):
+        return
+    stated = {key: next(iter(values)) for key, values in units.items() if key}
+    native = not start and not stated and all(column.name == column.plain for column in columns)
+    yield Match(tuple(column.name for column in columns), {**stated, **(facts or {})}, joints, native)
+
+
+def _named_after_joints(quantity: str, columns: Sequence[_Column], before: str, after: str) -> Iterator[Match]:
+    """Columns of joints whose names nobody has said: what stands last in a path, beside the word for the quantity."""
+    groups: dict[str, list[tuple[str, _Column]]] = {}
+    for column in columns:
+        folder, *_ = column.name.rsplit("/", 2 if after else 1) if "/" in column.name else ("",)
+        inner = column.plain.removeprefix(_plain(folder)).strip("_")
+        joint = inner[len(before) : len(inner) - len(after)]
+        if inner.startswith(before) and inner.endswith(after) and len(joint) > 1 and not joint.isdecimal():
+            groups.setdefault(folder, []).append((joint, column))
+    for folder, group in groups.items():
+        if len(group) > 1:
+            start = f"{_plain(folder)}_" if folder else ""
+            yield from _match(quantity, [column for _, column in group], start, joints=tuple(name for name, _ in group))
+
+
+def _sharing_a_start(columns: Sequence[_Column], tails: Names) -> Iterator[tuple[str, list[_Column]]]:
+    """Columns that end in all of the tails, and what all of them have before; "" first."""
+    groups: dict[str, dict[str, _Column]] = {}
+    for column in columns:
+        for tail in tails:
+            if column.plain == tail or column.plain.endswith(f"_{tail}"):
+                groups.setdefault(column.plain.removesuffix(tail), {}).setdefault(tail, column)
+    for start in sorted(groups, key=len):
+        if len(groups[start]) == len(set(tails)):
+            yield start, [groups[start][tail] for tail in tails]

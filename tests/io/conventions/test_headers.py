@@ -1,0 +1,235 @@
+"""Headers that people, robots and loggers write: what they mean, and a setup drafted from each reads the same log."""
+
+import json
+
+import made_weights as made
+import numpy as np
+import pyarrow as arrow
+import pyarrow.parquet as parquet
+import pytest
+
+from ftbias_jax.cli.main import main
+from ftbias_jax.errors import LogError
+from ftbias_jax.io import read_log
+from ftbias_jax.io.conventions.headers import matches
+from ftbias_jax.io.draft.draft import Request, draft
+from ftbias_jax.io.info import describe
+from ftbias_jax.setup import load_setup, parse_setup
+from ftbias_jax.setup.recorded import FORCE_UNITS, TORQUE_UNITS
+from ftbias_jax.setup.robots import built_in_robot
+
+ROBOT = built_in_robot("ur5e")
+T, Q, WRENCH = made.arm_log("ur5e", samples=400)
+DQ = np.gradient(Q, T, axis=0)
+SIX, XYZ = range(6), "xyz"
+IN_BASE = np.concatenate(
+    [np.einsum("tij,tj->ti", made.rotations(ROBOT, Q), WRENCH[:, half]) for half in (slice(0, 3), slice(3, 6))], 1
+)
+
+
+def counted(stem, first=0):
+    return [f"{stem}{i}" for i in range(first, first + 6)]
+
+
+def of_joints(form):
+    return [form.format(joint) for joint in ROBOT.joint_names]
+
+
+HEADERS = {
+    "manufacturer's, with units in brackets": (
+        [
+            ("Time [ms]", T * 1e3),
+            (counted("A", 1), Q * 180 / np.pi),
+            (["Fx [N]", "Fy [N]", "Fz [N]", "Mx [Nm]", "My [Nm]", "Mz [Nm]"], WRENCH),
+        ],
+        {"time_unit": "ms", "angle_unit": "deg"},
+    ),
+    "Fx to Tz": ([("t", T), (counted("q"), Q), (["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"], WRENCH)], {}),
+    "words, degrees by their names": (
+        [
+            ("time_s", T),
+            ([f"joint_{i}_deg" for i in range(1, 7)], Q * 180 / np.pi),
+            ([f"{kind}_{x}" for kind in ("force", "torque") for x in XYZ], WRENCH),
+        ],
+        {"angle_unit": "deg"},
+    ),
+    "RTDE": (
+        [
+            ("timestamp", T),
+            (counted("target_q_"), 0 * Q),
+            (counted("actual_q_"), Q),
+            (counted("actual_qd_"), DQ),
+            (counted("actual_TCP_force_"), IN_BASE),
+        ],
+        {"wrench_axes": "base"},
+    ),
+    "PlotJuggler, counted": (
+        [
+            ("__time", 1.7e9 + T),
+            ([f"/joint_states/position[{i}]" for i in SIX], Q),
+            ([f"/joint_states/effort[{i}]" for i in SIX], 0 * Q),
+            ([f"/ft/wrench/{kind}/{x}" for kind in ("force", "torque") for x in XYZ], WRENCH),
+        ],
+        {},
+    ),
+    "PlotJuggler, by name": (
+        [
+            ("__time", 1.7e9 + T),
+            (of_joints("/joint_states/{}/position")[::-1], Q[:, ::-1]),
+            (of_joints("/joint_states/{}/velocity"), DQ),
+            ([f"/ft/wrench/{kind}/{x}" for kind in ("force", "torque") for x in XYZ], WRENCH),
+        ],
+        {},
+    ),
+    "libfranka": (
+        [
+            ("time", T),
+            (counted("q_"), Q),
+            (counted("q_d_"), 0 * Q),
+            (counted("tau_ext_"), 0 * Q),
+            (counted("K_F_ext_hat_K_"), WRENCH),
+        ],
+        {},
+    ),
+    "pounds": (
+        [
+            ("t", T),
+            (counted("q"), Q),
+            ([f"f{x} (lbf)" for x in XYZ], WRENCH[:, :3] / FORCE_UNITS["lbf"]),
+            ([f"t{x} (lbf-in)" for x in XYZ], WRENCH[:, 3:] / TORQUE_UNITS["lbf-in"]),
+        ],
+        {"force_unit": "lbf", "torque_unit": "lbf-in"},
+    ),
+    "counted from zero": ([("t", T), (counted("joint_"), Q), (counted("ft_"), WRENCH)], {}),
+}
+
+
+def write(path, columns):
+    names = [name for some, _ in columns for name in ([some] if isinstance(some, str) else some)]
+    table = np.column_stack([values for _, values in columns])
+    np.savetxt(path, table, delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+    return path
+
+
+def drafted(tmp_path, *logs, **more):
+    found = draft(Request(logs=[str(log) for log in logs], output=str(tmp_path / "setup.toml"), **more))
+    (tmp_path / "setup.toml").write_text(found.text)
+    return load_setup(tmp_path / "setup.toml"), found
+
+
+@pytest.mark.parametrize("kind", HEADERS)
+def test_a_draft_from_every_header_reads_the_same_log(tmp_path, kind):
+    columns, units = HEADERS[kind]
+    log = write(tmp_path / "log.csv", columns)
+    setup, _ = drafted(tmp_path, log, robot="ur5e")
+    read = read_log(log, setup, raw=True)
+    np.testing.assert_allclose(read.t, T, atol=1e-6)
+    np.testing.assert_allclose(read.q, Q, atol=1e-12)
+    np.testing.assert_allclose(read.wrench, WRENCH, atol=1e-9)
+    assert np.isnan(read.dq).all() or np.abs(read.dq - DQ).max() < 1e-12
+    assert {key: getattr(setup.log, key) for key in units} == units
+    assert abs(setup.tool.mass - made.MASS) < 0.05
+    info = describe(log)
+    assert "6 joints and a wrench: ftbias setup log.csv --robot NAME" in info.verdict or not setup.log.columns
+
+
+@pytest.mark.parametrize("kind", ["RTDE", "words, degrees by their names", "pounds"])
+def test_readers_use_the_names_and_refuse_a_setup_that_contradicts_them(tmp_path, kind):
+    columns, units = HEADERS[kind]
+    log = write(tmp_path / "log.csv", columns)
+    stated = {"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}}
+    read = read_log(log, parse_setup({**stated, "log": units}), raw=True)
+    np.testing.assert_allclose(read.wrench, WRENCH, atol=1e-9)
+    key = next(iter(units))
+    with pytest.raises(LogError, match="by its name, but") as error:
+        read_log(log, parse_setup(stated))
+    assert f'state [log] {key} = "{units[key]}"' in error.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("quantity", "header"),
+    [
+        ("position", [f"command/joint_{i}" for i in SIX]),
+        ("position", [*(f"q{i} [rad]" for i in range(5)), "q5 [deg]"]),
+        ("position", ["q0", "q1", "q3"]),
+        ("wrench", ["fx", "fy", "fz", "tx", "ty"]),
+        ("wrench", ["a/fx", "a/fy", "a/fz", "b/tx", "b/ty", "b/tz"]),
+        ("wrench", [f"data_{i}" for i in SIX]),
+        ("place", ["force_x", "force_y", "force_z"]),
+        ("time", ["header/stamp"]),
+    ],
+)
+def test_what_is_commanded_incomplete_or_contradictory_is_nothing(quantity, header):
+    assert matches(quantity, header) == []
+
+
+def test_two_sensors_are_not_chosen_between_without_a_word(tmp_path):
+    both = [("t", T), (counted("q"), Q), (counted("left/ft_"), WRENCH), (counted("right/ft_"), 2 * WRENCH)]
+    log = write(tmp_path / "log.csv", both)
+    with pytest.raises(LogError, match="several columns may be the wrench: left/ft_0"):
+        read_log(log, parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}}))
+    setup, found = drafted(tmp_path, log, robot="ur5e")
+    assert setup.log.columns["wrench"] == tuple(counted("left/ft_"))
+    assert "also there: right/ft_0 ..." in found.text
+
+
+def test_joints_with_names_of_their_own_are_taken_in_their_order_and_that_is_said(tmp_path):
+    names = ["Base_position", "Shoulder_position", "Elbow_position", "W1_position", "W2_position", "W3_position"]
+    log = write(tmp_path / "log.csv", [("t", T), (names, Q), (counted("ft_"), WRENCH)])
+    setup, found = drafted(tmp_path, log, robot="ur5e")
+    assert setup.log.columns["position"] == tuple(names)
+    assert "in the order of the header: check it" in found.text
+
+
+def test_where_nothing_fits_the_draft_lists_the_columns_to_choose_from(tmp_path, capsys):
+    log = write(tmp_path / "log.csv", [("u", T), (counted("alpha"), Q), (counted("beta"), WRENCH)])
+    output = str(tmp_path / "setup.toml")
+    assert main(["setup", str(log), "--robot", "ur5e", "-o", output]) == 0
+    assert "which columns are time and position and wrench does not show by their names" in capsys.readouterr().out
+    text = (tmp_path / "setup.toml").read_text()
+    assert "# wrench = ...  # columns of force, then torque; choose from u, alpha0, " in text
+    filled = text.replace("# time = ...", 'time = "u"').replace("# position = ...", f"position = {counted('alpha')}")
+    (tmp_path / "setup.toml").write_text(filled.replace("# wrench = ...", f"wrench = {counted('beta')}"))
+    np.testing.assert_allclose(read_log(log, load_setup(output), raw=True).wrench, WRENCH)
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+def test_a_lerobot_data_set(tmp_path, fixed):
+    """Parquet with a list in every row, whose entries meta/info.json names."""
+    state = np.column_stack([Q, np.zeros(len(T))])
+    names = [*of_joints("{}.pos"), "gripper.pos"]
+    features = {
+        "observation.state": {"dtype": "float32", "shape": [7], "names": {"motors": names}},
+        "observation.wrench": {"dtype": "float32", "shape": [6], "names": None},
+        "action": {"dtype": "float32", "shape": [7], "names": names},
+    }
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta" / "info.json").write_text(json.dumps({"fps": 50, "features": features}))
+    folder = tmp_path / "data" / "chunk-000"
+    folder.mkdir(parents=True)
+
+    def lists(values):
+        width = values.shape[1]
+        kind = arrow.list_(arrow.float64(), width) if fixed else arrow.list_(arrow.float64())
+        return arrow.array(values.tolist(), kind)
+
+    table = {"observation.state": lists(state), "action": lists(0 * state), "observation.wrench": lists(WRENCH)}
+    rows = {"timestamp": T, "frame_index": np.arange(len(T)), "episode_index": np.zeros(len(T), int)}
+    log = folder / "episode_000000.parquet"
+    parquet.write_table(arrow.table(table | rows), log)
+    setup, _ = drafted(tmp_path, log, robot="ur5e")
+    assert setup.log.columns["position"] == tuple(f"observation.state/{name}" for name in names[:6])
+    read = read_log(log, setup, raw=True)
+    np.testing.assert_allclose(read.q, Q)
+    np.testing.assert_allclose(read.wrench, WRENCH)
+    assert abs(setup.tool.mass - made.MASS) < 0.05
+
+
+def test_lists_that_are_shorter_than_said_are_an_error_of_ours(tmp_path):
+    lists = arrow.array([[1.0] * 6, [1.0] * 5], arrow.list_(arrow.float64()))
+    log = tmp_path / "log.parquet"
+    parquet.write_table(arrow.table({"t": [0.0, 0.1], "ft": lists, **{f"q{i}": [0.0, 0.1] for i in SIX}}), log)
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta" / "info.json").write_text('{"features": {"ft": {"shape": [6]}}}')
+    with pytest.raises(LogError, match="is damaged"):
+        read_log(log, parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}}))
