@@ -19,7 +19,7 @@ from ftbias_jax.diagnosis.recorded import not_tested
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.precompile import compiled_ahead
-from ftbias_jax.diagnosis.report.sentence import not_whitened, sentence_of
+from ftbias_jax.diagnosis.report.sentence import headline, not_whitened
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Gap
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
@@ -224,14 +224,16 @@ def _told(
 ) -> Diagnosis:
     """The answer in words, tables and series."""
     problem, base, gap, (before, after) = known.problem, known.base, answer.gap, (answer.before, answer.after)
-    stages = tuple(dict.fromkeys(cause.stage for cause in causes))
+    ranking = ranking_of(problem, known.hold_out, base, answer.rounds, known.found, answer.total)
+    causes, ranking = (tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking))
+    place = where(problem, before, tuple(dict.fromkeys(cause.stage for cause in causes)))
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence_of(verdict, gap, causes, answer.terms) + not_whitened(setup),
-        causes=tuple(with_nominal(problem, cause) for cause in causes),
-        candidates=ranking_of(problem, known.hold_out, base, answer.rounds, known.found, answer.total),
+        sentence=headline(verdict, gap, causes, answer.terms, ranking, place),
+        causes=causes,
+        candidates=ranking,
         gap=gap,
-        where=where(problem, before, stages),
+        where=place,
         not_tested=not_tested(setup, problem.catalogue, problem.recorded, without),
         series=show(problem, base, answer.accepted, before, after),
         logs=tuple(names),
@@ -240,5 +242,6 @@ def _told(
         setup_name=Path(setup.path).name,
         own_effects=setup.own_effects,
         terms=answer.terms,
+        note=not_whitened(setup),
         provenance=provenance(setup, list(map(source_of, logs)), {"without": sorted(without)}, names),
     )

@@ -43,6 +43,7 @@ class Candidate(NamedTuple):
     units: Mapping[str, str] = MappingProxyType({})  # of the parameters; {} = not known
     doubt: str = ""  # why it may be something else, although it fits; "" = no reason
     nominal: Mapping[str, Numbers] = MappingProxyType({})  # the setup's values of parameters that it states
+    statement: str = ""  # what was found, in one sentence with its value; "" = the name says it
 
     @property
     def title(self) -> str:
@@ -83,6 +84,8 @@ class FoundTerm(NamedTuple):
     """Its share of the whole gap on held-out blocks."""
     section: dict[str, Any]
     """The term as a section ``[[effects.term]]`` of a setup."""
+    statement: str = ""
+    """What acts, how much and on what, in everyday words; "" = ``text``."""
     curve: Curve | None = None
 
 
@@ -144,7 +147,7 @@ class Diagnosis(NamedTuple):
     verdict: str
     """One of VERDICTS."""
     sentence: str
-    """The verdict for a reader in a hurry."""
+    """The headline: what was found, what it is worth, what to do."""
     causes: tuple[Candidate, ...]
     candidates: tuple[Candidate, ...]
     """Everything that was tried, best first."""
@@ -168,6 +171,8 @@ class Diagnosis(NamedTuple):
     """What is not in the catalogue, described; best first."""
     provenance: Provenance | None = None
     """What it was made from."""
+    note: str = ""
+    """What of the setup was not used; "" = nothing."""
     command: str = ""
     """What was typed to make it, for the report's advice; "" = made from names of logs and setup."""
 

@@ -5,7 +5,7 @@ import pytest
 
 from ftbias_jax.diagnosis.gap import verdict_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.report.sentence import sentence_of
+from ftbias_jax.diagnosis.report.sentence import headline
 from ftbias_jax.diagnosis.result import Gap
 
 
@@ -67,6 +67,7 @@ def test_a_gap_that_closes_by_chance_as_well_is_not_explained(problem):
 
 def test_what_single_samples_show_stays_told_where_the_mean_reading_is_not_explained(make_diagnosis):
     (cause,) = make_diagnosis().causes
-    sentence = sentence_of("unknown", gap(2.0, 2.0), (cause._replace(effect="outliers", indistinguishable_from=()),))
-    assert "no effect of the catalogue explains it" in sentence
-    assert sentence.endswith("Seen in single samples: outliers.")
+    spikes = cause._replace(effect="outliers", indistinguishable_from=(), statement="1.9 % of the samples are spikes")
+    sentence = headline("unknown", gap(2.0, 2.0), (spikes,))
+    assert sentence.startswith("No known effect explains the gap: the error is ")
+    assert "Seen in single samples: 1.9 % of the samples are spikes." in sentence

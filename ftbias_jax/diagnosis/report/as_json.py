@@ -19,6 +19,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "schema": SCHEMA,
         "verdict": diagnosis.verdict,
         "sentence": diagnosis.sentence,
+        "note": diagnosis.note,
         "causes": [cause._asdict() for cause in diagnosis.causes],
         "terms": [_term_json(term) for term in diagnosis.terms],
         "gap": _gap_json(diagnosis.gap),

@@ -29,11 +29,11 @@ from ftbias_jax.diagnosis.report.tables import (
     share_words,
     shrink_words,
     twin_words,
-    value_words,
     verdict_words,
 )
 from ftbias_jax.diagnosis.report.terms import capital, html_table, show_terms, typeset
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Where
+from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES
 
 MAX_LOGS = 3

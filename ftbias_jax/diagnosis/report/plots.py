@@ -22,8 +22,9 @@ from ftbias_jax.diagnosis.report.svg import (
     line,
     x_axis,
 )
-from ftbias_jax.diagnosis.report.tables import percent, sigmas_by_channel, value_words
+from ftbias_jax.diagnosis.report.tables import percent, sigmas_by_channel
 from ftbias_jax.diagnosis.result import Candidate, Gap
+from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 MAX_BUCKETS = 230

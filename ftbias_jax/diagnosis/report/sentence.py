@@ -1,42 +1,156 @@
-"""The verdict for a reader in a hurry."""
+"""The headline of a diagnosis: what was found with its value, what it is worth, and what to do, in forty words."""
 
 from __future__ import annotations
 
-from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
+
+import numpy as np
+
+from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, Where
 from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import AXES
 
 MEAN_GAP = 0.01
 """Noise sigmas by which the error must exceed noise alone for a sentence about it."""
+SMALL = 0.1
+"""Noise sigmas beyond noise alone up to which a gap is called small."""
+MOST_WORDS = 40
+"""An engineer reads the first line only."""
+FEW_WORDS = 6
+"""Of a remedy, beyond which only its first clause is taken."""
+FORCE, TORQUE = slice(0, 3), slice(3, 6)
 
 
-def sentence_of(verdict: str, gap: Gap, causes: tuple[Candidate, ...], terms: tuple[FoundTerm, ...] = ()) -> str:
-    """One sentence; errors are held-out rms over all channels."""
-    before, after = f"{gap.before_sigmas:.2f}", f"{gap.after_sigmas:.2f} noise sigmas (1 = noise alone)"
-    named = " and ".join(" or ".join((cause.effect, *cause.indistinguishable_from)) for cause in causes)
+def headline(
+    verdict: str,
+    gap: Gap,
+    causes: Sequence[Candidate],
+    terms: Sequence[FoundTerm] = (),
+    candidates: Sequence[Candidate] = (),
+    where: Where | None = None,
+) -> str:
+    """What was found, the error before and after it in N or Nm, and what to do; errors are held-out rms.
+
+    Args:
+        verdict: one of ``result.VERDICTS``.
+        gap: without and with what was found.
+        causes: named effects.
+        terms: what is described without a name.
+        candidates: the whole ranking, where twins of the causes have their own statements.
+        where: the gap is, for what nobody can name.
+    """
     if verdict == "none":
-        return "The log agrees with the setup: nothing beyond the stated model is needed."
-    if terms:
-        falls = f" The error falls from {before} to {after}." if gap.before_sigmas - 1 > MEAN_GAP else ""
-        beside = f"{named}, and beside that what is not in the catalogue: " if causes else "Not in the catalogue: "
-        return f"{beside}{'; '.join(term.text for term in terms)}.{falls}"
-    if verdict == "unknown":
-        seen = f" Seen in single samples: {named}." if causes else ""
-        unexplained = (
-            f"The error is {before} noise sigmas (1 = noise alone), and no effect of the catalogue explains it."
-        )
-        return unexplained + seen
+        return f"The log agrees with the setup: {_error(gap)}. Nothing to do."
+    if verdict == "unknown" or not (causes or terms):
+        return _unexplained(gap, causes, where)
+    twins = {candidate.effect: candidate.statement for candidate in candidates if candidate.statement}
+    actions, worths = _what_to_do(causes, terms), (_worth(verdict, gap), _worth(verdict, gap, short=True))
+    for found, worth, action in product(_from_long_to_short(causes, terms, twins), worths, actions):
+        text = f"{_capital(found)}: {worth}. {action}"
+        if len(text.split()) <= MOST_WORDS:
+            break
+    return text
+
+
+def _from_long_to_short(
+    causes: Sequence[Candidate], terms: Sequence[FoundTerm], twins: dict[str, str]
+) -> Iterator[str]:
+    """What was found, in fewer and fewer words: with twins, with their names, without, and the first alone."""
+    plain = [cause.statement or cause.title for cause in causes] + [term.statement or term.text for term in terms]
+    alike = [f", like {term.resembles[0]}" if term.resembles else "" for term in terms]
+
+    def with_twins(say: dict[str, str] | None) -> list[str]:
+        of_causes = [words + _or(cause, say) for words, cause in zip(plain, causes, strict=False)]
+        return of_causes + [words + like for words, like in zip(plain[len(causes) :], alike, strict=True)]
+
+    yield _and(with_twins(twins))
+    yield _and(with_twins(None))
+    yield _and(plain)
+    names = [cause.title for cause in causes] + [f"a term of {term.drive}" for term in terms]
+    if len(plain) > 1:
+        yield f"{plain[0]}, and {_and(names[1:])}"
+        yield f"{plain[0]}, and {len(plain) - 1} more"
+
+
+def _or(cause: Candidate, say: dict[str, str] | None) -> str:
+    """The first twin in brackets: its own statement, or its name."""
+    if not cause.indistinguishable_from:
+        return ""
+    twin, *others = cause.indistinguishable_from
+    words = (say or {}).get(twin, twin)
+    return f" (or {words}{f', or {len(others)} more' if others else ''})"
+
+
+def _and(parts: Iterable[str]) -> str:
+    *most, last = parts
+    return f"{', '.join(most)}, and {last}" if most else last
+
+
+def _worth(verdict: str, gap: Gap, short: bool = False) -> str:
+    """How far the error falls."""
     if gap.before_sigmas - 1 < MEAN_GAP:
-        return f"{named}: seen in single samples; the mean reading agrees with the setup."
+        return "the mean reading agrees with the setup"
     if verdict == "explained" and gap.shrink == 0:
-        return f"{named}: seen in single samples; the mean reading departs from the setup no more than by chance."
-    explain = "explains" if len(causes) == 1 else "explain"
-    if verdict == "explained":
-        return f"{named} {explain} the gap: the error falls from {before} to {after}."
-    return f"{named} {explain} {gap.shrink:.0%} of the gap: the error falls from {before} to {after}."
+        return "the mean reading departs from the setup by chance only"
+    if gap.before_sigmas - 1 < SMALL:
+        return f"a small gap, {_error(gap)}"
+    group, unit = _group(gap)
+    before, after, noise = (f"{_size(x, group):.2g}" for x in (gap.before_rms, gap.after_rms, gap.noise_floor))
+    rest = "; the rest is not explained" if verdict == "partly_explained" else ""
+    if short:
+        return f"the error falls from {before} to {after} {unit} (noise {noise}){rest}"
+    return f"the unexplained error falls from {before} {unit} to {after} {unit} (noise {noise} {unit}){rest}"
+
+
+def _error(gap: Gap) -> str:
+    group, unit = _group(gap)
+    before, noise = (f"{_size(x, group):.3g} {unit}" for x in (gap.before_rms, gap.noise_floor))
+    return f"the error is {before} where noise alone leaves {noise}"
+
+
+def _unexplained(gap: Gap, causes: Sequence[Candidate], where: Where | None) -> str:
+    seen = f" Seen in single samples: {_and(cause.statement or cause.title for cause in causes)}." if causes else ""
+    channels = sorted(where.channels.items(), key=lambda item: -item[1])[:1] if where else []
+    largest = f" {channels[0][0]}" if channels else " the largest channel"
+    regime = f" during {where.regimes[0].name}" if where and where.regimes else ""
+    text = f"No known effect explains the gap: {_error(gap)}.{seen} Look at{largest}{regime} first."
+    return text if len(text.split()) <= MOST_WORDS else text.replace(seen, "")
+
+
+def _what_to_do(causes: Sequence[Candidate], terms: Sequence[FoundTerm]) -> tuple[str, ...]:
+    """The first clause of the first remedy, and what the command can do by itself alone."""
+    remedies = [cause.remedy for cause in causes] + [term.check for term in terms]
+    first = next((remedy for remedy in remedies if remedy), "")
+    for end in (";", ":", ","):
+        if len(first.split()) > FEW_WORDS:
+            first = first.split(end)[0]
+    alone = "Let the model know (--apply)."
+    return (f"{_capital(first)}, or let the model know (--apply).", f"{_capital(first)}.", alone) if first else (alone,)
+
+
+def _group(gap: Gap) -> tuple[slice, str]:
+    """Force or torque, whichever departs more from noise."""
+    force, torque = (
+        _size(gap.before_rms, group) / max(_size(gap.noise_floor, group), 1e-12) for group in (FORCE, TORQUE)
+    )
+    return (TORQUE, "Nm") if torque > force else (FORCE, "N")
+
+
+def _size(rms: np.ndarray, group: slice) -> float:
+    """rms over the measured channels of force or torque."""
+    values = np.asarray(rms, float)[group]
+    values = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def _capital(text: str) -> str:
+    """With a capital letter, unless the name of a channel comes first."""
+    return text if text.startswith(AXES) else f"{text[:1].upper()}{text[1:]}"
 
 
 def not_whitened(setup: Setup) -> str:
     """What of the setup's noise the diagnosis does not use, as a further sentence; "" = nothing."""
     if setup.sensor.correlated_std is None or not setup.sensor.correlated_std.any():
         return ""
-    return " The setup's correlated noise is not used here: errors are judged against white noise and drift."
+    return "The setup's correlated noise is not used here: errors are judged against white noise and drift."

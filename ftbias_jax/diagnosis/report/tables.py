@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Gap, Where
+from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES
 
 LONGEST_LIST = 6
@@ -22,6 +23,7 @@ def to_table(diagnosis: Diagnosis) -> str:
         _gap_lines(diagnosis.gap),
         log_lines(diagnosis),
         _where_lines(diagnosis.where) if diagnosis.verdict != "none" else [],
+        [one_line(diagnosis.note)] if diagnosis.note else [],
         [f"lost: {one_line(loss)}" for loss in diagnosis.losses],
         [f"not tested: {one_line(effect)} ({one_line(why)})" for effect, why in diagnosis.not_tested],
     ]
@@ -107,17 +109,6 @@ def _numbers_words(value: object, stderr: object) -> str:
     largest = np.unravel_index(np.argmax(np.abs(np.nan_to_num(values))), values.shape)
     place = ", ".join(str(index + 1) for index in largest)
     return f"{values.size} numbers, the largest {value_words(values[largest], errors[largest])} at {place}"
-
-
-def value_words(value: float, stderr: float) -> str:
-    """A number with its standard error, both to the second digit of the error."""
-    if not np.isfinite(stderr) or stderr <= 0 or not np.isfinite(value):
-        return f"{value:.4g}"
-    power = int(np.floor(np.log10(stderr)))
-    if power >= -5 and max(abs(value), stderr) < 1e7:
-        return f"{value:.{max(1 - power, 0)}f} ± {stderr:.{max(1 - power, 0)}f}"
-    digits = max(int(np.floor(np.log10(max(abs(value), stderr)))) - power + 1, 1)
-    return f"{value:.{digits}e} ± {stderr:.1e}"
 
 
 def twin_words(candidate: Candidate) -> list[tuple[str, str]]:

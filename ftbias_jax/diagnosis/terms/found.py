@@ -10,8 +10,8 @@ from ftbias_jax.diagnosis.regression.fit import covariance
 from ftbias_jax.diagnosis.result import FoundTerm, Gap
 from ftbias_jax.diagnosis.terms.curves import curve_of
 from ftbias_jax.diagnosis.terms.describe import Description
-from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS
-from ftbias_jax.diagnosis.terms.words import grouped, sentence
+from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, resembles
+from ftbias_jax.diagnosis.terms.words import grouped, sentence, statement
 from ftbias_jax.model.effects.terms.columns import has_point
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.parse import section_of
@@ -38,14 +38,21 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
         share = float(np.clip(step.share / total, 0, 1))
         curve = curve_of(problem, description, term)
         found.append(
-            _found(term, stderr, share, step.rivals)._replace(
+            _found(term, stderr, share, _rms(term, gap, share), step.rivals)._replace(
                 held_out_gain=step.held.nats, held_out_gain_stderr=step.held.nats_stderr, curve=curve
             )
         )
     return tuple(found)
 
 
-def _found(term: Term, stderr: np.ndarray, share: float, rivals: tuple[Term, ...]) -> FoundTerm:
+def _rms(term: Term, gap: Gap, share: float) -> str:
+    """How large a term's part of the reading is, by its share of the gap, with its unit."""
+    group, unit = (slice(3, 6), "Nm") if term.acts_as == "torque" else (slice(0, 3), "N")
+    removed = np.maximum(gap.before_rms[group] ** 2 - gap.noise_floor[group] ** 2, 0)
+    return f"{np.sqrt(share * np.nanmean(removed)):.2g} {unit}"
+
+
+def _found(term: Term, stderr: np.ndarray, share: float, rms: str, rivals: tuple[Term, ...]) -> FoundTerm:
     values = np.asarray(term.coefficients, float)
     count, names = len(values), [parameter.name for parameter in FORMS[term.drive, term.form].parameters]
     # A real cause never has quite the form, and no scatter of the data shows that.
@@ -66,10 +73,11 @@ def _found(term: Term, stderr: np.ndarray, share: float, rivals: tuple[Term, ...
         point=np.asarray(term.point, float).tolist() if has_point(term) else None,
         equivalent_to=tuple(rival.drive for rival in rivals),
         separate_by=tuple(DRIVE_WORDS[rival.drive].separate_by for rival in rivals),
-        resembles=words.resembles,
+        resembles=resembles(term),
         check=words.check,
         held_out_gain=0.0,
         held_out_gain_stderr=0.0,
         shrink=share,
         section=section_of(term, text),
+        statement=statement(term, values, errors, rms),
     )

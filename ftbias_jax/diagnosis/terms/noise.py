@@ -178,4 +178,5 @@ def _told(growing: Growing, duration: float) -> FoundTerm:
         held_out_gain_stderr=growing.nats_stderr / max(duration, 1e-9),
         shrink=0.0,
         section=section_of(term, text) | {"coefficients": growing.weight[1].tolist()},
+        statement=f"noise grows {does}, up to {growing.visible:.2g} times",
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ftbias_jax.model.effects.terms.types import Term
+
 
 class Words(NamedTuple):
     """What is said of a drive, whatever its form."""
@@ -153,6 +155,29 @@ FORM_WORDS = {
     ("noise", "joints"): "with the squares of the joints' speeds",
 }
 """What each form does, with its parameters to be filled in."""
+
+LIKE = {
+    ("velocity", "coulomb"): "dry friction",
+    ("velocity", "linear"): "a damper",
+    ("velocity", "quadratic"): "drag in a liquid",
+    ("angular_velocity", "coulomb"): "dry friction",
+    ("angular_velocity", "gyroscopic"): "a spindle",
+    ("position", "spring"): "a hose or bungee",
+    ("position", "attraction"): "a magnet",
+    ("position", "barrier"): "a brush or wall",
+    ("acceleration", "swing"): "sloshing",
+    ("joint_velocity", "heat"): "heat of the motors",
+    ("joint_velocity", "friction"): "a seal that rubs",
+}
+"""What a form resembles most, where that is not the first of what its drive resembles."""
+
+
+def resembles(term: Term) -> tuple[str, ...]:
+    """Kinds of causes that look like a term, the likeliest first."""
+    first = LIKE.get((term.drive, term.form))
+    others = DRIVE_WORDS[term.drive].resembles
+    return others if first is None else (first, *(kind for kind in others if kind != first))
+
 
 PER = {
     "(m/s)^2": "(m/s)^2",

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report.tables import value_words
 from ftbias_jax.diagnosis.result import Numbers
 from ftbias_jax.diagnosis.terms.phrases import FORM_WORDS, PER
+from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.model.effects.terms.columns import count_columns
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import Term
@@ -118,17 +118,40 @@ def _key(text: str) -> str:
 
 def sentence(term: Term, values: np.ndarray, stderr: np.ndarray, share: float) -> str:
     """Such as ``a force of 23.6 +- 0.4 N per m/s against the velocity of the tool, in base axes (92 % of the gap)``."""
+    what, does = _what(term), _does(term)
+    where = {"base": ", in base axes", "sensor": ", in sensor axes", "joint": ", about the joint's axis"}
+    size = _size(term, values, stderr)
+    return f"{what} of {size} {does}{where.get(term.frame, '')} ({100 * share:.0f} % of the gap)"
+
+
+def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> str:
+    """The same without frame and share, for a headline; of several numbers only what they add up to.
+
+    Args:
+        term: the term.
+        values: (k,) its coefficients.
+        stderr: (k,) their standard errors.
+        rms: how large its part of the reading is, with its unit.
+    """
+    size = f"about {rms}"
+    if len(values) == 1:
+        size = f"{value_words(float(values[0]), float(stderr[0]))} {units_of(term)[0]}"
+    return f"{_what(term)} of {size} {_does(term)}"
+
+
+def _what(term: Term) -> str:
+    if term.acts_as == "wrench" and term.frame == "sensor":
+        return "a change of the reading"
+    return {"force": "a force", "torque": "a torque", "wrench": "a force and torque", "bias": "a bias"}[term.acts_as]
+
+
+def _does(term: Term) -> str:
+    """What it follows, with the numbers of its form filled in."""
     numbers = {name: float(value) for name, value in term.parameters.items()}
     if "frequency" in numbers:
         numbers["period"] = 1 / max(numbers["frequency"], 1e-9)
     joints = f"joint {term.joint}" if term.joint else "all joints"
-    does = FORM_WORDS[term.drive, term.form].format(**numbers, joint=term.joint, joints=joints)
-    what = {"force": "a force", "torque": "a torque", "wrench": "a force and a torque", "bias": "a bias"}[term.acts_as]
-    if term.acts_as == "wrench" and term.frame == "sensor":
-        what = "a change of the reading"
-    where = {"base": ", in base axes", "sensor": ", in sensor axes", "joint": ", about the joint's axis"}
-    size = _size(term, values, stderr)
-    return f"{what} of {size} {does}{where.get(term.frame, '')} ({100 * share:.0f} % of the gap)"
+    return FORM_WORDS[term.drive, term.form].format(**numbers, joint=term.joint, joints=joints)
 
 
 def _size(term: Term, values: np.ndarray, stderr: np.ndarray) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ftbias_jax.model.effects.fitting import Fitting, Settling, Step
 from ftbias_jax.model.effects.responses import lagged
+from ftbias_jax.model.effects.statements import channels
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin
 from ftbias_jax.types import Array
 
@@ -56,6 +57,7 @@ EFFECTS = (
             Twin("none", False, "with tau longer than the log it is a straight drift: record longer"),
             Twin("temperature_drift", False, "record the temperature, and a log that starts warm"),
         ),
+        statement=channels("the bias of {channel} settles by {value}, time constant {tau:.3g} s", "amplitude"),
     ),
     Effect(
         "temperature_drift",
@@ -83,6 +85,9 @@ EFFECTS = (
         fit=Fitting(Settling("lag", 0.5, least_range=0.3), form_error=0.1),
         twins=(Twin("warmup", True, "the same when the temperature rises exponentially: cool down or start warm"),),
         needs=("temperature",),
+        statement=channels(
+            "the bias of {channel} follows the temperature by {value}", "per_kelvin", unit="{unit} per K"
+        ),
     ),
     Effect(
         "bias_jump",
@@ -99,5 +104,6 @@ EFFECTS = (
         reading=bias_jump,
         fit=Fitting(Step("time", "ramp"), form_error=0.05, any_shape=True),  # a jump settles
         twins=(Twin("contact", False, "a contact ends; watch the wrench for longer"),),
+        statement=channels("the bias of {channel} jumped by {value} at {time:.4g} s", "amplitude"),
     ),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ftbias_jax.model.effects.fitting import ByJoint, Fitting, Linear
+from ftbias_jax.model.effects.statements import DEGREES, amount, angle, distance
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motions
@@ -92,6 +93,7 @@ EFFECTS = (
             Twin("encoder_offset", False, "move joint 1 through half a turn: an offset of joint 2 turns with it"),
             Twin("mount_rotation", False, "turn the wrist: gravity stays in the world, the mounting in the sensor"),
         ),
+        statement=angle("the base is tilted by {value} against the setup", "gravity"),
     ),
     Effect(
         "encoder_offset",
@@ -111,6 +113,7 @@ EFFECTS = (
             Twin("gravity_tilt", False, "move joint 1 through half a turn"),
             Twin("mount_rotation", True, "the last joint, when the sensor's and tool's axis is that joint's"),
         ),
+        statement=amount("joint {joint:.0f} reads {value} deg too {sign}", "offset", DEGREES, ("much", "little")),
     ),
 )
 
@@ -143,6 +146,9 @@ MOUNTING = (
             Twin("encoder_offset", True, "about the last joint's axis, when sensor and tool are on that axis"),
             Twin("gravity_tilt", False, "turn the wrist through several directions of gravity"),
             Twin("crosstalk", False, "load single axes: a rotation mixes force with force only"),
+        ),
+        statement=distance(
+            "the sensor is mounted {value} turned against the setup, mostly about {axis}", "rotation", "deg", DEGREES
         ),
     ),
 )

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.model.effects.fitting import FLAT_TOPS, GROWTH, LATTICE, LEVEL, SPIKES, Fitting, Samples
+from ftbias_jax.model.effects.statements import PERCENT, amount, channels, growth
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Record, Twin
 from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.types import Array
@@ -90,6 +91,7 @@ EFFECTS = (
         twins=(
             Twin("vibration", False, "hold still for some seconds, then move: noise of another size does not change"),
         ),
+        statement=channels("the noise of {channel} departs from the stated one by {value}", "scale", 1.0, "%", PERCENT),
     ),
     Effect(
         "vibration",
@@ -130,6 +132,7 @@ EFFECTS = (
             Twin("stamp_jitter", False, "move fast without load: the noise of jitter needs a wrench that changes"),
         ),
         filter_noise="vibration",
+        statement=growth("noise grows with motion: {value} of {channel} with all joints at 1 rad/s", "variance"),
     ),
     Effect(
         "saturation",
@@ -152,6 +155,7 @@ EFFECTS = (
         recording=saturation,
         fit=Fitting(Samples(FLAT_TOPS, first=True)),
         screen=screen_saturated,
+        statement=channels("readings of {channel} stop at {value}", "limits", exact=True),
     ),
     Effect(
         "quantisation",
@@ -174,6 +178,7 @@ EFFECTS = (
         recording=quantisation,
         fit=Fitting(Samples(LATTICE)),
         widen=widen_quantised,
+        statement=channels("readings of {channel} come in steps of {value}", "step", exact=True),
     ),
     Effect(
         "outliers",
@@ -187,5 +192,6 @@ EFFECTS = (
         recording=outliers,
         fit=Fitting(Samples(SPIKES)),
         screen=screen_outliers,
+        statement=amount("{value} % of the samples are spikes", "rate", PERCENT),
     ),
 )

@@ -7,6 +7,7 @@ import numpy as np
 
 from ftbias_jax.model.effects.fitting import INVERSE, Coordinate, Entries, Fitting, Grid, Linear
 from ftbias_jax.model.effects.responses import delayed, lagged, played
+from ftbias_jax.model.effects.statements import PERCENT, amount, channels, leak
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin
 from ftbias_jax.types import Array
 
@@ -65,6 +66,7 @@ EFFECTS = (
             Twin("tool_mass", True, "equal gains are a scaling of the whole tool: hang a known weight on it"),
             Twin("tool_com", False, "hang a known weight at a known lever"),
         ),
+        statement=channels("{channel} {verb} {value} too {sign} of the load", "gain", 1.0, "%", PERCENT),
     ),
     Effect(
         "crosstalk",
@@ -89,6 +91,7 @@ EFFECTS = (
             Twin("tool_com", False, "load single axes by hand"),
             Twin("mount_rotation", False, "load single axes by hand: a rotation mixes force with force only"),
         ),
+        statement=leak("{value} of {source} leaks into {target}", "matrix"),
     ),
     Effect(
         "hysteresis",
@@ -111,6 +114,7 @@ EFFECTS = (
         reading=hysteresis,
         fit=Fitting(Grid(per_load=True), any_shape=True),
         twins=(Twin("low_pass", False, "repeat a motion at another speed: hysteresis does not depend on it"),),
+        statement=channels("the reading of {channel} runs in a loop {value} wide (hysteresis)", "width"),
     ),
     Effect(
         "low_pass",
@@ -137,6 +141,7 @@ EFFECTS = (
         # Filters of another order, or a moving average, with the same delay have other cutoffs.
         fit=Fitting(Grid(), form_error=0.15),
         twins=(Twin("time_delay", False, "move fast: a low-pass attenuates, a delay does not"),),
+        statement=amount("a low-pass of {value} Hz smooths the wrench", "cutoff"),
     ),
 )
 
@@ -165,6 +170,7 @@ DELAY = (
             Twin("low_pass", False, "move fast: a low-pass attenuates, a delay does not"),
             Twin("tool_flexibility", False, "accelerate sharply: a flexible tool rings"),
         ),
+        statement=amount("the wrench is {value} ms {sign} against the joints", "delay", 1e3, ("late", "early")),
     ),
 )
 """Acts on everything the sensor measures."""

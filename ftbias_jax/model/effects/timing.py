@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from ftbias_jax.model.effects import fitting
 from ftbias_jax.model.effects.fitting import Fitting, Samples
 from ftbias_jax.model.effects.responses import delayed
+from ftbias_jax.model.effects.statements import PERCENT, amount
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Record, Twin
 from ftbias_jax.types import Array
 
@@ -51,6 +52,7 @@ JITTER = (
         fit=Fitting(Samples(fitting.JITTER)),
         widen=widen_jitter,
         twins=(Twin("noise_level", False, "hold still: the noise of jitter grows with the rate of the wrench"),),
+        statement=amount("stamps scatter by {value} ms about the time of measurement", "std", 1e3),
     ),
 )
 """Acts when a sample is taken."""
@@ -79,6 +81,7 @@ DROPS = (
         recording=dropped_samples,
         fit=Fitting(Samples(fitting.LOST)),
         screen=screen_repeats,
+        statement=amount("{value} % of the samples are missing or repeated", "rate", PERCENT),
     ),
 )
 """Acts on the way to the file."""

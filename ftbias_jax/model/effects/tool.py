@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from ftbias_jax.model.effects.fitting import Fitting, Linear
+from ftbias_jax.model.effects.statements import amount, distance
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.model.wrench.inertia import about_center_of_mass, center_of_mass
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 from ftbias_jax.types import Array
 
+_MOMENTS = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 REMEDY = "weigh or re-measure the tool: ftbias identify"
 
 
@@ -58,6 +60,7 @@ EFFECTS = (
             Twin("gain", False, "hang a known weight on the tool: a gain scales it too, a wrong mass does not"),
             Twin("tool_com", False, "turn the wrist through all directions of gravity"),
         ),
+        statement=amount("the tool weighs {value} kg{setup}", "mass"),
     ),
     Effect(
         "tool_com",
@@ -70,6 +73,12 @@ EFFECTS = (
         twins=(
             Twin("none", True, "a torque bias when the wrist does not turn: turn it about two axes"),
             Twin("gain", False, "turn the wrist: a gain changes the forces too"),
+        ),
+        statement=distance(
+            "the tool's centre of mass is {value} off the setup, mostly along {axis}",
+            "center_of_mass",
+            "mm",
+            1e3,
         ),
     ),
     Effect(
@@ -92,5 +101,11 @@ EFFECTS = (
         transform=tool_inertia,
         fit=Fitting(Linear()),
         twins=(Twin("tool_flexibility", False, "accelerate the wrist at several frequencies"),),
+        statement=distance(
+            "the tool's inertia departs from the setup's by {value}, mostly in {axis}",
+            "inertia",
+            "kg m^2",
+            labels=_MOMENTS,
+        ),
     ),
 )

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from ftbias_jax.model.effects.fitting import Coordinate, Fitting
+from ftbias_jax.model.effects.statements import Statement
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.kinematics.sensor_path import SensorPath, sensor_path
 from ftbias_jax.model.wrench.tool_wrench import Model as Model
@@ -168,6 +169,8 @@ class Effect(NamedTuple):
     """What must be recorded of the motion: "joints" of an arm, or "acceleration" of the sensor; "" = any will do."""
     fit: Fitting = Fitting()
     """How a diagnosis finds and judges it."""
+    statement: Statement | None = None
+    """What it says in one sentence when it was found; None = the explanation and its first parameter."""
 
     @property
     def hook(self) -> str:

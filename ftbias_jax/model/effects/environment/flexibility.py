@@ -7,6 +7,7 @@ import numpy as np
 
 from ftbias_jax.model.effects.fitting import INVERSE, LOGARITHM, Coordinate, Fitting, Ringing
 from ftbias_jax.model.effects.responses import rung
+from ftbias_jax.model.effects.statements import amount
 from ftbias_jax.model.effects.terms.memory import swing_forgets
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.model.wrench.inertia import about_center_of_mass, spatial_inertia
@@ -120,6 +121,7 @@ FLEXIBILITY = (
             Twin("tool_inertia", False, "accelerate the wrist at several frequencies"),
             Twin("time_delay", False, "accelerate sharply: a flexible tool rings"),
         ),
+        statement=amount("the tool rings at {value} Hz", "frequency"),
     ),
 )
 """Acts on the tool's own wrench, before anything else touches the tool."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from ftbias_jax.model.effects.fitting import Coordinate, Fitting, Pull, Touches
 from ftbias_jax.model.effects.kinematics import motion_of
+from ftbias_jax.model.effects.statements import amount, events
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
@@ -130,6 +131,7 @@ EFFECTS = (
             Twin("gravity_tilt", False, "move the arm through its workspace: a cable's pull depends on the place"),
             Twin("tool_com", False, "move the arm with the wrist held still"),
         ),
+        statement=amount("something elastic pulls at the tool with {value} N per metre of stretch", "stiffness"),
     ),
     Effect(
         "contact",
@@ -157,5 +159,6 @@ EFFECTS = (
         fit=Fitting(Touches("start", "end", "force"), credit=0.8, any_shape=True),
         check=_check_contact,
         twins=(Twin("bias_jump", False, "a contact that does not end looks like a jump: record longer"),),
+        statement=events("something pushed the tool {times} with up to {value}, from {first} on", "force", "start"),
     ),
 )

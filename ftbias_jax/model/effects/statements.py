@@ -1,0 +1,181 @@
+"""What an effect says in one sentence when it was found: a quantity, its unit, and what the setup states instead.
+
+A statement is a function of the estimates of an effect's parameters. Entries of the catalogue take one of these forms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.types import AXES, AXIS_UNITS, Array
+
+USUAL = np.repeat([1.0, 0.04], 3)
+"""N, Nm: forces and torques that weigh alike."""
+SURE = 3.0
+"""Standard errors from which on a channel is mentioned, and within which channels are called equal."""
+PERCENT, DEGREES = 100.0, 180 / np.pi
+
+
+class Estimate(NamedTuple):
+    """One parameter; arrays of the parameter's shape."""
+
+    value: Array
+    stderr: Array
+    """NaN = not known."""
+    nominal: Array
+    """What the setup states, NaN = nothing."""
+
+
+Statement = Callable[[Mapping[str, Estimate]], str]
+
+
+def value_words(value: float, stderr: float) -> str:
+    """A number with its standard error, both to the second digit of the error."""
+    if not np.isfinite(stderr) or stderr <= 0 or not np.isfinite(value):
+        return f"{value:.4g}"
+    power = int(np.floor(np.log10(stderr)))
+    if power >= -5 and max(abs(value), stderr) < 1e7:
+        return f"{value:.{max(1 - power, 0)}f} ± {stderr:.{max(1 - power, 0)}f}"
+    digits = max(int(np.floor(np.log10(max(abs(value), stderr)))) - power + 1, 1)
+    return f"{value:.{digits}e} ± {stderr:.1e}"
+
+
+def amount(words: str, name: str, factor: float = 1.0, signs: tuple[str, str] | None = None) -> Statement:
+    """A parameter that is one number.
+
+    Args:
+        words: with {value}, {setup} for what the setup states, and {sign}.
+        name: of the parameter.
+        factor: of the unit in the words.
+        signs: words for positive and for negative values, of which {value} is then the size; None = it has its sign.
+    """
+
+    def say(estimates: Mapping[str, Estimate]) -> str:
+        value, stderr, nominal = (factor * float(np.asarray(x).ravel()[0]) for x in estimates[name])
+        setup = f", the setup says {nominal:.4g}" if np.isfinite(nominal) else ""
+        rest = {other: float(np.asarray(x.value).ravel()[0]) for other, x in estimates.items() if np.size(x.value)}
+        sign = "" if signs is None else signs[value < 0]
+        return words.format(value=value_words(abs(value) if signs else value, stderr), setup=setup, sign=sign, **rest)
+
+    return say
+
+
+def distance(
+    words: str, name: str, unit: str, factor: float = 1.0, labels: tuple[str, ...] = tuple("xyz")
+) -> Statement:
+    """How far a vector is from what the setup states, or from zero.
+
+    Args:
+        words: with {value} and {axis}, the one along which it departs most.
+        name: of the parameter.
+        unit: in the words.
+        factor: of that unit.
+        labels: of the axes.
+    """
+
+    def say(estimates: Mapping[str, Estimate]) -> str:
+        value, stderr, nominal = estimates[name]
+        away = factor * (value - np.where(np.isfinite(nominal), nominal, 0))
+        length = max(float(np.linalg.norm(away)), 1e-300)
+        error = factor * float(np.sqrt(np.sum((away / length * stderr) ** 2)))
+        return words.format(value=f"{value_words(length, error)} {unit}", axis=labels[int(np.argmax(np.abs(away)))])
+
+    return say
+
+
+def angle(words: str, name: str) -> Statement:
+    """The angle between a vector and the one that the setup states, in degrees; {value} of the words."""
+
+    def say(estimates: Mapping[str, Estimate]) -> str:
+        value, stderr, nominal = estimates[name]
+        between = np.arctan2(np.linalg.norm(np.cross(nominal, value)), nominal @ value)
+        error = np.linalg.norm(stderr) / np.sqrt(2) / max(np.linalg.norm(value), 1e-300)
+        return words.format(value=f"{value_words(float(np.degrees(between)), float(np.degrees(error)))} deg")
+
+    return say
+
+
+def channels(
+    words: str, name: str, neutral: float = 0.0, unit: str = "{unit}", factor: float = 1.0, exact: bool = False
+) -> Statement:
+    """A parameter with a number for each channel: the surest force, or else torque, or all if they are equal.
+
+    Args:
+        words: with {value}, {channel} and {sign}, which is "much" or "little".
+        name: of the parameter.
+        neutral: where the effect does nothing.
+        unit: behind the value; {unit} = N or Nm.
+        factor: of that unit.
+        exact: whether it is read off, without an error to speak of.
+    """
+
+    def say(estimates: Mapping[str, Estimate]) -> str:
+        value, stderr = (np.asarray(x, float).reshape(-1, len(AXES))[-1] for x in estimates[name][:2])
+        away = np.where(np.isfinite(value), value - neutral, 0)
+        size = np.where(stderr > 0, stderr, USUAL)
+        sure = np.abs(away) > SURE * size if (stderr > 0).any() else away != 0
+        preferred = sure & (USUAL[0] == USUAL) if sure[:3].any() else sure
+        largest = int(np.argmax(np.where(preferred, np.abs(away) / size, -1)))
+        spread = np.abs(away - away[largest]) / size
+        which, shown = AXES[largest], unit.format(unit=AXIS_UNITS[largest])
+        if sure.all() and (spread < SURE).all() and unit == "%":
+            which = "all six channels"
+        elif sure.sum() > 1:
+            which += f" and {'others' if sure.sum() > 2 else AXES[_second(sure, largest)]}"
+        error = np.nan if exact else factor * float(stderr[largest])
+        value_shown = value_words(factor * abs(float(away[largest])), error)
+        verb = "reads" if which in AXES else "read"
+        sign = "much" if away[largest] > 0 else "little"
+        rest = {other: float(np.asarray(x.value).ravel()[0]) for other, x in estimates.items() if np.size(x.value)}
+        rest = {other: x for other, x in rest.items() if other != name}
+        return words.format(value=f"{value_shown} {shown}".rstrip(), channel=which, sign=sign, verb=verb, **rest)
+
+    return say
+
+
+def leak(words: str, name: str) -> Statement:
+    """The surest entry beside the diagonal of a matrix (6, 6); {value}, {source} and {target} of the words."""
+
+    def say(estimates: Mapping[str, Estimate]) -> str:
+        value, stderr = (np.asarray(x, float) for x in estimates[name][:2])
+        relative = np.abs(value - np.diag(np.diag(value))) * USUAL / USUAL[:, None]
+        surest = np.divide(relative, stderr, out=np.zeros_like(relative), where=stderr > 0)
+        row, column = np.unravel_index(int(np.argmax(surest if surest.any() else relative)), relative.shape)
+        same = AXIS_UNITS[row] == AXIS_UNITS[column]
+        factor = PERCENT if same else 1.0
+        shown = value_words(factor * float(value[row, column]), factor * float(stderr[row, column]))
+        unit = "%" if same else f"{AXIS_UNITS[row]} per {AXIS_UNITS[column]}"
+        return words.format(value=f"{shown} {unit}", source=AXES[column], target=AXES[row])
+
+    return say
+
+
+def events(words: str, name: str, start: str) -> Statement:
+    """Forces (N, 3) that last for a while: the largest, how many, and when the first began."""
+
+    def say(estimates: Mapping[str, Estimate]) -> str:
+        sizes = np.linalg.norm(np.asarray(estimates[name].value, float).reshape(-1, 3), axis=1)
+        begins = np.asarray(estimates[start].value, float).ravel()
+        times = "once" if len(sizes) == 1 else f"{len(sizes)} times"
+        first = f"{begins.min(initial=np.inf):.4g} s"
+        return words.format(value=f"{sizes.max(initial=0.0):.3g} N", times=times, first=first)
+
+    return say
+
+
+def growth(words: str, name: str) -> Statement:
+    """Variance per squared speed (n, 6): the standard deviation at 1 rad/s of every joint, where it is largest."""
+
+    def say(estimates: Mapping[str, Estimate]) -> str:
+        total = np.sqrt(np.nansum(np.asarray(estimates[name].value, float).reshape(-1, len(AXES)), 0))
+        largest = int(np.argmax(total / USUAL))
+        return words.format(value=f"{total[largest]:.2g} {AXIS_UNITS[largest]}", channel=AXES[largest])
+
+    return say
+
+
+def _second(sure: Array, largest: int) -> int:
+    return int(np.flatnonzero(sure & (np.arange(len(sure)) != largest))[0])
