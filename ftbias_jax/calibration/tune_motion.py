@@ -30,8 +30,8 @@ from ftbias_jax.filtering.likelihood import counted
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import bias_model
 from ftbias_jax.filtering.smoother import smooth_joints
-from ftbias_jax.model.effects.shown import not_shown
 from ftbias_jax.model.params import Params
+from ftbias_jax.model.shown import not_shown
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array, Sample
 

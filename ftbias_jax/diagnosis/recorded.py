@@ -8,8 +8,8 @@ import numpy as np
 
 from ftbias_jax.diagnosis.regression.coordinates import why_not_fitted
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.effects.shown import not_shown
 from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.model.shown import not_shown
 from ftbias_jax.setup.types import Setup
 
 

@@ -44,6 +44,9 @@ class Candidate(NamedTuple):
     doubt: str = ""  # why it may be something else, although it fits; "" = no reason
     nominal: Mapping[str, Numbers] = MappingProxyType({})  # the setup's values of parameters that it states
     statement: str = ""  # what was found, in one sentence with its value; "" = the name says it
+    behind: float = np.nan
+    """nats per second that it gains less than the best of the ranking, block by block; NaN = not compared."""
+    behind_stderr: float = np.nan
 
     @property
     def title(self) -> str:

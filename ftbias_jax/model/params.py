@@ -11,13 +11,13 @@ import numpy as np
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import CATALOGUE, values_from_setup, values_of
-from ftbias_jax.model.effects.shown import check_shown
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm, make_arm
 from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.model.own_effects import catalogue_of_setup
+from ftbias_jax.model.shown import check_shown
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 from ftbias_jax.runtime.kept_programs import keep_program

@@ -7,12 +7,12 @@ from typing import Any
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.model.effects.catalogue import CATALOGUE, MakeError, check_values, typical_values, values_from_setup
-from ftbias_jax.model.effects.shown import check_shown
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.terms.parse import flat_numbers
 from ftbias_jax.model.effects.types import Model, Values
 from ftbias_jax.model.own_effects import catalogue_of_setup
+from ftbias_jax.model.shown import check_shown
 from ftbias_jax.setup.types import Setup
 
 

@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     prepare_jax()
     from ftbias_jax.io.write.npz import save_npz
 
-    setup = parse_setup(SETUP, "the demonstration's setup")
+    setup = parse_setup(SETUP, "setup.toml")
     truth = _simulate(setup, arguments.seed, count, arguments.rate)
     t, q, dq, wrench = (np.asarray(x) for x in (truth.t, truth.q, truth.dq, truth.wrench))
     log = Log.from_arrays(setup, t, q, wrench, dq)

@@ -103,10 +103,16 @@ def ranking_of(
     found: tuple[Finding, ...],
     total: float,
 ) -> tuple[Candidate, ...]:
-    """Everything that was fitted by itself, best first."""
+    """Everything that was fitted by itself, best first, with its paired difference to the best."""
     ranked = [_of_finding(problem.catalogue, finding, problem.duration) for finding in found]
-    for scored in rounds[0][:CANDIDATES] if rounds else []:
+    fitted = [
+        (scored, *_judged(problem, hold_out, scored.fit, base, total))
+        for scored in (rounds[0][:CANDIDATES] if rounds else [])
+    ]
+    best = max((held for _, held, _ in fitted), key=lambda held: held.nats, default=None)
+    for scored, held, shrink in fitted:
         values, stderr = parameters(problem, scored.fit, scored.hypothesis)
-        held, shrink = _judged(problem, hold_out, scored.fit, base, total)
-        ranked.append(_candidate(problem.catalogue[scored.hypothesis.effect], values, stderr, held, shrink))
+        paired = hold_out(scored.fit, best.error) if best else held
+        candidate = _candidate(problem.catalogue[scored.hypothesis.effect], values, stderr, held, shrink)
+        ranked.append(candidate._replace(behind=-paired.nats, behind_stderr=paired.nats_stderr))
     return tuple(sorted(ranked, key=lambda candidate: -candidate.held_out_gain))

@@ -14,12 +14,12 @@ from ftbias_jax.diagnosis.report.origin import origin_rows
 from ftbias_jax.diagnosis.report.plots import (
     channel_title,
     plot_gap,
-    plot_ranking,
     plot_regressor,
     plot_shares,
     plot_time,
 )
 from ftbias_jax.diagnosis.report.plotted import Series
+from ftbias_jax.diagnosis.report.ranking import ranking
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.report.tables import (
     log_lines,
@@ -33,12 +33,10 @@ from ftbias_jax.diagnosis.report.tables import (
 )
 from ftbias_jax.diagnosis.report.terms import capital, html_table, show_terms, typeset
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Where
-from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES
 
 MAX_LOGS = 3
 """Logs whose time plots are drawn."""
-MAX_RANKED = 12
 HOW_TO_READ = (
     "The gap is what the corrected wrench differs from the model of the setup, beyond bias, drift and the stated noise;"
     " 1 noise sigma means that noise alone is left.",
@@ -58,15 +56,15 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
         title: such as the names of the logs; any text.
     """
     sections = (
+        _section("What to do", _remedies(diagnosis)),
         _section("Causes", _causes(diagnosis.causes)),
         _section("Not in the catalogue", show_terms(diagnosis.terms)),
         _section("The gap before and after" if _has_after(diagnosis) else "The gap", _gap(diagnosis)),
         _section("Log by log", "".join(f"<p>{escape(line)}</p>" for line in log_lines(diagnosis))),
         _section("What is left, against time", _times(diagnosis)),
         _section("What is left, against the cause", _regressor(diagnosis)),
-        _section("How well each effect explains it", _ranking(diagnosis)),
+        _section("How well each effect explains it", ranking(diagnosis)),
         _section("Twins: what the data do not tell apart", _twins(diagnosis.causes)),
-        _section("What to do", _remedies(diagnosis)),
         _section("Where the gap is", _where(diagnosis.where, diagnosis.verdict)),
         _section("Samples that were lost", html_table(("what",), [(loss,) for loss in diagnosis.losses])),
         _section("What was not tested", html_table(("effect", "why"), diagnosis.not_tested)),
@@ -190,19 +188,6 @@ def _responsible_channel(series: Sequence[Series]) -> int:
     seen = np.isfinite(x) & np.isfinite(y)
     x_centred = np.where(seen, x - np.nanmean(x), 0.0)
     return int(np.argmax(np.abs(np.sum(x_centred * np.where(seen, y, 0.0), axis=0))))
-
-
-def _ranking(diagnosis: Diagnosis) -> str:
-    ranked = [candidate for candidate in diagnosis.candidates if np.isfinite(candidate.held_out_gain)]
-    if not ranked:
-        return ""
-    plot = plot_ranking(ranked[:MAX_RANKED], [cause.effect for cause in diagnosis.causes])
-    rows = [(c.title, c.stage, value_words(c.held_out_gain, c.held_out_gain_stderr), percent(c.shrink)) for c in ranked]
-    table = html_table(("effect", "stage", "held-out gain [nats/s]", "of the gap"), rows)
-    named = "● named as a cause; " if diagnosis.causes else ""
-    caption = f"{named}whiskers: one standard error. Judged on data the fit has not seen."
-    figure = f"<figure class='wide'>{plot}<figcaption>{caption}</figcaption></figure>"
-    return f"{figure}<details><summary>All {len(ranked)} as a table</summary>{table}</details>"
 
 
 def _twins(causes: Sequence[Candidate]) -> str:

@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+from importlib.metadata import version
+from platform import python_version
+
+from ftbias_jax import __version__
 from ftbias_jax.diagnosis.result import Diagnosis
+
+
+def versions() -> str:
+    """Of all that numbers depend on."""
+    others = ", ".join(f"{name} {version(name)}" for name in ("jax", "jaxlib", "numpy"))
+    return f"ftbias_jax {__version__}, {others}, Python {python_version()}"
 
 
 def origin_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -10,7 +21,9 @@ def origin_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     origin = diagnosis.provenance
     if origin is None:
         return []
-    rows = [("ftbias", origin["version"]), ("robot", origin["robot"])]
+    rows = [("made at", datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"))]
+    rows += [("command", diagnosis.command)] if diagnosis.command else []
+    rows += [("versions", versions()), ("robot", origin["robot"])]
     for kind, file in (("setup", origin["setup"]), ("URDF", origin["urdf"])):
         rows += [(f"{kind} {file['name']}", f"SHA-256 {file['sha256']}")] if file else []
     for log in origin["logs"]:

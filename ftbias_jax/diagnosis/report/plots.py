@@ -23,8 +23,7 @@ from ftbias_jax.diagnosis.report.svg import (
     x_axis,
 )
 from ftbias_jax.diagnosis.report.tables import percent, sigmas_by_channel
-from ftbias_jax.diagnosis.result import Candidate, Gap
-from ftbias_jax.model.effects.statements import value_words
+from ftbias_jax.diagnosis.result import Gap
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 MAX_BUCKETS = 230
@@ -143,38 +142,6 @@ def plot_term(found: Curve, name: str) -> str:
         parts.append(error_bars(axes, middles, means, errors, f"mean-{style}"))
     title = f"{found.left_name} against {found.drive_name}"
     return drawing(name, axes.top + axes.height + 34, title, f"Means of {MEAN_BINS} bins with standard errors.", parts)
-
-
-def plot_ranking(candidates: Sequence[Candidate], causes: Sequence[str]) -> str:
-    """Held-out gain of each candidate with its standard error as horizontal bars, best first.
-
-    Args:
-        candidates: in order, with finite gains.
-        causes: names of those that are named as causes.
-    """
-    gains = np.array([candidate.held_out_gain for candidate in candidates])
-    errors = np.nan_to_num(np.array([candidate.held_out_gain_stderr for candidate in candidates]))
-    height = len(candidates) * ROW
-    x_range = data_range(gains - errors, gains + errors, zero=True)
-    axes = Axes(x_range, (0.0, 1.0), left=NAMES, top=4, width=WIDTH - NAMES - 74, height=height)
-    parts = [x_axis(axes, "held-out gain [nats/s]")]
-    zero = float(axes.across(np.array(0.0)))
-    for row, (candidate, gain, error) in enumerate(zip(candidates, gains, errors, strict=True)):
-        middle = axes.top + (row + 0.5) * ROW
-        low, end, high = (float(axes.across(np.array(x))) for x in (gain - error, gain, gain + error))
-        cause = candidate.effect in causes
-        name = f"● {candidate.title}" if cause else candidate.title
-        parts += [
-            label(axes.left - 6, middle + 4, name, "end", "name" if cause else ""),
-            box(min(zero, end), middle - 7, abs(end - zero), 14, "fill-after" if cause else "fill-other"),
-            line(low, middle, high, middle, "whisker"),
-            line(low, middle - 4, low, middle + 4, "whisker"),
-            line(high, middle - 4, high, middle + 4, "whisker"),
-            label(WIDTH - 2, middle + 4, value_words(gain, error), "end"),
-        ]
-    parts.append(line(zero, axes.top, zero, axes.top + height, "axis"))
-    words = "; ".join(f"{c.title}: {value_words(c.held_out_gain, c.held_out_gain_stderr)}" for c in candidates)
-    return drawing("ranking", axes.top + height + 36, "Held-out gain of the candidates", words, parts)
 
 
 def plot_shares(shares: dict[str, float]) -> str:

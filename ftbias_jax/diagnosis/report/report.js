@@ -145,7 +145,7 @@
         const text = `${t[i].toFixed(2)} s: ${words.join(", ")}`;
         const edges = { x1: x(one, t[i]), x2: x(one, t[i]), y1: one.top, y2: bottom };
         one.cursor.append(node("line", { ...edges, class: "cursor" }));
-        one.cursor.append(node("text", { x: one.left + one.width, y: one.top - 10, "text-anchor": "end" }, text));
+        one.cursor.append(node("text", { x: 2, y: bottom + 30 }, text));  // beside the name of the time axis
       }
     };
     const zoom = (start, end) => {

@@ -6,10 +6,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ftbias_jax.diagnosis.report.sentence import SMALL
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Gap, Where
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES
 
+SUREST = 3
+"""Numbers of a longer one."""
 LONGEST_LIST = 6
 """Numbers of one parameter that a table shows; the JSON has all."""
 
@@ -70,6 +73,13 @@ def term_numbers(term: FoundTerm) -> list[tuple[str, str]]:
     return rows + point
 
 
+def behind_words(candidate: Candidate) -> str:
+    """How much less than the best of the ranking a candidate gains, compared block by block; "" = not compared."""
+    if not np.isfinite(candidate.behind):
+        return ""
+    return "best" if candidate.behind_stderr == 0 else f"-{value_words(candidate.behind, candidate.behind_stderr)}"
+
+
 def share_words(cause: Candidate) -> str:
     """The share of the gap that a cause removes; single samples say nothing of that."""
     return f"{percent(cause.shrink)} of the gap" if cause.shrink > 0 else "seen in single samples"
@@ -106,9 +116,13 @@ def _numbers_words(value: object, stderr: object) -> str:
     errors = errors if errors.shape == values.shape else np.full(values.shape, np.nan)
     if values.size <= LONGEST_LIST:
         return ", ".join(value_words(x, e) for x, e in zip(values.ravel(), errors.ravel(), strict=True))
-    largest = np.unravel_index(np.argmax(np.abs(np.nan_to_num(values))), values.shape)
-    place = ", ".join(str(index + 1) for index in largest)
-    return f"{values.size} numbers, the largest {value_words(values[largest], errors[largest])} at {place}"
+    worth = np.divide(np.abs(np.nan_to_num(values)), errors, out=np.zeros(values.shape), where=errors > 0)
+    order = np.argsort(-(worth if worth.any() else np.abs(np.nan_to_num(values))), axis=None)[:SUREST]
+    places = [np.unravel_index(k, values.shape) for k in order if values.flat[k]]
+    shown = [
+        f"{value_words(float(values[at]), float(errors[at]))} at ({', '.join(str(i + 1) for i in at)})" for at in places
+    ]
+    return f"{', '.join(shown)}: the surest of {values.size}"
 
 
 def twin_words(candidate: Candidate) -> list[tuple[str, str]]:
@@ -153,7 +167,9 @@ def log_lines(diagnosis: Diagnosis) -> list[str]:
 
 
 def shrink_words(gap: Gap) -> str:
-    """How far the gap shrinks, in percent with its standard error."""
+    """How far the gap shrinks, in percent with its standard error; of a small one no share is worth saying."""
+    if gap.before_sigmas - 1 < SMALL:
+        return "nothing to speak of: it is small"
     error = f" ± {100 * gap.shrink_stderr:.2g}" if np.isfinite(gap.shrink_stderr) else ""
     return f"{100 * gap.shrink:.0f}{error} %" if np.isfinite(gap.shrink) else "an unknown share"
 

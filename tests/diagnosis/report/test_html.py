@@ -1,6 +1,7 @@
 import json
 import re
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -45,13 +46,13 @@ def test_the_verdict_comes_first_and_the_sections_in_order(make_diagnosis):
     page = Page(to_html(make_diagnosis(), "a log"))
     assert page.tags.index("h1") < page.tags.index("h2")
     assert page.headings == [
+        "What to do",
         "Causes",
         "The gap before and after",
         "What is left, against time",
         "What is left, against the cause",
         "How well each effect explains it",
         "Twins: what the data do not tell apart",
-        "What to do",
         "Where the gap is",
         "What was not tested",
         "How to read this",
@@ -217,3 +218,18 @@ def test_the_plot_against_the_cause_has_the_bias_refitted(make_diagnosis):
         re.search(r'<svg[^>]*aria-labelledby="regressor-t.*?</svg>', to_html(d, "a log"), re.S)[0] for d in (base, flat)
     ]
     assert plots[0] == plots[1]
+
+
+def test_the_ranking_shows_differences_to_the_best_and_the_term_that_was_found(make_diagnosis, make_candidate):
+    best = make_candidate("gain", 1122.0, held_out_gain_stderr=157.0, behind=0.0, behind_stderr=0.0)
+    near = make_candidate("tool_mass", 1121.0, held_out_gain_stderr=157.0, behind=1.2, behind_stderr=1.9)
+    term = SimpleNamespace(
+        drive="velocity", held_out_gain=1200.0, held_out_gain_stderr=150.0, check="look", text="a force", resembles=(),
+        equivalent_to=(), separate_by=(), coefficients={}, stderr={}, parameters={}, parameters_stderr={}, point=None,
+        curve=None,
+    )  # fmt: skip
+    page = Page(to_html(make_diagnosis(candidates=(best, near), causes=(near,), terms=(term,)), "a log"))
+    assert "● term: velocity" in page.text
+    assert "-1.2 ± 1.9" in page.text
+    assert "1121 ± 157" in page.text  # in the table
+    assert page.text.index("● term: velocity") < page.text.index("● tool_mass")

@@ -104,4 +104,4 @@ def test_long_lists_are_shortened_and_unknown_effects_have_no_unit(make_candidat
     matrix = np.zeros((6, 6))
     matrix[1, 3] = -0.031
     long = make_candidate("unheard_of", parameters={"matrix": matrix.tolist(), "x": 2.0}, stderr={"matrix": 1.0})
-    assert parameter_words(long) == [("matrix", "36 numbers, the largest -0.031 at 2, 4"), ("x", "2")]
+    assert parameter_words(long) == [("matrix", "-0.031 at (2, 4): the surest of 36"), ("x", "2")]
