@@ -29,7 +29,8 @@ def problem(known=None):
     ],
 )
 def test_what_the_setup_states_stands_beside_what_was_found(make_candidate, effect, nominal):
-    parameters = dict.fromkeys((*nominal, "force"), 0.0)
+    of_events = {"contact": {"start": [1.0], "end": [2.0], "force": [[0.0, 0.0, 5.0]]}}
+    parameters = of_events.get(effect, nominal or {"gain": [1.02] * 6})
     found = with_nominal(problem(), make_candidate(effect, parameters=parameters)).nominal
     assert found.keys() == nominal.keys()
     for name, value in nominal.items():
