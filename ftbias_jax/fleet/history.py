@@ -68,6 +68,8 @@ class Fleet(NamedTuple):
     settings: tuple[Settings, ...]
     folders: tuple[str, ...]
     """That have a manifest."""
+    damaged: int
+    """Lines of manifests that could not be read."""
 
     def by_robot(self) -> dict[tuple[str, str], list[Record]]:
         """Records by (robot, sensor), in the order of names."""
@@ -84,12 +86,13 @@ def read_fleet(folders: Sequence[str]) -> Fleet:
         folders: of results.
 
     Raises:
-        UsageError: there is no manifest.
+        UsageError: there is no manifest. LogError: one is larger than manifests get.
     """
     found = []
     for folder in folders:
         places = {os.path.dirname(path) for path in map(str, Path(folder).rglob("manifest*.json*"))}
         found += [(place, read_manifests(place)) for place in sorted(places)]
+    damaged = sum(contents.damaged for _, contents in found)
     found = [(place, contents) for place, contents in found if contents.entries]
     if not found:
         remedy = "give folders that ftbias filter, check or diagnose have written into"
@@ -104,7 +107,7 @@ def read_fleet(folders: Sequence[str]) -> Fleet:
             entries.setdefault((*name, log), []).append((place, entry))
     records = [_record(robot, sensor, of_log) for (robot, sensor, _), of_log in entries.items()]
     ordered = sorted(records, key=lambda record: (record.date, record.log))
-    return Fleet(tuple(ordered), tuple(settings.values()), tuple(place for place, _ in found))
+    return Fleet(tuple(ordered), tuple(settings.values()), tuple(place for place, _ in found), damaged)
 
 
 def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Record:
@@ -115,13 +118,13 @@ def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Re
     for entry in every:
         quality |= {name: value for name, value in entry.quality.items() if value is not None or name not in quality}
     statuses = {entry.status for entry in every}
-    date = _seconds(quality.get("date"))
+    date = quality.get("date")
     reports = [os.path.join(place, f"{os.path.splitext(entry.output)[0]}.html") for place, entry in placed]
     return Record(
         log=every[-1].log,
         robot=robot or UNKNOWN,
         sensor=sensor,
-        date=every[-1].state.modified_ns / 1e9 if date is None else date,
+        date=every[-1].state.modified_ns / 1e9 if date is None else _seconds(date),
         dated=date is not None,
         status=FAILED if FAILED in statuses else LOSS if LOSS in statuses else OK,
         troubles=tuple(dict.fromkeys(x for e in every for x in ((e.error,) if e.error else e.repairs))),
@@ -130,10 +133,7 @@ def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Re
     )
 
 
-def _seconds(date: object) -> float | None:
-    """s since 1970 of a date in ISO 8601; None = it is none."""
-    try:
-        parsed = datetime.fromisoformat(str(date))
-    except ValueError:
-        return None
+def _seconds(date: str) -> float:
+    """s since 1970 of a date in ISO 8601."""
+    parsed = datetime.fromisoformat(date)
     return (parsed if parsed.tzinfo else parsed.replace(tzinfo=UTC)).timestamp()

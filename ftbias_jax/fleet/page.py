@@ -161,7 +161,7 @@ def _gaps(records: Sequence[Record], folder: str) -> str:
         )
         log = escape(record.log)
         if record.report:
-            path = quote(os.path.relpath(record.report, folder or "."))
+            path = quote(os.fsencode(os.path.relpath(record.report, folder or ".")))
             log = f'<a href="{escape(path)}">{log}</a>'
         rows.append(f'<tr><th scope="row">{log}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in cells)}</tr>')
     head = ("log", "robot", "date", "verdict", "found", "gap [noise sigmas]", "shrinks by")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 
+from ftbias_jax.errors import printable
 from ftbias_jax.fleet.alarms import alarms_of
 from ftbias_jax.fleet.history import read_fleet
 from ftbias_jax.fleet.page import name, to_page
@@ -21,7 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     text = to_page(fleet, f"Fleet in {', '.join(arguments.folders)}", os.path.dirname(arguments.output))
     write_atomic(arguments.output, lambda file: file.write(text.encode()))
     groups = fleet.by_robot()
-    alarms = [f"{name(group)}: {alarm.text}" for group, some in groups.items() for alarm in alarms_of(some)]
+    alarms = [printable(f"{name(group)}: {alarm.text}") for group, some in groups.items() for alarm in alarms_of(some)]
     print("\n".join([*alarms, f"{len(fleet.records)} logs of {len(groups)} robots, {len(alarms)} alarms"]))
     print(f"wrote {arguments.output}")
     return 0
