@@ -55,11 +55,11 @@ def _row(entry: Entry, settings: Settings | None) -> dict[str, Any]:
         row |= told | {"choices": json.dumps(settings.choices, sort_keys=True)}
     for name, value in quality.items():
         if isinstance(value, list) and VECTORS.get(name) == len(AXES):
-            row |= {f"{name}_{axis}": number for axis, number in zip(AXES, value, strict=True)}
-        elif isinstance(value, list):
-            row[name] = "; ".join(map(str, value))
+            numbers = {f"{name}_{axis}": number for axis, number in zip(AXES, value, strict=True)}
         else:
-            row[name] = float(value) if isinstance(value, int) else value  # a column has one type
+            numbers = {name: "; ".join(map(str, value)) if isinstance(value, list) else value}
+        for column, number in numbers.items():  # a column has one type
+            row.setdefault(column, float(number) if isinstance(number, int) else number)
     return {_utf8(name): _utf8(value) if isinstance(value, str) else value for name, value in row.items()}
 
 
