@@ -25,8 +25,8 @@ SYNC_SECONDS = 1.0
 """Lines are flushed to disk at least so often; logs done since are done again if the machine loses its power."""
 LONGEST_LINE = 2**20
 """Bytes; a line of one log has about a thousand."""
-MOST_BYTES, MOST_OLD_BYTES = 256 * 2**20, 16 * 2**20
-"""Of a manifest, about 200,000 logs, so that it fits into memory; of one of schema 1, which is read as a whole."""
+MOST_BYTES, MOST_OLD_BYTES = 128 * 2**20, 16 * 2**20
+"""Of a manifest, about 120,000 logs, which take 0.6 GB of memory; of one of schema 1, which is read as a whole."""
 
 
 class Contents(NamedTuple):

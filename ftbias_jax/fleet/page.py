@@ -18,6 +18,7 @@ from ftbias_jax.diagnosis.report.terms import html_table
 from ftbias_jax.fleet.alarms import Alarm, alarms_of, bias_trend, dates, day, scalars_of, size, values_of
 from ftbias_jax.fleet.entry import FAILED, LOSS
 from ftbias_jax.fleet.history import Fleet, Record
+from ftbias_jax.fleet.manifest import damaged_in_words
 from ftbias_jax.fleet.plots import plot_history, plot_marks
 from ftbias_jax.types import AXES, AXIS_UNITS
 
@@ -99,8 +100,11 @@ def _header(fleet: Fleet, alarms: Mapping[Group, Sequence[Alarm]], title: str) -
         *((verdict_words(verdict), str(times)) for verdict, times in verdicts.most_common()),
     ]
     items = "".join(f"<div><dt>{escape(term)}</dt><dd>{escape(value)}</dd></div>" for term, value in numbers)
-    words = f"{count} alarm{'s' if count > 1 else ''}" if count else "No alarm"
-    quiet = "" if count else " class='quiet'"
+    failed, gaps = (sum(flags) for flags in zip(*((r.status == FAILED, r.has_gap) for r in records), strict=True))
+    kinds = ((count, "alarm", ""), (failed, "log", " failed"), (gaps, "log", " with a gap"))
+    said = [f"{times} {kind}{'s' if times > 1 else ''}{what}" for times, kind, what in kinds if times]
+    words = ", ".join(said) or ("No alarm" if verdicts else "No alarm; no log was diagnosed")
+    quiet = "" if said else " class='quiet'"
     return f"<header{quiet}><p class='small'>{escape(title)}</p><h1>{words}</h1><dl>{items}</dl></header>"
 
 
@@ -224,5 +228,6 @@ def _left_out(count: int, words: str) -> str:
 
 def _origin(fleet: Fleet) -> str:
     rows = [(one.job, one.robot, one.setup, one.setup_sha256[:12], one.version) for one in fleet.settings]
-    folders = f"<p>Folders: {escape(', '.join(fleet.folders))}. Page made by ftbias {escape(__version__)}.</p>"
+    damaged = f" {damaged_in_words(fleet.damaged).capitalize()}." if fleet.damaged else ""
+    folders = f"<p>Folders: {escape(', '.join(fleet.folders))}.{damaged} Page made by ftbias {escape(__version__)}.</p>"
     return html_table(("command", "robot", "setup", "SHA-256", "version"), sorted(rows)) + folders
