@@ -93,7 +93,7 @@ def _header(fleet: Fleet, alarms: Mapping[Group, Sequence[Alarm]], title: str) -
     robots = f"{len(alarms)} robot{'s' if len(alarms) > 1 else ''}"
     numbers = [
         ("logs", f"{len(records)} of {robots}"),
-        ("from", f"{day(records[0].date)} to {day(records[-1].date)}"),
+        ("from", _days(records)),
         ("failed", str(sum(record.status == FAILED for record in records))),
         ("lost samples", str(sum(record.status == LOSS for record in records))),
         ("diagnosed", str(sum(verdicts.values()))),
@@ -106,6 +106,14 @@ def _header(fleet: Fleet, alarms: Mapping[Group, Sequence[Alarm]], title: str) -
     words = ", ".join(said) or ("No alarm" if verdicts else "No alarm; no log was diagnosed")
     quiet = "" if said else " class='quiet'"
     return f"<header{quiet}><p class='small'>{escape(title)}</p><h1>{words}</h1><dl>{items}</dl></header>"
+
+
+def _days(records: Sequence[Record]) -> str:
+    """From when to when logs are, by their own stamps; times of files only where no log has a date."""
+    dated = [record.date for record in records if record.dated]
+    every = dated or [record.date for record in records]
+    days = " to ".join(dict.fromkeys((day(every[0]), day(every[-1]))))
+    return days if dated else f"{days} (files)"
 
 
 def _section(title: str, content: str) -> str:
@@ -132,7 +140,7 @@ def _overview(groups: Mapping[Group, Sequence[Record]], alarms: Mapping[Group, S
             (
                 name(group),
                 str(len(records)),
-                f"{day(records[0].date)} to {day(records[-1].date)}",
+                _days(records),
                 _median(scalars_of(records, "nis")),
                 f"{_median(force)} N, {_median(torque)} Nm" if np.isfinite(force).any() else "",
                 _median(100 * scalars_of(records, "gated_share"), " %"),
@@ -157,7 +165,7 @@ def _gaps(records: Sequence[Record], folder: str) -> str:
         found = (*record.words("causes"), *record.words("terms"))
         cells = (
             f"{record.robot} {record.sensor}".strip(),
-            day(record.date),
+            _days([record]),
             verdict_words(record.verdict),
             ", ".join(found),
             f"{before:.2f}" if np.isfinite(before) else "",
