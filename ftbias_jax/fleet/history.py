@@ -41,18 +41,16 @@ class Record(NamedTuple):
         """(count,) numbers of the quality; NaN where there are none."""
         values = self.quality.get(name)
         found = values if isinstance(values, list) else [values]
-        good = len(found) == count and all(isinstance(x, int | float) or x is None for x in found)
-        return np.array([np.nan if x is None else x for x in found], float) if good else np.full(count, np.nan)
+        return np.array(found, float) if len(found) == count else np.full(count, np.nan)  # None becomes NaN
 
     def words(self, name: str) -> tuple[str, ...]:
         """Words of the quality, such as its causes."""
-        values = self.quality.get(name)
-        return tuple(map(str, values)) if isinstance(values, list) else ()
+        return tuple(self.quality.get(name) or ())
 
     @property
     def verdict(self) -> str:
         """Of the diagnosis; "" = it was not diagnosed."""
-        return str(self.quality.get("verdict") or "")
+        return self.quality.get("verdict") or ""
 
     @property
     def has_gap(self) -> bool:
