@@ -118,6 +118,9 @@ def add_archive(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     group.add_argument(
         "--shard", type=shard, default=(1, 1), metavar="I/N", help="work on the I-th of N shares only, 1/N to N/N"
     )
+    group.add_argument(
+        "--verify", action="store_true", help="read results that are done, and make those again that have changed"
+    )
     return group
 
 

@@ -18,6 +18,8 @@ OK, LOSS, MISTAKES, FAILED = "ok", "data loss", "mistakes", "failed"
 """What became of a log; MISTAKES: the check found some in its setup."""
 DONE = (OK, LOSS, MISTAKES)
 """There is a result, which need not be made again."""
+LATEST_NS = 2**63 - 1
+"""ns since 1970, the year 2262: what tables can hold. File systems know later times, which owners may set."""
 
 
 class Settings(NamedTuple):
@@ -84,6 +86,8 @@ class Entry(NamedTuple):
     """How good the log and its model are (``quality``); {} = not known."""
     files: tuple[str, ...] = ()
     """Its files, if it has several; () = the log itself."""
+    sums: Mapping[str, str] = {}
+    """SHA-256 of every file that was written for it, by its path from the output folder; {} = not known."""
 
 
 def settings_of(job: str, setup: Setup, choices: Mapping[str, Any], own: Iterable[str] = ()) -> Settings:
@@ -108,7 +112,7 @@ def state_of(paths: Sequence[str]) -> LogState:
     states = [file.stat() for file in files if file.exists()]
     return LogState(
         sum(state.st_size for state in states) + sum(size for size, _ in there),
-        max((*(state.st_mtime_ns for state in states), *(changed for _, changed in there)), default=0),
+        min(max((*(state.st_mtime_ns for state in states), *(at for _, at in there)), default=0), LATEST_NS),
         max((state.st_ctime_ns for state in states), default=0),
         "",
     )

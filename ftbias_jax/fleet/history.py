@@ -41,18 +41,16 @@ class Record(NamedTuple):
         """(count,) numbers of the quality; NaN where there are none."""
         values = self.quality.get(name)
         found = values if isinstance(values, list) else [values]
-        good = len(found) == count and all(isinstance(x, int | float) or x is None for x in found)
-        return np.array([np.nan if x is None else x for x in found], float) if good else np.full(count, np.nan)
+        return np.array(found, float) if len(found) == count else np.full(count, np.nan)  # None becomes NaN
 
     def words(self, name: str) -> tuple[str, ...]:
         """Words of the quality, such as its causes."""
-        values = self.quality.get(name)
-        return tuple(map(str, values)) if isinstance(values, list) else ()
+        return tuple(self.quality.get(name) or ())
 
     @property
     def verdict(self) -> str:
         """Of the diagnosis; "" = it was not diagnosed."""
-        return str(self.quality.get("verdict") or "")
+        return self.quality.get("verdict") or ""
 
     @property
     def has_gap(self) -> bool:
@@ -68,6 +66,8 @@ class Fleet(NamedTuple):
     settings: tuple[Settings, ...]
     folders: tuple[str, ...]
     """That have a manifest."""
+    damaged: int
+    """Lines of manifests that could not be read."""
 
     def by_robot(self) -> dict[tuple[str, str], list[Record]]:
         """Records by (robot, sensor), in the order of names."""
@@ -84,12 +84,13 @@ def read_fleet(folders: Sequence[str]) -> Fleet:
         folders: of results.
 
     Raises:
-        UsageError: there is no manifest.
+        UsageError: there is no manifest. LogError: one is larger than manifests get.
     """
     found = []
     for folder in folders:
         places = {os.path.dirname(path) for path in map(str, Path(folder).rglob("manifest*.json*"))}
         found += [(place, read_manifests(place)) for place in sorted(places)]
+    damaged = sum(contents.damaged for _, contents in found)
     found = [(place, contents) for place, contents in found if contents.entries]
     if not found:
         remedy = "give folders that ftbias filter, check or diagnose have written into"
@@ -104,7 +105,7 @@ def read_fleet(folders: Sequence[str]) -> Fleet:
             entries.setdefault((*name, log), []).append((place, entry))
     records = [_record(robot, sensor, of_log) for (robot, sensor, _), of_log in entries.items()]
     ordered = sorted(records, key=lambda record: (record.date, record.log))
-    return Fleet(tuple(ordered), tuple(settings.values()), tuple(place for place, _ in found))
+    return Fleet(tuple(ordered), tuple(settings.values()), tuple(place for place, _ in found), damaged)
 
 
 def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Record:
@@ -115,13 +116,13 @@ def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Re
     for entry in every:
         quality |= {name: value for name, value in entry.quality.items() if value is not None or name not in quality}
     statuses = {entry.status for entry in every}
-    date = _seconds(quality.get("date"))
+    date = quality.get("date")
     reports = [os.path.join(place, f"{os.path.splitext(entry.output)[0]}.html") for place, entry in placed]
     return Record(
         log=every[-1].log,
         robot=robot or UNKNOWN,
         sensor=sensor,
-        date=every[-1].state.modified_ns / 1e9 if date is None else date,
+        date=every[-1].state.modified_ns / 1e9 if date is None else _seconds(date),
         dated=date is not None,
         status=FAILED if FAILED in statuses else LOSS if LOSS in statuses else OK,
         troubles=tuple(dict.fromkeys(x for e in every for x in ((e.error,) if e.error else e.repairs))),
@@ -130,10 +131,7 @@ def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Re
     )
 
 
-def _seconds(date: object) -> float | None:
-    """s since 1970 of a date in ISO 8601; None = it is none."""
-    try:
-        parsed = datetime.fromisoformat(str(date))
-    except ValueError:
-        return None
+def _seconds(date: str) -> float:
+    """s since 1970 of a date in ISO 8601."""
+    parsed = datetime.fromisoformat(date)
     return (parsed if parsed.tzinfo else parsed.replace(tzinfo=UTC)).timestamp()

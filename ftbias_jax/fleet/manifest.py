@@ -13,16 +13,20 @@ import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
-from ftbias_jax.errors import OutputError
+from ftbias_jax.errors import LogError, OutputError
 from ftbias_jax.files import no_regular_file, open_to_append
 from ftbias_jax.fleet.entry import DONE, Entry, LogState, Settings
+from ftbias_jax.fleet.schema import read_entry, read_settings
+from ftbias_jax.io.write.provenance import sha256_of
 
-SCHEMA = 2
-Read = TypeVar("Read", Entry, LogState)
 SYNC_SECONDS = 1.0
 """Lines are flushed to disk at least so often; logs done since are done again if the machine loses its power."""
+LONGEST_LINE = 2**20
+"""Bytes; a line of one log has about a thousand."""
+MOST_BYTES, MOST_OLD_BYTES = 128 * 2**20, 16 * 2**20
+"""Of a manifest, about 120,000 logs, which take 0.6 GB of memory; of one of schema 1, which is read as a whole."""
 
 
 class Contents(NamedTuple):
@@ -32,6 +36,8 @@ class Contents(NamedTuple):
     """By the paths of results; by those of logs where there is no result."""
     settings: dict[str, Settings]
     """By their keys."""
+    damaged: int = 0
+    """Lines that could not be read."""
 
 
 class Manifest:
@@ -94,20 +100,32 @@ def manifest_name(job: str, index: int, count: int) -> str:
 
 
 def read_manifests(folder: str) -> Contents:
-    """What the manifests in a folder say; lines that cannot be read say nothing."""
+    """What the manifests in a folder say.
+
+    Raises:
+        LogError: a file is larger than manifests get.
+    """
     entries: dict[str, Entry] = {}
     settings: dict[str, Settings] = {}
+    damaged = 0
     old, new = (sorted(Path(folder).glob(pattern)) for pattern in ("manifest*.json", "manifest.*.jsonl"))
     for path in (*old, *new):
         read = _read_old if path.suffix == ".json" else read_lines
         for content in read(path):
-            if isinstance(content, Settings):
+            if content is None:
+                damaged += 1
+            elif isinstance(content, Settings):
                 settings[content.key] = content
             else:
                 place = content.output or content.log
                 if place not in entries or content.done >= entries[place].done:
                     entries[place] = content
-    return Contents(entries, settings)
+    return Contents(entries, settings, damaged)
+
+
+def damaged_in_words(count: int) -> str:
+    """How many lines of manifests could not be read."""
+    return f"{count} {'lines' if count > 1 else 'line'} of the manifest could not be read"
 
 
 def done_before(folder: str, contents: Contents) -> dict[str, Entry]:
@@ -119,57 +137,82 @@ def _is_there(output: Path, entry: Entry) -> bool:
     return entry.status in DONE and output.is_file() and output.stat().st_size == entry.output_bytes
 
 
-def read_lines(path: Path) -> Iterator[Entry | Settings]:
-    """What the lines of a manifest say. The last one is torn if a process was killed while it wrote."""
-    try:
-        lines = b"" if no_regular_file(path) else path.read_bytes()
-    except OSError:
-        return
-    for line in lines.splitlines():
+def is_unchanged(folder: str, entry: Entry) -> bool:
+    """Whether all files that were written for a log still have the content that they had then; they are read.
+
+    Args:
+        folder: of the results.
+        entry: of the log; without sums, as earlier versions wrote it, nothing is known of its files.
+    """
+    files = {os.path.join(folder, name): expected for name, expected in entry.sums.items()}
+    return entry.output in entry.sums and all(
+        os.path.isfile(path) and sha256_of(path) == expected for path, expected in files.items()
+    )
+
+
+def read_lines(path: Path) -> Iterator[Entry | Settings | None]:
+    """What the lines of a manifest say, one after the other; None for a line that is damaged or torn.
+
+    The last line is torn if a process was killed while it wrote it.
+
+    Raises:
+        LogError: the file is larger than manifests get.
+    """
+    for line in _lines(path):
         try:
             ((kind, content),) = json.loads(line).items()
             if kind == "settings":
-                yield Settings(**content)
+                yield read_settings(content)
             elif kind == "log":
-                lists = {name: tuple(content.get(name, ())) for name in ("repairs", "files")}
-                yield _typed(Entry(**{**content, **lists, "state": _typed(LogState(**content["state"]))}))
-        except (ValueError, TypeError, KeyError, AttributeError):
-            continue
+                yield read_entry(content)
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
+            yield None
 
 
-def _typed(read: Read) -> Read:
-    """What was read, if its fields have the types of others of its kind; a manifest can be edited by hand."""
-    like = Entry("", "") if isinstance(read, Entry) else LogState(0, 0, 0, "")
-    for value, usual in zip(read, like, strict=True):
-        kinds = (int, float) if isinstance(usual, float) else type(usual)
-        if not isinstance(value, kinds):
-            raise TypeError
-    return read
+def _lines(path: Path) -> Iterator[bytes]:
+    """The lines of a file; of one that is longer than any the beginning, which is no JSON."""
+    try:
+        if no_regular_file(path):
+            return
+        with open(path, "rb") as file:
+            _check_size(path, os.fstat(file.fileno()).st_size, MOST_BYTES)
+            while line := file.readline(LONGEST_LINE):
+                whole = line.endswith(b"\n")
+                if line.strip():
+                    yield line
+                while not whole and (rest := file.readline(LONGEST_LINE)):
+                    whole = rest.endswith(b"\n")
+    except OSError:
+        return
 
 
-def _read_old(path: Path) -> Iterator[Entry | Settings]:
+def _check_size(path: Path, size: int, most: int) -> None:
+    if size > most:
+        message = f"{size / 2**20:,.0f} MiB, more than the {most // 2**20} MiB that a manifest may have"
+        remedy = "move it away, and give the rest of the logs a folder of results of their own"
+        raise LogError(message, file=path, remedy=remedy)
+
+
+def _read_old(path: Path) -> Iterator[Entry | Settings | None]:
     """A manifest of schema 1."""
     try:
-        content = json.loads("" if no_regular_file(path) else path.read_text())
-        logs = content["logs"] if content["schema"] == 1 else []
-        for fields in logs:
-            made_from, known = (
-                fields["made_from"],
-                {name: fields[name] for name in ("log", "output", "status", "error")},
-            )
-            settings = Settings("filter", made_from["setup_sha256"], made_from["choices"], made_from["version"])
+        if no_regular_file(path):
+            return
+        _check_size(path, path.stat().st_size, MOST_OLD_BYTES)
+        content = json.loads(path.read_text())
+        for fields in content["logs"] if content["schema"] == 1 else []:
+            made_from = fields["made_from"]
+            names = ("log", "output", "status", "error", "repairs", "samples", "output_bytes")
             state = LogState(made_from["log_bytes"], made_from["log_modified_ns"], 0, "")
+            used = Settings("filter", made_from["setup_sha256"], made_from["choices"], made_from["version"])
+            settings = read_settings(used._asdict())
+            known = {name: fields[name] for name in names}
             yield settings
-            yield Entry(
-                **known,
-                repairs=tuple(fields["repairs"]),
-                samples=fields["samples"],
-                output_bytes=fields["output_bytes"],
-                state=state,
-                settings=settings.key,
-            )
-    except (OSError, ValueError, TypeError, KeyError):
+            yield read_entry({**known, "state": state._asdict(), "settings": settings.key})
+    except OSError:
         return
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
+        yield None
 
 
 def _ends_in_the_middle(path: str) -> bool:

@@ -18,6 +18,7 @@ from ftbias_jax.diagnosis.report.terms import html_table
 from ftbias_jax.fleet.alarms import Alarm, alarms_of, bias_trend, dates, day, scalars_of, size, values_of
 from ftbias_jax.fleet.entry import FAILED, LOSS
 from ftbias_jax.fleet.history import Fleet, Record
+from ftbias_jax.fleet.manifest import damaged_in_words
 from ftbias_jax.fleet.plots import plot_history, plot_marks
 from ftbias_jax.types import AXES, AXIS_UNITS
 
@@ -92,16 +93,27 @@ def _header(fleet: Fleet, alarms: Mapping[Group, Sequence[Alarm]], title: str) -
     robots = f"{len(alarms)} robot{'s' if len(alarms) > 1 else ''}"
     numbers = [
         ("logs", f"{len(records)} of {robots}"),
-        ("from", f"{day(records[0].date)} to {day(records[-1].date)}"),
+        ("from", _days(records)),
         ("failed", str(sum(record.status == FAILED for record in records))),
         ("lost samples", str(sum(record.status == LOSS for record in records))),
         ("diagnosed", str(sum(verdicts.values()))),
         *((verdict_words(verdict), str(times)) for verdict, times in verdicts.most_common()),
     ]
     items = "".join(f"<div><dt>{escape(term)}</dt><dd>{escape(value)}</dd></div>" for term, value in numbers)
-    words = f"{count} alarm{'s' if count > 1 else ''}" if count else "No alarm"
-    quiet = "" if count else " class='quiet'"
+    failed, gaps = (sum(flags) for flags in zip(*((r.status == FAILED, r.has_gap) for r in records), strict=True))
+    kinds = ((count, "alarm", ""), (failed, "log", " failed"), (gaps, "log", " with a gap"))
+    said = [f"{times} {kind}{'s' if times > 1 else ''}{what}" for times, kind, what in kinds if times]
+    words = ", ".join(said) or ("No alarm" if verdicts else "No alarm; no log was diagnosed")
+    quiet = "" if said else " class='quiet'"
     return f"<header{quiet}><p class='small'>{escape(title)}</p><h1>{words}</h1><dl>{items}</dl></header>"
+
+
+def _days(records: Sequence[Record]) -> str:
+    """From when to when logs are, by their own stamps; times of files only where no log has a date."""
+    dated = [record.date for record in records if record.dated]
+    every = dated or [record.date for record in records]
+    days = " to ".join(dict.fromkeys((day(every[0]), day(every[-1]))))
+    return days if dated else f"{days} (files)"
 
 
 def _section(title: str, content: str) -> str:
@@ -128,7 +140,7 @@ def _overview(groups: Mapping[Group, Sequence[Record]], alarms: Mapping[Group, S
             (
                 name(group),
                 str(len(records)),
-                f"{day(records[0].date)} to {day(records[-1].date)}",
+                _days(records),
                 _median(scalars_of(records, "nis")),
                 f"{_median(force)} N, {_median(torque)} Nm" if np.isfinite(force).any() else "",
                 _median(100 * scalars_of(records, "gated_share"), " %"),
@@ -153,7 +165,7 @@ def _gaps(records: Sequence[Record], folder: str) -> str:
         found = (*record.words("causes"), *record.words("terms"))
         cells = (
             f"{record.robot} {record.sensor}".strip(),
-            day(record.date),
+            _days([record]),
             verdict_words(record.verdict),
             ", ".join(found),
             f"{before:.2f}" if np.isfinite(before) else "",
@@ -161,7 +173,7 @@ def _gaps(records: Sequence[Record], folder: str) -> str:
         )
         log = escape(record.log)
         if record.report:
-            path = quote(os.path.relpath(record.report, folder or "."))
+            path = quote(os.fsencode(os.path.relpath(record.report, folder or ".")))
             log = f'<a href="{escape(path)}">{log}</a>'
         rows.append(f'<tr><th scope="row">{log}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in cells)}</tr>')
     head = ("log", "robot", "date", "verdict", "found", "gap [noise sigmas]", "shrinks by")
@@ -224,5 +236,6 @@ def _left_out(count: int, words: str) -> str:
 
 def _origin(fleet: Fleet) -> str:
     rows = [(one.job, one.robot, one.setup, one.setup_sha256[:12], one.version) for one in fleet.settings]
-    folders = f"<p>Folders: {escape(', '.join(fleet.folders))}. Page made by ftbias {escape(__version__)}.</p>"
+    damaged = f" {damaged_in_words(fleet.damaged).capitalize()}." if fleet.damaged else ""
+    folders = f"<p>Folders: {escape(', '.join(fleet.folders))}.{damaged} Page made by ftbias {escape(__version__)}.</p>"
     return html_table(("command", "robot", "setup", "SHA-256", "version"), sorted(rows)) + folders

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ftbias_jax.fleet.entry import Entry, Settings
+from ftbias_jax.fleet.schema import VECTORS
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.types import AXES
 
@@ -46,16 +47,22 @@ def save_table(path: str, entries: Sequence[Entry], settings: Mapping[str, Setti
 
 def _row(entry: Entry, settings: Settings | None) -> dict[str, Any]:
     row: dict[str, Any] = {**entry._asdict(), "repairs": "; ".join(entry.repairs), "files": "; ".join(entry.files)}
-    state, quality = row.pop("state"), row.pop("quality")
+    state, quality, sums = (row.pop(name) for name in ("state", "quality", "sums"))
+    row["output_sha256"] = sums.get(entry.output, "")
     row |= {f"log_{name}": value for name, value in state._asdict().items()}
     if settings is not None:
         told = {name: getattr(settings, name) for name in ("robot", "sensor", "setup", "setup_sha256", "version")}
         row |= told | {"choices": json.dumps(settings.choices, sort_keys=True)}
     for name, value in quality.items():
-        if isinstance(value, list) and len(value) == len(AXES) and not isinstance(value[0], str):
-            row |= {f"{name}_{axis}": number for axis, number in zip(AXES, value, strict=True)}
-        elif isinstance(value, list):
-            row[name] = "; ".join(map(str, value))
+        if isinstance(value, list) and VECTORS.get(name) == len(AXES):
+            numbers = {f"{name}_{axis}": number for axis, number in zip(AXES, value, strict=True)}
         else:
-            row[name] = value
-    return row
+            numbers = {name: "; ".join(map(str, value)) if isinstance(value, list) else value}
+        for column, number in numbers.items():  # a column has one type
+            row.setdefault(column, float(number) if isinstance(number, int) else number)
+    return {_utf8(name): _utf8(value) if isinstance(value, str) else value for name, value in row.items()}
+
+
+def _utf8(text: str) -> str:
+    r"""Text that a table can hold; bytes of a file's name that are no UTF-8 are written as ``\udcXX``."""
+    return text.encode("utf-8", "backslashreplace").decode()

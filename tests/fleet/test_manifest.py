@@ -1,13 +1,16 @@
 """The manifest: lines are only added, a torn one is forgotten, and what was edited by hand does no harm."""
 
+import hashlib
 import json
+import os
 import time
+import tracemalloc
 
 import pytest
 
-from ftbias_jax.errors import OutputError
+from ftbias_jax.errors import LogError, OutputError
 from ftbias_jax.fleet.entry import FAILED, OK, Entry, LogState, Settings
-from ftbias_jax.fleet.manifest import Manifest, done_before, manifest_name, read_manifests
+from ftbias_jax.fleet.manifest import LONGEST_LINE, Manifest, done_before, is_unchanged, manifest_name, read_manifests
 
 ENTRY = Entry("logs/a.npz", "a.npz", status=OK, output_bytes=3, state=LogState(1, 2, 3, "x"), quality={"nis": 1.0})
 
@@ -60,13 +63,66 @@ def test_a_torn_line_is_forgotten_and_the_next_one_is_whole(tmp_path, cut):
         {"output": 7},
         {"repairs": 3},
         {"surprise": 1},
+        {"samples": 10**25},
+        {"samples": True},
+        {"state": {**ENTRY.state._asdict(), "modified_ns": 10**25}},
+        {"quality": {"nis": [[1.0]]}},
+        {"quality": {"bias": [1.0] * 5}},
+        {"quality": {"date": "0001-01-01T00:00:00+14:00"}},
+        {"quality": {"date": "9999-12-31T23:59:59-14:00"}},
+        {"quality": {"causes": 3}},
+        {"output": "../a.npz"},
+        {"sums": {"/etc/passwd": "x"}},
     ],
 )
 def test_lines_with_other_fields_or_types_say_nothing(tmp_path, change):
     content = {**ENTRY._asdict(), "state": ENTRY.state._asdict(), **change}
     lines = [json.dumps({"log": content}), "[1, 2]", '"log"', "{", "\x00", json.dumps({"log": {}})]
     (tmp_path / "manifest.filter.jsonl").write_text("\n".join(lines))
-    assert read_manifests(str(tmp_path)) == ({}, {})
+    assert read_manifests(str(tmp_path)) == ({}, {}, len(lines))
+
+
+def test_torn_lines_are_counted(tmp_path):
+    write(tmp_path, ENTRY, ENTRY._replace(output="b.npz"))
+    path = tmp_path / "manifest.filter.jsonl"
+    path.write_bytes(b"{torn\n" + path.read_bytes()[:-20])
+    assert read_manifests(str(tmp_path)).damaged == 2
+
+
+def test_a_long_line_is_damaged_and_those_around_it_are_read_without_holding_it(tmp_path):
+    write(tmp_path, ENTRY)
+    with (tmp_path / "manifest.filter.jsonl").open("ab") as file:
+        file.write(b'{"log": "' + b"x" * (20 * LONGEST_LINE) + b'"}\n')
+    write(tmp_path, ENTRY._replace(output="b.npz"))
+    tracemalloc.start()
+    found = read_manifests(str(tmp_path))
+    assert tracemalloc.get_traced_memory()[1] < 6 * LONGEST_LINE
+    tracemalloc.stop()
+    assert (found.entries.keys(), found.damaged) == ({"a.npz", "b.npz"}, 1)
+
+
+@pytest.mark.parametrize("name", ["manifest.filter.jsonl", "manifest.json"])
+def test_a_sparse_manifest_of_5_gb_is_refused_before_it_is_read(tmp_path, name):
+    with (tmp_path / name).open("wb") as file:
+        file.truncate(5 * 10**9)
+    started = time.perf_counter()
+    with pytest.raises(LogError, match=r"MiB, more than the \d+ MiB that a manifest may have"):
+        read_manifests(str(tmp_path))
+    assert time.perf_counter() - started < 1
+
+
+def test_a_file_with_other_bytes_is_not_unchanged(tmp_path):
+    (tmp_path / "a.npz").write_bytes(b"123")
+    (tmp_path / "a.html").write_bytes(b"page")
+    sums = {name: hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() for name in ("a.npz", "a.html")}
+    entry = ENTRY._replace(sums=sums)
+    assert is_unchanged(str(tmp_path), entry)
+    assert not is_unchanged(str(tmp_path), ENTRY)  # of an earlier version, which kept no sums
+    (tmp_path / "a.html").write_bytes(b"pale")
+    assert not is_unchanged(str(tmp_path), entry)
+    (tmp_path / "a.html").unlink()
+    os.mkfifo(tmp_path / "a.html")  # would be waited for
+    assert not is_unchanged(str(tmp_path), entry)
 
 
 def test_only_whole_results_are_done(tmp_path):

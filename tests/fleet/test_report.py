@@ -12,7 +12,7 @@ import pytest
 from ftbias_jax.cli.main import main
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.alarms import alarms_of
-from ftbias_jax.fleet.entry import Entry, LogState, Settings
+from ftbias_jax.fleet.entry import FAILED, OK, Entry, LogState, Settings
 from ftbias_jax.fleet.history import read_fleet
 from ftbias_jax.fleet.manifest import Manifest
 from ftbias_jax.fleet.page import to_page
@@ -97,6 +97,45 @@ def test_the_page_is_whole_and_runs_and_loads_nothing(fleet):
     assert "is not an NPZ file &lt;cut&gt;" in text
     for words in ("2 alarms", "the bias of fz ages", "cell 2, sensor FT-02, over time", "tool_mass (29)", "29 of 60"):
         assert words in text
+
+
+@pytest.mark.parametrize(
+    ("status", "quality", "words", "quiet"),
+    [
+        (OK, {"verdict": "none"}, "No alarm", True),
+        (OK, {"nis": 1.0}, "No alarm; no log was diagnosed", True),
+        (OK, {"verdict": "unknown"}, "1 log with a gap", False),
+        (FAILED, {}, "1 log failed", False),
+    ],
+)
+def test_the_headline_is_quiet_only_where_no_log_failed_or_has_a_gap(tmp_path, status, quality, words, quiet):
+    with Manifest(str(tmp_path / "manifest.diagnose.jsonl")) as manifest:
+        state = LogState(1, 10**18, 0, "sum")
+        manifest.add_entry(Entry("log", "log.json", "diagnose", status, state=state, quality=quality))
+    text = to_page(read_fleet([str(tmp_path)]), "fleet", "")
+    assert f"<h1>{words}</h1>" in text
+    assert ("<header class='quiet'>" in text) == quiet
+    assert "<dd>2001-09-09 (files)</dd>" in text
+
+
+def test_dates_come_from_the_stamps_of_logs_where_there_are_some(tmp_path):
+    with Manifest(str(tmp_path / "manifest.filter.jsonl")) as manifest:
+        for day, quality in ((1, {"date": "2026-03-14T08:00:00+00:00"}), (2, {})):
+            state = LogState(1, 10**18, 0, str(day))
+            manifest.add_entry(Entry(f"{day}", f"{day}.npz", status=OK, state=state, quality=quality))
+    text = to_page(read_fleet([str(tmp_path)]), "fleet", "")
+    assert "<dd>2026-03-14</dd>" in text
+    assert "2001-09-09" not in text
+
+
+def test_damaged_lines_are_told(tmp_path, capsys):
+    with Manifest(str(tmp_path / "manifest.filter.jsonl")) as manifest:
+        manifest.add_entry(Entry("log", "log.npz", status=OK, state=LogState(1, 10**18, 0, "")))
+        manifest.add("log", {"log": [[]]})
+        manifest.add("settings", {"job": 1})
+    assert main(["report", str(tmp_path), "-o", str(tmp_path / "page.html")]) == 0
+    assert "ftbias: 2 lines of the manifest could not be read" in capsys.readouterr().err
+    assert "2 lines of the manifest could not be read." in (tmp_path / "page.html").read_text()
 
 
 def test_every_drawing_has_words_for_who_cannot_see_it(fleet):

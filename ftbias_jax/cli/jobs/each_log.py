@@ -13,6 +13,7 @@ from ftbias_jax.fleet.entry import FAILED, Entry, state_of, with_sum
 from ftbias_jax.fleet.find import Task
 from ftbias_jax.io.atomic import make_folder
 from ftbias_jax.io.remote.fetch import forget, shown
+from ftbias_jax.io.write.provenance import sha256_of
 from ftbias_jax.runtime.jax_config import prepare_jax
 from ftbias_jax.runtime.processes import run_each
 
@@ -27,6 +28,8 @@ class Done(NamedTuple):
     remarks: tuple[str, ...]
     """What was mended or lost, and mistakes of the setup that the log shows."""
     quality: dict[str, Any]
+    beside: tuple[str, ...] = ()
+    """Paths of files that were written beside the result."""
 
 
 Work = Callable[[str, str], Done]
@@ -58,6 +61,7 @@ def do_task(task: Task, job: Job) -> Entry:
             samples=done.samples,
             output_bytes=os.path.getsize(output),
             quality=done.quality,
+            sums={os.path.relpath(path, job.folder): sha256_of(path) or "" for path in (output, *done.beside)},
         )
     except FtbiasError as error:
         entry = entry._replace(error=str(error))

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import UsageError, printable
 from ftbias_jax.fleet.entry import FAILED, LOSS, MISTAKES, OK, Entry, Settings, is_same, state_of
 from ftbias_jax.fleet.find import Task, find_logs, shard
-from ftbias_jax.fleet.manifest import Manifest, done_before, manifest_name, read_manifests
+from ftbias_jax.fleet.manifest import (
+    Manifest,
+    damaged_in_words,
+    done_before,
+    is_unchanged,
+    manifest_name,
+    read_manifests,
+)
 from ftbias_jax.fleet.table import save_table
 from ftbias_jax.io.atomic import make_folder
 from ftbias_jax.io.outputs import check_outputs
@@ -83,7 +91,7 @@ def run_archive(arguments: argparse.Namespace, settings: Settings, tasks: Sequen
     """Do what is not done, and tell what became of every log.
 
     Args:
-        arguments: with ``output`` and ``jobs``.
+        arguments: with ``output``, ``jobs`` and ``verify``.
         settings: of all logs.
         tasks: the logs.
         path: of the manifest.
@@ -93,13 +101,15 @@ def run_archive(arguments: argparse.Namespace, settings: Settings, tasks: Sequen
         1 if all logs failed, or the check found mistakes; 3 if some failed or lost samples; else 0.
 
     Raises:
-        OutputError: the manifest cannot be written.
+        OutputError: the manifest cannot be written. LogError: one is larger than manifests get.
     """
     from ftbias_jax.cli.jobs.each_log import Job, run_tasks
 
     folder = arguments.output
     make_folder(folder)
     contents = read_manifests(folder)
+    if contents.damaged:
+        print(f"ftbias: {damaged_in_words(contents.damaged)}, their logs are done again", file=sys.stderr)
     before = done_before(folder, contents)
     entries: dict[str, Entry] = {}
     sizes: dict[str, int] = {}
@@ -109,7 +119,7 @@ def run_archive(arguments: argparse.Namespace, settings: Settings, tasks: Sequen
         for task in tasks:
             known, now = before.get(task.output), state_of(task.paths)
             same = is_same(known.state, now, task.paths) if known and known.settings == settings.key else None
-            if known and same:
+            if known and same and (not arguments.verify or is_unchanged(folder, known)):
                 entries[task.output] = known._replace(
                     log=shown(task.log), files=tuple(map(shown, task.files)), state=same
                 )
@@ -142,7 +152,8 @@ def exit_code(statuses: set[str]) -> int:
 def format_table(entries: Sequence[Entry], skipped: int) -> str:
     """A line for every log that is not whole, and the counts."""
     troubled = [entry for entry in entries if entry.status != OK]
-    lines = [f"{entry.status:9s}  {entry.error or f'{entry.log}: ' + '; '.join(entry.repairs)}" for entry in troubled]
+    whys = [printable(entry.error or f"{entry.log}: {'; '.join(entry.repairs)}") for entry in troubled]
+    lines = [f"{entry.status:9s}  {why}" for entry, why in zip(troubled, whys, strict=True)]
     counts = Counter(entry.status for entry in entries)
     mistakes = f", {counts[MISTAKES]} with mistakes" if counts[MISTAKES] else ""
     before = f" ({skipped} of all were done before)" if skipped else ""

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 
+from ftbias_jax.errors import printable
 from ftbias_jax.fleet.alarms import alarms_of
 from ftbias_jax.fleet.history import read_fleet
+from ftbias_jax.fleet.manifest import damaged_in_words
 from ftbias_jax.fleet.page import name, to_page
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_writable
@@ -21,7 +24,9 @@ def run(arguments: argparse.Namespace) -> int:
     text = to_page(fleet, f"Fleet in {', '.join(arguments.folders)}", os.path.dirname(arguments.output))
     write_atomic(arguments.output, lambda file: file.write(text.encode()))
     groups = fleet.by_robot()
-    alarms = [f"{name(group)}: {alarm.text}" for group, some in groups.items() for alarm in alarms_of(some)]
+    alarms = [printable(f"{name(group)}: {alarm.text}") for group, some in groups.items() for alarm in alarms_of(some)]
     print("\n".join([*alarms, f"{len(fleet.records)} logs of {len(groups)} robots, {len(alarms)} alarms"]))
+    if fleet.damaged:
+        print(f"ftbias: {damaged_in_words(fleet.damaged)}", file=sys.stderr)
     print(f"wrote {arguments.output}")
     return 0

@@ -85,17 +85,19 @@ def diagnose_one(
     diagnosis = diagnose(setup, [read], [Path(log).name], without=without, unchecked=unchecked)
     diagnosis = diagnosis._replace(command=shlex.join(("ftbias", "diagnose", log, "--setup", setup.path)))
     place = output.removesuffix(ANSWER)
-    diagnosis.to_html(f"{place}{REPORT}")
+    beside = [f"{place}{REPORT}"]
+    diagnosis.to_html(beside[0])
     status, remarks = _lost(repair for repairs in diagnosis.repairs for repair in repairs)
     if apply:
         not_stated = refused(setup, diagnosis.causes, diagnosis.terms)
         if some_applied(diagnosis, not_stated):
-            diagnosis.apply(setup).save(f"{place}{APPLIED}")
+            beside.append(f"{place}{APPLIED}")
+            diagnosis.apply(setup).save(beside[-1])
         if not_stated:
             status, remarks = LOSS, (*(f"not applied: {why}" for why in not_stated), *remarks)
     diagnosis.to_json(output)
     samples = (diagnosis.provenance or {}).get("samples", 0)
-    return Done(status, samples, remarks, quality.of_diagnosis(diagnosis))
+    return Done(status, samples, remarks, quality.of_diagnosis(diagnosis), tuple(beside))
 
 
 def identify_one(log: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:

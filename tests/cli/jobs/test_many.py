@@ -1,5 +1,6 @@
 """Archives: what the manifest says, what is skipped, and what one bad log does to the others."""
 
+import importlib.util
 import json
 import os
 
@@ -11,7 +12,7 @@ from ftbias_jax.cli.jobs import each_log
 from ftbias_jax.cli.main import main
 from ftbias_jax.fleet import table
 from ftbias_jax.fleet.find import Task
-from ftbias_jax.fleet.manifest import read_manifests
+from ftbias_jax.fleet.manifest import Manifest, read_manifests
 from ftbias_jax.io.write import npz
 
 
@@ -103,6 +104,54 @@ def test_only_what_is_not_done_is_filtered_again(logs, done):
     assert len(again()) == 3
     assert again() == []
     assert outputs().keys() == before.keys()
+
+
+def test_verify_makes_results_again_whose_bytes_rotted_at_the_same_size(logs, done):
+    assert filter_archive("logs") == 0
+    path = logs.parent / "out" / "day" / "a.npz"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    for option, expected in (((), []), (("--verify",), ["day/a.npz"]), (("--verify",), [])):
+        done.clear()
+        assert filter_archive("logs", *option) == 0
+        assert done == expected
+    assert path.read_bytes() == whole
+
+
+def test_damaged_lines_of_the_manifest_are_told(logs, done, capsys):
+    assert filter_archive("logs") == 0
+    path = logs.parent / "out" / "manifest.filter.jsonl"
+    path.write_text(path.read_text().replace('"status":"ok"', '"status":["ok"]', 1))
+    done.clear()
+    capsys.readouterr()
+    assert filter_archive("logs") == 0
+    assert len(done) == 1
+    assert "ftbias: 1 line of the manifest could not be read, their logs are done again" in capsys.readouterr().err
+
+
+def test_logs_whose_names_are_no_utf8_are_worked_on_and_reported(logs, capsys):
+    name = os.fsdecode(b"caf\xe9.npz")
+    os.rename(logs / "b.npz", logs / name)
+    assert filter_archive("logs") == 0
+    assert manifest()[0].output.startswith(("caf", "day"))
+    assert os.path.isfile(os.path.join("out", name))
+    assert main(["check", "logs", "--setup", "setup.toml", "-o", "out"]) == 0
+    with open(os.path.join("out", os.path.splitext(name)[0] + ".diagnosis.html"), "w") as report:
+        report.write("")  # as diagnose would have written it
+    line = manifest()[0]._replace(
+        log=f"logs/{name}", output=os.path.splitext(name)[0] + ".diagnosis.json", quality={"verdict": "unknown"}
+    )
+    with Manifest("out/manifest.diagnose.jsonl") as written:
+        written.add_entry(line)
+    assert main(["report", "out", "-o", "page.html"]) == 0
+    with open("page.html", encoding="utf-8") as page:
+        text = page.read()
+    assert "caf%E9.diagnosis.html" in text  # the bytes of the name
+    assert "caf\N{REPLACEMENT CHARACTER}.npz" in text
+    if importlib.util.find_spec("pyarrow"):
+        parquet = importlib.import_module("pyarrow.parquet")
+        assert r"caf\udce9.npz" in parquet.read_table("out/manifest.filter.parquet").to_pydict()["output"]
+    capsys.readouterr()
 
 
 def test_a_log_is_known_by_its_content_not_by_its_times(logs, done):
