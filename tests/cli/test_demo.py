@@ -22,7 +22,7 @@ def test_the_diagnosis_finds_what_was_hidden_and_the_error_goes(tmp_path, capsys
     assert main(["demo", "-o", str(tmp_path), "--duration", "20", "--rate", "200"]) == 0
     printed = capsys.readouterr().out
     assert re.search(r"The tool weighs 0\.9\d+ ± [\d.]+ kg, the setup says 0\.9 \(or ", printed)
-    assert re.search(r"error falls from 0\.\d+ (N )?to 0\.\d+ N", printed)
+    assert re.search(r"error falls from 0\.\d+ (Nm? )?to 0\.\d+ Nm?", printed)
     fixed = tomllib.loads((tmp_path / "fixed.toml").read_text())
     assert fixed["tool"]["mass"] == SETUP["tool"]["mass"]
     assert abs(fixed["effects"]["tool_mass"]["mass"] - TRUE_MASS) < 2e-3

@@ -141,9 +141,10 @@ def leak(words: str, name: str) -> Statement:
 
     def say(estimates: Mapping[str, Estimate]) -> str:
         value, stderr = (np.asarray(x, float) for x in estimates[name][:2])
-        relative = np.abs(value - np.diag(np.diag(value))) * USUAL / USUAL[:, None]
-        surest = np.divide(relative, stderr, out=np.zeros_like(relative), where=stderr > 0)
-        row, column = np.unravel_index(int(np.argmax(surest if surest.any() else relative)), relative.shape)
+        size = np.abs(value - np.diag(np.diag(value)))
+        surest = np.divide(size, stderr, out=np.zeros_like(size), where=stderr > 0)
+        relative = size * USUAL / USUAL[:, None]
+        row, column = np.unravel_index(int(np.argmax(surest if surest.any() else relative)), size.shape)
         same = AXIS_UNITS[row] == AXIS_UNITS[column]
         factor = PERCENT if same else 1.0
         shown = value_words(factor * float(value[row, column]), factor * float(stderr[row, column]))

@@ -113,6 +113,7 @@ def test_a_gain_says_which_channels(values, words):
 def test_the_surest_leak_is_told_not_the_largest_number():
     matrix, stderr = np.eye(6), np.zeros((6, 6))
     matrix[0, 5], stderr[0, 5] = 0.30, 0.5  # N per Nm, not known
+    matrix[3, 1], stderr[3, 1] = 0.0014, 0.0015  # Nm per N, small numbers by their unit
     matrix[1, 0], stderr[1, 0] = 0.02, 0.001
     cause = found(CATALOGUE["crosstalk"])._replace(parameters={"matrix": matrix}, stderr={"matrix": stderr})
     assert statement_of(CATALOGUE["crosstalk"], cause, {}) == "2.00 ± 0.10 % of fx leaks into fy"
