@@ -1,4 +1,4 @@
-"""``ftbias report``: what the logs of a fleet show together, as one HTML page."""
+"""``ftbias report``: what the logs of a fleet show together, or one result, as one HTML page."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from ftbias_jax.fleet.alarms import alarms_of
 from ftbias_jax.fleet.history import read_fleet
 from ftbias_jax.fleet.manifest import damaged_in_words
 from ftbias_jax.fleet.page import name, to_page
+from ftbias_jax.fleet.result_page import read_result, result_page
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_writable
 
@@ -18,6 +19,8 @@ from ftbias_jax.io.outputs import check_outputs, check_writable
 def run(arguments: argparse.Namespace) -> int:
     """Print the alarms and write the page."""
     check_writable(arguments.output, ".html")
+    if len(arguments.folders) == 1 and os.path.isfile(arguments.folders[0]):
+        return _one_result(arguments.folders[0], arguments.output)
     fleet = read_fleet(arguments.folders)
     reports = [record.report for record in fleet.records if record.report]
     check_outputs({"--output": arguments.output}, reports)
@@ -29,4 +32,13 @@ def run(arguments: argparse.Namespace) -> int:
     if fleet.damaged:
         print(f"ftbias: {damaged_in_words(fleet.damaged)}", file=sys.stderr)
     print(f"wrote {arguments.output}")
+    return 0
+
+
+def _one_result(path: str, output: str) -> int:
+    """The page of one filtered log."""
+    check_outputs({"--output": output}, [path])
+    text = result_page(read_result(path), f"Bias of {os.path.basename(path)}")
+    write_atomic(output, lambda file: file.write(text.encode()))
+    print(f"wrote {output}")
     return 0

@@ -88,10 +88,13 @@ def add_report(commands: Commands) -> None:
     """The command ``report``."""
     parser = commands.add_parser(
         "report",
-        help="show what the logs of a fleet show together, as one page",
+        help="show what the logs of a fleet show together, or one result, as a page",
         description="Read the manifests in FOLDERs, and write which logs have a gap and why, bias and residual over "
-        "time by robot and sensor, and alarms: a bias that ages, a cause that appears.",
+        "time by robot and sensor, and alarms: a bias that ages, a cause that appears. Of one RESULT.npz of ftbias "
+        "filter, write its bias over time.",
         epilog="Example: ftbias report results -o fleet.html",
     )
-    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="results of filter, check and diagnose")
+    parser.add_argument(
+        "folders", nargs="+", metavar="FOLDER", help="results of filter, check and diagnose; or one RESULT.npz"
+    )
     parser.add_argument("-o", "--output", required=True, metavar="PAGE.html", help="where to write the page")

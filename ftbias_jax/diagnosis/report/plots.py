@@ -32,7 +32,7 @@ MAX_NOISE = 60
 """Points of the band of noise, which is smooth."""
 MAX_DOTS = 900
 MEAN_BINS = 12
-NAMES = 138
+NAMES = 158
 """Drawing units for the names of effects."""
 ROW = 24
 """Drawing units from one horizontal bar to the next."""

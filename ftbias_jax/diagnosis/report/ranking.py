@@ -66,8 +66,8 @@ def ranking(diagnosis: Diagnosis) -> str:
     ranked = [candidate for candidate in diagnosis.candidates if np.isfinite(candidate.held_out_gain)]
     if not ranked:
         return ""
-    named = {cause.effect for cause in diagnosis.causes}
-    bars = [Bar(c.title, c.held_out_gain, c.behind_stderr, behind_words(c), c.effect in named) for c in ranked]
+    named = {cause.title for cause in diagnosis.causes}
+    bars = [Bar(c.title, c.held_out_gain, c.behind_stderr, behind_words(c), c.title in named) for c in ranked]
     found = [Bar(f"term: {t.drive}", t.held_out_gain, t.held_out_gain_stderr, "", True) for t in diagnosis.terms]
     shown = sorted([*bars[:MAX_RANKED], *found], key=lambda bar: -bar.nats)
     plot = plot_ranking(shown)

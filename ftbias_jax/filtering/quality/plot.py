@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 """Okabe and Ito's blue, vermilion and green: told apart by colour-blind readers."""
+BANDS = (
+    "Bands: ± 2 standard deviations (95 %). Of the bias: given the readings so far, with the errors of the tool that the "
+    "setup states. Dashed: of one reading, by its noise and the bias's error together."
+)
 FORMATS = ("png", "svg", "pdf")
 MAX_POINTS = 4000
 """A figure has about a thousand pixels across; more points cost time and change nothing."""
@@ -68,6 +72,7 @@ def plot_filtered(filtered: Filtered, title: str, true_bias: Array | None = None
     for panel in axes[3]:
         panel.set_xlabel("time [s]")
     figure.suptitle(title, fontsize=11)
+    figure.supxlabel(BANDS, fontsize=8)
     return figure
 
 

@@ -1,0 +1,101 @@
+"""One filtered log as an HTML page: the bias with its error, what the corrected wrench leaves, and where it is from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from importlib import resources
+
+import numpy as np
+
+from ftbias_jax.diagnosis.report.interactive import STYLE_POLICY
+from ftbias_jax.diagnosis.report.plots import MAX_BUCKETS, channel_title, thin
+from ftbias_jax.diagnosis.report.svg import Axes, band, curve, data_range, drawing, escape, frame
+from ftbias_jax.diagnosis.report.terms import html_table, typeset
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.model.effects.statements import value_words
+from ftbias_jax.types import AXES, AXIS_UNITS, Array
+
+NEEDED = ("t", "bias", "bias_std", "wrench_unbiased", "wrench_tool")
+OPTIONAL = ("used", "provenance")
+BAND = "Band: ± 2 standard deviations of the bias, given the readings so far and the errors of the tool as stated."
+
+
+def read_result(path: str) -> dict[str, Array]:
+    """The arrays of a result that the page shows.
+
+    Raises:
+        LogError: it cannot be read, or is no whole result.
+    """
+    arrays = load_arrays(path, (*NEEDED, *OPTIONAL))
+    rows = np.shape(arrays.get("t", 0))
+    for name in NEEDED:
+        shape = rows if name == "t" else (*rows, len(AXES))
+        if name not in arrays or len(rows) != 1 or np.shape(arrays[name]) != shape or not rows[0]:
+            remedy = "give what ftbias filter wrote as .npz, with all of these fields"
+            raise LogError(f"is no result: it needs {', '.join(NEEDED)}", file=path, field=name, remedy=remedy)
+    return arrays
+
+
+def result_page(arrays: Mapping[str, Array], title: str) -> str:
+    """The page.
+
+    Args:
+        arrays: of ``read_result``.
+        title: any text.
+    """
+    t, bias, std = (np.asarray(arrays[name], float) for name in ("t", "bias", "bias_std"))
+    left = np.asarray(arrays["wrench_unbiased"], float) - np.asarray(arrays["wrench_tool"], float)
+    used = np.asarray(arrays.get("used", np.ones(len(t))), bool)
+    ends = [
+        f"{value_words(float(b), float(s))} {unit}" for b, s, unit in zip(bias[-1], std[-1], AXIS_UNITS, strict=True)
+    ]
+    head = f"Bias at the end: fx {ends[0]}, fy {ends[1]}, fz {ends[2]}; {100 * used.mean():.0f} % of the samples used"
+    with np.errstate(invalid="ignore"):
+        spread = np.sqrt(np.nanmean(left**2, 0))
+    rows = [
+        (channel_title(i), ends[i].rpartition(" ")[0], f"{np.ptp(bias[:, i]):.3g}", f"{spread[i]:.3g}")
+        for i in range(len(AXES))
+    ]
+    table = html_table(("channel", "bias at the end", "range of the bias", "corrected - tool model, rms"), rows)
+    plots = "".join(f"<figure>{_plot(t - t[0], bias[:, i], std[:, i], i)}</figure>" for i in range(len(AXES)))
+    style = resources.files("ftbias_jax.diagnosis.report").joinpath("report.css").read_text(encoding="utf-8")
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{STYLE_POLICY}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<meta name="color-scheme" content="light dark">'
+        f"<title>{escape(title)}</title><style>{style}</style></head>\n<body><main>"
+        f"<header><p class='small'>{escape(title)}</p><h1>{typeset(head)}</h1></header>"
+        f"<section><h2>Channel by channel</h2>{table}</section>"
+        f"<section><h2>The bias over time</h2><p class='small'>{BAND}</p><div class='grid'>{plots}</div></section>"
+        f"<section><h2>Where this comes from</h2>{html_table(('what', 'value'), _origin(arrays))}</section>"
+        "</main></body></html>\n"
+    )
+
+
+def _plot(t: Array, bias: Array, std: Array, channel: int) -> str:
+    known = std < 10 * np.nanmedian(std)  # the first samples would set the scale of everything
+    t, bias, std = t[known], bias[known], std[known]
+    axes = Axes((float(t[0]), float(max(t[-1], t[0] + 1e-9))), data_range(bias - 2 * std, bias + 2 * std), top=24)
+    some = np.unique(np.linspace(0, len(t) - 1, min(len(t), MAX_BUCKETS)).astype(int))
+    parts = [
+        frame(axes, "time [s]", channel_title(channel)),
+        band(axes, t[some], (bias - 2 * std)[some], (bias + 2 * std)[some], "noise"),
+        curve(axes, *thin(t, bias, MAX_BUCKETS), "line-after"),
+    ]
+    words = f"from {bias[0]:.3g} to {bias[-1]:.3g} {AXIS_UNITS[channel]}"
+    return drawing(f"bias-{channel}", axes.top + axes.height + 34, f"Bias, {channel_title(channel)}", words, parts)
+
+
+def _origin(arrays: Mapping[str, Array]) -> list[tuple[str, str]]:
+    """What the result says of itself; nothing where that cannot be read."""
+    try:
+        origin = json.loads(str(arrays["provenance"]))
+        logs = ", ".join(str(log["name"]) for log in origin["logs"])
+        rows = [("ftbias_jax", origin["version"]), ("log", logs), ("date", origin["date"] or "not known")]
+        setup = origin["setup"]
+        return [*((what, str(value)) for what, value in rows), ("setup", f"{setup['name']}, SHA-256 {setup['sha256']}")]
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return []
