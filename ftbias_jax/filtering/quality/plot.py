@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 """Okabe and Ito's blue, vermilion and green: told apart by colour-blind readers."""
 BANDS = (
-    "Bands: ± 2 standard deviations (95 %). Of the bias: given the readings so far, with the errors of the tool that the "
-    "setup states. Dashed: of one reading, by its noise and the bias's error together."
+    "Bands: ± 2 standard deviations (95 %). Of the bias: given the readings so far, with the errors of the tool that "
+    "the setup states. Dashed: of one reading, by its noise and the bias's error together."
 )
 FORMATS = ("png", "svg", "pdf")
 MAX_POINTS = 4000
