@@ -21,6 +21,15 @@ def add_unchecked(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_outside(parser: argparse.ArgumentParser) -> None:
+    """The user's word for what a setup alone must not do."""
+    parser.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="let [log.files] of the setup name addresses, and files outside of the log's folder",
+    )
+
+
 def count(text: str) -> int:
     """Of logs or processes."""
     return _whole(text, 1, 100_000)

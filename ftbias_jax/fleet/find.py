@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io import READERS
-from ftbias_jax.io.remote.fetch import is_url, listed, shown
+from ftbias_jax.io.remote.fetch import listed, shown
+from ftbias_jax.io.remote.outside import check_planned, is_url
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
 from ftbias_jax.io.tables.grouping import inputs_of, main_file
 
@@ -72,7 +73,8 @@ def find_logs(arguments: Sequence[str], folder: str, suffix: str, patterns: Patt
         patterns: [log.files] of the setup; the file of the wrench names the log and its result.
 
     Raises:
-        UsageError: an argument names no log, or two logs would have one result. LogError: a folder cannot be read.
+        UsageError: an argument names no log, or two logs would have one result. LogError: a folder cannot be read, or
+            a result would not be in the folder.
     """
     found: dict[str, str] = {}
     roots = []
@@ -85,6 +87,7 @@ def find_logs(arguments: Sequence[str], folder: str, suffix: str, patterns: Patt
     for path, log in sorted(found.items()):
         place = os.path.abspath(shown(log)) if is_url(log) else path
         output = _without_suffix(os.path.relpath(place, base)) + suffix
+        check_planned(output, shown(log))
         if output in tasks:
             message = f"{shown(tasks[output].log)!r} and {shown(log)!r} would both be written to {output!r}"
             raise UsageError(message, field="LOG", remedy="give them two folders of results")

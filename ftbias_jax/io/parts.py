@@ -16,10 +16,9 @@ from ftbias_jax.io.cleaning import Facts, Split, check_rest, cleaned_wrench, fin
 from ftbias_jax.io.clock import as_stamps
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.npz_archive import stored_arrays
-from ftbias_jax.io.remote.fetch import is_url
+from ftbias_jax.io.remote.outside import is_url
 from ftbias_jax.io.tables.arrays import ARRAYS
 from ftbias_jax.io.write.provenance import Source
-from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.types import Setup
 
 LONG = 1 << 20
@@ -62,7 +61,7 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     file = os.fspath(path)
     usual = not setup.pose and setup.log.time_unit is None and setup.log.rate is None and not setup.log.time_offsets
     usual = usual and setup.log.wrench_axes == "sensor" and not setup.log.files and not is_url(file)
-    usual = usual and not further_columns(setup.log.columns)
+    usual = usual and not setup.log.columns
     opened = _open_npz(file, setup) if usual and Path(file).suffix.lower() == ".npz" else None
     if opened is None:
         log = read_recorded(path, setup, salvage=salvage)

@@ -33,13 +33,16 @@ __all__ = [
 MAX_BYTES = 1 << 20  # a setup is a page of text; anything larger is another kind of file
 
 
-def load_setup(path: str | os.PathLike[str], effects: Sequence[Any] = (), *, with_tool: bool = False) -> Setup:
+def load_setup(
+    path: str | os.PathLike[str], effects: Sequence[Any] = (), *, with_tool: bool = False, allow_outside: bool = False
+) -> Setup:
     """Read a setup file.
 
     Args:
         path: of the TOML file.
         effects: ``Effect`` objects of your own that it may state as [effects.NAME].
         with_tool: refuse a setup that does not state the tool's mass and centre of mass.
+        allow_outside: let [log.files] name files that are not in the log's folder, and addresses.
 
     Raises:
         SetupError: the file cannot be read, is not TOML, or says something impossible (see ``parse_setup``).
@@ -63,4 +66,5 @@ def load_setup(path: str | os.PathLike[str], effects: Sequence[Any] = (), *, wit
     except (ValueError, RecursionError) as error:  # broken UTF-8, broken TOML (says where), arrays nested without end
         raise SetupError(f"is not valid TOML: {error}", file=file, remedy="correct the syntax") from error
     setup = replace(parse_setup(mapping, file), source=source).with_effects(effects)
+    setup = replace(setup, log=replace(setup.log, allow_outside=allow_outside))
     return require_tool(setup) if with_tool else setup

@@ -85,5 +85,7 @@ class LogSetup:
     """One of FORCE_UNITS."""
     torque_unit: str = "Nm"
     """One of TORQUE_UNITS."""
+    allow_outside: bool = False
+    """Whether ``files`` may be anywhere; the user's word, which no setup can give."""
     wrench_axes: str = "sensor"
     """One of WRENCH_AXES: in which axes the wrench is recorded, about the sensor's origin."""

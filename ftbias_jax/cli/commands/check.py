@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _each(arguments)
     if arguments.json:
         check_writable(arguments.json, ".json", "--json")
-    setup = load_setup(arguments.setup)
+    setup = load_setup(arguments.setup, allow_outside=arguments.allow_outside)
     paths = expand(arguments.logs, setup.log.files)
     check_outputs({"--json": arguments.json}, (*inputs(paths, setup.log.files), *setup.files))
     logs = [read_log(path, setup) for path in paths]
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _each(arguments: argparse.Namespace) -> int:
     """Every log by itself, into a folder."""
     refuse_options(arguments, ("json",))
-    setup = load_setup(arguments.setup)
+    setup = load_setup(arguments.setup, allow_outside=arguments.allow_outside)
     tasks, manifest = find_tasks(arguments, setup, "check", ".check.json")
 
     from ftbias_jax.cli.jobs.work import check_one

@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     if is_folder(arguments.output):
         return filter_archive.run(arguments)
     writer(arguments.output)
-    setup = with_choices(load_setup(arguments.setup), arguments)
+    setup = with_choices(load_setup(arguments.setup, allow_outside=arguments.allow_outside), arguments)
     logs = expand(arguments.logs, setup.log.files)
     if len(logs) > 1:
         remedy = "give -o a folder's name, without a suffix"

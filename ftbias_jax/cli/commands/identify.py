@@ -21,7 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.output and is_folder(arguments.output):
         return _each(arguments)
     output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
-    setup = load_setup(arguments.setup)
+    setup = load_setup(arguments.setup, allow_outside=arguments.allow_outside)
     logs = expand(arguments.logs, setup.log.files)
     if len(logs) > 1:
         remedy = "give -o a folder's name, without a suffix"
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _each(arguments: argparse.Namespace) -> int:
     """From every log by itself, into a folder."""
     refuse_options(arguments, ("in_place",))
-    setup = load_setup(arguments.setup)
+    setup = load_setup(arguments.setup, allow_outside=arguments.allow_outside)
     tasks, manifest = find_tasks(arguments, setup, "identify", ".identified.toml")
 
     from ftbias_jax.cli.jobs.work import identify_one

@@ -15,7 +15,7 @@ MAX_LISTED = 8
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what is there; returns 3 if a part could not be read, else 0."""
-    setup = None if arguments.setup is None else load_setup(arguments.setup)
+    setup = None if arguments.setup is None else load_setup(arguments.setup, allow_outside=arguments.allow_outside)
     info = describe(arguments.log, setup, salvage=True)
     print(format_info(arguments.log, info))
     return 3 if any(repair.lost for repair in info.repairs) else 0

@@ -21,7 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_writable(arguments.output, ".npz")
     truth_path = arguments.truth or f"{arguments.output.removesuffix('.npz')}_truth.npz"
     check_writable(truth_path, ".json" if truth_path.endswith(".json") else ".npz", "--truth")
-    setup = load_setup(arguments.setup, with_tool=True)
+    setup = load_setup(arguments.setup, with_tool=True, allow_outside=arguments.allow_outside)
     replayed = () if arguments.motion in GENERATED else (arguments.motion,)
     check_outputs({"--output": arguments.output, "--truth": truth_path}, (*replayed, *setup.files))
     recorded = {path: read_log(path, setup) for path in replayed}

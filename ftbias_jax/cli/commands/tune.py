@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
         message = f"{len(given)} outputs for {len(tools)} setups"
         raise UsageError(message, field="--output", remedy="give one -o for each --setup, in their order")
     places = [output_of_setup(output, path, arguments.in_place) for output, (path, _) in zip(given, tools, strict=True)]
-    setups = [load_setup(path, with_tool=True) for path, _ in tools]
+    setups = [load_setup(path, with_tool=True, allow_outside=arguments.allow_outside) for path, _ in tools]
     kept = [name for _, names in places for name in names]
     tools = [(path, expand(logs, setup.log.files)) for setup, (path, logs) in zip(setups, tools, strict=True)]
     every_log = [log for _, logs in tools for log in logs]
@@ -135,7 +135,7 @@ def _each(arguments: argparse.Namespace, tools: list[tuple[str, list[str]]]) -> 
         raise UsageError("a folder is for one setup", field="--output", remedy="give one --setup")
     path = tools[0][0]
     arguments.output, arguments.logs = arguments.output[0], [*arguments.logs, *arguments.setup[0][1:]]
-    setup = load_setup(path, with_tool=True)
+    setup = load_setup(path, with_tool=True, allow_outside=arguments.allow_outside)
     tasks, manifest = find_tasks(arguments, setup, "tune", ".tuned.toml")
 
     from ftbias_jax.cli.jobs.work import tune_one

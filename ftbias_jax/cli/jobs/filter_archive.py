@@ -17,7 +17,7 @@ from ftbias_jax.setup.types import Setup
 def run(arguments: argparse.Namespace) -> int:
     """Filter what is not done; 3 if logs failed or lost samples, 1 if all failed, else 0."""
     refuse_options(arguments, ("plot", "check", "offsets"))
-    setup = with_choices(load_setup(arguments.setup), arguments)
+    setup = with_choices(load_setup(arguments.setup, allow_outside=arguments.allow_outside), arguments)
     check_selection(selection_of(arguments), smooth=arguments.smooth, adapt=setup.bias.adapt)
     tasks, manifest = find_tasks(arguments, setup, "filter", f".{arguments.format}")
 

@@ -7,6 +7,7 @@ from ftbias_jax.cli.argument_types import (
     Commands,
     add_archive,
     add_effects,
+    add_outside,
     add_unchecked,
     process,
     restarts,
@@ -85,6 +86,7 @@ def add_tune(commands: Commands) -> None:
     add_unchecked(parser)
     add_effects(parser)
     add_archive(parser)
+    add_outside(parser)
 
 
 def add_identify(commands: Commands) -> None:
@@ -120,3 +122,4 @@ def add_identify(commands: Commands) -> None:
     )
     add_unchecked(parser)
     add_archive(parser)
+    add_outside(parser)

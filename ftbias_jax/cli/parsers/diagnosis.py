@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import LOGS, Commands, add_archive, add_effects, add_unchecked, count, numbers, seed
+from ftbias_jax.cli.argument_types import (
+    LOGS,
+    Commands,
+    add_archive,
+    add_effects,
+    add_outside,
+    add_unchecked,
+    count,
+    numbers,
+    seed,
+)
 
 
 def add_diagnose(commands: Commands) -> None:
@@ -31,6 +41,7 @@ def add_diagnose(commands: Commands) -> None:
     add_unchecked(parser)
     add_effects(parser)
     add_archive(parser)
+    add_outside(parser)
 
 
 def add_effects_command(commands: Commands) -> None:

@@ -9,6 +9,7 @@ from ftbias_jax.cli.argument_types import (
     Commands,
     add_archive,
     add_effects,
+    add_outside,
     add_unchecked,
     count,
     fields,
@@ -64,6 +65,7 @@ def add_filter(commands: Commands) -> None:
     folders.add_argument(
         "--format", default="npz", choices=["npz", "csv", "parquet", "mcap"], help="of the results (%(default)s)"
     )
+    add_outside(parser)
 
 
 def _add_selection(parser: argparse.ArgumentParser) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import LOGS, Commands, add_archive, add_effects, positive, seed
+from ftbias_jax.cli.argument_types import LOGS, Commands, add_archive, add_effects, add_outside, positive, seed
 
 
 def add_simulate(commands: Commands) -> None:
@@ -30,6 +30,7 @@ def add_simulate(commands: Commands) -> None:
     )
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
     add_effects(parser)
+    add_outside(parser)
 
 
 def add_info(commands: Commands) -> None:
@@ -41,6 +42,7 @@ def add_info(commands: Commands) -> None:
     )
     parser.add_argument("log", metavar="LOG", help="any log: .npz .csv .parquet .h5 .bag .db3 .mcap or a bag's folder")
     parser.add_argument("--setup", metavar="SETUP.toml", help="also tell whether LOG can be filtered with it")
+    add_outside(parser)
 
 
 def add_check(commands: Commands) -> None:
@@ -56,6 +58,7 @@ def add_check(commands: Commands) -> None:
     parser.add_argument("--json", metavar="OUT.json", help="also write the findings for programs")
     parser.add_argument("-o", "--output", metavar="FOLDER", help="check each log by itself, into this folder")
     add_archive(parser)
+    add_outside(parser)
 
 
 def add_demo(commands: Commands) -> None:

@@ -17,6 +17,7 @@ from urllib.parse import unquote, urlsplit
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.files import keep_temporary_folder, remove_temporary_folder
+from ftbias_jax.io.remote.outside import copy_name, is_below, is_url
 from ftbias_jax.io.unpack import need
 
 MOST_BYTES = 16 << 30
@@ -28,11 +29,6 @@ _kept: dict[str, str] = {}
 """URL -> folder of its copy, the oldest first."""
 _sums: dict[str, str] = {}
 """URL -> SHA-256 of what was copied."""
-
-
-def is_url(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a URL, such as s3://bucket/run.npz."""
-    return re.match(r"[A-Za-z][A-Za-z0-9+.-]+://", os.fspath(path)) is not None
 
 
 def exists(path: str) -> bool:
@@ -77,7 +73,7 @@ def local_copy(url: str) -> str:
     Raises:
         LogError: as for ``opened``.
     """
-    name = unquote(os.path.basename(urlsplit(shown(url)).path)) or "log"
+    name = copy_name(shown(url))
     if url not in _kept:
         while len(_kept) >= MOST_KEPT:
             remove_temporary_folder(_kept.pop(next(iter(_kept))))
@@ -122,8 +118,18 @@ def listed(url: str) -> list[str]:
     """
     with _told(url):
         system, path = need("fsspec", "remote", shown(url)).core.url_to_fs(url)
-        found = system.glob(path) if "*" in path else system.find(path) if system.isdir(path) else [path]
-        return sorted(str(system.unstrip_protocol(name)) for name in found)
+        if "*" not in path and not system.isdir(path):
+            return [url]
+        found = [str(name) for name in (system.glob(path) if "*" in path else system.find(path))]
+    for name in found:
+        if not is_below(name, str(path)):
+            remedy = "give the URLs of the logs themselves"
+            raise LogError(f"its listing names {name!r}, which is not in it", file=shown(url), remedy=remedy)
+    # Some stores have the host in their names, as buckets; others lose it.
+    asked = urlsplit(url)
+    lost = asked.netloc and str(path).strip("/") == unquote(asked.path).strip("/")
+    host = f"{asked.scheme}://{asked.netloc}/"
+    return sorted(host + name.lstrip("/") if lost else str(system.unstrip_protocol(name)) for name in found)
 
 
 def forget() -> None:

@@ -22,6 +22,44 @@ POSE_ARRAYS = ("orientation", "position", "angular_velocity", "specific_force")
 """Instead of q and dq, where the setup has a sensor_pose."""
 
 
+QUANTITIES = {"time": "t", "position": "q", "velocity": "dq", "wrench": "wrench", "temperature": "temperature"}
+"""Key of [log.columns] -> the array that its columns are."""
+
+
+def wanted_arrays(setup: Setup) -> tuple[str, ...]:
+    """Names of the arrays that a log may have: the native ones, and those of [log.columns]."""
+    stated = (setup.log.columns[key] for key in QUANTITIES if key in setup.log.columns)
+    named = (name for names in stated for name in ((names,) if isinstance(names, str) else names))
+    return tuple(dict.fromkeys((*ARRAYS, *POSE_ARRAYS, *named)))
+
+
+def by_native_names(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> dict[str, Array]:
+    """The arrays with those that [log.columns] of the setup names in the places of the native ones.
+
+    Args:
+        arrays: of ``wanted_arrays``, by their names in the file.
+        setup: [log.columns] names one array (T,) for each joint or channel, or one for time and temperature.
+        file: the name in messages.
+
+    Raises:
+        LogError: a name is not there, or not the name of a list.
+    """
+    found = {name: values for name, values in arrays.items() if name in (*ARRAYS, *POSE_ARRAYS)}
+    for key, native in QUANTITIES.items():
+        stated = setup.log.columns.get(key, ())
+        names = (stated,) if isinstance(stated, str) else stated
+        for name in names:
+            if name not in arrays:
+                message = f"log.columns.{key} of the setup names this array, but it is not there"
+                raise LogError(message, file=file, field=name, remedy="correct its name")
+            if np.ndim(arrays[name]) != 1 or len(arrays[name]) != np.size(arrays[names[0]]):
+                message = f"log.columns.{key} of the setup names it, but it has shape {np.shape(arrays[name])}"
+                raise LogError(message, file=file, field=name, remedy="name lists of one number a sample")
+        if names:
+            found[native] = arrays[stated] if isinstance(stated, str) else np.stack([arrays[x] for x in names], 1)
+    return found
+
+
 def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> Log:
     """A log of t (T,), q (T, n), wrench (T, 6), and if there dq (T, n) and temperature (T,).
 

@@ -39,6 +39,16 @@ def with_extra_columns(log: Log, path: str | os.PathLike[str], setup: Setup) -> 
         LogError: a column is not there, is no list of numbers, or the format has no columns.
     """
     wanted = further_columns(setup.log.columns)
+    if (
+        not setup.log.files
+        and setup.log.columns
+        and Path(path).suffix.lower() not in (*ARRAY_FILES, ".csv", ".parquet")
+    ):
+        raise LogError(
+            f"[log.columns] of the setup names {next(iter(setup.log.columns))}, but a recording of ROS has no columns",
+            file=os.fspath(path),
+            remedy="name fields of messages in [log.topics], or write the log as .npz, .csv or .parquet",
+        )
     if not wanted:
         return log
     if not setup.log.files:

@@ -10,6 +10,7 @@ from ftbias_jax.io.conventions.units import later
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.merge import Part, check_overlap, merge_parts
 from ftbias_jax.io.remote.fetch import opened
+from ftbias_jax.io.remote.outside import check_links, check_patterns
 from ftbias_jax.io.tables.grouping import files_of
 from ftbias_jax.io.tables.stream_files import read_stream
 from ftbias_jax.setup.sensor_pose import pose_columns
@@ -39,12 +40,17 @@ def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fa
         salvage: of damaged recordings of ROS, read what is whole.
 
     Raises:
-        LogError: a file cannot be read, or the log cannot be filtered (see ``check_log``).
+        SetupError: [log.files] leads out of the log's folder. LogError: a file is a link that does, cannot be read, or
+            the log cannot be filtered (see ``check_log``).
     """
     parts: list[Part] = []
     repairs: list[Repair] = []
     unused = {"velocity"} if setup.pose and not pose_columns(setup.pose)[1] else set()
-    for key, file in files_of(path, setup.log.files).items():
+    files = files_of(path, setup.log.files)
+    if not setup.log.allow_outside:
+        check_patterns(setup.log.files, setup.path)
+        check_links(files, os.fspath(path))
+    for key, file in files.items():
         if key not in unused:
             quantities = [name for name in QUANTITIES[key] if name == key or name not in setup.log.files]
             with opened(file) as there:

@@ -13,7 +13,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.limits.hdf5_chunks import check_chunks
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, log_from_arrays
+from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, by_native_names, log_from_arrays, wanted_arrays
 from ftbias_jax.io.unpack import need
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -25,7 +25,8 @@ def read_hdf5(path: str | os.PathLike[str], setup: Setup) -> Log:
     Raises:
         LogError: as for ``load_hdf5``, or the log cannot be filtered (see ``check_log``).
     """
-    return log_from_arrays(load_hdf5(path), setup, os.fspath(path))
+    arrays = by_native_names(load_hdf5(path, wanted_arrays(setup)), setup, os.fspath(path))
+    return log_from_arrays(arrays, setup, os.fspath(path))
 
 
 def load_hdf5(path: str | os.PathLike[str], names: Sequence[str] = (*ARRAYS, *POSE_ARRAYS)) -> dict[str, Array]:

@@ -6,7 +6,7 @@ import os
 
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.npz_archive import load_arrays
-from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, log_from_arrays
+from ftbias_jax.io.tables.arrays import by_native_names, log_from_arrays, wanted_arrays
 from ftbias_jax.setup.types import Setup
 
 
@@ -17,4 +17,4 @@ def read_npz(path: str | os.PathLike[str], setup: Setup) -> Log:
         LogError: the file cannot be read, an array is missing, or the log cannot be filtered (see ``check_log``).
     """
     file = os.fspath(path)
-    return log_from_arrays(load_arrays(file, (*ARRAYS, *POSE_ARRAYS)), setup, file)
+    return log_from_arrays(by_native_names(load_arrays(file, wanted_arrays(setup)), setup, file), setup, file)

@@ -16,7 +16,7 @@ from ftbias_jax.io.conventions.units import stamps
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.io.pose import pose_entries
-from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, with_pose
+from ftbias_jax.io.tables.arrays import by_native_names, wanted_arrays, with_pose
 from ftbias_jax.io.tables.csv import csv_arrays
 from ftbias_jax.io.tables.hdf5 import load_hdf5
 from ftbias_jax.io.tables.parquet import parquet_arrays
@@ -134,7 +134,7 @@ def _check(t: Array, file: str) -> None:
 _READERS: dict[str, Callable[[str, Setup], Mapping[str, Array]]] = {
     ".csv": lambda file, setup: csv_arrays(file, setup, static=True),
     ".parquet": lambda file, setup: parquet_arrays(file, setup, static=True),
-    ".npz": lambda file, setup: load_arrays(file, (*ARRAYS, *POSE_ARRAYS)),
-    ".h5": lambda file, setup: load_hdf5(file),
-    ".hdf5": lambda file, setup: load_hdf5(file),
+    ".npz": lambda file, setup: by_native_names(load_arrays(file, wanted_arrays(setup)), setup, file),
+    ".h5": lambda file, setup: by_native_names(load_hdf5(file, wanted_arrays(setup)), setup, file),
+    ".hdf5": lambda file, setup: by_native_names(load_hdf5(file, wanted_arrays(setup)), setup, file),
 }

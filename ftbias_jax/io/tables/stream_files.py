@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_rates, choose_readings, choose_temperature, wanted_of
 from ftbias_jax.io.ros.read import credible, parts_of
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES, read_recording
-from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, joined_pose
+from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, by_native_names, joined_pose, wanted_arrays
 from ftbias_jax.io.tables.csv import named_columns
 from ftbias_jax.io.tables.csv_columns import choose_some
 from ftbias_jax.io.tables.hdf5 import load_hdf5
@@ -51,9 +52,9 @@ def read_stream(
         read = named_columns if suffix == ".csv" else parquet_columns
         found = read(file, lambda header: choose_some(header, quantities, setup, file))
     elif suffix == ".npz":
-        found = _of_arrays(load_arrays(file, (*ARRAYS, *POSE_ARRAYS)), quantities, setup, file)
+        found = _of_arrays(load_arrays(file, wanted_arrays(setup)), quantities, setup, file)
     elif suffix in (".h5", ".hdf5"):
-        found = _of_arrays(load_hdf5(file), quantities, setup, file)
+        found = _of_arrays(load_hdf5(file, wanted_arrays(setup)), quantities, setup, file)
     else:
         remedy = f"give .csv, .parquet, .npz, .h5, {', '.join(SUFFIXES)} or a ROS 2 bag's folder"
         raise LogError(f"unknown format {suffix!r}", file=file, remedy=remedy)
@@ -70,6 +71,8 @@ def _named(found: Mapping[str, Array], columns: Sequence[Array | None]) -> dict[
 
 def _of_arrays(arrays: Mapping[str, Array], quantities: Sequence[str], setup: Setup, file: str) -> dict[str, Array]:
     """The wanted arrays that share the stamps of the first, and these as "t"."""
+    mine = {key: names for key, names in setup.log.columns.items() if key in ("time", *quantities)}
+    arrays = by_native_names(arrays, replace(setup, log=replace(setup.log, columns=mine)), file)
     clock = "t" if "t" in arrays else STAMPS[quantities[0]]
     if clock not in arrays and setup.log.rate is None:
         raise LogError("there is no time", file=file, field=clock, remedy="store the stamps, or state log.rate")

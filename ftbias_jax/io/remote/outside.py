@@ -1,0 +1,108 @@
+"""What may be read, and where copies and results go, that a setup, a listing or an address names: decided here alone.
+
+A setup is a file that people pass on, and a server's listing is written by whoever runs it. What they name is read only
+inside the log's own folder, unless the user says otherwise, and never becomes the path of a file that is written.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Mapping
+from urllib.parse import unquote, urlsplit
+
+from ftbias_jax.errors import LogError, SetupError
+from ftbias_jax.io.ros.record import PACKED, SUFFIXES
+
+TABLES = (".npz", ".csv", ".parquet", ".h5", ".hdf5")
+"""Suffixes of the formats that are no recordings of ROS."""
+WORD = "--allow-outside, or load_setup(..., allow_outside=True), allows it"
+NAMED = 16
+"""Characters of a hash that name a copy."""
+
+
+def is_url(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a URL, such as s3://bucket/run.npz."""
+    return re.match(r"[A-Za-z][A-Za-z0-9+.-]+://", os.fspath(path)) is not None
+
+
+def check_patterns(patterns: Mapping[str, str], file: str = "") -> None:
+    """Refuse [log.files] of a setup that name anything but files in the log's folder or below.
+
+    Args:
+        patterns: by quantity, with * for what the names share.
+        file: the setup, for messages.
+
+    Raises:
+        SetupError: one is an address, an absolute path or leads upward.
+    """
+    for key, pattern in patterns.items():
+        parts = re.split(r"[/\\]", pattern)
+        what = "is an address" if is_url(pattern) else "leads out of the log's folder" if ".." in parts else ""
+        if os.path.isabs(pattern) or re.match(r"[A-Za-z]:[/\\]|[/\\~]", pattern):
+            what = what or "is an absolute path"
+        if what:
+            field, remedy = f"log.files.{key}", f"name a file beside the log; {WORD}"
+            raise SetupError(f"{pattern!r} {what}", file=file, field=field, remedy=remedy)
+
+
+def check_links(files: Mapping[str, str], named: str) -> None:
+    """Refuse files of a log that are links out of its folder; the one that the user has named is the user's word.
+
+    Args:
+        files: by quantity, as [log.files] of the setup gives them.
+        named: the path that the user gave.
+
+    Raises:
+        LogError: one leads outside.
+    """
+    for key, file in files.items():
+        if is_url(file) or os.path.abspath(file) == os.path.abspath(named):
+            continue
+        folder, place = os.path.realpath(os.path.dirname(os.path.abspath(named))), os.path.realpath(file)
+        if os.path.commonpath([folder, place]) != folder:
+            message, remedy = "is a link that leads out of the log's folder", f"copy the file there; {WORD}"
+            raise LogError(message, file=file, field=f"log.files.{key}", remedy=remedy)
+
+
+def copy_name(url: str) -> str:
+    """The name for the copy of what a URL names: a hash of it, and its suffix if a log may have it.
+
+    Raises:
+        LogError: no log has this suffix.
+    """
+    path = unquote(urlsplit(url).path).lower()
+    known = (suffix + packed for suffix in (*SUFFIXES, *TABLES) for packed in ("", PACKED))
+    suffix = max((suffix for suffix in known if path.endswith(suffix)), key=len, default="")
+    if not suffix:
+        remedy = f"give the URL of a log that ends in {', '.join((*TABLES, *SUFFIXES))}"
+        raise LogError("has no suffix of a log", file=url, remedy=remedy)
+    return hashlib.sha256(url.encode(errors="surrogatepass")).hexdigest()[:NAMED] + suffix
+
+
+def is_below(name: str, folder: str) -> bool:
+    """Whether a name in a server's listing is that of what was asked for, or below it.
+
+    Args:
+        name: as the store gives it.
+        folder: what was asked for, in the same form; with a *, below all folders before it.
+    """
+    top = folder.partition("*")[0].rpartition("/")[0] if "*" in folder else folder.rstrip("/")
+    upward = ".." in re.split(r"[/\\]", unquote(name))
+    return (name == folder or name.startswith(f"{top}/")) and not upward and name.isprintable()
+
+
+def check_planned(output: str, log: str) -> None:
+    """Refuse a result that would be written outside of the folder of results.
+
+    Args:
+        output: its path from that folder.
+        log: what it is the result of, for messages.
+
+    Raises:
+        LogError: it leads outside.
+    """
+    if os.path.isabs(output) or ".." in output.split(os.sep):
+        remedy = "give the logs one by one"
+        raise LogError(f"its result would be written to {output!r}", file=log, remedy=remedy)
