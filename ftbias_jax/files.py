@@ -67,9 +67,9 @@ def open_to_append(target: str) -> BinaryIO:
     """A file to add lines to, made if it is not there; each write goes to its end, also beside other processes.
 
     Raises:
-        OSError: it cannot be opened.
+        OSError: it cannot be opened, or is a symbolic link.
     """
-    how = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
+    how = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
     return open(os.open(target, how, 0o666), "ab")
 
 

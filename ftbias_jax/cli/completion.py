@@ -24,5 +24,5 @@ class PrintCompletion(argparse.Action):
             shtab = importlib.import_module("shtab")
         except ImportError:
             parser.error("needs the package shtab (pip install 'ftbias-jax[completion]')")
-        print(shtab.complete(parser, values))
+        print(shtab.complete(parser, values), flush=True)
         parser.exit()

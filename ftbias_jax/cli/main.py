@@ -37,13 +37,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if words and words[0] in RENAMED:
         print(f"ftbias: {words[0]!r} is now called {RENAMED[words[0]]!r}", file=sys.stderr)
         words[0] = RENAMED[words[0]]
-    parser = build_parser()
-    if misspelt := _misspelt_command(parser, words):
-        parser.error(misspelt)
-    parsed = parser.parse_args(words)
     # The matrices are small: threads of BLAS that wait for one another cost more than they save.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
+        parser = build_parser()
+        if misspelt := _misspelt_command(parser, words):
+            parser.error(misspelt)
+        parsed = parser.parse_args(words)
         # A command's module is imported only now: JAX alone costs half a second.
         folder = "jobs" if parsed.command in OF_MANY else "commands"
         with many_imports():
@@ -56,7 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"ftbias: {INTERRUPTED}", file=sys.stderr)
         return 1
-    except BrokenPipeError:
+    except BrokenPipeError:  # what is still in the buffer has no reader either
+        if arguments is None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
 
 

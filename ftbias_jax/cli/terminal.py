@@ -5,9 +5,15 @@ from __future__ import annotations
 import codecs
 import io
 import sys
+from collections.abc import Callable
+from functools import partial
 
 WORDS = {"±": "+-", "σ": "sigma", "×": "x", "²": "^2", "°": "deg"}
 """How to write in ASCII what tables and messages use."""
+_CONTROL = {*range(0x20), *range(0x7F, 0xA0)} - set(map(ord, "\t\n\r"))
+_BIDI = {0x061C, 0x200E, 0x200F, *range(0x2028, 0x202F), *range(0x2066, 0x206A)}
+ESCAPED = {code: f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" for code in _CONTROL | _BIDI}
+"""What would steer a terminal or turn the direction of its text, and how it is shown instead: names come from files."""
 
 
 def print_what_the_terminal_can() -> None:
@@ -16,6 +22,12 @@ def print_what_the_terminal_can() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="ftbias")
+            # On the stream itself, so that nothing that prints can forget it.
+            setattr(stream, "write", partial(_write_escaped, type(stream).write, stream))  # noqa: B010
+
+
+def _write_escaped(write: Callable[[io.TextIOWrapper, str], int], stream: io.TextIOWrapper, text: str) -> int:
+    return write(stream, text.translate(ESCAPED))
 
 
 def _in_other_words(error: UnicodeError) -> tuple[str, int]:

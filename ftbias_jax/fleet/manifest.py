@@ -19,6 +19,7 @@ from ftbias_jax.errors import LogError, OutputError
 from ftbias_jax.files import no_regular_file, open_to_append
 from ftbias_jax.fleet.entry import DONE, Entry, LogState, Settings
 from ftbias_jax.fleet.schema import read_entry, read_settings
+from ftbias_jax.io.atomic import refuse_link
 from ftbias_jax.io.write.provenance import sha256_of
 
 SYNC_SECONDS = 1.0
@@ -53,6 +54,7 @@ class Manifest:
     def __init__(self, path: str) -> None:
         self.path = path
         self._synced = time.monotonic()
+        refuse_link(path)
         try:
             self._file = open_to_append(path)
             if _ends_in_the_middle(path):
@@ -87,7 +89,11 @@ class Manifest:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.close()
+        try:
+            self._file.close()
+        except OSError as failed:
+            if error is None:  # else the first failure is the one to tell
+                raise self._failed(failed) from failed
 
     def _failed(self, error: OSError) -> OutputError:
         remedy = "check that the folder exists, may be written to and has room"

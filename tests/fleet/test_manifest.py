@@ -154,3 +154,19 @@ def test_a_folder_that_is_not_there_is_told(tmp_path):
 def test_commands_and_machines_have_manifests_of_their_own():
     names = {manifest_name(job, *shard) for job in ("filter", "check") for shard in ((1, 1), (1, 2), (2, 2))}
     assert len(names) == 6
+
+
+def test_a_manifest_that_is_a_link_is_not_written_through(tmp_path):
+    (tmp_path / "recording").write_bytes(b"samples")
+    path = tmp_path / "manifest.filter.jsonl"
+    path.symlink_to("recording")
+    with pytest.raises(OutputError, match="symbolic link"):
+        Manifest(str(path))
+    assert (tmp_path / "recording").read_bytes() == b"samples"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+def test_a_disk_that_is_full_is_one_error(monkeypatch):
+    monkeypatch.setattr("ftbias_jax.fleet.manifest._ends_in_the_middle", lambda path: False)
+    with pytest.raises(OutputError, match="No space left"), Manifest("/dev/full") as manifest:
+        manifest.add("run", {})

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import OutputError
-from ftbias_jax.io.atomic import make_folder, write_atomic
+from ftbias_jax.io.atomic import make_folder, make_folder_inside, write_atomic
 from ftbias_jax.io.write.npz import load_npz, save_npz
 
 
@@ -28,12 +28,27 @@ def test_a_new_file_has_the_content_and_the_mode_of_any_new_file(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["new", "plain"]
 
 
-def test_an_old_file_is_replaced_through_a_link(tmp_path):
-    (tmp_path / "old").write_bytes(b"old, and longer")
-    (tmp_path / "link").symlink_to("old")
-    write_atomic(tmp_path / "link", lambda file: file.write(b"new") and None)
-    assert (tmp_path / "old").read_bytes() == b"new"
-    assert (tmp_path / "link").is_symlink()
+@pytest.mark.parametrize("leads_to", ["old", "nowhere"])
+def test_nothing_is_written_through_a_link(tmp_path, leads_to):
+    (tmp_path / "old").write_bytes(b"old")
+    (tmp_path / "link").symlink_to(leads_to)
+    fails(lambda: write_atomic(tmp_path / "link", lambda file: file.write(b"new")), tmp_path / "link", "symbolic link")
+    assert (tmp_path / "old").read_bytes() == b"old"
+    assert sorted(os.listdir(tmp_path)) == ["link", "old"]
+
+
+def test_no_folder_inside_a_folder_of_results_is_a_link(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "run1").symlink_to("../elsewhere")
+    (tmp_path / "named").symlink_to("results")
+    folder = str(tmp_path / "results")
+    place = f"{folder}/run1"
+    fails(lambda: make_folder_inside(folder, f"{place}/deeper"), place, "symbolic link")
+    make_folder_inside(str(tmp_path / "named"), str(tmp_path / "named"))
+    make_folder_inside(str(tmp_path / "named"), str(tmp_path / "named" / "run2"))
+    assert (tmp_path / "results" / "run2").is_dir()
+    assert not os.listdir(tmp_path / "elsewhere")
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), ValueError("bug"), KeyboardInterrupt()])

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.errors import LogError, UsageError, printable
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.dump import lines_of
 from ftbias_jax.setup.keys.toml_text import toml_value
@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"{one!r} and {two!r} cannot be compared", field="FILE", remedy=remedy)
     found = list(compare(one, two))
     for line in found[:MOST]:
-        print(line)
+        print(printable(line))
     if len(found) > MOST:
         print(f"and {len(found) - MOST} more")
     if not found:

@@ -28,10 +28,11 @@ def run(arguments: argparse.Namespace) -> int:
         remedy = "name a built-in robot, or give --urdf FILE or a LOG; --list shows the robots"
         raise UsageError("nothing says which robot", field="--robot", remedy=remedy)
     output = arguments.output or ""
+    if output:
+        check_writable(output, ".toml")
     places = {"--output": output, "the recording's URDF": urdf_beside(output) if output else ""}
     check_outputs(places, (*arguments.logs, arguments.urdf))
     if output:
-        check_writable(output, ".toml")
         _refuse(output)
     found = draft(
         Request(

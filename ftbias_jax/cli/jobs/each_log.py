@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from ftbias_jax.errors import FtbiasError, printable
 from ftbias_jax.fleet.entry import FAILED, Entry, state_of, with_sum
 from ftbias_jax.fleet.find import Task
-from ftbias_jax.io.atomic import make_folder
+from ftbias_jax.io.atomic import make_folder_inside
 from ftbias_jax.io.remote.fetch import forget, shown
 from ftbias_jax.io.write.provenance import sha256_of
 from ftbias_jax.runtime.jax_config import prepare_jax
@@ -53,7 +53,7 @@ def do_task(task: Task, job: Job) -> Entry:
     entry = _entry(task, job)
     try:
         entry = entry._replace(state=with_sum(state_of(task.paths), task.paths))
-        make_folder(os.path.dirname(output))
+        make_folder_inside(job.folder, os.path.dirname(output))
         done = job.work(task.log, output)
         entry = entry._replace(
             status=done.status,
