@@ -81,8 +81,8 @@ def _fields(params: Params) -> dict[str, Any]:
 
 def _same(one: Any, two: Any, precision: float) -> bool:
     """Whether two trees of arrays are the same but for round-off; noise is compared entry by entry."""
-    (leaves, structure), (others, other) = jax.tree.flatten(one), jax.tree.flatten(two)
-    if structure != other:
+    structures: list[Any] = [jax.tree.structure(one), jax.tree.structure(two)]
+    if structures[0] != structures[1]:
         return False
     # Entries of a rotation are as precise as its largest one; 1e-12 is less than any noise.
     return all(
@@ -90,7 +90,7 @@ def _same(one: Any, two: Any, precision: float) -> bool:
         and np.allclose(
             y, x, rtol=precision, atol=precision * np.max(np.abs(x), initial=0) if np.ndim(x) > 1 else 1e-12
         )
-        for x, y in zip(leaves, others, strict=True)
+        for x, y in zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True)
     )
 
 
