@@ -36,7 +36,9 @@ def on_files(files: Any, config: Any) -> Any:
 
 def on_page_content(content: str, **_: Any) -> str:
     """MkDocs calls this with the HTML of a page: typeset its formulas."""
-    content = re.sub(r'<span class="arithmatex">\\\((.*?)\\\)</span>', lambda found: _mathml(found[1], "inline"), content)
+    content = re.sub(
+        r'<span class="arithmatex">\\\((.*?)\\\)</span>', lambda found: _mathml(found[1], "inline"), content
+    )
     return re.sub(
         r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>',
         lambda found: f'<div class="formula">{_mathml(found[1], "block")}</div>',

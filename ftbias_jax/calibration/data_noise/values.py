@@ -53,8 +53,9 @@ def with_noise(params: Params, noise: Mapping[str, Array]) -> Params:
     bias = params.bias._replace(density=noise.get("density", params.bias.density), data_variance=variance)
     if "wrench_std" in noise:
         bias = bias._replace(wrench_variance=noise["wrench_std"] ** 2)
-    joint = params.joint._replace(**{name: noise[name] for name in JOINT_NAMES if name in noise})
-    return params._replace(joint=joint, bias=bias)
+    params = params._replace(bias=bias)
+    of_joints = {name: noise[name] for name in JOINT_NAMES if name in noise}
+    return params._replace(joint=params.joint._replace(**of_joints)) if of_joints else params
 
 
 def unconstrain(params: Params) -> dict[str, Array]:
@@ -64,10 +65,11 @@ def unconstrain(params: Params) -> dict[str, Array]:
         params: as ``params_for_log`` gives them.
 
     Returns:
-        name -> array: ``process_density`` (n,), ``position_std`` (n,) and ``velocity_std`` (n,), eta of the joints;
-        ``density`` (6,), sigma_Q; ``wrench_std`` (6,), the square root of the diagonal of Sigma_W; and, if the setup
-        states ``[data_noise]``, ``entries`` (36,), the square root of the diagonal of Sigma_D. What is zero has the
-        logarithm -inf and a derivative of zero, and stays zero.
+        name -> logarithms: ``process_density`` (n,) of rad/s^2.5, ``position_std`` (n,) of rad and ``velocity_std``
+        (n,) of rad/s, eta of the joints; ``density`` (6,) of N/s^1.5 and Nm/s^1.5, sigma_Q; ``wrench_std`` (6,) of N
+        and Nm, the square root of the diagonal of Sigma_W; and, if the setup states ``[data_noise]``, ``entries`` (36,)
+        of m/s^2, rad/s^2 and their like, the square root of the diagonal of Sigma_D. What is zero has the logarithm
+        -inf and no slope, and stays zero.
     """
     values = {name: getattr(params.joint, name) for name in JOINT_NAMES}
     values |= {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
@@ -81,8 +83,8 @@ def constrain(params: Params, logs: Mapping[str, Array]) -> Params:
 
     Args:
         params: the rest.
-        logs: name -> array, all that ``unconstrain`` gives or some of it; in place of ``entries`` the four parts of
-            ``[data_noise]`` do as well, (3,) each.
+        logs: name -> logarithms, (n,), (6,) or (36,) in the units of ``unconstrain``: all that it gives, or some of
+            it. In place of ``entries`` the four parts of ``[data_noise]`` do as well, (3,) each.
 
     Raises:
         UsageError: a name that is not one of the noise.
