@@ -47,6 +47,11 @@ def on_page_content(content: str, **_: Any) -> str:
     )
 
 
+def on_post_build(config: Any, **_: Any) -> None:
+    """MkDocs calls this in the end: the page that a server shows for wrong addresses starts all of its own at "/"."""
+    (Path(config.site_dir) / "404.html").unlink(missing_ok=True)
+
+
 def _mathml(latex: str, display: Literal["inline", "block"]) -> str:
     """A formula of LaTeX, as it stands in HTML, as MathML."""
     from latex2mathml.converter import convert
