@@ -83,8 +83,8 @@ def constrain(params: Params, logs: Mapping[str, Array]) -> Params:
 
     Args:
         params: the rest.
-        logs: name -> logarithms, (n,), (6,) or (36,) in the units of ``unconstrain``: all that it gives, or some of
-            it. In place of ``entries`` the four parts of ``[data_noise]`` do as well, (3,) each.
+        logs: name -> logarithms, (n,) of rad and rad/s, (6,) of N and Nm or (36,), as ``unconstrain`` gives them: all,
+            or some. In place of ``entries`` the four parts of ``[data_noise]`` do as well, (3,) each.
 
     Raises:
         UsageError: a name that is not one of the noise.
