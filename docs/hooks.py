@@ -36,15 +36,13 @@ def on_files(files: Any, config: Any) -> Any:
 
 def on_page_content(content: str, **_: Any) -> str:
     """MkDocs calls this with the HTML of a page: typeset its formulas."""
-    content = re.sub(
-        r'<span class="arithmatex">\\\((.*?)\\\)</span>', lambda found: _mathml(found[1], "inline"), content
-    )
-    return re.sub(
+    inline, block = (
+        r'<span class="arithmatex">\\\((.*?)\\\)</span>',
         r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>',
-        lambda found: f'<div class="formula">{_mathml(found[1], "block")}</div>',
-        content,
-        flags=re.DOTALL,
     )
+    content = re.sub(inline, lambda found: _mathml(found[1], "inline"), content, flags=re.DOTALL)
+    rows = '<div class="formula">{}</div>'
+    return re.sub(block, lambda found: rows.format(_mathml(found[1], "block")), content, flags=re.DOTALL)
 
 
 def on_post_build(config: Any, **_: Any) -> None:
@@ -57,7 +55,7 @@ def _mathml(latex: str, display: Literal["inline", "block"]) -> str:
     from latex2mathml.converter import convert
 
     # The converter knows aligned rows by their name outside of formulas only.
-    return convert(html.unescape(latex).strip().replace("{aligned}", "{align*}"), display=display)
+    return convert(" ".join(html.unescape(latex).split()).replace("{aligned}", "{align*}"), display=display)
 
 
 def effects_page() -> str:
