@@ -53,7 +53,7 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
     if setup.sensor.rezeroed:  # the log has added what the tool makes its first pose read
         after["prior_mean"] = before["prior_mean"]
     precision = ROUND_OFF * float(np.finfo(np.asarray(params.theta).dtype).eps)
-    changed = [name for name, was in before.items() if not _same(was, after[name], precision)]
+    changed = [name for name, was in before.items() if not _same(was, after[name], precision, name in NOISE)]
     for name in changed:
         _require_noise(name, stated, after[name])
     noise = {name: None if after[name] is None else np.asarray(after[name], float) for name in changed}
@@ -79,18 +79,16 @@ def _fields(params: Params) -> dict[str, Any]:
     return joint | bias | priors | rest
 
 
-def _same(one: Any, two: Any, precision: float) -> bool:
-    """Whether two trees of arrays are the same but for round-off; noise is compared entry by entry."""
+def _same(one: Any, two: Any, precision: float, by_entry: bool) -> bool:
+    """Whether two trees of arrays are the same but for round-off, of every entry or of the largest one of its array."""
     structures: list[Any] = [jax.tree.structure(one), jax.tree.structure(two)]
     if structures[0] != structures[1]:
         return False
-    # Entries of a rotation are as precise as its largest one; 1e-12 is less than any noise.
+    pairs = [(np.asarray(x), np.asarray(y)) for x, y in zip(*map(jax.tree.leaves, (one, two)), strict=True)]
     return all(
-        np.shape(x) == np.shape(y)
-        and np.allclose(
-            y, x, rtol=precision, atol=precision * np.max(np.abs(x), initial=0) if np.ndim(x) > 1 else 1e-12
-        )
-        for x, y in zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True)
+        x.shape == y.shape
+        and np.allclose(y, x, rtol=precision, atol=0 if by_entry else precision * np.abs(x).max(initial=0))
+        for x, y in pairs
     )
 
 

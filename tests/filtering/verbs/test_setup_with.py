@@ -70,8 +70,15 @@ def test_noise_that_was_trained_comes_back_from_the_file(setup, params, log, tmp
     assert close(trained, again)
 
 
-def test_all_noise_in_one_precision_or_the_other(setup, params, log):
-    """A setup states what a fit found, not what a filter takes: eight times the joints' process noise."""
+def test_noise_that_is_faint_is_told_from_none(setup, params, log):
+    faint = ft.constrain(params, {"wrench_std": jnp.full(6, np.log(1e-7)), "entries": jnp.full(36, np.log(2e-7))})
+    fainter = ft.constrain(faint, {"wrench_std": jnp.full(6, np.log(3e-8)), "entries": jnp.full(36, np.log(4e-8))})
+    assert setup_with(setup_with(setup, faint), fainter).sensor.noise_std == pytest.approx(3e-8)
+    assert setup_with(setup_with(setup, faint), fainter).data_noise.entries == pytest.approx(4e-8)
+
+
+def test_a_setup_states_what_a_fit_found_and_not_what_a_filter_takes(setup, params, log):
+    """A filter takes eight times the joints' process noise."""
     trained = ft.constrain(params, {name: x + 0.3 for name, x in ft.unconstrain(params).items()})
     written = setup_with(setup, trained)
     stated = np.exp(0.3) * setup.joints.process_noise_density
