@@ -1,16 +1,18 @@
-"""Pages that MkDocs gets from the code's own tables when it builds the site, so that they cannot disagree with it.
+"""What MkDocs does beside its plugins when it builds the site: pages from the code's own tables, and formulas.
 
-The setup's keys come from the table that makes the parser's checks, too.
+Generated pages cannot disagree with the code: the setup's keys come from the table that makes the parser's checks, too.
+Formulas become MathML, which browsers typeset by themselves, without a script or a font from the network.
 """
 
 from __future__ import annotations
 
+import html
 import importlib
 import os
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -30,6 +32,30 @@ def on_files(files: Any, config: Any) -> Any:
     for path, page in PAGES.items():
         files.append(File.generated(config, path, content=page()))
     return files
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """MkDocs calls this with the HTML of a page: typeset its formulas."""
+    inline, block = (
+        r'<span class="arithmatex">\\\((.*?)\\\)</span>',
+        r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>',
+    )
+    content = re.sub(inline, lambda found: _mathml(found[1], "inline"), content, flags=re.DOTALL)
+    rows = '<div class="formula">{}</div>'
+    return re.sub(block, lambda found: rows.format(_mathml(found[1], "block")), content, flags=re.DOTALL)
+
+
+def on_post_build(config: Any, **_: Any) -> None:
+    """MkDocs calls this in the end: the page that a server shows for wrong addresses starts all of its own at "/"."""
+    (Path(config.site_dir) / "404.html").unlink(missing_ok=True)
+
+
+def _mathml(latex: str, display: Literal["inline", "block"]) -> str:
+    """A formula of LaTeX, as it stands in HTML, as MathML."""
+    from latex2mathml.converter import convert
+
+    # The converter knows aligned rows by their name outside of formulas only.
+    return convert(" ".join(html.unescape(latex).split()).replace("{aligned}", "{align*}"), display=display)
 
 
 def effects_page() -> str:

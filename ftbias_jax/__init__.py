@@ -13,11 +13,12 @@
     found = ft.identify_tool(setup, log)                # found.setup
     made = ft.simulate(setup, {"gain": {}})             # made.log, made.truth
     diagnosis = ft.diagnose(setup, [log])               # print(diagnosis); diagnosis.apply(setup)
+    setup = ft.setup_with(setup, params)                # params that a program of your own made likelier
 
 The verbs compute in float64 whatever JAX's setting is, give numpy arrays back, and leave JAX's settings as they are but
 for one: compiled programs are kept in ``~/.cache/ftbias`` from the first verb on, unless JAX has a cache already or the
 environment says ``FTBIAS_CACHE=off``. What is part of your own programs (``params_for_log``, ``samples_from_log``,
-``log_likelihood``) is plain JAX in JAX's own precision.
+``log_likelihood``, ``unconstrain``, ``constrain``) is plain JAX in JAX's own precision.
 
 Names are imported when they are first used, so importing this package imports neither JAX nor numpy.
 """
@@ -28,6 +29,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ftbias_jax.calibration.data_noise.values import constrain, unconstrain
     from ftbias_jax.calibration.identify import Identified
     from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
     from ftbias_jax.calibration.tune_result import TuneResult
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
     from ftbias_jax.filtering.verbs.from_setup import filter_log, params_for_log, smooth_log
     from ftbias_jax.filtering.verbs.many import FilterResults
     from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
+    from ftbias_jax.filtering.verbs.setup_with import setup_with
     from ftbias_jax.io import read_log
     from ftbias_jax.io.log import Log, Repair
     from ftbias_jax.io.tables.poses import Poses, read_poses
@@ -87,6 +90,7 @@ __all__ = [
     "Twin",
     "UsageError",
     "check_setup",
+    "constrain",
     "diagnose",
     "dump_setup",
     "filter_log",
@@ -100,12 +104,15 @@ __all__ = [
     "read_log",
     "read_poses",
     "samples_from_log",
+    "setup_with",
     "simulate",
     "smooth_log",
     "tune",
+    "unconstrain",
 ]
 
 _MODULES = {
+    "calibration.data_noise.values": "constrain unconstrain",
     "calibration.identify": "Identified",
     "calibration.identify_tool": "IdentifyResult identify_tool",
     "calibration.tune_result": "TuneResult",
@@ -121,6 +128,7 @@ _MODULES = {
     "filtering.verbs.from_setup": "filter_log params_for_log smooth_log",
     "filtering.verbs.many": "FilterResults",
     "filtering.verbs.results": "FilterResult SmoothResult",
+    "filtering.verbs.setup_with": "setup_with",
     "io": "read_log",
     "io.log": "Log Repair",
     "io.tables.poses": "Poses read_poses",

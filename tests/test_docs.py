@@ -1,11 +1,18 @@
 """The docs say what the code does: generated pages are whole, and lists that are written by hand lack nothing."""
 
 import importlib.util
+import os
 import re
+import shutil
+import subprocess
+import sys
+from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pytest
 
+from ftbias_jax.diagnosis.result import VERDICTS
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.setup.keys.table import SECTIONS
@@ -64,9 +71,123 @@ def test_every_page_is_in_the_navigation(hooks):
     assert set(re.findall(r": (\S+\.md)$", text, re.MULTILINE)) == there
 
 
-def test_the_example_on_the_page_of_python_is_the_script_that_is_run():
+def test_examples_on_the_pages_are_the_scripts_that_are_run():
     """Formatters that know Markdown break the line that includes it, unless its fence is none of theirs."""
-    assert '```{ .python }\n--8<-- "examples/likelihood.py"\n```' in (PAGES / "howto" / "python.md").read_text()
+    included = {"python": "likelihood.py", "train": "train_the_noise.py", "own_effects": "magnet.py:effect"}
+    for page, script in included.items():
+        assert f'```{{ .python }}\n--8<-- "examples/{script}"\n```' in (PAGES / "howto" / f"{page}.md").read_text()
+
+
+@pytest.mark.parametrize("page", ["tutorial.md", "howto/diagnose.md"])
+def test_the_tutorial_and_the_guide_know_all_verdicts(page):
+    text = (PAGES / page).read_text()
+    assert [verdict for verdict in VERDICTS if f"`{verdict}`" not in text] == []
+    assert "one of four" not in text
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site, built as the README says."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", ROOT / "docs" / "mkdocs.yml", "-d", folder]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "JAX_PLATFORMS": "cpu"}
+    built = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr
+    return folder
+
+
+class Loaded(HTMLParser):
+    """What a browser loads with a page, without being asked to follow a link."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.addresses, self.asks_for_stars = [], False
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        self.asks_for_stars |= given.get("data-md-component") == "source"
+        if tag != "a":
+            named = [given.get(name) for name in ("src", "href", "data", "poster", "action")]
+            sets = [part.split()[0] for part in (given.get("srcset") or "").split(",") if part.strip()]
+            self.addresses += [address for address in (*named, *sets) if address]
+            self.addresses += styled(given.get("style") or "")
+
+
+def styled(css):
+    """Addresses in a style sheet."""
+    return re.findall(r"""(?:url\(|@import)\s*["']?([^"')\s]+)""", css)
+
+
+def outside(page, addresses, site):
+    """Those that are no file of the site."""
+    files = [(page.parent / unquote(urlsplit(x).path)).resolve() for x in addresses]
+    return [
+        address
+        for address, file in zip(addresses, files, strict=True)
+        if not address.startswith(("data:", "#"))
+        and (urlsplit(address)[:2] != ("", "") or not file.is_relative_to(site.resolve()) or not file.exists())
+    ]
+
+
+def test_no_page_loads_anything_from_outside_the_folder(site):
+    pages = sorted(site.rglob("*.html"))
+    assert len(pages) >= len(list(PAGES.rglob("*.md")))
+    for page in pages:
+        loaded = Loaded(page.read_text())
+        assert loaded.addresses
+        assert not loaded.asks_for_stars, "the theme's script asks the repository's host for stars"
+        assert outside(page, loaded.addresses, site) == [], page
+    for sheet in site.rglob("*.css"):
+        assert outside(sheet, styled(re.sub(r"/\*.*?\*/", "", sheet.read_text(), flags=re.S)), site) == [], sheet
+
+
+def test_loading_from_outside_is_noticed(site):
+    page = site / "tutorial.html"
+    text = '<img src="https://host.example/x.png"><script src="//host.example/x.js"></script><link href="/x.css">'
+    addresses = Loaded(
+        f'{text}<img src="gone.png"><p style="background: url(../x.png)"><img src="assets/report.png">'
+    ).addresses
+    assert outside(page, addresses, site) == addresses[:-1]
+    assert len(addresses) == 6
+
+
+def test_formulas_are_typeset(site):
+    formulas = sum((page.read_text().count("$$") for page in PAGES.rglob("*.md")), 0) // 2
+    pages = {page: page.read_text() for page in site.rglob("*.html")}
+    assert (
+        sum(text.count('<math xmlns="http://www.w3.org/1998/Math/MathML" display="block"') for text in pages.values())
+        == formulas
+        > 10
+    )
+    raw = re.compile(r"arithmatex|\\(?:begin|frac|quad|mathrm|left)\b|<merror")
+    assert [page for page, text in pages.items() if raw.search(text)] == []
+
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+QUIET = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
+OF_THE_BROWSER = (".google.com", ".googleapis.com")
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium")
+def test_the_search_works_from_disk_and_no_page_asks_the_network(site, tmp_path):
+    """No name is resolved: what a browser asks for by itself leads nowhere, either."""
+    log = tmp_path / "net.json"
+    command = [
+        *(
+            BROWSER,
+            *QUIET.split(),
+            "--disable-component-update",
+            "--disable-sync",
+            f"--user-data-dir={tmp_path / 'user'}",
+        ),
+        *("--host-resolver-rules=MAP * ~NOTFOUND", f"--log-net-log={log}", "--virtual-time-budget=10000", "--dump-dom"),
+        f"{(site / 'index.html').as_uri()}?q=drift",
+    ]
+    page = subprocess.run(command, capture_output=True, text=True, timeout=120).stdout
+    assert re.search(r'md-search-result__meta">\s*\d+ matching documents', page)
+    hosts = {urlsplit(url).hostname for url in re.findall(r'"url":"(https?:[^"]+)"', log.read_text())}
+    assert [host for host in hosts if not host.endswith(OF_THE_BROWSER)] == []
 
 
 def test_links_of_the_readme_lead_somewhere():

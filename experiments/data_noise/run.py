@@ -14,7 +14,7 @@ from common import PARAMS, keep, rounded
 
 from ftbias_jax.calibration import tune
 from ftbias_jax.calibration.data_noise.fit import Tool, tune_data
-from ftbias_jax.calibration.data_noise.values import KINDS, with_noise
+from ftbias_jax.calibration.data_noise.values import JOINT_NAMES, KINDS, WRENCH_NAMES, with_noise
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.filtering import process_models
 from ftbias_jax.model import simulate
@@ -61,7 +61,7 @@ def make_log(params, seed):
 
 
 def wrong(params):
-    joint = params.joint._replace(**{name: START * getattr(params.joint, name) for name in tune.JOINT_NAMES})
+    joint = params.joint._replace(**{name: START * getattr(params.joint, name) for name in JOINT_NAMES})
     density, variance = START * params.bias.density, START**2 * params.bias.wrench_variance
     bias = params.bias._replace(density=density, wrench_variance=variance, data_variance=None)
     return params._replace(joint=joint, bias=bias)
@@ -69,9 +69,9 @@ def wrong(params):
 
 def tune_all(logs, kind):
     """Joints first, then all noise of the wrench together."""
-    tuned, joints = tune.tune_joints(wrong(PLAIN[0]), logs, dict.fromkeys(tune.JOINT_NAMES, "each"))
+    tuned, joints = tune.tune_joints(wrong(PLAIN[0]), logs, dict.fromkeys(JOINT_NAMES, "each"))
     tools = [Tool(wrong(params)._replace(joint=tuned.joint), [log]) for params, log in zip(PLAIN, logs, strict=True)]
-    return joints, *tune_data(tools, KINDS[kind] | dict.fromkeys(tune.WRENCH_NAMES, "each"))
+    return joints, *tune_data(tools, KINDS[kind] | dict.fromkeys(WRENCH_NAMES, "each"))
 
 
 def misses(fit, truth):
@@ -101,7 +101,7 @@ def variances(tools):
 def main():
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else SEEDS
     wrench_truth = {"density": STILL.bias.density, "wrench_std": jnp.sqrt(STILL.bias.wrench_variance)}
-    joint_truth = {name: getattr(STILL.joint, name) for name in tune.JOINT_NAMES}
+    joint_truth = {name: getattr(STILL.joint, name) for name in JOINT_NAMES}
     sigmas, values, totals, seconds, open_words = {}, {}, [], [], {}
     for seed in range(seeds):
         logs = [make_log(params, 100 * seed + number) for number, params in enumerate(TRUTH)]

@@ -12,6 +12,7 @@ sys.path.append(str(Path(__file__).parents[1]))
 from common import MOTIONS, PARAMS, keep, rounded, simulate_logs
 
 from ftbias_jax.calibration import tune
+from ftbias_jax.calibration.data_noise.values import JOINT_NAMES
 from ftbias_jax.filtering import pipeline, smoother
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan
@@ -45,7 +46,7 @@ def compare(motion, rate):
     scores, shown = {}, {"t": np.asarray(t), "truth": truth[:, 1]}
     for model in JOINT_MODELS:
         options = Options(joint_model=model)
-        params, fit = tune.tune_joints(PARAMS, [learning], dict.fromkeys(tune.JOINT_NAMES, "each"), options)
+        params, fit = tune.tune_joints(PARAMS, [learning], dict.fromkeys(JOINT_NAMES, "each"), options)
         filtered, smoothed = map(np.asarray, jax.jit(accelerations, static_argnums=2)(params, unseen, model))
         scores[model] = {
             "density_median": rounded(np.median(params.joint.process_density)),

@@ -14,6 +14,7 @@ from common import PARAMS, keep, rounded
 
 from ftbias_jax.calibration import tune
 from ftbias_jax.calibration.batching import stack
+from ftbias_jax.calibration.data_noise.values import JOINT_NAMES, WRENCH_NAMES
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.filtering import pipeline, process_models
 from ftbias_jax.filtering.fast import stages
@@ -27,8 +28,8 @@ from ftbias_jax.types import Sample
 SAMPLES, RATE, SEEDS = 60_000, 500.0, 20
 FACTORS = (30.0, 1 / 30.0)
 TRUTH = PARAMS._replace(joint=PARAMS.joint._replace(process_density=jnp.ones(7)))
-JOINT_TIES = dict.fromkeys(tune.JOINT_NAMES, "each")
-WRENCH_TIES = dict.fromkeys(tune.WRENCH_NAMES, "each")
+JOINT_TIES = dict.fromkeys(JOINT_NAMES, "each")
+WRENCH_TIES = dict.fromkeys(WRENCH_NAMES, "each")
 KINDS = {"joints smoothed (what tune does)": "#0072B2", "joints filtered": "#D55E00", "joints known": "#009E73"}
 
 
@@ -54,7 +55,7 @@ def make_log(seed=0):
 
 def wrong_by(factor):
     """Every noise parameter multiplied by a factor."""
-    joint = TRUTH.joint._replace(**{name: factor * getattr(TRUTH.joint, name) for name in tune.JOINT_NAMES})
+    joint = TRUTH.joint._replace(**{name: factor * getattr(TRUTH.joint, name) for name in JOINT_NAMES})
     bias = TRUTH.bias._replace(
         density=factor * TRUTH.bias.density, wrench_variance=factor**2 * TRUTH.bias.wrench_variance
     )
@@ -107,7 +108,7 @@ def from_wrong_starts(log, true):
 
 
 def main():
-    true = {name: np.asarray(getattr(TRUTH.joint, name)) for name in tune.JOINT_NAMES}
+    true = {name: np.asarray(getattr(TRUTH.joint, name)) for name in JOINT_NAMES}
     true |= {"density": np.asarray(TRUTH.bias.density), "wrench_std": np.sqrt(np.asarray(TRUTH.bias.wrench_variance))}
     result = {"samples": SAMPLES, "seeds": SEEDS, "wrong starts": from_wrong_starts(make_log()[0], true)}
     ratios = {kind: {} for kind in KINDS}

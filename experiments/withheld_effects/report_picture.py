@@ -10,7 +10,7 @@ from PIL import Image
 
 from ftbias_jax.cli.main import main
 
-OUT = Path(__file__).parent / "report.png"
+OUT = Path(__file__).parents[2] / "docs" / "pages" / "assets" / "report.png"
 SIZE = 1000, 1280  # px; ends after the plots against time
 COLORS = 64
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import cut, equal_parts, stack
+from ftbias_jax.calibration.data_noise.values import constrain, with_noise
 from ftbias_jax.calibration.newton import Report
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
@@ -36,8 +37,6 @@ PIECES_AT_ONCE = 4
 SAMPLES_AT_ONCE = 1 << 18
 """Of whole logs side by side. Both bound the memory."""
 RESTART_SPREAD = np.log(10.0)
-JOINT_NAMES = ("process_density", "position_std", "velocity_std")
-WRENCH_NAMES = ("density", "wrench_std")
 TIES: dict[str, Callable[[int], np.ndarray]] = {
     "one": lambda size: np.zeros(size, int),
     "pair": lambda size: np.arange(size) * 2 // size,
@@ -71,8 +70,7 @@ class JointScore:
     def __call__(self, logs: Array, part: tuple[Params, Sample]) -> Array:
         """(K, n) logarithms -> (n,) nats."""
         params, pieces = part
-        noise = params.joint._replace(**dict(zip(self.names, jnp.exp(logs), strict=True)))
-        moved, length = params._replace(joint=noise), measured_length(pieces)
+        moved, length = constrain(params, dict(zip(self.names, logs, strict=True))), measured_length(pieces)
 
         def one(samples: Sample) -> Array:
             inputs = stages.joint_inputs(moved, pipeline.init(params, samples), samples)
@@ -103,7 +101,7 @@ class WrenchScore:
     def __call__(self, logs: Array, part: tuple[Params, WrenchLogs]) -> Array:
         """(K, 6) logarithms -> (6,) nats."""
         params, whole = part
-        params = with_wrench_noise(params, dict(zip(self.names, jnp.exp(logs), strict=True)))
+        params = constrain(params, dict(zip(self.names, logs, strict=True)))
         length = measured_length(whole.samples)
 
         def one(log: WrenchLogs) -> Array:
@@ -147,7 +145,7 @@ def tune_joints(
     parts = [(params, stack(part, longest)) for part in equal_parts(pieces, PIECES_AT_ONCE)]
     start = {name: getattr(params.joint, name) for name in ties}
     fit = _fit(JointScore(tuple(ties), options.joint_model, burn_in), parts, start, ties, restarts, report, total)
-    return params._replace(joint=params.joint._replace(**_arrays(fit, params))), fit
+    return with_noise(params, _arrays(fit, params)), fit
 
 
 def tune_wrench(
@@ -197,15 +195,7 @@ def fit_wrench(
     everything = {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
     start = {name: everything[name] for name in ties}
     fit = _fit(WrenchScore(tuple(ties), burn_in), parts, start, ties, restarts, report, total)
-    return with_wrench_noise(params, _arrays(fit, params)), fit
-
-
-def with_wrench_noise(params: Params, noise: dict[str, Array]) -> Params:
-    """Parameters with values (6,) for some of WRENCH_NAMES: sigma_Q N/s^1.5, Nm/s^1.5, noise of one sample N, Nm."""
-    bias = params.bias._replace(density=noise.get("density", params.bias.density))
-    if "wrench_std" in noise:
-        bias = bias._replace(wrench_variance=noise["wrench_std"] ** 2)
-    return params._replace(bias=bias)
+    return with_noise(params, _arrays(fit, params)), fit
 
 
 @partial(jax.jit, static_argnames="options")

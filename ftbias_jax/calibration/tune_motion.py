@@ -18,8 +18,9 @@ import numpy as np
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.data_noise import gradient
+from ftbias_jax.calibration.data_noise.values import constrain
 from ftbias_jax.calibration.newton import Report
-from ftbias_jax.calibration.tune import TIES, Fit, with_wrench_noise
+from ftbias_jax.calibration.tune import TIES, Fit
 from ftbias_jax.calibration.tune_blocks import LogInBlocks
 from ftbias_jax.filtering import bias_filter, pipeline
 from ftbias_jax.filtering.adapt.vibration import Vibration
@@ -61,7 +62,7 @@ class MotionScore:
     """Log-likelihood of the wrench given the joints; a gradient.Score whose parts are (params, one log)."""
 
     index: tuple[tuple[str, tuple[int, ...]], ...]
-    """For each fitted name of tune.WRENCH_NAMES which free value each axis has."""
+    """For each fitted name of values.WRENCH_NAMES which free value each axis has."""
     weights: tuple[int, ...]
     """Entries of the (n, 6) weights, row by row, that are fitted; their free values come next. The others are zero."""
     bends: bool
@@ -82,7 +83,7 @@ class MotionScore:
     def with_noise(self, params: Params, logs: Array) -> Params:
         """Parameters with the free values."""
         values = jnp.exp(logs)
-        params = with_wrench_noise(params, {name: values[jnp.array(lanes)] for name, lanes in self.index})
+        params = constrain(params, {name: logs[jnp.array(lanes)] for name, lanes in self.index})
         n, first = params.joint.process_density.shape[0], len(logs) - len(self.weights) - self.bends
         of_weights = values[first : first + len(self.weights)]
         rows = jnp.zeros(n * 6, logs.dtype).at[jnp.array(self.weights)].set(of_weights).reshape(n, 6)
@@ -113,7 +114,7 @@ def tune_motion(
         params: what is not fitted, and where to start with the rest; its joints' noise should be the likeliest.
         logs: samples of one robot.
         shown: by the blocks of the logs: where to start, which weights are not zero, and whether the growth bends.
-        ties: key of TIES for each of tune.WRENCH_NAMES that is to be fitted, too.
+        ties: key of TIES for each of values.WRENCH_NAMES that is to be fitted, too.
         options: of the pipeline.
         report: told (iteration, nats).
 

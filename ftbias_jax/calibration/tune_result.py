@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from ftbias_jax.calibration.data_noise.values import setup_from_values
 from ftbias_jax.calibration.judgement import Predicted
 from ftbias_jax.calibration.tune import Fit
 from ftbias_jax.calibration.tune_motion import NAME as VIBRATION
-from ftbias_jax.model.params import Params
+from ftbias_jax.filtering.verbs.setup_with import setup_with
+from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array
 
@@ -156,46 +157,18 @@ def _table(fit: Fit) -> str:
 
 def with_noise(setup: Setup, params: Params, fits: dict[str, Fit]) -> Setup:
     """The setup with the noise that was fitted."""
-    if "joints" in fits:
-        joints = replace(
-            setup.joints,
-            process_noise_density=np.asarray(params.joint.process_density),
-            position_noise_std=np.asarray(params.joint.position_std),
-            velocity_noise_std=np.asarray(params.joint.velocity_std),
-        )
-        setup = replace(setup, joints=joints)
-    if params.bias.correlated_std is not None:
-        sensor = replace(
-            setup.sensor,
-            noise_std=np.sqrt(np.asarray(params.bias.wrench_variance)),
-            correlated_std=np.asarray(params.bias.correlated_std),
-            correlated_time=np.asarray(params.bias.correlated_time),
-        )
-        setup = replace(setup, sensor=sensor)
-    if "wrench" in fits:
-        found = fits["wrench"].relative_stderr
-        density = _where_known(found.get("density"), params.bias.density, setup.bias.noise_density)
-        noise_std = np.sqrt(np.asarray(params.bias.wrench_variance))
-        setup = replace(
-            setup,
-            bias=replace(setup.bias, noise_density=density, drift_time=_optional(params.bias.drift_time)),
-            sensor=replace(setup.sensor, noise_std=_where_known(found.get("wrench_std"), noise_std, noise_std)),
-            data_noise=setup_from_values(fits["wrench"].values) or setup.data_noise,
-            effects=_with_vibration(setup.effects, fits["wrench"].values),
-        )
-    return setup
-
-
-def _with_vibration(effects: Mapping[str, Any], values: dict[str, np.ndarray]) -> Mapping[str, Any]:
-    """The effects of a setup with the noise that grows with the motion, if that was fitted."""
-    if VIBRATION not in values:
-        return effects
-    bend = {"speed": float(values[f"{VIBRATION}_speed"][0])} if f"{VIBRATION}_speed" in values else {}
-    return {**effects, VIBRATION: {"variance": values[VIBRATION].tolist()} | bend}
-
-
-def _optional(values: Array | None) -> Array | None:
-    return None if values is None else np.asarray(values)
+    stated, wrench = params_from_setup(setup), fits.get("wrench")
+    if "joints" not in fits:
+        params = params._replace(joint=stated.joint)
+    if wrench is None:
+        return setup_with(setup, params, guarded=False)
+    density = _where_known(wrench.relative_stderr.get("density"), params.bias.density, setup.bias.noise_density)
+    params = params._replace(bias=params.bias._replace(density=density))
+    parts = setup_from_values(wrench.values)  # in the words of the fit: of the parts, Params has the sum alone
+    if parts is not None:
+        params = params._replace(bias=params.bias._replace(data_variance=stated.bias.data_variance))
+    written = setup_with(setup, params, guarded=False)
+    return written if parts is None else replace(written, data_noise=parts)
 
 
 def _where_known(relative_stderr: Array | None, found: Array, given: Array) -> Array:

@@ -12,9 +12,9 @@ import numpy as np
 
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.data_noise.fit import Tool, tune_data
-from ftbias_jax.calibration.data_noise.values import KINDS, values_from_setup
+from ftbias_jax.calibration.data_noise.values import JOINT_NAMES, KINDS, values_from_setup
 from ftbias_jax.calibration.judgement import Predicted, judge_predictions, what_the_logs_show
-from ftbias_jax.calibration.tune import JOINT_NAMES, TIES, Fit, tune_joints, tune_wrench
+from ftbias_jax.calibration.tune import TIES, Fit, tune_joints, tune_wrench
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, is_correlated, look_at, tune_in_blocks
 from ftbias_jax.calibration.tune_motion import shown_vibration, tune_motion
 from ftbias_jax.calibration.tune_result import (

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import bias_filter, pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.log_likelihoods import log_likelihoods
@@ -29,6 +30,9 @@ from ftbias_jax.types import Gaussian, Sample
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+JAX_SAYS = ("can't apply forward-mode", "Linearization failed")
+"""Of a derivative that a function with a reverse pass of its own does not have; or nothing, of a second one."""
+
 
 class LogLikelihood(NamedTuple):
     """Log density of the measurements, in nats."""
@@ -45,7 +49,12 @@ class LogLikelihood(NamedTuple):
 
 
 def log_likelihood(
-    params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
+    params: Params,
+    samples: Sample,
+    options: Options = DEFAULT_OPTIONS,
+    burn_in: float | Array = 0.0,
+    *,
+    by_steps: bool = False,
 ) -> Float[Array, ""]:
     """Log-likelihood of a log (errata 13), () nats: of joints and wrench together, to be differentiated or mapped.
 
@@ -57,8 +66,23 @@ def log_likelihood(
         samples: as ``samples_from_log`` gives them, leaves with a leading time axis; padding counts nothing.
         options: of the pipeline, as ``options_from_setup`` gives them where a setup states any.
         burn_in: s at the start of the log that do not count, because the first innovations measure P_0 and little else.
+        by_steps: by ``pipeline.scan_steps``, many times slower, to be differentiated forwards and twice (``jax.jvp``,
+            ``jax.hessian``), too; without known effects.
+
+    Raises:
+        UsageError: it is differentiated forwards or twice without ``by_steps``. A ``jax.jit`` in between hides where:
+            then the error is JAX's own.
     """
-    return log_likelihood_parts(params, samples, options, burn_in).total
+    if by_steps:
+        _, nats = pipeline.scan_steps(params, pipeline.init(params, samples), samples, options, _increments)
+        return jnp.sum(counted(samples.dt, burn_in) * sum(nats))
+    try:
+        return log_likelihood_parts(params, samples, options, burn_in).total
+    except (TypeError, ValueError, AssertionError) as error:
+        if not str(error).startswith(JAX_SAYS) and error.args:
+            raise
+        message = "has a hand-written reverse pass, which goes neither forwards (jvp, jacfwd) nor twice (hessian)"
+        raise UsageError(message, field="log_likelihood", remedy="use jax.grad, or by_steps=True") from error
 
 
 def log_likelihood_parts(

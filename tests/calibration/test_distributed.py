@@ -14,10 +14,11 @@ import pytest
 
 import ftbias_jax
 from ftbias_jax.calibration import tune
+from ftbias_jax.calibration.data_noise.values import JOINT_NAMES
 from ftbias_jax.cli.main import build_parser
 from ftbias_jax.types import Sample
 
-TIES = dict.fromkeys(tune.JOINT_NAMES, "each")
+TIES = dict.fromkeys(JOINT_NAMES, "each")
 PROGRAM = """
 import json, pickle, sys
 import jax

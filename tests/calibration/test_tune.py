@@ -9,6 +9,7 @@ import pytest
 
 from ftbias_jax.calibration import newton, tune
 from ftbias_jax.calibration.batching import stack
+from ftbias_jax.calibration.data_noise.values import JOINT_NAMES, WRENCH_NAMES
 from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_joints
 from ftbias_jax.model import simulate
 from ftbias_jax.types import Sample
@@ -18,8 +19,8 @@ STATES = np.array([[1, DT, DT**2 / 2], [0, 1, DT], [0, 0, 1]])
 JERK = np.linalg.cholesky(
     [[DT**5 / 20, DT**4 / 8, DT**3 / 6], [DT**4 / 8, DT**3 / 3, DT**2 / 2], [DT**3 / 6, DT**2 / 2, DT]]
 )
-ALL_JOINT_NOISE = dict.fromkeys(tune.JOINT_NAMES, "each")
-ALL_WRENCH_NOISE = dict.fromkeys(tune.WRENCH_NAMES, "each")
+ALL_JOINT_NOISE = dict.fromkeys(JOINT_NAMES, "each")
+ALL_WRENCH_NOISE = dict.fromkeys(WRENCH_NAMES, "each")
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +66,7 @@ def logs_of(truth, seeds, count):
 
 def as_one_robot(truth, logs):
     """Joints are independent, so those of many logs are tuned as the joints of one robot."""
-    many = {name: jnp.tile(getattr(truth.joint, name), len(logs)) for name in tune.JOINT_NAMES}
+    many = {name: jnp.tile(getattr(truth.joint, name), len(logs)) for name in JOINT_NAMES}
     q, dq = (np.concatenate([getattr(log, name) for log in logs], 1) for name in ("q", "dq"))
     log = Sample(logs[0].dt, q, dq, logs[0].wrench)
     return truth._replace(joint=truth.joint._replace(**many)), log
@@ -73,7 +74,7 @@ def as_one_robot(truth, logs):
 
 def wrong(params, factor):
     """All noise parameters wrong by a factor."""
-    joint = {name: factor * getattr(params.joint, name) for name in tune.JOINT_NAMES}
+    joint = {name: factor * getattr(params.joint, name) for name in JOINT_NAMES}
     bias = {"density": factor * params.bias.density, "wrench_variance": factor**2 * params.bias.wrench_variance}
     return params._replace(joint=params.joint._replace(**joint), bias=params.bias._replace(**bias))
 
@@ -88,7 +89,7 @@ def pieces_of(log):
 
 
 def joint_truth(params):
-    return {name: np.asarray(getattr(params.joint, name)) for name in tune.JOINT_NAMES}
+    return {name: np.asarray(getattr(params.joint, name)) for name in JOINT_NAMES}
 
 
 def wrench_truth(params):
@@ -195,7 +196,7 @@ def test_tied_values_are_best_together(still, tie, free):
         alone = tune.fit_wrench(params, [still], ALL_WRENCH_NOISE)[1].relative_stderr["density"]
         np.testing.assert_allclose(fit.relative_stderr["density"], alone * np.sqrt(free / 6), rtol=0.35)
 
-    score = tune.WrenchScore(tune.WRENCH_NAMES, 1.0)
+    score = tune.WrenchScore(WRENCH_NAMES, 1.0)
     best = np.log([density, fit.values["wrench_std"]])
     for group in set(tune.TIES[tie](6)):
         off = 0.02 * np.stack([tune.TIES[tie](6) == group, np.zeros(6)])
@@ -243,12 +244,12 @@ def test_expectation_maximisation_stays_at_the_optimum(still):
     """A second way to the maximum: where Newton's iterations end, EM does not move; from elsewhere it climbs there."""
     params, whole = still
     tuned, _ = tune.fit_wrench(params, [still], ALL_WRENCH_NOISE, burn_in=0.0)
-    score = tune.WrenchScore(tune.WRENCH_NAMES, 0.0)
+    score = tune.WrenchScore(WRENCH_NAMES, 0.0)
 
     def moved_by_em(params):
         after = expectation_maximisation(params, whole)
         before = {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
-        rows = (jnp.log(jnp.stack([noise[name] for name in tune.WRENCH_NAMES])) for noise in (before, after))
+        rows = (jnp.log(jnp.stack([noise[name] for name in WRENCH_NAMES])) for noise in (before, after))
         old, new = (np.asarray(row) for row in rows)
         return new - old, np.asarray(score(jnp.asarray(new), still) - score(jnp.asarray(old), still))
 

@@ -9,6 +9,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 from ftbias_jax.calibration.batching import stack
+from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import likelihood, pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan
@@ -126,6 +127,35 @@ def test_gradient_is_the_limit_of_differences(params, samples):
     for slope, (path, difference) in zip(jax.tree.leaves(unravel(slopes[0])), expected, strict=True):
         scale = np.abs(difference).max()
         np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-6 * scale, err_msg=jax.tree_util.keystr(path))
+
+
+SECOND = {
+    "jvp": lambda f, x: jax.jvp(f, (x,), (x,)),
+    "jacfwd": lambda f, x: jax.jacfwd(f)(x),
+    "hessian": lambda f, x: jax.hessian(f)(x),
+    "compiled hessian": lambda f, x: jax.jit(jax.hessian(f))(x),
+    "two reverse passes": lambda f, x: jax.jacrev(jax.grad(f))(x),
+}
+
+
+@pytest.mark.parametrize("derivative", SECOND)
+def test_derivatives_that_a_reverse_pass_does_not_have_are_refused_in_words(params, samples, derivative):
+    with pytest.raises(UsageError, match=r"neither forwards .* nor twice .*by_steps=True"):
+        SECOND[derivative](lambda theta: log_likelihood(params._replace(theta=theta), samples), params.theta)
+
+
+def test_by_steps_it_is_the_same_and_has_all_derivatives(params, samples):
+    def nats(theta, by_steps=True):
+        return log_likelihood(params._replace(theta=theta), samples, burn_in=BURN_IN, by_steps=by_steps)
+
+    theta, fast = jnp.asarray(params.theta), jax.jit(jax.value_and_grad(partial(nats, by_steps=False)))
+    (value, slope), (along, bend) = jax.jit(lambda x: jax.jvp(jax.value_and_grad(nats), (x,), (x,)))(theta)
+    expected, gradient = fast(theta)
+    np.testing.assert_allclose(value, expected, rtol=1e-9)
+    np.testing.assert_allclose(slope, gradient, rtol=1e-6, atol=1e-9 * np.abs(gradient).max())
+    np.testing.assert_allclose(along, gradient @ theta, rtol=1e-6)
+    difference = (fast(1.0001 * theta)[1] - fast(0.9999 * theta)[1]) / 2e-4
+    np.testing.assert_allclose(bend, difference, rtol=1e-3, atol=1e-3 * np.abs(difference).max())
 
 
 def test_padded_logs_side_by_side_count_nothing_more(params, samples):

@@ -23,6 +23,7 @@ from ftbias_jax.calibration.data_noise import gradient
 from ftbias_jax.calibration.data_noise.values import (
     KINDS,
     LANES,
+    constrain,
     power,
     starting_values,
     total_variance,
@@ -68,7 +69,7 @@ class DataScore:
     def __call__(self, logs: Array, part: tuple[Params, WrenchLogs]) -> Array:
         """(P,) logarithms -> () nats."""
         params, whole = part
-        params = with_noise(params, {name: jnp.exp(logs[jnp.array(lanes)]) for name, lanes in self.index})
+        params = constrain(params, {name: logs[jnp.array(lanes)] for name, lanes in self.index})
         log: WrenchLogs = jax.tree.map(lambda x: x[0], whole)
         variance = log.joint_variance + total_variance(params)[None]
         start = pipeline.init(params, log.samples)
@@ -89,7 +90,7 @@ def tune_data(
 
     Args:
         tools: at least one; their noise is common, the values of the first one are where to start.
-        ties: one of KINDS, and keys of tune.TIES for those of tune.WRENCH_NAMES that are to be fitted with it.
+        ties: one of KINDS, and keys of tune.TIES for those of values.WRENCH_NAMES that are to be fitted with it.
         stated: where to start, by name; what is absent or zero starts at a share of the sensor's variance.
         options: of the pipeline.
         burn_in: s that do not count at the start of every log.

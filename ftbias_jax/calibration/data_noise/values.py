@@ -1,19 +1,24 @@
-"""Noise of bias, sensor and motion by name: what of Sigma_D can be fitted, and where to start."""
+"""Noise of joints, bias, sensor and motion by name: what of it can be fitted, where to start, and how a fit moves it.
+
+All of it is positive, so every fit moves logarithms (``constrain``), which need no bounds.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.calibration.tune import with_wrench_noise
+from ftbias_jax.errors import UsageError
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
 from ftbias_jax.setup.types import DataNoiseSetup, Setup
 from ftbias_jax.types import Array
 
+JOINT_NAMES = ("process_density", "position_std", "velocity_std")
+WRENCH_NAMES = ("density", "wrench_std")
 KINDS: dict[str, dict[str, str]] = {
     "one": dict.fromkeys(DataNoise._fields, "one"),
     "three": dict.fromkeys(DataNoise._fields, "each"),
@@ -38,16 +43,63 @@ def starting_values(tools: Sequence[Params], ties: dict[str, str], known: dict[s
     return {name: np.asarray(start[name]) for name in ties}
 
 
-def with_noise(params: Params, noise: dict[str, Array]) -> Params:
-    """Parameters with values for some of tune.WRENCH_NAMES, and for all of one kind of Sigma_D."""
-    params = with_wrench_noise(params, noise)
+def with_noise(params: Params, noise: Mapping[str, Array]) -> Params:
+    """Parameters with values for some of JOINT_NAMES and WRENCH_NAMES, and for all of one kind of Sigma_D."""
+    variance = params.bias.data_variance
     if "entries" in noise:
         variance = noise["entries"] ** 2
     elif noise.keys() >= set(DataNoise._fields):
         variance = data_variance(DataNoise(*(noise[name] for name in DataNoise._fields)), params.gravity)
-    else:
-        variance = params.bias.data_variance
-    return params._replace(bias=params.bias._replace(data_variance=variance))
+    bias = params.bias._replace(density=noise.get("density", params.bias.density), data_variance=variance)
+    if "wrench_std" in noise:
+        bias = bias._replace(wrench_variance=noise["wrench_std"] ** 2)
+    params = params._replace(bias=bias)
+    of_joints = {name: noise[name] for name in JOINT_NAMES if name in noise}
+    return params._replace(joint=params.joint._replace(**of_joints)) if of_joints else params
+
+
+def unconstrain(params: Params) -> dict[str, Array]:
+    """Logarithms of the noise, by name: free numbers for an optimiser, which ``constrain`` puts back.
+
+    Args:
+        params: as ``params_for_log`` gives them.
+
+    Returns:
+        name -> logarithms: ``process_density`` (n,) of rad/s^2.5, ``position_std`` (n,) of rad and ``velocity_std``
+        (n,) of rad/s, eta of the joints; ``density`` (6,) of N/s^1.5 and Nm/s^1.5, sigma_Q; ``wrench_std`` (6,) of N
+        and Nm, the square root of the diagonal of Sigma_W; and, if the setup states ``[data_noise]``, ``entries`` (36,)
+        of m/s^2, rad/s^2 and their like, the square root of the diagonal of Sigma_D. What is zero has the logarithm
+        -inf and no slope, and stays zero.
+    """
+    values = {name: getattr(params.joint, name) for name in JOINT_NAMES}
+    values |= {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
+    if params.bias.data_variance is not None:
+        values["entries"] = jnp.sqrt(params.bias.data_variance)
+    return {name: jnp.log(value) for name, value in values.items()}
+
+
+def constrain(params: Params, logs: Mapping[str, Array]) -> Params:
+    """Parameters with the noise whose logarithms are given; the inverse of ``unconstrain``, to be differentiated.
+
+    Args:
+        params: the rest.
+        logs: name -> logarithms, (n,) of rad and rad/s, (6,) of N and Nm or (36,), as ``unconstrain`` gives them: all,
+            or some. In place of ``entries`` the four parts of ``[data_noise]`` do as well, (3,) each.
+
+    Raises:
+        UsageError: a name that is not one of the noise.
+    """
+    known = {*JOINT_NAMES, *WRENCH_NAMES, *LANES}
+    _refuse_unknown(logs, known)
+    return with_noise(params, {name: jnp.exp(value) for name, value in logs.items()})
+
+
+def _refuse_unknown(names: Collection[str], known: set[str]) -> None:
+    if unknown := sorted(set(names) - known):
+        raise UsageError(f"there is no noise {unknown[0]!r}", field="logs", remedy=f"one of {', '.join(sorted(known))}")
+    if 0 < len(parts := known & set(DataNoise._fields) & set(names)) < len(DataNoise._fields):
+        missing = ", ".join(name for name in DataNoise._fields if name not in parts)
+        raise UsageError("[data_noise] has four parts", field="logs", remedy=f"give {missing}, too")
 
 
 def without_data_noise(params: Params) -> Params:
