@@ -54,11 +54,12 @@ class IdentifyResult:
         """Whether the search found its optimum; if not, there is no result."""
         return self.tool.converged
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str], by: str = "") -> None:
         """Write the setup that was found; ``Setup.save`` has the errors.
 
         Args:
             path: of the TOML file.
+            by: as of ``Setup.save``.
 
         Raises:
             LogError: nothing was found that could be written; no file is touched then.
@@ -69,7 +70,7 @@ class IdentifyResult:
         channels = self.channels is not None and self.channels.shown
         if all(self.tool.remarks) and not (self.mounting or self.gravity or self.bias or channels):
             raise LogError("determines nothing of the tool; nothing is written", remedy=remedy)
-        self.setup.save(path)
+        self.setup.save(path, by)
 
     def __str__(self) -> str:
         found = self.tool

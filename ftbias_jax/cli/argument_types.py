@@ -30,6 +30,13 @@ def add_outside(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """The user's word for replacing files that no command wrote."""
+    parser.add_argument(
+        "--force", action="store_true", help="replace files that ftbias did not write as the same kind of output"
+    )
+
+
 def count(text: str) -> int:
     """Of logs or processes."""
     return _whole(text, 1, 100_000)

@@ -74,6 +74,7 @@ def to_page(fleet: Fleet, title: str, folder: str) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{STYLE_POLICY}">'
+        '<meta name="generator" content="ftbias_jax">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<meta name="color-scheme" content="light dark">'
         f"<title>{escape(title)}</title><style>{style}</style></head>\n"

@@ -1,4 +1,4 @@
-"""Where results may be written: never over an input, never over one another."""
+"""Where results may be written: never over an input, over one another, or over what this program did not write."""
 
 from __future__ import annotations
 
@@ -6,15 +6,23 @@ import os
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.files import no_regular_file
+from ftbias_jax.io.write.ours import kind_of
 
+NO_KINDS: Mapping[str, str] = MappingProxyType({})
 Place = str | os.PathLike[str]
 
 
-def check_outputs(outputs: Mapping[str, Place | None], inputs: Iterable[Place | None]) -> None:
-    """Refuse outputs that are an input or another output, under whatever name.
+def check_outputs(
+    outputs: Mapping[str, Place | None],
+    inputs: Iterable[Place | None],
+    kinds: Mapping[str, str] = NO_KINDS,
+    force: bool = False,
+) -> None:
+    """Refuse outputs that are an input or another output, under whatever name, or somebody else's file.
 
     Files are compared by their inodes, so that symbolic and hard links are seen through; those that are not there yet
     by where they would be. An input that is a folder, a bag, stands for every file right in it.
@@ -22,9 +30,11 @@ def check_outputs(outputs: Mapping[str, Place | None], inputs: Iterable[Place | 
     Args:
         outputs: what names the file on the command line, such as ``-o`` -> the file; None or "" = not asked for.
         inputs: files and folders that are read; None or "" = none.
+        kinds: option -> what is written (``write.ours``): a file that is there is replaced only if it is one of these.
+        force: replace files of any kind, but no inputs.
 
     Raises:
-        UsageError: two of them are one file.
+        UsageError: two of them are one file. OutputError: a file is there that this program did not write as the same.
     """
     taken = {_identity(file): f"the input {os.fspath(file)!r}" for name in inputs if name for file in _files_of(name)}
     for option, output in outputs.items():
@@ -34,6 +44,24 @@ def check_outputs(outputs: Mapping[str, Place | None], inputs: Iterable[Place | 
                 message = f"{os.fspath(output)!r} is the same file as {taken[place]}"
                 raise UsageError(message, field=option, remedy="give every result a name of its own")
             taken[place] = f"{os.fspath(output)!r} of {option}"
+            if kinds.get(option) and not force:
+                check_replaceable(output, kinds[option])
+
+
+def check_replaceable(output: Place, kind: str) -> None:
+    """Refuse to replace a file that this program did not write as the same kind of output.
+
+    Args:
+        output: the file, which need not be there.
+        kind: one of ``write.ours``.
+
+    Raises:
+        OutputError: it is another file.
+    """
+    if os.path.isfile(output) and (there := kind_of(output)) != kind:
+        what = f"is {there}, not {kind}" if there else f"is not {kind} of ftbias"
+        remedy = "name another file, or add --force to replace it"
+        raise OutputError(f"is there already, and {what}", file=output, remedy=remedy)
 
 
 def check_writable(output: Place, suffix: str = "", option: str = "--output") -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import tomllib
@@ -22,27 +23,33 @@ from ftbias_jax.setup.types import RobotSetup, Setup
 
 OURS = ("\u00b1", "ftbias ", "tuned, ")
 """What marks a remark of an earlier command, which a new one replaces; words of others stay."""
+WRITTEN_BY = "# Written by ftbias "
+"""Begins the first line of a setup that a command wrote, which the command may replace."""
 SCREW_SECTIONS = ("[robot.flange]", "[[robot.joints]]")
 TERMS = "[[effects.term]]"
 """A section that may stand several times, and is written as a whole."""
 _Said = dict[tuple[str, str], Line]
 
 
-def save_setup(path: str | os.PathLike[str], setup: Setup) -> None:
+def save_setup(path: str | os.PathLike[str], setup: Setup, by: str = "") -> None:
     """Write a setup, whole or not at all: through a temporary file beside it.
 
     Of a setup that was read from a file, the text of that file stays but for the lines of what changed.
 
     Args:
-        path: the file to make or replace; a link is followed.
+        path: the file to make or replace; a link is refused.
         setup: what to write.
+        by: the command that writes it, for the first line; "" = the file is somebody's own, and has no such line.
 
     Raises:
         OutputError: the file cannot be written there.
     """
-    content = edited_text(setup, os.fspath(path)).encode()
+    text = re.sub(rf"\A{WRITTEN_BY}.*\n", "", edited_text(setup, os.fspath(path)))
+    content = (f"{WRITTEN_BY}{by}, which may replace it\n{text}" if by else text).encode()
     try:
-        replace_whole(os.path.realpath(path), lambda file: file.write(content))
+        if os.path.islink(path):
+            raise OSError(errno.ELOOP, "is a symbolic link")
+        replace_whole(os.path.abspath(path), lambda file: file.write(content))
     except OSError as error:
         remedy = "check that the folder exists, may be written to and has room"
         message = f"cannot be written: {error.strerror or error}"

@@ -209,20 +209,21 @@ class Setup:
         """What it was read from, which no result may replace; "" = nothing."""
         return self.path, self.urdf
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str], by: str = "") -> None:
         """Write it as TOML that ``load_setup`` reads back, whole or not at all.
 
         If it was read from a file, only the lines of what changed since differ from that file.
 
         Args:
             path: the file to make or replace.
+            by: the command that writes it, for a first line that lets it replace the file; "" = no such line.
 
         Raises:
             OutputError: the file cannot be written there.
         """
         from ftbias_jax.setup.save import save_setup  # writes what this module defines
 
-        save_setup(path, self)
+        save_setup(path, self, by)
 
     def export(self, path: str | os.PathLike[str], format: str, **options: Any) -> None:
         """Write the tool, and for ROS the bias, in the words of a robot's controller or of a package of ROS.

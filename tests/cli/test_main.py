@@ -299,7 +299,7 @@ def test_an_interrupted_write_leaves_the_old_result(copy, tmp_path, monkeypatch,
         raise KeyboardInterrupt
 
     monkeypatch.setattr(os, "fsync", interrupted)  # written to the temporary file, not yet renamed
-    assert run(arrays, text) == 1
+    assert run(arrays, text, "--force") == 1
     assert_one_line(capsys, "interrupted, nothing more was written")
     assert (tmp_path / "out.npz").read_bytes() == b"an older result"
     assert sorted(os.listdir(tmp_path)) == ["log.npz", "out.npz", "setup.toml"]

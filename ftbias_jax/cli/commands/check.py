@@ -14,6 +14,7 @@ from ftbias_jax.fleet.find import expand, inputs
 from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.outputs import check_outputs, check_writable
+from ftbias_jax.io.write.ours import CHECK
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.setup import load_setup
 
@@ -26,7 +27,8 @@ def run(arguments: argparse.Namespace) -> int:
         check_writable(arguments.json, ".json", "--json")
     setup = load_setup(arguments.setup, allow_outside=arguments.allow_outside)
     paths = expand(arguments.logs, setup.log.files)
-    check_outputs({"--json": arguments.json}, (*inputs(paths, setup.log.files), *setup.files))
+    kinds = {"--json": CHECK}
+    check_outputs({"--json": arguments.json}, (*inputs(paths, setup.log.files), *setup.files), kinds, arguments.force)
     logs = [read_log(path, setup) for path in paths]
     check = check_setup(setup, logs)
     print(check)

@@ -137,7 +137,7 @@ def _diagnose(setup: Setup, log: Log, folder: Path) -> Diagnosis:
 
     diagnosis = diagnose(setup, [log], ["log.npz"])
     diagnosis.to_html(folder / "report.html", "Gap of log.npz with setup.toml")
-    diagnosis.apply(setup).save(folder / "fixed.toml")
+    diagnosis.apply(setup).save(folder / "fixed.toml", by="diagnose --apply")
     return diagnosis
 
 

@@ -13,6 +13,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_outputs, check_writable, output_of_setup
+from ftbias_jax.io.write.ours import DIAGNOSIS, PAGE, SETUP
 from ftbias_jax.setup import Setup, load_setup
 
 
@@ -52,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     not_stated = refused(setup, diagnosis.causes, diagnosis.terms) if arguments.apply else ()
     applied = arguments.apply and some_applied(diagnosis, not_stated)
     if applied:
-        diagnosis.apply(setup).save(arguments.output)
+        diagnosis.apply(setup).save(arguments.output, by="" if arguments.in_place else "diagnose --apply")
     outputs = [path for path in (arguments.json, arguments.html, applied and arguments.output) if path]
     if outputs:
         print(f"wrote {', '.join(outputs)}")
@@ -110,5 +111,6 @@ def check_arguments(arguments: argparse.Namespace) -> Setup:
     setup = load_setup(arguments.setup, with_tool=True, allow_outside=arguments.allow_outside)
     arguments.logs = expand(arguments.logs, setup.log.files)
     outputs = {"--output": arguments.output, **{option: path for option, (path, _) in named.items()}}
-    check_outputs(outputs, (*inputs(arguments.logs, setup.log.files), *kept, setup.urdf))
+    kinds = {"--json": DIAGNOSIS, "--html": PAGE} | ({} if arguments.in_place else {"--output": SETUP})
+    check_outputs(outputs, (*inputs(arguments.logs, setup.log.files), *kept, setup.urdf), kinds, arguments.force)
     return setup

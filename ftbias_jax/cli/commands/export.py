@@ -8,6 +8,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.write.layouts import LAYOUTS
+from ftbias_jax.io.write.ours import EXPORT
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.export import export_text
 from ftbias_jax.setup.export.options import ExportOptions
@@ -18,6 +19,7 @@ def run(arguments: argparse.Namespace) -> int:
     output = arguments.output
     if output:
         check_writable(output)
+        check_outputs({"--output": output}, [arguments.setup], {"--output": EXPORT}, arguments.force)
     text = _text(arguments)
     if not output:
         print(text, end="")

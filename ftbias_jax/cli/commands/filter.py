@@ -17,6 +17,7 @@ from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.parts import open_log
 from ftbias_jax.io.write import writer, written
 from ftbias_jax.io.write.offsets import dump_offsets
+from ftbias_jax.io.write.ours import EXPORT, FIGURE, RESULT
 from ftbias_jax.io.write.provenance import in_words
 from ftbias_jax.io.write.selection import check_selection
 from ftbias_jax.runtime.progress import Progress
@@ -42,7 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot:
         figure_format(arguments.plot)
         new_figure()  # a missing package is told before minutes are spent
-    check_outputs(outputs, (*inputs(logs, setup.log.files), *setup.files))
+    kinds = {"--output": RESULT, "--plot": FIGURE, "--offsets": EXPORT}
+    check_outputs(outputs, (*inputs(logs, setup.log.files), *setup.files), kinds, arguments.force)
     check_selection(selection_of(arguments), smooth=arguments.smooth, adapt=setup.bias.adapt)
     log = open_log(path, setup, salvage=arguments.salvage)
 

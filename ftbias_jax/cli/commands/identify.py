@@ -13,6 +13,7 @@ from ftbias_jax.fleet.entry import settings_of
 from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_motion
 from ftbias_jax.io.outputs import check_outputs, output_of_setup
+from ftbias_jax.io.write.ours import SETUP
 from ftbias_jax.setup import load_setup
 
 
@@ -27,7 +28,8 @@ def run(arguments: argparse.Namespace) -> int:
         remedy = "give -o a folder's name, without a suffix"
         raise UsageError(f"{len(logs)} logs for one setup", field="-o", remedy=remedy)
     (path,) = logs
-    check_outputs({"--output": output}, (*inputs(logs, setup.log.files), *kept, setup.urdf))
+    kinds = {} if arguments.in_place else {"--output": SETUP}
+    check_outputs({"--output": output}, (*inputs(logs, setup.log.files), *kept, setup.urdf), kinds, arguments.force)
 
     from ftbias_jax.runtime.jax_config import prepare_jax
     from ftbias_jax.runtime.progress import Stages
@@ -41,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = identify_tool(setup, log, **_asked(arguments), progress=stages)
     print(found)
     code = tell_repairs([(path, log.repairs)])
-    found.save(output)
+    found.save(output, by="" if arguments.in_place else "identify")
     print(f"wrote {output}")
     return code
 

@@ -10,6 +10,7 @@ from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_outputs, check_writable
+from ftbias_jax.io.write.ours import LOG
 from ftbias_jax.setup import load_setup
 
 GENERATED = ("sines", "moves")
@@ -23,7 +24,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_writable(truth_path, ".json" if truth_path.endswith(".json") else ".npz", "--truth")
     setup = load_setup(arguments.setup, with_tool=True, allow_outside=arguments.allow_outside)
     replayed = () if arguments.motion in GENERATED else (arguments.motion,)
-    check_outputs({"--output": arguments.output, "--truth": truth_path}, (*replayed, *setup.files))
+    outputs = {"--output": arguments.output, "--truth": truth_path}
+    check_outputs(outputs, (*replayed, *setup.files), dict.fromkeys(outputs, LOG), arguments.force)
     recorded = {path: read_log(path, setup) for path in replayed}
 
     from ftbias_jax.runtime.jax_config import prepare_jax

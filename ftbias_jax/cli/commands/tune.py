@@ -16,6 +16,7 @@ from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import check_outputs, output_of_setup
+from ftbias_jax.io.write.ours import SETUP
 from ftbias_jax.setup import Setup, load_setup
 
 
@@ -39,7 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     read = [file for setup, (_, logs) in zip(setups, tools, strict=True) for file in inputs(logs, setup.log.files)]
     options = [f"--output {number}" for number in range(1, len(tools) + 1)] if len(tools) > 1 else ["--output"]
     outputs = {option: place for option, (place, _) in zip(options, places, strict=True)}
-    check_outputs(outputs, (*read, *kept, *(setup.urdf for setup in setups)))
+    kinds = {} if arguments.in_place else dict.fromkeys(outputs, SETUP)
+    check_outputs(outputs, (*read, *kept, *(setup.urdf for setup in setups)), kinds, arguments.force)
 
     import jax
 
@@ -86,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"ftbias: not written: {'; '.join(tuned.reasons)} (--force writes it)", file=sys.stderr)
             return 1
         for setup, (output, _) in zip((tuned.setup, *tuned.others), places, strict=True):
-            setup.save(output)
+            setup.save(output, by="" if arguments.in_place else "tune")
             print(f"wrote {output}")
         if not tuned.converged:
             print("ftbias: a fit did not converge; its values are the best so far", file=sys.stderr)

@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from ftbias_jax.errors import UsageError, printable
@@ -22,8 +22,10 @@ from ftbias_jax.fleet.manifest import (
 )
 from ftbias_jax.fleet.table import save_table
 from ftbias_jax.io.atomic import make_folder
-from ftbias_jax.io.outputs import check_outputs
+from ftbias_jax.io.outputs import check_outputs, check_replaceable
 from ftbias_jax.io.remote.fetch import shown
+from ftbias_jax.io.remote.outside import check_patterns
+from ftbias_jax.io.write.ours import CHECK, DIAGNOSIS, PAGE, RESULT, SETUP, kind_of
 from ftbias_jax.runtime.progress import Progress
 from ftbias_jax.setup import Setup
 
@@ -66,8 +68,11 @@ def find_tasks(
         beside: suffixes of what else is written for a log.
 
     Raises:
-        UsageError: no log, or two files of one name. LogError: a folder cannot be read.
+        UsageError: no log, or two files of one name. LogError: a folder cannot be read. SetupError: [log.files] leads
+            out of the logs' folders.
     """
+    if not setup.log.allow_outside:
+        check_patterns(setup.log.files, setup.path)  # before anybody asks how large what they name is
     index, count = arguments.shard
     folder = arguments.output
     every = find_logs(arguments.logs, folder, suffix, setup.log.files)
@@ -80,7 +85,32 @@ def find_tasks(
     check_outputs(
         outputs | {"the manifest": manifest}, (*(path for task in every for path in task.paths), *setup.files)
     )
+    if not arguments.force:
+        _check_replaceable(folder, outputs.values(), CHECK if job == "check" else DIAGNOSIS)
     return shard(every, index, count), manifest
+
+
+def _check_replaceable(folder: str, outputs: Iterable[str], answer: str) -> None:
+    """Refuse a folder in which a result would replace what is neither in its manifests nor one by its content.
+
+    Args:
+        folder: of the results.
+        outputs: what is written there.
+        answer: what the job writes as JSON.
+
+    Raises:
+        OutputError: it names the file.
+    """
+    written: set[str] | None = None
+    for path in filter(os.path.isfile, outputs):
+        kind = {".html": PAGE, ".toml": SETUP, ".json": answer}.get(os.path.splitext(path)[1], RESULT)
+        if kind_of(path) == kind:
+            continue
+        if written is None:
+            entries = read_manifests(folder).entries.values()
+            written = {name for entry in entries for name in (entry.output, *entry.sums)}
+        if os.path.relpath(path, folder) not in written:
+            check_replaceable(path, kind)
 
 
 def _with(task: Task, suffix: str, other: str) -> str:

@@ -14,16 +14,17 @@ from ftbias_jax.fleet.page import name, to_page
 from ftbias_jax.fleet.result_page import read_result, result_page
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_writable
+from ftbias_jax.io.write.ours import PAGE
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the alarms and write the page."""
     check_writable(arguments.output, ".html")
     if len(arguments.folders) == 1 and os.path.isfile(arguments.folders[0]):
-        return _one_result(arguments.folders[0], arguments.output)
+        return _one_result(arguments.folders[0], arguments.output, arguments.force)
     fleet = read_fleet(arguments.folders)
     reports = [record.report for record in fleet.records if record.report]
-    check_outputs({"--output": arguments.output}, reports)
+    check_outputs({"--output": arguments.output}, reports, {"--output": PAGE}, arguments.force)
     text = to_page(fleet, f"Fleet in {', '.join(arguments.folders)}", os.path.dirname(arguments.output))
     write_atomic(arguments.output, lambda file: file.write(text.encode()))
     groups = fleet.by_robot()
@@ -35,9 +36,9 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _one_result(path: str, output: str) -> int:
+def _one_result(path: str, output: str, force: bool) -> int:
     """The page of one filtered log."""
-    check_outputs({"--output": output}, [path])
+    check_outputs({"--output": output}, [path], {"--output": PAGE}, force)
     text = result_page(read_result(path), f"Bias of {os.path.basename(path)}")
     write_atomic(output, lambda file: file.write(text.encode()))
     print(f"wrote {output}")

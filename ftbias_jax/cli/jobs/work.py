@@ -92,7 +92,7 @@ def diagnose_one(
         not_stated = refused(setup, diagnosis.causes, diagnosis.terms)
         if some_applied(diagnosis, not_stated):
             beside.append(f"{place}{APPLIED}")
-            diagnosis.apply(setup).save(beside[-1])
+            diagnosis.apply(setup).save(beside[-1], by="diagnose --apply")
         if not_stated:
             status, remarks = LOSS, (*(f"not applied: {why}" for why in not_stated), *remarks)
     diagnosis.to_json(output)
@@ -113,7 +113,7 @@ def identify_one(log: str, output: str, setup: Setup, asked: Mapping[str, Any]) 
 
     read = read_motion(log, setup)
     found = identify_tool(setup, read, **asked)
-    found.save(output)
+    found.save(output, by="identify")
     origin = _origin(setup, read) if isinstance(read, Log) else {}
     status, remarks = _lost(read.repairs)
     return Done(status, origin.get("samples", len(read.t)), remarks, quality.of_identified(found, origin))
@@ -141,7 +141,7 @@ def tune_one(
     tuned = tune(setup, [read], effects=load_all(own), **asked)
     if tuned.reasons and not force:
         raise LogError(f"not written: {'; '.join(tuned.reasons)}", file=log, remedy="--force writes it")
-    tuned.setup.save(output)
+    tuned.setup.save(output, by="tune")
     status, remarks = _lost(read.repairs)
     if not tuned.converged:
         status, remarks = LOSS, ("a fit did not converge; its values are the best so far", *remarks)

@@ -7,6 +7,7 @@ from ftbias_jax.cli.argument_types import (
     Commands,
     add_archive,
     add_effects,
+    add_force,
     add_outside,
     add_unchecked,
     process,
@@ -123,3 +124,4 @@ def add_identify(commands: Commands) -> None:
     add_unchecked(parser)
     add_archive(parser)
     add_outside(parser)
+    add_force(parser)

@@ -7,6 +7,7 @@ from ftbias_jax.cli.argument_types import (
     Commands,
     add_archive,
     add_effects,
+    add_force,
     add_outside,
     add_unchecked,
     count,
@@ -42,6 +43,7 @@ def add_diagnose(commands: Commands) -> None:
     add_effects(parser)
     add_archive(parser)
     add_outside(parser)
+    add_force(parser)
 
 
 def add_effects_command(commands: Commands) -> None:

@@ -9,6 +9,7 @@ from ftbias_jax.cli.argument_types import (
     Commands,
     add_archive,
     add_effects,
+    add_force,
     add_outside,
     add_unchecked,
     count,
@@ -66,6 +67,7 @@ def add_filter(commands: Commands) -> None:
         "--format", default="npz", choices=["npz", "csv", "parquet", "mcap"], help="of the results (%(default)s)"
     )
     add_outside(parser)
+    add_force(parser)
 
 
 def _add_selection(parser: argparse.ArgumentParser) -> None:

@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.argument_types import LOGS, Commands, add_archive, add_effects, add_outside, positive, seed
+from ftbias_jax.cli.argument_types import (
+    LOGS,
+    Commands,
+    add_archive,
+    add_effects,
+    add_force,
+    add_outside,
+    positive,
+    seed,
+)
 
 
 def add_simulate(commands: Commands) -> None:
@@ -31,6 +40,7 @@ def add_simulate(commands: Commands) -> None:
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the random numbers (%(default)s)")
     add_effects(parser)
     add_outside(parser)
+    add_force(parser)
 
 
 def add_info(commands: Commands) -> None:
@@ -59,6 +69,7 @@ def add_check(commands: Commands) -> None:
     parser.add_argument("-o", "--output", metavar="FOLDER", help="check each log by itself, into this folder")
     add_archive(parser)
     add_outside(parser)
+    add_force(parser)
 
 
 def add_demo(commands: Commands) -> None:
@@ -101,3 +112,4 @@ def add_report(commands: Commands) -> None:
         "folders", nargs="+", metavar="FOLDER", help="results of filter, check and diagnose; or one RESULT.npz"
     )
     parser.add_argument("-o", "--output", required=True, metavar="PAGE.html", help="where to write the page")
+    add_force(parser)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ftbias_jax.cli.argument_types import Commands, positive
+from ftbias_jax.cli.argument_types import Commands, add_force, positive
 
 
 def add_setup(commands: Commands) -> None:
@@ -73,3 +73,4 @@ def add_export(commands: Commands) -> None:
     parser.add_argument(
         "--world-frame", default="", metavar="FRAME", help="ros: name of the base frame (the one of the robot's maker)"
     )
+    add_force(parser)

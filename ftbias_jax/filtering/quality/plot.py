@@ -81,7 +81,8 @@ def save_figure(path: str, figure: Figure) -> None:
     from ftbias_jax.io.atomic import write_atomic
 
     suffix = figure_format(path)
-    write_atomic(path, lambda file: figure.savefig(file, format=suffix, dpi=150))
+    origin = {"Software" if suffix == "png" else "Creator": "ftbias_jax"}
+    write_atomic(path, lambda file: figure.savefig(file, format=suffix, dpi=150, metadata=origin))
 
 
 def figure_format(path: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Callable
 
@@ -52,7 +53,9 @@ def save_export(path: str | os.PathLike[str], setup: Setup, name: str, options: 
     """
     content = export_text(setup, name, options).encode()
     try:
-        replace_whole(os.path.realpath(path), lambda file: file.write(content))
+        if os.path.islink(path):
+            raise OSError(errno.ELOOP, "is a symbolic link")
+        replace_whole(os.path.abspath(path), lambda file: file.write(content))
     except OSError as error:
         remedy = "check that the folder exists, may be written to and has room"
         raise OutputError(
