@@ -196,6 +196,9 @@ def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
     topics, clocks, files, units, offsets = ({key: read(part, key) for key in part.values} for part in tables.values())
     if files and not {"position", "wrench"} <= files.keys():
         raise log.error("files", f"names {', '.join(files)}", "name the files of position and wrench")
+    for key, name in files.items():
+        if "\0" in name:  # the system's calls refuse it, each in its own way
+            raise tables["files"].error(key, f"has a zero byte in {name!r}", "give the name of a file")
     if files and (others := sorted(offsets.keys() - files.keys())):
         remedy = "state the offset of the file that has them"
         raise log.error("time_offsets", f"names {', '.join(others)}, which has no file in log.files", remedy)

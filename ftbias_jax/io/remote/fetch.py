@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.files import keep_temporary_folder, remove_temporary_folder
@@ -124,12 +124,14 @@ def listed(url: str) -> list[str]:
     for name in found:
         if not is_below(name, str(path)):
             remedy = "give the URLs of the logs themselves"
-            raise LogError(f"its listing names {name!r}, which is not in it", file=shown(url), remedy=remedy)
+            message = f"its listing names {shown(name)!r}, which is not in it"
+            raise LogError(message, file=shown(url), remedy=remedy)
     # Some stores have the host in their names, as buckets; others lose it.
-    asked = urlsplit(url)
-    lost = asked.netloc and str(path).strip("/") == unquote(asked.path).strip("/")
-    host = f"{asked.scheme}://{asked.netloc}/"
-    return sorted(host + name.lstrip("/") if lost else str(system.unstrip_protocol(name)) for name in found)
+    scheme, _, rest = url.partition("://")
+    host, _, inner = rest.partition("/")
+    lost = host and unquote(str(path)).strip("/") == unquote(inner).strip("/")
+    start = f"{scheme}://{host}/"
+    return sorted(start + name.lstrip("/") if lost else str(system.unstrip_protocol(name)) for name in found)
 
 
 def forget() -> None:
@@ -170,7 +172,18 @@ def _told(url: str) -> Iterator[None]:
         message, remedy = f"its store needs another package: {error}", "install that package"
         raise LogError(message, file=shown(url), remedy=remedy) from error
     except Exception as error:  # every kind of store has exceptions of its own
-        words = str(error).replace(url, shown(url)) or type(error).__name__
+        words = _without_secrets(str(error), url) or type(error).__name__
         raise LogError(
             f"cannot be read: {words}", file=shown(url), remedy="check the URL and who may read it"
         ) from error
+
+
+def _without_secrets(words: str, url: str) -> str:
+    """Words about a URL without what ``shown`` leaves out of it, as a whole and in its parts."""
+    user = url.partition("://")[2].partition("/")[0].rpartition("@")[0]
+    query = re.split(r"[?#]", url, maxsplit=1)[1:] if url.startswith("http") else []
+    secrets = {part for text in (user, *user.split(":"), *query) for part in (text, unquote(text)) if part}
+    words = words.replace(url, shown(url))
+    for secret in sorted(secrets, key=len, reverse=True):
+        words = words.replace(secret, "...")
+    return words

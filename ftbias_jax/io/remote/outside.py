@@ -10,7 +10,7 @@ import hashlib
 import os
 import re
 from collections.abc import Mapping
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote
 
 from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
@@ -38,8 +38,7 @@ def check_patterns(patterns: Mapping[str, str], file: str = "") -> None:
         SetupError: one is an address, an absolute path or leads upward.
     """
     for key, pattern in patterns.items():
-        parts = re.split(r"[/\\]", pattern)
-        what = "is an address" if is_url(pattern) else "leads out of the log's folder" if ".." in parts else ""
+        what = "is an address" if _is_chain(pattern) else "leads out of the log's folder" if _is_upward(pattern) else ""
         if os.path.isabs(pattern) or re.match(r"[A-Za-z]:[/\\]|[/\\~]", pattern):
             what = what or "is an absolute path"
         if what:
@@ -48,7 +47,9 @@ def check_patterns(patterns: Mapping[str, str], file: str = "") -> None:
 
 
 def check_links(files: Mapping[str, str], named: str) -> None:
-    """Refuse files of a log that are links out of its folder; the one that the user has named is the user's word.
+    """Refuse files of a log that are links out of its folder.
+
+    That holds for the named one, too: commands name a log by the file of its wrench, whichever the user has given.
 
     Args:
         files: by quantity, as [log.files] of the setup gives them.
@@ -58,10 +59,12 @@ def check_links(files: Mapping[str, str], named: str) -> None:
         LogError: one leads outside.
     """
     for key, file in files.items():
-        if is_url(file) or os.path.abspath(file) == os.path.abspath(named):
-            continue
-        folder, place = os.path.realpath(os.path.dirname(os.path.abspath(named))), os.path.realpath(file)
-        if os.path.commonpath([folder, place]) != folder:
+        if is_url(named):  # what the * stands for comes from a listing
+            inside = not _is_upward(file)
+        else:
+            folder = os.path.realpath(os.path.dirname(os.path.abspath(named)))
+            inside = os.path.commonpath([folder, os.path.realpath(file)]) == folder
+        if not inside:
             message, remedy = "is a link that leads out of the log's folder", f"copy the file there; {WORD}"
             raise LogError(message, file=file, field=f"log.files.{key}", remedy=remedy)
 
@@ -72,9 +75,11 @@ def copy_name(url: str) -> str:
     Raises:
         LogError: no log has this suffix.
     """
-    path = unquote(urlsplit(url).path).lower()
-    known = (suffix + packed for suffix in (*SUFFIXES, *TABLES) for packed in ("", PACKED))
-    suffix = max((suffix for suffix in known if path.endswith(suffix)), key=len, default="")
+    known = tuple(suffix + packed for suffix in (*SUFFIXES, *TABLES) for packed in ("", PACKED))
+    # What follows a ? is a query, or of an object store part of a name.
+    name, *whole = re.split(r"[?#]", url)[0], *([] if url.startswith("http") else [url])
+    ends = (suffix for each in (name, *whole) for suffix in known if unquote(each).lower().endswith(suffix))
+    suffix = max(ends, key=len, default="")
     if not suffix:
         remedy = f"give the URL of a log that ends in {', '.join((*TABLES, *SUFFIXES))}"
         raise LogError("has no suffix of a log", file=url, remedy=remedy)
@@ -89,8 +94,19 @@ def is_below(name: str, folder: str) -> bool:
         folder: what was asked for, in the same form; with a *, below all folders before it.
     """
     top = folder.partition("*")[0].rpartition("/")[0] if "*" in folder else folder.rstrip("/")
-    upward = ".." in re.split(r"[/\\]", unquote(name))
-    return (name == folder or name.startswith(f"{top}/")) and not upward and name.isprintable()
+    if name != folder and not name.startswith(f"{top}/"):
+        return False
+    return name.isprintable() and not _is_upward(name) and not _is_chain(name[len(top) :])
+
+
+def _is_upward(name: str) -> bool:
+    """Whether a part of a name leads to the folder above, in whatever spelling a server or a system may read it."""
+    return ".." in re.split(r"[/\\]", unquote(name))
+
+
+def _is_chain(name: str) -> bool:
+    """Whether there is an address in a name, or what fsspec takes for one: ``zip::file:/...`` is several in a row."""
+    return "://" in name or "::" in name
 
 
 def check_planned(output: str, log: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -30,6 +30,24 @@ from ftbias_jax.types import Array
 
 Chosen = dict[str, tuple[str, Stream]]
 """Array of a log, "q", "dq", "wrench" or "temperature" -> the role that [log.clocks] knows it by, and its stream."""
+
+
+def refuse_columns(setup: Setup, quantities: Collection[str], file: str = "") -> None:
+    """Refuse [log.columns] for what is read from a recording, which has none.
+
+    Args:
+        setup: whose keys are looked at.
+        quantities: keys that would be for this file.
+        file: the recording, for messages.
+
+    Raises:
+        LogError: one of them is stated.
+    """
+    for key in setup.log.columns:
+        if key in quantities:
+            remedy = "name fields of messages in [log.topics], or write the log as .npz, .csv or .parquet"
+            message = f"[log.columns] of the setup names {key}, but a recording of ROS has no columns"
+            raise LogError(message, file=file, remedy=remedy)
 
 
 def wanted_of(setup: Setup) -> Wanted:

@@ -11,7 +11,7 @@ from ftbias_jax.io.check import check_log
 from ftbias_jax.io.clock import choose_clock, continue_after_jumps, jumps, order_repairs, tidy
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.merge import Part, check_overlap, merge_parts, on_one_clock
-from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_rates, choose_readings, wanted_of
+from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_rates, choose_readings, refuse_columns, wanted_of
 from ftbias_jax.io.ros.collect import Stream
 from ftbias_jax.io.ros.record import Recording, read_recording
 from ftbias_jax.io.ros.types.roles import JOINTS, WRENCH
@@ -39,6 +39,7 @@ def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     Raises:
         LogError: it cannot be read, has no or several topics to choose from, or cannot be filtered (``check_log``).
     """
+    refuse_columns(setup, setup.log.columns, os.fspath(path))
     return log_of(read_recording(path, salvage=salvage, wanted=wanted_of(setup)), setup, os.fspath(path))
 
 

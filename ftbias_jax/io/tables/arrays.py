@@ -22,8 +22,14 @@ POSE_ARRAYS = ("orientation", "position", "angular_velocity", "specific_force")
 """Instead of q and dq, where the setup has a sensor_pose."""
 
 
-QUANTITIES = {"time": "t", "position": "q", "velocity": "dq", "wrench": "wrench", "temperature": "temperature"}
-"""Key of [log.columns] -> the array that its columns are."""
+QUANTITIES = {
+    "time": STAMPS,
+    "position": ("q", "orientation", "position"),
+    "velocity": ("dq", "angular_velocity", "specific_force"),
+    "wrench": ("wrench",),
+    "temperature": ("temperature",),
+}
+"""Key of [log.columns] -> the array that its columns are, and others that would be read in its place."""
 
 
 def wanted_arrays(setup: Setup) -> tuple[str, ...]:
@@ -45,7 +51,7 @@ def by_native_names(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
         LogError: a name is not there, or not the name of a list.
     """
     found = {name: values for name, values in arrays.items() if name in (*ARRAYS, *POSE_ARRAYS)}
-    for key, native in QUANTITIES.items():
+    for key, natives in QUANTITIES.items():
         stated = setup.log.columns.get(key, ())
         names = (stated,) if isinstance(stated, str) else stated
         for name in names:
@@ -56,7 +62,8 @@ def by_native_names(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
                 message = f"log.columns.{key} of the setup names it, but it has shape {np.shape(arrays[name])}"
                 raise LogError(message, file=file, field=name, remedy="name lists of one number a sample")
         if names:
-            found[native] = arrays[stated] if isinstance(stated, str) else np.stack([arrays[x] for x in names], 1)
+            found = {name: values for name, values in found.items() if name not in natives}
+            found[natives[0]] = arrays[stated] if isinstance(stated, str) else np.stack([arrays[x] for x in names], 1)
     return found
 
 
@@ -128,7 +135,8 @@ def _log_of_two(
 def with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[str, Array]:
     """The arrays with those of the pose side by side as q and dq."""
     joined = {name: values for name, values in arrays.items() if name not in POSE_ARRAYS}
-    joined["q"] = joined_pose(arrays, pose, "q", file)
+    if "q" not in joined or "orientation" in arrays:  # [log.columns] may have named what it is made of
+        joined["q"] = joined_pose(arrays, pose, "q", file)
     if any(part in arrays for part in _pose_parts(arrays, pose)["dq"]):
         joined["dq"] = joined_pose(arrays, pose, "dq", file)
     return joined

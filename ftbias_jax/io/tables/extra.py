@@ -39,16 +39,6 @@ def with_extra_columns(log: Log, path: str | os.PathLike[str], setup: Setup) -> 
         LogError: a column is not there, is no list of numbers, or the format has no columns.
     """
     wanted = further_columns(setup.log.columns)
-    if (
-        not setup.log.files
-        and setup.log.columns
-        and Path(path).suffix.lower() not in (*ARRAY_FILES, ".csv", ".parquet")
-    ):
-        raise LogError(
-            f"[log.columns] of the setup names {next(iter(setup.log.columns))}, but a recording of ROS has no columns",
-            file=os.fspath(path),
-            remedy="name fields of messages in [log.topics], or write the log as .npz, .csv or .parquet",
-        )
     if not wanted:
         return log
     if not setup.log.files:
@@ -74,7 +64,7 @@ def _columns_of(file: str, wanted: Mapping[str, str], start: float, setup: Setup
     """Columns of one file; ``clock`` is the stream of which [log.time_offsets] holds."""
     suffix = Path(file).suffix.lower()
     if suffix in ARRAY_FILES:
-        stamps, found = _of_arrays(file, suffix, wanted)
+        stamps, found = _of_arrays(file, suffix, wanted, setup)
     elif suffix in (".csv", ".parquet"):
         load = load_csv if suffix == ".csv" else load_parquet
         stamps, found = load(file, setup, tuple(wanted.values()))
@@ -89,8 +79,9 @@ def _columns_of(file: str, wanted: Mapping[str, str], start: float, setup: Setup
     return {name: column_of(times, found[there], start, file, there) for name, there in wanted.items()}
 
 
-def _of_arrays(file: str, suffix: str, wanted: Mapping[str, str]) -> tuple[Array, dict[str, Array]]:
-    clocks = ("t", "t_wrench", "t_joints")
+def _of_arrays(file: str, suffix: str, wanted: Mapping[str, str], setup: Setup) -> tuple[Array, dict[str, Array]]:
+    stated = setup.log.columns.get("time")
+    clocks = (*([stated] if isinstance(stated, str) else []), "t", "t_wrench", "t_joints")
     names = (*wanted.values(), *clocks)
     arrays = load_arrays(file, names) if suffix == ".npz" else load_hdf5(file, names)
     check_names(tuple(wanted.values()), list(arrays), file)

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.remote.fetch import exists
+from ftbias_jax.io.remote.outside import is_url
 
 MAIN = "wrench"
 """The stream whose file names the log; every setup with [log.files] states it."""
@@ -65,6 +66,9 @@ def _readings(path: str, patterns: Mapping[str, str]) -> Iterator[dict[str, str]
         before, star, after = pattern.partition("*")
         shared = re.fullmatch(f"{re.escape(before)}(.*){re.escape(after)}", name) if star else None
         if shared:
-            yield {key: os.path.join(folder, other.replace("*", shared[1], 1)) for key, other in patterns.items()}
+            names = {key: other.replace("*", shared[1], 1) for key, other in patterns.items()}
         elif name == pattern:
-            yield {key: os.path.join(folder, other) for key, other in patterns.items()}
+            names = dict(patterns)
+        else:
+            continue
+        yield {key: other if is_url(other) else os.path.join(folder, other) for key, other in names.items()}

@@ -9,6 +9,9 @@ from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.io.tables.arrays import by_native_names, log_from_arrays, wanted_arrays
 from ftbias_jax.setup.types import Setup
 
+OURS = ("about", "provenance")
+"""Arrays of a log that this program wrote: it has the native names, whatever [log.columns] says of recordings."""
+
 
 def read_npz(path: str | os.PathLike[str], setup: Setup) -> Log:
     """Read the arrays of ``log_from_arrays``; others are ignored.
@@ -17,4 +20,7 @@ def read_npz(path: str | os.PathLike[str], setup: Setup) -> Log:
         LogError: the file cannot be read, an array is missing, or the log cannot be filtered (see ``check_log``).
     """
     file = os.fspath(path)
-    return log_from_arrays(by_native_names(load_arrays(file, wanted_arrays(setup)), setup, file), setup, file)
+    arrays = load_arrays(file, (*wanted_arrays(setup), *OURS))
+    if not arrays.keys() >= set(OURS):
+        arrays = by_native_names(arrays, setup, file)
+    return log_from_arrays(arrays, setup, file)

@@ -14,7 +14,15 @@ from ftbias_jax.io.conventions.units import rows_at_rate, stamps
 from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.io.merge import Part
 from ftbias_jax.io.npz_archive import load_arrays
-from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_rates, choose_readings, choose_temperature, wanted_of
+from ftbias_jax.io.ros.choose import (
+    Chosen,
+    choose_motion,
+    choose_rates,
+    choose_readings,
+    choose_temperature,
+    refuse_columns,
+    wanted_of,
+)
 from ftbias_jax.io.ros.read import credible, parts_of
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES, read_recording
 from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, by_native_names, joined_pose, wanted_arrays
@@ -97,6 +105,8 @@ def _of_recording(
     file: str, quantities: Sequence[str], setup: Setup, salvage: bool
 ) -> tuple[list[Part], tuple[Repair, ...]]:
     """The streams of a recording that have the wanted quantities."""
+    # A temperature that is not its own may be in another file.
+    refuse_columns(setup, [key for key in quantities if key in (quantities[0], "velocity")], file)
     mended: list[Repair] = []
     recording = credible(read_recording(file, salvage=salvage, wanted=wanted_of(setup)), mended)
     chosen: Chosen = {}

@@ -144,6 +144,20 @@ def test_without_fsspec_the_extra_is_named(tmp_path, monkeypatch, capsys):
     assert "secret" not in told
 
 
+@pytest.mark.parametrize("ask", [fetch.local_copy, fetch.listed])
+def test_what_a_server_says_is_told_without_secrets(monkeypatch, ask):
+    fsspec = pytest.importorskip("fsspec", reason="needs the extra remote")
+
+    def fail(*_, **__):
+        raise OSError("403, url='https://host/x.npz?sig=s%3Dig', user 'me', password p@ss or p%40ss, s=ig")
+
+    monkeypatch.setattr(fsspec, "open", fail)
+    monkeypatch.setattr(fsspec.core, "url_to_fs", fail)
+    with pytest.raises(LogError, match=r"https://host/x\.npz: cannot be read: 403") as caught:
+        ask("https://me:p%40ss@host/x.npz?sig=s%3Dig")
+    assert not any(secret in str(caught.value) for secret in ("s%3Dig", "p@ss", "p%40ss", "'me'"))
+
+
 def test_a_time_that_is_not_known_is_never_that_of_before(monkeypatch):
     monkeypatch.setitem(sys.modules, "fsspec", None)
     before = time.time_ns()
