@@ -42,7 +42,7 @@ LOG = SectionKeys(
     },
 )
 COLUMNS = SectionKeys(
-    "Names of the columns of a CSV or Parquet file.",
+    "Names of the columns of a CSV or Parquet file, or of the arrays of an NPZ or HDF5 file, each a list of numbers.",
     {
         "time": text("column of the stamps", absent="`t` or `time`", example="stamp"),
         "position": names("columns of the joints' positions, or of the pose", PER_JOINT, absent="the usual names"),
