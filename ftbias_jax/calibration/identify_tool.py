@@ -18,6 +18,7 @@ from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import pad, samples_from_log
+from ftbias_jax.io.cleaning import without_long_pauses
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.runtime.jax_config import in_float64
@@ -147,6 +148,7 @@ def identify_tool(
     if isinstance(log, Poses):
         found, report = identify_poses(setup, log, mounting, gravity)
     else:
+        log = without_long_pauses(log)
         options = Options(joint_model=setup.joints.model)
         params = filter_log.likeliest_params(setup, samples_from_log(log), options)
         samples = samples_from_log(filter_log.without_useless(log, params))

@@ -32,7 +32,7 @@ from ftbias_jax.diagnosis.terms.states import state_of_problem
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check.check_setup import require_right
-from ftbias_jax.io.cleaning import cleaned, slices, survey
+from ftbias_jax.io.cleaning import cleaned, slices, survey, without_long_pauses
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.catalogue import check_names
@@ -119,7 +119,10 @@ def diagnose(
     progress("checking the setup")
     facts = [survey(slices(log)) for log in logs]
     as_filtered = map(cleaned, logs, facts)  # one at a time, each no longer than it is looked at
-    logs = [cleaned(log, known, clipped=False, held=False) for log, known in zip(logs, facts, strict=True)]
+    logs = [
+        without_long_pauses(cleaned(log, known, clipped=False, held=False))
+        for log, known in zip(logs, facts, strict=True)
+    ]
     with compiled_ahead(setup, logs):
         require_right(setup, as_filtered, "diagnose", unchecked)
         progress("making the logs ready")

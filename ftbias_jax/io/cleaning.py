@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.io.health import Extremes, Held, Saturation, Still, extend, hold, limits, mask, stuck
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.rates.held import Repeats, extend_repeats, held_readings
@@ -224,3 +225,18 @@ def _spans(stretches: Sequence[Still]) -> str:
     words = [f"from {still.first:.1f} s to {still.last:.1f} s" for still in stretches]
     more = len(words) - LISTED
     return " and ".join([*words[:LISTED], f"{more} more times"] if more > 0 else words)
+
+
+def without_long_pauses(log: Log) -> Log:
+    """The log with every pause, or jump of its clock forward, no longer than LONG_PAUSE, for what judges it.
+
+    Args:
+        log: as ``read_log`` gives it; its stamps increase.
+    """
+    steps = np.diff(log.t, prepend=log.t[:1])
+    if not (steps > LONG_PAUSE).any():
+        return log
+    t = np.cumsum(np.minimum(steps, LONG_PAUSE)) + log.t[0]
+    columns = {name: column._replace(t=np.interp(column.t, log.t, t)) for name, column in log.columns.items()}
+    rezeroed_at = tuple(float(at) for at in np.interp(log.rezeroed_at, log.t, t))
+    return log._replace(t=t, columns=columns, rezeroed_at=rezeroed_at)

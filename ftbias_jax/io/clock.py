@@ -14,6 +14,10 @@ from ftbias_jax.types import Array
 SECOND = 10**9
 JUMP = SECOND // 10
 """ns: a stamp this far behind the one before means that the clock was set back; less, that it came late."""
+ASTRAY = 1e11
+"""s, three thousand years: no clock has such stamps, in whatever unit they are taken for s by mistake but ns."""
+LONG_PAUSE = 3600.0
+"""s: what judges a log counts a longer pause, or a jump of its clock, as this long. Its cost must not grow with it."""
 PAUSE = SECOND
 """ns, between what was recorded before and after the clock was set back: the true pause is not known."""
 
@@ -120,9 +124,9 @@ def put_in_order(
     Raises:
         LogError: a stamp is no finite number, or is so far behind another that the clock was set back.
     """
-    t = as_stamps(t, file=file, field=field)
+    t, columns, astray = _without_astray(as_stamps(t, file=file, field=field), columns, samples, file, field)
     if (t[1:] > t[:-1]).all():
-        return Ordered(t, tuple(columns.values()), ())
+        return Ordered(t, tuple(columns.values()), astray)
     back = np.flatnonzero(t <= np.maximum.accumulate(t) - (JUMP if t.dtype.kind == "i" else JUMP / SECOND))
     if back.size:
         late = back[0]
@@ -135,7 +139,29 @@ def put_in_order(
     ordered = tidy(t, np.concatenate(flat, 1))
     parts = np.split(ordered.values, np.cumsum([values.shape[1] for values in flat])[:-1], axis=1)
     placed = {name: part.reshape(-1, *given[name].shape[1:]) for name, part in zip(given, parts, strict=True)}
-    return Ordered(ordered.t, tuple(placed.get(name) for name in columns), order_repairs(ordered, samples))
+    repairs = (*astray, *order_repairs(ordered, samples))
+    return Ordered(ordered.t, tuple(placed.get(name) for name in columns), repairs)
+
+
+def _without_astray(
+    t: Array, columns: Mapping[str, Array | None], samples: str, file: str, field: str
+) -> tuple[Array, Mapping[str, Array | None], Repairs]:
+    """The samples whose stamps a clock can have: no more than ASTRAY from the others."""
+    if t.dtype.kind != "f" or not len(t):
+        return t, columns, ()
+    middle = float(np.partition(t, len(t) // 2)[len(t) // 2])  # a mean of two could overflow
+    if abs(middle) > ASTRAY:
+        message, remedy = f"the stamps are about {middle:.3g} s", "give s, or state log.time_unit in the setup"
+        raise LogError(message, file=file, field=field, remedy=remedy)
+    near = np.abs(t - middle) <= ASTRAY
+    if near.all():
+        return t, columns, ()
+    kept = {
+        name: values if values is None or np.ndim(values) == 0 or len(values) != len(t) else np.asarray(values)[near]
+        for name, values in columns.items()
+    }
+    what = f"{(~near).sum()} of the {samples} left out: their stamps are centuries from the others"
+    return t[near], kept, (Repair(what, lost=True),)
 
 
 def order_repairs(ordered: Tidy, samples: str) -> Repairs:

@@ -151,14 +151,14 @@ def inflation(t: Array, white: Array) -> Array:
     """
     factor = np.ones(6)
     for length in BATCHES:
-        batch = ((t - t[0] - SETTLED) // length).astype(int)
-        number = batch.max() + 1 if len(t) else 0
-        if number < FEWEST_BATCHES:
+        rows, seen = t - t[:1] >= SETTLED, np.isfinite(white)
+        # Only batches that have samples: a log may pause for longer than all of it lasts.
+        occupied, batch = np.unique((t[rows] - t[:1] - SETTLED) // length, return_inverse=True)
+        if (number := len(occupied)) < FEWEST_BATCHES:
             continue
-        rows, seen = batch >= 0, np.isfinite(white)
         sums, counts = np.zeros((number, 6)), np.zeros((number, 6))
-        np.add.at(sums, batch[rows], np.where(seen, white, 0)[rows])
-        np.add.at(counts, batch[rows], seen[rows].astype(float))
+        np.add.at(sums, batch, np.where(seen, white, 0)[rows])
+        np.add.at(counts, batch, seen[rows].astype(float))
         squares = np.where(counts > 0, sums**2 / np.maximum(counts, 1), np.nan)
         with np.errstate(invalid="ignore"):
             ratio = np.nanmean(squares, 0)

@@ -95,7 +95,8 @@ def make_layout(t: Array, log: Array, axes: Array) -> Layout:
         order = np.arange(len(rows)) * BLOCKS // len(rows)
         blocks[rows] = count + order
         count += BLOCKS
-        span = t[rows] - t[rows[0]]
+        # Over a pause the bias may change at will; the knots must be as many as the bins need, not the hours between.
+        span = np.cumsum(np.minimum(np.diff(t[rows], prepend=t[rows[0]]), 2 * KNOT))
         knots = np.linspace(0, max(span[-1], 1e-9), 2 + int(span[-1] // KNOT))
         hats = np.stack([np.interp(span, knots, unit) for unit in np.eye(len(knots))], 1)
         if span[-1] < STEADY:

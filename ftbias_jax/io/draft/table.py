@@ -151,6 +151,10 @@ def _of_arrays(path: str, arrays: Mapping[str, Array]) -> Table:
 def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], values: Mapping[str, Array]) -> Table:
     """Of the names of all columns, and as "t" and "dq" the stamps and the accelerometer."""
     used = {name for match in found.values() for name in match.names}
+    if twice := next((name for name in header if name in used and header.count(name) > 1), ""):
+        of_joint = "position" in found and twice in found["position"].names
+        message = f"two columns {'are of this joint' if of_joint else 'have this name'}"
+        raise LogError(message, file=path, field=twice, remedy="rename one of them")
     return Table(
         path=path,
         time=values.get("t"),
