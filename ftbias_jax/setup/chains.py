@@ -108,10 +108,11 @@ def read_dh(section: Section, key: str, convention: str, units: str) -> tuple[tu
     numbers = np.stack([vector(Section(cells, section.name, section.file), name, 4) for name in cells])
     length, angle = units.split(",")
     _check_angles(section, key, numbers[:, [1, 3]], angle)
-    scale = np.where(
-        [True, False, True, False], 1e-3 if length == "mm" else 1.0, np.pi / 180 if angle == "deg" else 1.0
-    )
-    table = tuple(Row(*map(float, row), i in joints) for i, row in enumerate(numbers * scale))
+    if length == "mm":
+        numbers[:, [0, 2]] /= 1e3
+    if angle == "deg":
+        numbers[:, [1, 3]] = np.radians(numbers[:, [1, 3]])
+    table = tuple(Row(a, alpha, d, theta, i in joints) for i, (a, alpha, d, theta) in enumerate(numbers.tolist()))
     _check_reach(section, key, table, convention, length)
     return table, labels
 

@@ -89,7 +89,7 @@ def _arm(model: str) -> dict[str, Any]:
         table = Section(data | {"joint_names": _names(data)}, model, "arms.toml")
         rows, names = read_dh(table, "dh", data["convention"], "m,deg")
         screws, position, rotation = dh_chain(rows, data["convention"])
-        limits = {"range": None, "speed": None}
+        limits: dict[str, Array | None] = {"range": None, "speed": None}
     else:
         screws, position, rotation = _of_joints(data)
         names = tuple(joint["name"] for joint in data["joints"])

@@ -35,8 +35,8 @@ def test_arrays_are_read_only():
 
 
 def test_unknown_robot():
-    with pytest.raises(KeyError, match="ur5"):
-        built_in_robot("ur5")
+    with pytest.raises(KeyError, match="ur6"):
+        built_in_robot("ur6")
 
 
 def test_screws_are_the_velocity_at_the_origin_and_the_turn():

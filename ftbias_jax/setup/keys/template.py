@@ -61,7 +61,8 @@ def _section(name: str, known: Mapping[str, Known], everything: Mapping[str, Kno
 
 
 def _has_value(spec: Key) -> bool:
-    return spec.default is not None or spec.example is not None
+    tables = (Kind.TABLE, Kind.TABLES, Kind.ROWS)
+    return spec.kind not in tables and (spec.default is not None or spec.example is not None)
 
 
 def _example(spec: Key) -> Any:
