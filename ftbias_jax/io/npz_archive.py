@@ -42,9 +42,12 @@ def load_arrays(
     """
     file = os.fspath(path)
     with _opened(file, max_bytes) as archive:
+        members = _members(archive)
+        if wanted is not None:
+            budget.refuse_held(sum(member.file_size for name, member in members.items() if name in wanted), file)
         return {
             name: _read(archive, member, name, file)
-            for name, member in _members(archive).items()
+            for name, member in members.items()
             if wanted is None or name in wanted
         }
 

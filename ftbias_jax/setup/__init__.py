@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,6 +32,8 @@ __all__ = [
 ]
 
 MAX_BYTES = 1 << 20  # a setup is a page of text; anything larger is another kind of file
+MOST_PARTS = 32
+"""Of a dotted key: the parser's memory grows with their square."""
 
 
 def load_setup(
@@ -62,9 +65,17 @@ def load_setup(
         raise SetupError(f"is larger than {MAX_BYTES >> 20} MiB", file=file, remedy=remedy)
     try:
         source = content.decode()
+        if _longest_key(source) > MOST_PARTS:
+            raise SetupError(f"has a key of more than {MOST_PARTS} parts", file=file, remedy="write tables as [table]")
         mapping = tomllib.loads(source)
     except (ValueError, RecursionError) as error:  # broken UTF-8, broken TOML (says where), arrays nested without end
         raise SetupError(f"is not valid TOML: {error}", file=file, remedy="correct the syntax") from error
     setup = replace(parse_setup(mapping, file), source=source).with_effects(effects)
     setup = replace(setup, log=replace(setup.log, allow_outside=allow_outside))
     return require_tool(setup) if with_tool else setup
+
+
+def _longest_key(source: str) -> int:
+    """Parts of the longest dotted key, or of what may be one; comments left out."""
+    lines = (line.partition("#")[0] for line in source.splitlines())
+    return max((piece.count(".") + 1 for line in lines for piece in re.split(r"[=,\[\]{}]", line)), default=0)

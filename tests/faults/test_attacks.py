@@ -254,6 +254,19 @@ def test_a_joint_state_of_millions_of_names(tmp_path, refused):
     refused(tmp_path / "log.mcap", "message 1 of /joints has a list of 10000000, more than 1000")
 
 
+@pytest.mark.parametrize("column", ["name", "type", "serialization_format"])
+def test_a_number_in_place_of_a_name_is_no_length(tmp_path, setup, column):
+    """SQLite keeps any type in any column, and bytes(N) is N zeros."""
+    path = recordings.write(tmp_path, "sqlite", recordings.messages(recordings.arrays(30)))
+    with sqlite3.connect(path) as database:
+        database.execute(f"UPDATE topics SET {column} = 3000000000")
+    database.close()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(LogError):
+        read_log(path, setup)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1 << 17  # KiB
+
+
 def test_pages_of_a_database_that_lead_to_the_same_messages_again(tmp_path, setup):
     """Every inner page has one child, many times: as many rows as the pages have entries, to the power of the depth."""
     path = recordings.write(tmp_path, "sqlite", recordings.messages(recordings.arrays(3000)))

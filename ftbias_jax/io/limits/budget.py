@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import os
 
-from ftbias_jax.errors import LogError
+from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.files import no_regular_file
 
+MEMORY, MEMORY_VARIABLE = 1.0, "FTBIAS_MEMORY"
+"""GiB that reading and judging a log in memory may take, and the variable that states another number."""
+COPIES = 3
+"""Times that the numbers of a log are in memory: as read, merged and cleaned, and while it is filtered or judged."""
 MAX_BYTES = 16 << 30
 """Of numbers in one log, decoded: a day of seven joints and a wrench at 1 kHz are 15 GB in float64."""
 MAX_RATIO = 100
@@ -28,6 +32,42 @@ LEAST_RECORD = 8
 """Stored bytes a record in larger recordings: less than the smallest message takes, compressed."""
 
 _SECTOR = 512
+
+
+def most_held() -> int:
+    """Bytes of numbers that a log held in memory may have, for the stated memory to suffice.
+
+    Raises:
+        UsageError: the variable is no positive number.
+    """
+    stated = os.environ.get(MEMORY_VARIABLE, str(MEMORY))
+    try:
+        gibibytes = float(stated)
+    except ValueError:
+        gibibytes = 0.0
+    if not 0 < gibibytes < 1e6:
+        raise UsageError(f"is {stated!r}", field=MEMORY_VARIABLE, remedy="give GiB, such as 4")
+    return int(gibibytes * 2**30 / COPIES)
+
+
+def refuse_held(count: int, file: str) -> None:
+    """Refuse numbers that would take more than the stated memory.
+
+    Args:
+        count: bytes of a log's numbers as float64.
+        file: the log.
+
+    Raises:
+        LogError: they would.
+    """
+    if count > (most := most_held()):
+        message = (
+            f"has {count >> 20} MiB of numbers, and {COPIES * most / 2**30:.3g} GiB of memory are for {most >> 20} MiB"
+        )
+        remedy = (
+            f"split it, save it as .npz for ftbias filter, which reads that in parts, or set {MEMORY_VARIABLE} in GiB"
+        )
+        raise LogError(message, file=file, remedy=remedy)
 
 
 class Budget:
@@ -57,16 +97,18 @@ class Budget:
         if status.st_size > self.limit:
             message = f"has {status.st_size} bytes, of which {self.stored} are stored: the rest is a hole"
             raise LogError(message, file=self.file, remedy="copy the log again")
-        self.bytes, self.numbers = self.limit, min(MAX_BYTES, self.limit)
+        self.bytes, self.numbers, self.held = self.limit, min(MAX_BYTES, self.limit), 0
         self.records = max(FEW_RECORDS, self.stored // LEAST_RECORD)
 
     def hold(self, count: int, field: str = "") -> None:
         """Take ``count`` bytes of numbers, which are kept until the log is read."""
         self.numbers -= count
+        self.held += count
         if self.numbers < 0:
             message = f"declares more than {min(MAX_BYTES, self.limit)} bytes of numbers in {self.stored}"
             remedy = "that looks like a decompression bomb; write it again, or split the log"
             raise LogError(message, file=self.file, field=field, remedy=remedy)
+        refuse_held(self.held, self.file)
 
     def unpack(self, count: int) -> None:
         """Take ``count`` bytes that are unpacked, and gone before the next ones."""

@@ -64,8 +64,8 @@ def _topics(database: sqlite3.Connection, budget: Budget) -> dict[object, tuple[
     texts = {}
     for identity, *row in database.execute("SELECT id, name, type, serialization_format FROM topics"):
         budget.count()
-        if None not in (identity, *row):
-            texts[identity] = [bytes(text).decode() for text in row]
+        if isinstance(identity, int) and all(isinstance(text, bytes) for text in row):  # SQLite has any type anywhere
+            texts[identity] = [text.decode() for text in row]
     return {identity: (name, plain_type(kind), encoding) for identity, (name, kind, encoding) in texts.items()}
 
 

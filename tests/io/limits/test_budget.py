@@ -1,0 +1,60 @@
+"""The memory that is stated for a log holds for every format, and says how to have more."""
+
+import h5py
+import numpy as np
+import pytest
+from small_archive import SETUP
+
+from ftbias_jax.errors import LogError, SetupError, UsageError
+from ftbias_jax.io import read_log
+from ftbias_jax.io.limits.budget import most_held
+from ftbias_jax.setup import load_setup
+
+ROWS = 20_000
+
+
+@pytest.fixture
+def setup(tmp_path):
+    (tmp_path / "setup.toml").write_text(SETUP)
+    return load_setup(tmp_path / "setup.toml")
+
+
+def write(path):
+    t = 0.001 * np.arange(ROWS)
+    arrays = {"t": t, "q": np.sin(t)[:, None] * [1, 2], "wrench": np.random.default_rng(0).normal(size=(ROWS, 6))}
+    if path.suffix == ".npz":
+        np.savez(path, **arrays)
+    elif path.suffix == ".h5":
+        with h5py.File(path, "w") as file:
+            for name, values in arrays.items():
+                file[name] = values
+    else:
+        names = ["t", "q0", "q1", "fx", "fy", "fz", "tx", "ty", "tz"]
+        np.savetxt(path, np.column_stack(list(arrays.values())), delimiter=",", header=",".join(names), comments="")
+    return path
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.h5", "log.csv"])
+def test_a_log_of_more_numbers_than_the_stated_memory_is_refused(tmp_path, setup, monkeypatch, name):
+    path = write(tmp_path / name)
+    assert len(read_log(path, setup).t) == ROWS
+    monkeypatch.setenv("FTBIAS_MEMORY", "0.001")  # GiB, of which a third holds numbers: less than 9 columns
+    with pytest.raises(LogError, match="GiB of memory are for 0 MiB") as error:
+        read_log(path, setup)
+    assert "FTBIAS_MEMORY" in error.value.remedy
+
+
+@pytest.mark.parametrize("text", ["", "much", "-1", "nan", "inf"])
+def test_a_memory_that_is_no_size_is_refused(monkeypatch, text):
+    monkeypatch.setenv("FTBIAS_MEMORY", text)
+    with pytest.raises(UsageError, match="FTBIAS_MEMORY"):
+        most_held()
+
+
+def test_a_dotted_key_of_many_parts_is_refused_before_it_is_parsed(tmp_path):
+    path = tmp_path / "deep.toml"
+    path.write_text(".".join("a" * 50_000) + " = 1\n")
+    with pytest.raises(SetupError, match="more than 32 parts"):
+        load_setup(path)
+    path.write_text("# " + "." * 500 + "\n" + SETUP)
+    assert load_setup(path).tool.mass == 0.7
