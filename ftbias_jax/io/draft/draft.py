@@ -222,9 +222,10 @@ def _of_motion(tables: Sequence[Table], body: Table, weighed: Weighed | None, re
 def _degrees(read: Read) -> Keys:
     """Joints that are beyond every limit are in degrees."""
     setup, log = read({})
-    limits = setup.robot.position_limits
-    if limits is None or not np.isfinite(log.q).any():
+    if not np.isfinite(log.q).any():
         return {}
+    stated = setup.robot.position_limits
+    limits = np.full((log.q.shape[1], 2), np.inf) if stated is None else stated
     beyond = np.nanmax(np.abs(log.q), 0) > np.where(np.isfinite(limits), np.abs(limits), 4 * np.pi).max(1) + 0.5
     return {"log.angle_unit": Known("deg", "because joints are beyond their limits in rad")} if beyond.any() else {}
 

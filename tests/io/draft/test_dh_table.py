@@ -1,5 +1,6 @@
 """``ftbias setup --dh``: tables as they are copied from manuals."""
 
+import made_weights as made
 import numpy as np
 import pytest
 
@@ -127,3 +128,17 @@ def test_a_table_that_cannot_be_read_is_one_line(tmp_path, capsys):
         assert len(capsys.readouterr().err.splitlines()) == 1
     (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
     assert main(["setup", "--dh", str(tmp_path / "b.csv"), "--dh-convention", "standard"]) == 1
+
+
+def test_a_log_beside_a_table_gives_the_tool_and_joints_in_degrees(tmp_path):
+    """A table states no limits: joints are in degrees if they turn further than any joint does in radians."""
+    t, q, wrench = made.arm_log("ur5")
+    columns = ["t", *(f"q{i}" for i in range(6)), "fx", "fy", "fz", "tx", "ty", "tz"]
+    log = tmp_path / "log.csv"
+    np.savetxt(log, np.column_stack([t, np.degrees(q), wrench]), delimiter=",", header=",".join(columns), comments="")
+    words = ("setup", str(log), "--dh", written(tmp_path, MANUAL), "--dh-convention", "standard")
+    assert main([*words, "-o", str(tmp_path / "setup.toml")]) == 0
+    setup = load_setup(tmp_path / "setup.toml")
+    assert setup.log.angle_unit == "deg"
+    assert abs(setup.tool.mass - made.MASS) < 0.05
+    np.testing.assert_allclose(setup.tool.center_of_mass, made.CENTER, atol=4e-3)
