@@ -130,7 +130,8 @@ def setup_page() -> str:
         ]
     parts.append("## [effects.NAME]\n\nParameters of an effect, as on the page of [effects](effects.md).\n")
     parts.append(
-        "## Built-in robots { #robots }\n\nFrom the manufacturers' published parameters, with the joints' limits.\n"
+        "## Built-in robots { #robots }\n\nFrom the manufacturers' published parameters; the older entries have the "
+        "joints' limits, those from a Denavit-Hartenberg table have none.\n"
     )
     parts.append(
         _table(("`robot.model`", "robot and flange"), [(f"`{name}`", describe_robot(name)) for name in BUILT_IN])

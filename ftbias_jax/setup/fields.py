@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -50,9 +51,14 @@ POSITIVE = Range("greater than 0", 0.0, open=True)
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """Remedy for a name that is not known: the nearest known one, or all of them."""
-    choices = sorted(known)
-    close = difflib.get_close_matches(name, choices, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(choices)}"
+    choices = {_plain(choice): choice for choice in sorted(known)}
+    close = difflib.get_close_matches(_plain(name), choices, n=1)
+    return f"did you mean {choices[close[0]]!r}?" if close else f"known: {', '.join(choices.values())}"
+
+
+def _plain(name: str) -> str:
+    """A name without what people write differently: case, hyphens, blanks."""
+    return re.sub(r"[\W_]", "", name.lower())
 
 
 def show(value: object, length: int = 60) -> str:
@@ -120,6 +126,18 @@ def names(section: Section, key: str, size: int) -> tuple[str, ...]:
     if repeated is not None:
         raise section.error(key, f"the name {show(repeated)} is there twice", f"give {size} different names")
     return tuple(value)
+
+
+def rows(section: Section, key: str, size: int) -> list[list[Any]]:
+    """A list of rows of ``size`` entries, or one more, that must be there."""
+    remedy = f"give rows of {size} numbers"
+    value = require(section, key, remedy)
+    if not isinstance(value, list) or not value or not all(isinstance(row, list) for row in value):
+        raise section.error(key, f"expected rows, got {show(value)}", remedy)
+    for i, row in enumerate(value):
+        if len(row) not in (size, size + 1):
+            raise section.error(f"{key}[{i}]", f"has {len(row)} entries", f"give {size} numbers")
+    return value
 
 
 def vector(

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.setup.chains import CONVENTIONS, dh_chain, prismatic_screw, read_dh, revolute_screw
 from ftbias_jax.setup.fields import Section, check_keys, require, show, subsection, table, text
 from ftbias_jax.setup.keys.read import check_section, open_section, read
 from ftbias_jax.setup.keys.table import SECTIONS, section_keys, top_sections
 from ftbias_jax.setup.parse_noise import bias_section, data_noise_section, joints_section
 from ftbias_jax.setup.recorded import LogSetup, PoseSetup
-from ftbias_jax.setup.robots import BUILT_IN, built_in_robot, prismatic_screw, revolute_screw
+from ftbias_jax.setup.robots import BUILT_IN, built_in_robot
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.sensor_pose import parse_pose, pose_columns, pose_robot
 from ftbias_jax.setup.types import COMPENSATED, RobotSetup, SensorSetup, Setup, ToolSetup, unknown_tool
@@ -64,6 +65,11 @@ def _arm(section: Section) -> RobotSetup:
     for key in ("base_link", "tip_link"):
         if key in section.values:
             raise section.error(key, "belongs to robot.urdf", "remove it, or give robot.urdf")
+    if "dh" in section.values:
+        return _dh_robot(section, gravity)
+    for key in ("dh_convention", "dh_units"):
+        if key in section.values:
+            raise section.error(key, "belongs to robot.dh", "remove it, or give robot.dh")
     if "model" not in section.values:
         return _screw_robot(section, gravity)
     model = read(section, "model")
@@ -77,12 +83,27 @@ def _arm(section: Section) -> RobotSetup:
 
 
 def _urdf_robot(section: Section, gravity: Array) -> RobotSetup:
-    for key in ("model", "joints", "joint_names", "flange"):
-        if key in section.values:
-            raise section.error(key, "excluded by robot.urdf", "remove one of the two")
+    _exclude(section, "urdf", ("model", "dh", "joints", "joint_names", "flange"))
     require(section, "tip_link", "name the link that is the flange")
     base_link, tip_link = read(section, "base_link") or "", read(section, "tip_link")
     return urdf_robot(_load_urdf(section), base_link, tip_link, gravity)
+
+
+def _dh_robot(section: Section, gravity: Array) -> RobotSetup:
+    _exclude(section, "dh", ("model", "joints", "flange"))
+    require(section, "dh_convention", f"say which, as the table's source does: {' or '.join(CONVENTIONS)}")
+    convention = read(section, "dh_convention")
+    table, joint_names = read_dh(section, "dh", convention, read(section, "dh_units"))
+    screws, translation, rotation = dh_chain(table, convention)
+    for array in (screws, translation, rotation):
+        array.setflags(write=False)
+    return RobotSetup(screws, joint_names, translation, rotation, gravity)
+
+
+def _exclude(section: Section, stated: str, others: Collection[str]) -> None:
+    for key in others:
+        if key in section.values:
+            raise section.error(key, f"excluded by robot.{stated}", "remove one of the two")
 
 
 def _load_urdf(robot: Section) -> Urdf:
@@ -96,11 +117,13 @@ def _urdf_path(robot: Section) -> str:
 
 
 def _screw_robot(section: Section, gravity: Array) -> RobotSetup:
-    entries = require(section, "joints", f"give [[robot.joints]], or robot.model: {', '.join(BUILT_IN)}")
+    entries = require(section, "joints", f"give [[robot.joints]], robot.dh, or robot.model: {', '.join(BUILT_IN)}")
     if not isinstance(entries, list) or not entries or not all(isinstance(entry, Mapping) for entry in entries):
         raise section.error("joints", f"expected tables, got {show(entries)}", "write one [[robot.joints]] per joint")
     if "joint_names" in section.values:
-        raise section.error("joint_names", "belongs to robot.model", "write name = ... in each [[robot.joints]]")
+        raise section.error(
+            "joint_names", "belongs to robot.model and robot.dh", "write name = ... in each [[robot.joints]]"
+        )
     joints = [Section(entry, section.path(f"joints[{i}]"), section.file) for i, entry in enumerate(entries)]
     screws = np.stack([_screw(joint) for joint in joints])
     screws.setflags(write=False)

@@ -1,4 +1,4 @@
-"""Built-in robots, and screws from axes and points, in NumPy float64."""
+"""Built-in robots, in NumPy float64."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.setup.rotations import rotation_from_rpy
+from ftbias_jax.setup.chains import dh_chain, moved, read_dh, revolute_screw
+from ftbias_jax.setup.fields import Section
 from ftbias_jax.setup.types import RobotSetup
 from ftbias_jax.types import Array
 
@@ -48,16 +49,6 @@ def describe_robot(model: str) -> str:
     return str(_ARMS[model]["about"])
 
 
-def revolute_screw(axis: Array, point: Array) -> Array:
-    """(6,) screw (-s x r; s) of a turn about the unit axis s (3,) through the point r (3,) m, same frame."""
-    return np.concatenate([-np.cross(axis, point), axis])
-
-
-def prismatic_screw(axis: Array) -> Array:
-    """(6,) screw (d; 0) of a slide along the unit axis d (3,)."""
-    return np.concatenate([axis, np.zeros(3)])
-
-
 def built_in_robot(model: str, gravity: Array = STANDARD_GRAVITY, joint_names: tuple[str, ...] = ()) -> RobotSetup:
     """A robot of ``BUILT_IN``.
 
@@ -92,32 +83,46 @@ def built_in_robot(model: str, gravity: Array = STANDARD_GRAVITY, joint_names: t
 
 @cache
 def _arm(model: str) -> dict[str, Any]:
-    """Screws, flange and limits of a robot of arms.toml; the joints stand one on the other as in a URDF."""
+    """Screws, flange and limits of a robot of arms.toml, from its joints or its Denavit-Hartenberg table."""
     data = _ARMS[model]
+    if "dh" in data:
+        table = Section(data | {"joint_names": _names(data)}, model, "arms.toml")
+        rows, names = read_dh(table, "dh", data["convention"], "m,deg")
+        screws, position, rotation = dh_chain(rows, data["convention"])
+        limits: dict[str, Array | None] = {"range": None, "speed": None}
+    else:
+        screws, position, rotation = _of_joints(data)
+        names = tuple(joint["name"] for joint in data["joints"])
+        endless = [-np.inf, np.inf]
+        limits = {
+            "range": np.radians([joint.get("range", endless) for joint in data["joints"]]),
+            "speed": np.radians([joint["speed"] for joint in data["joints"]]),
+        }
+    arrays = {"screws": screws, "translation": position, "rotation": rotation, **limits}
+    for array in arrays.values():
+        if array is not None:
+            array.setflags(write=False)
+    return {"names": names, **arrays}
+
+
+def _of_joints(data: Mapping[str, Any]) -> tuple[Array, Array, Array]:
+    """Screws and flange of joints that stand one on the other as in a URDF."""
     position, rotation, screws = np.zeros(3), np.eye(3), []
     for joint in data["joints"]:
-        position, rotation = _moved(position, rotation, joint)
+        position, rotation = _placed(position, rotation, joint)
         screws.append(revolute_screw(rotation @ _axis(joint.get("axis", "z")), position))
-    position, rotation = _moved(position, rotation, data["flange"])
-    endless = [-np.inf, np.inf]
-    arrays = {
-        "screws": np.stack(screws),
-        "translation": position,
-        "rotation": rotation,
-        "range": np.radians([joint.get("range", endless) for joint in data["joints"]]),
-        "speed": np.radians([joint["speed"] for joint in data["joints"]]),
-    }
-    for array in arrays.values():
-        array.setflags(write=False)
-    return {"names": tuple(joint["name"] for joint in data["joints"]), **arrays}
+    return np.stack(screws), *_placed(position, rotation, data["flange"])
 
 
-def _moved(position: Array, rotation: Array, place: Mapping[str, Any]) -> tuple[Array, Array]:
-    """The frame that stands at a place in the frame given by position and rotation."""
-    inner = rotation_from_rpy(np.radians(place.get("rpy", (0.0, 0.0, 0.0))))
-    whole = np.rint(inner)
-    inner = np.where(np.abs(inner - whole) < 1e-15, whole, inner)  # right angles turn axes into axes
-    return position + rotation @ np.array(place["xyz"]), rotation @ inner
+def _placed(position: Array, rotation: Array, place: Mapping[str, Any]) -> tuple[Array, Array]:
+    return moved(position, rotation, place["xyz"], np.radians(place.get("rpy", (0.0, 0.0, 0.0))))
+
+
+def _names(data: Mapping[str, Any]) -> list[str]:
+    """Names of the joints, of which a pattern with a # means one for each number."""
+    names = data["names"]
+    count = sum(len(row) == 4 for row in data["dh"])
+    return list(names) if isinstance(names, list) else [names.replace("#", str(i + 1)) for i in range(count)]
 
 
 def _axis(name: str) -> Array:

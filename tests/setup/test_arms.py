@@ -1,5 +1,6 @@
 """The arms of arms.toml against forward kinematics that knows other parameters: the manufacturers' tables."""
 
+import sys
 import tempfile
 from pathlib import Path
 
@@ -27,6 +28,9 @@ def kuka(base, upper):
 
 SHIN = np.arctan(284.5 / 53.5)  # xArm 6: between its second link and the line of the table
 STANDARD = {
+    "ur3": ur(0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
+    "ur5": ur(0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),
+    "ur10": ur(0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922),
     "ur3e": ur(0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921),
     "ur5e": ur(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
     "ur10e": ur(0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655),
@@ -153,8 +157,8 @@ def test_the_yumi_stands_where_its_axes_and_lengths_say():
         np.testing.assert_allclose(forward(robot, q), expected, atol=1e-9)
 
 
-# Joint, origin (xyz; rpy) and axis of published URDFs: of the LBR iiwa 7, and of the YuMi's arms with the lengths of
-# the product manual, where the published one rounds differently.
+# Joint, origin (xyz; rpy) and axis of published URDFs: those that arms.toml names as sources; of the LBR iiwa 7; of the
+# YuMi's arms with the lengths of the product manual, where the published one rounds differently.
 YUMI = [
     ((0.03, 0, 0.1), (HALF, 0, 0)),
     ((-0.03, 0.17283, 0), (-HALF, 0, 0)),
@@ -172,7 +176,117 @@ LBR = [
     ((0, -0.0707, 0.1925), "0 1 0"),
     ((0, 0.0707, 0.091), "0 0 1"),
 ]
+NONE = (0, 0, 0)
+JACO = [((0, 0, 0.15675), (0, np.pi, 0), "0 0 1"), ((0, 0.0016, -0.11875), (-HALF, 0, np.pi), "0 0 1")]
+PALM = ((0, 0, -0.16), (np.pi, 0, 0), None)
+CURVED = ((0, -0.03703, -0.06414), (np.pi / 3, 0, np.pi), "0 0 1")
+TOOL0 = (NONE, (0, HALF, 0), None)  # of the ROS-Industrial descriptions: z leaves the flange
+
+
+def techman(base, upper, fore, offset):
+    return [
+        ((0, 0, base), NONE, "0 0 1"),
+        (NONE, (-HALF, -HALF, 0), "0 0 1"),
+        ((upper, 0, 0), NONE, "0 0 1"),
+        ((fore, 0, offset), (0, 0, HALF), "0 0 1"),
+        ((0, -0.106, 0), (HALF, 0, 0), "0 0 1"),
+        ((0, -0.11315, 0), (HALF, 0, 0), "0 0 1"),
+    ]
+
+
+def doosan(base, shoulder, upper, fore):
+    return [
+        ((0, 0, base), NONE, "0 0 1"),
+        ((0, shoulder, 0), (0, -1.571, -1.571), "0 0 1"),
+        ((upper, 0, 0), (0, 0, 1.571), "0 0 1"),
+        ((0, -fore, 0), (1.571, 0, 0), "0 0 1"),
+        (NONE, (-1.571, 0, 0), "0 0 1"),
+        ((0, -0.121, 0), (1.571, 0, 0), "0 0 1"),
+    ]
+
+
+def abb(base, upper, elbow, fore, wrist, tool):
+    joints = [base, NONE, upper, elbow, fore, (tool, 0, wrist)]
+    axes = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
+    return [*[(xyz, NONE, axis) for xyz, axis in zip(joints, axes, strict=True)], TOOL0]
+
+
 URDF = {
+    "sawyer": (
+        [
+            ((0, 0, 0.08), NONE, "0 0 1"),
+            ((0.081, 0.05, 0.237), (-HALF, HALF, 0), "0 0 1"),
+            ((0, -0.14, 0.1425), (HALF, 0, 0), "0 0 1"),
+            ((0, -0.042, 0.26), (-HALF, 0, 0), "0 0 1"),
+            ((0, -0.125, -0.1265), (HALF, 0, 0), "0 0 1"),
+            ((0, 0.031, 0.275), (-HALF, 0, 0), "0 0 1"),
+            ((0, -0.11, 0.1053), (-HALF, -0.17453, 3.1416), "0 0 1"),
+            ((0, 0, 0.0245), (0, 0, HALF), None),
+        ],
+        NONE,
+        2e-5,  # the published angles are rounded
+    ),
+    "lwr4+": (
+        [
+            ((0, 0, 0.11), NONE, "0 0 1"),
+            ((0, 0, 0.2005), NONE, "0 -1 0"),
+            ((0, 0, 0.2), NONE, "0 0 1"),
+            ((0, 0, 0.2), NONE, "0 1 0"),
+            ((0, 0, 0.2), NONE, "0 0 1"),
+            ((0, 0, 0.19), NONE, "0 -1 0"),
+            ((0, 0, 0.078), NONE, "0 0 1"),
+        ],
+        NONE,
+        1e-9,
+    ),
+    "jaco2": (
+        [
+            *JACO,
+            ((0, -0.41, 0), (0, np.pi, 0), "0 0 1"),
+            ((0, 0.2073, -0.0114), (-HALF, 0, np.pi), "0 0 1"),
+            CURVED,
+            CURVED,
+            PALM,
+        ],
+        NONE,
+        1e-4,  # published to 10 um a link
+    ),
+    "tm5-700": (techman(0.1452, 0.329, 0.3115, -0.1223), NONE, 1e-9),
+    "tm5-900": (techman(0.1452, 0.429, 0.4115, -0.1223), NONE, 1e-9),
+    "tm12": (techman(0.1652, 0.6361, 0.5579, -0.1563), NONE, 1e-9),
+    "m0609": (doosan(0.1, 0.0062, 0.411, 0.368), NONE, 2e-3),  # right angles are published as 1.571
+    "m1013": (doosan(0.1525, 0.0345, 0.62, 0.559), NONE, 2e-3),
+    "crx10ia": (
+        [
+            ((0, 0, 0.245), NONE, "0 0 1"),
+            (NONE, NONE, "0 1 0"),
+            ((0, 0, 0.54), NONE, "0 -1 0"),
+            (NONE, NONE, "-1 0 0"),
+            ((0.54, 0, 0), NONE, "0 -1 0"),
+            ((0, -0.15, 0), NONE, "-1 0 0"),
+            ((0.16, 0, 0), (np.pi, -HALF, 0), None),
+        ],
+        NONE,
+        1e-9,
+    ),
+    "gofa": (abb((0, 0, 0.265), (0, 0, 0.444), (0, 0, 0.11), (0.47, 0, 0), 0.08, 0.101), NONE, 1e-9),
+    "irb120": (
+        [((0, 0, 0.29), NONE, None), *abb(NONE, (0, 0, 0.27), (0, 0, 0.07), (0.302, 0, 0), 0, 0.072)],
+        NONE,
+        1e-9,
+    ),
+    "vs060": (
+        [
+            ((0, 0, 0.1815), NONE, "0 0 1"),
+            ((0, 0, 0.1635), NONE, "0 1 0"),
+            ((0, 0, 0.305), NONE, "0 1 0"),
+            ((-0.01, 0, 0.1645), NONE, "0 0 1"),
+            ((0, 0, 0.1355), NONE, "0 1 0"),
+            ((0, 0, 0.07), NONE, "0 0 1"),
+        ],
+        NONE,
+        1e-9,
+    ),
     "iiwa7": ([(xyz, (0, 0, 0), axis) for xyz, axis in LBR], (0, 0, 0.035), 1e-9),
     "yumi_left": (
         [(xyz, rpy, "0 0 1") for xyz, rpy in [((0.05355, 0.0725, 0.41492), (0.9781, -0.5716, 2.3180)), *YUMI]],
@@ -217,8 +331,73 @@ def test_arms_stand_where_pinocchio_puts_a_published_urdf(name):
         np.testing.assert_allclose(forward(robot, q), expected, atol=tolerance)
 
 
+UR = "robots/ur_description/urdf"
+INSTALLED = {  # file, base, tip in a package of robot models; where our flange is in the tip; tolerance
+    "ur3": (f"{UR}/ur3_robot.urdf", "base", "tool0", np.eye(4), 1e-9),
+    "ur5": (f"{UR}/ur5_robot.urdf", "base", "tool0", np.eye(4), 1e-9),
+    "ur10": (f"{UR}/ur10_robot.urdf", "base", "tool0", np.eye(4), 1e-9),
+    "jaco2_spherical": (
+        "robots/kinova_description/robots/kinova.urdf",
+        "j2s6s200_link_base",
+        "j2s6s200_link_6",
+        slide(0, 0, -0.16) @ turn(0, np.pi),
+        1e-9,
+    ),
+    "sawyer": ("models/assets/robots/sawyer/robot.xml", "base", "right_hand", slide(0, 0, 5e-4), 1e-4),
+    "jaco2_7dof": (
+        "models/assets/robots/jaco/robot.xml",
+        "base",
+        "j2s7s300_link_7",
+        slide(0, 0, -0.16) @ turn(0, np.pi),
+        1e-5,
+    ),
+}
+
+
+def pinocchio_poses(path, configurations, base, tip):
+    pinocchio = pytest.importorskip("pinocchio")
+    model = pinocchio.buildModelFromUrdf(str(path))
+    data = model.createData()
+    for q in configurations:
+        words = [[x] if joint.nq == 1 else [np.cos(x), np.sin(x)] for joint, x in zip(model.joints[1:], q, strict=True)]
+        pinocchio.framesForwardKinematics(model, data, np.concatenate(words))
+        at = [data.oMf[model.getFrameId(name)].homogeneous for name in (base, tip)]
+        yield np.linalg.inv(at[0]) @ at[1]
+
+
+def mujoco_poses(path, configurations, base, tip, names):
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    for q in configurations:
+        for name, x in zip(names, q, strict=True):
+            data.joint(name).qpos = x
+        mujoco.mj_kinematics(model, data)
+        at = [slide(*data.body(name).xpos) for name in (base, tip)]
+        for pose, name in zip(at, (base, tip), strict=True):
+            pose[:3, :3] = data.body(name).xmat.reshape(3, 3)
+        yield np.linalg.inv(at[0]) @ at[1]
+
+
+@pytest.mark.parametrize("name", list(INSTALLED))
+def test_arms_stand_where_a_package_of_robot_models_puts_them(name):
+    file, base, tip, flange, tolerance = INSTALLED[name]
+    package = "robosuite" if file.endswith("xml") else "example-robot-data"
+    root = {"robosuite": "robosuite", "example-robot-data": "cmeel.prefix/share/example-robot-data"}[package]
+    found = next((path for folder in sys.path if (path := Path(folder, root, file)).exists()), None)
+    if found is None:
+        pytest.skip(f"needs pip install --no-deps {package}, of more than 100 MB")
+    robot, configurations = poses(name)
+    if package == "robosuite":
+        theirs = mujoco_poses(found, configurations, base, tip, robot.joint_names)
+    else:
+        theirs = pinocchio_poses(found, configurations, base, tip)
+    for q, pose in zip(configurations, theirs, strict=True):
+        np.testing.assert_allclose(forward(robot, q), pose @ flange, atol=tolerance)
+
+
 def test_every_arm_has_been_compared():
-    assert {*STANDARD, *MODIFIED, *URDF, "yumi", "panda", "fr3"} == set(BUILT_IN)
+    assert {*STANDARD, *MODIFIED, *URDF, *INSTALLED, "yumi", "panda", "fr3"} == set(BUILT_IN)
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -226,12 +405,16 @@ def test_arms_have_names_limits_and_a_description(name):
     robot = built_in_robot(name)
     n = len(robot.joint_names)
     assert len(set(robot.joint_names)) == n == len(robot.screws)
+    assert all(np.linalg.norm(screw[3:]) == pytest.approx(1, abs=1e-12) for screw in robot.screws)
+    np.testing.assert_allclose(robot.flange_rotation @ robot.flange_rotation.T, np.eye(3), atol=1e-15)
+    assert describe_robot(name)
+    if robot.position_limits is None:  # of an arm that is stored as a Denavit-Hartenberg table
+        assert robot.velocity_limits is None
+        return
     assert robot.position_limits.shape == (n, 2)
     assert (robot.position_limits[:, 0] < robot.position_limits[:, 1]).all()
     assert np.abs(robot.position_limits[np.isfinite(robot.position_limits)]).max() < 7  # rad
     assert ((robot.velocity_limits > 1) & (robot.velocity_limits < 10)).all()
-    np.testing.assert_allclose(robot.flange_rotation @ robot.flange_rotation.T, np.eye(3), atol=1e-15)
-    assert describe_robot(name)
 
 
 @pytest.mark.parametrize(("ours", "theirs"), [("panda", "panda_link8"), ("fr3", "fr3_link8")])

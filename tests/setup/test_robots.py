@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftbias_jax.setup.robots import built_in_robot, prismatic_screw, revolute_screw
+from ftbias_jax.setup.chains import prismatic_screw, revolute_screw
+from ftbias_jax.setup.robots import built_in_robot
 from ftbias_jax.setup.rotations import rotation_from_rpy, rpy_from_rotation
 
 # The seven screws as the report prints them (linear; angular).
@@ -34,8 +35,8 @@ def test_arrays_are_read_only():
 
 
 def test_unknown_robot():
-    with pytest.raises(KeyError, match="ur5"):
-        built_in_robot("ur5")
+    with pytest.raises(KeyError, match="ur6"):
+        built_in_robot("ur6")
 
 
 def test_screws_are_the_velocity_at_the_origin_and_the_turn():

@@ -272,7 +272,7 @@ def test_mistakes_are_named_with_their_remedy(path, value, what, remedy):
     [
         ("robot", "add [robot]"),
         ("sensor", "add [sensor]"),
-        ("robot.model", "give [[robot.joints]], or robot.model: panda, fr3"),
+        ("robot.model", "give [[robot.joints]], robot.dh, or robot.model: panda, fr3"),
         ("sensor.noise_std", "give one number or two"),
     ],
 )

@@ -9,6 +9,7 @@ import sys
 
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.draft.dh_table import DhTable
 from ftbias_jax.io.draft.draft import Request, draft, urdf_beside
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.setup.keys.schema import json_schema
@@ -24,14 +25,17 @@ def run(arguments: argparse.Namespace) -> int:
         width = max(map(len, BUILT_IN))
         print("\n".join(f"{name:{width}s}  {describe_robot(name)}" for name in BUILT_IN))
         return 0
-    if not (arguments.logs or arguments.robot or arguments.urdf):
-        remedy = "name a built-in robot, or give --urdf FILE or a LOG; --list shows the robots"
+    if not (arguments.logs or arguments.robot or arguments.urdf or arguments.dh):
+        remedy = "name a built-in robot, or give --urdf FILE, --dh FILE or a LOG; --list shows the robots"
         raise UsageError("nothing says which robot", field="--robot", remedy=remedy)
+    if (arguments.dh_convention or arguments.dh_units) and not arguments.dh:
+        field = "--dh-convention" if arguments.dh_convention else "--dh-units"
+        raise UsageError("there is no table", field=field, remedy="give the table as --dh FILE")
     output = arguments.output or ""
     if output:
         check_writable(output, ".toml")
     places = {"--output": output, "the recording's URDF": urdf_beside(output) if output else ""}
-    check_outputs(places, (*arguments.logs, arguments.urdf))
+    check_outputs(places, (*arguments.logs, arguments.urdf, arguments.dh))
     if output:
         _refuse(output)
     found = draft(
@@ -41,6 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
             urdf=arguments.urdf,
             base_link=arguments.base,
             tip_link=arguments.tip,
+            dh=DhTable(arguments.dh, arguments.dh_convention, arguments.dh_units) if arguments.dh else None,
             mass=arguments.mass,
             center_of_mass=arguments.center_of_mass,
             rate=arguments.rate,

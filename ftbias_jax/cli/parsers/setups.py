@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ftbias_jax.cli.argument_types import Commands, add_force, positive
+from ftbias_jax.setup.chains import CONVENTIONS, UNITS
 
 
 def add_setup(commands: Commands) -> None:
@@ -24,6 +25,18 @@ def add_setup(commands: Commands) -> None:
     parser.add_argument("--urdf", default="", metavar="FILE", help="a URDF instead")
     parser.add_argument("--base", default="", metavar="LINK", help="base link of the URDF (default: the root)")
     parser.add_argument("--tip", default="", metavar="LINK", help="flange of the URDF (default: tool0, flange, ...)")
+    parser.add_argument(
+        "--dh",
+        default="",
+        metavar="FILE",
+        help="a Denavit-Hartenberg table instead: CSV, columns a, alpha, d, theta",
+    )
+    parser.add_argument(
+        "--dh-convention", default="", choices=CONVENTIONS, help="of the table; modified is Craig's (default: none)"
+    )
+    parser.add_argument(
+        "--dh-units", default="", choices=UNITS, help="of the table (default: as its header states, as in 'a [mm]')"
+    )
     parser.add_argument("--mass", type=positive, metavar="KG", help="of all that is distal of the sensor, if known")
     parser.add_argument(
         "--center-of-mass", type=float, nargs=3, metavar=("X", "Y", "Z"), help="of the same, m, sensor frame"

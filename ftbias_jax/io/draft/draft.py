@@ -18,6 +18,7 @@ from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.conventions.axes import sensor_rotations
 from ftbias_jax.io.draft.columns import left_to_choose, stated_columns
 from ftbias_jax.io.draft.conventions import Read, accelerometer, best_reading, gyroscope, position_axes, ways_of
+from ftbias_jax.io.draft.dh_table import DhTable, from_table
 from ftbias_jax.io.draft.gravity import Weighed, weigh
 from ftbias_jax.io.draft.noise import quietest_noise
 from ftbias_jax.io.draft.recording import look_into, sensor_frame
@@ -46,6 +47,7 @@ class Request(NamedTuple):
     urdf: str = ""
     base_link: str = ""
     tip_link: str = ""
+    dh: DhTable | None = None
     mass: float | None = None
     """kg."""
     center_of_mass: Sequence[float] | None = None
@@ -71,8 +73,8 @@ def draft(request: Request) -> Draft:
     Raises:
         UsageError: it is not said which robot, or in two ways. LogError, SetupError: a file cannot be read.
     """
-    if request.robot and request.urdf:
-        raise UsageError("the robot is named twice", field="--robot, --urdf", remedy="remove one of the two")
+    if bool(request.robot) + bool(request.urdf) + bool(request.dh) > 1:
+        raise UsageError("the robot is named twice", field="--robot, --urdf, --dh", remedy="keep one of them")
     with _folder(request) as folder:
         file = os.path.join(folder, Path(request.output).name)
         keys, urdf, tables = _of_robot(request, folder)
@@ -102,7 +104,7 @@ def urdf_beside(output: str) -> str:
 @contextmanager
 def _folder(request: Request) -> Iterator[str]:
     """Where relative paths of the setup start; for a recording, whose URDF is not written yet, another one."""
-    if request.robot or request.urdf:
+    if request.robot or request.urdf or request.dh:
         yield os.path.dirname(os.path.abspath(request.output))
         return
     with tempfile.TemporaryDirectory() as folder:
@@ -112,30 +114,25 @@ def _folder(request: Request) -> Iterator[str]:
 def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
     """Keys of robot, mounting and topics; the URDF that the recording has, if it is needed; what is in tables."""
     links = (request.base_link, request.tip_link)
-    one_recording = len(request.logs) == 1 and is_ros(request.logs[0])
-    tables = [] if one_recording else [look(path) for path in request.logs]
-    if tables or not request.logs:
-        keys = {}
-        if request.urdf:
-            keys = from_urdf(request.urdf, *links, folder)
-        elif request.robot or not any(table.orientation for table in tables):
+    stated = from_table(request.dh) if request.dh else from_urdf(request.urdf, *links, folder) if request.urdf else {}
+    if len(request.logs) != 1 or not is_ros(request.logs[0]):
+        tables = [look(path) for path in request.logs]
+        if not stated and (request.robot or not any(table.orientation for table in tables)):
             names = next((table.names for table in tables if table.names), ())
             by_columns = any(table.header for table in tables)  # then [log.columns] gives their order
-            keys = built_in(_named(request, names), () if by_columns else names)
-        return keys, "", tables
-    (path,) = request.logs
-    recorded = look_into(path)
-    urdf = "" if request.robot or request.urdf else recorded.description
-    if not request.urdf and not urdf:
-        model = built_in(_named(request, recorded.joints), recorded.joints)
-        return {**model, **sensor_frame(recorded), **recorded.keys}, "", []
-    path = request.urdf
+            stated = built_in(_named(request, names), () if by_columns else names)
+        return stated, "", tables
+    recorded = look_into(request.logs[0])
+    urdf = "" if request.robot or stated else recorded.description
     if urdf:
         path = os.path.join(folder, Path(urdf_beside(request.output)).name)
         Path(path).write_text(urdf, encoding="utf-8")
-    keys = from_urdf(path, *links, folder)
-    mounted = mounting(load_urdf(path), str(keys["robot.tip_link"].value), recorded.frame) if recorded.frame else {}
-    return {**keys, **(mounted or sensor_frame(recorded)), **recorded.keys}, urdf, []
+        stated = from_urdf(path, *links, folder)
+    stated = stated or built_in(_named(request, recorded.joints), recorded.joints)
+    mounted: Keys = {}
+    if "robot.urdf" in stated and recorded.frame:
+        mounted = mounting(load_urdf(request.urdf or path), str(stated["robot.tip_link"].value), recorded.frame)
+    return {**stated, **(mounted or sensor_frame(recorded)), **recorded.keys}, urdf, []
 
 
 def _named(request: Request, recorded: Sequence[str]) -> str:
@@ -146,7 +143,7 @@ def _named(request: Request, recorded: Sequence[str]) -> str:
     if len(found) == 1:
         return found[0]
     words = f"the joints are those of {', '.join(found)}" if found else "which robot is it?"
-    raise UsageError(words, field="--robot", remedy="name a built-in robot, or give --urdf FILE")
+    raise UsageError(words, field="--robot", remedy="name a built-in robot, or give --urdf or --dh FILE")
 
 
 def _about(request: Request) -> str:
@@ -225,9 +222,10 @@ def _of_motion(tables: Sequence[Table], body: Table, weighed: Weighed | None, re
 def _degrees(read: Read) -> Keys:
     """Joints that are beyond every limit are in degrees."""
     setup, log = read({})
-    limits = setup.robot.position_limits
-    if limits is None or not np.isfinite(log.q).any():
+    if not np.isfinite(log.q).any():
         return {}
+    stated = setup.robot.position_limits
+    limits = np.full((log.q.shape[1], 2), np.inf) if stated is None else stated
     beyond = np.nanmax(np.abs(log.q), 0) > np.where(np.isfinite(limits), np.abs(limits), 4 * np.pi).max(1) + 0.5
     return {"log.angle_unit": Known("deg", "because joints are beyond their limits in rad")} if beyond.any() else {}
 

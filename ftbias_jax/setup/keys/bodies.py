@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ftbias_jax.setup.chains import CONVENTIONS, FIXED, UNITS
 from ftbias_jax.setup.fields import NOT_NEGATIVE, POSITIVE
 from ftbias_jax.setup.keys.key import PER_JOINT, SEVERAL, Key, Kind, SectionKeys, names, number, numbers, text
 from ftbias_jax.setup.recorded import LINEAR, ORIENTATIONS, POSITION_AXES
@@ -11,16 +12,36 @@ from ftbias_jax.setup.types import COMPENSATED, REPORTS
 ZERO = (0.0, 0.0, 0.0)
 
 ROBOT = SectionKeys(
-    "The arm: built in (`model`), from a URDF (`urdf`), or a list of screws (`[[robot.joints]]` and `[robot.flange]`).",
+    "The arm: built in (`model`), from a URDF (`urdf`), a Denavit-Hartenberg table (`dh`), or a list of screws "
+    "(`[[robot.joints]]` and `[robot.flange]`).",
     {
         "name": text("which robot of a fleet it is, for reports", absent="the model", example="cell 3"),
         "model": text("a built-in robot", choices=BUILT_IN, example="panda"),
         "urdf": text("a URDF file, from the setup's folder if the path is relative", example="arm.urdf"),
         "base_link": text("link of the URDF whose frame is the base frame", absent="the root", example="base"),
         "tip_link": text("link of the URDF that is the flange", absent="required with `urdf`", example="tool0"),
-        "joints": Key(Kind.TABLES, "one table per joint", absent="required without `model` and `urdf`"),
+        "dh": Key(
+            Kind.ROWS,
+            "rows of a Denavit-Hartenberg table, `[a, alpha, d, theta]`, from the base to the flange; theta is what is "
+            "added to the joint's angle; `\"fixed\"` at a row's end says that it has no joint",
+            "as `dh_units` says",
+            4,
+            choices=("revolute", FIXED),
+            absent="required without `model`, `urdf` and `joints`",
+            example=((0.0, 1.5708, 0.0892, 0.0), (-0.425, 0.0, 0.0, 0.0)),
+        ),
+        "dh_convention": text(
+            "where a row of `dh` has its joint: `standard`, theta and d come first, or `modified` (Craig), a and alpha",
+            choices=CONVENTIONS,
+            absent="required with `dh`",
+            example="standard",
+        ),
+        "dh_units": text("units of the lengths and the angles of `dh`", choices=UNITS, default=UNITS[0]),
+        "joints": Key(Kind.TABLES, "one table per joint", absent="required without `model`, `urdf` and `dh`"),
         "joint_names": names(
-            "names of a built-in robot's joints in recordings of ROS", PER_JOINT, absent="those of the maker's driver"
+            "names of the joints of `model` or `dh` in recordings of ROS",
+            PER_JOINT,
+            absent="those of the maker's driver, or `joint1` and so on",
         ),
         "flange": Key(Kind.TABLE, "the flange in the base frame at q = 0", absent="required with `joints`"),
         "gravity": numbers("acceleration of gravity", "m/s^2, base frame", 3, default=STANDARD_GRAVITY),

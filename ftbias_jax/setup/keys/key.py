@@ -17,6 +17,7 @@ class Kind(Enum):
     TEXT = "text"
     FLAG = "true or false"
     NAMES = "names"
+    ROWS = "rows of numbers"
     TABLE = "a table"
     TABLES = "tables"
 

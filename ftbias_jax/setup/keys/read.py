@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ftbias_jax.setup.fields import Section, check_keys, flag, names, require, scalar, subsection, text, vector
+from ftbias_jax.setup.fields import Section, check_keys, flag, names, require, rows, scalar, subsection, text, vector
 from ftbias_jax.setup.keys.key import SEVERAL, Kind
 from ftbias_jax.setup.keys.table import section_keys
 
@@ -56,4 +56,6 @@ def read(section: Section, key: str, size: int | None = None, default: Any = Non
             return flag(section, key, default)
         case Kind.NAMES:
             return names(section, key, count)
+        case Kind.ROWS:
+            return rows(section, key, count)
     raise TypeError(f"{section.path(key)} is {known.kind.value}, which has no single value")

@@ -62,6 +62,10 @@ def _type(name: str, key: Key) -> dict[str, Any]:
             return {"type": "boolean"}
         case Kind.NAMES:
             return {**_list({"type": "string"}, key.size), "uniqueItems": True}
+        case Kind.ROWS:
+            row = [{"type": "number"}] * key.size
+            ends = {"items": {"enum": list(key.choices)}, "minItems": key.size, "maxItems": key.size + 1}
+            return _list({"type": "array", "prefixItems": row, **ends}, SEVERAL)
         case Kind.TABLE:
             return _section(name)
     return {"type": "array", "items": _section(name), "minItems": 1}

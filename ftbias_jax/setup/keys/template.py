@@ -51,13 +51,18 @@ def _section(name: str, known: Mapping[str, Known], everything: Mapping[str, Kno
         elif key in known:
             comment = "; ".join(part for part in (spec.unit, known[key].remark) if part)
             lines.append(toml_line(key, known[key].value, comment))
-        elif spec.kind not in (Kind.TABLE, Kind.TABLES) and _has_value(spec) and not (elsewhere and key != "gravity"):
+        elif (
+            spec.kind not in (Kind.TABLE, Kind.TABLES, Kind.ROWS)
+            and _has_value(spec)
+            and not (elsewhere and key != "gravity")
+        ):
             lines.append(f"# {toml_line(key, _example(spec), _words(name, key, spec))}")
     return "\n".join(lines) + "\n"
 
 
 def _has_value(spec: Key) -> bool:
-    return spec.default is not None or spec.example is not None
+    tables = (Kind.TABLE, Kind.TABLES, Kind.ROWS)
+    return spec.kind not in tables and (spec.default is not None or spec.example is not None)
 
 
 def _example(spec: Key) -> Any:

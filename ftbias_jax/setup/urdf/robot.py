@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ftbias_jax.setup.chains import prismatic_screw, revolute_screw
 from ftbias_jax.setup.fields import nearest
-from ftbias_jax.setup.robots import prismatic_screw, revolute_screw
 from ftbias_jax.setup.types import RobotSetup, ToolSetup
 from ftbias_jax.setup.urdf.read import FIXED, SLIDING, TURNING, Joint, Pose, Urdf, numbers_of, origin_of
 from ftbias_jax.types import Array

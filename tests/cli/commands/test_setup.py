@@ -106,8 +106,8 @@ def test_a_table_with_joints_is_weighed_too(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ((), "name a built-in robot, or give --urdf FILE or a LOG"),
-        (("--robot", "ur5"), "there is no built-in robot 'ur5' (did you mean 'ur5e'?)"),
+        ((), "name a built-in robot, or give --urdf FILE, --dh FILE or a LOG"),
+        (("--robot", "UR5"), "there is no built-in robot 'UR5' (did you mean 'ur5'?)"),
         (("--robot", "ur5e", "--urdf", "arm.urdf"), "named twice"),
         (("--robot", "ur5e", "-o", "setup.json"), "end the name in .toml"),
     ],

@@ -26,6 +26,9 @@ JOINTS = 1
 CONTEXT = {
     "robot.model": {"robot": {}},
     "robot.joint_names": {"robot": {"model": "panda"}},
+    "robot.dh": {"robot": {"dh_convention": "standard"}},
+    "robot.dh_convention": {"robot": {"dh": [[0, 1.5, 0.1, 0]]}},
+    "robot.dh_units": {"robot": {"dh": [[0, 1.5, 0.1, 0]], "dh_convention": "standard"}},
     "sensor.correlated_std": {"sensor": {"noise_std": 0.1, "correlated_time": 0.2}},
     "sensor.correlated_time": {"sensor": {"noise_std": 0.1, "correlated_std": 0.2}},
     "data_noise.entries": {"data_noise": {}},
@@ -61,7 +64,9 @@ def good_value(section, key):
         count = spec.size or (7 if section == "robot" else JOINTS)
         return [f"name{i}" for i in range(count)]
     value = spec.default if spec.example is None else spec.example
-    return list(value) if isinstance(value, tuple) else value
+    return (
+        [list(row) for row in value] if spec.kind is Kind.ROWS else list(value) if isinstance(value, tuple) else value
+    )
 
 
 def parse(tables):
@@ -176,6 +181,7 @@ def test_the_template_is_a_setup_that_says_what_to_measure():
 
 def test_every_line_that_the_template_comments_out_can_be_used_as_it_stands():
     excluded = {"base_link", "tip_link", "urdf", "joint_names", "from_urdf_link", "correlated_std", "correlated_time"}
+    excluded |= {"dh_convention", "dh_units"}
     lines = write_template(KNOWN).splitlines()
     places = [i for i, line in enumerate(lines) if line.startswith("# ") and " = " in line]
     names = [lines[i].removeprefix("# ").split(" = ")[0] for i in places]

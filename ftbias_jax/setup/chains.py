@@ -1,0 +1,138 @@
+"""Screws of serial arms from axes and points, and from Denavit-Hartenberg tables, in NumPy float64."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.setup.fields import Section, names, rows, vector
+from ftbias_jax.setup.rotations import rotation_from_rpy
+from ftbias_jax.types import Array
+
+CONVENTIONS = ("standard", "modified")
+"""Of a Denavit-Hartenberg row: theta and d before a and alpha (the textbooks' first), or after them (Craig's)."""
+UNITS = ("m,rad", "m,deg", "mm,rad", "mm,deg")
+"""Of a Denavit-Hartenberg table: lengths, angles."""
+FIXED = "fixed"
+SHORTEST, LONGEST = 0.03, 20.0  # m: no arm that carries a wrist sensor reaches less, or more
+TURN = 2 * np.pi + 1e-2  # rad, one turn with room for rounding
+
+
+class Row(NamedTuple):
+    """One row of a Denavit-Hartenberg table."""
+
+    a: float
+    """m."""
+    alpha: float
+    """rad."""
+    d: float
+    """m."""
+    theta: float
+    """rad, what is added to the joint's angle."""
+    turns: bool = True
+    """False = a fixed row, which has no joint."""
+
+
+def revolute_screw(axis: Array, point: Array) -> Array:
+    """(6,) screw (-s x r; s) of a turn about the unit axis s (3,) through the point r (3,) m, same frame."""
+    return np.concatenate([-np.cross(axis, point), axis])
+
+
+def prismatic_screw(axis: Array) -> Array:
+    """(6,) screw (d; 0) of a slide along the unit axis d (3,)."""
+    return np.concatenate([axis, np.zeros(3)])
+
+
+def moved(position: Array, rotation: Array, xyz: Sequence[float], rpy: Sequence[float]) -> tuple[Array, Array]:
+    """The frame that stands at a place in another one.
+
+    Args:
+        position: (3,) m, of the other frame.
+        rotation: (3, 3), of the other frame.
+        xyz: (3,) m, in the other frame.
+        rpy: (3,) rad, turns about the other frame's fixed x, y, z.
+    """
+    inner = rotation_from_rpy(np.asarray(rpy))
+    whole = np.rint(inner)
+    inner = np.where(np.abs(inner - whole) < 1e-15, whole, inner)  # right angles turn axes into axes
+    return position + rotation @ np.asarray(xyz), rotation @ inner
+
+
+def dh_chain(table: Sequence[Row], convention: str) -> tuple[Array, Array, Array]:
+    """Screws (n, 6), flange position (3,) m and rotation (3, 3) at q = 0 of a Denavit-Hartenberg table.
+
+    Args:
+        table: rows from the base to the flange, the frame of the last row.
+        convention: one of CONVENTIONS.
+    """
+    position, rotation, screws = np.zeros(3), np.eye(3), []
+    for row in table:
+        link, joint = ((row.a, 0, 0), (row.alpha, 0, 0)), ((0, 0, row.d), (0, 0, row.theta))
+        if convention == "modified":
+            position, rotation = moved(position, rotation, *link)
+        if row.turns:
+            screws.append(revolute_screw(rotation[:, 2], position))
+        position, rotation = moved(position, rotation, *joint)
+        if convention == "standard":
+            position, rotation = moved(position, rotation, *link)
+    return np.array(screws).reshape(-1, 6), position, rotation
+
+
+def read_dh(section: Section, key: str, convention: str, units: str) -> tuple[tuple[Row, ...], tuple[str, ...]]:
+    """A Denavit-Hartenberg table with its joints' names, if it can be that of an arm.
+
+    Args:
+        section: with the table, and perhaps ``joint_names``.
+        key: of the table: rows of a, alpha, d, theta, and perhaps "fixed".
+        convention: one of CONVENTIONS.
+        units: one of UNITS.
+
+    Raises:
+        SetupError: a row is no such row, a joint is prismatic, or the numbers cannot have these units.
+    """
+    given = rows(section, key, 4)
+    joints = [i for i, row in enumerate(given) if row[4:] != [FIXED]]
+    if not joints:
+        raise section.error(key, "has no joint", "give at least one row without 'fixed'")
+    named = "joint_names" in section.values
+    labels = names(section, "joint_names", len(joints)) if named else tuple(f"joint{i + 1}" for i in range(len(joints)))
+    for label, i in zip(labels, joints, strict=True):
+        if isinstance(given[i][2], str) or given[i][4:] == ["prismatic"]:
+            remedy = 'a table is for joints that turn: give [[robot.joints]] with type = "prismatic", or a URDF'
+            raise section.error(f"{key}[{i}]", f"{label} is prismatic", remedy)
+        if given[i][4:] not in ([], ["revolute"]):
+            raise section.error(f"{key}[{i}]", f"ends in {given[i][4]!r}", "end a row without joint in 'fixed'")
+    cells = {f"{key}[{i}]": row[:4] for i, row in enumerate(given)}
+    numbers = np.stack([vector(Section(cells, section.name, section.file), name, 4) for name in cells])
+    length, angle = units.split(",")
+    _check_angles(section, key, numbers[:, [1, 3]], angle)
+    if length == "mm":
+        numbers[:, [0, 2]] /= 1e3
+    if angle == "deg":
+        numbers[:, [1, 3]] = np.radians(numbers[:, [1, 3]])
+    table = tuple(Row(a, alpha, d, theta, i in joints) for i, (a, alpha, d, theta) in enumerate(numbers.tolist()))
+    _check_reach(section, key, table, convention, length)
+    return table, labels
+
+
+def _check_angles(section: Section, key: str, angles: Array, unit: str) -> None:
+    """Degrees are not radians: no angle is beyond a turn, and whole degrees are not all below seven."""
+    largest = np.abs(angles).max()
+    if largest > (TURN if unit == "rad" else 361):
+        other = "" if unit == "deg" else '; degrees are dh_units = "m,deg" or "mm,deg"'
+        raise section.error(key, f"an angle of {largest:g} {unit} is beyond a turn", f"check its unit{other}")
+    if unit == "deg" and 0 < largest <= TURN:
+        remedy = 'radians are dh_units = "m,rad" or "mm,rad"'
+        raise section.error(key, f"no angle is larger than {largest:g} degrees", f"check their unit; {remedy}")
+
+
+def _check_reach(section: Section, key: str, table: Sequence[Row], convention: str, unit: str) -> None:
+    """The flange in three poses, because single lengths of a calibrated table may be huge and cancel."""
+    poses = ([row._replace(theta=row.theta + row.turns * q) for row in table] for q in (0.0, 1.0, -1.0))
+    reach = max(float(np.linalg.norm(dh_chain(pose, convention)[1])) for pose in poses)
+    if not SHORTEST <= reach <= LONGEST:
+        other = "m" if unit == "mm" else "mm"
+        remedy = f'check the unit of a and d; {other} are dh_units = "{other},rad" or "{other},deg"'
+        raise section.error(key, f"the flange is {reach:.4g} m from the base if lengths are in {unit}", remedy)
