@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.compose import fill_temperature, forgetting_time
 from ftbias_jax.model.params import Params
@@ -41,6 +42,7 @@ def arrays_from_log(log: Log, dtype: Any = None, before: float | None = None) ->
         before: s, stamp of the sample before the part.
     """
     dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0] if before is None else before)
+    dt = np.minimum(dt, LONG_PAUSE)  # by then the bias is as unknown as before the log; its variance must stay a number
     temperature = fill_temperature(log.t, log.temperature) if np.isfinite(log.temperature).any() else None
     columns = {name: column.at(log.t) for name, column in log.columns.items()}
     rezeroed = np.asarray(log.is_rezeroed(log.t, before), float) if log.rezeroed_at else None

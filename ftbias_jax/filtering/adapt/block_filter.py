@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering.adapt.blocks import room_for
+from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.types import Array
@@ -108,7 +109,7 @@ def filter_blocks(
     bias_std, drift_std = map(lanes, prior_std)
     sets = _Sets(white, time, stationary, strength, rate, block, bias_std, drift_std)
     h = np.zeros((room_for(count), 1))
-    h[:count, 0] = np.diff(t, prepend=t[0])
+    h[:count, 0] = np.minimum(np.diff(t, prepend=t[0]), LONG_PAUSE)
     found = _filter(sets, h, np.maximum(h - length, 0), of_blocks(y, np.nan), of_blocks(np.nan_to_num(variance), 1.0))
     return Filtered(*(np.asarray(x)[:count].reshape(count, *shape) for x in found))
 

@@ -14,6 +14,7 @@ from ftbias_jax.filtering.adapt.sample_noise import sensor_level
 from ftbias_jax.filtering.adapt.scatter import HEAVY
 from ftbias_jax.filtering.adapt.slow_noise import SlowNoise, coarser, fit_slow_noise
 from ftbias_jax.filtering.adapt.vibration import Vibration, fit_vibration
+from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import AXES, Array
 
@@ -78,7 +79,8 @@ def noise_of_log(blocks: Blocks, params: Params) -> LogNoise:
     variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
     bias = params.bias
     prior_std, density = prior_with(params, offset), np.asarray(bias.density, float)
-    t, y, variance = coarser(blocks.t, y, variance)
+    t = np.cumsum(np.minimum(np.diff(blocks.t, prepend=blocks.t[:1]), LONG_PAUSE))
+    t, y, variance = coarser(t, y, variance)
     if bias.correlated_std is None or bias.correlated_time is None:
         std, time = np.zeros(6), np.ones(6)
         white_noise = standard_innovations(t, y, variance, (std, time), prior_std, density)
