@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from ftbias_jax.filtering.check.motion import arm_motion
-from ftbias_jax.filtering.check.mounts import AXIS_NAMES, mount_in_degrees, mounts
+from ftbias_jax.filtering.check.mounts import OTHER_REPORT, mount_in_degrees, mounts
 from ftbias_jax.filtering.check.regression import Tool
 from ftbias_jax.filtering.check.state import Alternative, State
 
@@ -30,7 +30,6 @@ TORQUE_UNITS = {
 }
 LEAST_DEGREES = 7.0
 """A joint that never turns this far, in whatever it is, is not in degrees."""
-OTHER = {"wrench_on_tool": "wrench_on_sensor", "wrench_on_sensor": "wrench_on_tool"}
 
 
 def all_alternatives(state: State) -> Iterator[Alternative]:
@@ -48,7 +47,7 @@ def all_alternatives(state: State) -> Iterator[Alternative]:
 
 
 def _sign(state: State) -> Alternative:
-    other = OTHER[state.case.setup.sensor.reports]
+    other = OTHER_REPORT[state.case.setup.sensor.reports]
     return Alternative(
         "sign",
         f'the sensor reports the {other.replace("_", " ")}: set sensor.reports = "{other}"',
@@ -137,7 +136,7 @@ def _gravity(state: State) -> Iterator[Alternative]:
             continue
         yield Alternative(
             "gravity",
-            f"gravity points along {'+' if sign > 0 else '-'}{AXIS_NAMES[axis]} of the base frame: "
+            f"gravity points along {'+' if sign > 0 else '-'}{'xyz'[axis]} of the base frame: "
             f"set robot.gravity = {gravity.tolist()}",
             state.but(gravity=gravity),
             4 if standard else -1,

@@ -11,12 +11,12 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check import poses, special
 from ftbias_jax.filtering.check.alternatives import all_alternatives
 from ftbias_jax.filtering.check.bins import bins_of, join_bins
-from ftbias_jax.filtering.check.findings import absence, clocks, numbers, of_bias, stamped
+from ftbias_jax.filtering.check.findings import absence, clocks, named, numbers, of_bias, stamped
 from ftbias_jax.filtering.check.judge import (
     BAD,
     TIE,
     Evidence,
-    best_alternative,
+    best_alternatives,
     decisively,
     evidence_of,
     is_pulled,
@@ -152,17 +152,15 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
     for _ in range(MOST_MISTAKES):
         small = base.raw[0] < FAR_SMALLER * base.exact[0]
         tried = (a for a in all_alternatives(base.state) if not (small and a.mistake in OF_AXES))
-        best = best_alternative(base, tried) or slightly(base, mount_in_degrees(base.state))
+        best = best_alternatives(base, tried) or slightly(base, mount_in_degrees(base.state))
         moved = None if case.layout.touched else special.time_offset(base)
-        if moved is not None and (best is None or score(base, moved[1]) > score(base, best[1]) + TIE):
+        if moved is not None and (not best or score(base, moved[1]) > score(base, best[0][1]) + TIE):
             found.append(clocks(base, first, *moved))
             break
-        if best is None or score(base, best[1]) < enough:
+        if not best or score(base, best[0][1]) < enough:
             break
-        alternative, result = best
-        evidence = numbers(first, result)
-        found.append(Mistake(alternative.mistake, evidence, alternative.remedy, alternative.setup or {}))
-        base, enough = evidence_of(alternative.state), -np.inf
+        found.append(named(first, best))
+        base, enough = evidence_of(best[0][0].state), -np.inf
     found += absent if not found else ()
     if not any(mistake.mistake in ("compensated", "time_offset") for mistake in found):
         found += of_bias(base)
@@ -170,8 +168,8 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
     if worse and not found and not is_pulled(first):
         remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
         found.append(Mistake("worse_than_raw", numbers(first, first.result), remedy))
-    named = {mistake.mistake for mistake in found}
-    unseen = tuple(kind for kind in undetermined(base, tool_is_stated=tool_is_stated) if kind.mistake not in named)
+    kinds = {kind.mistake for mistake in found for kind in (mistake, *mistake.alike)}
+    unseen = tuple(kind for kind in undetermined(base, tool_is_stated=tool_is_stated) if kind.mistake not in kinds)
     return Check(tuple(found), {**numbers(first, first.result), "worse_than_raw": worse}, setup.path, unseen)
 
 

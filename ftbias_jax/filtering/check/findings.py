@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.filtering.check import special
-from ftbias_jax.filtering.check.judge import Evidence
+from ftbias_jax.filtering.check.judge import Evidence, Tried
+from ftbias_jax.filtering.check.mounts import LEAST_TURN
 from ftbias_jax.filtering.check.result import Check, Mistake
-from ftbias_jax.filtering.check.state import Result
+from ftbias_jax.filtering.check.state import Alternative, Result
 from ftbias_jax.io.log import Log
+from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -61,6 +63,34 @@ def moment_of_tare(log: Log, t: float) -> float:
     steps = np.linalg.norm(np.diff(log.wrench[near, :3], axis=0), axis=1)
     at = int(np.argmax(steps))
     return float(log.t[near[at : at + 2]].mean())
+
+
+def named(first: Evidence, tied: Sequence[Tried]) -> Mistake:
+    """The mistake of the first of some alternatives, with those of the others that are not the same again.
+
+    Args:
+        first: of the setup as stated.
+        tied: alternatives that explain the logs equally well, the one to name first.
+    """
+    different: list[Alternative] = []
+    for alternative, _ in tied:
+        if not any(_is_same(alternative, other) for other in different):
+            different.append(alternative)
+    alternative, *others = different
+    alike = tuple(Mistake(other.mistake, {}, other.remedy, other.setup or {}) for other in others)
+    evidence = numbers(first, tied[0][1])
+    return Mistake(alternative.mistake, evidence, alternative.remedy, alternative.setup or {}, alike=alike)
+
+
+def _is_same(one: Alternative, other: Alternative) -> bool:
+    """Whether two alternatives ask for the same, but for the axes of the centre of mass and a few degrees."""
+    a, b = one.setup or {}, other.setup or {}
+    if one.mistake != other.mistake or any(a.get(key) != b.get(key) for key in ("sensor.reports", "robot.gravity")):
+        return False
+    if one.mistake != "sensor_axes":
+        return True
+    R, S = (rotation_from_rpy(np.array(values["sensor.rotation_rpy"])) for values in (a, b))
+    return bool(np.trace(R.T @ S) > 1 + 2 * np.cos(LEAST_TURN))
 
 
 def absence(base: Evidence) -> Iterator[Mistake]:

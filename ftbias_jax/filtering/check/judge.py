@@ -29,8 +29,6 @@ SURE = 3.0
 """Standard errors over blocks by which an alternative must be better."""
 SHARED = 0.8
 """Of the bins that an alternative explains, the share that the fit it is compared with must have kept, too."""
-LONG_LIST, CLEAR = 5, 0.02
-"""Rank from which alternatives are very many, and share of the raw variance that makes them needless."""
 ABSENT = 0.2
 """Coefficient of the tool's wrench below which it is not in the reading."""
 CLEARLY = 2.0
@@ -85,47 +83,38 @@ def is_possible(theta: Array) -> bool:
     return bool(theta[0] > 0 and np.linalg.norm(theta[1:4]) < LEVER * theta[0])
 
 
-def best_alternative(base: Evidence, alternatives: Iterable[Alternative]) -> tuple[Alternative, Result] | None:
-    """The alternative that is decisively better than the stated model; None if there is none.
+Tried = tuple[Alternative, Result]
+
+
+def best_alternatives(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]:
+    """The alternatives that are decisively better than the stated model and do equally well, the most common first.
 
     Args:
         base: the stated model.
         alternatives: to it.
     """
     if not (base.left > BAD).any() or not shows_anything(base):
-        return None
-    tried: list[tuple[Alternative, Result]] = []
-    good: list[tuple[Alternative, Result]] = []
-    for alternative in alternatives:
-        if alternative.rank >= LONG_LIST and any((result.square < CLEAR * base.raw).all() for _, result in good):
-            break
-        result = alternative.state.fit()
-        tried.append((alternative, result))
-        if _is_named(base, alternative, result):
-            good.append((alternative, result))
+        return []
+    tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
+    good = [(a, r) for a, r in tried if _is_named(base, a, r)]
     right_but_for_the_tool = base.free is not None and (base.free < BAD * base.raw)[0]
     if not good and not right_but_for_the_tool:  # the tool may be wrong, too
         tried = [(a, a.state.fit(free_tool(a.state.tool))) for a, _ in tried if not a.scale]
         good = [(a, r) for a, r in tried if is_possible(r.fit.theta) and _is_named(base, a, r, any_tool=True)]
-    if not good:
-        return None
-    best = max(score(base, result) for _, result in good)
-    ties = [(a, r) for a, r in good if score(base, r) > best - TIE]
-    return min(ties, key=lambda pair: pair[0].rank)
+    best = max((score(base, result) for _, result in good), default=0.0)
+    return sorted(((a, r) for a, r in good if score(base, r) > best - TIE), key=lambda pair: pair[0].rank)
 
 
-def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> tuple[Alternative, Result] | None:
-    """The first alternative that is better at all, by more than chance: for what only a mistake can have brought about.
+def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]:
+    """The alternatives that are better at all, by more than chance: for what only a mistake can have brought about.
 
     Args:
         base: the stated model.
         alternatives: to it.
     """
-    for alternative in alternatives:
-        result = alternative.state.fit()
-        if score(base, result) > score(base, base.result) + TIE and _is_sure(base, alternative, result):
-            return alternative, result
-    return None
+    tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
+    enough = score(base, base.result) + TIE
+    return [(a, r) for a, r in tried if score(base, r) > enough and _is_sure(base, a, r)]
 
 
 def noise_of_bins(state: State) -> Array:
