@@ -17,6 +17,9 @@ BAD = 0.3
 their typical size leave 0.1 and less."""
 BETTER = 0.25
 """Share of what the stated model leaves that an alternative may leave."""
+DOUBTFUL, FAR_BETTER = 0.05, 0.03
+"""The same two where the stated model leaves less: no effect is explained that well by a mistake. A sensor that turns
+about one axis may be mounted wrong, and the stated tool still explains most of its reading."""
 GOOD, GOOD_TOUCHED = 0.3, 0.1
 """Share of the raw variance that it may leave, and where most bins are left out, so that it may choose its own."""
 SAME = 1.5
@@ -93,7 +96,7 @@ def best_alternatives(base: Evidence, alternatives: Iterable[Alternative]) -> li
         base: the stated model.
         alternatives: to it.
     """
-    if not (base.left > BAD).any() or not shows_anything(base):
+    if not (base.left > DOUBTFUL).any() or not shows_anything(base):
         return []
     tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
     good = [(a, r) for a, r in tried if _is_named(base, a, r)]
@@ -178,7 +181,8 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
     groups = list(alternative.groups)
     left, stated = (result.square / base.raw)[groups], base.left[groups]
     absent = alternative.mistake == "base_frame_wrench"  # its weight does not turn, so that little variance is there
-    if not ((stated > BAD) & (left < BETTER * stated)).all():
+    bad, doubtful = stated > BAD, stated > DOUBTFUL
+    if not ((bad & (left < BETTER * stated)) | (doubtful & (left < FAR_BETTER * stated))).all():
         return False
     if absent:
         return score(base, result) > TIE + float(-np.log(np.ones(2) + PENALTY).sum()) and _is_sure(
