@@ -14,6 +14,7 @@ from ftbias_jax.filtering.check.mounts import LEAST_TURN
 from ftbias_jax.filtering.check.result import Check, Mistake
 from ftbias_jax.filtering.check.state import Alternative, Result
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -23,19 +24,18 @@ WINDOW, FEWEST = 0.3, 8
 """s, and samples of the wrench, to either side of a tare as bins show it, within which the reading steps."""
 
 
-def stamped(check: Check, setup: Setup, logs: Sequence[Log]) -> Check:
+def stamped(check: Check, setup: Setup, logs: Sequence[Log | Poses]) -> Check:
     """The findings with the times of tares to the sample, as stamps of the log, and the key that states them.
 
     Args:
-        check: of one log, or of several, whose times differ: then it stays as it is.
+        check: of one log, or of several, whose times differ: then it stays as it is. So do static poses.
         setup: of the log.
         logs: the log.
     """
-    return (
-        check
-        if len(logs) != 1
-        else replace(check, findings=tuple(_stamped(found, setup, logs[0]) for found in check.findings))
-    )
+    log = logs[0]
+    if len(logs) != 1 or isinstance(log, Poses):
+        return check
+    return replace(check, findings=tuple(_stamped(found, setup, log) for found in check.findings))
 
 
 def _stamped(found: Mistake, setup: Setup, log: Log) -> Mistake:
@@ -85,8 +85,11 @@ def named(first: Evidence, tied: Sequence[Tried]) -> Mistake:
 def _is_same(one: Alternative, other: Alternative) -> bool:
     """Whether two alternatives ask for the same, but for the axes of the centre of mass and a few degrees."""
     a, b = one.setup or {}, other.setup or {}
-    if one.mistake != other.mistake or any(a.get(key) != b.get(key) for key in ("sensor.reports", "robot.gravity")):
+    if one.mistake != other.mistake or a.get("sensor.reports") != b.get("sensor.reports"):
         return False
+    if one.mistake == "gravity":
+        g, h = (np.array(values["robot.gravity"]) for values in (a, b))
+        return bool(g @ h > np.cos(LEAST_TURN) * np.linalg.norm(g) * np.linalg.norm(h))
     if one.mistake != "sensor_axes":
         return True
     R, S = (rotation_from_rpy(np.array(values["sensor.rotation_rpy"])) for values in (a, b))
@@ -115,6 +118,11 @@ def clocks(base: Evidence, first: Evidence, delay: float, result: Result) -> Mis
 def of_bias(base: Evidence) -> Iterator[Mistake]:
     """The bias is not what its prior says, or was set to zero on the way."""
     times = special.tares(base)
+    if times and not base.state.case.moves:
+        poses = [round(number) + 1 for number in times]
+        words = f"the sensor was set to zero just before pose {', '.join(map(str, poses[:5]))}"
+        yield Mistake("rezeroed", {"poses": poses}, f"{words}: give the poses before and after it by themselves")
+        return
     if times:
         words = ", ".join(f"{t:.1f} s" for t in times[:5])
         remedy = f"the sensor was set to zero while it recorded, at {words}: {STATE_TIMES}"

@@ -82,14 +82,18 @@ def _parallel(state: State, P: Array, sign: float) -> Iterator[Alternative]:
 
 
 def _turned_freely(state: State) -> Iterator[Alternative]:
-    """The rotation that brings the reading nearest to the stated tool's wrench (Kabsch 1976)."""
+    """The rotation that brings the reading nearest to the stated tool's (Kabsch 1976): its wrench, or its force alone.
+
+    The force shows the rotation whatever the centre of mass is.
+    """
     if state.case.layout.touched:
         return  # three more numbers are too many for the few bins that count then
     force, torque = (_overlap(state, axes) for axes in (slice(0, 3), slice(3, 6)))
-    U, _, V = np.linalg.svd(force[0] / force[1] + torque[0] / torque[1])
-    P = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))]) @ V
-    if np.arccos(np.clip((np.trace(P) - 1) / 2, -1, 1)) > LEAST_TURN:
-        yield _mount(state, P, 7)
+    for rank, overlap in enumerate((force[0] / force[1] + torque[0] / torque[1], force[0]), 7):
+        U, _, V = np.linalg.svd(overlap)
+        P = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))]) @ V
+        if np.trace(P) < 1 + 2 * np.cos(LEAST_TURN):
+            yield _mount(state, P, rank)
 
 
 def _overlap(state: State, axes: slice) -> tuple[Array, float]:

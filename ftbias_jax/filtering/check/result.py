@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -105,17 +105,18 @@ class Check:
         first = [worse if self.worse_than_raw else "the setup seems wrong: "]
         return [(first.pop() if first else "also ") + str(finding) for finding in self.findings]
 
-    def require_ok(self, command: str = "") -> None:
+    def require_ok(self, command: str = "", looked_for: Collection[str] = ()) -> None:
         """Refuse a setup that is wrong.
 
         Args:
             command: what it is wanted for; ``identify`` may start from a tool that is wrong.
+            looked_for: further mistakes that it is there to mend.
 
         Raises:
             SetupError: the setup is wrong, and says what to write into it.
             LogError: the log has other units or conventions than the setup can state.
         """
-        bad = [f for f in self.findings if not f.harmless and f.mistake not in NOT_FOR.get(command, ())]
+        bad = [f for f in self.findings if not f.harmless and f.mistake not in {*NOT_FOR.get(command, ()), *looked_for}]
         if not bad:
             return
         first = bad[0]

@@ -151,8 +151,8 @@ def zero_would_show(state: State) -> bool:
 
 
 def _near_zero(state: State, tool: Array) -> Array:
-    """(6,) N, Nm: how far from zero a first reading may be: the tool moves on within the first bin."""
-    near: Array = ZERO * state.case.setup.sensor.noise_std + np.abs(tool[1] - tool[0])
+    """(6,) N, Nm: how far from zero a first reading may be: a tool that moves moves on within the first bin."""
+    near: Array = ZERO * state.case.setup.sensor.noise_std + state.case.moves * np.abs(tool[1] - tool[0])
     return near
 
 

@@ -17,6 +17,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.files import no_regular_file
 from ftbias_jax.io.health import sample_rate
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.io.remote.fetch import exists, is_url, shown, sum_of
 from ftbias_jax.io.tables.grouping import inputs_of
 from ftbias_jax.setup.dump import dump_setup
@@ -41,8 +42,10 @@ class Source(NamedTuple):
     """s, added to the stamps."""
 
 
-def source_of(log: Log) -> Source:
-    """What provenance says about a log in memory."""
+def source_of(log: Log | Poses, path: str = "") -> Source:
+    """What provenance says about a log in memory; of static poses ``path`` is their file."""
+    if isinstance(log, Poses):
+        return Source(path, log.t, 0.0)
     return Source(log.file, log.t[~np.isnan(log.wrench).all(1)], log.start)
 
 
