@@ -38,6 +38,8 @@ CLEARLY = 2.0
 """Times the noise of a bin that a reading must vary to show anything."""
 BY_EFFECTS = 0.1
 """Share of the raw variance that effects of the catalogue leave where the tool is free."""
+TOO_NEAR = 0.06
+"""m by which a centre of mass is often stated too near to the sensor."""
 LEVER = 0.5
 """m: no tool's centre of mass is farther off."""
 
@@ -53,8 +55,8 @@ class Evidence:
     """(2,) with the tool as stated."""
     result: Result
     """With a tool near the stated one."""
-    free: Array | None
-    """(2,) with any tool that could exist; None if the best one could not."""
+    free: Result | None
+    """With any tool that could exist; None if the best one could not."""
 
     @property
     def left(self) -> Array:
@@ -77,7 +79,7 @@ def evidence_of(state: State) -> Evidence:
         raw,
         state.fit(exactly(state.tool)).square,
         state.fit(),
-        free.square if is_possible(free.fit.theta) else None,
+        free if is_possible(free.fit.theta) else None,
     )
 
 
@@ -100,7 +102,7 @@ def best_alternatives(base: Evidence, alternatives: Iterable[Alternative]) -> li
         return []
     tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
     good = [(a, r) for a, r in tried if _is_named(base, a, r)]
-    right_but_for_the_tool = base.free is not None and (base.free < BAD * base.raw)[0]
+    right_but_for_the_tool = base.free is not None and (base.free.square < BAD * base.raw)[0]
     if not good and not right_but_for_the_tool:  # the tool may be wrong, too
         tried = [(a, a.state.fit(free_tool(a.state.tool))) for a, _ in tried if not a.scale]
         good = [(a, r) for a, r in tried if is_possible(r.fit.theta) and _is_named(base, a, r, any_tool=True)]
@@ -196,11 +198,29 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
     other = [1 - group for group in groups if 1 - group not in groups]
     if other and not any_tool and (result.square > 2 * np.maximum(base.result.square, base.raw))[other].any():
         return False
-    if base.free is not None and not (left < SAME * (base.free / base.raw)[groups] + SLACK).all():
-        return False
-    if any_tool and base.free is not None and not (left < BETTER * (base.free / base.raw)[groups]).all():
-        return False
+    if base.free is not None:
+        free = (base.free.square / base.raw)[groups]
+        if not (left < SAME * free + SLACK).all() or (any_tool and not (left < BETTER * free).all()):
+            return False
+        if alternative.scale and (free < BAD).all() and not _is_nearer(base, result, base.free, groups[0]):
+            return False
     return _is_sure(base, alternative, result) and not _is_but_pulled(base, alternative, any_tool)
+
+
+def _is_nearer(base: Evidence, result: Result, free: Result, group: int) -> bool:
+    """Whether the tool of another unit is much nearer to the stated one than the tool that needs no other unit.
+
+    Any unit explains a torque with a centre of mass that is as much nearer or farther: a centre of mass that is stated
+    some centimetres too near is more common.
+    """
+    (m, c), (own_m, own_c), (stated_m, stated_c) = (
+        (abs(theta[0]) + 1e-9, np.linalg.norm(theta[1:4]) / (abs(theta[0]) + 1e-9) + 1e-9)
+        for theta in (result.fit.theta, free.fit.theta, base.state.tool.theta)
+    )
+    if group == 0:
+        return bool(abs(np.log(m / stated_m)) < abs(np.log(own_m / stated_m)) / 2)
+    merely_off = stated_c < own_c < stated_c + TOO_NEAR
+    return bool(not merely_off and abs(np.log(c / stated_c)) < abs(np.log(own_c / stated_c)) / 2)
 
 
 def _is_but_pulled(base: Evidence, alternative: Alternative, any_tool: bool) -> bool:
