@@ -11,6 +11,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check import findings, poses
 from ftbias_jax.filtering.check.alternatives import all_alternatives
 from ftbias_jax.filtering.check.bins import bins_of, join_bins
+from ftbias_jax.filtering.check.contact import is_feigned, stamped, untouched
 from ftbias_jax.filtering.check.findings import absence, clocks, named, numbers, of_bias
 from ftbias_jax.filtering.check.judge import (
     BAD,
@@ -27,7 +28,6 @@ from ftbias_jax.filtering.check.mounts import mount_in_degrees
 from ftbias_jax.filtering.check.regression import TRIMS, no_tool
 from ftbias_jax.filtering.check.result import Check, Mistake
 from ftbias_jax.filtering.check.state import FEWEST, Case, Result, State, case_of_bins, make_case, stated
-from ftbias_jax.filtering.check.tares import stamped
 from ftbias_jax.filtering.check.undetermined import all_undetermined, undetermined
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
@@ -162,6 +162,8 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
         small = base.raw[0] < FAR_SMALLER * base.exact[0]
         tried = (a for a in all_alternatives(base.state) if not (small and a.mistake in OF_AXES))
         best = best_alternatives(base, tried) or slightly(base, mount_in_degrees(base.state))
+        part = untouched(base) if best else None
+        best = [(alternative, result) for alternative, result in best if not is_feigned(part, result)]
         moved = None if case.layout.touched or not case.moves else findings.time_offset(base)
         if moved is not None and (not best or score(base, moved[1]) > score(base, best[0][1]) + TIE):
             found.append(clocks(base, first, *moved))
@@ -173,7 +175,7 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
     found += absent if not found else ()
     if not any(mistake.mistake in ("compensated", "time_offset") for mistake in found):
         found += of_bias(base)
-    worse = findings.worse_than_raw(first)
+    worse = findings.worse_than_raw(first) and untouched(first) is None
     if worse and not found and not is_pulled(first):
         remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
         found.append(Mistake("worse_than_raw", numbers(first, first.result), remedy))

@@ -1,4 +1,4 @@
-"""When the sensor was set to zero while it recorded: a step to a level of its own, unlike the end of a contact."""
+"""What contact feigns, told from mistakes: by the part of a log that is untouched, and by the levels around a step."""
 
 from __future__ import annotations
 
@@ -7,14 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from ftbias_jax.filtering.check.judge import Evidence
+from ftbias_jax.filtering.check.judge import Evidence, noise_of_bins
+from ftbias_jax.filtering.check.regression import TRIMS, without_bias
 from ftbias_jax.filtering.check.result import Check, Mistake
-from ftbias_jax.filtering.check.state import State
+from ftbias_jax.filtering.check.state import Result, State
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
+EXPLAINED, LEAST_PART, WORSE_THERE = 0.1, 0.1, 4.0
+"""Share of the tool's variance in a part of a log that a right setup may leave there; share of its variance in all of
+the log that the part must have; and factor by which what explains the part as badly is no mistake."""
+CLEAR = 3.0
+"""Times the noise of a bin that the tool's force must vary in that part."""
 ZERO = 6.0
 """Standard deviations of a sample within which a reading is zero."""
 BESIDE, MOMENTS = 3, 9
@@ -73,6 +79,43 @@ def moment_of_tare(log: Log, t: float) -> float:
     return float(log.t[near[at : at + 2]].mean())
 
 
+def untouched(base: Evidence) -> Result | None:
+    """A fit of the stated setup to the part of the log that it explains best, if that shows it to be right.
+
+    A mistake holds for all of a log, a contact for a part: where the stated tool turns, and the reading follows it for
+    a large part of the log, signs, frames and force are right, whatever happens in the rest. None where nothing shows it.
+
+    Args:
+        base: the stated setup.
+    """
+    state = base.state
+    case = state.case.trimmed(TRIMS[-1])
+    part = state.but(case=case).fit()
+    if state.swapped:
+        return None
+    kept, force = part.fit.kept, (state.data() @ state.tool.theta)[:, :3]
+    layout = case.layout._replace(basis=case.layout.basis[kept])
+    size = (without_bias(force[kept], layout) ** 2).sum(1).mean()
+    least = max(
+        (CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * (without_bias(force, case.layout) ** 2).sum(1).mean()
+    )
+    shown = size > least and part.fit.square[0] < EXPLAINED * size
+    return part if shown else None
+
+
+def is_feigned(part: Result | None, result: Result) -> bool:
+    """Whether an alternative fails where the stated setup is shown to be right: then contact feigns it.
+
+    Args:
+        part: of ``untouched``.
+        result: of the alternative.
+    """
+    if part is None:
+        return False
+    kept = part.fit.kept
+    return bool(result.errors[kept, 0].mean() > WORSE_THERE * part.errors[kept, 0].mean())
+
+
 def zeroed_on_the_way(base: Evidence) -> Mistake | None:
     """The sensor was set to zero while it recorded; None if it was not."""
     times = tares(base)
@@ -110,7 +153,7 @@ def tares(base: Evidence) -> list[float]:
     together = (case.log[first] == case.log[last]) & (t[last] - t[first] <= 3 * BESIDE * np.median(np.diff(t)) + 1)
     found: list[float] = []
     for k in np.flatnonzero(jumps & together):
-        i = k + BESIDE
+        i = int(k) + BESIDE
         if found and t[i] - found[-1] < 1:
             continue
         # At one moment from the bin before to the bin after the reading was zero on every axis.
@@ -150,7 +193,8 @@ def _is_free(state: State, i: int) -> bool:
     left = state.wrench[:, force] - tool
     for rows in (slice(max(0, i - AROUND), i - 1), slice(i + 2, i + 2 + AROUND)):
         same = case.log[rows] == case.log[i]
-        turned, unlike = (np.linalg.norm(np.std(x[rows][same], axis=0)) for x in (tool, left))
+        near = (x[rows][same] for x in (tool, left))
+        turned, unlike = (np.linalg.norm(np.median(np.abs(x - np.median(x, 0)), 0)) for x in near)
         if not (turned > np.linalg.norm(case.setup.sensor.noise_std[force]) and unlike < turned / 2):
             return False
     return True
