@@ -141,8 +141,7 @@ def identify_tool(
         remedy = "give a log of motion, or leave it out"
         raise UsageError("gains and crosstalk are not found from static poses", field="crosstalk", remedy=remedy)
     progress("checking the setup")
-    if not isinstance(log, Poses):
-        require_right(setup, [log], "identify", unchecked)
+    require_right(setup, [log], "identify", unchecked, looked_for=("sensor_axes",) if mounting else ())
     setup = with_guessed_tool(setup)
     progress("fitting the tool")
     if isinstance(log, Poses):

@@ -11,8 +11,9 @@ from ftbias_jax.filtering.check.check_setup import check_setup
 from ftbias_jax.filtering.recorded.at_rest import rest_in_words
 from ftbias_jax.fleet.entry import settings_of
 from ftbias_jax.fleet.find import expand, inputs
-from ftbias_jax.io import read_log
+from ftbias_jax.io import read_motion
 from ftbias_jax.io.cleaning import slices
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.write.ours import CHECK
 from ftbias_jax.io.write.provenance import provenance, source_of
@@ -29,14 +30,14 @@ def run(arguments: argparse.Namespace) -> int:
     paths = expand(arguments.logs, setup.log.files)
     kinds = {"--json": CHECK}
     check_outputs({"--json": arguments.json}, (*inputs(paths, setup.log.files), *setup.files), kinds, arguments.force)
-    logs = [read_log(path, setup) for path in paths]
+    logs = [read_motion(path, setup) for path in paths]
     check = check_setup(setup, logs)
     print(check)
     if arguments.json:
-        check.to_json(arguments.json, provenance(setup, list(map(source_of, logs)), {}))
+        check.to_json(arguments.json, provenance(setup, list(map(source_of, logs, paths)), {}))
         print(f"wrote {arguments.json}")
     for path, log in zip(paths, logs, strict=True):
-        if check.ok and (words := rest_in_words(setup, slices(log))):
+        if check.ok and isinstance(log, Log) and (words := rest_in_words(setup, slices(log))):
             tell_mistake(path, words)
     tell_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
     return 0 if check.ok else 1

@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 
 from ftbias_jax.filtering.check.motion import arm_motion
-from ftbias_jax.filtering.check.mounts import AXIS_NAMES, mount_in_degrees, mounts
-from ftbias_jax.filtering.check.regression import Tool
+from ftbias_jax.filtering.check.mounts import LEAST_TURN, OTHER_REPORT, mount_in_degrees, mounts
+from ftbias_jax.filtering.check.regression import Tool, without_bias
 from ftbias_jax.filtering.check.state import Alternative, State
 
 G = 9.80665
@@ -30,7 +30,6 @@ TORQUE_UNITS = {
 }
 LEAST_DEGREES = 7.0
 """A joint that never turns this far, in whatever it is, is not in degrees."""
-OTHER = {"wrench_on_tool": "wrench_on_sensor", "wrench_on_sensor": "wrench_on_tool"}
 
 
 def all_alternatives(state: State) -> Iterator[Alternative]:
@@ -48,7 +47,7 @@ def all_alternatives(state: State) -> Iterator[Alternative]:
 
 
 def _sign(state: State) -> Alternative:
-    other = OTHER[state.case.setup.sensor.reports]
+    other = OTHER_REPORT[state.case.setup.sensor.reports]
     return Alternative(
         "sign",
         f'the sensor reports the {other.replace("_", " ")}: set sensor.reports = "{other}"',
@@ -123,7 +122,7 @@ def _degrees(state: State) -> Iterator[Alternative]:
             2,
             setup=mend,
         )
-        if not np.isfinite(bins.dq).any():
+        if not case.moves:
             break
 
 
@@ -137,12 +136,27 @@ def _gravity(state: State) -> Iterator[Alternative]:
             continue
         yield Alternative(
             "gravity",
-            f"gravity points along {'+' if sign > 0 else '-'}{AXIS_NAMES[axis]} of the base frame: "
+            f"gravity points along {'+' if sign > 0 else '-'}{'xyz'[axis]} of the base frame: "
             f"set robot.gravity = {gravity.tolist()}",
             state.but(gravity=gravity),
             4 if standard else -1,
             setup={"robot.gravity": gravity.tolist()},
         )
+    if not state.case.moves:
+        yield from _any_gravity(state)
+
+
+def _any_gravity(state: State) -> Iterator[Alternative]:
+    """The direction that fits readings at rest best; a log of motion would take a steady pull for it."""
+    layout = state.case.layout
+    axes, force = (without_bias(x, layout) for x in (state.motion.rotation.transpose(0, 2, 1), state.wrench[:, :3]))
+    weight = np.linalg.lstsq(axes.reshape(-1, 3), force.reshape(-1), rcond=None)[0]
+    size = np.linalg.norm(state.gravity)
+    gravity = -size * weight / max(np.linalg.norm(weight), 1e-12)
+    if gravity @ state.gravity < np.cos(LEAST_TURN) * size**2:
+        values = [float(f"{x:.4g}") for x in gravity]
+        words = f"gravity points in another direction of the base frame: set robot.gravity = {values}"
+        yield Alternative("gravity", words, state.but(gravity=gravity), 4.5, setup={"robot.gravity": values})
 
 
 def _swapped(state: State) -> Alternative:

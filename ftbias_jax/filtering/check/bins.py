@@ -9,6 +9,7 @@ import numpy as np
 
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import product
+from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -50,13 +51,16 @@ class Bins(NamedTuple):
     """(N,) how often the sensor was set to zero before, as the setup states; None = never."""
 
 
-def bins_of(log: Log, setup: Setup) -> Bins:
-    """A log in bins that have both motion and wrench.
+def bins_of(log: Log | Poses, setup: Setup) -> Bins:
+    """A log in bins that have both motion and wrench; of static poses each is a bin, whenever it was recorded.
 
     Args:
-        log: as ``read_log`` gives it, or a part of one.
+        log: as ``read_log`` gives it, or a part of one; or static poses.
         setup: says how well the joints are measured, and whether a pose was recorded instead.
     """
+    if isinstance(log, Poses):
+        rest, number = np.zeros_like(log.q), np.arange(len(log.q), dtype=float)
+        return Bins(number, log.q, rest, rest, log.wrench, np.ones(len(number)))
     rezeroed_at, log = np.sort(log.rezeroed_at), _stretches(log)
     joints = np.isfinite(log.q).any(1) | np.isfinite(log.dq).any(1)
     step = np.median(np.diff(log.t[joints])) if joints.sum() > 1 else WIDTH

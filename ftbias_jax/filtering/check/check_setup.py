@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.filtering.check import poses, special
+from ftbias_jax.filtering.check import findings, poses
 from ftbias_jax.filtering.check.alternatives import all_alternatives
 from ftbias_jax.filtering.check.bins import bins_of, join_bins
-from ftbias_jax.filtering.check.findings import absence, clocks, numbers, of_bias, stamped
+from ftbias_jax.filtering.check.contact import is_feigned, stamped, untouched
+from ftbias_jax.filtering.check.findings import absence, clocks, named, numbers, of_bias
 from ftbias_jax.filtering.check.judge import (
     BAD,
     TIE,
     Evidence,
-    best_alternative,
+    best_alternatives,
     decisively,
     evidence_of,
     is_pulled,
@@ -26,9 +27,10 @@ from ftbias_jax.filtering.check.judge import (
 from ftbias_jax.filtering.check.mounts import mount_in_degrees
 from ftbias_jax.filtering.check.regression import TRIMS, no_tool
 from ftbias_jax.filtering.check.result import Check, Mistake
-from ftbias_jax.filtering.check.state import Case, Result, State, case_of_bins, make_case, stated
+from ftbias_jax.filtering.check.state import FEWEST, Case, Result, State, case_of_bins, make_case, stated
 from ftbias_jax.filtering.check.undetermined import all_undetermined, undetermined
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup
 
 MOST_MISTAKES = 2
@@ -47,7 +49,7 @@ POSE_TIE = 0.1
 """Difference of scores within which two conventions of a pose do equally well."""
 
 
-def check_setup(setup: Setup, logs: Sequence[Log]) -> Check:
+def check_setup(setup: Setup, logs: Sequence[Log | Poses]) -> Check:
     """Whether a setup can be right, as far as logs show it: signs, units, frames, gravity, an offset.
 
     The wrench is fitted by least squares with the bias free, once as the setup states and once with each of a list of
@@ -57,17 +59,22 @@ def check_setup(setup: Setup, logs: Sequence[Log]) -> Check:
 
     Args:
         setup: what the robot's owner believes.
-        logs: of this robot, sensor and tool, as ``read_log`` gives them.
+        logs: of this robot, sensor and tool, as ``read_log`` gives them; or static poses, as ``read_poses`` does.
 
     Raises:
-        UsageError: there is no log.
+        UsageError: there is no log, or logs of motion and static poses are mixed.
     """
     if not logs:
         raise UsageError("there is no log to check", field="logs", remedy="give at least one")
+    if len({isinstance(log, Poses) for log in logs}) > 1:
+        remedy = "check each kind by itself"
+        raise UsageError("logs of motion and static poses are not checked together", field="logs", remedy=remedy)
     return stamped(check_case(make_case(setup, logs), setup), setup, logs)
 
 
-def require_right(setup: Setup, logs: Iterable[Log], command: str, unchecked: bool) -> None:
+def require_right(
+    setup: Setup, logs: Iterable[Log | Poses], command: str, unchecked: bool, looked_for: Collection[str] = ()
+) -> None:
     """Refuse a setup that the logs show to be wrong, or that leaves nothing to look for.
 
     Args:
@@ -75,6 +82,7 @@ def require_right(setup: Setup, logs: Iterable[Log], command: str, unchecked: bo
         logs: without the samples of stuck and clipped axes.
         command: what it is wanted for: tune, identify or diagnose.
         unchecked: do not look at the logs.
+        looked_for: mistakes that the command is asked to mend.
 
     Raises:
         UsageError: the tool is looked for in a reading from which the controller has subtracted it.
@@ -85,7 +93,7 @@ def require_right(setup: Setup, logs: Iterable[Log], command: str, unchecked: bo
         message = "the tool's weight is not in the reading"
         raise UsageError(message, file=setup.path, field="sensor.compensated", remedy=remedy)
     if not unchecked:
-        check_setup(setup, list(logs)).require_ok(command)
+        check_setup(setup, list(logs)).require_ok(command, looked_for)
 
 
 def check_case(case: Case | None, setup: Setup) -> Check:
@@ -98,7 +106,8 @@ def check_case(case: Case | None, setup: Setup) -> Check:
     if case is None:
         return Check((), {}, setup.path, all_undetermined(pose=setup.pose is not None))
     checks: list[Check] = []
-    for trim in TRIMS:
+    trims = [trim for trim in TRIMS if trim == TRIMS[0] or (1 - trim) * len(case.log) >= FEWEST]
+    for trim in trims:
         first = evidence_of(stated(case.trimmed(trim)))
         checks.append(_check(first, tool_is_stated=not setup.tool.unknown))
         if checks[-1].ok and (first.left < BAD).all():
@@ -108,7 +117,7 @@ def check_case(case: Case | None, setup: Setup) -> Check:
             return checks[-1]
     check = next((check for check in checks if not check.ok), checks[0])
     unseen = [{kind.mistake for kind in other.undetermined} for other in checks]
-    for trim in TRIMS[len(checks) :] if check.undetermined else ():  # a mistake would have led here, and may show
+    for trim in trims[len(checks) :] if check.undetermined else ():  # a mistake would have led here, and may show
         kinds = undetermined(evidence_of(stated(case.trimmed(trim))), tool_is_stated=not setup.tool.unknown)
         unseen.append({kind.mistake for kind in kinds})
     never = set.intersection(*unseen)
@@ -152,26 +161,26 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
     for _ in range(MOST_MISTAKES):
         small = base.raw[0] < FAR_SMALLER * base.exact[0]
         tried = (a for a in all_alternatives(base.state) if not (small and a.mistake in OF_AXES))
-        best = best_alternative(base, tried) or slightly(base, mount_in_degrees(base.state))
-        moved = None if case.layout.touched else special.time_offset(base)
-        if moved is not None and (best is None or score(base, moved[1]) > score(base, best[1]) + TIE):
+        best = best_alternatives(base, tried) or slightly(base, mount_in_degrees(base.state))
+        part = untouched(base) if best else None
+        best = [(alternative, result) for alternative, result in best if not is_feigned(part, result)]
+        moved = None if case.layout.touched or not case.moves else findings.time_offset(base)
+        if moved is not None and (not best or score(base, moved[1]) > score(base, best[0][1]) + TIE):
             found.append(clocks(base, first, *moved))
             break
-        if best is None or score(base, best[1]) < enough:
+        if not best or score(base, best[0][1]) < enough:
             break
-        alternative, result = best
-        evidence = numbers(first, result)
-        found.append(Mistake(alternative.mistake, evidence, alternative.remedy, alternative.setup or {}))
-        base, enough = evidence_of(alternative.state), -np.inf
+        found.append(named(first, best))
+        base, enough = evidence_of(best[0][0].state), -np.inf
     found += absent if not found else ()
     if not any(mistake.mistake in ("compensated", "time_offset") for mistake in found):
         found += of_bias(base)
-    worse = special.worse_than_raw(first)
+    worse = findings.worse_than_raw(first) and untouched(first) is None
     if worse and not found and not is_pulled(first):
         remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
         found.append(Mistake("worse_than_raw", numbers(first, first.result), remedy))
-    named = {mistake.mistake for mistake in found}
-    unseen = tuple(kind for kind in undetermined(base, tool_is_stated=tool_is_stated) if kind.mistake not in named)
+    kinds = {kind.mistake for mistake in found for kind in (mistake, *mistake.alike)}
+    unseen = tuple(kind for kind in undetermined(base, tool_is_stated=tool_is_stated) if kind.mistake not in kinds)
     return Check(tuple(found), {**numbers(first, first.result), "worse_than_raw": worse}, setup.path, unseen)
 
 

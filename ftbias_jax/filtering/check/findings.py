@@ -1,74 +1,201 @@
-"""Findings with their numbers: what is told of a mistake that is not another reading of the same model."""
+"""Findings: alternatives that are named, and mistakes that are none: an absent weight, an offset, clocks that differ."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.check import special
-from ftbias_jax.filtering.check.judge import Evidence
-from ftbias_jax.filtering.check.result import Check, Mistake
-from ftbias_jax.filtering.check.state import Result
-from ftbias_jax.io.log import Log
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.filtering.check.contact import ZERO, zeroed_on_the_way
+from ftbias_jax.filtering.check.judge import ABSENT, GOOD, Evidence, Tried, decisively, noise_of_bins, score
+from ftbias_jax.filtering.check.mounts import LEAST_TURN
+from ftbias_jax.filtering.check.regression import no_tool, without_bias
+from ftbias_jax.filtering.check.result import Mistake
+from ftbias_jax.filtering.check.state import Alternative, Result, State, delayed
+from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.types import Array
 
-STATE_TIMES = "state the times in sensor.rezeroed_at; a check of this log alone tells them to the sample"
-WINDOW, FEWEST = 0.3, 8
-"""s, and samples of the wrench, to either side of a tare as bins show it, within which the reading steps."""
+CLEAR = 3.0
+"""Times the noise of a bin that the tool's wrench must vary to be missed."""
+WORSE = 1.15
+"""Factor of the raw variance from which a model is worse than nothing."""
+LEAST_OFFSET = 0.2
+OFFSETS = np.concatenate([np.arange(-5, -LEAST_OFFSET + 0.01, 0.05), np.arange(LEAST_OFFSET, 5.01, 0.05)])
+"""s, delays of the wrench that are tried; shorter ones are effects (time_delay, low_pass), not mistakes."""
+NEAR_OFFSET = 0.16
+"""s around the best one for the stated tool within which the tool is fitted again."""
+OFFSET_BAD, OFFSET_BETTER = 0.01, 0.4
+"""Share of the raw variance that must be left without the offset, and share of that which it may leave."""
+LAGS = (0.1, 0.2, 0.3, 0.5, 0.8)
+"""s, time constants of a low pass, which can look like an offset."""
+FAR = 8.0
+"""Standard deviations of the prior beyond which the bias is not what the setup expects."""
+FIRST = 2.0
+"""s at the start that show the bias which the prior speaks of."""
+BY_CHANCE = 1e-6
+"""Probability from which a first reading of zero on every axis is no accident of the bias."""
 
 
-def stamped(check: Check, setup: Setup, logs: Sequence[Log]) -> Check:
-    """The findings with the times of tares to the sample, as stamps of the log, and the key that states them.
+class Share(NamedTuple):
+    """How much of the tool's wrench is in the reading."""
+
+    value: float
+    stderr: float
+    clear: bool
+    """Whether the tool's wrench varies by more than the noise."""
+
+
+def share_of_tool(base: Evidence, group: int) -> Share:
+    """Regression of the reading on the stated tool's wrench, with bias and drift free.
 
     Args:
-        check: of one log, or of several, whose times differ: then it stays as it is.
-        setup: of the log.
-        logs: the log.
+        base: the stated model.
+        group: 0 for force, 1 for torque.
     """
-    return (
-        check
-        if len(logs) != 1
-        else replace(check, findings=tuple(_stamped(found, setup, logs[0]) for found in check.findings))
-    )
+    state, layout = base.state, base.state.case.layout
+    rows = state.fit(no_tool()).fit.kept
+    rows = rows if layout.touched else rows & base.result.fit.kept
+    axes = slice(3 * group, 3 * group + 3)
+    tool = without_bias(state.data() @ state.tool.theta, layout)[rows, axes]
+    reading = without_bias(state.wrench, layout)[rows, axes]
+    blocks = np.unique(layout.block[rows], return_inverse=True)[1]
+    above, below = (np.bincount(blocks, (x * tool).sum(1)) for x in (reading, tool))
+    value = above.sum() / max(below.sum(), 1e-300)
+    without = (above.sum() - above) / np.maximum(below.sum() - below, 1e-300)
+    stderr = np.sqrt((len(without) - 1) * np.mean((without - without.mean()) ** 2))
+    clear = np.sqrt((tool**2).sum(1).mean()) > CLEAR * noise_of_bins(state)[group]
+    return Share(float(value), float(stderr), bool(clear))
 
 
-def _stamped(found: Mistake, setup: Setup, log: Log) -> Mistake:
-    if found.mistake != "rezeroed" or "times" not in found.evidence:
-        return found
-    new = [round(moment_of_tare(log, t) + log.start, 6) for t in found.evidence["times"]]
-    words = ", ".join(f"{t:.10g} s" for t in new[:5])
-    every = sorted({*new, *setup.sensor.rezeroed_at})
-    shown = str(every) if len(every) <= 5 else "these times"
-    remedy = f"the sensor was set to zero while it recorded, at {words}: set sensor.rezeroed_at = {shown}"
-    return replace(found, evidence={"times": new}, remedy=remedy, setup={"sensor.rezeroed_at": every})
+def worse_than_raw(base: Evidence) -> bool:
+    """Whether the tool exactly as stated leaves more of force or torque than no tool would."""
+    for group in (0, 1):
+        share = share_of_tool(base, group)
+        if share.clear and base.exact[group] > WORSE * base.raw[group] and share.value + 3 * share.stderr < 0.5:
+            return True
+    return False
 
 
-def moment_of_tare(log: Log, t: float) -> float:
-    """When the reading steps the most within a window around t, s: between the last sample before and the first after.
+def compensated(base: Evidence) -> tuple[str, str, dict[str, str]] | None:
+    """Mistake, remedy and setup if the tool's weight is not in the reading; None if it is, or if nothing shows it."""
+    share = share_of_tool(base, 0)
+    if not share.clear or abs(share.value) + 2 * share.stderr > ABSENT or base.left[0] < 1:
+        return None
+    state = base.state
+    weightless = state.but(gravity=np.zeros(3))
+    if state.specific_force is not None:  # an accelerometer has gravity in it
+        weightless = state.but(specific_force=None)
+    moving = score(base, weightless.fit()) > score(base, state.fit(no_tool())) + 0.1
+    what = "weight" if moving else "tool"
+    words = "the tool's weight is" if moving else "the tool's weight and inertia are"
+    remedy = f'{words} not in the reading (the controller subtracts the payload): set sensor.compensated = "{what}"'
+    return "compensated", remedy, {"sensor.compensated": what}
+
+
+def time_offset(base: Evidence) -> tuple[float, Result] | None:
+    """How much later than the motion the wrench is stamped, s, and the fit with it; None if that is not the mistake."""
+    left = base.left[0]
+    if left < OFFSET_BAD:
+        return None
+    state = base.state
+    tool = state.data() @ base.result.fit.theta
+    layout = state.case.layout
+    reading = without_bias(state.wrench, layout)
+    scale = np.repeat([np.sqrt(np.median((reading[:, g] ** 2).sum(1))) + 1e-9 for g in (slice(0, 3), slice(3, 6))], 3)
+
+    def misfit(offset: float) -> float:
+        moved = without_bias(delayed(state.case, tool, offset), layout)
+        return float(np.median((((reading - moved) / scale) ** 2).sum(1)))
+
+    best = min(OFFSETS, key=misfit)
+    near = OFFSETS[np.abs(OFFSETS - best) < NEAR_OFFSET]  # with the tool fitted again
+    result, best = min(((state.but(delay=float(x)).fit(), x) for x in near), key=lambda pair: pair[0].square[0])
+    if abs(best) < LEAST_OFFSET + 0.01:
+        return None  # a shorter one may do better
+    if not result.square[0] < OFFSET_BETTER * base.result.square[0] or result.square[0] > GOOD * base.raw[0]:
+        return None
+    for lag in LAGS:
+        if state.but(lag=lag).fit().square[0] < 2 * result.square[0]:
+            return None
+    return (float(best), result) if decisively(base.result, result, (0,), layout.block) else None
+
+
+def bias_beyond_prior(base: Evidence) -> tuple[str, str, dict[str, object]] | None:
+    """A bias that the setup's prior excludes: by the sensor's raw offset, or because it was zeroed with the tool on."""
+    state = base.state
+    setup, bins = state.case.setup, state.case.bins
+    if setup.sensor.rezeroed or (state.unit != 1).any():
+        return None
+    tool = state.data() @ state.tool.theta
+    axes, std = state.case.layout.axes, setup.bias.initial_std
+    near = _near_zero(state, tool)
+    zero = (np.abs(state.case.wrench[0]) < near)[axes].all()
+    if zero and zero_would_show(state):
+        remedy = "the sensor was set to zero with the tool on: set sensor.rezeroed = true"
+        return "rezeroed", remedy, {"sensor.rezeroed": True}
+    bias = np.median((tool - state.wrench)[bins.t - bins.t[0] < FIRST], 0)
+    off = np.abs(bias - setup.bias.initial) - 2 * np.abs(tool).max(0)
+    if (off[axes] > FAR * std[axes]).any():
+        stated = [float(f"{x:.6g}") for x in bias]
+        remedy = f"the reading is offset by {np.abs(bias).max():.4g}: set bias.initial = {stated}"
+        return "raw_offset", remedy, {"bias.initial": stated}
+    return None
+
+
+def zero_would_show(state: State) -> bool:
+    """Whether a first reading of zero is what the setup's prior excludes: the tool's weight is expected beside it."""
+    setup, axes = state.case.setup, state.case.layout.axes
+    tool, std = state.data() @ state.tool.theta, setup.bias.initial_std
+    near, moved = _near_zero(state, tool), np.abs(tool[1] - tool[0])
+    by_chance = np.prod(np.minimum(1, near / std)[axes])
+    weight = np.abs(tool[0] - setup.bias.initial)[axes]  # expected to be read, beside zero
+    return bool((weight > (std + moved)[axes]).any() or ((weight > near[axes]).any() and by_chance < BY_CHANCE))
+
+
+def _near_zero(state: State, tool: Array) -> Array:
+    """(6,) N, Nm: how far from zero a first reading may be: a tool that moves moves on within the first bin."""
+    near: Array = ZERO * state.case.setup.sensor.noise_std + state.case.moves * np.abs(tool[1] - tool[0])
+    return near
+
+
+def named(first: Evidence, tied: Sequence[Tried]) -> Mistake:
+    """The mistake of the first of some alternatives, with those of the others that are not the same again.
 
     Args:
-        log: whose wrench is looked at.
-        t: s, relative to the first sample.
+        first: of the setup as stated.
+        tied: alternatives that explain the logs equally well, the one to name first.
     """
-    rows = np.flatnonzero(np.isfinite(log.wrench).all(1))
-    first, last = np.searchsorted(log.t[rows], [t - WINDOW, t + WINDOW])
-    middle = np.searchsorted(log.t[rows], t)
-    near = rows[max(0, min(first, middle - FEWEST)) : max(last, middle + FEWEST)]
-    steps = np.linalg.norm(np.diff(log.wrench[near, :3], axis=0), axis=1)
-    at = int(np.argmax(steps))
-    return float(log.t[near[at : at + 2]].mean())
+    different: list[Alternative] = []
+    for alternative, _ in tied:
+        if not any(_is_same(alternative, other) for other in different):
+            different.append(alternative)
+    alternative, *others = different
+    alike = tuple(Mistake(other.mistake, {}, other.remedy, other.setup or {}) for other in others)
+    evidence = numbers(first, tied[0][1])
+    return Mistake(alternative.mistake, evidence, alternative.remedy, alternative.setup or {}, alike=alike)
+
+
+def _is_same(one: Alternative, other: Alternative) -> bool:
+    """Whether two alternatives ask for the same, but for the axes of the centre of mass and a few degrees."""
+    a, b = one.setup or {}, other.setup or {}
+    if one.mistake != other.mistake or a.get("sensor.reports") != b.get("sensor.reports"):
+        return False
+    if one.mistake == "gravity":
+        g, h = (np.array(values["robot.gravity"]) for values in (a, b))
+        return bool(g @ h > np.cos(LEAST_TURN) * np.linalg.norm(g) * np.linalg.norm(h))
+    if one.mistake != "sensor_axes":
+        return True
+    R, S = (rotation_from_rpy(np.array(values["sensor.rotation_rpy"])) for values in (a, b))
+    return bool(np.trace(R.T @ S) > 1 + 2 * np.cos(LEAST_TURN))
 
 
 def absence(base: Evidence) -> Iterator[Mistake]:
     """The tool's weight is not in the reading."""
-    absent = special.compensated(base)
+    absent = compensated(base)
     if absent is not None:
         mistake, remedy, setup = absent
-        share = special.share_of_tool(base, 0).value
+        share = share_of_tool(base, 0).value
         rms = {"rms_as_stated": _rms(base.result.square[0]), "rms_if_mended": _rms(base.raw[0])}
         yield Mistake(mistake, {**rms, "share_of_the_weight": float(f"{share:.3g}")}, remedy, setup)
 
@@ -84,13 +211,11 @@ def clocks(base: Evidence, first: Evidence, delay: float, result: Result) -> Mis
 
 def of_bias(base: Evidence) -> Iterator[Mistake]:
     """The bias is not what its prior says, or was set to zero on the way."""
-    times = special.tares(base)
-    if times:
-        words = ", ".join(f"{t:.1f} s" for t in times[:5])
-        remedy = f"the sensor was set to zero while it recorded, at {words}: {STATE_TIMES}"
-        yield Mistake("rezeroed", {"times": times}, remedy)
+    tared = zeroed_on_the_way(base)
+    if tared is not None:
+        yield tared
         return
-    beyond = special.bias_beyond_prior(base)
+    beyond = bias_beyond_prior(base)
     if beyond is not None:
         mistake, remedy, setup = beyond
         offset = np.abs(np.median(base.state.wrench, 0)).max()

@@ -17,6 +17,9 @@ BAD = 0.3
 their typical size leave 0.1 and less."""
 BETTER = 0.25
 """Share of what the stated model leaves that an alternative may leave."""
+DOUBTFUL, FAR_BETTER = 0.05, 0.03
+"""The same two where the stated model leaves less: no effect is explained that well by a mistake. A sensor that turns
+about one axis may be mounted wrong, and the stated tool still explains most of its reading."""
 GOOD, GOOD_TOUCHED = 0.3, 0.1
 """Share of the raw variance that it may leave, and where most bins are left out, so that it may choose its own."""
 SAME = 1.5
@@ -29,14 +32,14 @@ SURE = 3.0
 """Standard errors over blocks by which an alternative must be better."""
 SHARED = 0.8
 """Of the bins that an alternative explains, the share that the fit it is compared with must have kept, too."""
-LONG_LIST, CLEAR = 5, 0.02
-"""Rank from which alternatives are very many, and share of the raw variance that makes them needless."""
 ABSENT = 0.2
 """Coefficient of the tool's wrench below which it is not in the reading."""
 CLEARLY = 2.0
 """Times the noise of a bin that a reading must vary to show anything."""
 BY_EFFECTS = 0.1
 """Share of the raw variance that effects of the catalogue leave where the tool is free."""
+TOO_NEAR = 0.06
+"""m by which a centre of mass is often stated too near to the sensor."""
 LEVER = 0.5
 """m: no tool's centre of mass is farther off."""
 
@@ -52,8 +55,8 @@ class Evidence:
     """(2,) with the tool as stated."""
     result: Result
     """With a tool near the stated one."""
-    free: Array | None
-    """(2,) with any tool that could exist; None if the best one could not."""
+    free: Result | None
+    """With any tool that could exist; None if the best one could not."""
 
     @property
     def left(self) -> Array:
@@ -76,7 +79,7 @@ def evidence_of(state: State) -> Evidence:
         raw,
         state.fit(exactly(state.tool)).square,
         state.fit(),
-        free.square if is_possible(free.fit.theta) else None,
+        free if is_possible(free.fit.theta) else None,
     )
 
 
@@ -85,47 +88,38 @@ def is_possible(theta: Array) -> bool:
     return bool(theta[0] > 0 and np.linalg.norm(theta[1:4]) < LEVER * theta[0])
 
 
-def best_alternative(base: Evidence, alternatives: Iterable[Alternative]) -> tuple[Alternative, Result] | None:
-    """The alternative that is decisively better than the stated model; None if there is none.
+Tried = tuple[Alternative, Result]
+
+
+def best_alternatives(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]:
+    """The alternatives that are decisively better than the stated model and do equally well, the most common first.
 
     Args:
         base: the stated model.
         alternatives: to it.
     """
-    if not (base.left > BAD).any() or not shows_anything(base):
-        return None
-    tried: list[tuple[Alternative, Result]] = []
-    good: list[tuple[Alternative, Result]] = []
-    for alternative in alternatives:
-        if alternative.rank >= LONG_LIST and any((result.square < CLEAR * base.raw).all() for _, result in good):
-            break
-        result = alternative.state.fit()
-        tried.append((alternative, result))
-        if _is_named(base, alternative, result):
-            good.append((alternative, result))
-    right_but_for_the_tool = base.free is not None and (base.free < BAD * base.raw)[0]
+    if not (base.left > DOUBTFUL).any() or not shows_anything(base):
+        return []
+    tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
+    good = [(a, r) for a, r in tried if _is_named(base, a, r)]
+    right_but_for_the_tool = base.free is not None and (base.free.square < BAD * base.raw)[0]
     if not good and not right_but_for_the_tool:  # the tool may be wrong, too
         tried = [(a, a.state.fit(free_tool(a.state.tool))) for a, _ in tried if not a.scale]
         good = [(a, r) for a, r in tried if is_possible(r.fit.theta) and _is_named(base, a, r, any_tool=True)]
-    if not good:
-        return None
-    best = max(score(base, result) for _, result in good)
-    ties = [(a, r) for a, r in good if score(base, r) > best - TIE]
-    return min(ties, key=lambda pair: pair[0].rank)
+    best = max((score(base, result) for _, result in good), default=0.0)
+    return sorted(((a, r) for a, r in good if score(base, r) > best - TIE), key=lambda pair: pair[0].rank)
 
 
-def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> tuple[Alternative, Result] | None:
-    """The first alternative that is better at all, by more than chance: for what only a mistake can have brought about.
+def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]:
+    """The alternatives that are better at all, by more than chance: for what only a mistake can have brought about.
 
     Args:
         base: the stated model.
         alternatives: to it.
     """
-    for alternative in alternatives:
-        result = alternative.state.fit()
-        if score(base, result) > score(base, base.result) + TIE and _is_sure(base, alternative, result):
-            return alternative, result
-    return None
+    tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
+    enough = score(base, base.result) + TIE
+    return [(a, r) for a, r in tried if score(base, r) > enough and _is_sure(base, a, r)]
 
 
 def noise_of_bins(state: State) -> Array:
@@ -189,7 +183,8 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
     groups = list(alternative.groups)
     left, stated = (result.square / base.raw)[groups], base.left[groups]
     absent = alternative.mistake == "base_frame_wrench"  # its weight does not turn, so that little variance is there
-    if not ((stated > BAD) & (left < BETTER * stated)).all():
+    bad, doubtful = stated > BAD, stated > DOUBTFUL
+    if not ((bad & (left < BETTER * stated)) | (doubtful & (left < FAR_BETTER * stated))).all():
         return False
     if absent:
         return score(base, result) > TIE + float(-np.log(np.ones(2) + PENALTY).sum()) and _is_sure(
@@ -203,11 +198,29 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
     other = [1 - group for group in groups if 1 - group not in groups]
     if other and not any_tool and (result.square > 2 * np.maximum(base.result.square, base.raw))[other].any():
         return False
-    if base.free is not None and not (left < SAME * (base.free / base.raw)[groups] + SLACK).all():
-        return False
-    if any_tool and base.free is not None and not (left < BETTER * (base.free / base.raw)[groups]).all():
-        return False
+    if base.free is not None:
+        free = (base.free.square / base.raw)[groups]
+        if not (left < SAME * free + SLACK).all() or (any_tool and not (left < BETTER * free).all()):
+            return False
+        if alternative.scale and (free < BAD).all() and not _is_nearer(base, result, base.free, groups[0]):
+            return False
     return _is_sure(base, alternative, result) and not _is_but_pulled(base, alternative, any_tool)
+
+
+def _is_nearer(base: Evidence, result: Result, free: Result, group: int) -> bool:
+    """Whether the tool of another unit is much nearer to the stated one than the tool that needs no other unit.
+
+    Any unit explains a torque with a centre of mass that is as much nearer or farther: a centre of mass that is stated
+    some centimetres too near is more common.
+    """
+    (m, c), (own_m, own_c), (stated_m, stated_c) = (
+        (abs(theta[0]) + 1e-9, np.linalg.norm(theta[1:4]) / (abs(theta[0]) + 1e-9) + 1e-9)
+        for theta in (result.fit.theta, free.fit.theta, base.state.tool.theta)
+    )
+    if group == 0:
+        return bool(abs(np.log(m / stated_m)) < abs(np.log(own_m / stated_m)) / 2)
+    merely_off = stated_c < own_c < stated_c + TOO_NEAR
+    return bool(not merely_off and abs(np.log(c / stated_c)) < abs(np.log(own_c / stated_c)) / 2)
 
 
 def _is_but_pulled(base: Evidence, alternative: Alternative, any_tool: bool) -> bool:

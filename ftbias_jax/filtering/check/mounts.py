@@ -1,9 +1,10 @@
-"""Sensors that are mounted otherwise than stated, or whose columns have another order or sign."""
+"""Sensors that are mounted otherwise than stated."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import permutations, product
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,13 @@ from ftbias_jax.filtering.check.state import Alternative, State
 from ftbias_jax.setup.rotations import rotation_from_rpy, rpy_from_rotation
 from ftbias_jax.types import Array
 
-AXIS_NAMES = "xyz"
+OTHER_REPORT = {"wrench_on_tool": "wrench_on_sensor", "wrench_on_sensor": "wrench_on_tool"}
+ROTATIONS = [
+    P
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3))
+    if np.linalg.det(P := np.eye(3)[list(order)] * signs) > 0
+]
+"""R_stated_sensor of every mount whose axes are parallel to the stated ones."""
 MOST_RPY = 3.2
 """rad: no angle need be larger."""
 LEAST_TURN = np.radians(25.0)
@@ -24,21 +31,17 @@ SPIKE = 4.0
 
 
 def mounts(state: State) -> Iterator[Alternative]:
-    """Signed permutations of the sensor's axes, and the rotation that fits best.
+    """The 24 mounts whose axes are parallel to the stated ones, in either sign of the report, and the best rotation.
 
-    Proper permutations are another mount; improper ones, and those with another sign of the torque alone, are columns
-    that a driver writes in its own way.
+    No sensor has mirrored axes: columns that look mirrored are those of a turned sensor with the opposite sign.
     """
     touched = state.case.layout.touched
     overlap, sizes = _overlap(state, slice(0, 3))
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        P = np.eye(3)[list(order)] * signs
-        if not touched and (P * overlap).sum() < LEAST_ALIKE * sizes:
-            continue
-        for torque in (1.0, -1.0):
-            if np.array_equal(P, np.eye(3)) or (np.array_equal(P, -np.eye(3)) and torque == 1):
-                continue  # the first is the stated one, or shows in the torque alone; the second is 'sign'
-            yield from _permuted(state, P, torque)
+    for P, sign in product(ROTATIONS, (1.0, -1.0)):
+        if np.array_equal(P, np.eye(3)):
+            continue  # the stated one, or 'sign'
+        if touched or sign * (P * overlap).sum() >= LEAST_ALIKE * sizes:
+            yield from _parallel(state, P, sign)
     yield from _turned_freely(state)
 
 
@@ -65,29 +68,32 @@ def turned_mount(state: State, turned: Array) -> State:
     return state.but(motion=state.motion._replace(rotation=rotation), specific_force=force)
 
 
-def _permuted(state: State, P: Array, torque: float) -> Iterator[Alternative]:
-    proper = np.linalg.det(P) > 0 and torque == 1
-    half_turn = np.trace(P) == -1 and np.array_equal(P, P.T)
-    rank = 5 + 0.3 * (P[2, 2] != 1) + 0.2 * (not half_turn) + (not proper)
-    if not proper:
-        yield Alternative("sensor_axes", _columns(P, torque), state.but(wrench=_turned_wrench(state, P, torque)), rank)
-        return
-    yield _mount(state, P, rank)
+def _parallel(state: State, P: Array, sign: float) -> Iterator[Alternative]:
+    """A mount with parallel axes; the tool as it was meant along the stated axes, or along those of the sensor."""
+    half_turn = np.trace(P) == -1
+    rank = 5 + 0.3 * (P[2, 2] != 1) + 0.2 * (not half_turn) + (sign < 0)
+    yield _mount(state, P, rank, sign)
+    mounted = turned_mount(state, P)
     rpy = rpy_from_rotation(state.case.setup.sensor.rotation @ P)
-    words = f"the sensor is turned on the flange: set sensor.rotation_rpy = {_plain(rpy)}"
-    values = {"sensor.rotation_rpy": _list(rpy)}
-    yield Alternative("sensor_axes", words, turned_mount(state, P), rank + 0.05, setup=values)
+    words, values = _of_sign(state, sign)
+    words = f"the sensor is turned on the flange: set sensor.rotation_rpy = {_plain(rpy)}{words}"
+    values |= {"sensor.rotation_rpy": _list(rpy)}
+    yield Alternative("sensor_axes", words, mounted.but(wrench=sign * mounted.wrench), rank + 0.05, setup=values)
 
 
 def _turned_freely(state: State) -> Iterator[Alternative]:
-    """The rotation that brings the reading nearest to the stated tool's wrench (Kabsch 1976)."""
+    """The rotation that brings the reading nearest to the stated tool's (Kabsch 1976): its wrench, or its force alone.
+
+    The force shows the rotation whatever the centre of mass is.
+    """
     if state.case.layout.touched:
         return  # three more numbers are too many for the few bins that count then
     force, torque = (_overlap(state, axes) for axes in (slice(0, 3), slice(3, 6)))
-    U, _, V = np.linalg.svd(force[0] / force[1] + torque[0] / torque[1])
-    P = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))]) @ V
-    if np.arccos(np.clip((np.trace(P) - 1) / 2, -1, 1)) > LEAST_TURN:
-        yield _mount(state, P, 7)
+    for rank, overlap in enumerate((force[0] / force[1] + torque[0] / torque[1], force[0]), 7):
+        U, _, V = np.linalg.svd(overlap)
+        P = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))]) @ V
+        if np.trace(P) < 1 + 2 * np.cos(LEAST_TURN):
+            yield _mount(state, P, rank)
 
 
 def _overlap(state: State, axes: slice) -> tuple[Array, float]:
@@ -99,28 +105,24 @@ def _overlap(state: State, axes: slice) -> tuple[Array, float]:
     return tool[rows].T @ reading[rows], float(np.linalg.norm(tool[rows]) * np.linalg.norm(reading[rows])) + 1e-12
 
 
-def _mount(state: State, P: Array, rank: float) -> Alternative:
+def _mount(state: State, P: Array, rank: float, sign: float = 1.0) -> Alternative:
     """The sensor is mounted otherwise, with the tool as it was meant along the stated axes: R v_reading = v_stated."""
     setup = state.case.setup
     rpy, center = rpy_from_rotation(setup.sensor.rotation @ P), P.T @ setup.tool.center_of_mass
-    values = {"sensor.rotation_rpy": _list(rpy), "tool.center_of_mass": _list(center)}
-    words = f"the sensor is turned on the flange: set sensor.rotation_rpy = {_plain(rpy)}"
+    more, values = _of_sign(state, sign)
+    values |= {"sensor.rotation_rpy": _list(rpy), "tool.center_of_mass": _list(center)}
+    words = f"the sensor is turned on the flange: set sensor.rotation_rpy = {_plain(rpy)}{more}"
     remedy = f"{words}, and tool.center_of_mass = {_plain(center)} if it was meant along the axes as stated"
-    return Alternative("sensor_axes", remedy, state.but(wrench=_turned_wrench(state, P)), rank, setup=values)
+    wrench = sign * np.concatenate([state.wrench[:, :3] @ P.T, state.wrench[:, 3:] @ P.T], 1)
+    return Alternative("sensor_axes", remedy, state.but(wrench=wrench), rank, setup=values)
 
 
-def _turned_wrench(state: State, P: Array, torque: float = 1.0) -> Array:
-    return np.concatenate([state.wrench[:, :3] @ P.T, torque * state.wrench[:, 3:] @ P.T], 1)
-
-
-def _columns(P: Array, torque: float) -> str:
-    """What stands in the columns, in words."""
-    read = []
-    for row in P:
-        axis = int(np.abs(row).argmax())
-        read.append(f"{'-' if row[axis] < 0 else ''}{AXIS_NAMES[axis]}")
-    more = "" if torque > 0 else ", the torque with the opposite signs"
-    return f"the axes of the wrench are not those of the sensor: x, y, z are its columns {', '.join(read)}{more}"
+def _of_sign(state: State, sign: float) -> tuple[str, dict[str, Any]]:
+    """Words and keys of the report's sign, where it is the opposite one."""
+    if sign > 0:
+        return "", {}
+    other = OTHER_REPORT[state.case.setup.sensor.reports]
+    return f', sensor.reports = "{other}"', {"sensor.reports": other}
 
 
 def _list(values: Array) -> list[float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -31,6 +31,8 @@ MISTAKES: Mapping[str, str] = {
     "worse_than_raw": "the model makes the reading worse than doing nothing",
 }
 """Every mistake that is recognised, and what it is."""
+MOST_TOLD = 4
+"""Mistakes told beside one that a log does not tell from it."""
 NOT_FOR = {"identify": ("worse_than_raw",)}
 """Mistakes that a command can do with: it is there to mend them."""
 
@@ -58,9 +60,21 @@ class Mistake:
     """Dotted keys with the values that mend it, where a setup can."""
     harmless: bool = False
     """Whether results are right all the same, if less sure than they could be."""
+    alike: tuple[Mistake, ...] = ()
+    """What would explain the logs as well: their motion does not tell it from this mistake."""
+
+    @property
+    def told(self) -> str:
+        """The remedy, and the others that would do as well."""
+        if not self.alike:
+            return self.remedy
+        others = [str(other) for other in self.alike[:MOST_TOLD]]
+        left = len(self.alike) - len(others)
+        more = [f"{left} more in the JSON"] if left else []
+        return "; or, which this motion cannot tell apart: ".join([self.remedy, "; ".join(others + more)])
 
     def __str__(self) -> str:
-        return f"{self.mistake}: {self.remedy}"
+        return f"{self.mistake}: {self.told}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,31 +105,31 @@ class Check:
         first = [worse if self.worse_than_raw else "the setup seems wrong: "]
         return [(first.pop() if first else "also ") + str(finding) for finding in self.findings]
 
-    def require_ok(self, command: str = "") -> None:
+    def require_ok(self, command: str = "", looked_for: Collection[str] = ()) -> None:
         """Refuse a setup that is wrong.
 
         Args:
             command: what it is wanted for; ``identify`` may start from a tool that is wrong.
+            looked_for: further mistakes that it is there to mend.
 
         Raises:
             SetupError: the setup is wrong, and says what to write into it.
             LogError: the log has other units or conventions than the setup can state.
         """
-        bad = [f for f in self.findings if not f.harmless and f.mistake not in NOT_FOR.get(command, ())]
+        bad = [f for f in self.findings if not f.harmless and f.mistake not in {*NOT_FOR.get(command, ()), *looked_for}]
         if not bad:
             return
         first = bad[0]
         kind: type[FtbiasError] = SetupError if first.setup else LogError
         worse = ", and the model makes the reading worse than doing nothing" if self.worse_than_raw else ""
         message = f"{MISTAKES[first.mistake]}{worse}"
-        remedy = "; ".join(finding.remedy for finding in bad)
+        remedy = "; ".join(finding.told for finding in bad)
         raise kind(message, file=self.setup_path, field=first.mistake, remedy=f"{remedy}; --unchecked goes on anyway")
 
     def as_dict(self) -> dict[str, Any]:
         """What ``to_json`` writes."""
         findings = [
-            {"mistake": f.mistake, "evidence": dict(f.evidence), "remedy": f.remedy, "setup": dict(f.setup)}
-            for f in self.findings
+            {**_as_dict(f), "evidence": dict(f.evidence), "alike": list(map(_as_dict, f.alike))} for f in self.findings
         ]
         unseen = [{"mistake": name, "remedy": remedy} for name, remedy in self.undetermined]
         return {"ok": self.ok, "findings": findings, "evidence": dict(self.evidence), "undetermined": unseen}
@@ -149,6 +163,10 @@ class Check:
         for name, remedy in self.undetermined:
             remedies.setdefault(remedy, []).append(name)
         return [f"not shown by these logs: {', '.join(names)}: {remedy}" for remedy, names in remedies.items()]
+
+
+def _as_dict(mistake: Mistake) -> dict[str, Any]:
+    return {"mistake": mistake.mistake, "remedy": mistake.remedy, "setup": dict(mistake.setup)}
 
 
 def _shown(evidence: Mapping[str, Any]) -> str:

@@ -12,7 +12,9 @@ from ftbias_jax.filtering.check.bins import Bins, bins_of, join_bins
 from ftbias_jax.filtering.check.motion import Motion, arm_motion, body_motion, data_matrices, in_sensor
 from ftbias_jax.filtering.check.regression import Fit, Layout, Tool, fit, free_tool, make_layout, stated_tool
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.require import with_guessed_tool
+from ftbias_jax.setup.sensor_pose import orientation_alone
 from ftbias_jax.setup.types import Setup, ToolSetup
 from ftbias_jax.types import Array
 
@@ -20,8 +22,8 @@ MOST = 900
 """Bins that are fitted; of more, stretches that are spread over all."""
 STRETCH = 100
 """Bins of a stretch."""
-FEWEST = 24
-"""Bins below which nothing is said."""
+FEWEST, FEWEST_POSES = 24, 12
+"""Bins, and poses at rest, below which nothing is said."""
 HALF = 0.5
 """Of the bins that the best axis has: an axis with less counts as not measured."""
 LIGHTEST, FARTHEST = 0.01, 1.0
@@ -46,6 +48,11 @@ class Case:
     def wrench(self) -> Array:
         """(N, 6) N, Nm; zeros in axes that were not measured."""
         return np.where(self.layout.axes, self.bins.wrench, 0)
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is motion; otherwise these are poses at rest."""
+        return bool(self.bins.dq.any() or self.bins.ddq.any())
 
     def trimmed(self, share: float) -> Case:
         """The same with this share of the bins left out of every fit."""
@@ -141,13 +148,15 @@ class Alternative:
     """It only makes the wrench or the tool larger or smaller."""
 
 
-def make_case(setup: Setup, logs: Sequence[Log]) -> Case | None:
+def make_case(setup: Setup, logs: Sequence[Log | Poses]) -> Case | None:
     """Bins of logs; None if there are too few.
 
     Args:
         setup: of all logs.
-        logs: as ``read_log`` gives them.
+        logs: as ``read_log`` gives them, or as ``read_poses`` does.
     """
+    if any(isinstance(log, Poses) for log in logs):
+        setup = orientation_alone(setup)
     return case_of_bins(setup, [bins_of(log, setup) for log in logs])
 
 
@@ -160,7 +169,7 @@ def case_of_bins(setup: Setup, parts: Sequence[Bins]) -> Case | None:
     read = np.isfinite(bins.wrench)
     axes = read.sum(0) > HALF * max(read.sum(0).max(initial=0), 1)
     rows = np.flatnonzero(read[:, axes].all(1)) if axes.any() else np.zeros(0, int)
-    if len(rows) < FEWEST:
+    if len(rows) < (FEWEST if bins.dq.any() or bins.ddq.any() else FEWEST_POSES):
         return None
     if len(rows) > MOST:
         starts = np.linspace(0, len(rows) - STRETCH, MOST // STRETCH).astype(int)

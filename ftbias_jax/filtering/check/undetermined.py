@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ftbias_jax.filtering.check import poses, special
+from ftbias_jax.filtering.check import findings, poses
 from ftbias_jax.filtering.check.alternatives import LEAST_DEGREES, G
 from ftbias_jax.filtering.check.judge import ABSENT, BAD, BETTER, GOOD, GOOD_TOUCHED, TIE, Evidence, noise_of_bins
 from ftbias_jax.filtering.check.motion import data_matrices, in_sensor
@@ -149,7 +149,7 @@ def _unseen(imagined: Imagined) -> Iterator[tuple[str, str]]:
             yield "base_frame_wrench", TURN
     yield from _unseen_weight(imagined)
     late = imagined.of(delayed(state.case, M, DELAY))
-    enough = late[0] > special.OFFSET_BAD * late[1] and late[2] < special.OFFSET_BETTER * late[0]
+    enough = late[0] > findings.OFFSET_BAD * late[1] and late[2] < findings.OFFSET_BETTER * late[0]
     if layout.touched or not enough or late[2] > GOOD * late[1]:
         yield "time_offset", ACCELERATE
 
@@ -158,13 +158,13 @@ def _unseen_weight(imagined: Imagined) -> Iterator[tuple[str, str]]:
     """Those of them that a tool brings about whose wrench does not vary, or is too small."""
     state = imagined.state
     size, noise = _squares(without_bias(imagined.wrench, state.case.layout)), noise_of_bins(state)
-    clear = np.sqrt(size) > special.CLEAR * noise
+    clear = np.sqrt(size) > findings.CLEAR * noise
     # Two standard errors over the blocks of a share that is zero.
     if not clear[0] or 2 * np.sqrt(imagined.floor[0] / size[0] / BLOCKS) > ABSENT:
         yield "compensated", TURN
     if not clear.any():
         yield "worse_than_raw", TURN
-    if not state.case.setup.sensor.rezeroed and not special.zero_would_show(state):
+    if not state.case.setup.sensor.rezeroed and not findings.zero_would_show(state):
         yield "rezeroed", HEAVIER
 
 

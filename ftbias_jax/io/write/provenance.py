@@ -20,6 +20,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.io.remote.fetch import exists, shown, sum_of
 from ftbias_jax.io.remote.outside import is_url
 from ftbias_jax.io.tables.grouping import inputs_of
+from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.types import SCREWS, Setup
 from ftbias_jax.types import Array
@@ -42,8 +43,10 @@ class Source(NamedTuple):
     """s, added to the stamps."""
 
 
-def source_of(log: Log) -> Source:
-    """What provenance says about a log in memory."""
+def source_of(log: Log | Poses, path: str = "") -> Source:
+    """What provenance says about a log in memory; of static poses ``path`` is their file."""
+    if isinstance(log, Poses):
+        return Source(path, log.t, 0.0)
     return Source(log.file, log.t[~np.isnan(log.wrench).all(1)], log.start)
 
 

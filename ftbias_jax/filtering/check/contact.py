@@ -1,0 +1,200 @@
+"""What contact feigns, told from mistakes: by the part of a log that is untouched, and by the levels around a step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ftbias_jax.filtering.check.judge import Evidence, noise_of_bins
+from ftbias_jax.filtering.check.regression import TRIMS, without_bias
+from ftbias_jax.filtering.check.result import Check, Mistake
+from ftbias_jax.filtering.check.state import Result, State
+from ftbias_jax.io.log import Log
+from ftbias_jax.io.tables.poses import Poses
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
+
+EXPLAINED, LEAST_PART, WORSE_THERE = 0.1, 0.1, 4.0
+"""Share of the tool's variance in a part of a log that a right setup may leave there; share of its variance in all of
+the log that the part must have; and factor by which what explains the part as badly is no mistake."""
+CLEAR = 3.0
+"""Times the noise of a bin that the tool's force must vary in that part."""
+ZERO = 6.0
+"""Standard deviations of a sample within which a reading is zero."""
+BESIDE, MOMENTS = 3, 9
+"""Bins before and after a tare that show the bias, and moments within a bin that are looked at."""
+NEAR, FAR_OFF = 0.25, 0.5
+"""Share of a step within which a bin is at a level, along the step and across it."""
+RUN = 5
+"""Bins in a row at a level that show it."""
+STILL = 0.02
+"""rad/s, m/s: joints that are slower stand still."""
+AROUND = 50
+"""Bins to either side within which the reading must follow a tool that turns."""
+STATE_TIMES = "state the times in sensor.rezeroed_at; a check of this log alone tells them to the sample"
+WINDOW, FEWEST = 0.3, 8
+"""s, and samples of the wrench, to either side of a tare as bins show it, within which the reading steps."""
+
+
+def stamped(check: Check, setup: Setup, logs: Sequence[Log | Poses]) -> Check:
+    """The findings with the times of tares to the sample, as stamps of the log, and the key that states them.
+
+    Args:
+        check: of one log, or of several, whose times differ: then it stays as it is. So do static poses.
+        setup: of the log.
+        logs: the log.
+    """
+    log = logs[0]
+    if len(logs) != 1 or isinstance(log, Poses):
+        return check
+    return replace(check, findings=tuple(_stamped(found, setup, log) for found in check.findings))
+
+
+def _stamped(found: Mistake, setup: Setup, log: Log) -> Mistake:
+    if found.mistake != "rezeroed" or "times" not in found.evidence:
+        return found
+    new = [round(moment_of_tare(log, t) + log.start, 6) for t in found.evidence["times"]]
+    words = ", ".join(f"{t:.10g} s" for t in new[:5])
+    every = sorted({*new, *setup.sensor.rezeroed_at})
+    shown = str(every) if len(every) <= 5 else "these times"
+    remedy = f"the sensor was set to zero while it recorded, at {words}: set sensor.rezeroed_at = {shown}"
+    return replace(found, evidence={"times": new}, remedy=remedy, setup={"sensor.rezeroed_at": every})
+
+
+def moment_of_tare(log: Log, t: float) -> float:
+    """When the reading steps the most within a window around t, s: between the last sample before and the first after.
+
+    Args:
+        log: whose wrench is looked at.
+        t: s, relative to the first sample.
+    """
+    rows = np.flatnonzero(np.isfinite(log.wrench).all(1))
+    first, last = np.searchsorted(log.t[rows], [t - WINDOW, t + WINDOW])
+    middle = np.searchsorted(log.t[rows], t)
+    near = rows[max(0, min(first, middle - FEWEST)) : max(last, middle + FEWEST)]
+    steps = np.linalg.norm(np.diff(log.wrench[near, :3], axis=0), axis=1)
+    at = int(np.argmax(steps))
+    return float(log.t[near[at : at + 2]].mean())
+
+
+def untouched(base: Evidence) -> Result | None:
+    """A fit of the stated setup to the part of the log that it explains best, if that shows it to be right.
+
+    A mistake holds for all of a log, a contact for a part: where the stated tool turns, and the reading follows it for
+    a large part of the log, signs, frames and force are right, whatever happens in the rest. None where nothing shows it.
+
+    Args:
+        base: the stated setup.
+    """
+    state = base.state
+    case = state.case.trimmed(TRIMS[-1])
+    part = state.but(case=case).fit()
+    if state.swapped:
+        return None
+    kept, force = part.fit.kept, (state.data() @ state.tool.theta)[:, :3]
+    layout = case.layout._replace(basis=case.layout.basis[kept])
+    size = (without_bias(force[kept], layout) ** 2).sum(1).mean()
+    least = max(
+        (CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * (without_bias(force, case.layout) ** 2).sum(1).mean()
+    )
+    shown = size > least and part.fit.square[0] < EXPLAINED * size
+    return part if shown else None
+
+
+def is_feigned(part: Result | None, result: Result) -> bool:
+    """Whether an alternative fails where the stated setup is shown to be right: then contact feigns it.
+
+    Args:
+        part: of ``untouched``.
+        result: of the alternative.
+    """
+    if part is None:
+        return False
+    kept = part.fit.kept
+    return bool(result.errors[kept, 0].mean() > WORSE_THERE * part.errors[kept, 0].mean())
+
+
+def zeroed_on_the_way(base: Evidence) -> Mistake | None:
+    """The sensor was set to zero while it recorded; None if it was not."""
+    times = tares(base)
+    if not times:
+        return None
+    if not base.state.case.moves:
+        poses = [round(number) + 1 for number in times]
+        words = f"the sensor was set to zero just before pose {', '.join(map(str, poses[:5]))}"
+        return Mistake("rezeroed", {"poses": poses}, f"{words}: give the poses before and after it by themselves")
+    words = ", ".join(f"{t:.1f} s" for t in times[:5])
+    remedy = f"the sensor was set to zero while it recorded, at {words}: {STATE_TIMES}"
+    return Mistake("rezeroed", {"times": times}, remedy)
+
+
+def tares(base: Evidence) -> list[float]:
+    """Times, s, at which the sensor was set to zero while it recorded: the reading jumps to zero on every axis.
+
+    The reading also jumps to zero where a contact ends in the pose in which the sensor had been set to zero before.
+    """
+    state = base.state
+    case = state.case
+    noise = case.setup.sensor.noise_std
+    if (state.unit != 1).any() or not case.layout.axes.all():
+        return []
+    t, reading, tool = case.bins.t, state.wrench, state.data() @ state.tool.theta
+    if len(t) <= 2 * BESIDE:
+        return []
+    # Of every bin that has enough of them on both sides: what is beside it (N, 6, BESIDE), and where its log pauses.
+    beside = np.lib.stride_tricks.sliding_window_view(reading - tool, BESIDE, axis=0)
+    before, after = beside[: -BESIDE - 1], beside[BESIDE + 1 :]
+    scatter = np.maximum(ZERO * noise, np.maximum(np.ptp(before, axis=2), np.ptp(after, axis=2)))
+    level, former = np.median(after, 2), np.median(before, 2)
+    jumps = (np.abs(level - former) > 2 * scatter)[:, :3].any(1)
+    first, last = slice(None, -2 * BESIDE), slice(2 * BESIDE, None)
+    together = (case.log[first] == case.log[last]) & (t[last] - t[first] <= 3 * BESIDE * np.median(np.diff(t)) + 1)
+    found: list[float] = []
+    for k in np.flatnonzero(jumps & together):
+        i = int(k) + BESIDE
+        if found and t[i] - found[-1] < 1:
+            continue
+        # At one moment from the bin before to the bin after the reading was zero on every axis.
+        zeroed = level[k] + np.concatenate([np.linspace(tool[j], tool[j + 1], MOMENTS) for j in (i - 1, i)])
+        if not (np.abs(zeroed) < scatter[k]).all(1).any() or (np.abs(reading[k:i]) < scatter[k]).all():
+            continue
+        if not _returns(state, i, former[k], level[k]) and (_stands(state, i) or _is_free(state, i)):
+            found.append(float(t[i]))
+    return found
+
+
+def _returns(state: State, i: int, former: Array, level: Array) -> bool:
+    """Whether the level after bin i was there before, or the former one comes back: then a contact ended or began."""
+    case = state.case
+    scale = case.setup.sensor.noise_std
+    rows = np.flatnonzero(case.log == case.log[i])
+    off = (state.wrench - state.data() @ state.tool.theta - former)[rows] / scale
+    step = (level - former) / scale
+    size = np.linalg.norm(step)
+    along = off @ step / size**2
+    near = np.linalg.norm(off - along[:, None] * step, axis=1) < FAR_OFF * size
+    seen = near & (np.abs(along - 1) < NEAR) & (rows < i - BESIDE)
+    again = near & (np.abs(along) < NEAR) & (rows > i + BESIDE)
+    return any(bool((np.convolve(at, np.ones(RUN), "valid") == RUN).any()) for at in (seen, again) if len(at) >= RUN)
+
+
+def _stands(state: State, i: int) -> bool:
+    """Whether the arm stands still around bin i: a contact ends, or begins, by motion."""
+    return bool(np.abs(state.case.bins.dq[i - 1 : i + 2]).max() < STILL)
+
+
+def _is_free(state: State, i: int) -> bool:
+    """Whether the reading follows a tool that turns on both sides of bin i: what rests on a table does not turn."""
+    case = state.case
+    force = np.arange(6) < 3
+    tool = (state.data() @ state.tool.theta)[:, force]
+    left = state.wrench[:, force] - tool
+    for rows in (slice(max(0, i - AROUND), i - 1), slice(i + 2, i + 2 + AROUND)):
+        same = case.log[rows] == case.log[i]
+        near = (x[rows][same] for x in (tool, left))
+        turned, unlike = (np.linalg.norm(np.median(np.abs(x - np.median(x, 0)), 0)) for x in near)
+        if not (turned > np.linalg.norm(case.setup.sensor.noise_std[force]) and unlike < turned / 2):
+            return False
+    return True
