@@ -110,6 +110,11 @@ def output_of_setup(output: str | None, setup: str, in_place: bool) -> tuple[str
     return written, [] if in_place else [setup]
 
 
+def behind_link(output: Place, in_place: bool) -> str:
+    """Where to write: what a link leads to for a setup that is replaced in place, which is the one that was read."""
+    return os.path.realpath(output) if in_place else os.fspath(output)
+
+
 def _identity(path: Place) -> tuple[object, ...]:
     """The same for all names of one file."""
     resolved = os.path.realpath(path)

@@ -100,7 +100,7 @@ def disk(monkeypatch):
 def test_a_full_disk_leaves_the_old_result_and_one_line(logs, disk, capsys, room):
     (logs.parent / "out.npz").write_bytes(b"an older result")
     disk.room = room
-    assert main(["filter", "logs/b.npz", "--setup", "setup.toml", "-o", "out.npz"]) == 1
+    assert main(["filter", "logs/b.npz", "--setup", "setup.toml", "-o", "out.npz", "--force"]) == 1
     message = "ftbias: out.npz: cannot be written: No space left on device (check that the folder exists, may be"
     assert capsys.readouterr().err.splitlines()[-1].startswith(message)  # progress may stand above
     assert (logs.parent / "out.npz").read_bytes() == b"an older result"

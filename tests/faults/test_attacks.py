@@ -258,7 +258,12 @@ def test_a_joint_state_of_millions_of_names(tmp_path, refused):
 def test_a_number_in_place_of_a_name_is_no_length(tmp_path, setup, column):
     """SQLite keeps any type in any column, and bytes(N) is N zeros."""
     path = recordings.write(tmp_path, "sqlite", recordings.messages(recordings.arrays(30)))
-    with sqlite3.connect(path) as database:
+    with sqlite3.connect(path) as database:  # columns without a type keep numbers as they are
+        fields = "id, name, type, serialization_format"
+        database.execute(f"CREATE TABLE untyped ({fields})")
+        database.execute(f"INSERT INTO untyped SELECT {fields} FROM topics")
+        database.execute("DROP TABLE topics")
+        database.execute("ALTER TABLE untyped RENAME TO topics")
         database.execute(f"UPDATE topics SET {column} = 3000000000")
     database.close()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -12,7 +12,7 @@ from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_log
-from ftbias_jax.io.outputs import check_outputs, check_writable, output_of_setup
+from ftbias_jax.io.outputs import behind_link, check_outputs, check_writable, output_of_setup
 from ftbias_jax.io.write.ours import DIAGNOSIS, PAGE, SETUP
 from ftbias_jax.setup import Setup, load_setup
 
@@ -53,7 +53,10 @@ def run(arguments: argparse.Namespace) -> int:
     not_stated = refused(setup, diagnosis.causes, diagnosis.terms) if arguments.apply else ()
     applied = arguments.apply and some_applied(diagnosis, not_stated)
     if applied:
-        diagnosis.apply(setup).save(arguments.output, by="" if arguments.in_place else "diagnose --apply")
+        place, by = behind_link(arguments.output, arguments.in_place), "" if arguments.in_place else "diagnose --apply"
+        diagnosis.apply(setup).save(place, by=by)
+            behind_link(arguments.output, arguments.in_place), by="" if arguments.in_place else "diagnose --apply"
+        )
     outputs = [path for path in (arguments.json, arguments.html, applied and arguments.output) if path]
     if outputs:
         print(f"wrote {', '.join(outputs)}")

@@ -12,7 +12,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.entry import settings_of
 from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_motion
-from ftbias_jax.io.outputs import check_outputs, output_of_setup
+from ftbias_jax.io.outputs import behind_link, check_outputs, output_of_setup
 from ftbias_jax.io.write.ours import SETUP
 from ftbias_jax.setup import load_setup
 
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = identify_tool(setup, log, **_asked(arguments), progress=stages)
     print(found)
     code = tell_repairs([(path, log.repairs)])
-    found.save(output, by="" if arguments.in_place else "identify")
+    found.save(behind_link(output, arguments.in_place), by="" if arguments.in_place else "identify")
     print(f"wrote {output}")
     return code
 

@@ -15,7 +15,7 @@ from ftbias_jax.fleet.entry import settings_of
 from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.outputs import check_outputs, output_of_setup
+from ftbias_jax.io.outputs import behind_link, check_outputs, output_of_setup
 from ftbias_jax.io.write.ours import SETUP
 from ftbias_jax.setup import Setup, load_setup
 
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"ftbias: not written: {'; '.join(tuned.reasons)} (--force writes it)", file=sys.stderr)
             return 1
         for setup, (output, _) in zip((tuned.setup, *tuned.others), places, strict=True):
-            setup.save(output, by="" if arguments.in_place else "tune")
+            setup.save(behind_link(output, arguments.in_place), by="" if arguments.in_place else "tune")
             print(f"wrote {output}")
         if not tuned.converged:
             print("ftbias: a fit did not converge; its values are the best so far", file=sys.stderr)

@@ -83,7 +83,7 @@ def untouched(base: Evidence) -> Result | None:
     """A fit of the stated setup to the part of the log that it explains best, if that shows it to be right.
 
     A mistake holds for all of a log, a contact for a part: where the stated tool turns, and the reading follows it for
-    a large part of the log, signs, frames and force are right, whatever happens in the rest. None where nothing shows it.
+    a large part of the log, signs, frames and force are right, whatever happens in the rest. None: nothing shows it.
 
     Args:
         base: the stated setup.

@@ -11,7 +11,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
-from ftbias_jax.io.conventions.headers import Match, matches
+from ftbias_jax.io.conventions.headers import Match, matches, some
 from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.io.ros.collect import Wanted
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES, read_recording
@@ -151,10 +151,10 @@ def _of_arrays(path: str, arrays: Mapping[str, Array]) -> Table:
 def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], values: Mapping[str, Array]) -> Table:
     """Of the names of all columns, and as "t" and "dq" the stamps and the accelerometer."""
     used = {name for match in found.values() for name in match.names}
-    if twice := next((name for name in header if name in used and header.count(name) > 1), ""):
-        of_joint = "position" in found and twice in found["position"].names
-        message = f"two columns {'are of this joint' if of_joint else 'have this name'}"
-        raise LogError(message, file=path, field=twice, remedy="rename one of them")
+    for name in (name for name in dict.fromkeys(header) if header.count(name) > 1):
+        if some("position", [name], ()) or name in used:
+            message = f"two columns {'have this name' if name in used else 'are of this joint'}"
+            raise LogError(message, file=path, field=name, remedy="rename one of them")
     return Table(
         path=path,
         time=values.get("t"),
