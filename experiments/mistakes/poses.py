@@ -1,4 +1,4 @@
-"""Simulated static poses of five arms, the standard calibration, with the setup that is right for them but for its tool."""
+"""Simulated static poses of five arms, the standard calibration, with a setup that is right but for its tool."""
 
 import numpy as np
 from logs import SIX_AXES

@@ -1,4 +1,4 @@
-"""Findings: alternatives that are named, and mistakes that are none: an absent weight, an offset, clocks that differ."""
+"""Findings: alternatives that are named, and what is none: an absent weight, an offset, clocks that differ."""
 
 from __future__ import annotations
 
