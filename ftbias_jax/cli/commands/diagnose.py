@@ -55,8 +55,6 @@ def run(arguments: argparse.Namespace) -> int:
     if applied:
         place, by = behind_link(arguments.output, arguments.in_place), "" if arguments.in_place else "diagnose --apply"
         diagnosis.apply(setup).save(place, by=by)
-            behind_link(arguments.output, arguments.in_place), by="" if arguments.in_place else "diagnose --apply"
-        )
     outputs = [path for path in (arguments.json, arguments.html, applied and arguments.output) if path]
     if outputs:
         print(f"wrote {', '.join(outputs)}")

@@ -11,7 +11,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check import findings, poses
 from ftbias_jax.filtering.check.alternatives import all_alternatives
 from ftbias_jax.filtering.check.bins import bins_of, join_bins
-from ftbias_jax.filtering.check.contact import is_feigned, stamped, untouched
+from ftbias_jax.filtering.check.contact import UNTOUCHED, is_feigned, stamped, untouched
 from ftbias_jax.filtering.check.findings import absence, clocks, named, numbers, of_bias
 from ftbias_jax.filtering.check.judge import (
     BAD,
@@ -175,13 +175,20 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
     found += absent if not found else ()
     if not any(mistake.mistake in ("compensated", "time_offset") for mistake in found):
         found += of_bias(base)
-    worse = findings.worse_than_raw(first) and untouched(first) is None
+    worse = findings.worse_than_raw(first) and not _is_right_where_untouched(first)
     if worse and not found and not is_pulled(first):
         remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
         found.append(Mistake("worse_than_raw", numbers(first, first.result), remedy))
     kinds = {kind.mistake for mistake in found for kind in (mistake, *mistake.alike)}
     unseen = tuple(kind for kind in undetermined(base, tool_is_stated=tool_is_stated) if kind.mistake not in kinds)
     return Check(tuple(found), {**numbers(first, first.result), "worse_than_raw": worse}, setup.path, unseen)
+
+
+def _is_right_where_untouched(first: Evidence) -> bool:
+    """Whether the tool as stated is better than none where nothing touches it."""
+    if untouched(first) is None:
+        return False
+    return not findings.worse_than_raw(evidence_of(first.state.but(case=first.state.case.trimmed(UNTOUCHED))))
 
 
 def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:

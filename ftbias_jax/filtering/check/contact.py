@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ftbias_jax.filtering.check.judge import Evidence, noise_of_bins
-from ftbias_jax.filtering.check.regression import TRIMS, without_bias
+from ftbias_jax.filtering.check.regression import without_bias
 from ftbias_jax.filtering.check.result import Check, Mistake
 from ftbias_jax.filtering.check.state import Result, State
 from ftbias_jax.io.log import Log
@@ -19,6 +19,8 @@ from ftbias_jax.types import Array
 EXPLAINED, LEAST_PART, WORSE_THERE = 0.1, 0.1, 4.0
 """Share of the tool's variance in a part of a log that a right setup may leave there; share of its variance in all of
 the log that the part must have; and factor by which what explains the part as badly is no mistake."""
+UNTOUCHED = 0.75
+"""Share of the log that may be contact."""
 CLEAR = 3.0
 """Times the noise of a bin that the tool's force must vary in that part."""
 ZERO = 6.0
@@ -83,13 +85,13 @@ def untouched(base: Evidence) -> Result | None:
     """A fit of the stated setup to the part of the log that it explains best, if that shows it to be right.
 
     A mistake holds for all of a log, a contact for a part: where the stated tool turns, and the reading follows it for
-    a large part of the log, signs, frames and force are right, whatever happens in the rest. None: nothing shows it.
+    a quarter of the log, signs, frames and force are right, whatever happens in the rest. None: nothing shows it.
 
     Args:
         base: the stated setup.
     """
     state = base.state
-    case = state.case.trimmed(TRIMS[-1])
+    case = state.case.trimmed(UNTOUCHED)
     part = state.but(case=case).fit()
     if state.swapped:
         return None

@@ -202,25 +202,27 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
         free = (base.free.square / base.raw)[groups]
         if not (left < SAME * free + SLACK).all() or (any_tool and not (left < BETTER * free).all()):
             return False
-        if alternative.scale and (free < BAD).all() and not _is_nearer(base, result, base.free, groups[0]):
+        if alternative.scale and (free < BAD).all() and not _is_nearer(base, alternative, result, base.free):
             return False
     return _is_sure(base, alternative, result) and not _is_but_pulled(base, alternative, any_tool)
 
 
-def _is_nearer(base: Evidence, result: Result, free: Result, group: int) -> bool:
-    """Whether the tool of another unit is much nearer to the stated one than the tool that needs no other unit.
+def _is_nearer(base: Evidence, alternative: Alternative, result: Result, free: Result) -> bool:
+    """Whether in other units the tool is much nearer to what is stated than the tool that needs no other unit.
 
     Any unit explains a torque with a centre of mass that is as much nearer or farther: a centre of mass that is stated
     some centimetres too near is more common.
     """
-    (m, c), (own_m, own_c), (stated_m, stated_c) = (
-        (abs(theta[0]) + 1e-9, np.linalg.norm(theta[1:4]) / (abs(theta[0]) + 1e-9) + 1e-9)
-        for theta in (result.fit.theta, free.fit.theta, base.state.tool.theta)
-    )
-    if group == 0:
-        return bool(abs(np.log(m / stated_m)) < abs(np.log(own_m / stated_m)) / 2)
-    merely_off = stated_c < own_c < stated_c + TOO_NEAR
-    return bool(not merely_off and abs(np.log(c / stated_c)) < abs(np.log(own_c / stated_c)) / 2)
+
+    def sizes(theta: Array) -> tuple[float, float]:
+        m = abs(float(theta[0])) + 1e-9
+        return m, float(np.linalg.norm(theta[1:4])) / m + 1e-9
+
+    group = alternative.groups[0]
+    stated, own = sizes(base.state.tool.theta), sizes(free.fit.theta)
+    other = sizes(result.fit.theta)[group] / sizes(alternative.state.tool.theta)[group]
+    merely_off = group == 1 and stated[1] < own[1] < stated[1] + TOO_NEAR
+    return not merely_off and abs(np.log(other)) < abs(np.log(own[group] / stated[group])) / 2
 
 
 def _is_but_pulled(base: Evidence, alternative: Alternative, any_tool: bool) -> bool:
