@@ -25,10 +25,12 @@ from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.require import with_guessed_tool
 from ftbias_jax.setup.rotations import rotation_from_vector
-from ftbias_jax.setup.types import BiasSetup, Setup
+from ftbias_jax.setup.types import BiasSetup, Setup, ToolSetup
 
 MUCH = 5.0
 """Innovations this many times larger than the noise stated are no noise."""
+NOT_STATED = "not determined by this motion, not stated"
+"""Said of what nobody knows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +81,8 @@ class IdentifyResult:
         table = zip(NAMES, UNITS, found.values, found.stderr, found.remarks, strict=True)
         for name, unit, value, stderr, remark in table:
             error = "" if np.isnan(stderr) else f"{stderr:.2g}"
-            lines.append(f"{name:8s}{value:14.6g}{error:>14s}  {unit}{f'  {remark}' if remark else ''}")
+            shown = "-" if np.isnan(value) else f"{value:.6g}"
+            lines.append(f"{name:8s}{shown:>14s}{error:>14s}  {unit}{f'  {remark}' if remark else ''}")
         if self.mounting:
             turned = _with_errors(np.degrees(found.rotation), np.degrees(found.rotation_stderr))
             lines.append(f"sensor turned by {turned} deg")
@@ -142,7 +145,7 @@ def identify_tool(
         raise UsageError("gains and crosstalk are not found from static poses", field="crosstalk", remedy=remedy)
     progress("checking the setup")
     require_right(setup, [log], "identify", unchecked, looked_for=("sensor_axes",) if mounting else ())
-    setup = with_guessed_tool(setup)
+    given, setup = setup.tool, with_guessed_tool(setup)
     progress("fitting the tool")
     if isinstance(log, Poses):
         found, report = identify_poses(setup, log, mounting, gravity)
@@ -162,11 +165,25 @@ def identify_tool(
             steady = steady_bias(of_tool, log)
             std = steady.std_with_tool(found.values, found.stderr)
             found = found._replace(bias=steady.value, bias_stderr=std)
+    if guessed := _guessed(given, found):
+        remarks = tuple(NOT_STATED if guess else remark for guess, remark in zip(guessed, found.remarks, strict=True))
+        found = found._replace(values=np.where(guessed, np.nan, found.values), remarks=remarks)
     comments = {**setup.comments, **_comments(found, mounting, gravity, bias)}
     result = replace(_with_tool(setup, found, mounting, gravity), comments=comments)
     if bias:
         result = replace(result, bias=_prior(result.bias, found, steady))
     return IdentifyResult(result, found, mounting, gravity, bias, report, channels)
+
+
+def _guessed(given: ToolSetup, found: Identified) -> tuple[bool, ...]:
+    """(10,) whether a parameter was neither stated nor found, and so is the guess of where to begin; () = none is.
+
+    A centre of mass is written as a whole or not at all, and none without a mass.
+    """
+    unknown = given.unknown
+    mass = "mass" in unknown and bool(found.remarks[0])
+    center = "center_of_mass" in unknown and (mass or any(found.remarks[1:4]))
+    return (mass, *(center,) * 3, *(False,) * 6) if mass or center else ()
 
 
 def _prior(stated: BiasSetup, found: Identified, steady: SteadyBias | None) -> BiasSetup:

@@ -57,6 +57,11 @@ class TuneResult:
         """Whether all fits found their maximum; if not, the values are the best so far."""
         return all(fit.optimum.converged for fit in self.fits.values())
 
+    @property
+    def refusals(self) -> tuple[str, ...]:
+        """Why no command writes it without being forced: the reasons, and a search that did not end."""
+        return self.reasons if self.converged else (*self.reasons, "a fit did not converge")
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the tuned setup; ``Setup.save`` has the errors.
 

@@ -25,6 +25,7 @@ from ftbias_jax.setup.urdf.robot import urdf_robot, urdf_tool
 from ftbias_jax.types import Array
 
 AXIS_TOLERANCE = 1e-4  # an axis rounded to four digits still means a unit axis; more is a mistake
+NO_INERTIA = 1e-12  # kg m^2, a milligram at a millimetre: the round-off of a point mass
 INERTIA_TOLERANCE = 1e-6  # relative to the largest principal moment: inertias printed with seven digits pass
 MAX_GRAVITY = 30.0  # m/s^2: above every planet a robot stands on, below cm/s^2 or mistyped units
 
@@ -191,7 +192,7 @@ def _check_inertia(inertia: Array, section: Section, key: str) -> None:
     xx, xy, xz, yy, yz, zz = inertia
     moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     # The largest moment may not exceed the sum of the others; that also makes all three non-negative.
-    if moments[2] - moments[1] - moments[0] > INERTIA_TOLERANCE * np.abs(moments).max():
+    if moments[2] - moments[1] - moments[0] > max(INERTIA_TOLERANCE * np.abs(moments).max(), NO_INERTIA):
         shown = ", ".join(f"{moment:.4g}" for moment in moments)
         remedy = "no body has them: none may exceed the sum of the others; all zeros = point mass"
         message = f"{show(inertia.tolist())} has the principal moments {shown} kg m^2"

@@ -42,9 +42,15 @@ def save_setup(path: str | os.PathLike[str], setup: Setup, by: str = "") -> None
         by: the command that writes it, for the first line; "" = the file is somebody's own, and has no such line.
 
     Raises:
-        OutputError: the file cannot be written there.
+        OutputError: the file cannot be written there. SetupError: it has values that no setup may have.
     """
     text = re.sub(rf"\A{WRITTEN_BY}.*\n", "", edited_text(setup, os.fspath(path)))
+    try:
+        parse_setup(tomllib.loads(text), os.fspath(path))  # what a command writes, every command reads
+    except SetupError as error:
+        remedy = "state values that a body can have, or record a motion that determines them"
+        message = f"nothing is written, because no command could read it: {error.message}"
+        raise SetupError(message, file=os.fspath(path), field=error.field, remedy=remedy) from error
     content = (f"{WRITTEN_BY}{by}, which may replace it\n{text}" if by else text).encode()
     try:
         if os.path.islink(path):

@@ -84,8 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if speaks:
         print(tuned)
-        if tuned.reasons and not arguments.force:
-            print(f"ftbias: not written: {'; '.join(tuned.reasons)} (--force writes it)", file=sys.stderr)
+        if tuned.refusals and not arguments.force:
+            print(f"ftbias: not written: {'; '.join(tuned.refusals)} (--force writes it)", file=sys.stderr)
             return 1
         for setup, (output, _) in zip((tuned.setup, *tuned.others), places, strict=True):
             setup.save(behind_link(output, arguments.in_place), by="" if arguments.in_place else "tune")

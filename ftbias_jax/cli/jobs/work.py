@@ -139,8 +139,8 @@ def tune_one(
 
     read = read_log(log, setup)
     tuned = tune(setup, [read], effects=load_all(own), **asked)
-    if tuned.reasons and not force:
-        raise LogError(f"not written: {'; '.join(tuned.reasons)}", file=log, remedy="--force writes it")
+    if tuned.refusals and not force:
+        raise LogError(f"not written: {'; '.join(tuned.refusals)}", file=log, remedy="--force writes it")
     tuned.setup.save(output, by="tune")
     status, remarks = _lost(read.repairs)
     if not tuned.converged:

@@ -1,0 +1,64 @@
+"""What identify writes: never a guess, never a tool that no body can have, and always what every command reads."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ftbias_jax.calibration.identify_tool import _guessed
+from ftbias_jax.cli.commands import demo
+from ftbias_jax.errors import SetupError
+from ftbias_jax.setup import load_setup, parse_setup
+from ftbias_jax.setup.types import ToolSetup, unknown_tool
+
+SETUP = parse_setup(demo.SETUP)
+STATED = SETUP.tool
+NO_CENTER = replace(STATED, center_of_mass=np.full(3, np.nan))
+
+
+def found(*open_):
+    """An identification in which some parameters were not determined."""
+    return SimpleNamespace(remarks=tuple("kept" if i in open_ else "" for i in range(10)))
+
+
+@pytest.mark.parametrize(
+    ("given", "open_", "guessed"),
+    [
+        (STATED, (0, 1, 2, 3), ()),
+        (unknown_tool(), (4, 5, 6, 7, 8, 9), ()),
+        (unknown_tool(), (0,), (0, 1, 2, 3)),
+        (unknown_tool(), (2,), (1, 2, 3)),
+        (NO_CENTER, (0,), ()),
+        (NO_CENTER, (0, 3), (1, 2, 3)),
+    ],
+)
+def test_what_was_neither_stated_nor_found_is_a_guess(given, open_, guessed):
+    flags = _guessed(given, found(*open_))
+    assert tuple(np.flatnonzero(flags)) == guessed
+    assert len(flags) in (0, 10)
+
+
+@pytest.mark.parametrize(
+    "tool",
+    [
+        replace(STATED, mass=-0.137),
+        replace(STATED, mass=0.0),
+        replace(STATED, inertia=np.array([1.0, 0, 0, 1.0, 0, 3.0])),
+        replace(STATED, inertia=np.array([-1.0, 0, 0, 1.0, 0, 1.0])),
+    ],
+)
+@pytest.mark.parametrize("source", ["", "as read"])
+def test_a_tool_that_no_body_can_have_is_not_written(tmp_path, tool, source):
+    SETUP.save(tmp_path / "old.toml")
+    setup = load_setup(tmp_path / "old.toml") if source else SETUP
+    with pytest.raises(SetupError, match=r"no command could read it|tool"):
+        replace(setup, tool=tool).save(tmp_path / "new.toml")
+    assert [path.name for path in tmp_path.iterdir()] == ["old.toml"]
+
+
+@pytest.mark.parametrize("noise", [6.55e-20, -3e-18, 1e-13])
+def test_the_round_off_of_a_point_mass_is_read_again(tmp_path, noise):
+    point = ToolSetup(0.7, np.array([0, 0, 0.05]), np.array([0, 0, 0, 0, 0, noise]))
+    replace(SETUP, tool=point).save(tmp_path / "new.toml", by="identify")
+    assert load_setup(tmp_path / "new.toml", with_tool=True).tool.mass == 0.7
