@@ -175,7 +175,7 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
     found += absent if not found else ()
     if not any(mistake.mistake in ("compensated", "time_offset") for mistake in found):
         found += of_bias(base)
-    worse = findings.worse_than_raw(first) and not _is_right_where_untouched(first)
+    worse = tool_is_stated and findings.worse_than_raw(first) and not _is_right_where_untouched(first)
     if worse and not found and not is_pulled(first):
         remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
         found.append(Mistake("worse_than_raw", numbers(first, first.result), remedy))

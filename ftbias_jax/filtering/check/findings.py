@@ -130,12 +130,15 @@ def bias_beyond_prior(base: Evidence) -> tuple[str, str, dict[str, object]] | No
     tool = state.data() @ state.tool.theta
     axes, std = state.case.layout.axes, setup.bias.initial_std
     near = _near_zero(state, tool)
+    # What touches the sensor as the log begins moves its reading, but not the level of the log.
+    level = np.median((tool - state.wrench)[base.result.fit.kept], 0)
     zero = (np.abs(state.case.wrench[0]) < near)[axes].all()
-    if zero and zero_would_show(state):
+    stays = np.linalg.norm((level - tool[0])[:3]) < np.linalg.norm((tool[0] - setup.bias.initial)[:3]) / 2
+    if zero and stays and zero_would_show(state):
         remedy = "the sensor was set to zero with the tool on: set sensor.rezeroed = true"
         return "rezeroed", remedy, {"sensor.rezeroed": True}
     bias = np.median((tool - state.wrench)[bins.t - bins.t[0] < FIRST], 0)
-    off = np.abs(bias - setup.bias.initial) - 2 * np.abs(tool).max(0)
+    off = np.minimum(*(np.abs(x - setup.bias.initial) for x in (bias, level))) - 2 * np.abs(tool).max(0)
     if (off[axes] > FAR * std[axes]).any():
         stated = [float(f"{x:.6g}") for x in bias]
         remedy = f"the reading is offset by {np.abs(bias).max():.4g}: set bias.initial = {stated}"

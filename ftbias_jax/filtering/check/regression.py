@@ -48,12 +48,12 @@ class Layout(NamedTuple):
 
     def windows(self) -> list[Bool[Array, " N"]]:
         """Bins from which a fit may start: all of them; and early, middle and late ones where most may be contact."""
-        count, share = len(self.basis), 1 - self.trim
-        place = (np.arange(count) + 0.5) / count
-        every = [np.ones(count, bool)]
+        every = [np.ones(len(self.basis), bool)]
         if not self.touched:
             return every
-        return every + [np.abs(place - middle) <= share / 2 for middle in (share / 2, 0.5, 1 - share / 2)]
+        place, share = (np.arange(len(self.basis)) + 0.5) / len(self.basis), 1 - self.trim
+        middles = np.linspace(share / 2, 1 - share / 2, round(2 / share) - 2)
+        return every + [np.abs(place - middle) <= share / 2 for middle in middles]
 
 
 class Tool(NamedTuple):
