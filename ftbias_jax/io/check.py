@@ -13,6 +13,8 @@ from ftbias_jax.io.pose import pose_entries
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
+LARGEST = 1e12
+"""In size, of joints and wrenches in any unit: what is beyond is an error, and its square no number of use."""
 LOWEST_RATE, HIGHEST_RATE = 1.5, 5e4
 """Hz: a log of 1000 Hz has 1 Hz if its ms are taken for s, one of 50 Hz has 50 kHz if its us are taken for ns."""
 
@@ -143,7 +145,7 @@ def _check_rate(t: Array, file: str) -> None:
 def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first: int) -> Array:
     """The values, from sample ``first`` on, as float64 of this shape.
 
-    Infinities are refused, because they would poison what NaN only skips.
+    Infinities and numbers near them are refused, because they would poison what NaN only skips.
     """
     values = np.asarray(values)
     if values.dtype.kind not in "fiu":
@@ -154,9 +156,12 @@ def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first:
         message = f"has shape {values.shape}, expected {shape}"
         raise LogError(message, file=file, field=field, remedy=f"{words}; the setup has the number of joints")
     values = values.astype(np.float64)
-    infinite = np.argwhere(np.isinf(values))
-    if infinite.size:
-        index = ", ".join(str(i) for i in (first + infinite[0][0], *infinite[0][1:]))
-        remedy = "mark missing samples as NaN"
-        raise LogError(f"{field}[{index}] is infinite", file=file, field=field, remedy=remedy)
+    with np.errstate(invalid="ignore"):  # a damaged file may have NaN of the kind that raises
+        beyond = np.argwhere(np.abs(values) > LARGEST)
+    if beyond.size:
+        place = (first + beyond[0][0], *beyond[0][1:])
+        value = values[tuple(beyond[0])]
+        what = "infinite" if np.isinf(value) else f"{value:.3g}, which nothing measures"
+        message = f"{field}[{', '.join(map(str, place))}] is {what}"
+        raise LogError(message, file=file, field=field, remedy="mark missing samples as NaN")
     return values

@@ -1,4 +1,4 @@
-"""A log that pauses, or whose clock jumps: cost follows the samples, and what follows the pause is filtered."""
+"""Logs that pause, whose clock jumps, or that are odd in size: cost follows the samples, and what is wrong is told."""
 
 import resource
 import time
@@ -129,3 +129,31 @@ def test_long_pauses_are_shortened_with_all_that_has_times(paused):
     np.testing.assert_allclose(short.columns["x"].t, short.t)
     assert short.rezeroed_at == (pytest.approx(short.t[-1]),)
     assert without_long_pauses(short) is short or np.array_equal(without_long_pauses(short).t, short.t)
+
+
+@pytest.mark.parametrize("samples", [2, 3, 30])
+def test_a_log_that_is_too_short_for_a_diagnosis_says_so(paused, capsys, samples):
+    with np.load("log.npz") as log:
+        arrays = {name: values[:samples] for name, values in log.items()}
+    np.savez("log.npz", **arrays)
+    assert main(WORDS["diagnose"].split()) == 1
+    assert "too short to tell a gap from the bias" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["t", "q", "wrench"])
+def test_an_array_that_is_one_number_is_an_error_of_ours(paused, capsys, name):
+    with np.load("log.npz") as log:
+        arrays = dict(log)
+    np.savez("log.npz", **{**arrays, name: np.float64(3.0)})
+    for words in ("info log.npz", WORDS["check"]):
+        assert main(words.split()) in (0, 1)
+        assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_wrench_that_nothing_measures_is_refused(paused, capsys):
+    with np.load("log.npz") as log:
+        arrays = dict(log)
+    arrays["wrench"][500, 2] = 1e30
+    np.savez("log.npz", **arrays)
+    assert main(WORDS["check"].split()) == 1
+    assert "wrench[500, 2] is 1e+30, which nothing measures" in capsys.readouterr().err

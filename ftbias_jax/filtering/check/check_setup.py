@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.check import findings, poses
 from ftbias_jax.filtering.check.alternatives import all_alternatives
-from ftbias_jax.filtering.check.bins import bins_of, join_bins
+from ftbias_jax.filtering.check.bins import WIDTH, bins_of, join_bins
 from ftbias_jax.filtering.check.contact import UNTOUCHED, is_feigned, stamped, untouched
 from ftbias_jax.filtering.check.findings import absence, clocks, named, numbers, of_bias
 from ftbias_jax.filtering.check.judge import (
@@ -86,14 +86,21 @@ def require_right(
 
     Raises:
         UsageError: the tool is looked for in a reading from which the controller has subtracted it.
-        SetupError: the setup is wrong. LogError: the logs are in units or frames that no setup states.
+        SetupError: the setup is wrong. LogError: the logs are in units or frames that no setup states, or too short for
+            a diagnosis.
     """
     if setup.sensor.compensated != "none" and command != "tune":
         remedy = "record the raw wrench, or use filter and tune"
         message = "the tool's weight is not in the reading"
         raise UsageError(message, file=setup.path, field="sensor.compensated", remedy=remedy)
+    logs = list(logs)
+    seconds = max((log.t[-1] - log.t[0] for log in logs if isinstance(log, Log)), default=np.inf)
+    if command == "diagnose" and seconds < FEWEST * WIDTH:
+        message = f"lasts {seconds:.3g} s: too short to tell a gap from the bias"
+        remedy = f"record more than {FEWEST * WIDTH:.2g} s; 20 s of motion show most"
+        raise LogError(message, field="t", remedy=remedy)
     if not unchecked:
-        check_setup(setup, list(logs)).require_ok(command, looked_for)
+        check_setup(setup, logs).require_ok(command, looked_for)
 
 
 def check_case(case: Case | None, setup: Setup) -> Check:

@@ -136,7 +136,7 @@ def _of_arrays(path: str, arrays: Mapping[str, Array]) -> Table:
     time = arrays.get("t", arrays.get("t_wrench"))
     return Table(
         path=path,
-        time=None if time is None else np.asarray(time),
+        time=None if time is None or np.ndim(time) != 1 else np.asarray(time),
         joints=np.shape(arrays["q"])[1] if "q" in arrays and np.ndim(arrays["q"]) == 2 else 0,
         orientation=WIDTHS.get(width, ""),
         named=width != 4,
