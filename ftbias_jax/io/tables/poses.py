@@ -105,7 +105,7 @@ def poses_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "")
     count = len(wrench) if wrench.ndim else 0
     t = np.arange(count, dtype=float)
     if timed := "t" in arrays:
-        times = stamps(arrays["t"], setup.log)
+        times = stamps(np.atleast_1d(arrays["t"]), setup.log)
         t = (times - times[:1]) * (1e-9 if times.dtype.kind == "i" and count and np.ptp(times) > 1e6 else 1.0)
     if setup.pose is not None:
         q, _ = pose_entries(q, None, t, setup, file)
