@@ -14,9 +14,12 @@ from ftbias_jax.cli.main import main
 from ftbias_jax.cli.terminal import print_what_the_terminal_can
 
 START = """
-import sys, time
+import signal, sys, time
 from ftbias_jax.runtime.signals import end_on_signals
 if __name__ == "__main__":
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        # Whoever started the tests may ignore them: nohup, a shell with its jobs in the background, some CI.
+        signal.signal(number, signal.SIG_IGN if number.name in sys.argv[1:] else signal.SIG_DFL)
     end_on_signals("interrupted\\n")
 """
 WRITING = """
@@ -45,18 +48,33 @@ SWALLOWING = """
 """
 
 
-def start(folder, program):
+@pytest.fixture
+def start():
+    """Starts a program in a folder, with signals that it ignores; what still runs in the end is killed."""
+    running = []
+
+    def begin(folder, program, *ignored):
+        running.append(process := launch(folder, program, ignored))
+        return process
+
+    yield begin
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+def launch(folder, program, ignored):
     (folder / "program.py").write_text(START + program)
     environment = {**os.environ, "PYTHONPATH": os.path.dirname(os.path.dirname(ftbias_jax.__file__))}
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    return subprocess.Popen([sys.executable, "program.py"], cwd=folder, env=environment, **streams)
+    return subprocess.Popen([sys.executable, "program.py", *ignored], cwd=folder, env=environment, **streams)
 
 
 every_signal = pytest.mark.parametrize("numbers", [[signal.SIGINT], [signal.SIGINT] * 3, [signal.SIGTERM]])
 
 
 @every_signal
-def test_a_signal_ends_a_process_that_writes_and_leaves_nothing(tmp_path, numbers):
+def test_a_signal_ends_a_process_that_writes_and_leaves_nothing(start, tmp_path, numbers):
     process = start(tmp_path, WRITING)
     assert process.stdout.readline() == "ready\n"
     assert len(list(tmp_path.iterdir())) == 2  # the program, and what is not finished
@@ -68,7 +86,7 @@ def test_a_signal_ends_a_process_that_writes_and_leaves_nothing(tmp_path, number
     assert os.listdir(tmp_path) == ["program.py"]
 
 
-def test_a_signal_removes_what_was_unpacked_elsewhere(tmp_path):
+def test_a_signal_removes_what_was_unpacked_elsewhere(start, tmp_path):
     process = start(tmp_path, SAVING)
     folder = process.stdout.readline().strip()
     assert os.path.isdir(folder)
@@ -78,12 +96,23 @@ def test_a_signal_removes_what_was_unpacked_elsewhere(tmp_path):
     assert not os.path.exists(folder)
 
 
-def test_an_interrupt_where_exceptions_are_swallowed_ends_all_the_same(tmp_path):
+def test_an_interrupt_where_exceptions_are_swallowed_ends_all_the_same(start, tmp_path):
     process = start(tmp_path, SWALLOWING)
     process.stdout.readline()
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=20)
     assert process.returncode == 1
+
+
+def test_a_signal_that_was_ignored_stays_ignored(start, tmp_path):
+    process = start(tmp_path, WRITING, "SIGINT", "SIGHUP")
+    assert process.stdout.readline() == "ready\n"
+    for number in (signal.SIGINT, signal.SIGHUP):
+        process.send_signal(number)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(0.5)
+    process.terminate()
+    assert process.communicate(timeout=20)[0] == "interrupted\n"
 
 
 SLEEPING = """
@@ -95,7 +124,7 @@ def sleep(task):
 
 
 @every_signal
-def test_a_signal_ends_the_processes_of_jobs(tmp_path, numbers):
+def test_a_signal_ends_the_processes_of_jobs(start, tmp_path, numbers):
     (tmp_path / "sleeping.py").write_text(SLEEPING)
     program = """
     from ftbias_jax.runtime.processes import run_each
