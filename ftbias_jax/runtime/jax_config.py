@@ -12,6 +12,8 @@ from typing import Any, ParamSpec, TypeVar
 import jax
 import jax.numpy as jnp
 
+from ftbias_jax.errors import UsageError
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -22,8 +24,18 @@ CACHE_SWITCH = "FTBIAS_CACHE"
 
 
 def prepare_jax() -> None:
-    """Compute in float64 from now on and keep compiled programs: for a process of its own, before any array is made."""
+    """Compute in float64 from now on and keep compiled programs: for a process of its own, before any array is made.
+
+    Raises:
+        UsageError: JAX has no device of the kind that the environment asks for.
+    """
     jax.config.update("jax_enable_x64", True)
+    try:
+        jax.devices()
+    except (RuntimeError, AssertionError) as error:
+        asked = os.environ.get("JAX_PLATFORMS", "")
+        message = f"JAX cannot start on {asked!r}: {error or 'there is no such device'}"
+        raise UsageError(message, field="JAX_PLATFORMS", remedy="unset it, or install JAX for that device") from error
     keep_programs()
 
 

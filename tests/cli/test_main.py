@@ -9,12 +9,15 @@ import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 
 from ftbias_jax.cli.commands.demo import TRUE_MASS
 from ftbias_jax.cli.main import main
+from ftbias_jax.errors import UsageError
 from ftbias_jax.io.write import npz
+from ftbias_jax.runtime.jax_config import prepare_jax
 from ftbias_jax.setup import dump_setup
 
 JOINTS, DURATION, RATE = 7, 2, 100
@@ -312,3 +315,22 @@ def test_a_misspelt_command_is_told_which_one_is_near(capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["xyzzy"])
     assert "choose from" in capsys.readouterr().err
+
+
+def test_variables_of_jax_that_do_not_hold_here_are_ignored_with_a_word(monkeypatch, capsys):
+    for name, value in (("JAX_ENABLE_X64", "junk"), ("JAX_DEBUG_NANS", "1")):
+        monkeypatch.setenv(name, value)
+    assert main(["setup", "--list"]) == 0
+    said = capsys.readouterr().err
+    assert said == "ftbias: warning: JAX_DEBUG_NANS is ignored, because NaN means that nothing was measured\n"
+    assert "JAX_ENABLE_X64" not in os.environ
+
+
+def test_a_device_that_is_not_there_is_one_line(monkeypatch):
+    def missing():
+        raise RuntimeError("Unable to initialize backend 'cuda'")
+
+    monkeypatch.setenv("JAX_PLATFORMS", "cuda")
+    monkeypatch.setattr(jax, "devices", missing)
+    with pytest.raises(UsageError, match=r"JAX_PLATFORMS: JAX cannot start on 'cuda': Unable to initialize"):
+        prepare_jax()
