@@ -34,7 +34,7 @@ def prepare_jax() -> None:
         jax.devices()
     except (RuntimeError, AssertionError) as error:
         asked = os.environ.get("JAX_PLATFORMS", "")
-        message = f"JAX cannot start on {asked!r}: {error or 'there is no such device'}"
+        message = f"JAX cannot start on {asked!r}: {str(error) or 'there is no such device'}"
         raise UsageError(message, field="JAX_PLATFORMS", remedy="unset it, or install JAX for that device") from error
     keep_programs()
 
