@@ -25,6 +25,8 @@ CLEAR = 3.0
 """Times the noise of a bin that the tool's force must vary in that part."""
 ZERO = 6.0
 """Standard deviations of a sample within which a reading is zero."""
+STEEP = 3.0
+"""Times the change within the bins before or after that a step must have: a ramp has twice that."""
 BESIDE, MOMENTS = 3, 9
 """Bins before and after a tare that show the bias, and moments within a bin that are looked at."""
 NEAR, FAR_OFF = 0.25, 0.5
@@ -152,21 +154,23 @@ def tares(base: Evidence) -> list[float]:
     before, after = beside[: -BESIDE - 1], beside[BESIDE + 1 :]
     scatter = np.maximum(ZERO * noise, np.maximum(np.ptp(before, axis=2), np.ptp(after, axis=2)))
     level, former = np.median(after, 2), np.median(before, 2)
-    jumps = (np.abs(level - former) > 2 * scatter)[:, :3].any(1)
+    jumps = (np.abs(level - former) > STEEP * scatter)[:, :3].any(1)
+    pause = float(np.median(np.diff(t)))
     first, last = slice(None, -2 * BESIDE), slice(2 * BESIDE, None)
-    together = (case.log[first] == case.log[last]) & (t[last] - t[first] <= 3 * BESIDE * np.median(np.diff(t)) + 1)
-    found: list[float] = []
+    together = (case.log[first] == case.log[last]) & (t[last] - t[first] <= 3 * BESIDE * pause + 1)
+    found: list[int] = []
     for k in np.flatnonzero(jumps & together):
         i = int(k) + BESIDE
-        if found and t[i] - found[-1] < 1:
+        if found and i - found[-1] < max(BESIDE, 1 / pause):
             continue
         # At one moment from the bin before to the bin after the reading was zero on every axis.
         zeroed = level[k] + np.concatenate([np.linspace(tool[j], tool[j + 1], MOMENTS) for j in (i - 1, i)])
         if not (np.abs(zeroed) < scatter[k]).all(1).any() or (np.abs(reading[k:i]) < scatter[k]).all():
             continue
         if not _returns(state, i, former[k], level[k]) and (_stands(state, i) or _is_free(state, i)):
-            found.append(float(t[i]))
-    return found
+            steps = np.linalg.norm(np.diff((reading - tool)[i - 1 : i + 2, :3], axis=0), axis=1)
+            found.append(i + int(np.argmax(steps)))
+    return [float(t[i]) for i in found]
 
 
 def _returns(state: State, i: int, former: Array, level: Array) -> bool:
