@@ -25,7 +25,7 @@ CLEAR = 3.0
 """Times the noise of a bin that the tool's force must vary in that part."""
 ZERO = 6.0
 """Standard deviations of a sample within which a reading is zero."""
-STEEP = 3.0
+STEEP = 2.5
 """Times the change within the bins before or after that a step must have: a ramp has twice that."""
 BESIDE, MOMENTS = 3, 9
 """Bins before and after a tare that show the bias, and moments within a bin that are looked at."""
@@ -37,6 +37,8 @@ STILL = 0.02
 """rad/s, m/s: joints that are slower stand still."""
 AROUND = 50
 """Bins to either side within which the reading must follow a tool that turns."""
+UNLIKE = 0.75
+"""Of the spread of the tool's force, what a reading may leave that follows it, with effects and drift."""
 STATE_TIMES = "state the times in sensor.rezeroed_at; a check of this log alone tells them to the sample"
 WINDOW, FEWEST = 0.3, 8
 """s, and samples of the wrench, to either side of a tare as bins show it, within which the reading steps."""
@@ -203,6 +205,6 @@ def _is_free(state: State, i: int) -> bool:
         same = case.log[rows] == case.log[i]
         near = (x[rows][same] for x in (tool, left))
         turned, unlike = (np.linalg.norm(np.median(np.abs(x - np.median(x, 0)), 0)) for x in near)
-        if not (turned > np.linalg.norm(case.setup.sensor.noise_std[force]) and unlike < turned / 2):
+        if not (turned > CLEAR * noise_of_bins(state)[0] and unlike < UNLIKE * turned):
             return False
     return True
