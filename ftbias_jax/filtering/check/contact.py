@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.filtering.check.judge import Evidence, noise_of_bins
 from ftbias_jax.filtering.check.regression import without_bias
 from ftbias_jax.filtering.check.result import Check, Mistake
-from ftbias_jax.filtering.check.state import Result, State
+from ftbias_jax.filtering.check.state import Alternative, Result, State
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup
@@ -85,8 +86,19 @@ def moment_of_tare(log: Log, t: float) -> float:
     return float(log.t[near[at : at + 2]].mean())
 
 
-def untouched(base: Evidence) -> Result | None:
-    """A fit of the stated setup to the part of the log that it explains best, if that shows it to be right.
+class Untouched(NamedTuple):
+    """The part of a log where the stated setup is shown to be right."""
+
+    rows: Array
+    """(N,) which bins."""
+    size: float
+    """N^2, variance of the stated tool's force there."""
+    left: float
+    """N^2, what the setup leaves of the force there."""
+
+
+def untouched(base: Evidence) -> Untouched | None:
+    """The part of the log that the stated setup explains best, if that shows it to be right.
 
     A mistake holds for all of a log, a contact for a part: where the stated tool turns, and the reading follows it for
     a quarter of the log, signs, frames and force are right, whatever happens in the rest. None where nothing shows it.
@@ -95,33 +107,34 @@ def untouched(base: Evidence) -> Result | None:
         base: the stated setup.
     """
     state = base.state
-    case = state.case.trimmed(UNTOUCHED)
-    steady = (case.log[:, None] == np.unique(case.log)).astype(float)  # what is left may be too short to show a drift
-    case = replace(case, layout=case.layout._replace(basis=steady))
-    part = state.but(case=case).fit()
     if state.swapped:
         return None
-    kept, force = part.fit.kept, (state.data() @ state.tool.theta)[:, :3]
-    layout = case.layout._replace(basis=case.layout.basis[kept])
-    size = (without_bias(force[kept], layout) ** 2).sum(1).mean()
-    least = max(
-        (CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * (without_bias(force, case.layout) ** 2).sum(1).mean()
-    )
-    shown = size > least and part.fit.square[0] < EXPLAINED * size
-    return part if shown else None
+    case = state.case.trimmed(UNTOUCHED)
+    steady = (case.log[:, None] == np.unique(case.log)).astype(float)  # what is left may be too short to show a drift
+    part = state.but(case=replace(case, layout=case.layout._replace(basis=steady))).fit()
+    rows, force = part.fit.kept, (state.data() @ state.tool.theta)[:, :3] * state.unit[0]
+
+    def size(bins: Array) -> float:
+        layout = case.layout._replace(basis=steady[bins])
+        return float((without_bias(force[bins], layout) ** 2).sum(1).mean())
+
+    least = max((CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * size(np.ones(len(rows), bool)))
+    found = Untouched(rows, size(rows), float(part.square[0]))
+    return found if found.size > least and found.left < EXPLAINED * found.size else None
 
 
-def is_feigned(part: Result | None, result: Result) -> bool:
+def is_feigned(part: Untouched | None, alternative: Alternative, result: Result) -> bool:
     """Whether an alternative fails where the stated setup is shown to be right: then contact feigns it.
 
     Args:
         part: of ``untouched``.
+        alternative: to the setup.
         result: of the alternative.
     """
-    if part is None:
+    if part is None or 0 not in alternative.groups:
         return False
-    kept = part.fit.kept
-    return bool(result.errors[kept, 0].mean() > WORSE_THERE * part.errors[kept, 0].mean())
+    left = result.errors[part.rows, 0].mean()
+    return bool(left > EXPLAINED * part.size and left > WORSE_THERE * part.left)
 
 
 def zeroed_on_the_way(base: Evidence) -> Mistake | None:
