@@ -53,6 +53,47 @@ def right_log(seed=0, duration=30.0, rate=100.0):
     return tables, {"t": t, "wrench": wrench + noise, **arrays}
 
 
+def log_with_rests(seed, rests, duration=40.0, rate=100.0):
+    """The same with an arm that stands still now and then, the tool's wrench (T, 6), and the motion of the sensor.
+
+    Args:
+        seed: of the motion, noise and bias.
+        rests: (start, end) in s of each rest; the arm starts and stops within half a second outside of it.
+        duration: s.
+        rate: Hz.
+    """
+    rng, tables = np.random.default_rng(seed), copy.deepcopy(TABLES)
+    setup = ft.parse_setup(tables)
+    t = np.arange(0, duration, 1 / rate)
+    speed = np.ones(len(t))
+    for start, end in rests:
+        speed *= np.clip(np.maximum((start - t) / 0.5, (t - end) / 0.5), 0, 1)
+    q, dq, ddq = motion_of_joints(np.cumsum(speed) / rate, seed)
+    speed, growth = speed[:, None], np.gradient(speed, t)[:, None]
+    dq, ddq = dq * speed, ddq * speed**2 + dq * growth
+    motion = arm_motion(setup.robot, setup.sensor, q, dq, ddq)
+    tool = data_matrices(motion, setup.robot.gravity) @ stated_tool(setup.tool).theta
+    wrench = tool - BIAS + setup.sensor.noise_std * rng.normal(size=tool.shape)
+    arrays = {"q": q + 2e-5 * rng.normal(size=q.shape), "dq": dq + 1e-3 * rng.normal(size=q.shape)}
+    return tables, {"t": t, "wrench": wrench, **arrays}, tool, motion
+
+
+def static_poses(seed=0, count=24, **sections):
+    """Tables of a setup and arrays of readings at rest that it is right for."""
+    rng, tables = np.random.default_rng(seed), {**copy.deepcopy(TABLES), **sections}
+    setup = ft.parse_setup(tables)
+    q = rng.uniform(-1.5, 1.5, (count, 6))
+    motion = arm_motion(setup.robot, setup.sensor, q, 0 * q, 0 * q)
+    wrench = data_matrices(motion, setup.robot.gravity) @ stated_tool(setup.tool).theta - BIAS
+    return tables, {"q": q, "wrench": wrench + setup.sensor.noise_std * rng.normal(size=wrench.shape)}
+
+
+def checked_poses(tables, arrays):
+    """What the check says of static poses."""
+    setup = ft.parse_setup(tables)
+    return ft.check_setup(setup, [ft.Poses.from_arrays(setup, **arrays)])
+
+
 def checked(tables, arrays):
     """What the check says."""
     setup = ft.parse_setup(tables)

@@ -2,6 +2,7 @@
 
 import numpy as np
 from logs import SIX_AXES
+from mistakes import MISTAKES
 
 import ftbias_jax as ft
 from ftbias_jax.filtering.check.motion import arm_motion, data_matrices
@@ -31,6 +32,20 @@ def _gravity(rng):
         return 9.81 * rng.choice([-1, 1]) * np.eye(3)[rng.integers(3)] + 0.0
     down = rng.normal(size=3)
     return 9.81 * down / np.linalg.norm(down)
+
+
+def mistakes_of(tables):
+    """Those of ``MISTAKES`` that readings at rest can show with this setup, and that change it."""
+    floor = tables["robot"]["gravity"]
+    same = {"gravity up": [0.0, 0.0, 9.81], "gravity along x": [9.81, 0.0, 0.0]}
+    return {
+        name: (expected, change)
+        for name, (expected, change) in MISTAKES.items()
+        if expected in KINDS
+        and (expected not in OF_TOOL or "tool" in tables)
+        and not (name in same and np.allclose(same[name], floor))
+        and (name != "rpy in degrees" or np.any(tables["sensor"]["rotation_rpy"]))
+    }
 
 
 def simulated(arm, seed):
@@ -67,6 +82,8 @@ def simulated(arm, seed):
     wrench = wrench + bias + drift + np.repeat([noise, noise / 25], 3) * rng.normal(size=(count, 6))
     sign = 1.0 if setup.sensor.reports == "wrench_on_tool" else -1.0
     tables["tool"]["mass"] *= float(rng.uniform(0.9, 1.1))
+    center = np.array(tables["tool"]["center_of_mass"]) + rng.uniform(-0.01, 0.01, 3)
+    tables["tool"]["center_of_mass"] = center.tolist()
     if rng.uniform() < 0.3:  # nobody has weighed the tool yet
         del tables["tool"]
     arrays = {"q": q, "wrench": sign * wrench}

@@ -19,11 +19,14 @@ from ftbias_jax.validation.generator.make import Limits, make_set
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 import logs  # noqa: E402
 import mistakes  # noqa: E402
+import poses  # noqa: E402
 from common import keep  # noqa: E402
 from recorded import recorded_logs  # noqa: E402
 
 SEEDS = 4
 """Logs of each shape; five shapes make 20 logs."""
+POSE_SEEDS = range(900, 910)
+"""Static poses of each of five arms; the check was made with other seeds."""
 RIGHT = 200
 """Logs whose setup is right but for effects."""
 
@@ -73,6 +76,34 @@ def simulated_mistakes(seconds, jobs=1):
                 if found[:1] != [expected] and (found or expected != "none"):
                     print("   ", name, found, flush=True)
     return table
+
+
+def static_poses(seconds):
+    """Every mistake that readings at rest can show, of five arms; named first, or listed as what looks the same."""
+    table = {}
+    for arm in poses.ARMS:
+        for seed in POSE_SEEDS:
+            tables, arrays = poses.simulated(arm, seed)
+            for name, (expected, change) in {"right setup": ("none", nothing), **poses.mistakes_of(tables)}.items():
+                wrong = mistakes.mistaken(change, tables, arrays, np.random.default_rng(seed))
+                findings, took = checked_poses(*wrong)
+                seconds.append(took)
+                alike = {other.mistake for finding in findings[:1] for other in finding.alike}
+                found = [finding.mistake for finding in findings]
+                count(table, name, expected, found)
+                row = table[name]
+                row["listed"] = row.get("listed", 0) + int(found[:1] != [expected] and expected in alike)
+                if found[:1] != [expected] and (found or expected != "none"):
+                    print(arm, seed, len(arrays["q"]), name, found, sorted(alike), flush=True)
+    return table
+
+
+def checked_poses(tables, arrays):
+    """Findings of static poses, and the seconds it took."""
+    setup = ft.parse_setup(tables)
+    given = ft.Poses.from_arrays(setup, **arrays)
+    start = time.process_time()
+    return ft.check_setup(setup, [given]).findings, time.process_time() - start
 
 
 def right_setups(seconds, folders=()):
@@ -136,13 +167,18 @@ def total(table):
 
 def main():
     parser = argparse.ArgumentParser()
-    parser.add_argument("--part", choices=["simulated", "right", "recorded"])
+    parser.add_argument("--part", choices=["simulated", "poses", "right", "recorded"])
     parser.add_argument("--sets", nargs="+", default=(), help="labelled logs of 'ftbias validate make', to make none")
     parser.add_argument("--jobs", type=int, default=1, help="processes for the simulated logs")
     arguments = parser.parse_args()
     part = arguments.part
     right = partial(right_setups, folders=arguments.sets)
-    parts = {"simulated": partial(simulated_mistakes, jobs=arguments.jobs), "right": right, "recorded": recorded}
+    parts = {
+        "simulated": partial(simulated_mistakes, jobs=arguments.jobs),
+        "poses": static_poses,
+        "right": right,
+        "recorded": recorded,
+    }
     path = Path(__file__).parent / "result.json"
     result = {}
     for name, work in parts.items():

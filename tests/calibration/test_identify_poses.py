@@ -115,3 +115,19 @@ def test_the_published_calibration_of_a_real_sensor(shared_data):
     np.testing.assert_allclose(found.tool.bias, [9.077, -1.018, 9.985, 0.4325, -0.6916, -0.1570], atol=1e-3)
     np.testing.assert_allclose(found.tool.values[:4], found.poses.plain, rtol=1e-3)
     np.testing.assert_array_equal(found.setup.tool.inertia, setup.tool.inertia)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "sign", "unit"), [("sign", -1, 1), ("angle_units", 1, 180 / np.pi)], ids=["sign", "degrees"]
+)
+@pytest.mark.parametrize("tool", [{"mass": 0.85, "center_of_mass": [0, 0, 0.05]}, None], ids=["stated", "unknown"])
+def test_a_wrong_setup_is_refused_before_a_tool_is_fitted_to_it(mistake, sign, unit, tool):
+    """Without a word it wrote a mass below zero."""
+    setup = setup_of(tool=tool or {})
+    q = np.random.default_rng(1).uniform(-2.5, 2.5, (20, 7))
+    arm = params_from_setup(setup_of()).arm
+    rotations = np.stack([np.asarray(sensor_pose(arm, jnp.asarray(row))[0]) for row in q])
+    poses = ft.Poses.from_arrays(setup, sign * readings(rotations), unit * q)
+    with pytest.raises(ft.SetupError, match=f"{mistake}: .*--unchecked"):
+        ft.identify_tool(setup, poses)
+    assert ft.identify_tool(setup, poses, unchecked=True).tool.converged

@@ -47,13 +47,13 @@ def filter_one(
 
 def check_one(log: str, output: str, setup: Setup) -> Done:
     """Check a setup on a log, into a JSON file."""
-    read = read_log(log, setup)
+    read = read_motion(log, setup)
     check = check_setup(setup, [read])
     check.to_json(output)
     status, remarks = _lost(read.repairs)
     if not check.ok:
         status, remarks = MISTAKES, (*map(str, check.findings), *remarks)
-    origin = _origin(setup, read)
+    origin = provenance(setup, [source_of(read, log)], {})
     return Done(status, origin["samples"], remarks, quality.of_check(check, origin))
 
 

@@ -170,7 +170,7 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
         tried = (a for a in all_alternatives(base.state) if not (small and a.mistake in OF_AXES))
         best = best_alternatives(base, tried) or slightly(base, mount_in_degrees(base.state))
         part = untouched(base) if best else None
-        best = [(alternative, result) for alternative, result in best if not is_feigned(part, result)]
+        best = [(alternative, result) for alternative, result in best if not is_feigned(part, alternative, result)]
         moved = None if case.layout.touched or not case.moves else findings.time_offset(base)
         if moved is not None and (not best or score(base, moved[1]) > score(base, best[0][1]) + TIE):
             found.append(clocks(base, first, *moved))

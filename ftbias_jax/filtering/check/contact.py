@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.filtering.check.judge import Evidence, noise_of_bins
 from ftbias_jax.filtering.check.regression import without_bias
 from ftbias_jax.filtering.check.result import Check, Mistake
-from ftbias_jax.filtering.check.state import Result, State
+from ftbias_jax.filtering.check.state import Alternative, Result, State
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup
@@ -25,6 +26,8 @@ CLEAR = 3.0
 """Times the noise of a bin that the tool's force must vary in that part."""
 ZERO = 6.0
 """Standard deviations of a sample within which a reading is zero."""
+STEEP = 2.5
+"""Times the change within the bins before or after that a step must have: a ramp has twice that."""
 BESIDE, MOMENTS = 3, 9
 """Bins before and after a tare that show the bias, and moments within a bin that are looked at."""
 NEAR, FAR_OFF = 0.25, 0.5
@@ -35,6 +38,8 @@ STILL = 0.02
 """rad/s, m/s: joints that are slower stand still."""
 AROUND = 50
 """Bins to either side within which the reading must follow a tool that turns."""
+UNLIKE = 0.75
+"""Of the spread of the tool's force, what a reading may leave that follows it, with effects and drift."""
 STATE_TIMES = "state the times in sensor.rezeroed_at; a check of this log alone tells them to the sample"
 WINDOW, FEWEST = 0.3, 8
 """s, and samples of the wrench, to either side of a tare as bins show it, within which the reading steps."""
@@ -81,8 +86,19 @@ def moment_of_tare(log: Log, t: float) -> float:
     return float(log.t[near[at : at + 2]].mean())
 
 
-def untouched(base: Evidence) -> Result | None:
-    """A fit of the stated setup to the part of the log that it explains best, if that shows it to be right.
+class Untouched(NamedTuple):
+    """The part of a log where the stated setup is shown to be right."""
+
+    rows: Array
+    """(N,) which bins."""
+    size: float
+    """N^2, variance of the stated tool's force there."""
+    left: float
+    """N^2, what the setup leaves of the force there."""
+
+
+def untouched(base: Evidence) -> Untouched | None:
+    """The part of the log that the stated setup explains best, if that shows it to be right.
 
     A mistake holds for all of a log, a contact for a part: where the stated tool turns, and the reading follows it for
     a quarter of the log, signs, frames and force are right, whatever happens in the rest. None: nothing shows it.
@@ -91,33 +107,34 @@ def untouched(base: Evidence) -> Result | None:
         base: the stated setup.
     """
     state = base.state
-    case = state.case.trimmed(UNTOUCHED)
-    steady = (case.log[:, None] == np.unique(case.log)).astype(float)  # what is left may be too short to show a drift
-    case = replace(case, layout=case.layout._replace(basis=steady))
-    part = state.but(case=case).fit()
     if state.swapped:
         return None
-    kept, force = part.fit.kept, (state.data() @ state.tool.theta)[:, :3]
-    layout = case.layout._replace(basis=case.layout.basis[kept])
-    size = (without_bias(force[kept], layout) ** 2).sum(1).mean()
-    least = max(
-        (CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * (without_bias(force, case.layout) ** 2).sum(1).mean()
-    )
-    shown = size > least and part.fit.square[0] < EXPLAINED * size
-    return part if shown else None
+    case = state.case.trimmed(UNTOUCHED)
+    steady = (case.log[:, None] == np.unique(case.log)).astype(float)  # what is left may be too short to show a drift
+    part = state.but(case=replace(case, layout=case.layout._replace(basis=steady))).fit()
+    rows, force = part.fit.kept, (state.data() @ state.tool.theta)[:, :3] * state.unit[0]
+
+    def size(bins: Array) -> float:
+        layout = case.layout._replace(basis=steady[bins])
+        return float((without_bias(force[bins], layout) ** 2).sum(1).mean())
+
+    least = max((CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * size(np.ones(len(rows), bool)))
+    found = Untouched(rows, size(rows), float(part.square[0]))
+    return found if found.size > least and found.left < EXPLAINED * found.size else None
 
 
-def is_feigned(part: Result | None, result: Result) -> bool:
+def is_feigned(part: Untouched | None, alternative: Alternative, result: Result) -> bool:
     """Whether an alternative fails where the stated setup is shown to be right: then contact feigns it.
 
     Args:
         part: of ``untouched``.
+        alternative: to the setup.
         result: of the alternative.
     """
-    if part is None:
+    if part is None or 0 not in alternative.groups:
         return False
-    kept = part.fit.kept
-    return bool(result.errors[kept, 0].mean() > WORSE_THERE * part.errors[kept, 0].mean())
+    left = result.errors[part.rows, 0].mean()
+    return bool(left > EXPLAINED * part.size and left > WORSE_THERE * part.left)
 
 
 def zeroed_on_the_way(base: Evidence) -> Mistake | None:
@@ -152,21 +169,23 @@ def tares(base: Evidence) -> list[float]:
     before, after = beside[: -BESIDE - 1], beside[BESIDE + 1 :]
     scatter = np.maximum(ZERO * noise, np.maximum(np.ptp(before, axis=2), np.ptp(after, axis=2)))
     level, former = np.median(after, 2), np.median(before, 2)
-    jumps = (np.abs(level - former) > 2 * scatter)[:, :3].any(1)
+    jumps = (np.abs(level - former) > STEEP * scatter)[:, :3].any(1)
+    pause = float(np.median(np.diff(t)))
     first, last = slice(None, -2 * BESIDE), slice(2 * BESIDE, None)
-    together = (case.log[first] == case.log[last]) & (t[last] - t[first] <= 3 * BESIDE * np.median(np.diff(t)) + 1)
-    found: list[float] = []
+    together = (case.log[first] == case.log[last]) & (t[last] - t[first] <= 3 * BESIDE * pause + 1)
+    found: list[int] = []
     for k in np.flatnonzero(jumps & together):
         i = int(k) + BESIDE
-        if found and t[i] - found[-1] < 1:
+        if found and i - found[-1] < max(BESIDE, 1 / pause):
             continue
         # At one moment from the bin before to the bin after the reading was zero on every axis.
         zeroed = level[k] + np.concatenate([np.linspace(tool[j], tool[j + 1], MOMENTS) for j in (i - 1, i)])
         if not (np.abs(zeroed) < scatter[k]).all(1).any() or (np.abs(reading[k:i]) < scatter[k]).all():
             continue
         if not _returns(state, i, former[k], level[k]) and (_stands(state, i) or _is_free(state, i)):
-            found.append(float(t[i]))
-    return found
+            steps = np.linalg.norm(np.diff((reading - tool)[i - 1 : i + 2, :3], axis=0), axis=1)
+            found.append(i + int(np.argmax(steps)))
+    return [float(t[i]) for i in found]
 
 
 def _returns(state: State, i: int, former: Array, level: Array) -> bool:
@@ -199,6 +218,6 @@ def _is_free(state: State, i: int) -> bool:
         same = case.log[rows] == case.log[i]
         near = (x[rows][same] for x in (tool, left))
         turned, unlike = (np.linalg.norm(np.median(np.abs(x - np.median(x, 0)), 0)) for x in near)
-        if not (turned > np.linalg.norm(case.setup.sensor.noise_std[force]) and unlike < turned / 2):
+        if not (turned > CLEAR * noise_of_bins(state)[0] and unlike < UNLIKE * turned):
             return False
     return True

@@ -55,6 +55,23 @@ def test_a_wrong_one_is_told_and_written(files, tmp_path, capsys):
     assert main(["check", *arguments]) == 0
 
 
+@pytest.mark.parametrize("stamps", [False, True], ids=["without time", "with time"])
+def test_a_table_of_static_poses_is_checked(stamps, tmp_path, capsys):
+    tables, arrays = small_checks.static_poses(count=20)
+    arrays |= {"t": np.cumsum(np.random.default_rng(0).uniform(4, 60, 20))} if stamps else {}
+    np.savez(tmp_path / "poses.npz", **arrays)
+    (tmp_path / "setup.toml").write_text(dump_setup(ft.parse_setup(tables)))
+    arguments = [str(tmp_path / "poses.npz"), "--setup", str(tmp_path / "setup.toml")]
+    assert main(["check", *arguments]) == 0
+    np.savez(tmp_path / "poses.npz", **{**arrays, "q": np.degrees(arrays["q"])})
+    assert main(["check", *arguments, "--json", str(tmp_path / "out.json")]) == 1
+    assert 'set log.angle_unit = "deg"' in capsys.readouterr().out
+    content = json.loads((tmp_path / "out.json").read_text())
+    assert content["findings"][0]["mistake"] == "angle_units"
+    assert main(["check", *arguments, "-o", str(tmp_path / "each")]) == 1
+    assert json.loads((tmp_path / "each" / "poses.check.json").read_text())["ok"] is False
+
+
 def test_an_output_may_not_be_an_input(files, capsys):
     arguments = files()
     assert main(["check", *arguments, "--json", arguments[0]]) == 2
