@@ -81,7 +81,7 @@ def test_an_own_effect_is_named_with_its_parameter(diagnosis):
 
 def test_it_is_told_like_a_built_in_one(diagnosis):
     text = str(diagnosis)
-    assert "hose_drag explains the gap" in text
+    assert "A hose drags at the tool" in text
     assert "N s/m" in text
     assert "what to do: route the hose so that it moves freely" in text
 
