@@ -23,14 +23,12 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
-from ftbias_jax.setup.require import with_guessed_tool
+from ftbias_jax.setup.require import NOT_STATED, guessed_parameters, with_guessed_tool
 from ftbias_jax.setup.rotations import rotation_from_vector
-from ftbias_jax.setup.types import BiasSetup, Setup, ToolSetup
+from ftbias_jax.setup.types import BiasSetup, Setup
 
 MUCH = 5.0
 """Innovations this many times larger than the noise stated are no noise."""
-NOT_STATED = "not determined by this motion, not stated"
-"""Said of what nobody knows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +163,7 @@ def identify_tool(
             steady = steady_bias(of_tool, log)
             std = steady.std_with_tool(found.values, found.stderr)
             found = found._replace(bias=steady.value, bias_stderr=std)
-    if guessed := _guessed(given, found):
+    if guessed := guessed_parameters(given, found.remarks):
         remarks = tuple(NOT_STATED if guess else remark for guess, remark in zip(guessed, found.remarks, strict=True))
         found = found._replace(values=np.where(guessed, np.nan, found.values), remarks=remarks)
     comments = {**setup.comments, **_comments(found, mounting, gravity, bias)}
@@ -173,17 +171,6 @@ def identify_tool(
     if bias:
         result = replace(result, bias=_prior(result.bias, found, steady))
     return IdentifyResult(result, found, mounting, gravity, bias, report, channels)
-
-
-def _guessed(given: ToolSetup, found: Identified) -> tuple[bool, ...]:
-    """(10,) whether a parameter was neither stated nor found, and so is the guess of where to begin; () = none is.
-
-    A centre of mass is written as a whole or not at all, and none without a mass.
-    """
-    unknown = given.unknown
-    mass = "mass" in unknown and bool(found.remarks[0])
-    center = "center_of_mass" in unknown and (mass or any(found.remarks[1:4]))
-    return (mass, *(center,) * 3, *(False,) * 6) if mass or center else ()
 
 
 def _prior(stated: BiasSetup, found: Identified, steady: SteadyBias | None) -> BiasSetup:

@@ -13,7 +13,7 @@ from ftbias_jax.io.pose import pose_entries
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
-LARGEST = 1e12
+LARGEST = 1e20
 """In size, of joints and wrenches in any unit: what is beyond is an error, and its square no number of use."""
 LOWEST_RATE, HIGHEST_RATE = 1.5, 5e4
 """Hz: a log of 1000 Hz has 1 Hz if its ms are taken for s, one of 50 Hz has 50 kHz if its us are taken for ns."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup.types import Setup, ToolSetup
 
+NOT_STATED = "not determined by this motion, not stated"
+"""Said of a parameter that nobody knows."""
 GUESS = (1.0, (0.0, 0.0, 0.05))
 """kg and m: a tool to start a search from, where the setup does not state one."""
 
@@ -34,3 +37,17 @@ def with_guessed_tool(setup: Setup) -> Setup:
     mass = tool.mass if np.isfinite(tool.mass) else GUESS[0]
     center = tool.center_of_mass if np.isfinite(tool.center_of_mass).all() else np.array(GUESS[1])
     return replace(setup, tool=replace(tool, mass=mass, center_of_mass=center))
+
+
+def guessed_parameters(given: ToolSetup, remarks: Sequence[str]) -> tuple[bool, ...]:
+    """(10,) whether a parameter was neither stated nor found, and so is the guess of where to begin; () = none is.
+
+    A centre of mass is written as a whole or not at all, and none without a mass.
+
+    Args:
+        given: what the setup stated.
+        remarks: (10,) why each parameter was not found; "" = it was.
+    """
+    mass = "mass" in given.unknown and bool(remarks[0])
+    center = "center_of_mass" in given.unknown and (mass or any(remarks[1:4]))
+    return (mass, *(center,) * 3, *(False,) * 6) if mass or center else ()

@@ -1,25 +1,19 @@
 """What identify writes: never a guess, never a tool that no body can have, and always what every command reads."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from ftbias_jax.calibration.identify_tool import _guessed
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup import load_setup, parse_setup
+from ftbias_jax.setup.require import guessed_parameters
 from ftbias_jax.setup.types import ToolSetup, unknown_tool
 
 SETUP = parse_setup(demo.SETUP)
 STATED = SETUP.tool
 NO_CENTER = replace(STATED, center_of_mass=np.full(3, np.nan))
-
-
-def found(*open_):
-    """An identification in which some parameters were not determined."""
-    return SimpleNamespace(remarks=tuple("kept" if i in open_ else "" for i in range(10)))
 
 
 @pytest.mark.parametrize(
@@ -34,7 +28,7 @@ def found(*open_):
     ],
 )
 def test_what_was_neither_stated_nor_found_is_a_guess(given, open_, guessed):
-    flags = _guessed(given, found(*open_))
+    flags = guessed_parameters(given, ["kept" if i in open_ else "" for i in range(10)])
     assert tuple(np.flatnonzero(flags)) == guessed
     assert len(flags) in (0, 10)
 
