@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.check.judge import Evidence, noise_of_bins
-from ftbias_jax.filtering.check.regression import without_bias
+from ftbias_jax.filtering.check.judge import BETTER, Evidence, noise_of_bins
+from ftbias_jax.filtering.check.regression import GROUPS, without_bias
 from ftbias_jax.filtering.check.result import Check, Mistake
 from ftbias_jax.filtering.check.state import Alternative, Result, State
 from ftbias_jax.io.log import Log
@@ -91,10 +91,10 @@ class Untouched(NamedTuple):
 
     rows: Array
     """(N,) which bins."""
-    size: float
-    """N^2, variance of the stated tool's force there."""
-    left: float
-    """N^2, what the setup leaves of the force there."""
+    size: Array
+    """(2,) variance of the stated tool's force and torque there, N^2 and Nm^2."""
+    left: Array
+    """(2,) what the setup leaves of them there."""
 
 
 def untouched(base: Evidence) -> Untouched | None:
@@ -112,15 +112,15 @@ def untouched(base: Evidence) -> Untouched | None:
     case = state.case.trimmed(UNTOUCHED)
     steady = (case.log[:, None] == np.unique(case.log)).astype(float)  # what is left may be too short to show a drift
     part = state.but(case=replace(case, layout=case.layout._replace(basis=steady))).fit()
-    rows, force = part.fit.kept, (state.data() @ state.tool.theta)[:, :3] * state.unit[0]
+    rows, tool = part.fit.kept, state.data() @ state.tool.theta * np.repeat(state.unit, 3)
 
-    def size(bins: Array) -> float:
-        layout = case.layout._replace(basis=steady[bins])
-        return float((without_bias(force[bins], layout) ** 2).sum(1).mean())
+    def size(bins: Array) -> Array:
+        free = without_bias(tool[bins], case.layout._replace(basis=steady[bins]))
+        return np.array([(free[:, group] ** 2).sum(1).mean() for group in GROUPS])
 
-    least = max((CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * size(np.ones(len(rows), bool)))
-    found = Untouched(rows, size(rows), float(part.square[0]))
-    return found if found.size > least and found.left < EXPLAINED * found.size else None
+    found = Untouched(rows, size(rows), part.square)
+    least = max((CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * size(np.ones(len(rows), bool))[0])
+    return found if found.size[0] > least and found.left[0] < EXPLAINED * found.size[0] else None
 
 
 def is_feigned(part: Untouched | None, alternative: Alternative, result: Result) -> bool:
@@ -131,10 +131,14 @@ def is_feigned(part: Untouched | None, alternative: Alternative, result: Result)
         alternative: to the setup.
         result: of the alternative.
     """
-    if part is None or 0 not in alternative.groups:
+    if part is None:
         return False
-    left = result.errors[part.rows, 0].mean()
-    return bool(left > EXPLAINED * part.size and left > WORSE_THERE * part.left)
+    left = result.errors[part.rows].mean(0)
+    if alternative.scale:  # other units would be wrong there, too
+        fails = (part.left < EXPLAINED * part.size) & (left > BETTER * part.left)
+    else:
+        fails = (left > EXPLAINED * part.size) & (left > WORSE_THERE * part.left)
+    return bool(fails[list(alternative.groups)].any())
 
 
 def zeroed_on_the_way(base: Evidence) -> Mistake | None:
