@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.check.judge import Evidence, noise_of_bins
-from ftbias_jax.filtering.check.regression import without_bias
+from ftbias_jax.filtering.check.judge import BETTER, Evidence, noise_of_bins
+from ftbias_jax.filtering.check.regression import GROUPS, without_bias
 from ftbias_jax.filtering.check.result import Check, Mistake
 from ftbias_jax.filtering.check.state import Alternative, Result, State
 from ftbias_jax.io.log import Log
@@ -36,10 +36,8 @@ RUN = 5
 """Bins in a row at a level that show it."""
 STILL = 0.02
 """rad/s, m/s: joints that are slower stand still."""
-AROUND = 50
-"""Bins to either side within which the reading must follow a tool that turns."""
-UNLIKE = 0.75
-"""Of the spread of the tool's force, what a reading may leave that follows it, with effects and drift."""
+AROUND = 20
+"""Bins to either side over which the levels around a step must hold."""
 STATE_TIMES = "state the times in sensor.rezeroed_at; a check of this log alone tells them to the sample"
 WINDOW, FEWEST = 0.3, 8
 """s, and samples of the wrench, to either side of a tare as bins show it, within which the reading steps."""
@@ -91,10 +89,10 @@ class Untouched(NamedTuple):
 
     rows: Array
     """(N,) which bins."""
-    size: float
-    """N^2, variance of the stated tool's force there."""
-    left: float
-    """N^2, what the setup leaves of the force there."""
+    size: Array
+    """(2,) variance of the stated tool's force and torque there, N^2 and Nm^2."""
+    left: Array
+    """(2,) what the setup leaves of them there."""
 
 
 def untouched(base: Evidence) -> Untouched | None:
@@ -112,15 +110,15 @@ def untouched(base: Evidence) -> Untouched | None:
     case = state.case.trimmed(UNTOUCHED)
     steady = (case.log[:, None] == np.unique(case.log)).astype(float)  # what is left may be too short to show a drift
     part = state.but(case=replace(case, layout=case.layout._replace(basis=steady))).fit()
-    rows, force = part.fit.kept, (state.data() @ state.tool.theta)[:, :3] * state.unit[0]
+    rows, tool = part.fit.kept, state.data() @ state.tool.theta * np.repeat(state.unit, 3)
 
-    def size(bins: Array) -> float:
-        layout = case.layout._replace(basis=steady[bins])
-        return float((without_bias(force[bins], layout) ** 2).sum(1).mean())
+    def size(bins: Array) -> Array:
+        free = without_bias(tool[bins], case.layout._replace(basis=steady[bins]))
+        return np.array([(free[:, group] ** 2).sum(1).mean() for group in GROUPS])
 
-    least = max((CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * size(np.ones(len(rows), bool)))
-    found = Untouched(rows, size(rows), float(part.square[0]))
-    return found if found.size > least and found.left < EXPLAINED * found.size else None
+    found = Untouched(rows, size(rows), part.square)
+    least = max((CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * size(np.ones(len(rows), bool))[0])
+    return found if found.size[0] > least and found.left[0] < EXPLAINED * found.size[0] else None
 
 
 def is_feigned(part: Untouched | None, alternative: Alternative, result: Result) -> bool:
@@ -131,10 +129,14 @@ def is_feigned(part: Untouched | None, alternative: Alternative, result: Result)
         alternative: to the setup.
         result: of the alternative.
     """
-    if part is None or 0 not in alternative.groups:
+    if part is None:
         return False
-    left = result.errors[part.rows, 0].mean()
-    return bool(left > EXPLAINED * part.size and left > WORSE_THERE * part.left)
+    left = result.errors[part.rows].mean(0)
+    if alternative.scale:  # other units would be wrong there, too
+        fails = (part.left < EXPLAINED * part.size) & (left > BETTER * part.left)
+    else:
+        fails = (left > EXPLAINED * part.size) & (left > WORSE_THERE * part.left)
+    return bool(fails[list(alternative.groups)].any())
 
 
 def zeroed_on_the_way(base: Evidence) -> Mistake | None:
@@ -174,17 +176,19 @@ def tares(base: Evidence) -> list[float]:
     first, last = slice(None, -2 * BESIDE), slice(2 * BESIDE, None)
     together = (case.log[first] == case.log[last]) & (t[last] - t[first] <= 3 * BESIDE * pause + 1)
     found: list[int] = []
-    for k in np.flatnonzero(jumps & together):
-        i = int(k) + BESIDE
+    for k in map(int, np.flatnonzero(jumps & together)):
+        i = k + BESIDE
         if found and i - found[-1] < max(BESIDE, 1 / pause):
             continue
         # At one moment from the bin before to the bin after the reading was zero on every axis.
         zeroed = level[k] + np.concatenate([np.linspace(tool[j], tool[j + 1], MOMENTS) for j in (i - 1, i)])
         if not (np.abs(zeroed) < scatter[k]).all(1).any() or (np.abs(reading[k:i]) < scatter[k]).all():
             continue
-        if not _returns(state, i, former[k], level[k]) and (_stands(state, i) or _is_free(state, i)):
-            steps = np.linalg.norm(np.diff((reading - tool)[i - 1 : i + 2, :3], axis=0), axis=1)
-            found.append(i + int(np.argmax(steps)))
+        if not _returns(state, i, former[k], level[k]) and (
+            _stands(state, i) or _is_free(state, i, former[k], level[k])
+        ):
+            change = np.linalg.norm(np.diff((reading - tool)[i - 1 : i + 2, :3], axis=0), axis=1)
+            found.append(i + int(np.argmax(change)))
     return [float(t[i]) for i in found]
 
 
@@ -208,16 +212,14 @@ def _stands(state: State, i: int) -> bool:
     return bool(np.abs(state.case.bins.dq[i - 1 : i + 2]).max() < STILL)
 
 
-def _is_free(state: State, i: int) -> bool:
-    """Whether the reading follows a tool that turns on both sides of bin i: what rests on a table does not turn."""
+def _is_free(state: State, i: int, former: Array, level: Array) -> bool:
+    """Whether the levels before and after bin i hold while the arm moves: what rests on a table does not move."""
     case = state.case
-    force = np.arange(6) < 3
-    tool = (state.data() @ state.tool.theta)[:, force]
-    left = state.wrench[:, force] - tool
+    left = (state.wrench - state.data() @ state.tool.theta)[:, :3]
+    most = NEAR * np.linalg.norm((level - former)[:3])
     for rows in (slice(max(0, i - AROUND), i - 1), slice(i + 2, i + 2 + AROUND)):
-        same = case.log[rows] == case.log[i]
-        near = (x[rows][same] for x in (tool, left))
-        turned, unlike = (np.linalg.norm(np.median(np.abs(x - np.median(x, 0)), 0)) for x in near)
-        if not (turned > CLEAR * noise_of_bins(state)[0] and unlike < UNLIKE * turned):
+        near = left[rows][case.log[rows] == case.log[i]]
+        moves = np.median(np.abs(case.bins.dq[rows]).max(1)) > STILL
+        if not moves or np.linalg.norm(np.median(np.abs(near - np.median(near, 0)), 0)) > most:
             return False
     return True

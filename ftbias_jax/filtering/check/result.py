@@ -19,7 +19,7 @@ MISTAKES: Mapping[str, str] = {
     "tool_units": "the tool's mass or lengths are in other units than kg and m",
     "angle_units": "joint angles or the sensor's rotation are in degrees",
     "force_torque_swapped": "the torque stands where the force should be",
-    "sensor_axes": "the sensor's axes are turned, swapped or mirrored",
+    "sensor_axes": "the sensor's axes are turned",
     "quaternion_convention": "the quaternion has another order, or is the inverse",
     "position_frame": "the recorded position has the axes of the body",
     "gyroscope_units": "the gyroscope or the accelerometer is in other units",
