@@ -78,8 +78,7 @@ class IdentifyResult:
         lines = [f"{'':8s}{'value':>14s}{'± 1 sigma':>14s}"]
         table = zip(NAMES, UNITS, found.values, found.stderr, found.remarks, strict=True)
         for name, unit, value, stderr, remark in table:
-            error = "" if np.isnan(stderr) else f"{stderr:.2g}"
-            shown = "-" if np.isnan(value) else f"{value:.6g}"
+            shown, error = "-" if np.isnan(value) else f"{value:.6g}", "" if np.isnan(stderr) else f"{stderr:.2g}"
             lines.append(f"{name:8s}{shown:>14s}{error:>14s}  {unit}{f'  {remark}' if remark else ''}")
         if self.mounting:
             turned = _with_errors(np.degrees(found.rotation), np.degrees(found.rotation_stderr))
