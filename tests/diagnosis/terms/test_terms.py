@@ -37,7 +37,7 @@ def test_drag_is_described_applied_and_then_gone(setup, record, tmp_path):
     np.testing.assert_allclose(term.point, POINT, atol=0.01)
     assert term.shrink > 0.95
     assert "against the velocity of the tool" in found.sentence
-    assert "Not in the catalogue" in str(found)
+    assert "not in the catalogue" in str(found)
     found.to_html(tmp_path / "report.html")
     assert "velocity along" in (tmp_path / "report.html").read_text()
     found.apply(setup).save(tmp_path / "fixed.toml")
