@@ -19,7 +19,7 @@ def updates(monkeypatch):
         jax_compilation_cache_dir=None,
         jax_enable_compilation_cache=True,
     )
-    monkeypatch.setattr(jax_config, "jax", SimpleNamespace(config=config))
+    monkeypatch.setattr(jax_config, "jax", SimpleNamespace(config=config, devices=list))
     monkeypatch.delenv("FTBIAS_CACHE", raising=False)
     return made
 

@@ -45,19 +45,20 @@ def run(arguments: argparse.Namespace) -> int:
 
     import jax
 
+    from ftbias_jax.calibration import distributed, newton
     from ftbias_jax.runtime.jax_config import prepare_jax
 
+    apart = arguments.distributed is not None
+    if apart:  # before anything asks JAX for its devices
+        if len(tools) > 1:
+            raise UsageError("is for one setup", field="--distributed", remedy="tune several tools by one process")
+        distributed.start(*arguments.distributed)
     prepare_jax()
-    from ftbias_jax.calibration import distributed, newton
     from ftbias_jax.calibration.tune_setup import tune
     from ftbias_jax.cli.jobs.usable import read_usable, tell_left_out
     from ftbias_jax.model.own_effects import load_all
 
-    apart = arguments.distributed is not None
     if apart:
-        if len(tools) > 1:
-            raise UsageError("is for one setup", field="--distributed", remedy="tune several tools by one process")
-        distributed.start(*arguments.distributed)
         shared = _read_share(setups[0], every_log, arguments.unchecked)
         every, start, left_out = [shared.logs], shared.start, shared.left_out
     else:
