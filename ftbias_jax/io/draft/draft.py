@@ -178,18 +178,21 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
     elif tables and "log.angle_unit" not in keys and max(table.joints for table in tables):
         keys |= _degrees(read)
     setup, log = read({})
-    noise = quietest_noise(log.t, log.wrench)
+    rotations = sensor_rotations(log.t, log.q, setup, path)
+    noise = quietest_noise(log.t, log.wrench, rotations)
+    notes = [] if noise else ["the sensor's noise is a guess: the log has no stretch of rest that shows it"]
     if noise:
-        keys["sensor.noise_std"] = Known(noise, "of the quietest second of the log")
-    found = weigh(log.t, sensor_rotations(log.t, log.q, setup, path), setup.robot.gravity, log.wrench)
+        keys["sensor.noise_std"] = Known(*noise)
+    found = weigh(log.t, rotations, setup.robot.gravity, log.wrench)
     if found is None:
         return keys, [
+            *notes,
             "the sensor is not turned in this log, so its weight shows nothing of the tool: ftbias filter takes an "
-            "unknown weight as part of the bias of such a log"
+            "unknown weight as part of the bias of such a log",
         ]
     if not found.credible:
-        return keys, [f"the weight that the log shows is not credible: {_words(found)}"]
-    return {**keys, **_tool(found)}, [f"weighed by the log: {_words(found)}"]
+        return keys, [*notes, f"the weight that the log shows is not credible: {_words(found)}"]
+    return {**keys, **_tool(found)}, [*notes, f"weighed by the log: {_words(found)}"]
 
 
 def _of_tables(tables: Sequence[Table]) -> Keys:

@@ -1,48 +1,85 @@
-"""How noisy a sensor is, from the quietest second of a log."""
+"""How noisy a sensor is, from stretches of a log in which nothing but noise changes."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 
 from ftbias_jax.types import Array
 
 QUIET = 1.0
-"""s, length of the stretches that are looked at."""
+"""s, least length of the stretches that are looked at."""
 FEWEST = 20
-"""Samples that a stretch must have."""
+"""Samples that a stretch must have; where samples are rare, stretches are longer than QUIET."""
+MOST = 100
+"""Stretches that are looked at in a long log, evenly spread."""
 QUIETEST = 0.1
 """Share of the stretches that are quieter than the one that is believed."""
+AT_REST = 2e-3
+"""rad that the sensor turns at most in a stretch at rest: a tool of 2 kg then weighs on no axis 0.04 N more or less."""
+SAME = 1.3
+"""A stretch may be this much louder than its two halves. Motion makes it about sixteen times as loud, since the
+residual of a cubic grows with the fourth power of the length; noise, also noise smoothed by a filter, hardly at all."""
 
 
-def quietest_noise(t: Array, wrench: Array) -> list[float] | None:
-    """(6,) N, Nm: standard deviation of one sample where the log is quietest, rounded to two digits.
+def quietest_noise(t: Array, wrench: Array, rotations: Array | None = None) -> tuple[list[float], str] | None:
+    """(6,) N, Nm: standard deviation of one sample where the log is quietest, to two digits; and where that is.
 
-    Of every second a cubic is taken off, so that bias, drift and slow motion do not count, but noise that a filter
-    in the sensor has made smooth does.
+    From every stretch a cubic in time is subtracted, so that bias, drift and slow motion do not count, but noise that
+    a filter in the sensor has made smooth does. Stretches in which the sensor does not turn come first; where there are
+    none, what counts as noise must be as large in the halves of the stretches: otherwise it is motion.
 
     Args:
         t: (T,) s.
         wrench: (T, 6) N, Nm; NaN = not measured.
+        rotations: (T, 3, 3) of the sensor in the base frame; None = not known.
 
     Returns:
-        None if there are too few samples, or an axis never changes.
+        None if there are too few samples, an axis never changes, or the log shows motion and not noise.
     """
     rows = np.isfinite(wrench).all(1)
-    t, wrench = t[rows], wrench[rows]
+    t, wrench, turns = t[rows], wrench[rows], None if rotations is None else rotations[rows]
     if len(t) < FEWEST:
         return None
-    stretch = np.floor((t - t[0]) / QUIET).astype(int)
-    parts = [stretch == k for k in np.unique(stretch)]
-    stds = [_about_cubic(t[part], wrench[part]) for part in parts if part.sum() >= FEWEST]
-    quiet = np.quantile(np.array(stds or [_about_cubic(t, wrench)]), QUIETEST, axis=0)
-    if not (quiet > 0).all():
+    parts = list(_stretches(t))
+    resting = [] if turns is None else [part for part in parts if _turned(turns[part]) < AT_REST]
+    # Samples far apart, as of single poses, differ by motion and look like noise.
+    usable = resting or [part for part in parts if np.ptp(t[part]) < 2 * QUIET]
+    if not usable:
         return None
-    return [float(f"{std:.2g}") for std in quiet]
+    usable = usable[:: max(1, len(usable) // MOST)]
+    stds, halves = np.moveaxis([_about_cubic(t[part], wrench[part]) for part in usable], 1, 0)
+    quiet = np.quantile(stds, QUIETEST, axis=0)
+    moves = not resting and (quiet > SAME * np.quantile(halves, QUIETEST, axis=0)).any()
+    if moves or not (quiet > 0).all():
+        return None
+    where = "of the quietest second at rest" if resting else "of the quietest second of the log, never at rest"
+    return [float(f"{std:.2g}") for std in quiet], where if rotations is not None else "of the quietest second"
 
 
-def _about_cubic(t: Array, wrench: Array) -> Array:
-    """(6,) standard deviation of what a cubic of time leaves."""
+def _stretches(t: Array) -> Iterator[slice]:
+    """Stretches of at least QUIET and FEWEST samples, each of which begins at a quarter of the one before."""
+    begin = 0
+    while (end := max(begin + FEWEST, int(np.searchsorted(t, t[begin] + QUIET)))) <= len(t):
+        yield slice(begin, end)
+        begin += (end - begin) // 4
+
+
+def _turned(rotations: Array) -> float:
+    """rad between the orientations of a stretch, at most about the largest from its first."""
+    return float(np.abs(rotations - rotations[0]).max())
+
+
+def _about_cubic(t: Array, wrench: Array) -> tuple[Array, Array]:
+    """(6,) standard deviation of what a cubic in time leaves of a stretch, and of what two leave of its halves."""
+    middle = len(t) // 2
+    first, second = (_squares(t[part], wrench[part]) for part in (slice(middle), slice(middle, None)))
+    return np.sqrt(_squares(t, wrench) / (len(t) - 4)), np.sqrt((first + second) / (len(t) - 8))
+
+
+def _squares(t: Array, wrench: Array) -> Array:
     columns = np.vander((t - t[0]) / max(np.ptp(t), 1e-9), 4)
     left = wrench - columns @ np.linalg.lstsq(columns, wrench, rcond=None)[0]
-    std: Array = np.sqrt((left**2).sum(0) / (len(t) - 4))
-    return std
+    squares: Array = (left**2).sum(0)
+    return squares

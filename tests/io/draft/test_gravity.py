@@ -4,7 +4,6 @@ import pytest
 
 from ftbias_jax.io.conventions.axes import arm_rotations
 from ftbias_jax.io.draft.gravity import weigh
-from ftbias_jax.io.draft.noise import quietest_noise
 from ftbias_jax.setup import parse_setup
 
 SETUP = parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": [0.1, 0.004]}})
@@ -51,19 +50,3 @@ def test_a_tool_lighter_than_the_noise_is_not_credible():
     t, q, _ = made.arm_log()
     noise = np.random.default_rng(1).normal(size=(len(t), 6)) * 5
     assert not weighed(t, q, noise).credible
-
-
-def test_the_noise_is_that_of_the_quietest_second():
-    rng = np.random.default_rng(2)
-    t = np.arange(5000) / 500
-    wrench = rng.normal(size=(5000, 6)) * np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
-    wrench[:4000] *= 5  # the robot moves until 8 s
-    wrench += np.sin(t)[:, None] * [20, 20, 20, 0.8, 0.8, 0.8]
-    truth = [0.1, 0.2, 0.3, 0.01, 0.02, 0.03]
-    np.testing.assert_allclose(quietest_noise(t, wrench), truth, rtol=0.2)
-    repeated = np.repeat(wrench, 2, axis=0)
-    np.testing.assert_allclose(
-        quietest_noise(np.arange(10000) / 1000, repeated), [0.1, 0.2, 0.3, 0.01, 0.02, 0.03], rtol=0.2
-    )
-    assert quietest_noise(t[:10], wrench[:10]) is None
-    assert quietest_noise(t, np.zeros((5000, 6))) is None

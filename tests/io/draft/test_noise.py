@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+from ftbias_jax.io.conventions.axes import arm_rotations
+from ftbias_jax.io.draft.noise import quietest_noise
+from ftbias_jax.setup import parse_setup
+
+SETUP = parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": [0.1, 0.004]}})
+NOISE = np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
+
+
+def moving(t, seed=0):
+    """A tool's weight while the arm turns all the time, and the sensor's rotations."""
+    q = np.random.default_rng(seed).uniform(-1, 1, 6) + np.sin(2.5 * t)[:, None] * [0.3, 0.5, 0.7, 0.9, 1.1, 1.3]
+    rotations = arm_rotations(SETUP.robot, SETUP.sensor, q)
+    force = 15 * rotations[:, 2]
+    return np.hstack([force, np.cross([0, 0, 0.08], force)]), rotations
+
+
+def test_the_noise_is_that_of_the_quietest_second():
+    rng = np.random.default_rng(2)
+    t = np.arange(5000) / 500
+    wrench = rng.normal(size=(5000, 6)) * NOISE
+    wrench[:4000] *= 5  # the robot moves until 8 s
+    wrench += np.sin(t)[:, None] * [20, 20, 20, 0.8, 0.8, 0.8]
+    np.testing.assert_allclose(quietest_noise(t, wrench)[0], NOISE, rtol=0.2)
+    repeated = np.repeat(wrench, 2, axis=0)
+    np.testing.assert_allclose(quietest_noise(np.arange(10000) / 1000, repeated)[0], NOISE, rtol=0.2)
+    assert quietest_noise(t[:10], wrench[:10]) is None
+    assert quietest_noise(t, np.zeros((5000, 6))) is None
+
+
+@pytest.mark.parametrize("rate", [5.0, 10.0, 100.0, 500.0])
+@pytest.mark.parametrize("smooth", [1, 3])
+def test_rest_shows_the_noise_at_every_rate(rate, smooth):
+    """Five seconds of rest in the middle of fast motion; a sensor's own filter may have smoothed its noise."""
+    t = np.arange(round(40 * rate)) / rate
+    wrench, rotations = moving(np.where(t < 15, t, np.maximum(t - 5, 15)))
+    white = np.random.default_rng(3).normal(size=(len(t), 6))
+    white = np.apply_along_axis(np.convolve, 0, white, np.ones(smooth) / np.sqrt(smooth), "same")
+    found, where = quietest_noise(t, wrench + white * NOISE, rotations)
+    assert where == "of the quietest second at rest"
+    np.testing.assert_allclose(found, NOISE, rtol=0.6 if rate < 20 else 0.25)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("rate", [5.0, 10.0, 20.0, 100.0, 500.0])
+def test_motion_is_not_noise(rate, seed):
+    """An arm that never rests: nothing is stated, or what is stated is the noise."""
+    t = np.arange(round(40 * rate)) / rate
+    wrench, rotations = moving(t, seed)
+    wrench += np.random.default_rng(seed).normal(size=wrench.shape) * 0.01 * NOISE
+    found = quietest_noise(t, wrench, rotations)
+    assert found is None or ("never at rest" in found[1] and (found[0] < 0.013 * NOISE).all())
+
+
+def test_single_poses_are_not_noise():
+    """Forty poses, a reading each: their weights differ as if they were noise."""
+    rng = np.random.default_rng(4)
+    wrench, rotations = moving(rng.uniform(0, 1e3, 40))
+    assert quietest_noise(np.arange(40) * 20.0, wrench, rotations) is None
