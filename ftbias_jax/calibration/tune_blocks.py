@@ -18,10 +18,11 @@ from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.newton import Report
 from ftbias_jax.calibration.tune import TIES, Fit, WrenchLogs, fit_wrench
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
+from ftbias_jax.filtering.adapt.block_filter import Grid, filter_blocks
 from ftbias_jax.filtering.adapt.blocks import Blocks
 from ftbias_jax.filtering.adapt.contact import in_contact
 from ftbias_jax.filtering.adapt.log_noise import LogNoise, expected, noise_of_log, prior_with
-from ftbias_jax.filtering.adapt.slow_noise import coarser
+from ftbias_jax.filtering.adapt.slow_noise import coarser, nats_of
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.recorded.prepare import prepare
 from ftbias_jax.filtering.recorded.ready import in_parts
@@ -115,6 +116,34 @@ def tune_in_blocks(
     reverts = None if np.isinf(drift.time).all() else jnp.asarray(np.minimum(drift.time, FOREVER), dtype)
     bias = bias._replace(density=jnp.asarray(drift.density, dtype), drift_time=reverts)
     return params._replace(bias=bias), {"wrench": _with_drift(fit, drift, given)}
+
+
+def held_out_blocks(before: Params, tuned: Sequence[Params], logs: Sequence[LogInBlocks], share: float) -> list[float]:
+    """nats: log-likelihood of the means of unseen blocks, each given those before it, with the stated slow errors.
+
+    Sample by sample such errors would have no model, and the score would say nothing.
+
+    Args:
+        before: of the setup that was tuned, and of ``logs``.
+        tuned: to be compared with it.
+        logs: whole, of ``look_at``.
+        share: of each log, after which blocks are unseen.
+    """
+    return [sum(_unseen_nats(before, params, log, share) for log in logs) for params in (before, *tuned)]
+
+
+def _unseen_nats(before: Params, params: Params, log: LogInBlocks, share: float) -> float:
+    bias, (blocks, noise) = params.bias, log
+    sensor = np.asarray(bias.wrench_variance - before.bias.wrench_variance, float)
+    stated = LogInBlocks(blocks._replace(stated=blocks.stated + sensor), noise._replace(vibration=None))
+    t, y, variance, prior_std = _as_series(stated, sensor, params)
+    std = np.zeros(6) if bias.correlated_std is None else np.asarray(bias.correlated_std, float)
+    time = np.ones(6) if bias.correlated_time is None else np.asarray(bias.correlated_time, float)
+    rate = 0.0 if bias.drift_time is None else 1 / np.asarray(bias.drift_time, float)[None]
+    grid = Grid(np.ones((1, 6)), std[None], time[None])
+    found = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), np.asarray(bias.density, float), rate)
+    unseen = t > t[0] + share * (t[-1] - t[0])
+    return float(nats_of(found.innovation[unseen], found.variance[unseen]).sum())
 
 
 def _with_drift(fit: Fit, drift: Drift, given: Drift) -> Fit:

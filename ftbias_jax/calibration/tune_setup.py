@@ -15,7 +15,7 @@ from ftbias_jax.calibration.data_noise.fit import Tool, tune_data
 from ftbias_jax.calibration.data_noise.values import JOINT_NAMES, KINDS, values_from_setup
 from ftbias_jax.calibration.judgement import Predicted, judge_predictions, what_the_logs_show
 from ftbias_jax.calibration.tune import TIES, Fit, tune_joints, tune_wrench
-from ftbias_jax.calibration.tune_blocks import LogInBlocks, is_correlated, look_at, tune_in_blocks
+from ftbias_jax.calibration.tune_blocks import LogInBlocks, held_out_blocks, is_correlated, look_at, tune_in_blocks
 from ftbias_jax.calibration.tune_motion import shown_vibration, tune_motion
 from ftbias_jax.calibration.tune_result import (
     HeldOut,
@@ -136,7 +136,9 @@ def tune(
         everything = KINDS[data_noise] | wanted
         tuned, fits["wrench"] = tune_data(parts, everything, start_values, options, restarts=restarts, report=told)
     elif wanted:
-        looked = look_at(params, [_first_share(log, 1 - hold_out) for log in logs], options) if alone else []
+        counts = [max(1, round((1 - hold_out) * len(log.t))) for log in logs]
+        begun = [log._replace(**filter_log.rows_of(log, 0, n)) for log, n in zip(logs, counts, strict=True)]
+        looked = look_at(params, begun, options) if alone else []
         if is_correlated(looked):
             params, found = tune_in_blocks(tuned[0], looked, tie, list(wanted), told)
             fits |= found
@@ -165,6 +167,12 @@ def tune(
     predicted: list[tuple[Predicted, ...]] = [()] * len(candidates)
     if hold_out:
         scores = _judge(stated, [tuned for tuned, _ in candidates], unseen, options, total)
+    if hold_out and correlated:
+        seconds = sum(float(part.dt.sum()) for part in chain(*unseen))
+        whole = look_at(stated[0], logs, options)
+        was, *now = held_out_blocks(stated[0], [params for (params,), _ in candidates], whole, 1 - hold_out)
+        blocks = [HeldOut("wrench", was / seconds, nats / seconds) for nats in now]
+        scores = [(joint, wrench) for (joint, _), wrench in zip(scores, blocks, strict=True)]
     if hold_out and wanted and alone:
         predicted = judge_predictions(setup, [own[0] for own in setups], logs, hold_out)
     plain, *moving = [
@@ -174,7 +182,7 @@ def tune(
             held_out,
             tuple(own[1:]),
             errors,
-            reasons_against(held_out[:1] if correlated else held_out, errors, shown),
+            reasons_against(held_out, errors, shown),
         )
         for (_, found), own, held_out, errors in zip(candidates, setups, scores, predicted, strict=True)
     ]
@@ -233,11 +241,6 @@ def _judge(
         tuple(HeldOut(name, float(nats[0]), float(nats[i])) for name, nats in parts.items())
         for i in range(1, len(after) + 1)
     ]
-
-
-def _first_share(log: Log, share: float) -> Log:
-    """The beginning of a log."""
-    return log._replace(**filter_log.rows_of(log, 0, max(1, round(share * len(log.t)))))
 
 
 def _part(samples: Sample, begin: float, end: float) -> Sample:
