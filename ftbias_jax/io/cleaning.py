@@ -15,12 +15,12 @@ from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.io.health import Extremes, Held, Saturation, Still, extend, hold, limits, mask, stuck
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.rates.held import Repeats, extend_repeats, held_readings
+from ftbias_jax.io.rates.missing import LISTED, missing_readings
 from ftbias_jax.types import AXES, Array
 
 PART = 1 << 16
 """Samples looked at together."""
-LISTED = 3
-"""Stretches of one axis that are told one by one."""
+CLEANED = ("left out", "is used once")  # ends of lines
 
 Split = Callable[[int], Iterator[Log]]
 """Samples at once -> the log from its first sample on."""
@@ -62,6 +62,8 @@ class Facts(NamedTuple):
     held_joints: HeldStream = NOT_HELD
     held_rates: HeldStream = NOT_HELD
     """Of the joints' velocities, or what an IMU says, which may have a clock of their own."""
+    missing: Repairs = ()
+    """Readings of the wrench or the joints that are missing while the others go on."""
 
 
 def clean(log: Log, *, clipped: bool = True, stuck: bool = True, held: bool = True, file: str = "") -> Log:
@@ -84,6 +86,8 @@ def cleaned(
     log: Log, facts: Facts, *, clipped: bool = True, stuck: bool = True, held: bool = True, file: str = ""
 ) -> Log:
     """The same of a log of which is known what must be; ``facts``: by ``survey``."""
+    if any(repair.what.endswith(CLEANED) for repair in log.repairs):
+        facts = facts._replace(missing=())  # what is, was taken out here
     known = findings(facts, clipped=False, stuck=False, held=False)
     repairs = (*(repair for repair in log.repairs if repair not in known), *findings(facts, clipped, stuck, held))
     check_rest(facts, clipped, stuck, file)
@@ -137,7 +141,7 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: bool 
     if not facts.measured.all():
         never = [axis for axis, count in zip(AXES, facts.measured, strict=True) if not count]
         found.append(Repair(f"never measured: {' '.join(never)}", lost=True))
-    return tuple(found)
+    return (*found, *facts.missing)
 
 
 def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None:
@@ -166,7 +170,7 @@ def survey(split: Split) -> Facts:
         return (without_repeats(part, facts) for part in split(size))
 
     again = _survey(once)
-    return again._replace(held_wrench=streams[0], held_joints=streams[1], held_rates=streams[2])
+    return facts._replace(**{name: getattr(again, name) for name in Facts._fields[:7]})
 
 
 def _survey(split: Split) -> Facts:
@@ -196,8 +200,12 @@ def _survey(split: Split) -> Facts:
     counts = [sum(still.samples for still in stretches) for stretches in stills]
     measured = np.array([held.samples for held in helds])
     every_t = [np.concatenate(kept) for kept in (stamps, joint_t, rate_t)]
-    held = [_held_stream(one, t) for one, t in zip(repeats, every_t, strict=True)]
-    return Facts(first_q, every_t[0], measured, clipped, np.array(ends), stills, np.array(counts), *held)
+    wrench, joints, rates = (_held_stream(one, t) for one, t in zip(repeats, every_t, strict=True))
+    of_joints = missing_readings("the joints are", every_t[1], every_t[0])  # that they are slower is usual
+    missing = *missing_readings("the wrench is", *every_t[:2]), *(one for one in of_joints if one.lost)
+    return Facts(
+        first_q, every_t[0], measured, clipped, np.array(ends), stills, np.array(counts), wrench, joints, rates, missing
+    )
 
 
 def _held_stream(seen: Repeats, t: Array) -> HeldStream:

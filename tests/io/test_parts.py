@@ -69,6 +69,7 @@ def test_facts_of_the_whole_log(tmp_path, setup):
     assert [repair.what for repair in opened.repairs] == [
         f"samples at the end of the sensor's range left out: {clipped.sum()} of fz",
         "never measured: ty",
+        f"the wrench is measured in {T // 2} of {T} rows: taken as a stream of 39.7 Hz",
     ]
     np.testing.assert_array_equal(np.isnan(joined(opened, 9).wrench[1::2, 2]), clipped[1::2])
 

@@ -49,7 +49,7 @@ def quietest_noise(t: Array, wrench: Array, rotations: Array | None = None) -> t
     if not usable:
         return None
     usable = usable[:: max(1, len(usable) // MOST)]
-    stds, halves = np.moveaxis([_about_cubic(t[part], wrench[part]) for part in usable], 1, 0)
+    stds, halves = np.array([_about_cubic(t[part], wrench[part]) for part in usable]).swapaxes(0, 1)
     quiet = np.quantile(stds, QUIETEST, axis=0)
     moves = not resting and (quiet > SAME * np.quantile(halves, QUIETEST, axis=0)).any()
     if moves or not (quiet > 0).all():
