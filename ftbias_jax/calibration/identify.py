@@ -64,6 +64,8 @@ class Identified(NamedTuple):
     gain: float
     """nats over the start, as the log's own scatter counts them."""
     converged: bool
+    left: np.ndarray = np.zeros((0, 6))
+    """(T, 6) N, Nm: the reading less what the tool found explains of it, NaN = not measured; none of static poses."""
 
 
 def identify(
@@ -106,6 +108,7 @@ def identify(
         excess=float(np.sqrt(innovation_regression.excess(linear, problem))),
         gain=(_cost(first) - _cost(linear)) / found.dispersion,
         converged=converged,
+        left=np.asarray(samples.wrench) - np.asarray(_readings(jnp.asarray(linear.at), params, joints.mean, samples)),
     )
 
 
@@ -115,6 +118,7 @@ def _smoothed(params: Params, samples: Sample, options: Options) -> Gaussian:
     return joints
 
 
+@jax.jit
 def _readings(z: Array, params: Params, joints: Array, samples: Sample) -> Array:
     """(T, 6) N, Nm that the sensor should read; z (16,) as of ``_moved``, joints (T, n, 3)."""
     return stages.predict_readings(_moved(params, z), joints, samples)

@@ -10,9 +10,11 @@ import numpy as np
 
 from ftbias_jax.calibration.identify import NAMES, UNITS, Identified, identify
 from ftbias_jax.calibration.identify_poses import PoseReport, identify_poses
+from ftbias_jax.calibration.identify_words import motion_lines, plain_errors, pose_lines, with_errors
 from ftbias_jax.calibration.tool import crosstalk as sensor_channels
 from ftbias_jax.calibration.tool.channels import Channels
 from ftbias_jax.calibration.tool.steady import SteadyBias, steady_bias
+from ftbias_jax.calibration.tool.steps import Step, find_steps, is_gained, with_steps
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.check.check_setup import require_right
@@ -26,9 +28,6 @@ from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.require import NOT_STATED, guessed_parameters, with_guessed_tool
 from ftbias_jax.setup.rotations import rotation_from_vector
 from ftbias_jax.setup.types import BiasSetup, Setup
-
-MUCH = 5.0
-"""Innovations this many times larger than the noise stated are no noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +48,8 @@ class IdentifyResult:
     """Of static poses: how well each is predicted from the others; None = a log of motion."""
     channels: Channels | None = None
     """Gains of the sensor's channels and leaks between them; None = not asked for."""
+    steps: tuple[Step, ...] = ()
+    """Where the reading jumps, and the bias was free to jump with it."""
 
     @property
     def converged(self) -> bool:
@@ -81,15 +82,15 @@ class IdentifyResult:
             shown, error = "-" if np.isnan(value) else f"{value:.6g}", "" if np.isnan(stderr) else f"{stderr:.2g}"
             lines.append(f"{name:8s}{shown:>14s}{error:>14s}  {unit}{f'  {remark}' if remark else ''}")
         if self.mounting:
-            turned = _with_errors(np.degrees(found.rotation), np.degrees(found.rotation_stderr))
+            turned = with_errors(np.degrees(found.rotation), np.degrees(found.rotation_stderr))
             lines.append(f"sensor turned by {turned} deg")
         if self.gravity:
-            lines.append(f"gravity {_with_errors(found.gravity, found.gravity_stderr)} m/s^2")
+            lines.append(f"gravity {with_errors(found.gravity, found.gravity_stderr)} m/s^2")
         if self.channels is not None:
             lines += sensor_channels.in_words(self.channels)
-        lines.append(f"bias at the end: {_with_errors(found.bias[:3], found.bias_stderr[:3])} N")
-        lines.append(f"                 {_with_errors(found.bias[3:], found.bias_stderr[3:])} Nm")
-        lines += _motion_lines(found) if self.poses is None else _pose_lines(self.poses)
+        lines.append(f"bias at the end: {with_errors(found.bias[:3], found.bias_stderr[:3])} N")
+        lines.append(f"                 {with_errors(found.bias[3:], found.bias_stderr[3:])} Nm")
+        lines += motion_lines(found, self.steps) if self.poses is None else pose_lines(self.poses)
         if found.unexcited:
             poor = ", ".join(found.unexcited)
             more = "turn the wrist more, or accelerate more" if self.poses is None else "poses at rest show no inertia"
@@ -136,7 +137,7 @@ def identify_tool(
             that no setup states.
         UsageError: crosstalk is asked of static poses.
     """
-    report, channels, steady = None, None, None
+    report, channels, steady, steps = None, None, None, tuple[Step, ...]()
     if crosstalk and isinstance(log, Poses):
         remedy = "give a log of motion, or leave it out"
         raise UsageError("gains and crosstalk are not found from static poses", field="crosstalk", remedy=remedy)
@@ -150,9 +151,17 @@ def identify_tool(
         log = without_long_pauses(log)
         options = Options(joint_model=setup.joints.model)
         params = filter_log.likeliest_params(setup, samples_from_log(log), options)
-        samples = samples_from_log(filter_log.without_useless(log, params))
-        samples = pad(samples, filter_log.padded_length(len(log.t)))  # logs of different lengths share programs
-        found = identify(params, samples, options, mounting, gravity)
+
+        def fit(log: Log) -> Identified:
+            samples = samples_from_log(filter_log.without_useless(log, params))
+            samples = pad(samples, filter_log.padded_length(len(log.t)))  # logs of different lengths share programs
+            return identify(params, samples, options, mounting, gravity)
+
+        found = fit(log)
+        if jumps := find_steps(log.t, found.left[: len(log.t)]):
+            free = fit(with_steps(log, jumps))
+            if is_gained(log, found.excess, free.excess):
+                found, log, steps = free, with_steps(log, jumps), tuple(jumps)
         of_tool = _with_tool(setup, found, mounting, gravity)
         if crosstalk:
             progress("fitting gains and crosstalk")
@@ -169,7 +178,7 @@ def identify_tool(
     result = replace(_with_tool(setup, found, mounting, gravity), comments=comments)
     if bias:
         result = replace(result, bias=_prior(result.bias, found, steady))
-    return IdentifyResult(result, found, mounting, gravity, bias, report, channels)
+    return IdentifyResult(result, found, mounting, gravity, bias, report, channels, steps)
 
 
 def _prior(stated: BiasSetup, found: Identified, steady: SteadyBias | None) -> BiasSetup:
@@ -204,47 +213,13 @@ def _comments(found: Identified, mounting: bool, gravity: bool, bias: bool) -> d
     comments = {}
     for key, rows in (("mass", slice(0, 1)), ("center_of_mass", slice(1, 4)), ("inertia", slice(4, 10))):
         errors, remarks = found.stderr[rows], [remark for remark in found.remarks[rows] if remark]
-        told = "" if np.isnan(errors).all() else f"identified ± {_plain(errors)}"
+        told = "" if np.isnan(errors).all() else f"identified ± {plain_errors(errors)}"
         comments[f"tool.{key}"] = "; ".join(x for x in (told, *dict.fromkeys(remarks)) if x)
     if mounting:
-        turned = _with_errors(found.rotation, found.rotation_stderr)
+        turned = with_errors(found.rotation, found.rotation_stderr)
         comments["sensor.rotation_rpy"] = f"turned by the identified {turned}"
     if gravity:
-        comments["robot.gravity"] = f"identified ± {_plain(found.gravity_stderr)}"
+        comments["robot.gravity"] = f"identified ± {plain_errors(found.gravity_stderr)}"
     if bias:
         comments["bias.initial"] = "of the log that the tool was identified from"
     return comments
-
-
-def _motion_lines(found: Identified) -> list[str]:
-    lines = [f"likelihood gained: {found.gain:.1f} nats; condition number of the excitation: {found.condition:.0f}"]
-    if found.excess > MUCH:
-        lines.append(
-            f"what remains is {found.excess:.0f} times the noise stated: look for contact, a wrong unit or a delay "
-            "(ftbias diagnose)"
-        )
-    return lines
-
-
-def _pose_lines(report: PoseReport) -> list[str]:
-    drift = "constant bias"
-    if report.drift.any():
-        drift = f"bias drifting by {report.drift[0]:.2g} N, {report.drift[1]:.2g} Nm from pose to pose"
-    mass, *center = report.plain
-    where = " ".join(f"{1e3 * x:.2f}" for x in center)
-    return [
-        f"{report.poses} static poses, {drift}; each predicted from the others: {_errors(report.left_out)}",
-        f"plain least squares: {mass:.4f} kg, centre of mass {where} mm, {_errors(report.plain_left_out)}",
-    ]
-
-
-def _errors(rms: np.ndarray) -> str:
-    return f"rms {rms[0]:.3g} N, {rms[1]:.2g} Nm"
-
-
-def _plain(values: np.ndarray) -> str:
-    return " ".join("-" if np.isnan(x) else f"{x:.2g}" for x in values)
-
-
-def _with_errors(values: np.ndarray, stderr: np.ndarray) -> str:
-    return ", ".join(f"{x:.4g} ± {e:.2g}" for x, e in zip(values, stderr, strict=True))

@@ -78,6 +78,7 @@ def _linearised(predict: Predict, values: Array, problem: WrenchProblem, given: 
         dt=jnp.append(problem.dt, 0.0),
         wrench=jnp.concatenate([problem.wrench, jnp.zeros_like(last)]),
         variance=jnp.concatenate([problem.variance, last]),
+        jump=None if problem.jump is None else jnp.concatenate([problem.jump, jnp.zeros_like(last)]),
     )
     slopes = jnp.moveaxis(jax.jacfwd(lambda x: predict(x, *given))(values), -1, 0)
     error = (predict(values, *given) - problem.wrench)[None]

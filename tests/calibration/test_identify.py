@@ -118,3 +118,13 @@ def test_a_robot_that_stands_still_says_nothing_about_inertia(truth):
     assert found.remarks[0] == identify.KEPT
     assert set(found.remarks[4:]) == {identify.KEPT}
     assert np.isnan(found.stderr[4:]).all()
+
+
+def test_a_bias_that_may_jump_leaves_the_tool_as_it_is(truth):
+    """The sensor is set to zero half-way: with its time stated, the tool is found as if it had not been."""
+    samples = log_of(truth)
+    wrench = samples.wrench.at[COUNT // 2 :].add(jnp.array([0.0, 30.0, -50.0, 1.0, 0.0, 2.0]))
+    zeroed = jnp.zeros(COUNT).at[COUNT // 2].set(1.0)
+    found = identify.identify(with_light_tool(truth), samples._replace(wrench=wrench, rezeroed=zeroed))
+    check_tool(found, truth)
+    assert np.nanstd(found.left[: COUNT // 2, 2]) < 1
