@@ -31,6 +31,9 @@ from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
 
+NEGLIGIBLE, POINT = 1e-6, (1.0, 0.0, 0.0, 0.05, 0.0025, 0.0, 0.0, 0.0025, 0.0, 0.0)
+"""kg, and inertial parameters of one kilogram, 5 cm in front of the sensor."""
+
 
 class Part(NamedTuple):
     """One log in bins, padded to B of them; a padded bin has no measurement."""
@@ -220,7 +223,10 @@ def _part(
     used, bias, place = len(t), params.bias, jax.device_put  # unlike jnp.asarray it compiles nothing
     t, joints, temperature = (fill_up(x, padded, x[-1]) for x in (t, joints, temperature))
     q, dq, ddq = (place(x) for x in np.moveaxis(joints, 2, 0))
-    stated = Model(params.arm, params.gravity, params.theta)
+    tool = np.asarray(params.theta)
+    # A controller that subtracts the tool leaves none, and effects of a tool need one to act upon.
+    theta = params.theta if tool[0] else place((NEGLIGIBLE * np.array(POINT)).astype(tool.dtype))
+    stated = Model(params.arm, params.gravity, theta)
     seen = {name: place(fill_up(x, padded, x[-1])) for name, x in columns.items()}
     signals = Signals(place(t), q, dq, ddq, place(temperature), stated, columns=seen)
     at_first, drift = np.split(np.asarray(bias.prior_mean), 2)

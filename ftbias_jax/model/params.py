@@ -21,7 +21,7 @@ from ftbias_jax.model.shown import check_shown
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 from ftbias_jax.runtime.kept_programs import keep_program
-from ftbias_jax.setup.require import require_tool
+from ftbias_jax.setup.require import require_tool, with_guessed_tool
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -109,7 +109,8 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     Raises:
         SetupError: the setup does not state the tool's mass or centre of mass.
     """
-    sensor, n = require_tool(setup).sensor, len(setup.robot.screws)
+    setup = with_guessed_tool(require_tool(setup))  # guessed only where the reading has nothing of the tool in it
+    sensor, n = setup.sensor, len(setup.robot.screws)
     # What the controller has subtracted is not in the reading: all that the tool causes, or its weight alone.
     there = {name: float(sensor.compensated != name) for name in ("weight", "tool")}
     of_tool = (np.asarray(x) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))

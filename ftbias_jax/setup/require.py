@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.setup.types import Setup, ToolSetup
+from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 
 NOT_STATED = "not determined by this motion, not stated"
 """Said of a parameter that nobody knows."""
@@ -17,16 +17,21 @@ GUESS = (1.0, (0.0, 0.0, 0.05))
 
 
 def require_tool(setup: Setup) -> Setup:
-    """The setup itself, if it states the tool's mass and centre of mass.
+    """The setup itself, if it states the tool's mass and centre of mass, or the reading has nothing of the tool in it.
 
     Raises:
         SetupError: names the first of the two that it does not state.
     """
-    for key in setup.tool.unknown:
+    for key in () if has_no_tool(setup) else setup.tool.unknown:
         command = f"ftbias identify LOG --setup {setup.path or 'SETUP.toml'} -o IDENTIFIED.toml"
         remedy = f"measure it, or find it in a log of free motion: {command}"
         raise SetupError("is not stated", file=setup.path, field=f"tool.{key}", remedy=remedy)
     return setup
+
+
+def has_no_tool(setup: Setup) -> bool:
+    """Whether the controller has subtracted all that the tool causes, so that nobody need know the tool."""
+    return setup.sensor.compensated == COMPENSATED[2]
 
 
 def with_guessed_tool(setup: Setup) -> Setup:

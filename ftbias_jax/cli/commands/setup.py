@@ -11,9 +11,15 @@ from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.draft.dh_table import DhTable
 from ftbias_jax.io.draft.draft import Request, draft, urdf_beside
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.setup.keys.schema import json_schema
+from ftbias_jax.setup.keys.template import Known
 from ftbias_jax.setup.robots import BUILT_IN, describe_robot
+from ftbias_jax.setup.types import Setup
+
+RECORDED = ("compensated", "rezeroed")
+"""Mistakes that are facts of how a log was recorded, and no error of a draft."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -38,20 +44,21 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(places, (*arguments.logs, arguments.urdf, arguments.dh))
     if output:
         _refuse(output)
-    found = draft(
-        Request(
-            logs=arguments.logs,
-            robot=arguments.robot,
-            urdf=arguments.urdf,
-            base_link=arguments.base,
-            tip_link=arguments.tip,
-            dh=DhTable(arguments.dh, arguments.dh_convention, arguments.dh_units) if arguments.dh else None,
-            mass=arguments.mass,
-            center_of_mass=arguments.center_of_mass,
-            rate=arguments.rate,
-            output=output or "setup.toml",
-        )
+    request = Request(
+        logs=arguments.logs,
+        robot=arguments.robot,
+        urdf=arguments.urdf,
+        base_link=arguments.base,
+        tip_link=arguments.tip,
+        dh=DhTable(arguments.dh, arguments.dh_convention, arguments.dh_units) if arguments.dh else None,
+        mass=arguments.mass,
+        center_of_mass=arguments.center_of_mass,
+        rate=arguments.rate,
+        output=output or "setup.toml",
     )
+    found = draft(request)
+    if found.log is not None and (further := _recorded_so(found.setup, found.log)):
+        found = draft(request._replace(further=further))
     if not output:
         print(found.text, end="")
     elif found.urdf:
@@ -64,6 +71,19 @@ def run(arguments: argparse.Namespace) -> int:
     if output:
         print(f"wrote {output}" + (f" and {urdf_beside(output)}" if found.urdf else ""))
     return 0
+
+
+def _recorded_so(setup: Setup, log: Log) -> dict[str, Known]:
+    """Keys by which a check of the draft says that the controller compensates, or that the sensor was set to zero."""
+    from ftbias_jax.filtering.check.check_setup import check_setup
+
+    findings = check_setup(setup, [log]).findings
+    return {
+        key: Known(value, found.remedy.partition(":")[0])
+        for found in findings
+        if found.mistake in RECORDED
+        for key, value in (found.setup or {}).items()
+    }
 
 
 def _refuse(path: str) -> None:

@@ -89,8 +89,8 @@ def require_right(
         SetupError: the setup is wrong. LogError: the logs are in units or frames that no setup states, or too short for
             a diagnosis.
     """
-    if setup.sensor.compensated != "none" and command != "tune":
-        remedy = "record the raw wrench, or use filter and tune"
+    if setup.sensor.compensated != "none" and command == "identify":
+        remedy = "record the raw wrench"
         message = "the tool's weight is not in the reading"
         raise UsageError(message, file=setup.path, field="sensor.compensated", remedy=remedy)
     logs = list(logs)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ftbias_jax.io.conventions.axes import sensor_rotations
 from ftbias_jax.io.log import Log, Repair, Repairs
-from ftbias_jax.setup.require import require_tool, with_guessed_tool
+from ftbias_jax.setup.require import has_no_tool, require_tool, with_guessed_tool
 from ftbias_jax.setup.types import COMPENSATED, Setup
 from ftbias_jax.types import Array
 
@@ -53,7 +53,7 @@ def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple
     Raises:
         SetupError: the log turns the sensor, so that the tool must be known.
     """
-    if not setup.tool.unknown:
+    if not setup.tool.unknown or has_no_tool(setup):
         return setup, ()
     motion = motion_of(setup, parts)
     if motion.turn > LEAST_TURN:

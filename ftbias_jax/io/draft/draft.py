@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -24,6 +24,7 @@ from ftbias_jax.io.draft.noise import quietest_noise
 from ftbias_jax.io.draft.recording import look_into, sensor_frame
 from ftbias_jax.io.draft.robot import Keys, built_in, from_urdf, mounting, robots_with
 from ftbias_jax.io.draft.table import Table, look, patterns, time_unit
+from ftbias_jax.io.draft.tool import tool_keys
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.keys.template import MEASURE, Known, write_template
 from ftbias_jax.setup.parse import parse_setup
@@ -55,6 +56,8 @@ class Request(NamedTuple):
     rate: float | None = None
     """Hz, of a log without stamps."""
     output: str = "setup.toml"
+    further: Mapping[str, Known] = {}
+    """Keys that a check of the first draft has found."""
 
 
 class Draft(NamedTuple):
@@ -65,6 +68,9 @@ class Draft(NamedTuple):
     """Text of a URDF that the recording had, to be written beside the setup; "" = none."""
     notes: tuple[str, ...]
     """A line each: what was found out, and what was not."""
+    setup: Setup
+    log: Log | None
+    """As the setup reads it, for a check of what was drafted; None = there is none, or columns are left to choose."""
 
 
 def draft(request: Request) -> Draft:
@@ -84,16 +90,17 @@ def draft(request: Request) -> Draft:
             keys["tool.center_of_mass"] = Known(list(request.center_of_mass), "as stated")
         if request.rate is not None:
             keys["log.rate"] = Known(request.rate, "as stated")
+        keys |= request.further
         stated = {"sensor.noise_std": GUESS} | keys
-        notes: list[str] = []
+        notes, log = list[str](), None
         if request.logs:
-            found, notes = _of_log(stated, request.logs[0], tables, file)
+            found, notes, log = _of_log(stated, request.logs[0], tables, file)
             mine = {f"{key}_std" for key in keys}  # a value that somebody states has not the error of the one found
             stated = {"sensor.noise_std": GUESS} | {key: x for key, x in found.items() if key not in mine} | keys
         text = write_template(stated, _about(request))
         setup = parse_setup(tomllib.loads(text), file)
     notes += [f"not known: {', '.join(f'tool.{key}' for key in setup.tool.unknown)}"] if setup.tool.unknown else []
-    return Draft(text, urdf, tuple(notes))
+    return Draft(text, urdf, tuple(notes), setup, log)
 
 
 def urdf_beside(output: str) -> str:
@@ -151,7 +158,7 @@ def _about(request: Request) -> str:
     return ABOUT.format(source=source, measure=MEASURE, file=Path(request.output).name)
 
 
-def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tuple[Keys, list[str]]:
+def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tuple[Keys, list[str], Log | None]:
     """What a log tells: how it was recorded, the noise of the sensor, its sign, and the tool by its weight."""
     keys = _of_tables(tables)
     has_pose = any(table.orientation for table in tables) and not any(key.startswith("robot.") for key in stated)
@@ -160,7 +167,7 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
         keys |= stated_columns(table, joints)
     if left := left_to_choose(tables, stated["log.rate"].value if "log.rate" in stated else None):
         what = " and ".join(key.rpartition(".")[2] for key in left)
-        return keys | left, [f"which columns are {what} does not show by their names: fill in [log.columns]"]
+        return keys | left, [f"which columns are {what} does not show by their names: fill in [log.columns]"], None
 
     def read(further: Keys) -> tuple[Setup, Log]:
         text = write_template({**stated, **keys, **further})
@@ -183,16 +190,9 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
     notes = [] if noise else ["the sensor's noise is a guess: the log has no stretch of rest that shows it"]
     if noise:
         keys["sensor.noise_std"] = Known(*noise)
-    found = weigh(log.t, rotations, setup.robot.gravity, log.wrench)
-    if found is None:
-        return keys, [
-            *notes,
-            "the sensor is not turned in this log, so its weight shows nothing of the tool: ftbias filter takes an "
-            "unknown weight as part of the bias of such a log",
-        ]
-    if not found.credible:
-        return keys, [*notes, f"the weight that the log shows is not credible: {_words(found)}"]
-    return {**keys, **_tool(found)}, [*notes, f"weighed by the log: {_words(found)}"]
+    found = weigh(log.t, rotations, setup.robot.gravity, log.wrench, log.rezeroed_at)
+    of_tool, more = tool_keys(found, "tool.mass" in stated)
+    return {**keys, **of_tool}, [*notes, *more], log
 
 
 def _of_tables(tables: Sequence[Table]) -> Keys:
@@ -231,20 +231,3 @@ def _degrees(read: Read) -> Keys:
     limits = np.full((log.q.shape[1], 2), np.inf) if stated is None else stated
     beyond = np.nanmax(np.abs(log.q), 0) > np.where(np.isfinite(limits), np.abs(limits), 4 * np.pi).max(1) + 0.5
     return {"log.angle_unit": Known("deg", "because joints are beyond their limits in rad")} if beyond.any() else {}
-
-
-def _words(found: Weighed) -> str:
-    return f"{abs(found.mass):.3g} \u00b1 {found.mass_stderr:.2g} kg, which leaves {found.residual:.2g} N of the forces"
-
-
-def _tool(found: Weighed) -> Keys:
-    remark = f"by its weight in the log; {MEASURE}"
-    keys = {
-        "tool.mass": Known(float(f"{abs(found.mass):.4g}"), f"\u00b1 {found.mass_stderr:.2g} {remark}"),
-        "tool.center_of_mass": Known([round(float(x), 4) for x in found.center_of_mass], remark),
-        "tool.mass_std": Known(float(f"{found.mass_stderr:.2g}"), "for the error bars"),
-        "tool.center_of_mass_std": Known([float(f"{x:.2g}") for x in found.center_stderr], "for the error bars"),
-    }
-    if found.mass < 0:
-        keys["sensor.reports"] = Known("wrench_on_sensor", "because the weight has the opposite sign")
-    return keys

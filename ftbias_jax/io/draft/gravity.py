@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,8 @@ OUTLIER = 4.0
 ROUNDS = 4
 MOST_OPEN = 0.1
 """m: of a centre that the motion does not show, that much is not known."""
+LIGHT = 0.1
+"""kg: tools are heavier, with what holds them, so that a log which shows less has lost the weight on the way."""
 CREDIBLE = 0.5
 """Standard error of the mass, as a share of it, up to which the fit is worth writing down."""
 
@@ -31,14 +34,28 @@ class Weighed(NamedTuple):
     """(3,) m, the same, of the torques alone; MOST_OPEN at most."""
     residual: float
     """N, rms of what weight and a constant bias leave of the forces."""
+    turn: float
+    """rad by which gravity turns, as seen from the sensor, between the poses that are farthest apart along one axis."""
 
     @property
     def credible(self) -> bool:
         """Whether the motion determines the mass at all."""
         return bool(self.mass_stderr < CREDIBLE * abs(self.mass))
 
+    @property
+    def absent(self) -> bool:
+        """Whether the motion shows no weight, although it would, or one of the wrong sign, left by a compensation."""
+        return self.heaviest < LIGHT and not (self.credible and self.mass > 0)
 
-def weigh(t: Array, rotations: Array, gravity: Array, wrench: Array) -> Weighed | None:
+    @property
+    def heaviest(self) -> float:
+        """kg that the tool may have, three standard errors above what was found."""
+        return abs(self.mass) + 3 * self.mass_stderr
+
+
+def weigh(
+    t: Array, rotations: Array, gravity: Array, wrench: Array, rezeroed_at: Sequence[float] = ()
+) -> Weighed | None:
     """Weigh the tool by least squares, as if every sample were at rest: those that do not fit are left out.
 
     Args:
@@ -46,6 +63,7 @@ def weigh(t: Array, rotations: Array, gravity: Array, wrench: Array) -> Weighed 
         rotations: (T, 3, 3) sensor frame in the base frame.
         gravity: (3,) m/s^2, base frame.
         wrench: (T, 6) N, Nm, as the sensor reports it.
+        rezeroed_at: s, when the sensor was set to zero: the bias is constant in between.
 
     Returns:
         None, if there are not enough samples, or the sensor is never turned.
@@ -57,37 +75,51 @@ def weigh(t: Array, rotations: Array, gravity: Array, wrench: Array) -> Weighed 
     support = -np.einsum("tji,j->ti", rotations[rows], gravity)  # what carries one kilogram, sensor frame
     force, torque = wrench[rows, :3], wrench[rows, 3:]
     kept = np.ones(len(rows), bool)
+    piece = np.searchsorted(np.sort(rezeroed_at), t[rows])
     for _ in range(ROUNDS):
-        swing = support[kept] - support[kept].mean(0)
+        swing = _about_means(support[kept], piece[kept])
         turned = (swing**2).sum()
         if turned < len(swing) * 1e-4 * (gravity**2).sum():
             return None
-        mass = (swing * (force[kept] - force[kept].mean(0))).sum() / turned
+        mass = (swing * _about_means(force[kept], piece[kept])).sum() / turned
         error = force - mass * support
-        error = np.linalg.norm(error - np.median(error[kept], 0), axis=1)
+        for number in np.unique(piece):
+            at = piece == number
+            error[at] -= np.median(error[at & kept] if (at & kept).any() else error[at], 0)
+        error = np.linalg.norm(error, axis=1)
         kept = error < OUTLIER * 1.4826 * np.median(error) + 1e-9
     residual = float(np.sqrt((error[kept] ** 2).mean()))
     seconds = max(1.0, np.ptp(t[rows]) * kept.mean())
     stderr = residual / np.sqrt(turned / len(swing) * seconds)
-    moment, moment_stderr = _first_moment(support[kept], torque[kept], seconds)
+    arms, torques = (_about_means(x[kept], piece[kept]) for x in (support, torque))
+    moment, moment_stderr = _first_moment(arms, torques, seconds)
     center = moment / mass
     center_stderr = np.minimum(np.hypot(moment_stderr, center * stderr) / abs(mass), MOST_OPEN)
-    return Weighed(float(mass), center, float(stderr), center_stderr, residual)
+    turn = 2 * np.arcsin(min(1.0, np.ptp(support[kept], axis=0).max() / 2 / np.linalg.norm(gravity)))
+    return Weighed(float(mass), center, float(stderr), center_stderr, residual, float(turn))
+
+
+def _about_means(values: Array, piece: Array) -> Array:
+    """(T, 3) values less their mean in each piece (T,) of the log."""
+    counts = np.bincount(piece)
+    means = np.stack([np.bincount(piece, column) for column in values.T], 1) / np.maximum(counts, 1)[:, None]
+    about: Array = values - means[piece]
+    return about
 
 
 def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, Array]:
     """(3,) m c of torque = (m c) x support + constant, by least squares with a weak pull to zero; and standard errors.
 
     Args:
-        support: (T, 3) what carries one kilogram.
-        torque: (T, 3) Nm.
+        support: (T, 3) what carries one kilogram, less its mean.
+        torque: (T, 3) Nm, less its mean.
         count: how many of the samples are independent.
     """
     zero = np.zeros(len(support))
-    x, y, z = (support - support.mean(0)).T
+    x, y, z = support.T
     columns = np.stack([np.stack(row, 1) for row in ((zero, z, -y), (-z, zero, x), (y, -x, zero))], 1).reshape(-1, 3)
     pull = 1e-6 * np.trace(columns.T @ columns) * np.eye(3)
-    target = (torque - torque.mean(0)).ravel()
+    target = torque.ravel()
     moment = np.linalg.solve(columns.T @ columns + pull, columns.T @ target)
     variance = ((target - columns @ moment) ** 2).mean() * len(support) / count
     return moment, np.sqrt(variance * np.diag(np.linalg.inv(columns.T @ columns + pull)))

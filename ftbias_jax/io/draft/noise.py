@@ -14,8 +14,8 @@ FEWEST = 20
 """Samples that a stretch must have; where samples are rare, stretches are longer than QUIET."""
 MOST = 100
 """Stretches that are looked at in a long log, evenly spread."""
-QUIETEST = 0.1
-"""Share of the stretches that are quieter than the one that is believed."""
+USUAL, QUIETEST = 0.5, 0.1
+"""Share of the stretches that are quieter than the one that is believed, at rest and in motion, which makes noise."""
 AT_REST = 2e-3
 """rad that the sensor turns at most in a stretch at rest: a tool of 2 kg then weighs on no axis 0.04 N more or less."""
 SAME = 1.3
@@ -50,11 +50,12 @@ def quietest_noise(t: Array, wrench: Array, rotations: Array | None = None) -> t
         return None
     usable = usable[:: max(1, len(usable) // MOST)]
     stds, halves = np.array([_about_cubic(t[part], wrench[part]) for part in usable]).swapaxes(0, 1)
-    quiet = np.quantile(stds, QUIETEST, axis=0)
-    moves = not resting and (quiet > SAME * np.quantile(halves, QUIETEST, axis=0)).any()
+    share = USUAL if resting else QUIETEST
+    quiet = np.quantile(stds, share, axis=0)
+    moves = not resting and (quiet > SAME * np.quantile(halves, share, axis=0)).any()
     if moves or not (quiet > 0).all():
         return None
-    where = "of the quietest second at rest" if resting else "of the quietest second of the log, never at rest"
+    where = "of a usual second at rest" if resting else "of the quietest second of the log, never at rest"
     return [float(f"{std:.2g}") for std in quiet], where if rotations is not None else "of the quietest second"
 
 

@@ -134,3 +134,49 @@ def test_joints_that_several_robots_have_ask_for_a_name(tmp_path, capsys):
     assert run(log, "--robot", "panda_link8", "-o", tmp_path / "setup.toml") == 2
     assert "the joints of panda_link8 are panda_joint1" in capsys.readouterr().err
     assert not (tmp_path / "setup.toml").exists()
+
+
+def table(tmp_path, t, q, wrench):
+    """A log as a table of its own kind."""
+    header = ",".join(["t", *(f"q{k}" for k in range(q.shape[1])), "Fx", "Fy", "Fz", "Mx", "My", "Mz"])
+    np.savetxt(tmp_path / "log.csv", np.hstack([t[:, None], q, wrench]), delimiter=",", header=header, comments="")
+    return tmp_path / "log.csv", tmp_path / "setup.toml"
+
+
+def test_a_payload_that_the_controller_subtracts_needs_no_mass(tmp_path, capsys):
+    """From the log to a corrected wrench and a diagnosis, without a word of a tool."""
+    t, q, wrench = made.arm_log(samples=1500)
+    weight = made.readings(made.rotations(built_in_robot("ur5e"), q), noise=0.0) + made.BIAS
+    log, setup = table(tmp_path, t, q, wrench - weight)
+    assert run(log, "--robot", "ur5e", "-o", setup) == 0
+    assert "the controller subtracts the payload" in capsys.readouterr().out
+    assert load_setup(setup).sensor.compensated == "tool"
+    assert main(["check", str(log), "--setup", str(setup)]) == 0
+    result = tmp_path / "result.npz"
+    assert main(["filter", str(log), "--setup", str(setup), "-o", str(result)]) == 0
+    np.testing.assert_allclose(np.load(result)["bias"][-1], made.BIAS, atol=0.1)
+    assert main(["identify", str(log), "--setup", str(setup), "-o", str(tmp_path / "found.toml")]) == 2
+    assert not (tmp_path / "found.toml").exists()
+    assert main(["diagnose", str(log), "--setup", str(setup)]) == 0
+    assert "nan" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("half_way", [False, True])
+def test_a_sensor_that_was_set_to_zero_is_drafted_so(tmp_path, half_way):
+    """With the tool on, at the start or while the log was recorded."""
+    t, q, wrench = made.arm_log(samples=3000)
+    if half_way:
+        q[1400:1600] = q[1400]  # at rest
+        wrench = made.readings(made.rotations(built_in_robot("ur5e"), q))
+        wrench[1500:] -= wrench[1490:1500].mean(0)
+    else:
+        q[:50] = q[50]
+        wrench = made.readings(made.rotations(built_in_robot("ur5e"), q))
+        wrench -= wrench[:50].mean(0)
+    log, setup = table(tmp_path, t, q, wrench)
+    assert run(log, "--robot", "ur5e", "-o", setup) == 0
+    found = load_setup(setup)
+    assert found.sensor.rezeroed != half_way
+    np.testing.assert_allclose(found.sensor.rezeroed_at, [t[1500]] * half_way, atol=0.03)
+    np.testing.assert_allclose(found.tool.mass, made.MASS, rtol=0.05)
+    assert main(["check", str(log), "--setup", str(setup)]) == 0

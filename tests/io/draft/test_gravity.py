@@ -50,3 +50,23 @@ def test_a_tool_lighter_than_the_noise_is_not_credible():
     t, q, _ = made.arm_log()
     noise = np.random.default_rng(1).normal(size=(len(t), 6)) * 5
     assert not weighed(t, q, noise).credible
+
+
+def test_a_weight_that_is_missing_or_overcompensated_is_absent_and_a_light_tool_is_not():
+    t, q, wrench = made.arm_log(samples=3000)
+    weight = made.readings(made.rotations(SETUP.robot, q), noise=0.0) + made.BIAS
+    for subtracted, absent in ((0.0, False), (0.95, False), (1.0, True), (1.05, True), (2.0, False)):
+        found = weighed(t, q, wrench - subtracted * weight)
+        assert found.absent == absent, subtracted
+        np.testing.assert_allclose(found.mass, (1 - subtracted) * made.MASS, atol=0.02)
+    assert not weighed(t, q, 5 * np.random.default_rng(1).normal(size=wrench.shape)).absent
+    assert np.degrees(found.turn) > 30
+
+
+def test_a_sensor_set_to_zero_on_the_way_weighs_as_before():
+    t, q, wrench = made.arm_log(samples=1000)
+    wrench[600:] += [20, -10, 5, 1, 0, 2]
+    turned = arm_rotations(SETUP.robot, SETUP.sensor, q)
+    found = weigh(t, turned, SETUP.robot.gravity, wrench, [t[600]])
+    assert abs(found.mass - made.MASS) < 3 * found.mass_stderr < 0.1
+    np.testing.assert_allclose(found.center_of_mass, made.CENTER, atol=2e-3)
