@@ -16,6 +16,7 @@ from ftbias_jax.diagnosis.samples.read import inspect_samples
 from ftbias_jax.diagnosis.samples.smoothed import padded_samples, smoothed
 from ftbias_jax.diagnosis.samples.touched import contacts_in
 from ftbias_jax.diagnosis.samples.types import SampleFindings
+from ftbias_jax.errors import LogError
 from ftbias_jax.filtering import bias_filter, filter_log
 from ftbias_jax.filtering.adapt.contact import Contact, in_contact
 from ftbias_jax.filtering.adapt.log_noise import MARGIN
@@ -196,6 +197,9 @@ def _bin(
     """
     wrench, temperature = found.clean_wrench, fill_temperature(log.t, log.temperature)
     rows = np.isfinite(wrench).any(1)
+    if not rows.any():
+        message = "no reading is left: all are at the end of the sensor's range, repeat others, or are single spikes"
+        raise LogError(message, field="wrench", remedy="check the sensor and its driver, and record again")
     index, _, padded = bins_of(log.t[rows], float(log.t[-1]))
     count = sum_of_bins(index, np.isfinite(wrench[rows]))
     columns = {name: mean_of_bins(index, column.at(log.t)[rows]) for name, column in log.columns.items()}

@@ -143,7 +143,8 @@ def _at_top(x: np.ndarray, tops: list[exact.FlatTop]) -> np.ndarray:
 
 def _around(marked: np.ndarray, reach: int) -> np.ndarray:
     """(N, k) samples that are marked, or within so many samples of one that is."""
-    near: np.ndarray = np.apply_along_axis(np.convolve, 0, marked, np.ones(2 * reach + 1), "same") > 0.5
+    counts = np.apply_along_axis(np.convolve, 0, marked, np.ones(2 * reach + 1))
+    near: np.ndarray = counts[reach : reach + len(marked)] > 0.5  # also where there are fewer samples than that
     return near
 
 

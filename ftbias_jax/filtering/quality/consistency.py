@@ -96,6 +96,8 @@ def verdict(result: Consistency) -> str:
     """One sentence about a check."""
     nis = result.nis
     inside = f"NIS per axis {nis.value:.3f}, 95 % of right models lie in {nis.low:.3f} to {nis.high:.3f}"
+    if not np.isfinite(result.lag_one).any():
+        return f"not judged, because the log has too few samples: {inside}"
     correlated = np.nanmax(np.abs(result.lag_one) / result.lag_one_bound)
     if nis.value > nis.high:
         return f"overconfident: {inside}; the noise is understated or something is not modelled (ftbias diagnose)"

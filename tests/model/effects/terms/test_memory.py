@@ -32,3 +32,13 @@ def test_a_mass_on_a_spring_obeys_its_equation(damping_ratio):
     rate = np.gradient(deviation, h)
     left = np.gradient(rate, h) + 2 * damping_ratio * w * rate + w**2 * deviation - 25 * signal[:, 0]
     assert np.abs(left[10:-10]).max() < 0.02 * w**2 * np.abs(deviation).max()
+
+
+@pytest.mark.parametrize("drive", [low_passed, lambda *x: swing(*x, np.array(0.3))])
+def test_logs_one_after_the_other_do_not_know_of_each_other(drive):
+    rng = np.random.default_rng(1)
+    times = [np.arange(count) / 50 + start for count, start in ((900, 0.0), (700, 0.02), (500, 3.0))]
+    signals = [np.cumsum(rng.normal(size=(len(t), 2)), axis=0) + 5 * k for k, t in enumerate(times)]
+    alone = [drive(np, t, signal, np.array(1.4)) for t, signal in zip(times, signals, strict=True)]
+    together = drive(np, np.concatenate(times), np.concatenate(signals), np.array(1.4))
+    np.testing.assert_allclose(together, np.concatenate(alone), rtol=1e-9, atol=1e-9)
