@@ -10,7 +10,13 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
 from ftbias_jax.runtime.jax_config import prepare_jax
-from ftbias_jax.runtime.signals import end_on_signals, end_with_parent, ignore_interrupts, stop_if_ending
+from ftbias_jax.runtime.signals import (
+    end_on_signals,
+    end_with_parent,
+    ignore_interrupts,
+    interrupts_blocked,
+    stop_if_ending,
+)
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -34,7 +40,8 @@ def run_each(work: Callable[[Task], Result], tasks: Iterable[Task], jobs: int) -
             with _pool(jobs) as pool:
                 while waiting or flying:
                     while waiting and len(flying) < jobs:
-                        future = pool.submit(work, waiting[0])  # a broken pool takes none, and the task still waits
+                        with interrupts_blocked():  # submitting starts processes
+                            future = pool.submit(work, waiting[0])  # a broken pool takes none: the task still waits
                         flying[future] = waiting.popleft()
                     for future in wait(flying, return_when=FIRST_COMPLETED).done:
                         yield flying[future], future.result()

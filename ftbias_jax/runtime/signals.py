@@ -13,7 +13,9 @@ import signal
 import sys
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import util
 from multiprocessing.connection import wait
 
 from ftbias_jax.files import remove_temporary
@@ -54,6 +56,16 @@ def ignore_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+@contextmanager
+def interrupts_blocked() -> Iterator[None]:
+    """Processes that are started meanwhile do not know of Ctrl-C, not even before they can say so themselves."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def stop_if_ending() -> None:
     """Wait for the end of the process, if it is being ended: what its children did not finish is no news then."""
     while _ending.is_set():
@@ -67,8 +79,10 @@ def _wait(listen: int, message: str) -> None:
         if message:
             sys.stdout.flush()
             os.write(2, message.encode())
+        threading.excepthook = lambda *_: None  # threads of a pool that is no more have nothing to tell
         _end_children()
         remove_temporary()
+        util._run_finalizers(0)  # type: ignore[attr-defined]  # else Python tells of semaphores that were not given back
     finally:
         os._exit(EXIT_CODE)
 

@@ -118,6 +118,18 @@ def test_parquet_columns_that_cannot_be_read_are_named(tmp_path, setup, original
     fails(tmp_path / "log.parquet", setup, *words)
 
 
+def test_a_parquet_without_rows_and_one_with_an_empty_column(tmp_path, setup, original):
+    pq.write_table(
+        arrow.table({name: arrow.array(x[:0]) for name, x in columns(original).items()}), tmp_path / "0.parquet"
+    )
+    fails(tmp_path / "0.parquet", setup, "has no rows")
+    nothing = {"fx": arrow.nulls(len(original.t)), "notes": arrow.nulls(len(original.t))}
+    pq.write_table(arrow.table({**columns(original), **nothing}), tmp_path / "log.parquet")
+    log = read_log(tmp_path / "log.parquet", setup)
+    assert np.isnan(log.wrench[:, 0]).all()
+    np.testing.assert_array_equal(log.wrench[:, 1:], original.wrench[:, 1:])
+
+
 def test_parquet_of_too_many_rows_is_refused_before_memory_is_taken(tmp_path, setup, original, monkeypatch):
     write_parquet(tmp_path / "log.parquet", original)
     monkeypatch.setattr(budget, "MAX_BYTES", 100)

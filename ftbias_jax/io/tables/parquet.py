@@ -61,7 +61,7 @@ def parquet_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> di
         used = [name for names in columns for name in names]
         stored = list(dict.fromkeys(where[name].column for name in used))
         groups = row_groups(file)
-        others, rows = used[len(columns.time) :], _rows(groups, budget)
+        others, rows = used[len(columns.time) :], _rows(groups, budget, file)
         t = [np.empty(rows, _time_type(arrow, schema.field(name).type, name, file)) for name in columns.time]
         _check_numbers(arrow, schema, {where[name].column for name in others}, file)
         budget.hold(sum(x.nbytes for x in t) + 8 * rows * len(others))
@@ -96,7 +96,7 @@ def load_parquet(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, 
         stored = list(dict.fromkeys(where[name].column for name in (*time, *names)))
         _check_numbers(arrow, table.schema_arrow, {where[name].column for name in names}, file)
         groups = row_groups(file)
-        budget.hold(8 * _rows(groups, budget) * (1 + len(names)))
+        budget.hold(8 * _rows(groups, budget, file) * (1 + len(names)))
         check_pages(file, groups, set(stored))
         content, compute = table.read(columns=stored, use_threads=False), need("pyarrow.compute", "parquet", file)
         columns = {name: content.column(where[name].column) for name in names}
@@ -147,11 +147,14 @@ def _check_footer(source: Any, file: str) -> None:
         source.seek(0)
 
 
-def _rows(groups: Sequence[RowGroup], budget: Budget) -> int:
+def _rows(groups: Sequence[RowGroup], budget: Budget, file: str) -> int:
     """The rows that all parts of the file declare, whose pages may unpack to what the budget allows."""
     for group in groups:
         budget.unpack(max(group.unpacked, sum(max(chunk.unpacked, 0) for chunk in group.chunks), 0))
-    return max(sum(group.rows for group in groups), 0)
+    rows = sum(group.rows for group in groups)
+    if rows <= 0:
+        raise LogError("has no rows", file=file, remedy="record a log, and export it whole")
+    return rows
 
 
 def _time_type(arrow: Any, kind: Any, name: str, file: str) -> type[np.generic]:
