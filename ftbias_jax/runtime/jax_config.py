@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import wraps
@@ -19,6 +20,8 @@ R = TypeVar("R")
 
 MIN_COMPILE_SECONDS = 0.02
 """Programs that compile faster are not worth a file."""
+LARGEST_PROGRAM = 1 << 28
+"""Bytes of a file in the cache; a larger one is none of ours, and nothing is read from there."""
 CACHE_SWITCH = "FTBIAS_CACHE"
 """Environment variable; "off" = compiled programs are not kept."""
 
@@ -55,9 +58,23 @@ def keep_programs() -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
         return
-    if os.access(folder, os.W_OK):
+    if os.access(folder, os.W_OK) and _is_readable(folder):
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", MIN_COMPILE_SECONDS)
+
+
+def _is_readable(folder: Path) -> bool:
+    """Whether JAX, which asks nothing, can read what is in a cache: a pipe would make it wait for ever."""
+    try:
+        with os.scandir(folder) as entries:
+            return all(entry.is_dir(follow_symlinks=False) or is_plain(entry.stat()) for entry in entries)
+    except OSError:
+        return False
+
+
+def is_plain(state: os.stat_result) -> bool:
+    """Whether a file is one, and of a size that a compiled program may have."""
+    return stat.S_ISREG(state.st_mode) and state.st_size <= LARGEST_PROGRAM
 
 
 def in_float64(verb: Callable[P, R]) -> Callable[P, R]:

@@ -28,7 +28,7 @@ from jax.experimental.serialize_executable import deserialize_and_load, serializ
 
 from ftbias_jax.files import replace_whole
 from ftbias_jax.runtime.compiled_loops import on_cpu
-from ftbias_jax.runtime.jax_config import is_wide, same_precision
+from ftbias_jax.runtime.jax_config import is_plain, is_wide, same_precision
 
 ADDRESS = " at 0x"
 """In the words for an object that nothing but its place in memory tells from others: such a program is not kept."""
@@ -75,7 +75,7 @@ class KeptProgram:
         path = _path(words)
         if path is not None and _is_own(path.parent):
             with suppress(Exception):  # a file of a cache may be anything: then it is made again
-                kept: Callable[..., Any] = deserialize_and_load(*pickle.loads(path.read_bytes()))
+                kept: Callable[..., Any] = deserialize_and_load(*pickle.loads(_content(path)))
                 return kept
         outline = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*shape) for shape in shapes])
 
@@ -153,9 +153,25 @@ def _keep(path: Path, compiled: Any, outline: Any) -> None:
     with suppress(Exception):  # a full disk, or a program that cannot be kept
         parts, zeros = serialize(compiled), jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), outline)
         jax.block_until_ready(deserialize_and_load(*parts)(*zeros))
-        content = pickle.dumps(parts)
+        content = path.stem.encode() + pickle.dumps(parts)
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         replace_whole(str(path), lambda file: file.write(content))
+
+
+def _content(path: Path) -> bytes:
+    """The program in a file, which is one, and that of its name.
+
+    Raises:
+        OSError, ValueError: it is not.
+    """
+    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+        if not is_plain(os.fstat(file.fileno())):
+            raise ValueError("is no file of a sensible size")
+        content = file.read()
+    name = path.stem.encode()
+    if not content.startswith(name):
+        raise ValueError("has another program")
+    return content[len(name) :]
 
 
 def _path(words: str) -> Path | None:

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -63,5 +64,25 @@ def test_what_jax_was_told_about_its_cache_stays(tmp_path, monkeypatch, updates,
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     for name, value in decided.items():
         monkeypatch.setattr(jax_config.jax.config, name, value)
+    prepare_jax()
+    assert updates == {"jax_enable_x64": True}
+
+
+def _make_sparse(path):
+    path.touch()
+    os.truncate(path, 10 << 30)
+
+
+@pytest.mark.parametrize("spoil", [os.mkfifo, _make_sparse])
+def test_a_cache_with_what_is_no_program_is_not_used(tmp_path, monkeypatch, updates, spoil):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = tmp_path / "ftbias" / "jax"
+    folder.mkdir(parents=True)
+    (folder / "jit_sound").touch()
+    (folder / "ftbias").mkdir()
+    prepare_jax()
+    assert CACHE in updates
+    updates.clear()
+    spoil(folder / "jit_odd")
     prepare_jax()
     assert updates == {"jax_enable_x64": True}

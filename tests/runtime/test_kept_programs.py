@@ -1,5 +1,6 @@
 """Programs that stay compiled between processes: loaded instead of traced, and made anew where that fails."""
 
+import os
 import threading
 
 import jax
@@ -49,6 +50,30 @@ def test_what_one_process_compiled_another_one_does_not_trace(folder, program, t
     assert traced == [2.0]
     np.testing.assert_array_equal(again["scaled"], first["scaled"])
     np.testing.assert_array_equal(again["scaled"], 2 * X)
+
+
+def _pipe(path):
+    path.unlink()
+    os.mkfifo(path)
+
+
+def _sparse(path):
+    os.truncate(path, 10 << 30)
+
+
+def _swapped(path):
+    """It has the program that doubles five numbers."""
+    path.write_bytes(next(other for other in path.parent.iterdir() if other != path).read_bytes())
+
+
+@pytest.mark.parametrize("spoil", [_pipe, _sparse, _swapped, lambda path: path.write_bytes(b"")])
+def test_a_file_that_is_no_such_program_is_not_there(folder, program, traced, spoil):
+    program()({"x": X})
+    (kept,) = folder.rglob("*.program")
+    program()({"x": np.arange(5.0, dtype=np.float32)})
+    spoil(kept)
+    np.testing.assert_array_equal(program()({"x": X})["scaled"], 2 * X)
+    assert len(traced) == 3
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707])
