@@ -10,15 +10,16 @@ import numpy as np
 
 from ftbias_jax.calibration.identify import NAMES, UNITS, Identified, identify
 from ftbias_jax.calibration.identify_poses import PoseReport, identify_poses
-from ftbias_jax.calibration.identify_words import motion_lines, plain_errors, pose_lines, with_errors
 from ftbias_jax.calibration.tool import crosstalk as sensor_channels
 from ftbias_jax.calibration.tool.channels import Channels
 from ftbias_jax.calibration.tool.steady import SteadyBias, steady_bias
 from ftbias_jax.calibration.tool.steps import Step, find_steps, is_gained, with_steps
+from ftbias_jax.calibration.tool.words import motion_lines, plain_errors, pose_lines, with_errors
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.recorded.at_rest import require_motion
 from ftbias_jax.filtering.samples import pad, samples_from_log
 from ftbias_jax.io.cleaning import without_long_pauses
 from ftbias_jax.io.log import Log
@@ -134,9 +135,11 @@ def identify_tool(
 
     Raises:
         SetupError: the setup is wrong in more than the tool, as the log shows. LogError: the log is in units or frames
-            that no setup states.
+            that no setup states, or of an arm at rest.
         UsageError: crosstalk is asked of static poses.
     """
+    if not isinstance(log, Poses):
+        require_motion(setup, log)
     report, channels, steady, steps = None, None, None, tuple[Step, ...]()
     if crosstalk and isinstance(log, Poses):
         remedy = "give a log of motion, or leave it out"

@@ -41,11 +41,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         end_on_signals(f"ftbias: {INTERRUPTED}\n")
     print_what_the_terminal_can()
     if words and words[0] in RENAMED:
-        print(f"ftbias: {words[0]!r} is now called {RENAMED[words[0]]!r}", file=sys.stderr)
+        print(f"warning: {words[0]!r} is now called {RENAMED[words[0]]!r}", file=sys.stderr)
         words[0] = RENAMED[words[0]]
     for name in DECIDED_HERE:
         if os.environ.pop(name, None) and DECIDED_HERE[name]:
-            print(f"ftbias: warning: {name} is ignored, {DECIDED_HERE[name]}", file=sys.stderr)
+            print(f"warning: {name} is ignored, {DECIDED_HERE[name]}", file=sys.stderr)
     # The matrices are small: threads of BLAS that wait for one another cost more than they save.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:

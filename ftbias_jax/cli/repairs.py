@@ -1,4 +1,4 @@
-"""What was mended or left out of logs, for the owner to read."""
+"""Warnings: what was mended or left out of logs, and what is wrong with their setup."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ from ftbias_jax.errors import printable
 from ftbias_jax.io.log import Repairs
 
 
+def warn(text: str) -> None:
+    """Print a warning on standard error, where errors begin with the name of the program."""
+    print(printable(f"warning: {text}"), file=sys.stderr, flush=True)
+
+
 def tell_mistake(path: str, line: str) -> None:
     """Print on standard error what is wrong with the setup of a log.
 
@@ -16,7 +21,7 @@ def tell_mistake(path: str, line: str) -> None:
         path: of the log.
         line: what ``Check.lines`` gives.
     """
-    print(printable(f"ftbias: {path}: {line}"), file=sys.stderr, flush=True)
+    warn(f"{path}: {line}")
 
 
 def tell_repairs(logs: Iterable[tuple[str, Repairs]]) -> int:
@@ -28,6 +33,6 @@ def tell_repairs(logs: Iterable[tuple[str, Repairs]]) -> int:
     code = 0
     for path, repairs in logs:
         for repair in repairs:
-            print(printable(f"ftbias: {path}: {repair.what}"), file=sys.stderr)
+            warn(f"{path}: {repair.what}")
             code = 3 if repair.lost else code
     return code

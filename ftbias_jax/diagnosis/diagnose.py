@@ -32,6 +32,7 @@ from ftbias_jax.diagnosis.terms.states import state_of_problem
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check.check_setup import require_right
+from ftbias_jax.filtering.recorded.at_rest import rest_in_words, weight_in_bias
 from ftbias_jax.io.cleaning import cleaned, slices, survey, without_long_pauses
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.provenance import provenance, source_of
@@ -119,14 +120,14 @@ def diagnose(
     progress("checking the setup")
     facts = [survey(slices(log)) for log in logs]
     as_filtered = map(cleaned, logs, facts)  # one at a time, each no longer than it is looked at
-    logs = [
-        without_long_pauses(cleaned(log, known, clipped=False, held=False))
-        for log, known in zip(logs, facts, strict=True)
-    ]
-    with compiled_ahead(setup, logs):
+    pairs = zip(logs, facts, strict=True)
+    logs = [without_long_pauses(cleaned(log, known, clipped=False, held=False)) for log, known in pairs]
+    with_tool, of_tool = weight_in_bias(setup, slices(*logs))
+    logs = [log._replace(repairs=(*log.repairs, *of_tool)) for log in logs]
+    with compiled_ahead(with_tool, logs):
         require_right(setup, as_filtered, "diagnose", unchecked)
         progress("making the logs ready")
-        problem, samples = make_problem(setup, logs)
+        problem, samples = make_problem(with_tool, logs)
     known = _known(problem, logs, samples, without)
     accepted, rounds = search(known.problem, known.base, known.hold_out, {*without, *not_shown(setup)}, progress)
     answer = _with_effects(known, accepted, rounds)
@@ -202,8 +203,7 @@ def _judged(known: _Known, answer: _Answer) -> tuple[_Answer, str, tuple[Candida
     causes = causes_of(
         problem, known.hold_out, known.base, accepted, answer.rounds, known.found, answer.total, answer.doubt
     )
-    seen = {finding.effect for finding in known.found}
-    of_samples = tuple(cause for cause in causes if cause.effect in seen)
+    of_samples = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in known.found})
     if gap.shrink < USEFUL_SHARE:
         causes, answer = of_samples, answer._replace(accepted=known.base)
         if not answer.terms:
@@ -245,6 +245,6 @@ def _told(
         setup_name=Path(setup.path).name,
         own_effects=setup.own_effects,
         terms=answer.terms,
-        note=not_whitened(setup),
+        note=" ".join(filter(None, (not_whitened(setup), rest_in_words(setup, slices(*logs))))),
         provenance=provenance(setup, list(map(source_of, logs)), {"without": sorted(without)}, names),
     )

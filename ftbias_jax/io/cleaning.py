@@ -27,7 +27,7 @@ Split = Callable[[int], Iterator[Log]]
 
 
 class HeldStream(NamedTuple):
-    """The samples of a stream that repeat a reading that was taken before; see ``rates.held``."""
+    """The samples of a stream that repeat a reading taken before (``rates.held``)."""
 
     samples: int = 1
     """For how many samples one reading is held, at most."""
@@ -162,8 +162,7 @@ def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None
 def survey(split: Split) -> Facts:
     """Read a log for what must be known of all of it: once, and again if readings are held."""
     facts = _survey(split)
-    streams = (facts.held_wrench, facts.held_joints, facts.held_rates)
-    if not any(len(stream.t) for stream in streams):
+    if not any(len(stream.t) for stream in (facts.held_wrench, facts.held_joints, facts.held_rates)):
         return facts
 
     def once(size: int) -> Iterator[Log]:
@@ -214,13 +213,14 @@ def _held_stream(seen: Repeats, t: Array) -> HeldStream:
     return NOT_HELD if found is None else HeldStream(found.samples, len(t), t[found.repeats])
 
 
-def slices(log: Log) -> Split:
-    """The parts of a log that is in memory."""
+def slices(*logs: Log) -> Split:
+    """The parts of logs that are in memory, one log after the other."""
 
     def split(size: int) -> Iterator[Log]:
-        for first in range(0, len(log.t), size):
-            t, q, dq, wrench, temperature = (x[first : first + size] for x in log[:5])
-            yield Log(t, q, dq, wrench, temperature, log.start, columns=log.columns, rezeroed_at=log.rezeroed_at)
+        for log in logs:
+            for first in range(0, len(log.t), size):
+                t, q, dq, wrench, temperature = (x[first : first + size] for x in log[:5])
+                yield Log(t, q, dq, wrench, temperature, log.start, columns=log.columns, rezeroed_at=log.rezeroed_at)
 
     return split
 

@@ -71,6 +71,8 @@ class LogInfo(NamedTuple):
     """Lines of a setup that say how to read it, as far as it shows."""
     others: tuple[str, ...] = ()
     """Columns that nothing is made of."""
+    log: Log | None = None
+    """As the setup reads it; None = there is no setup, or it does not."""
 
 
 def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvage: bool = False) -> LogInfo:
@@ -101,7 +103,8 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     streams = (motion, _wrench_info(log))
     verdict = "can be filtered" if setup else f"has {len(names)} joints and a wrench"
     try:
-        return LogInfo(streams, (), clean(log).repairs, verdict, True)
+        cleaned = clean(log)
+        return LogInfo(streams, (), cleaned.repairs, verdict, True, log=cleaned if setup else None)
     except LogError as error:
         return LogInfo(streams, (), log.repairs, _nothing(error), False)
 
@@ -127,10 +130,10 @@ def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bo
     if setup is None:
         return LogInfo(streams, others, repairs, "has joints and a wrench: --setup tells whether they fit", True)
     try:
-        repairs = clean(log_of(recording, setup, os.fspath(path))).repairs
+        log = clean(log_of(recording, setup, os.fspath(path)))
     except LogError as error:
         return LogInfo(streams, others, repairs, _nothing(error), False)
-    return LogInfo(streams, others, repairs, "can be filtered", True)
+    return LogInfo(streams, others, log.repairs, "can be filtered", True, log=log)
 
 
 def _nothing(error: LogError) -> str:

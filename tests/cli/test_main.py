@@ -322,7 +322,7 @@ def test_variables_of_jax_that_do_not_hold_here_are_ignored_with_a_word(monkeypa
         monkeypatch.setenv(name, value)
     assert main(["setup", "--list"]) == 0
     said = capsys.readouterr().err
-    assert said == "ftbias: warning: JAX_DEBUG_NANS is ignored, because NaN means that nothing was measured\n"
+    assert said == "warning: JAX_DEBUG_NANS is ignored, because NaN means that nothing was measured\n"
     assert "JAX_ENABLE_X64" not in os.environ
 
 

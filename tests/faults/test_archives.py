@@ -145,5 +145,5 @@ def test_a_cut_bag_is_refused_or_salvaged_with_its_loss_told(tmp_path, monkeypat
     assert "(--salvage reads what is whole)" in capsys.readouterr().err
     assert not os.path.exists("out.npz")
     assert main([*command, "--salvage"]) == 3
-    assert re.search(r"ftbias: log.bag: \d{4} messages were recovered", capsys.readouterr().err)
+    assert re.search(r"warning: log.bag: \d{4} messages were recovered", capsys.readouterr().err)
     assert 1000 < len(load_npz("out.npz")["t"]) < 2000

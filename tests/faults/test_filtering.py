@@ -91,6 +91,7 @@ def nothing(log):
 def test_without_a_fault(filtered, simulated):
     result, told = filtered(nothing)
     assert np.abs(errors(result, simulated)).max() < 5
+    assert "warning: " not in told
     assert "ftbias: " not in told
 
 

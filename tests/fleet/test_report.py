@@ -134,7 +134,7 @@ def test_damaged_lines_are_told(tmp_path, capsys):
         manifest.add("log", {"log": [[]]})
         manifest.add("settings", {"job": 1})
     assert main(["report", str(tmp_path), "-o", str(tmp_path / "page.html")]) == 0
-    assert "ftbias: 2 lines of the manifest could not be read" in capsys.readouterr().err
+    assert "warning: 2 lines of the manifest could not be read" in capsys.readouterr().err
     assert "2 lines of the manifest could not be read." in (tmp_path / "page.html").read_text()
 
 

@@ -70,7 +70,7 @@ def _each(arguments: argparse.Namespace) -> int:
     from ftbias_jax.fleet.entry import settings_of
 
     refuse_options(arguments, ("json", "html", "in_place"))
-    setup = load_setup(arguments.setup, with_tool=True, allow_outside=arguments.allow_outside)
+    setup = load_setup(arguments.setup, allow_outside=arguments.allow_outside)
     tasks, manifest = find_tasks(
         arguments, setup, "diagnose", ANSWER, (REPORT, APPLIED) if arguments.apply else (REPORT,)
     )
@@ -109,7 +109,7 @@ def check_arguments(arguments: argparse.Namespace) -> Setup:
     for option, (path, suffix) in named.items():
         if path is not None:
             check_writable(path, suffix, option)
-    setup = load_setup(arguments.setup, with_tool=True, allow_outside=arguments.allow_outside)
+    setup = load_setup(arguments.setup, allow_outside=arguments.allow_outside)
     arguments.logs = expand(arguments.logs, setup.log.files)
     outputs = {"--output": arguments.output, **{option: path for option, (path, _) in named.items()}}
     kinds = {"--json": DIAGNOSIS, "--html": PAGE} | ({} if arguments.in_place else {"--output": SETUP})

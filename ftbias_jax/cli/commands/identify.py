@@ -9,9 +9,11 @@ from pathlib import Path
 from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
+from ftbias_jax.filtering.recorded.at_rest import require_motion
 from ftbias_jax.fleet.entry import settings_of
 from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_motion
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import behind_link, check_outputs, output_of_setup
 from ftbias_jax.io.write.ours import SETUP
 from ftbias_jax.setup import load_setup
@@ -37,6 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
     with Stages(f"identifying the tool of {Path(path).name}") as stages:
         stages("reading")
         log = read_motion(path, setup)
+        if isinstance(log, Log):
+            require_motion(setup, log, path)
         prepare_jax()
         from ftbias_jax.calibration.identify_tool import identify_tool
 

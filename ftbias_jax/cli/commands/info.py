@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import argparse
 import math
+import shlex
 from datetime import UTC, datetime
 
 from ftbias_jax.errors import LONGEST, cut
+from ftbias_jax.filtering.recorded.at_rest import rest_in_words
+from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.info import LogInfo, StreamInfo, describe
 from ftbias_jax.setup import load_setup
+from ftbias_jax.setup.require import has_no_tool
+from ftbias_jax.setup.types import Setup
 
 MAX_LISTED = 8
 
@@ -18,7 +23,24 @@ def run(arguments: argparse.Namespace) -> int:
     setup = None if arguments.setup is None else load_setup(arguments.setup, allow_outside=arguments.allow_outside)
     info = describe(arguments.log, setup, salvage=True)
     print(format_info(arguments.log, info))
+    rests = rest_in_words(setup, slices(info.log)) if setup and info.log else ""
+    print("\n".join([*([rests] if rests else []), f"next: {_next(arguments, setup, info, rests)}"]))
     return 3 if any(repair.lost for repair in info.repairs) else 0
+
+
+def _next(arguments: argparse.Namespace, setup: Setup | None, info: LogInfo, rests: str) -> str:
+    """The command that goes on from here."""
+    log = shlex.quote(arguments.log)
+    if setup is None:
+        has_joints = any(stream.names or stream.name == "joints" for stream in info.streams)
+        robot = " --robot NAME" if has_joints else ""
+        return f"ftbias setup {log}{robot} -o setup.toml" + (" (--list shows the names)" if robot else "")
+    stated = f"{log} --setup {shlex.quote(arguments.setup)}"
+    if info.log is None:
+        return f"correct the setup, then ftbias info {stated}"
+    if setup.tool.unknown and not rests and not has_no_tool(setup):
+        return f"ftbias identify {stated} -o identified.toml"
+    return f"ftbias filter {stated} -o result.npz" if rests else f"ftbias check {stated}"
 
 
 def format_info(file: str, info: LogInfo) -> str:

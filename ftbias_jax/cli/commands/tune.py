@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
-from ftbias_jax.cli.repairs import tell_repairs
+from ftbias_jax.cli.repairs import tell_repairs, warn
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.fleet.entry import settings_of
 from ftbias_jax.fleet.find import expand, inputs, is_folder
@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
             setup.save(behind_link(output, arguments.in_place), by="" if arguments.in_place else "tune")
             print(f"wrote {output}")
         if not tuned.converged:
-            print("ftbias: a fit did not converge; its values are the best so far", file=sys.stderr)
+            warn("a fit did not converge; its values are the best so far")
     return (3 if left_out else code) if tuned.converged else 1
 
 
@@ -119,7 +119,7 @@ def _read_share(setup: Setup, paths: list[str], unchecked: bool) -> Share:
 
     usable = read_usable(setup, distributed.share(paths), "tune", unchecked)
     for error in usable.errors.values():
-        print(f"ftbias: left out: {error}", file=sys.stderr)
+        warn(f"left out: {error}")
     good = distributed.agree(paths, usable.logs)
     if len(good) < jax.process_count():
         message = f"{len(good)} of {len(paths)} logs can be used, by {jax.process_count()} processes"

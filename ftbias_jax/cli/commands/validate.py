@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import sys
 from pathlib import Path
 from types import ModuleType
 
-from ftbias_jax.errors import OutputError, UsageError, printable
+from ftbias_jax.cli.repairs import warn
+from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.io.atomic import make_folder, write_json
 from ftbias_jax.io.outputs import check_outputs
 from ftbias_jax.runtime.progress import Progress
@@ -82,9 +82,9 @@ def score(arguments: argparse.Namespace) -> int:
     write_json(path, result.content)
     print(f"wrote {path}; verdicts in {out} are kept, delete them to diagnose anew")
     for log, trouble in result.troubles.items():
-        print(f"ftbias: {log}: no diagnosis: {trouble}", file=sys.stderr)
+        warn(f"{log}: no diagnosis: {trouble}")
     for loss in result.losses:
-        print(printable(f"ftbias: {loss}"), file=sys.stderr)
+        warn(loss)
     return 1 if result.troubles else 3 if result.losses else 0
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
+from ftbias_jax.cli.repairs import warn
 from ftbias_jax.errors import UsageError, printable
 from ftbias_jax.fleet.entry import FAILED, LOSS, MISTAKES, OK, Entry, Settings, is_same, state_of
 from ftbias_jax.fleet.find import Task, find_logs, shard
@@ -139,7 +139,7 @@ def run_archive(arguments: argparse.Namespace, settings: Settings, tasks: Sequen
     make_folder(folder)
     contents = read_manifests(folder)
     if contents.damaged:
-        print(f"ftbias: {damaged_in_words(contents.damaged)}, their logs are done again", file=sys.stderr)
+        warn(f"{damaged_in_words(contents.damaged)}, their logs are done again")
     before = done_before(folder, contents)
     entries: dict[str, Entry] = {}
     sizes: dict[str, int] = {}

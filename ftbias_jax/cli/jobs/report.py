@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 
+from ftbias_jax.cli.repairs import warn
 from ftbias_jax.errors import printable
 from ftbias_jax.fleet.alarms import alarms_of
 from ftbias_jax.fleet.history import read_fleet
@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     alarms = [printable(f"{name(group)}: {alarm.text}") for group, some in groups.items() for alarm in alarms_of(some)]
     print("\n".join([*alarms, f"{len(fleet.records)} logs of {len(groups)} robots, {len(alarms)} alarms"]))
     if fleet.damaged:
-        print(f"ftbias: {damaged_in_words(fleet.damaged)}", file=sys.stderr)
+        warn(damaged_in_words(fleet.damaged))
     print(f"wrote {arguments.output}")
     return 0
 

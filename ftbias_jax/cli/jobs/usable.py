@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ftbias_jax.cli.repairs import warn
 from ftbias_jax.errors import FtbiasError, LogError, SetupError
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.io import read_log
@@ -69,4 +69,4 @@ def tell_left_out(errors: dict[str, FtbiasError], count: int) -> None:
     if errors and len(errors) == count:
         raise next(iter(errors.values()))
     for error in errors.values():
-        print(f"ftbias: left out: {error}", file=sys.stderr)
+        warn(f"left out: {error}")

@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.conventions.axes import sensor_rotations
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.setup.require import has_no_tool, require_tool, with_guessed_tool
@@ -24,8 +26,11 @@ PART, MOST_ROWS = 1 << 16, 2000
 """Samples of a log read at once, and those of them that are looked at."""
 HEAVIEST = (100.0, 10.0)
 """N, Nm: what a tool of unknown mass may weigh, as prior of the bias."""
+TOLD = 1e-6
+"""N that the weight of a kilogram must change to be worth a word."""
 RESTS = 0.01
 """rad (m): joints that move less make no acceleration worth telling of."""
+TURN_IT = "turn the sensor by 30 degrees or more about two horizontal axes, and touch nothing"
 
 
 class Motion(NamedTuple):
@@ -37,6 +42,11 @@ class Motion(NamedTuple):
     """N by which the weight of one kilogram changes, at most."""
     travel: float
     """rad (m), the largest range of a joint, or of an entry of the pose."""
+
+    @property
+    def rests(self) -> bool:
+        """Whether neither a weight nor an acceleration changes."""
+        return self.turn < LEAST_TURN and self.travel < RESTS
 
 
 def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple[Setup, Repairs]:
@@ -61,7 +71,10 @@ def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple
     keys = " and ".join(f"tool.{key}" for key in setup.tool.unknown)
     what = (
         f"{keys} not stated, but the sensor turns by only {_degrees(motion.turn)} degrees: the tool's weight is "
-        f"taken as part of the bias, and each kilogram leaves up to {motion.most:.2g} N in the corrected wrench"
+        "taken as part of the bias"
+    )
+    what += (
+        f", and each kilogram leaves up to {motion.most:.2g} N in the corrected wrench" if motion.most > TOLD else ""
     )
     moves = "; so do its accelerations" if motion.travel > RESTS else ""
     wide = np.hypot(setup.bias.initial_std, np.repeat(HEAVIEST, 3))
@@ -76,19 +89,32 @@ def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple
 
 
 def rest_in_words(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> str:
-    """That a log cannot show whether its setup is right, because it does not turn the sensor; "" if it does.
+    """What a log can show that does not turn the sensor; "" if it does.
 
     Args:
         setup: of the log.
         parts: as for ``weight_in_bias``.
     """
     motion = motion_of(setup, parts)
+    if motion.rests:
+        return f"at rest: bias and noise show, nothing else ({TURN_IT})"
     if motion.turn > LEAST_TURN:
         return ""
     return (
-        f"the sensor turns by only {_degrees(motion.turn)} degrees: signs, units, frames and the tool do not show in "
-        "such a log"
+        f"the sensor turns by only {_degrees(motion.turn)} degrees: bias and noise show; signs, units, frames and the "
+        f"tool do not ({TURN_IT})"
     )
+
+
+def require_motion(setup: Setup, log: Log, file: str = "") -> None:
+    """Refuse a log of an arm at rest for what needs motion.
+
+    Raises:
+        LogError: the arm stands still.
+    """
+    if motion_of(setup, slices(log)).rests:
+        message = "is of an arm at rest: bias and noise show, nothing of the tool"
+        raise LogError(message, file=file, field="q", remedy=TURN_IT)
 
 
 def motion_of(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> Motion:

@@ -96,7 +96,7 @@ def test_without_outputs_nothing_is_written(folder, calls, capsys):
 
 def test_an_axis_that_was_never_measured_is_told(folder, calls, capsys):
     assert main(["diagnose", "log.npz", "lame.npz", "--setup", "setup.toml"]) == 3
-    assert capsys.readouterr().err == "ftbias: lame.npz: never measured: tz\n"
+    assert capsys.readouterr().err == "warning: lame.npz: never measured: tz\n"
 
 
 @pytest.mark.parametrize(

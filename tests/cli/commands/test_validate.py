@@ -97,7 +97,7 @@ def test_score_prints_and_writes(make_set, monkeypatch, capsys, options, protoco
     assert main(["validate", "score", ".", *options.split()]) == 1
     printed = capsys.readouterr()
     assert printed.out.startswith(f"the table\nwrote {score}; ")
-    assert printed.err == "ftbias: log_000: no diagnosis: it broke\n"
+    assert printed.err == "warning: log_000: no diagnosis: it broke\n"
     assert (folder / score).read_text() == '{\n "logs": 1\n}\n'
     ((out, jobs, logs),) = calls
     assert (out.name, jobs, logs) == (verdicts, 3 if "jobs" in options else 1, ["log_000.npz"])
@@ -107,5 +107,5 @@ def test_the_former_name_works_and_says_the_new_one(capsys):
     with pytest.raises(SystemExit):
         main(["blind", "make", "--help"])
     printed = capsys.readouterr()
-    assert printed.err == "ftbias: 'blind' is now called 'validate'\n"
+    assert printed.err == "warning: 'blind' is now called 'validate'\n"
     assert "ftbias validate make" in printed.out

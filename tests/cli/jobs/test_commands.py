@@ -134,7 +134,7 @@ QUICK = ("--fit", "joints", "--hold-out", "0", "--restarts", "0")
 def test_one_bad_log_does_not_end_tune(logs, capsys):
     (logs / "day" / "c.npz").write_bytes(b"no log")
     assert main(["tune", "logs", "--setup", "setup.toml", "-o", "tuned.toml", *QUICK]) == 3
-    assert "ftbias: left out: logs/day/c.npz: is not an NPZ file" in capsys.readouterr().err
+    assert "warning: left out: logs/day/c.npz: is not an NPZ file" in capsys.readouterr().err
     assert Path("tuned.toml").exists()
     for name in ("b.npz", "day/a.npz"):
         (logs / name).write_bytes(b"no log")

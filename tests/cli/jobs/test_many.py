@@ -126,7 +126,7 @@ def test_damaged_lines_of_the_manifest_are_told(logs, done, capsys):
     capsys.readouterr()
     assert filter_archive("logs") == 0
     assert len(done) == 1
-    assert "ftbias: 1 line of the manifest could not be read, their logs are done again" in capsys.readouterr().err
+    assert "warning: 1 line of the manifest could not be read, their logs are done again" in capsys.readouterr().err
 
 
 def test_logs_whose_names_are_no_utf8_are_worked_on_and_reported(logs, capsys):

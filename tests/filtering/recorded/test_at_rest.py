@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import ftbias_jax as ft
-from ftbias_jax.errors import SetupError
-from ftbias_jax.filtering.recorded.at_rest import motion_of, weight_in_bias
+from ftbias_jax.errors import LogError, SetupError
+from ftbias_jax.filtering.recorded.at_rest import motion_of, require_motion, rest_in_words, weight_in_bias
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.robots import built_in_robot
@@ -38,6 +38,27 @@ def test_at_rest_the_bias_has_the_weight_and_a_push_is_seen():
     assert "part of the bias" in told.what
     assert "accelerations" not in told.what
     assert not told.lost
+
+
+def test_what_a_log_can_show_is_said_by_its_motion():
+    rest, spin = np.tile(POSE, (400, 1)), np.tile(POSE, (400, 1))
+    spin[:, 0] += np.linspace(0, 2, 400)
+    assert rest_in_words(UNKNOWN, slices(log_of(rest))).startswith("at rest: bias and noise show, nothing else")
+    assert "turns by only 0 degrees" in rest_in_words(UNKNOWN, slices(log_of(spin)))
+    turning = Log.from_arrays(UNKNOWN, *made.arm_log("ur5e", samples=400))
+    assert rest_in_words(UNKNOWN, slices(turning)) == ""
+    require_motion(UNKNOWN, turning)
+    with pytest.raises(LogError, match=r"log\.npz: q: is of an arm at rest: .*turn the sensor"):
+        require_motion(UNKNOWN, log_of(rest), "log.npz")
+    with pytest.raises(LogError, match="nothing of the tool"):
+        ft.identify_tool(UNKNOWN, log_of(rest))
+
+
+def test_a_log_at_rest_is_diagnosed_without_a_tool_and_says_what_it_cannot_show():
+    found = ft.diagnose(UNKNOWN, [log_of(np.tile(POSE, (1000, 1)))])
+    assert found.verdict in ("none", "explained")
+    assert "at rest" in str(found)
+    assert "part of the bias" in found.repairs[0][-1].what
 
 
 def test_a_log_that_turns_the_sensor_needs_the_tool():

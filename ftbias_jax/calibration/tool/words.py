@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ftbias_jax.calibration.identify import Identified
-from ftbias_jax.calibration.identify_poses import PoseReport
 from ftbias_jax.calibration.tool.steps import Step
+
+if TYPE_CHECKING:
+    from ftbias_jax.calibration.identify import Identified
+    from ftbias_jax.calibration.identify_poses import PoseReport
 
 MUCH = 5.0
 """Innovations this many times larger than the noise stated are no noise."""
