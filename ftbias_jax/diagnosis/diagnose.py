@@ -19,7 +19,7 @@ from ftbias_jax.diagnosis.recorded import not_tested
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.precompile import compiled_ahead
-from ftbias_jax.diagnosis.report.sentence import headline, not_whitened
+from ftbias_jax.diagnosis.report.sentence import headline, note
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Gap
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
@@ -245,6 +245,6 @@ def _told(
         setup_name=Path(setup.path).name,
         own_effects=setup.own_effects,
         terms=answer.terms,
-        note=" ".join(filter(None, (not_whitened(setup), rest_in_words(setup, slices(*logs))))),
+        note=note(setup, rest_in_words(setup, slices(*logs))),
         provenance=provenance(setup, list(map(source_of, logs)), {"without": sorted(without)}, names),
     )

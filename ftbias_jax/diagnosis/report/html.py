@@ -94,11 +94,12 @@ def _header(diagnosis: Diagnosis, title: str) -> str:
             ("shrinks by", shrink_words(gap)),
         ]
     items = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in numbers)
+    note = f"<p>{typeset(diagnosis.note)}</p>" if diagnosis.note else ""
     logs = f"<p class='small'>Logs: {escape(', '.join(diagnosis.logs))}</p>" if diagnosis.logs else ""
     return (
         f"<header><p class='small'>{escape(title)}</p>"
         f"<h1><span class='badge'>{escape(verdict_words(diagnosis.verdict))}</span> {typeset(diagnosis.sentence)}</h1>"
-        f"<dl>{items}</dl>{logs}</header>"
+        f"{note}<dl>{items}</dl>{logs}</header>"
     )
 
 

@@ -17,6 +17,8 @@ SMALL = 0.1
 """Noise sigmas beyond noise alone up to which a gap is called small."""
 MOST_WORDS = 40
 """An engineer reads the first line only."""
+SEEN = 0.3
+"""Of the noise of a sample: an error of the stated tool that is larger shows in the mean of many."""
 FEW_WORDS = 6
 """Of a remedy, beyond which only its first clause is taken."""
 FORCE, TORQUE = slice(0, 3), slice(3, 6)
@@ -149,8 +151,22 @@ def _capital(text: str) -> str:
     return text if text.startswith(AXES) else f"{text[:1].upper()}{text[1:]}"
 
 
-def not_whitened(setup: Setup) -> str:
-    """What of the setup's noise the diagnosis does not use, as a further sentence; "" = nothing."""
-    if setup.sensor.correlated_std is None or not setup.sensor.correlated_std.any():
-        return ""
-    return "The setup's correlated noise is not used here: errors are judged against white noise and drift."
+def note(setup: Setup, rest: str = "") -> str:
+    """What a reader must know beside the headline, in further sentences; "" = nothing.
+
+    Args:
+        setup: of the diagnosis.
+        rest: what a log cannot show that does not turn the sensor (``at_rest.rest_in_words``).
+    """
+    sensor, tool, weight = setup.sensor, setup.tool, np.linalg.norm(setup.robot.gravity)
+    told = []
+    if sensor.correlated_std is not None and sensor.correlated_std.any():
+        told.append("The setup's correlated noise is not used here: errors are judged against white noise and drift.")
+    force = weight * (tool.mass_std or 0.0)
+    torque = tool.mass * weight * (0.0 if tool.center_of_mass_std is None else tool.center_of_mass_std.max())
+    if force > SEEN * sensor.noise_std[:3].min() or torque > SEEN * sensor.noise_std[3:].min():
+        told.append(
+            "The setup's tool is a draft, whose errors look like other causes: run ftbias identify first, and diagnose "
+            "with the setup that it writes."
+        )
+    return " ".join([*told, f"{rest[:1].upper()}{rest[1:]}." if rest else ""]).strip()

@@ -19,14 +19,14 @@ LONGEST_LIST = 6
 
 def to_table(diagnosis: Diagnosis) -> str:
     """The diagnosis for a reader at a terminal: plain text, verdict first."""
+    first = (f"{verdict_words(diagnosis.verdict)}: {diagnosis.sentence}", diagnosis.note)
     parts = [
-        [one_line(f"{verdict_words(diagnosis.verdict)}: {diagnosis.sentence}")],
+        [one_line(line) for line in first if line],
         *(_cause_lines(cause) for cause in diagnosis.causes),
         *(_term_lines(term) for term in diagnosis.terms),
         _gap_lines(diagnosis.gap),
         log_lines(diagnosis),
         _where_lines(diagnosis.where) if diagnosis.verdict != "none" else [],
-        [one_line(diagnosis.note)] if diagnosis.note else [],
         [f"lost: {one_line(loss)}" for loss in diagnosis.losses],
         [f"not tested: {one_line(effect)} ({one_line(why)})" for effect, why in diagnosis.not_tested],
     ]

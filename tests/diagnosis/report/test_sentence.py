@@ -8,7 +8,7 @@ import pytest
 
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.diagnosis.evidence.nominal import statement_of
-from ftbias_jax.diagnosis.report.sentence import MOST_WORDS, headline, not_whitened
+from ftbias_jax.diagnosis.report.sentence import MOST_WORDS, headline, note
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, Regime, Where
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, resembles
@@ -148,4 +148,12 @@ def test_an_own_effect_without_a_statement_says_its_explanation_and_first_number
 @pytest.mark.parametrize(("std", "said"), [(None, False), (np.zeros(6), False), (np.array([0, 0.1, 0, 0, 0, 0]), True)])
 def test_correlated_noise_of_the_setup_is_said_to_be_left_out(std, said):
     setup = replace(SETUP, sensor=replace(SETUP.sensor, correlated_std=std, correlated_time=np.ones(6)))
-    assert ("correlated noise is not used" in not_whitened(setup)) is said
+    assert ("correlated noise is not used" in note(setup)) is said
+
+
+def test_a_drafted_tool_and_a_log_at_rest_are_said_beside_the_headline():
+    draft = replace(SETUP, tool=replace(SETUP.tool, mass_std=0.1))
+    found = replace(SETUP, tool=replace(SETUP.tool, mass_std=1e-5, center_of_mass_std=np.full(3, 1e-6)))
+    assert "run ftbias identify first" in note(draft)
+    assert note(found) == note(SETUP) == ""
+    assert note(draft, "at rest: bias shows").endswith("it writes. At rest: bias shows.")
