@@ -45,7 +45,7 @@ FIT = ("joints", "bias", "sensor", "data")
 FIT_BY_DEFAULT = FIT[:3]
 
 ReportFit = Callable[[str, int, float], None]
-"""Told ("joints" or "wrench", iteration, nats)."""
+"""Told ("joints", "pose" or "wrench", iteration, nats)."""
 
 
 def _nobody(label: str, iteration: int, value: float) -> None:
@@ -120,7 +120,7 @@ def tune(
         dict.fromkeys(names, "each"),
         options,
         restarts=restarts,
-        report=partial(report, "joints"),
+        report=partial(report, "joints" if setup.pose is None else "pose"),
         total=total,
     )
     if "joints" in fit:

@@ -12,6 +12,8 @@ from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 
 NOT_STATED = "not determined by this motion, not stated"
 """Said of a parameter that nobody knows."""
+SEEN = 0.3
+"""Of the noise of a sample: a constant error that is larger shows in the mean of many."""
 GUESS = (1.0, (0.0, 0.0, 0.05))
 """kg and m: a tool to start a search from, where the setup does not state one."""
 
@@ -32,6 +34,14 @@ def require_tool(setup: Setup) -> Setup:
 def has_no_tool(setup: Setup) -> bool:
     """Whether the controller has subtracted all that the tool causes, so that nobody need know the tool."""
     return setup.sensor.compensated == COMPENSATED[2]
+
+
+def is_draft(setup: Setup) -> bool:
+    """Whether the stated errors of the tool would show in the mean of many samples, as those of a drafted tool do."""
+    tool, noise, weight = setup.tool, setup.sensor.noise_std, np.linalg.norm(setup.robot.gravity)
+    force = weight * (tool.mass_std or 0.0)
+    torque = 0.0 if tool.center_of_mass_std is None else tool.mass * weight * tool.center_of_mass_std.max()
+    return bool(force > SEEN * noise[:3].min() or torque > SEEN * noise[3:].min())
 
 
 def with_guessed_tool(setup: Setup) -> Setup:

@@ -12,7 +12,7 @@ from ftbias_jax.filtering.recorded.at_rest import rest_in_words
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.info import LogInfo, StreamInfo, describe
 from ftbias_jax.setup import load_setup
-from ftbias_jax.setup.require import has_no_tool
+from ftbias_jax.setup.require import has_no_tool, is_draft
 from ftbias_jax.setup.types import Setup
 
 MAX_LISTED = 8
@@ -38,7 +38,7 @@ def _next(arguments: argparse.Namespace, setup: Setup | None, info: LogInfo, res
     stated = f"{log} --setup {shlex.quote(arguments.setup)}"
     if info.log is None:
         return f"correct the setup, then ftbias info {stated}"
-    if setup.tool.unknown and not rests and not has_no_tool(setup):
+    if not rests and not has_no_tool(setup) and (setup.tool.unknown or is_draft(setup)):
         return f"ftbias identify {stated} -o identified.toml"
     return f"ftbias filter {stated} -o result.npz" if rests else f"ftbias check {stated}"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 import sys
 
 from ftbias_jax.errors import OutputError, UsageError
@@ -70,6 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(note, file=sys.stdout if output else sys.stderr)
     if output:
         print(f"wrote {output}" + (f" and {urdf_beside(output)}" if found.urdf else ""))
+    if output and arguments.logs:
+        print(f"next: ftbias info {shlex.quote(arguments.logs[0])} --setup {shlex.quote(output)}")
     return 0
 
 

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, Where
+from ftbias_jax.setup.require import is_draft
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES
 
@@ -17,8 +18,6 @@ SMALL = 0.1
 """Noise sigmas beyond noise alone up to which a gap is called small."""
 MOST_WORDS = 40
 """An engineer reads the first line only."""
-SEEN = 0.3
-"""Of the noise of a sample: an error of the stated tool that is larger shows in the mean of many."""
 FEW_WORDS = 6
 """Of a remedy, beyond which only its first clause is taken."""
 FORCE, TORQUE = slice(0, 3), slice(3, 6)
@@ -158,13 +157,10 @@ def note(setup: Setup, rest: str = "") -> str:
         setup: of the diagnosis.
         rest: what a log cannot show that does not turn the sensor (``at_rest.rest_in_words``).
     """
-    sensor, tool, weight = setup.sensor, setup.tool, np.linalg.norm(setup.robot.gravity)
     told = []
-    if sensor.correlated_std is not None and sensor.correlated_std.any():
+    if setup.sensor.correlated_std is not None and setup.sensor.correlated_std.any():
         told.append("The setup's correlated noise is not used here: errors are judged against white noise and drift.")
-    force = weight * (tool.mass_std or 0.0)
-    torque = tool.mass * weight * (0.0 if tool.center_of_mass_std is None else tool.center_of_mass_std.max())
-    if force > SEEN * sensor.noise_std[:3].min() or torque > SEEN * sensor.noise_std[3:].min():
+    if is_draft(setup):
         told.append(
             "The setup's tool is a draft, whose errors look like other causes: run ftbias identify first, and diagnose "
             "with the setup that it writes."

@@ -21,6 +21,7 @@ from ftbias_jax.io.write import save_results
 from ftbias_jax.io.write.about import About
 from ftbias_jax.io.write.provenance import Provenance
 from ftbias_jax.io.write.selection import Selection
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array
 
@@ -201,9 +202,9 @@ class FilterResult(Saved):
 
 
 def format_joint_noise(params: Params, joint_model: str) -> str:
-    """One line with the joints' process noise that the filter took."""
-    density = np.asarray(params.joint.process_density)
-    return f"joint process noise ({joint_model}): {' '.join(f'{x:.3g}' for x in density)}"
+    """One line with the process noise of the joints, or of the pose, that the filter took."""
+    density, what = np.asarray(params.joint.process_density), "pose" if isinstance(params.arm, FreeBody) else "joint"
+    return f"{what} process noise ({joint_model}): {' '.join(f'{x:.3g}' for x in density)}"
 
 
 def _arrays(result: Any) -> dict[str, Array]:

@@ -35,7 +35,7 @@ GUESS = Known([0.1, 0.004], f"a guess: {MEASURE}")
 """N, Nm: noise of a usual wrist sensor, where there is no log to look at."""
 ABOUT = """Setup of a robot with a force-torque sensor, drafted by ftbias setup{source}.
 What says "{measure}" is not known; lines behind a # show other keys with their defaults.
-Next: ftbias info LOG --setup {file}; without the tool's mass also ftbias identify LOG --setup {file} -o FOUND.toml"""
+Next: ftbias info LOG --setup {file} says what the log can show, and which command goes on from there."""
 
 
 class Request(NamedTuple):
@@ -99,6 +99,8 @@ def draft(request: Request) -> Draft:
             stated = {"sensor.noise_std": GUESS} | {key: x for key, x in found.items() if key not in mine} | keys
         text = write_template(stated, _about(request))
         setup = parse_setup(tomllib.loads(text), file)
+    if request.robot and not any(key.startswith("robot.") for key in stated):
+        notes = ["--robot is not needed: the log has the sensor's pose, and no joints", *notes]
     notes += [f"not known: {', '.join(f'tool.{key}' for key in setup.tool.unknown)}"] if setup.tool.unknown else []
     return Draft(text, urdf, tuple(notes), setup, log)
 
@@ -124,7 +126,7 @@ def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
     stated = from_table(request.dh) if request.dh else from_urdf(request.urdf, *links, folder) if request.urdf else {}
     if len(request.logs) != 1 or not is_ros(request.logs[0]):
         tables = [look(path) for path in request.logs]
-        if not stated and (request.robot or not any(table.orientation for table in tables)):
+        if not stated and not _poses_alone(tables) and (request.robot or not any(x.orientation for x in tables)):
             names = next((table.names for table in tables if table.names), ())
             by_columns = any(table.header for table in tables)  # then [log.columns] gives their order
             stated = built_in(_named(request, names), () if by_columns else names)
@@ -140,6 +142,11 @@ def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
     if "robot.urdf" in stated and recorded.frame:
         mounted = mounting(load_urdf(request.urdf or path), str(stated["robot.tip_link"].value), recorded.frame)
     return {**stated, **(mounted or sensor_frame(recorded)), **recorded.keys}, urdf, []
+
+
+def _poses_alone(tables: Sequence[Table]) -> bool:
+    """Whether the log has the sensor's pose and no joints, so that no robot need be known."""
+    return any(table.orientation for table in tables) and not any(table.joints for table in tables)
 
 
 def _named(request: Request, recorded: Sequence[str]) -> str:

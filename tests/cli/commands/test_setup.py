@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import recordings
 from recordings import SECOND, START, Joints, Pose, Text, Wrench
+from scipy.spatial.transform import Rotation
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.setup import load_setup
@@ -180,3 +181,18 @@ def test_a_sensor_that_was_set_to_zero_is_drafted_so(tmp_path, half_way):
     np.testing.assert_allclose(found.sensor.rezeroed_at, [t[1500]] * half_way, atol=0.03)
     np.testing.assert_allclose(found.tool.mass, made.MASS, rtol=0.05)
     assert main(["check", str(log), "--setup", str(setup)]) == 0
+
+
+def test_a_log_of_poses_needs_no_robot_and_hears_nothing_of_joints(tmp_path, capsys):
+    t, q, wrench = made.arm_log(samples=1500)
+    turned = Rotation.from_matrix(made.rotations(built_in_robot("ur5e"), q)).as_quat()
+    np.savez(tmp_path / "log.npz", t=t, orientation=turned, wrench=wrench)
+    log, setup = tmp_path / "log.npz", tmp_path / "setup.toml"
+    assert run(log, "--robot", "ur5e", "-o", setup) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("--robot is not needed: the log has the sensor's pose")
+    assert told.endswith(f"next: ftbias info {log} --setup {setup}\n")
+    assert main(["info", str(log), "--setup", str(setup)]) == 0
+    assert capsys.readouterr().out.endswith(f"next: ftbias identify {log} --setup {setup} -o identified.toml\n")
+    assert main(["filter", str(log), "--setup", str(setup), "-o", str(tmp_path / "result.npz")]) == 0
+    assert "joint" not in capsys.readouterr().out
