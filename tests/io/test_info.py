@@ -93,7 +93,8 @@ def test_the_command(tmp_path, setup, capsys):
     assert "\x1b" not in printed
     assert "of: ?[31mred" in printed
     assert "60 samples, 100 Hz, 0.59 s from 2023-11-14T22:13:20.123Z" in printed
-    assert printed.endswith(f"{path}: can be filtered\n")
+    assert f"{path}: can be filtered\n" in printed
+    assert printed.splitlines()[-1].startswith("next: ftbias ")
     path.write_bytes(path.read_bytes()[:-2000])
     assert main(["info", str(path)]) == 3
     assert "repaired: is cut short" in capsys.readouterr().out

@@ -7,7 +7,7 @@ import math
 import shlex
 from datetime import UTC, datetime
 
-from ftbias_jax.errors import LONGEST, cut
+from ftbias_jax.errors import LONGEST, cut, printable
 from ftbias_jax.filtering.recorded.at_rest import rest_in_words
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.info import LogInfo, StreamInfo, describe
@@ -24,7 +24,8 @@ def run(arguments: argparse.Namespace) -> int:
     info = describe(arguments.log, setup, salvage=True)
     print(format_info(arguments.log, info))
     rests = rest_in_words(setup, slices(info.log)) if setup and info.log else ""
-    print("\n".join([*([rests] if rests else []), f"next: {_next(arguments, setup, info, rests)}"]))
+    for line in (rests, f"next: {_next(arguments, setup, info, rests)}"):
+        print(printable(line), end="\n" if line else "")
     return 3 if any(repair.lost for repair in info.repairs) else 0
 
 

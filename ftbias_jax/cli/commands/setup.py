@@ -8,7 +8,7 @@ import os
 import shlex
 import sys
 
-from ftbias_jax.errors import OutputError, UsageError
+from ftbias_jax.errors import OutputError, UsageError, printable
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.draft.dh_table import DhTable
 from ftbias_jax.io.draft.draft import Request, draft, urdf_beside
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     if output:
         print(f"wrote {output}" + (f" and {urdf_beside(output)}" if found.urdf else ""))
     if output and arguments.logs:
-        print(f"next: ftbias info {shlex.quote(arguments.logs[0])} --setup {shlex.quote(output)}")
+        print(printable(f"next: ftbias info {shlex.quote(arguments.logs[0])} --setup {shlex.quote(output)}"))
     return 0
 
 
