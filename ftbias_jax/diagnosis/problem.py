@@ -32,6 +32,8 @@ from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
 
+LEAST_BINS = 20
+"""Fewer tell no gap from a bias."""
 NEGLIGIBLE, POINT = 1e-6, (1.0, 0.0, 0.0, 0.05, 0.0025, 0.0, 0.0, 0.0025, 0.0, 0.0)
 """kg, and inertial parameters of one kilogram, 5 cm in front of the sensor."""
 
@@ -197,10 +199,10 @@ def _bin(
     """
     wrench, temperature = found.clean_wrench, fill_temperature(log.t, log.temperature)
     rows = np.isfinite(wrench).any(1)
-    if not rows.any():
-        message = "no reading is left: all are at the end of the sensor's range, repeat others, or are single spikes"
+    index, used, padded = bins_of(log.t[rows], float(log.t[-1]))
+    if used < LEAST_BINS:
+        message = f"only {rows.sum()} readings are left: the others are at the end of the range, repeats, or spikes"
         raise LogError(message, field="wrench", remedy="check the sensor and its driver, and record again")
-    index, _, padded = bins_of(log.t[rows], float(log.t[-1]))
     count = sum_of_bins(index, np.isfinite(wrench[rows]))
     columns = {name: mean_of_bins(index, column.at(log.t)[rows]) for name, column in log.columns.items()}
     series = (log.t, states, temperature, wrench, joint_variance, sample_variance)

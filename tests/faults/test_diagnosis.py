@@ -25,6 +25,17 @@ def test_a_wrench_that_is_all_nan(setup):
         diagnose(setup, [log])
 
 
+def test_a_wrench_that_is_clipped_on_all_axes(setup):
+    """Nine of ten readings are at the end of the range, and noise has sorted the others."""
+    t = np.arange(2000) * 0.01
+    swing = np.sin(t[:, None] + np.arange(6)) * np.repeat([10, 0.5], 3)
+    wrench = np.clip(swing, -0.1 * np.abs(swing).max(0), 0.1 * np.abs(swing).max(0))
+    q = np.sin(t)[:, None] * [0.5, 0.3]
+    log = Log(t, q, np.full(q.shape, np.nan), wrench, np.full(len(t), np.nan))
+    with pytest.raises(LogError, match=r"only .* readings are left: the others are at the end"):
+        diagnose(setup, [log], unchecked=True)
+
+
 @pytest.mark.parametrize("how", ["NaN", "singular"])
 def test_a_covariance_that_is_no_number_leaves_the_standard_error_unknown(monkeypatch, how):
     def covariance(problem, fit, further):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.samples.exact import find_gaps, find_lattice
-from ftbias_jax.diagnosis.samples.read import inspect_samples
+from ftbias_jax.diagnosis.samples.read import _around, inspect_samples
 from ftbias_jax.diagnosis.samples.types import together
 from ftbias_jax.diagnosis.thresholds import AROUND_CLIPPED
 from ftbias_jax.io.log import Log
@@ -52,6 +52,14 @@ def agrees(finding, name, truth, errors=3.0):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 17, 21, 22, 60])
+def test_what_is_around_a_sample_is_found_in_logs_of_any_length(count):
+    marked = np.zeros((count, 2), bool)
+    marked[count // 2, 1] = True
+    far = np.abs(np.arange(count) - count // 2) > AROUND_CLIPPED
+    np.testing.assert_array_equal(_around(marked, AROUND_CLIPPED), np.stack([np.zeros(count, bool), ~far], 1))
+
+
 def test_clean_logs_raise_no_alarm():
     for seed in range(200):
         recording = Recording(seed, 125.0, 20.0, stated_error=0.02 * (-1) ** seed)
