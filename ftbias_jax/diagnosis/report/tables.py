@@ -145,7 +145,8 @@ def _gap_lines(gap: Gap) -> list[str]:
     ]
     head = f"{'held-out rms':22s}" + "".join(f"{name:>9s}" for name in (*AXES, "all"))
     lines = [f"{name:22s}" + "".join(f"{number:9.3g}" for number in numbers) for name, numbers in rows]
-    return [head, *lines, f"the gap shrinks by {shrink_words(gap)} (1 noise sigma = noise alone)"]
+    unit = "1 noise sigma = the white noise of the readings alone, averaged over each bin"
+    return [head, *lines, f"the gap shrinks by {shrink_words(gap)} ({unit})"]
 
 
 def log_lines(diagnosis: Diagnosis) -> list[str]:

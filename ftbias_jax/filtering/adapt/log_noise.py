@@ -214,7 +214,7 @@ def describe(noise: LogNoise) -> list[str]:
         levels = zip(AXES, np.sqrt(noise.vibration.level), strict=True)
         words = " ".join(f"{name} {x:.2g}" for name, x in levels if x != 1)
         kept = "; where it is less, the filter keeps the stated one" if (noise.vibration.level < 1).any() else ""
-        lines.append(f"standard deviation of the noise at rest, in the stated one: {words}{kept}")
+        lines.append(f"scatter of single readings at rest, per stated noise_std: {words}{kept}")
     if noise.slow is not None and noise.slow.std.any():
         words = ", ".join(
             f"{name} {std:.2g} over {time:.2g} s"

@@ -176,7 +176,7 @@ def format_summary(summary: Summary) -> str:
         f"{name + (' [N]' if i < 3 else ' [Nm]'):>11s}" for i, name in enumerate(AXES)
     )
     lines = [f"{name:28s}" + "".join(f"{x:11.4f}" for x in values) for name, values in rows.items()]
-    nis = f"normalised innovation squared per axis: {summary.mean_nis:.2f} (1 = the stated model and noise are right)"
+    nis = f"normalised innovation squared per axis: {summary.mean_nis:.2f} (1 = model, and noise as taken, are right)"
     return "\n".join([head, *lines, nis, *_gate_lines(summary)])
 
 
