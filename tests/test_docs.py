@@ -71,6 +71,14 @@ def test_every_page_is_in_the_navigation(hooks):
     assert set(re.findall(r": (\S+\.md)$", text, re.MULTILINE)) == there
 
 
+def test_every_function_that_the_method_names_is_there():
+    named = re.findall(r"`([a-z_]+/[a-z_/]+)\.([a-z_]+)`", (PAGES / "model.md").read_text())
+    assert len(named) > 30
+    for path, function in named:
+        module = importlib.import_module(f"ftbias_jax.{path.replace('/', '.')}")
+        assert callable(getattr(module, function)), (path, function)
+
+
 def test_examples_on_the_pages_are_the_scripts_that_are_run():
     """Formatters that know Markdown break the line that includes it, unless its fence is none of theirs."""
     included = {"python": "likelihood.py", "train": "train_the_noise.py", "own_effects": "magnet.py:effect"}
