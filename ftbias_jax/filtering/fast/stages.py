@@ -16,7 +16,6 @@ import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.filtering import bias_filter
-from ftbias_jax.filtering.fast.associative_scan import filter_parallel
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, filter_scan
 from ftbias_jax.filtering.fast.sums import States
 from ftbias_jax.filtering.fast.wrench_of_joints import wrenches_of_joints
@@ -84,23 +83,12 @@ def _run_stages(
 ) -> tuple[State, Staged]:
     """All stages over a chunk whose first samples, so many, are of the log."""
     samples, measured = chunk
-    joint = run_filters(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
+    joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
     wrench_tool, variance = predict_wrenches(params, joint, samples, options)
     inputs = bias_inputs(params, state, samples, wrench_tool, variance, joint.mean[:, 1])
-    wrench = without_noise(run_filters(gated(inputs, options), inputs))
+    wrench = without_noise(filter_scan(gated(inputs, options), inputs))
     last = jax.tree.map(lambda x: x[measured - 1], (joint, wrench))
     return state_of(*last), Staged(joint, wrench, wrench_tool)
-
-
-def run_filters(model: ProcessModel, inputs: Inputs) -> Track:
-    """``scan.filter_scan``, or on an accelerator in double precision the same parallel in time.
-
-    What passes a gate depends on all that came before. In single precision the parallel form costs sharp encoders most
-    of a standard deviation (associative_scan.py).
-    """
-    if on_cpu() or inputs.y.dtype != jnp.float64 or isinstance(model, Gated):
-        return filter_scan(model, inputs)
-    return filter_parallel(model, inputs)
 
 
 def joint_inputs(params: Params, state: State, samples: Sample) -> Inputs:

@@ -12,12 +12,11 @@ import numpy as np
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.adapt.contact import in_contact
 from ftbias_jax.filtering.adapt.log_noise import LogNoise, useless
-from ftbias_jax.filtering.fast.scan import Smoothed
+from ftbias_jax.filtering.fast.scan import Smoothed, filter_scan
 from ftbias_jax.filtering.fast.stages import (
     bias_inputs,
     bias_state,
     gated,
-    run_filters,
     without_noise,
 )
 from ftbias_jax.filtering.filter_log import padded_length, start_at
@@ -66,7 +65,7 @@ def _filter_part(
     def filtered(bias: Gaussian, piece: tuple[Sample, tuple[Array, ...]]) -> tuple[Gaussian, dict[str, Array]]:
         samples, (wrench_tool, variance, velocity, shown) = piece
         inputs = bias_inputs(params, state._replace(bias=bias), samples, wrench_tool, variance, velocity)
-        track = without_noise(run_filters(gated(inputs, options), inputs))
+        track = without_noise(filter_scan(gated(inputs, options), inputs))
         std = jnp.sqrt(jnp.diagonal(track.covariance, axis1=1, axis2=2))  # (T, 6, k)
         motion = bias_filter.vibration(noise, velocity)
         correlated = 0.0 if noise.correlated_std is None else bias_filter.correlated_variance(noise, motion)

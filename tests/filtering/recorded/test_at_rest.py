@@ -57,7 +57,7 @@ def test_what_a_log_can_show_is_said_by_its_motion():
 def test_a_log_at_rest_is_diagnosed_without_a_tool_and_says_what_it_cannot_show():
     found = ft.diagnose(UNKNOWN, [log_of(np.tile(POSE, (1000, 1)))])
     assert found.verdict in ("none", "explained")
-    assert "at rest" in str(found)
+    assert "\nAt rest: bias and noise show" in str(found)
     assert "part of the bias" in found.repairs[0][-1].what
 
 
