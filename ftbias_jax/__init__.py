@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from ftbias_jax.filtering.likelihood import log_likelihood
     from ftbias_jax.filtering.pipeline import Options, options_from_setup
     from ftbias_jax.filtering.samples import samples_from_log
-    from ftbias_jax.filtering.verbs.from_setup import filter_log, params_for_log, smooth_log
+    from ftbias_jax.filtering.verbs.from_setup import filter_log, params_for_log
     from ftbias_jax.filtering.verbs.many import FilterResults
-    from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult
+    from ftbias_jax.filtering.verbs.results import FilterResult
     from ftbias_jax.filtering.verbs.setup_with import setup_with
     from ftbias_jax.io import read_log
     from ftbias_jax.io.log import Log, Repair
@@ -84,7 +84,6 @@ __all__ = [
     "SetupError",
     "Signals",
     "SimulationResult",
-    "SmoothResult",
     "Truth",
     "TuneResult",
     "Twin",
@@ -106,7 +105,6 @@ __all__ = [
     "samples_from_log",
     "setup_with",
     "simulate",
-    "smooth_log",
     "tune",
     "unconstrain",
 ]
@@ -125,9 +123,9 @@ _MODULES = {
     "filtering.likelihood": "log_likelihood",
     "filtering.pipeline": "Options options_from_setup",
     "filtering.samples": "samples_from_log",
-    "filtering.verbs.from_setup": "filter_log params_for_log smooth_log",
+    "filtering.verbs.from_setup": "filter_log params_for_log",
     "filtering.verbs.many": "FilterResults",
-    "filtering.verbs.results": "FilterResult SmoothResult",
+    "filtering.verbs.results": "FilterResult",
     "filtering.verbs.setup_with": "setup_with",
     "io": "read_log",
     "io.log": "Log Repair",

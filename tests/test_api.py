@@ -43,7 +43,7 @@ def result(setup, made):
 
 
 def test_all_names_are_listed_and_are_there():
-    verbs = {"load_setup", "read_log", "filter_log", "smooth_log", "tune", "identify_tool", "simulate", "diagnose"}
+    verbs = {"load_setup", "read_log", "filter_log", "tune", "identify_tool", "simulate", "diagnose"}
     assert verbs | {"log_likelihood"} <= set(dir(ft))
     assert set(dir(ft)) == {*ft.__all__, "__version__"}
     for name in ft.__all__:
@@ -112,16 +112,6 @@ def test_a_result_is_printed_and_saved_as_the_command_does(result, tmp_path):
     assert (tmp_path / "out.csv").read_text().startswith("t,bias_fx,")
     with pytest.raises(ft.UsageError, match=r"end the name in .npz"):
         result.save(tmp_path / "out.txt")
-
-
-def test_smoothing_alone_gives_what_filtering_adds(setup, made, result, tmp_path):
-    smoothed = ft.smooth_log(setup, made.log)
-    np.testing.assert_array_equal(smoothed.bias, result.bias_smooth)
-    np.testing.assert_array_equal(smoothed.drift_std, result.drift_smooth_std)
-    np.testing.assert_allclose(smoothed.wrench_unbiased, made.log.wrench + smoothed.bias)
-    smoothed.save(tmp_path / "smooth.npz", precision="double")
-    np.testing.assert_array_equal(np.load(tmp_path / "smooth.npz")["bias"], smoothed.bias)
-    assert "smoothed" in str(smoothed)
 
 
 def test_the_tool_is_identified_and_written_with_its_errors(setup, made, tmp_path):

@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import overload
 
-import numpy as np
-
 from ftbias_jax.filtering import filter_log as chunks
 from ftbias_jax.filtering.check.check_setup import check_setup
 from ftbias_jax.filtering.pipeline import options_from_setup
@@ -26,7 +24,7 @@ from ftbias_jax.filtering.recorded.tool_error import (
 from ftbias_jax.filtering.result import join
 from ftbias_jax.filtering.samples import arrays_from_log, first_position, samples_from_log
 from ftbias_jax.filtering.verbs.many import FilterResults, filter_each
-from ftbias_jax.filtering.verbs.results import FilterResult, SmoothResult, only, require_fields
+from ftbias_jax.filtering.verbs.results import FilterResult, only, require_fields
 from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log, Repair
@@ -184,36 +182,6 @@ def _filter(
         frame=log.frame,
         provenance=provenance(setup, [source_of(log)], {"smooth": smooth, "gate": bias.gate, "adapt": bias.adapt}),
         **extra,
-    )
-
-
-@in_float64
-def smooth_log(setup: Setup, log: Log) -> SmoothResult:
-    """Bias, drift and corrected wrench of a log, each from all samples, past and future; no lag is left.
-
-    Computes in float64, see ``filter_log``. The whole log is held in memory, about 2 kB a sample.
-
-    Args:
-        setup: robot, sensor, tool and noise.
-        log: what ``read_log`` gives.
-
-    Returns:
-        arrays at the stamps of the wrench.
-    """
-    options = options_from_setup(setup)
-    params = chunks.likeliest_params(setup, arrays_from_log(log), options)
-    mean, std = chunks.smooth_with_params(params, log, options)
-    rows = np.isfinite(log.wrench).any(1)
-    return SmoothResult(
-        t=log.t[rows] + log.start,
-        bias=mean[:, 0],
-        drift=mean[:, 1],
-        bias_std=std[:, 0],
-        drift_std=std[:, 1],
-        wrench_unbiased=log.wrench[rows] + mean[:, 0],
-        start=log.start,
-        frame=log.frame,
-        provenance=provenance(setup, [source_of(log)], {}),
     )
 
 

@@ -65,39 +65,6 @@ class Saved:
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothResult(Saved):
-    """Bias and drift given the whole log, past and future, at the stamps where any wrench axis was measured.
-
-    numpy arrays in float64; wrenches are in the sensor frame and act on the tool: unbiased = measured + bias.
-    """
-
-    t: Array
-    """(T,) s, as recorded."""
-    bias: Array
-    """(T, 6) N, Nm."""
-    drift: Array
-    """(T, 6) N/s, Nm/s, the bias's rate of change."""
-    bias_std: Array
-    """(T, 6) N, Nm, standard deviation."""
-    drift_std: Array
-    """(T, 6) N/s, Nm/s, standard deviation."""
-    wrench_unbiased: Array
-    """(T, 6) N, Nm, measured + bias; NaN = not measured."""
-    start: float
-    """s, stamp of the log's first sample."""
-    frame: str = ""
-    """The sensor's frame, as a recording of ROS names it."""
-    provenance: Provenance | None = None
-    """What it was made from, as files say it."""
-
-    def __str__(self) -> str:
-        lines = [f"{len(self.t)} wrench samples, {self.t[-1] - self.t[0]:.1f} s, smoothed"]
-        for name, row in {"bias at the end": self.bias[-1], "  ± 1 sigma": self.bias_std[-1]}.items():
-            lines.append(f"{name:28s}" + "".join(f"{x:11.4f}" for x in row))
-        return "\n".join(lines)
-
-
-@dataclass(frozen=True, eq=False)
 class FilterResult(Saved):
     """Result of filtering a log, at the stamps where any wrench axis was measured.
 
