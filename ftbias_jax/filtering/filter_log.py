@@ -21,7 +21,7 @@ from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Gaussian, Sample
+from ftbias_jax.types import Array, Sample
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -193,13 +193,7 @@ def smooth_with_params(
         _, used = pipeline.run(params, state, padded, options, _used)
         padded = padded._replace(wrench=jnp.where(used, padded.wrench, jnp.nan))
         options = options._replace(gate=None)
-    if stages.applies(options):
-        _, mean, std = smoother.smooth_log(params, state, padded, options)
-    else:
-        _, states = pipeline.run(params, state, padded, options, _keep_bias)
-        smoothed = smoother.smooth_bias(params, states, padded.dt, padded.rezeroed)
-        mean = smoothed.mean.reshape(-1, 2, 6)
-        std = jnp.sqrt(jnp.diagonal(smoothed.covariance, axis1=1, axis2=2)).reshape(-1, 2, 6)
+    _, mean, std = smoother.smooth_log(params, state, padded, options)
     rows = np.isfinite(log.wrench).any(1) if at is None else at
     return np.asarray(mean)[:length][rows], np.asarray(std)[:length][rows]
 
@@ -235,7 +229,3 @@ def _bucket(length: int) -> int:
 
 def _used(state: State, info: Info) -> Array:
     return jnp.isfinite(info.wrench.value)
-
-
-def _keep_bias(state: State, info: Info) -> Gaussian:
-    return state.bias

@@ -40,26 +40,6 @@ def predict(state: Gaussian, transition: Float[Array, "k k"], process_noise: Flo
     return Gaussian(transition @ state.mean, symmetrise(covariance))
 
 
-def rts_step(filtered: Gaussian, predicted: Gaussian, smoothed: Gaussian, transition: Float[Array, "k k"]) -> Gaussian:
-    """One step back of the Rauch-Tung-Striebel smoother (1965), its covariance as a sum of squares.
-
-    Args:
-        filtered: state at i.
-        predicted: state at i + 1 before its measurement.
-        smoothed: state at i + 1 given all.
-        transition: (k, k) A from i to i + 1.
-
-    Returns:
-        the state at i given all measurements.
-    """
-    cholesky = jnp.linalg.cholesky(predicted.covariance)
-    gain = cho_solve((cholesky, True), transition @ filtered.covariance).T
-    keep = jnp.eye(filtered.mean.shape[0], dtype=filtered.mean.dtype) - gain @ transition
-    process_noise = predicted.covariance - transition @ filtered.covariance @ transition.T
-    covariance = keep @ filtered.covariance @ keep.T + gain @ (smoothed.covariance + process_noise) @ gain.T
-    return Gaussian(filtered.mean + gain @ (smoothed.mean - predicted.mean), symmetrise(covariance))
-
-
 def update(
     state: Gaussian, measurement: Float[Array, " m"], observation: Float[Array, "m k"], noise: Float[Array, "m m"]
 ) -> tuple[Gaussian, Innovation]:

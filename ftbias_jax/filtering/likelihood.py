@@ -90,7 +90,7 @@ def log_likelihood_parts(
 ) -> LogLikelihood:
     """The same, () nats each, split into joints and wrench; arguments as for ``log_likelihood``."""
     weight, start = counted(samples.dt, burn_in), pipeline.init(params, samples)
-    if stages.applies(options) and on_cpu() and len(weight):
+    if on_cpu() and len(weight):
         return LogLikelihood(*log_likelihoods(params, start, samples, weight, options))
     _, (joint, wrench) = pipeline.run(params, start, samples, options, _increments)
     return LogLikelihood((weight * joint).sum(), (weight * wrench).sum())

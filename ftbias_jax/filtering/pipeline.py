@@ -53,8 +53,7 @@ def run(
 ) -> tuple[State, Any]:
     """Filter a whole log: equal to ``scan_steps`` to round-off, and over ten times faster.
 
-    The fast route is exact unless the options ask for the "full" joint uncertainty, which is filtered by ``scan_steps``
-    itself. The fast route has a hand-written reverse pass. It reports a gradient of zero with respect to
+    The fast route has a hand-written reverse pass. It reports a gradient of zero with respect to
     ``samples.dt``, does not support forward mode (``jax.jvp``, ``jax.jacfwd``), and ignores correlations between axes
     of the bias in the given state. Use ``scan_steps`` where that matters.
 
@@ -69,7 +68,7 @@ def run(
     Returns:
         the last state, to carry into the next part of the log, and what ``emit`` kept, with a leading time axis.
     """
-    if samples.dt.shape[0] == 0 or not stages.applies(options):
+    if samples.dt.shape[0] == 0:
         by_steps: tuple[State, Any] = scan_steps(params, state, samples, options, emit)
         return by_steps
     last, staged = stages.run(params, state, samples, options)

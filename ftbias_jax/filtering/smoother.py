@@ -1,4 +1,4 @@
-"""The bias given the whole log, past and future: Rauch-Tung-Striebel over the pipeline's output."""
+"""Joints and bias given the whole log, past and future: Rauch-Tung-Striebel over tracks of the filters."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering import bias_filter, gaussian
 from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, filter_scan
 from ftbias_jax.filtering.fast.stages import add_noise, bias_inputs, joint_inputs, joint_states, predict_wrenches
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, State
-from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_drift_noise, bias_model
+from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_model
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Gaussian, Sample
 
@@ -23,38 +22,8 @@ if TYPE_CHECKING:
 
 
 @jax.jit
-def smooth_bias(
-    params: Params, filtered: Gaussian, dt: Float[Array, " T"], rezeroed: Float[Array, " T"] | None = None
-) -> Gaussian:
-    """Smoothed bias and drift from the filtered states of ``pipeline.run``; any R.
-
-    Args:
-        params: of the filter.
-        filtered: mean (T, 12), covariance (T, 12, 12).
-        dt: (T,) s.
-        rezeroed: (T,) 1 where the sensor was set to zero since the sample before; None = never.
-    """
-
-    def back(after: Gaussian, sample: tuple[Gaussian, Array, Array | None]) -> tuple[Gaussian, Gaussian]:
-        here, dt_after, rezeroed_after = sample
-        transition, process_noise = bias_drift_noise(dt_after, params.bias.density)
-        jump = bias_filter.jumps(params, rezeroed_after)
-        if jump is not None:
-            process_noise = process_noise + jnp.diag(jnp.pad(jump, (0, 6)))
-        predicted = gaussian.predict(here, transition, process_noise)
-        smoothed = gaussian.rts_step(here, predicted, after, transition)
-        return smoothed, smoothed
-
-    last = jax.tree.map(lambda x: x[-1], filtered)
-    before = jax.tree.map(lambda x: x[:-1], filtered)
-    later = None if rezeroed is None else rezeroed[1:]
-    _, smoothed = jax.lax.scan(back, last, (before, dt[1:], later), reverse=True)
-    return Gaussian(*(jnp.concatenate([x, end[None]]) for x, end in zip(smoothed, last, strict=True)))
-
-
-@jax.jit
 def smooth_axes(inputs: Inputs) -> tuple[Float[Array, "T 2 6"], Float[Array, "T 2 6"]]:
-    """The same for independent axes, from ``stages.bias_inputs``: means and standard deviations (T, 2, 6)."""
+    """Smoothed bias and drift, from ``stages.bias_inputs``: means and standard deviations (T, 2, 6)."""
     model = bias_model(inputs.density)
     smoothed = smooth_track(model, inputs, filter_scan(model, inputs))
     mean, covariance = add_noise(smoothed.mean, smoothed.covariance, -1)

@@ -30,6 +30,8 @@ from ftbias_jax.types import Gaussian, Sample
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+JOINT_UNCERTAINTIES = ("none", "diagonal")
+
 
 class Options(NamedTuple):
     """Choices that change the program, not its numbers: static under jit."""
@@ -38,8 +40,8 @@ class Options(NamedTuple):
     """Key of process_models.JOINT_MODELS."""
     joint_uncertainty: str = "diagonal"
     """Whether the joint filter's covariance, pushed through D theta, is added to R at every sample: "none" (the report
-    to the letter: error bars are far too small while the arm accelerates), "full", or "diagonal", which keeps each
-    axis' variance and leaves out the correlation between axes, so that the axes stay independent filters."""
+    to the letter: error bars are far too small while the arm accelerates), or "diagonal": the variance of each axis
+    without the correlation between them, so that the axes stay independent filters."""
     gate: float | None = None
     """A wrench with any axis this many standard deviations off its prediction is not used (bias_filter); None = all
     are."""
@@ -78,6 +80,18 @@ def options_from_setup(setup: Setup) -> Options:
     return Options(joint_model=setup.joints.model, gate=setup.bias.gate)
 
 
+def knows_joints(options: Options) -> bool:
+    """Whether the uncertainty of the joints is part of R.
+
+    Raises:
+        ValueError: there is no such choice.
+    """
+    if options.joint_uncertainty not in JOINT_UNCERTAINTIES:
+        choices = ", ".join(JOINT_UNCERTAINTIES)
+        raise ValueError(f"joint_uncertainty is {options.joint_uncertainty!r}: choose from {choices}")
+    return options.joint_uncertainty != "none"
+
+
 @jax.jit
 def init(params: Params, samples: Sample) -> State:
     """State before the first sample of a log; every joint starts at its first measured position."""
@@ -98,18 +112,15 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
         the state after the sample, and what it said.
     """
     if params.effects is not None:
-        raise ValueError(
-            "known effects act on whole logs, not on single samples: use pipeline.run, "
-            "with a joint uncertainty other than 'full'"
-        )
+        raise ValueError("known effects act on whole logs, not on single samples: use pipeline.run")
     joint, joint_innovation = joint_filter.step(
         params.joint, state.joint, sample.dt, sample.q, sample.dq, options.joint_model
     )
     motion, wrench_tool = predict_wrench(params, joint.mean)
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
-    if options.joint_uncertainty != "none":
+    if knows_joints(options):
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
-        R = R + covariance_of_joints(G, joint.covariance, options.joint_uncertainty)
+        R = R + covariance_of_joints(G, joint.covariance)
     vibration = bias_filter.vibration(params.bias, joint.mean[:, 1])
     if vibration is not None:
         R = R + jnp.diag(bias_filter.white_share(params.bias, vibration))

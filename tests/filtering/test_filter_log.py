@@ -20,7 +20,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.setup import load_setup, parse_setup
 
 START = 100.0
-OPTIONS = [Options(), Options(joint_uncertainty="full"), Options(gate=40.0)]
+OPTIONS = [Options(), Options(joint_uncertainty="none"), Options(gate=40.0)]
 SETUP = {
     "robot": {
         "joints": [
@@ -53,7 +53,7 @@ def assert_same(got, expected, rtol=1e-9):
         np.testing.assert_allclose(one, other, rtol=rtol, atol=rtol * np.nanmax(np.abs(other)), err_msg=name)
 
 
-@pytest.fixture(scope="module", params=OPTIONS, ids=["diagonal", "full", "gated"])
+@pytest.fixture(scope="module", params=OPTIONS, ids=["diagonal", "none", "gated"])
 def whole(request, params, samples):
     """Options, and state and info of every sample by one run over the whole log."""
     return request.param, pipeline.run(params, pipeline.init(params, samples), samples, request.param)[1]
@@ -109,15 +109,11 @@ def test_samples_without_measurements_change_nothing(params, log):
 
 
 def test_smoothing_at_the_stamps_of_the_wrench(params, samples, log, whole):
-    options, (states, infos) = whole
+    options, (_, infos) = whole
     rows = np.isfinite(log.wrench).any(1)
-    if options.joint_uncertainty == "full":
-        smoothed = smoother.smooth_bias(params, states.bias, samples.dt)
-        mean, std = smoothed.mean, np.sqrt(np.diagonal(smoothed.covariance, axis1=1, axis2=2))
-    else:
-        used = samples._replace(wrench=jnp.where(jnp.isfinite(infos.wrench.value), samples.wrench, jnp.nan))
-        assert (np.isnan(used.wrench) != np.isnan(samples.wrench)).any() == (options.gate is not None)
-        _, mean, std = smoother.smooth_log(params, pipeline.init(params, samples), used, options._replace(gate=None))
+    used = samples._replace(wrench=jnp.where(jnp.isfinite(infos.wrench.value), samples.wrench, jnp.nan))
+    assert (np.isnan(used.wrench) != np.isnan(samples.wrench)).any() == (options.gate is not None)
+    _, mean, std = smoother.smooth_log(params, pipeline.init(params, samples), used, options._replace(gate=None))
     got_mean, got_std = filter_log.smooth_with_params(params, log, options)
     np.testing.assert_allclose(got_mean, mean.reshape(-1, 2, 6)[rows], rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(got_std, std.reshape(-1, 2, 6)[rows], rtol=1e-6)

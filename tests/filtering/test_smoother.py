@@ -11,7 +11,7 @@ from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.process_models import bias_drift_noise
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
-from ftbias_jax.types import Gaussian, Sample
+from ftbias_jax.types import Sample
 
 
 @pytest.fixture(scope="module")
@@ -35,17 +35,7 @@ def rauch_tung_striebel(model, means, covariances):
     return means, covariances
 
 
-def test_bias_with_noise_that_mixes_the_axes(params, samples, bias_model):
-    root = 0.1 * np.random.default_rng(0).normal(size=(len(samples.dt), 6, 6))
-    model = bias_model._replace(R=root @ np.swapaxes(root, 1, 2) + 0.01 * np.eye(6))
-    filtered = model.filtered(-np.asarray(samples.wrench))
-    expected = rauch_tung_striebel(model, *filtered)
-    smoothed = smoother.smooth_bias(params, Gaussian(*map(jnp.asarray, filtered)), samples.dt)
-    np.testing.assert_allclose(smoothed.mean, expected[0], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(smoothed.covariance, expected[1], rtol=1e-9, atol=1e-9)
-
-
-def test_independent_axes_are_the_same_axis_by_axis(params, samples, bias_model):
+def test_bias_and_drift_are_smoothed_axis_by_axis(params, samples, bias_model):
     variance = np.random.default_rng(1).uniform(0.01, 0.1, (len(samples.dt), 6)) ** 2
     model = bias_model._replace(R=variance[:, :, None] * np.eye(6))
     mean, covariance = rauch_tung_striebel(model, *model.filtered(-np.asarray(samples.wrench)))

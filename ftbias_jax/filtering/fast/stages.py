@@ -1,9 +1,9 @@
 """The pipeline in three stages: all joints in one scan, kinematics over many samples at once, six axes in one scan.
 
-The fast route of ``pipeline.run``: equal to a scan of single steps to round-off. It is exact while the axes of the
-bias filter are independent, that is unless the joint uncertainty is "full" or a wrench is gated: B Sigma_D B^T is
-diagonal when Sigma_D is, because the columns of B are multiples of unit vectors. The kinematics have no memory, so
-effects that need the whole log act between the stages; without them a log passes in chunks of time.
+The fast route of ``pipeline.run``: equal to a scan of single steps to round-off. The axes of the bias filter are
+independent: B Sigma_D B^T is diagonal when Sigma_D is, because the columns of B are multiples of unit vectors. The
+kinematics have no memory, so effects that need the whole log act between the stages; without them a log passes in
+chunks of time.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ftbias_jax.filtering.fast.sums import States
 from ftbias_jax.filtering.fast.wrench_of_joints import wrenches_of_joints
 from ftbias_jax.filtering.process_models import JOINT_MODELS, Gated, ProcessModel, bias_model
 from ftbias_jax.filtering.samples import pad
-from ftbias_jax.filtering.step import Options, State
+from ftbias_jax.filtering.step import Options, State, knows_joints
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.params import Params
@@ -46,11 +46,6 @@ class Staged(NamedTuple):
     """Of the axes of the bias: states (bias, drift) (T, 2, 6)."""
     wrench_tool: Float[Array, "T 6"]
     """(T, 6) D theta, N and Nm, sensor frame; with the known effects, if there are any."""
-
-
-def applies(options: Options) -> bool:
-    """Whether the axes are independent, so that this route is exact; structure decides, not values."""
-    return options.joint_uncertainty != "full"
 
 
 @partial(jax.jit, static_argnames="options")
@@ -176,7 +171,7 @@ def predict_wrenches(
         joints = Smoothed(jnp.swapaxes(joints.mean, 1, 2), jnp.moveaxis(joints.covariance, 1, -1))
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
     stated = jnp.diagonal(R)
-    wrench_tool, from_joints = wrenches_of_joints(params, joints, options.joint_uncertainty == "none")
+    wrench_tool, from_joints = wrenches_of_joints(params, joints, not knows_joints(options))
     if isinstance(joints, States):
         joints = joints.stacked()
     motion = bias_filter.vibration(params.bias, joints.mean[:, 1])

@@ -48,4 +48,4 @@ def _of_free_body(params: Params, known_exactly: bool, mean: Array, covariance: 
     if known_exactly:
         return wrench_tool, jnp.zeros_like(wrench_tool)
     G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
-    return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance, "diagonal"))
+    return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance))

@@ -142,20 +142,15 @@ def joint_sensitivity(
     return _inertial_wrench(theta, falling, jnp.zeros_like(angular)), _inertial_wrench(theta, linear, angular)
 
 
-def covariance_of_joints(
-    sensitivity: tuple[Array, Array], covariance: Float[Array, "n 3 3"], kind: str
-) -> Float[Array, "6 6"]:
-    """sum_j G_j P_j G_j^T (6, 6) with G_j = (dW/dq_j, 0, dW/dddq_j), or its diagonal.
+def covariance_of_joints(sensitivity: tuple[Array, Array], covariance: Float[Array, "n 3 3"]) -> Float[Array, "6 6"]:
+    """The diagonal of sum_j G_j P_j G_j^T as a matrix (6, 6), with G_j = (dW/dq_j, 0, dW/dddq_j).
 
     Args:
         sensitivity: dW/dq and dW/dddq (6, n) N, Nm per rad and rad/s^2, of ``joint_sensitivity``.
         covariance: (n, 3, 3) of the joint filter.
-        kind: "full" or "diagonal".
     """
     G, P = jnp.stack(sensitivity, -1), covariance[:, ::2, ::2]
-    if kind == "diagonal":
-        return jnp.diag(jnp.einsum("ind,nde,ine->i", G, P, G))
-    return jnp.einsum("ind,nde,jne->ij", G, P, G)
+    return jnp.diag(jnp.einsum("ind,nde,ine->i", G, P, G))
 
 
 def _inertial_wrench(theta: Array, linear: Array, angular: Array) -> Array:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from ftbias_jax.filtering import pipeline
-from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.types import Sample
 
 
@@ -57,12 +56,6 @@ def test_a_known_jump_of_the_bias_is_no_innovation(params, samples):
     np.testing.assert_allclose(infos.log_likelihood, expected_infos.log_likelihood, rtol=1e-9)
     moved = infos.wrench_tool - expected_infos.wrench_tool
     np.testing.assert_allclose(moved, np.where(np.arange(40)[:, None] < 17, 0, -jump), atol=1e-10)
-
-
-def test_known_effects_are_refused_where_only_single_steps_are_exact(params, samples):
-    knowing = params._replace(effects={"gain": {"gain": jnp.ones(6)}})
-    with pytest.raises(ValueError, match=r"with a joint uncertainty other than 'full'"):
-        pipeline.run(knowing, pipeline.init(params, samples), samples, Options(joint_uncertainty="full"))
 
 
 def test_gradients_take_the_reverse_pass_written_by_hand_and_forward_mode_the_scan_of_steps(params, samples):

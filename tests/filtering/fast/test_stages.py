@@ -98,11 +98,3 @@ def test_many_logs_are_each_log(params, samples):
         assert_all_close(
             jax.tree.map(lambda x, i=i: x[i], together), jax.jit(slopes)(log), 1e-6
         )  # slopes in the prior lose digits
-
-
-def test_it_applies_where_the_axes_are_independent():
-    """Structure decides, so that jit, vmap and gradients always take the same route."""
-    assert stages.applies(Options())
-    assert stages.applies(Options(joint_uncertainty="none"))
-    assert not stages.applies(Options(joint_uncertainty="full"))
-    assert stages.applies(Options(gate=5.0))

@@ -8,8 +8,6 @@ from demo_logs import T, recorder
 
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.filtering import filter_log, pipeline
-from ftbias_jax.filtering.fast import stages
-from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.result import named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.model.effects.catalogue import CATALOGUE, typical_values
@@ -115,4 +113,3 @@ def test_single_steps_refuse_effects(params, record):
     first = jax.tree.map(lambda x: x[0], samples)
     with pytest.raises(ValueError, match="whole logs"):
         pipeline.step(knowing, pipeline.init(params, samples), first)
-    assert stages.applies(Options())

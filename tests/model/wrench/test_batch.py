@@ -30,7 +30,7 @@ def one_by_one(params, model, mean, covariance):
     def one(mean, covariance):
         motion, wrench = pipeline.predict_wrench(params, mean.T)
         G = joint_sensitivity(model.theta, motion.R_base_sensor, motion.jacobian, model.gravity)
-        return wrench, jnp.diagonal(covariance_of_joints(G, jnp.moveaxis(covariance, -1, 0), "diagonal"))
+        return wrench, jnp.diagonal(covariance_of_joints(G, jnp.moveaxis(covariance, -1, 0)))
 
     return jax.vmap(one)(mean, covariance)
 
