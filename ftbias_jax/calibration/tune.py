@@ -43,6 +43,8 @@ TIES: dict[str, Callable[[int], np.ndarray]] = {
     "each": lambda size: np.arange(size),
 }
 """Which lanes share a value: all, the forces and the torques, or none."""
+JOINT_BURN_IN, WRENCH_BURN_IN = 0.2, 1.0
+"""s that do not count at the start of every piece, and of every log: the prior shows there."""
 
 
 class Fit(NamedTuple):
@@ -119,7 +121,6 @@ def tune_joints(
     logs: Sequence[Sample],
     ties: dict[str, str],
     options: Options = DEFAULT_OPTIONS,
-    burn_in: float = 0.2,
     restarts: int = 0,
     report: Report = newton.quiet,
     total: newton.Total = newton.alone,
@@ -131,7 +132,6 @@ def tune_joints(
         logs: samples of one robot.
         ties: key of TIES for each of JOINT_NAMES that is to be fitted.
         options: of the pipeline.
-        burn_in: s that do not count at the start of every piece.
         restarts: further starts, each value off by a random factor (10 or 1/10 is usual); Fit.optimum tells how many
             agree.
         report: told (iteration, nats).
@@ -144,7 +144,7 @@ def tune_joints(
     longest = max(len(piece.dt) for piece in pieces)
     parts = [(params, stack(part, longest)) for part in equal_parts(pieces, PIECES_AT_ONCE)]
     start = {name: getattr(params.joint, name) for name in ties}
-    fit = _fit(JointScore(tuple(ties), options.joint_model, burn_in), parts, start, ties, restarts, report, total)
+    fit = _fit(JointScore(tuple(ties), options.joint_model, JOINT_BURN_IN), parts, start, ties, restarts, report, total)
     return with_noise(params, _arrays(fit, params)), fit
 
 
@@ -153,7 +153,6 @@ def tune_wrench(
     logs: Sequence[Sample],
     ties: dict[str, str],
     options: Options = DEFAULT_OPTIONS,
-    burn_in: float = 1.0,
     restarts: int = 0,
     report: Report = newton.quiet,
     total: newton.Total = newton.alone,
@@ -166,7 +165,6 @@ def tune_wrench(
         ties: key of TIES for each of WRENCH_NAMES that is to be fitted: density is sigma_Q, wrench_std the square root
             of the diagonal of Sigma_W.
         options: of the pipeline.
-        burn_in: s that do not count at the start of every log.
         restarts: further starts, as for ``tune_joints``.
         report: told (iteration, nats).
         total: adds up the processes that tune together, see ``newton.maximise``.
@@ -179,7 +177,7 @@ def tune_wrench(
     samples = [stack(part, longest) for part in equal_parts(list(logs), at_once)]
     wrenches = newton.for_each(partial(smoothed_wrenches, params, options=options), samples)
     parts = [(params, WrenchLogs(part, *wrench)) for part, wrench in zip(samples, wrenches, strict=True)]
-    return fit_wrench(params, parts, ties, burn_in, restarts, report, total)
+    return fit_wrench(params, parts, ties, WRENCH_BURN_IN, restarts, report, total)
 
 
 def fit_wrench(

@@ -70,7 +70,6 @@ def tune_in_blocks(
     tie: str,
     wanted: Sequence[str],
     report: Report = newton.quiet,
-    total: newton.Total = newton.alone,
 ) -> tuple[Params, dict[str, Fit]]:
     """Correlated noise, level of the white noise, and the drift given both.
 
@@ -85,7 +84,6 @@ def tune_in_blocks(
         tie: key of ``tune.TIES``, of sigma_Q.
         wanted: some of "density" and "wrench_std".
         report: told (iteration, nats).
-        total: adds up the processes that tune together.
 
     Returns:
         params with the noise, and the fit of sigma_Q if it was asked for.
@@ -108,7 +106,7 @@ def tune_in_blocks(
     parts = [
         (silent, WrenchLogs(stack([sample], longest), *_stacked(variance, longest))) for sample, variance in samples
     ]
-    tuned, fit = fit_wrench(silent, parts, {"density": tie}, burn_in=0.0, report=report, total=total)
+    tuned, fit = fit_wrench(silent, parts, {"density": tie}, burn_in=0.0, report=report)
     series = [_as_series(log, sensor, params) for log in logs]
     never = np.full(6, np.inf)
     given = Drift(np.asarray(bias.density, float), never if bias.drift_time is None else np.asarray(bias.drift_time))

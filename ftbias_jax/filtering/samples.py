@@ -21,15 +21,14 @@ LONGEST, MOST = 1.0, 0.1
 """s, and share of the log, that are left out at most: what lasts longer looks like a bias, or swings about zero."""
 
 
-def samples_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:
+def samples_from_log(log: Log, dtype: Any = None) -> Sample:
     """A log as filter input: leaves with a leading time axis. dt is taken in float64 before any rounding to dtype.
 
     Args:
-        log: a whole log, or a part of one.
+        log: a whole log.
         dtype: of the arrays.
-        before: s, stamp of the sample before the part.
     """
-    samples: Sample = jax.tree.map(jnp.asarray, arrays_from_log(log, dtype, before))
+    samples: Sample = jax.tree.map(jnp.asarray, arrays_from_log(log, dtype))
     return samples
 
 

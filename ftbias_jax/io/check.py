@@ -100,13 +100,12 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
     _check_rate(wrench_t, file)
 
 
-def relative_seconds(t: Array, *, file: str = "", field: str = "t") -> tuple[Array, float]:
+def relative_seconds(t: Array, *, file: str = "") -> tuple[Array, float]:
     """Stamps in s since the first, and the first.
 
     Args:
         t: (T,) floating point in s, or integers in ns.
         file: where they come from, for messages.
-        field: where they come from, for messages.
 
     Returns:
         (T,) float64 s from 0, and the first stamp in s.
@@ -114,9 +113,9 @@ def relative_seconds(t: Array, *, file: str = "", field: str = "t") -> tuple[Arr
     Raises:
         LogError: the stamps are fewer than two, not a number, or do not increase.
     """
-    t = check_stamps(t, file=file, field=field)
+    t = check_stamps(t, file=file)
     if len(t) < 2:
-        raise LogError(f"has {len(t)} samples", file=file, field=field, remedy="a log needs at least 2")
+        raise LogError(f"has {len(t)} samples", file=file, field="t", remedy="a log needs at least 2")
     # Integers are subtracted as integers: nanoseconds since 1970 do not fit the 53 bits of a float.
     unit = 1e-9 if t.dtype.kind == "i" else 1.0
     return (t - t[0]) * unit, float(t[0]) * unit

@@ -13,6 +13,9 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.log import Log
 from ftbias_jax.types import Array
 
+SPACING = 0.05
+"""s between the knots of a recorded motion's splines."""
+
 
 class Trajectory(NamedTuple):
     """Joint motion without noise, leading time axis; dq and ddq are the derivatives of q."""
@@ -100,7 +103,7 @@ def minimum_jerk_moves(
     return Trajectory(t, start + path * distance, speed * distance, acceleration * distance)
 
 
-def replay(log: Log, t: Array | None = None, spacing: float = 0.05) -> Trajectory:
+def replay(log: Log, t: Array | None = None) -> Trajectory:
     """The motion of a recorded log: a quintic spline fitted to each joint's positions by least squares.
 
     The spline's derivatives are the motion's velocity and acceleration, so the three agree exactly; what is faster
@@ -109,7 +112,6 @@ def replay(log: Log, t: Array | None = None, spacing: float = 0.05) -> Trajector
     Args:
         log: recorded joints.
         t: (T,) s, times within the log; None = its own.
-        spacing: s between knots.
 
     Raises:
         LogError: a joint has too few positions.
@@ -125,7 +127,7 @@ def replay(log: Log, t: Array | None = None, spacing: float = 0.05) -> Trajector
             remedy = "record at least 12 joint positions"
             raise LogError(f"joint {joint + 1} has {len(times)} positions", field="q", remedy=remedy)
         # A knot needs data around it, so knots are a subset of the stamps: gaps get none.
-        bins = np.floor((times - times[0]) / spacing)
+        bins = np.floor((times - times[0]) / SPACING)
         inner = times[np.flatnonzero(np.diff(bins, prepend=bins[0]))]
         keep = (np.searchsorted(times, inner) >= 6) & (np.searchsorted(times, inner) < len(times) - 6)
         inner = inner[keep][_apart(np.searchsorted(times, inner[keep]))]

@@ -25,6 +25,8 @@ MAINS = (50.0, 60.0)
 """Hz."""
 LEAST_SEEN = 0.5
 """Share of the samples of an axis that must be there."""
+MOST_TOLD = 6
+"""Peaks that are written out."""
 
 
 class Line(NamedTuple):
@@ -87,23 +89,18 @@ def innovation_size(innovation: Array) -> Array:
     return np.where(rms > 0, rms, 1)
 
 
-def format_lines(lines: list[Line], most: int = 6) -> str:
-    """Lines of text about peaks, the strongest first.
-
-    Args:
-        lines: of ``find_lines``.
-        most: lines that are written out.
-    """
+def format_lines(lines: list[Line]) -> str:
+    """Lines of text about the MOST_TOLD strongest peaks, of ``find_lines``."""
     text = []
-    for line in lines[:most]:
+    for line in lines[:MOST_TOLD]:
         sizes = zip(AXES, line.amplitude, strict=True)
         words = ", ".join(f"{name} {x:.2g} {'N' if name[0] == 'f' else 'Nm'}" for name, x in sizes if x)
         what = "tone" if line.sharp else f"resonance or moving tone, {line.width:.2g} Hz wide"
         hum = f": a multiple of {line.mains:.0f} Hz, as mains hum is, or joint readings at that rate"
         cause = hum if line.mains else ""
         text.append(f"{what} at {line.frequency:.1f} Hz ({words}){cause}")
-    if len(lines) > most:
-        text.append(f"and {len(lines) - most} weaker ones")
+    if len(lines) > MOST_TOLD:
+        text.append(f"and {len(lines) - MOST_TOLD} weaker ones")
     return "\n".join(text)
 
 

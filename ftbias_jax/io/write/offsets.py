@@ -13,7 +13,7 @@ from ftbias_jax.types import Array
 BROADCASTER = "force_torque_sensor_broadcaster"
 
 
-def dump_offsets(bias: Array, reports: str = REPORTS[0], controller: str = BROADCASTER, remark: str = "") -> str:
+def dump_offsets(bias: Array, reports: str = REPORTS[0], remark: str = "") -> str:
     """YAML text with the offsets that the broadcaster adds to each reading.
 
     The broadcaster publishes reading + offset (and multiplies afterwards, by 1 unless told otherwise). The bias is what
@@ -23,7 +23,6 @@ def dump_offsets(bias: Array, reports: str = REPORTS[0], controller: str = BROAD
     Args:
         bias: (6,) N and Nm, the report's sign: unbiased = measured + bias.
         reports: one of REPORTS, as in the setup.
-        controller: the broadcaster's name.
         remark: a line on where the bias comes from.
 
     Raises:
@@ -34,7 +33,12 @@ def dump_offsets(bias: Array, reports: str = REPORTS[0], controller: str = BROAD
     sign = -1.0 if reports == "wrench_on_sensor" else 1.0
     values = [number(sign * float(value)) for value in bias]
     comment = [f"# {printable(remark)}"] if remark else []
-    lines = [*comment, f"{json.dumps(controller)}:", "  ros__parameters:", "    offset:  # N, Nm: added to the reading"]
+    lines = [
+        *comment,
+        f"{json.dumps(BROADCASTER)}:",
+        "  ros__parameters:",
+        "    offset:  # N, Nm: added to the reading",
+    ]
     for name, numbers in (("force", values[:3]), ("torque", values[3:])):
         lines.append(f"      {name}: {{x: {numbers[0]}, y: {numbers[1]}, z: {numbers[2]}}}")
     return "\n".join(lines) + "\n"
