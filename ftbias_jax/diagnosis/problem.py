@@ -16,6 +16,7 @@ from ftbias_jax.diagnosis.samples.read import inspect_samples
 from ftbias_jax.diagnosis.samples.smoothed import padded_samples, smoothed
 from ftbias_jax.diagnosis.samples.touched import contacts_in
 from ftbias_jax.diagnosis.samples.types import SampleFindings
+from ftbias_jax.diagnosis.thresholds import LEAST_BINS
 from ftbias_jax.errors import LogError
 from ftbias_jax.filtering import bias_filter, filter_log
 from ftbias_jax.filtering.adapt.contact import Contact, in_contact
@@ -32,8 +33,6 @@ from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
 
-LEAST_BINS = 20
-"""Fewer tell no gap from a bias."""
 NEGLIGIBLE, POINT = 1e-6, (1.0, 0.0, 0.0, 0.05, 0.0025, 0.0, 0.0, 0.0025, 0.0, 0.0)
 """kg, and inertial parameters of one kilogram, 5 cm in front of the sensor."""
 
