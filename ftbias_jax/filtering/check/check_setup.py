@@ -89,8 +89,11 @@ def require_right(
         SetupError: the setup is wrong. LogError: the logs are in units or frames that no setup states, or too short for
             a diagnosis.
     """
-    if setup.sensor.compensated != "none" and command == "identify":
-        remedy = "record the raw wrench"
+    refused = {"identify": ("weight", "tool"), "diagnose": ("weight",)}
+    if setup.sensor.compensated in refused.get(command, ()):
+        remedy = "record the raw wrench" + (
+            ', or state "tool": inertia then counts as a gap' if command == "diagnose" else ""
+        )
         message = "the tool's weight is not in the reading"
         raise UsageError(message, file=setup.path, field="sensor.compensated", remedy=remedy)
     logs = list(logs)

@@ -160,6 +160,12 @@ def test_a_payload_that_the_controller_subtracts_needs_no_mass(tmp_path, capsys)
     assert not (tmp_path / "found.toml").exists()
     assert main(["diagnose", str(log), "--setup", str(setup)]) == 0
     assert "nan" not in capsys.readouterr().out
+    setup.write_text(setup.read_text().replace('compensated = "tool"', 'compensated = "weight"'))
+    setup.write_text(
+        setup.read_text().replace("# mass = ", "mass = ").replace("# center_of_mass = ", "center_of_mass = ")
+    )
+    assert main(["diagnose", str(log), "--setup", str(setup)]) == 2
+    assert 'or state "tool"' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("half_way", [False, True])
