@@ -19,7 +19,6 @@ ANY_UNIT = {
     "ftbias_jax.filtering.gaussian",
     "ftbias_jax.filtering.innovation_regression.widened_inverse",
     "ftbias_jax.filtering.process_models.matrix",
-    "ftbias_jax.model.kinematics.screws.adjoint",
     "ftbias_jax.model.kinematics.screws.skew",
     "ftbias_jax.model.params.as_array",
     "ftbias_jax.model.wrench.tool_wrench.vec",

@@ -36,20 +36,30 @@ def source_files():
     return sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 
 
-def imported_units(tree):
-    """Modules of this package that a syntax tree imports, anywhere in it, under a condition or in a function."""
-    for node in ast.walk(tree):
+def imported_names(nodes):
+    """Modules, or names in modules, that the imports among nodes of a syntax tree name, in full."""
+    for node in nodes:
         if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports inside the package are absolute"
-            names = [f"{node.module}.{alias.name}" for alias in node.names]
-        else:
-            continue
-        for name in names:
-            package, *rest = [*name.split("."), ""]
-            if package == PACKAGE.name and rest[0] not in ("", "__version__"):
-                yield rest[0]
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def imported_units(tree):
+    """Units of this package that a syntax tree imports, anywhere in it, under a condition or in a function."""
+    for name in imported_names(ast.walk(tree)):
+        package, *rest = [*name.split("."), ""]
+        if package == PACKAGE.name and rest[0] not in ("", "__version__"):
+            yield rest[0]
+
+
+def at_run_time(node):
+    """The nodes of a syntax tree but for what only type checkers read."""
+    yield node
+    for child in ast.iter_child_nodes(node):
+        if not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
+            yield from at_run_time(child)
 
 
 @pytest.mark.parametrize("path", source_files(), ids=lambda path: str(path.relative_to(PACKAGE)))
@@ -75,32 +85,55 @@ def test_modules_are_short(path):
     assert len(path.read_text().splitlines()) <= MOST_LINES
 
 
-def module_imports():
-    """Module -> the modules of this package that it imports when it is imported itself."""
-    names = {".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts): path for path in source_files()}
-    names = {name.removesuffix(".__init__"): path for name, path in names.items()}
+def module_imports(trees):
+    """Module -> the modules that it imports, when it is imported itself or later, in a function.
+
+    Args:
+        trees: module -> its syntax tree.
+    """
     graph = {}
-    for name, path in names.items():
-        nodes = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.ImportFrom)]
-        wanted = {f"{node.module}.{alias.name}" for node in nodes for alias in node.names} | {
-            node.module for node in nodes
-        }
-        graph[name] = sorted((wanted & names.keys()) - {name})
+    for module, tree in trees.items():
+        graph[module] = set()
+        for name in imported_names(at_run_time(tree)):
+            while name and name not in trees:
+                name = name.rpartition(".")[0]
+            graph[module] |= {name} & trees.keys() - {module}
     return graph
 
 
-def test_there_is_no_import_circle():
-    graph, done = module_imports(), set()
+def circle_in(graph):
+    """The modules of an import circle, the first one at both ends; none if there is none."""
+    done = set()
 
     def visit(module, path):
-        assert module not in path, f"a circle: {' -> '.join([*path[path.index(module) :], module])}"
+        if module in path:
+            return [*path[path.index(module) :], module]
+        found = []
         if module not in done:
-            for other in graph[module]:
-                visit(other, [*path, module])
+            found = next(filter(None, (visit(other, [*path, module]) for other in sorted(graph[module]))), [])
             done.add(module)
+        return found
 
-    for module in graph:
-        visit(module, [])
+    return next(filter(None, (visit(module, []) for module in graph)), [])
+
+
+def test_there_is_no_import_circle():
+    paths = {".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts): path for path in source_files()}
+    trees = {name.removesuffix(".__init__"): ast.parse(path.read_text()) for name, path in paths.items()}
+    assert not circle_in(module_imports(trees))
+
+
+@pytest.mark.parametrize(
+    ("back", "circle"),
+    [
+        ("from room.a import A", ["room.a", "room.b", "room.a"]),
+        ("def late():\n    import room.a", ["room.a", "room.b", "room.a"]),
+        ("if TYPE_CHECKING:\n    from room.a import A", []),
+    ],
+)
+def test_a_circle_would_be_seen(back, circle):
+    """Late imports count, imports for type checkers do not."""
+    assert circle_in(module_imports({"room.a": ast.parse("from room import b"), "room.b": ast.parse(back)})) == circle
 
 
 def test_the_package_itself_imports_its_modules_for_type_checkers_only():

@@ -1,4 +1,7 @@
-"""The setup mended: what a diagnosis found becomes part of what the robot's owner states."""
+"""The setup mended: what a diagnosis found becomes part of what the robot's owner states.
+
+The catalogue is imported where it is needed: it brings JAX, which pages of saved results do without.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,19 @@ from typing import Any
 from ftbias_jax.diagnosis.report.tables import parameter_words
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.errors import SetupError
-from ftbias_jax.model.effects.catalogue import values_from_setup
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
-from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.setup.types import Setup
+
+
+def setup_with_causes(diagnosis: Diagnosis, setup: Setup) -> Setup:
+    """A setup with the causes among its effects, in place of the same ones, and the terms after those it has.
+
+    Those with values that no setup can state are left out (``refused``). ``Diagnosis.apply`` is this.
+
+    Args:
+        diagnosis: with causes and terms.
+        setup: of the diagnosis.
+    """
+    return with_causes(setup.with_effects(diagnosis.own_effects), diagnosis.causes, diagnosis.terms)
 
 
 def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm] = ()) -> Setup:
@@ -23,6 +35,8 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
         causes: their values replace those the setup has for the same effect.
         terms: come after those that the setup has.
     """
+    from ftbias_jax.model.effects.terms.parse import NAME as TERM
+
     causes = [cause for cause in causes if not _refusal(setup, {cause.effect: cause.parameters})]
     sections = [term.section for term in terms if not _refusal(setup, {TERM: [term.section]})]
     effects: dict[str, Any] = {**setup.effects, **{cause.effect: cause.parameters for cause in causes}}
@@ -44,6 +58,8 @@ def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm
         causes: as for ``with_causes``.
         terms: as for ``with_causes``.
     """
+    from ftbias_jax.model.effects.terms.parse import NAME as TERM
+
     sections: list[dict[str, Any]] = [{cause.effect: cause.parameters} for cause in causes]
     sections += [{TERM: [term.section]} for term in terms]
     return tuple(why for section in sections if (why := _refusal(setup, section)))
@@ -61,6 +77,9 @@ def some_applied(diagnosis: Diagnosis, not_stated: Sequence[str]) -> bool:
 
 def _refusal(setup: Setup, effects: dict[str, Any]) -> str:
     """Why a setup cannot state these effects; "" if it can."""
+    from ftbias_jax.model.effects.catalogue import values_from_setup
+    from ftbias_jax.model.own_effects import catalogue_of_setup
+
     try:
         values_from_setup(effects, catalogue=catalogue_of_setup(setup))
     except SetupError as error:

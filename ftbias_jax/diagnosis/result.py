@@ -10,7 +10,6 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ftbias_jax.diagnosis.report.plotted import Curve, Series
-from ftbias_jax.io.atomic import write_atomic, write_json
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write.provenance import Provenance
 from ftbias_jax.setup.types import Setup
@@ -185,50 +184,16 @@ class Diagnosis(NamedTuple):
         pairs = zip(self.logs, self.repairs, strict=False)
         return tuple(f"{log}: {repair.what}" for log, repairs in pairs for repair in repairs if repair.lost)
 
-    # Reports and setups are made of what this module defines, so they are imported when they are asked for.
-
-    def __str__(self) -> str:
-        from ftbias_jax.diagnosis.report.tables import to_table
-
-        return to_table(self)
+    # The room's __init__ binds the functions that these and __str__ are: they are made of what this module defines.
 
     def to_html(self, path: str | os.PathLike[str], title: str = "") -> None:
-        """Write a report with plots, one file, whole or not at all.
-
-        Args:
-            path: the file.
-            title: of the report; "" = the names of logs and setup.
-
-        Raises:
-            OutputError: the file cannot be written there.
-        """
-        from ftbias_jax.diagnosis.report.html import to_html
-
-        setup = f" with {self.setup_name}" if self.setup_name else ""
-        text = to_html(self, title or f"Gap of {', '.join(self.logs)}{setup}")
-        write_atomic(path, lambda file: file.write(text.encode()))
+        """Write a report with plots: ``report.html.save_html``."""
+        raise NotImplementedError
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
-        """Write all but the plots' series, for programs, whole or not at all.
-
-        Args:
-            path: the file.
-
-        Raises:
-            OutputError: the file cannot be written there.
-        """
-        from ftbias_jax.diagnosis.report.as_json import to_json
-
-        write_json(path, to_json(self))
+        """Write all but the plots' series, for programs: ``report.as_json.save_json``."""
+        raise NotImplementedError
 
     def apply(self, setup: Setup) -> Setup:
-        """A setup with the causes among its effects, in place of the same ones, and the terms after those it has.
-
-        Those with values that no setup can state are left out (``apply.refused``).
-
-        Args:
-            setup: of the diagnosis.
-        """
-        from ftbias_jax.diagnosis.apply import with_causes
-
-        return with_causes(setup.with_effects(self.own_effects), self.causes, self.terms)
+        """A setup with the causes and terms among its effects: ``apply.setup_with_causes``."""
+        raise NotImplementedError

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 from ftbias_jax.errors import LogError
@@ -11,14 +12,16 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.io.remote.fetch import opened
 from ftbias_jax.io.ros.read import read_ros
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
+from ftbias_jax.io.tables.arrays import log_from_arrays
 from ftbias_jax.io.tables.csv import read_csv
-from ftbias_jax.io.tables.extra import with_extra_columns
+from ftbias_jax.io.tables.extra import column_of, with_extra_columns
 from ftbias_jax.io.tables.files import read_files
 from ftbias_jax.io.tables.hdf5 import read_hdf5
 from ftbias_jax.io.tables.npz import read_npz
 from ftbias_jax.io.tables.parquet import read_parquet
 from ftbias_jax.io.tables.poses import Poses, read_poses
 from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
 
 _OF_TIME = ("t", "time", "t_joints")
 """Fields that a log without time, or with too little of it, is refused for."""
@@ -87,3 +90,60 @@ def is_ros(path: str | os.PathLike[str]) -> bool:
     """Whether the path names a recording of ROS: a folder, or one of its files."""
     name = os.fspath(path).lower().removesuffix(PACKED)
     return name.endswith(SUFFIXES) or os.path.isdir(path)
+
+
+def log_of_arrays(
+    setup: Setup,
+    t: Array | tuple[Array, Array],
+    q: Array | None,
+    wrench: Array,
+    dq: Array | None = None,
+    temperature: Array | None = None,
+    *,
+    orientation: Array | None = None,
+    position: Array | None = None,
+    angular_velocity: Array | None = None,
+    specific_force: Array | None = None,
+    columns: Mapping[str, Array] | None = None,
+    raw: bool = False,
+) -> Log:
+    """A log from arrays in memory, checked and cleaned as one that ``read_log`` reads.
+
+    ``Log.from_arrays`` is this.
+
+    Args:
+        setup: gives the number of joints and the sensor's sign.
+        t: (T,) stamps: floating point in s, or integers in ns; any origin. Or a pair of them, (J,) for the joints
+            or the pose and (W,) for wrench and temperature, if the two streams have stamps of their own.
+        q: (T, n) rad (m); None if the setup has a sensor_pose.
+        wrench: (T, 6) N, Nm, sensor frame, as the sensor reports it. NaN = not measured, here and elsewhere.
+        dq: (T, n) rad/s (m/s), or None.
+        temperature: (T,) deg C, or None.
+        orientation: (T, 4) or (T, 3, 3) of the sensor's mount in the base frame, as the setup's sensor_pose states.
+        position: (T, 3) m, base frame, of the same.
+        angular_velocity: (T, 3) rad/s of an IMU, as the setup's sensor_pose states.
+        specific_force: (T, 3) m/s^2, acceleration less gravity, of the same.
+        columns: name -> (T,) further quantities for effects to see, at the stamps (of the wrench).
+        raw: leave samples of stuck and clipped axes and repeats in, as recorded; ``repairs`` names them.
+
+    Raises:
+        LogError: shapes disagree, the clock was set back, a value is infinite, or there is no motion or no wrench.
+    """
+    times = {"t_joints": t[0], "t_wrench": t[1]} if isinstance(t, tuple) else {"t": t}
+    arrays = times | {
+        "q": q,
+        "wrench": wrench,
+        "dq": dq,
+        "temperature": temperature,
+        "orientation": orientation,
+        "position": position,
+        "angular_velocity": angular_velocity,
+        "specific_force": specific_force,
+    }
+    log = log_from_arrays({name: values for name, values in arrays.items() if values is not None}, setup)
+    stamps = t[1] if isinstance(t, tuple) else t
+    extra = {name: column_of(stamps, values, log.start, field=name) for name, values in (columns or {}).items()}
+    return clean(log._replace(columns=extra), clipped=not raw, stuck=not raw, held=not raw)
+
+
+Log.from_arrays = staticmethod(log_of_arrays)  # type: ignore[method-assign]

@@ -12,9 +12,11 @@ from typing import Any
 from ftbias_jax.errors import SetupError
 from ftbias_jax.files import no_regular_file
 from ftbias_jax.setup.dump import dump_setup
+from ftbias_jax.setup.export import save_export
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.recorded import LogSetup
 from ftbias_jax.setup.require import require_tool
+from ftbias_jax.setup.save import save_setup
 from ftbias_jax.setup.types import BiasSetup, DataNoiseSetup, JointSetup, RobotSetup, SensorSetup, Setup, ToolSetup
 
 __all__ = [
@@ -30,6 +32,9 @@ __all__ = [
     "load_setup",
     "parse_setup",
 ]
+
+Setup.save = save_setup  # type: ignore[method-assign, assignment]
+Setup.export = save_export  # type: ignore[method-assign, assignment]
 
 MAX_BYTES = 1 << 20  # a setup is a page of text; anything larger is another kind of file
 MOST_PARTS = 32

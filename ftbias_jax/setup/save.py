@@ -31,18 +31,19 @@ TERMS = "[[effects.term]]"
 _Said = dict[tuple[str, str], Line]
 
 
-def save_setup(path: str | os.PathLike[str], setup: Setup, by: str = "") -> None:
-    """Write a setup, whole or not at all: through a temporary file beside it.
+def save_setup(setup: Setup, path: str | os.PathLike[str], by: str = "") -> None:
+    """Write a setup as TOML that ``load_setup`` reads back, whole or not at all; ``Setup.save`` is this.
 
     Of a setup that was read from a file, the text of that file stays but for the lines of what changed.
 
     Args:
-        path: the file to make or replace; a link is refused.
         setup: what to write.
+        path: the file to make or replace; a link is refused.
         by: the command that writes it, for the first line; "" = the file is somebody's own, and has no such line.
 
     Raises:
-        OutputError: the file cannot be written there. SetupError: it has values that no setup may have.
+        OutputError: the file cannot be written there.
+        SetupError: it has values that no setup may have.
     """
     text = re.sub(rf"\A{WRITTEN_BY}.*\n", "", edited_text(setup, os.fspath(path)))
     try:

@@ -209,36 +209,12 @@ class Setup:
         """What it was read from, which no result may replace; "" = nothing."""
         return self.path, self.urdf
 
+    # The room's __init__ binds the functions that these two are, because those are made of what this module defines.
+
     def save(self, path: str | os.PathLike[str], by: str = "") -> None:
-        """Write it as TOML that ``load_setup`` reads back, whole or not at all.
-
-        If it was read from a file, only the lines of what changed since differ from that file.
-
-        Args:
-            path: the file to make or replace.
-            by: the command that writes it, for a first line that lets it replace the file; "" = no such line.
-
-        Raises:
-            OutputError: the file cannot be written there.
-        """
-        from ftbias_jax.setup.save import save_setup  # writes what this module defines
-
-        save_setup(path, self, by)
+        """Write it as TOML that ``load_setup`` reads back: ``save.save_setup``."""
+        raise NotImplementedError
 
     def export(self, path: str | os.PathLike[str], format: str, **options: Any) -> None:
-        """Write the tool, and for ROS the bias, in the words of a robot's controller or of a package of ROS.
-
-        Args:
-            path: the file to make or replace.
-            format: "ur" (URScript), "franka" (JSON of setLoad), "ros" (YAML for ros2_control) or "ft_calib" (YAML).
-            **options: fields of ``setup.export.options.ExportOptions``: sensor_mass, frames_as_stated, sensor_frame,
-                world_frame.
-
-        Raises:
-            SetupError: the tool is not stated, or how the sensor stands to the flange of the robot is not known.
-            UsageError: there is no such format. OutputError: the file cannot be written.
-        """
-        from ftbias_jax.setup.export import save_export
-        from ftbias_jax.setup.export.options import ExportOptions
-
-        save_export(path, self, format, ExportOptions(**options))
+        """Write the tool in the words of a controller, for ROS the bias: ``export.save_export``."""
+        raise NotImplementedError

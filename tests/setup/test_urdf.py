@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.model.kinematics.screws import make_arm, sensor_jacobian, sensor_pose
+from ftbias_jax.model.kinematics.screws import make_arm, sensor_motion
 from ftbias_jax.setup import dump_setup, load_setup, parse_setup
 
 ARM = """<?xml version="1.0"?>
@@ -128,13 +128,13 @@ def test_real_arms_against_pinocchio(name, base_link, tip_link):
         pinocchio.updateFramePlacements(model, data)
         base, tip = model.getFrameId(base_link), model.getFrameId(tip_link)
         expected = data.oMf[base].inverse() * data.oMf[tip]
-        rotation, position = sensor_pose(arm, q)
-        np.testing.assert_allclose(rotation, expected.rotation, atol=1e-10)
-        np.testing.assert_allclose(position, expected.translation, atol=1e-10)
+        motion = sensor_motion(arm, q, 0 * q, 0 * q)
+        np.testing.assert_allclose(motion.R_base_sensor, expected.rotation, atol=1e-10)
+        np.testing.assert_allclose(motion.p_base_sensor, expected.translation, atol=1e-10)
         aligned = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
         jacobian = pinocchio.getFrameJacobian(model, data, tip, aligned)[:, columns]
         turn = np.kron(np.eye(2), data.oMf[base].rotation.T)
-        np.testing.assert_allclose(sensor_jacobian(arm, q), turn @ jacobian, atol=1e-10)
+        np.testing.assert_allclose(motion.jacobian, turn @ jacobian, atol=1e-10)
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ftbias_jax.diagnosis.result import Diagnosis, FoundTerm, Gap
+from ftbias_jax.io.atomic import write_json
 
 SCHEMA = 2
+
+
+def save_json(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
+    """Write all but the plots' series, for programs, whole or not at all; ``Diagnosis.to_json`` is this.
+
+    Args:
+        diagnosis: what to write.
+        path: the file.
+
+    Raises:
+        OutputError: the file cannot be written there.
+    """
+    write_json(path, to_json(diagnosis))
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:

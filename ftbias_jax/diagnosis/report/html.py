@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Sequence
 from importlib import resources
@@ -33,6 +34,7 @@ from ftbias_jax.diagnosis.report.tables import (
 )
 from ftbias_jax.diagnosis.report.terms import capital, html_table, show_terms, typeset
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Where
+from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.types import AXES
 
 MAX_LOGS = 3
@@ -46,6 +48,22 @@ HOW_TO_READ = (
     "Effects that this log cannot tell apart are named together, with the measurement that would separate them. What is"
     " not in the catalogue is described by what drives it, if a few such terms hold on data that they have not seen.",
 )
+
+
+def save_html(diagnosis: Diagnosis, path: str | os.PathLike[str], title: str = "") -> None:
+    """Write a report with plots, one file, whole or not at all; ``Diagnosis.to_html`` is this.
+
+    Args:
+        diagnosis: what to show.
+        path: the file.
+        title: of the report; "" = the names of logs and setup.
+
+    Raises:
+        OutputError: the file cannot be written there.
+    """
+    setup = f" with {diagnosis.setup_name}" if diagnosis.setup_name else ""
+    text = to_html(diagnosis, title or f"Gap of {', '.join(diagnosis.logs)}{setup}")
+    write_atomic(path, lambda file: file.write(text.encode()))
 
 
 def to_html(diagnosis: Diagnosis, title: str) -> str:

@@ -1,4 +1,4 @@
-"""Kinematics of a serial arm from its screw axes: poses, Jacobians, Hessian, twist and acceleration.
+"""Kinematics of a serial arm from its screw axes: pose, Jacobian, twist and acceleration.
 
 Conventions (report, section 2). Everything is expressed in the base frame; six-vectors are (linear; angular).
 A revolute joint with unit axis s through the point r has the screw (-s x r; s) at q = 0, a prismatic one (d; 0).
@@ -83,12 +83,6 @@ def rotation_from_vector(vector: Float[Array | np.ndarray, " 3"]) -> Float[Array
     return jnp.eye(3, dtype=vector.dtype) + sine * r + versine * (r @ r)
 
 
-def adjoint(rotation: Float[Array, "3 3"], position: Float[Array, " 3"]) -> Float[Array, "6 6"]:
-    """Ad(T) for screws ordered (linear; angular): [[R, [p] R], [0, R]]; (3, 3), (3,) -> (6, 6)."""
-    zero = jnp.zeros_like(rotation)
-    return jnp.block([[rotation, skew(position) @ rotation], [zero, rotation]])
-
-
 def make_arm(screws: Float[Array, "n 6"], zero_position: Float[Array, " 3"], zero_rotation: Float[Array, "3 3"]) -> Arm:
     """Work out the constants of an arm.
 
@@ -140,50 +134,10 @@ def product_of_exponentials(arm: Arm, q: Float[Array, " n"]) -> tuple[Float[Arra
     return jnp.stack(rotations), jnp.stack(positions)
 
 
-def space_jacobian(arm: Arm, q: Float[Array, " n"]) -> Float[Array, "6 n"]:
-    """Columns Ad(T_{j-1}) S_j: the twist of a point at the base origin is J dq; (n,) rad -> (6, n)."""
-    return _pose_and_space_jacobian(arm, q)[2]
-
-
 def sensor_pose(arm: Arm, q: Float[Array, " n"]) -> tuple[Float[Array, "3 3"], Float[Array, " 3"]]:
     """R_base_sensor (3, 3) and p_base_sensor (3,) m."""
     rotation, position, _ = _pose_and_space_jacobian(arm, q)
     return rotation, position
-
-
-def sensor_jacobian(arm: Arm, q: Float[Array, " n"]) -> Float[Array, "6 n"]:
-    """Maps dq to the linear velocity of the sensor origin and the angular velocity, base frame; (n,) rad -> (6, n)."""
-    _, position, jacobian = _pose_and_space_jacobian(arm, q)
-    return _move_to_sensor(jacobian, position)
-
-
-def sensor_hessian(arm: Arm, q: Float[Array, " n"]) -> Float[Array, "n 6 n"]:
-    """Derivative of the sensor Jacobian, H[j, :, k] = d J[:, k] / d q_j; (n,) rad -> (n, 6, n).
-
-    The linear rows are symmetric in (j, k). The angular rows are J_w,j x J_w,k for j < k and zero otherwise, for the
-    axis of a joint does not move with the joints after it (errata 1; the report fills them symmetrically).
-    """
-    jacobian = sensor_jacobian(arm, q)
-    linear, angular = jacobian[:3].T, jacobian[3:].T
-    index = jnp.arange(q.shape[0])
-    first, last = jnp.minimum(index[:, None], index[None]), jnp.maximum(index[:, None], index[None])
-    linear_rows = jnp.cross(angular[first], linear[last])
-    before = (index[:, None] < index[None])[..., None]
-    angular_rows = jnp.where(before, jnp.cross(angular[:, None], angular[None, :]), 0)
-    return jnp.swapaxes(jnp.concatenate([linear_rows, angular_rows], -1), 1, 2)
-
-
-def sensor_twist(arm: Arm, q: Float[Array, " n"], dq: Float[Array, " n"]) -> Float[Array, " 6"]:
-    """Linear velocity of the sensor origin and angular velocity, base frame; (6,) m/s, rad/s."""
-    return sensor_jacobian(arm, q) @ dq
-
-
-def sensor_acceleration(
-    arm: Arm, q: Float[Array, " n"], dq: Float[Array, " n"], ddq: Float[Array, " n"]
-) -> Float[Array, " 6"]:
-    """Acceleration by the Hessian, (H dq) dq + J ddq (report); (6,) m/s^2, rad/s^2, base frame. See sensor_motion."""
-    velocity_product = jnp.einsum("jik,j,k->i", sensor_hessian(arm, q), dq, dq)
-    return velocity_product + sensor_jacobian(arm, q) @ ddq
 
 
 def sensor_motion(arm: Arm, q: Float[Array, " n"], dq: Float[Array, " n"], ddq: Float[Array, " n"]) -> Motion:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Callable
+from typing import Any
 
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.files import replace_whole
@@ -39,19 +40,22 @@ def export_text(setup: Setup, name: str, options: ExportOptions = DEFAULT) -> st
     return FORMATS[name](setup, options)
 
 
-def save_export(path: str | os.PathLike[str], setup: Setup, name: str, options: ExportOptions = DEFAULT) -> None:
-    """Write one format to a file, whole or not at all.
+def save_export(setup: Setup, path: str | os.PathLike[str], format: str, **options: Any) -> None:
+    """Write the tool, and for ROS the bias, in the words of a robot's controller or of a package of ROS.
+
+    The file is written whole or not at all. ``Setup.export`` is this.
 
     Args:
-        path: the file.
-        setup: as for ``export_text``.
-        name: as for ``export_text``.
-        options: as for ``export_text``.
+        setup: with the tool.
+        path: the file to make or replace.
+        format: "ur" (URScript), "franka" (JSON of setLoad), "ros" (YAML for ros2_control) or "ft_calib" (YAML).
+        **options: fields of ``setup.export.options.ExportOptions``: sensor_mass, frames_as_stated, sensor_frame,
+            world_frame.
 
     Raises:
         OutputError: the file cannot be written. UsageError, SetupError: as for ``export_text``.
     """
-    content = export_text(setup, name, options).encode()
+    content = export_text(setup, format, ExportOptions(**options)).encode()
     try:
         if os.path.islink(path):
             raise OSError(errno.ELOOP, "is a symbolic link")
