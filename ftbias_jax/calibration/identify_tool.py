@@ -16,7 +16,7 @@ from ftbias_jax.calibration.tool.steady import SteadyBias, steady_bias
 from ftbias_jax.calibration.tool.steps import Step, find_steps, is_gained, with_steps
 from ftbias_jax.calibration.tool.words import motion_lines, plain_errors, pose_lines, with_errors
 from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.filtering import filter_log
+from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.recorded.at_rest import require_motion
@@ -153,11 +153,11 @@ def identify_tool(
     else:
         log = without_long_pauses(log)
         options = Options(joint_model=setup.joints.model)
-        params = filter_log.likeliest_params(setup, samples_from_log(log), options)
+        params = params_for_log.likeliest_params(setup, samples_from_log(log), options)
 
         def fit(log: Log) -> Identified:
-            samples = samples_from_log(filter_log.without_useless(log, params))
-            samples = pad(samples, filter_log.padded_length(len(log.t)))  # logs of different lengths share programs
+            samples = samples_from_log(params_for_log.without_useless(log, params))
+            samples = pad(samples, params_for_log.padded_length(len(log.t)))  # logs of different lengths share programs
             return identify(params, samples, options, mounting, gravity)
 
         found = fit(log)

@@ -18,14 +18,14 @@ from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.newton import Report
 from ftbias_jax.calibration.tune import TIES, Fit, WrenchLogs, fit_wrench
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
-from ftbias_jax.filtering.adapt.block_filter import Grid, filter_blocks
-from ftbias_jax.filtering.adapt.blocks import Blocks
-from ftbias_jax.filtering.adapt.contact import in_contact
-from ftbias_jax.filtering.adapt.log_noise import LogNoise, expected, noise_of_log, prior_with
-from ftbias_jax.filtering.adapt.slow_noise import coarser, nats_of
+from ftbias_jax.filtering.method.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.method.blocks import Blocks
+from ftbias_jax.filtering.method.contact import in_contact
+from ftbias_jax.filtering.method.log_noise import LogNoise, expected, noise_of_log, prior_with
+from ftbias_jax.filtering.method.slow_noise import coarser, nats_of
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.recorded.prepare import prepare
-from ftbias_jax.filtering.recorded.ready import in_parts
+from ftbias_jax.filtering.method.ready import in_parts
 from ftbias_jax.filtering.recorded.whole import blocks_of
 from ftbias_jax.filtering.samples import first_position
 from ftbias_jax.io.log import Log

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.adapt.block_filter import Grid, filter_blocks
-from ftbias_jax.filtering.adapt.slow_noise import nats_of
+from ftbias_jax.filtering.method.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.method.slow_noise import nats_of
 from ftbias_jax.filtering.quality.ahead import expected_with
 from ftbias_jax.types import Array
 

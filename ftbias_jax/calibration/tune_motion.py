@@ -23,7 +23,7 @@ from ftbias_jax.calibration.newton import Report
 from ftbias_jax.calibration.tune import TIES, Fit
 from ftbias_jax.calibration.tune_blocks import LogInBlocks
 from ftbias_jax.filtering import bias_filter, pipeline
-from ftbias_jax.filtering.adapt.vibration import Vibration
+from ftbias_jax.filtering.method.vibration import Vibration
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import innovations
 from ftbias_jax.filtering.fast.sums import filter_sums

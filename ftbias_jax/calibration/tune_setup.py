@@ -27,7 +27,7 @@ from ftbias_jax.calibration.tune_result import (
     with_noise,
 )
 from ftbias_jax.errors import UsageError
-from ftbias_jax.filtering import filter_log
+from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_joints
 from ftbias_jax.filtering.pipeline import Options
@@ -104,10 +104,10 @@ def tune(
     for each, its_logs in tools:
         require_right(each, its_logs, "tune", unchecked)
     options = Options(joint_model=setup.joints.model)
-    first = filter_log.likeliest_params(setup, arrays_from_log(start or logs[0]), options)
+    first = params_for_log.likeliest_params(setup, arrays_from_log(start or logs[0]), options)
     stated = [first, *(params_from_setup(other)._replace(joint=first.joint) for other, _ in others)]
     samples = [
-        [arrays_from_log(filter_log.without_useless(log, params)) for log in logs_of_tool]
+        [arrays_from_log(params_for_log.without_useless(log, params)) for log in logs_of_tool]
         for params, (_, logs_of_tool) in zip(stated, tools, strict=True)
     ]
     seen = [[_part(log, 0, 1 - hold_out) for log in logs_of_tool] for logs_of_tool in samples]
@@ -137,7 +137,7 @@ def tune(
         tuned, fits["wrench"] = tune_data(parts, everything, start_values, options, restarts=restarts, report=told)
     elif wanted:
         counts = [max(1, round((1 - hold_out) * len(log.t))) for log in logs]
-        begun = [log._replace(**filter_log.rows_of(log, 0, n)) for log, n in zip(logs, counts, strict=True)]
+        begun = [log._replace(**params_for_log.rows_of(log, 0, n)) for log, n in zip(logs, counts, strict=True)]
         looked = look_at(params, begun, options) if alone else []
         if is_correlated(looked):
             params, found = tune_in_blocks(tuned[0], looked, tie, list(wanted), told)
@@ -226,7 +226,7 @@ def _judge(
 ) -> list[tuple[HeldOut, ...]]:
     """Scores of each of several sets of parameters, of each tool, beside those before, on logs that none has seen."""
     seconds = sum(float(part.dt.sum()) for part in chain(*unseen))
-    unseen = [[pad(part, filter_log.padded_length(len(part.dt))) for part in logs] for logs in unseen]
+    unseen = [[pad(part, params_for_log.padded_length(len(part.dt))) for part in logs] for logs in unseen]
     scores = []
     for likelihood in (joint_log_likelihood, wrench_given_joints):
         score = jax.jit(partial(likelihood, options=options, burn_in=1.0))

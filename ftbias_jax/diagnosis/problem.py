@@ -18,9 +18,9 @@ from ftbias_jax.diagnosis.samples.touched import contacts_in
 from ftbias_jax.diagnosis.samples.types import SampleFindings
 from ftbias_jax.diagnosis.thresholds import LEAST_BINS
 from ftbias_jax.errors import LogError
-from ftbias_jax.filtering import bias_filter, filter_log
-from ftbias_jax.filtering.adapt.contact import Contact, in_contact
-from ftbias_jax.filtering.adapt.log_noise import MARGIN
+from ftbias_jax.filtering import bias_filter, params_for_log
+from ftbias_jax.filtering.method.contact import Contact, touched as in_contact
+from ftbias_jax.filtering.method.log_noise import MARGIN
 from ftbias_jax.filtering.likelihood import WrenchProblem
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
@@ -142,7 +142,7 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
 def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFindings]:
     """One log: bins, samples in each (B, 6), effects the setup knows of, and what the samples show."""
     options, samples, length = Options(joint_model=setup.joints.model), padded_samples(log), len(log.t)
-    params = filter_log.likeliest_params(setup, samples, options)
+    params = params_for_log.likeliest_params(setup, samples, options)
     known = params.bias.in_motion
     joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # noise of samples comes below
     rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None

@@ -40,7 +40,7 @@ def strength(noise: BiasNoise, vibration: Array | None = None, jump: Array | Non
     if noise.correlated_std is None and noise.drift_time is None and jump is None:
         density: Array = noise.density
         return density
-    rate = jnp.zeros_like(noise.density) if noise.drift_time is None else 1 / noise.drift_time
+    rate = None if noise.drift_time is None else 1 / noise.drift_time
     if noise.correlated_std is None or noise.correlated_time is None:
         return BiasStrength(noise.density, rate, jump=jump)
     return BiasStrength(noise.density, rate, 1 / noise.correlated_time, correlated_variance(noise, vibration), jump)

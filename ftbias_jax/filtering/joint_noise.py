@@ -18,6 +18,9 @@ from ftbias_jax.types import Sample
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+MOST_SAMPLES = 1 << 14
+"""At the start of a log that the noise is fitted to."""
+
 
 @keep_program("model")
 def likeliest_density(

@@ -191,8 +191,7 @@ def bias_recursion(problem: WrenchProblem, y: Float[Array, "T 6"]) -> Inputs:
     common = (y[:, None], variance, jnp.zeros_like(std), covariance, never)
     if problem.jump is None:
         return Inputs(problem.dt, problem.density, *common)
-    density = BiasStrength(problem.density, jnp.zeros_like(problem.density))
-    return Inputs(problem.dt, density, *common, {"jump": problem.jump})
+    return Inputs(problem.dt, BiasStrength(problem.density), *common, {"jump": problem.jump})
 
 
 @jax.jit

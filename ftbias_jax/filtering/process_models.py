@@ -34,8 +34,8 @@ class BiasStrength(NamedTuple):
 
     density: Array
     """(B,) sigma_Q, N/s^1.5 or Nm/s^1.5."""
-    drift_rate: Array
-    """(B,) 1/s at which the drift reverts to zero; 0 = never."""
+    drift_rate: Array | None = None
+    """(B,) 1/s at which the drift reverts to zero, 0 = never; None = on no axis, which costs less."""
     noise_rate: Array | None = None
     """(B,) 1/s, one over the correlation time of the noise; None = all noise is white."""
     noise_variance: Array | None = None
@@ -115,14 +115,16 @@ def reverting_drift(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
     """
     density, rate = strength.density, strength.drift_rate
     dt = dt + jnp.zeros_like(density)
+    if rate is None:
+        A, ((bias, cross), (_, drift)) = drift_noise(dt, density)
+        return A, [[bias if strength.jump is None else bias + strength.jump, cross], [cross, drift]]
     x = rate * dt
     moved = dt * _phi(x)
     variance = density**2
     cross = moved**2 / 2 * variance
     jumped = 0 if strength.jump is None else strength.jump
     Q = [[dt**3 * _integrated_twice(x) * variance + jumped, cross], [cross, dt * _phi(2 * x) * variance]]
-    A: Rows = [[1, moved], [0, jnp.exp(-x)]]
-    return A, Q
+    return [[1, moved], [0, jnp.exp(-x)]], Q
 
 
 def correlated_bias(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:

@@ -143,7 +143,7 @@ class JointSetup:
     """One of JOINT_MODELS."""
     process_noise_density: Array | None
     """(n,) rad/s^2.5 for integrated_jerk, rad/s^1.5 for integrated_acceleration, rad/s^2 for acceleration: what is true
-    of the motion (the filter takes filter_log.LAG_GUARD times as much); None = the likeliest one for each log."""
+    of the motion (the filter takes params_for_log.LAG_GUARD times as much); None = the likeliest one for each log."""
     position_noise_std: Array
     """(n,) rad."""
     velocity_noise_std: Array

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ftbias_jax.calibration.tool.channels import LEVER, Channels, fit_channels
-from ftbias_jax.filtering.recorded.ready import filtered_with
+from ftbias_jax.filtering.method.ready import filtered_with
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import values_from_setup
 from ftbias_jax.model.own_effects import catalogue_of_setup

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.calibration.judgement import HORIZONS, SHORT, prediction_errors
-from ftbias_jax.filtering.recorded.ready import filtered_with
+from ftbias_jax.filtering.method.ready import filtered_with
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params

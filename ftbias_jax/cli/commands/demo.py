@@ -120,7 +120,7 @@ def _simulate(setup: Setup, seed: int, count: int, rate: float) -> Simulation:
 
 
 def _filter(setup: Setup, log: Log, path: Path) -> tuple[Filtered, Params]:
-    from ftbias_jax.filtering.recorded.ready import filtered_with
+    from ftbias_jax.filtering.method.ready import filtered_with
     from ftbias_jax.filtering.result import named_arrays
     from ftbias_jax.io.write import save_results
     from ftbias_jax.io.write.about import About

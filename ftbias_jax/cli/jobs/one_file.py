@@ -8,23 +8,19 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from ftbias_jax.cli.parsers.filtering import selection_of
-from ftbias_jax.filtering import filter_log
-from ftbias_jax.filtering.adapt.log_noise import LogNoise
 from ftbias_jax.filtering.check.check_setup import check_parts
 from ftbias_jax.filtering.check.result import Check
-from ftbias_jax.filtering.pipeline import options_from_setup
+from ftbias_jax.filtering.method.log_noise import LogNoise, remark_of_gate
+from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.quality import contacts, observability, summary
 from ftbias_jax.filtering.quality.summary import Summary
 from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
-from ftbias_jax.filtering.recorded.begin_again import remark_of_gate
-from ftbias_jax.filtering.recorded.ready import ready_to_filter, smoothed_arrays
 from ftbias_jax.filtering.recorded.tool_error import (
     arrays_with_error_of_tool,
     remark_of_tool,
     with_error_of_tool,
 )
 from ftbias_jax.filtering.result import Filtered, join, named_arrays
-from ftbias_jax.filtering.samples import arrays_from_log
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write import save_results
@@ -127,19 +123,18 @@ def filter_file(
     check = Check(()) if choices.unchecked else check_parts(setup, log.parts, log.length)
     for line in check.lines():
         warn(line)
-    options = options_from_setup(setup)
-    likeliest = filter_log.likeliest_params(setup, arrays_from_log(next(log.parts(filter_log.CHUNK))), options)
-    size = filter_log.CHUNK if likeliest.effects is None else log.length  # effects with a memory need the whole log
-    ready = ready_to_filter(setup, likeliest, log.facts.first_q, lambda: log.parts(size), log.length)
+    ready = ready_to_filter(setup, log.parts, log.length, log.facts.first_q, smooth=choices.smooth)
     tally, turning, touches = summary.start(), observability.start(), contacts.start(ready.noise.contacts)
 
     def results() -> Iterator[Filtered]:
         nonlocal tally, turning, touches
-        for i, found in enumerate(ready.results(), 1):
+        done = 0
+        for found in ready.results:
             part = with_error_of_tool(found, setup.tool)
             tally, turning = summary.add(tally, part, ready.params.bias), observability.add(turning, ready.params, part)
             touches = contacts.add(touches, ready.noise.contacts, part, log.start)
-            progress(min(i * size / log.length, 1.0))
+            done += len(part.t)
+            progress(min(done / log.length, 1.0))
             yield part
 
     bias = setup.bias
@@ -154,8 +149,7 @@ def filter_file(
         filtered = join(list(results()))
         arrays = named_arrays(filtered)
         if choices.smooth:
-            smooth = smoothed_arrays(ready, log.whole(), options)
-            arrays |= arrays_with_error_of_tool(smooth, filtered.wrench_tool, setup.tool)
+            arrays |= arrays_with_error_of_tool(ready.smoothed, filtered.wrench_tool, setup.tool)
         save_results(output, arrays, about())
     else:
         save_npz_parts(output, selected_parts(map(named_arrays, results()), selection), about)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ftbias_jax.filtering.adapt.blocks import in_blocks, without_jumps
-from ftbias_jax.filtering.adapt.contact import Contact, find_contacts
-from ftbias_jax.filtering.adapt.log_noise import LEAST_BLOCKS
+from ftbias_jax.filtering.method.blocks import in_blocks, without_jumps
+from ftbias_jax.filtering.method.contact import Contact, find_contacts
+from ftbias_jax.filtering.method.log_noise import LEAST_BLOCKS
 from ftbias_jax.io.log import Log
 
 

@@ -46,12 +46,33 @@ def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
         track: what ``scan.filter_scan`` returned.
     """
     k = track.mean.shape[1]
-    step_back = _damped_step if isinstance(inputs.density, tuple) else _step
+    states = _entries(track.mean), upper([_entries(track.covariance[:, a]) for a in range(k)])
+    last, earlier = jax.tree.map(lambda x: x[-1], states), jax.tree.map(lambda x: x[:-1], states)
+    gaps = jax.tree.map(lambda x: x[1:], (inputs.dt[:, None], inputs.drive))
+    smoothed = smooth_back(model, inputs.density, list(inputs.restart_variance[:2]), last, (*gaps, earlier))
+    mean, triangle = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), smoothed, last)
+    return Smoothed(jnp.stack(mean, 1), jnp.stack([jnp.stack(row, 1) for row in from_upper(k, triangle)], 1))
+
+
+def smooth_back(
+    model: ProcessModel, density: Any, restart: Vector, after: Packed, before: tuple[Array, Any, Packed]
+) -> Packed:
+    """The same for states whose entries are apart, given the smoothed state that follows them.
+
+    Args:
+        model: as for ``scan.filter_scan``.
+        density: as in ``scan.Inputs``.
+        restart: variances of the first two entries from which a filter starts again.
+        after: the smoothed state after the last of them.
+        before: (T, 1) s from each state to the next, what drives the process there, and the filtered states (T, B).
+    """
+    step_back = _damped_step if isinstance(density, tuple) else _step
 
     @compile_whole
-    def loop(density: Any, restart: Vector, last: Packed, before: Any) -> Packed:
-        def body(after: Packed, sample: tuple[Array, Packed, Any]) -> tuple[Packed, Packed]:
-            dt_after, (x, triangle), drive = sample
+    def loop(density: Any, restart: Vector, after: Packed, before: Any) -> Packed:
+        def body(after: Packed, sample: tuple[Array, Any, Packed]) -> tuple[Packed, Packed]:
+            dt_after, drive, (x, triangle) = sample
+            k = len(x)
             P, P_after = from_upper(k, triangle), from_upper(k, after[1])
             A, Q = model(dt_after, driven(density, drive))
             ahead = plus(congruence(A, P), Q)
@@ -62,15 +83,11 @@ def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
             smoothed: Packed = jax.tree.map(lambda new, old: jnp.where(apart, old, new), new, (x, triangle))
             return smoothed, smoothed
 
-        found: Packed = jax.lax.scan(body, last, before, reverse=True)[1]
+        found: Packed = jax.lax.scan(body, after, before, reverse=True)[1]
         return found
 
-    states = _entries(track.mean), upper([_entries(track.covariance[:, a]) for a in range(k)])
-    last, earlier = jax.tree.map(lambda x: x[-1], states), jax.tree.map(lambda x: x[:-1], states)
-    dt, drive = jax.tree.map(lambda x: x[1:], (inputs.dt[:, None], inputs.drive))
-    smoothed = loop(inputs.density, list(inputs.restart_variance[:2]), last, (dt, earlier, drive))
-    mean, triangle = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), smoothed, last)
-    return Smoothed(jnp.stack(mean, 1), jnp.stack([jnp.stack(row, 1) for row in from_upper(k, triangle)], 1))
+    found: Packed = loop(density, restart, after, before)
+    return found
 
 
 def _step(A: Table, Q: Table, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:

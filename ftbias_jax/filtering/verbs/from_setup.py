@@ -7,22 +7,22 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import overload
 
-from ftbias_jax.filtering import filter_log as chunks
 from ftbias_jax.filtering.check.check_setup import check_setup
+from ftbias_jax.filtering import params_for_log as of_log
+from ftbias_jax.filtering.method.log_noise import remark_of_gate
+from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
 from ftbias_jax.filtering.quality.contacts import contact_intervals
 from ftbias_jax.filtering.quality.summary import summarise
 from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
-from ftbias_jax.filtering.recorded.begin_again import remark_of_gate
-from ftbias_jax.filtering.recorded.ready import in_parts, ready_to_filter, smoothed_arrays
 from ftbias_jax.filtering.recorded.tool_error import (
     arrays_with_error_of_tool,
     remark_of_tool,
     with_error_of_tool,
 )
 from ftbias_jax.filtering.result import join
-from ftbias_jax.filtering.samples import arrays_from_log, first_position, samples_from_log
+from ftbias_jax.filtering.samples import first_position, samples_from_log
 from ftbias_jax.filtering.verbs.many import FilterResults, filter_each
 from ftbias_jax.filtering.verbs.results import FilterResult, only, require_fields
 from ftbias_jax.io import read_log
@@ -149,19 +149,15 @@ def _filter(
     wrong = () if unchecked else check_setup(setup, [log]).lines()
     if as_stated:
         setup = replace(setup, bias=replace(setup.bias, adapt=False))
-    options = options_from_setup(setup)
-    likeliest = chunks.likeliest_params(setup, arrays_from_log(log), options)
-    first_q = first_position(log.q)
-    ready = ready_to_filter(setup, likeliest, first_q, lambda: in_parts(log, likeliest), len(log.t))
+    ready = ready_to_filter(setup, slices(log), len(log.t), first_position(log.q), smooth=smooth)
     of_gate = remark_of_gate(ready.noise)
     parts = []
-    for part in ready.results():
+    for part in ready.results:
         parts.append(with_error_of_tool(part, setup.tool))
         progress(sum(len(done.t) for done in parts))
     filtered = join(parts)
     bias = setup.bias
-    extra = smoothed_arrays(ready, log, options) if smooth else {}
-    extra = arrays_with_error_of_tool(extra, filtered.wrench_tool, setup.tool)
+    extra = arrays_with_error_of_tool(ready.smoothed, filtered.wrench_tool, setup.tool)
     turning = observability.add(observability.start(), ready.params, filtered)
     return FilterResult(
         **filtered._asdict(),
@@ -185,16 +181,19 @@ def _filter(
     )
 
 
-def params_for_log(setup: Setup, log: Log | Sample) -> Params:
+def params_for_log(setup: Setup, log: Log | Sample, *, guarded: bool = True) -> Params:
     """Parameters that the verbs filter a log with, as arrays of JAX: for programs of your own.
 
     Args:
         setup: robot, sensor, tool and noise.
         log: what ``read_log`` gives, or ``samples_from_log`` of it; a joint process noise that the setup leaves open
             is the likeliest of this log.
+        guarded: whether the joints' process noise is that of a filter, LAG_GUARD times as large. False for
+            ``filter_samples``, which smooths the joints.
 
     Returns:
         a pytree in JAX's own precision (float32, unless ``jax_enable_x64`` is set).
     """
     samples = samples_from_log(log) if isinstance(log, Log) else log
-    return chunks.params_for_log(setup, samples, options_from_setup(setup))
+    params = of_log.likeliest_params(setup, samples, options_from_setup(setup))
+    return of_log.guard_against_lag(params) if guarded else params

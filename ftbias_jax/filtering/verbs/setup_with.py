@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.filtering.filter_log import LAG_GUARD
+from ftbias_jax.filtering.params_for_log import LAG_GUARD
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import DataNoiseSetup, Setup

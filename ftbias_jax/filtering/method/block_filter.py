@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
+from jax import Array
 
-from ftbias_jax.filtering.adapt.blocks import room_for
-from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.runtime.compiled_loops import compile_whole
-from ftbias_jax.runtime.jax_config import in_float64
-from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 SHORTEST = 1e-5
 """Length of a block in correlation times, below which it is a point, as far as numbers can tell."""
@@ -63,21 +62,21 @@ class _Sets(NamedTuple):
     time: Array
     stationary: Array
     density: Array
-    drift_rate: Array
+    drift_rate: Array | None
     block: Averaged
     bias_std: Array
     drift_std: Array
 
 
-@in_float64
 def filter_blocks(
-    t: Array,
-    y: Array,
-    variance: Array,
+    seconds: float | Array,
+    t: Float[Array, " N"],
+    y: Float[Array, "N 6"],
+    variance: Float[Array, "N 6"],
     grid: Grid,
-    prior_std: Array,
+    prior_std: Float[Array, "2 6"],
     density: Array,
-    drift_rate: Array | float = 0.0,
+    drift_rate: Array | None = None,
 ) -> Filtered:
     """Filter the means of blocks.
 
@@ -86,35 +85,30 @@ def filter_blocks(
     curves within a block, so its mean is its value in the middle.
 
     Args:
-        t: (N,) s, middles of blocks as long as the usual distance between them.
+        seconds: length of a block.
+        t: (N,) s, middles of blocks.
         y: (N, 6); NaN = not measured.
         variance: (N, 6).
         grid: the sets.
         prior_std: (2, 6) of bias and drift.
         density: (6,) or (G, 6) sigma_Q.
-        drift_rate: 1/s at which the drift reverts to zero, (G, 6), or 0 = never.
+        drift_rate: 1/s at which the drift reverts to zero, (G, 6); None = never.
     """
     shape, count = grid.std.shape, len(t)
-    length = float(np.median(np.diff(t))) if count > 1 else 1.0
 
     def lanes(x: Array | float) -> Array:
-        return np.ascontiguousarray(np.broadcast_to(np.asarray(x, float), shape)).reshape(-1)
+        return jnp.broadcast_to(x, shape).reshape(-1)
 
-    def of_blocks(x: Array, value: float) -> Array:
-        padded = np.pad(np.asarray(x, float), [(0, room_for(count) - count), (0, 0)], constant_values=value)
-        return np.tile(padded, shape[0])
-
-    block = Averaged(*map(lanes, averaged(length / grid.time)))
-    white, time, stationary, strength, rate = map(lanes, (grid.white, grid.time, grid.std**2, density, drift_rate))
-    bias_std, drift_std = map(lanes, prior_std)
-    sets = _Sets(white, time, stationary, strength, rate, block, bias_std, drift_std)
-    h = np.zeros((room_for(count), 1))
-    h[:count, 0] = np.minimum(np.diff(t, prepend=t[0]), LONG_PAUSE)
-    found = _filter(sets, h, np.maximum(h - length, 0), of_blocks(y, np.nan), of_blocks(np.nan_to_num(variance), 1.0))
-    return Filtered(*(np.asarray(x)[:count].reshape(count, *shape) for x in found))
+    block = Averaged(*map(lanes, averaged(seconds / grid.time)))
+    white, time, stationary, strength = map(lanes, (grid.white, grid.time, grid.std**2, density))
+    rate = None if drift_rate is None else lanes(drift_rate)
+    sets = _Sets(white, time, stationary, strength, rate, block, *map(lanes, prior_std))
+    h = jnp.diff(t, prepend=t[:1])[:, None]
+    of_blocks = (jnp.tile(x, (1, shape[0])) for x in (y, jnp.where(jnp.isfinite(variance), variance, 1)))
+    found = _filter(sets, h, jnp.maximum(h - seconds, 0), *of_blocks)
+    return Filtered(*(x.reshape(count, *shape) for x in found))
 
 
-@jax.jit
 def _filter(sets: _Sets, h: Array, pause: Array, y: Array, variance: Array) -> Filtered:
     """Blocks (N, G * 6): h (N, 1) s after the middle of the one before, pause (N, 1) s after its end."""
 
@@ -152,13 +146,15 @@ def _filter(sets: _Sets, h: Array, pause: Array, y: Array, variance: Array) -> F
     return found
 
 
-def drift_over(h: Array, rate: Array) -> tuple[Array, ...]:
+def drift_over(h: Array, rate: Array | None) -> tuple[Any, ...]:
     """``process_models.reverting_drift`` over h s: entries of A and, for a density of 1, of Q.
 
     Returns:
         what of the drift goes into the bias, what is left of it, and variance of the bias, covariance and variance of
         the drift.
     """
+    if rate is None:
+        return h, 1, h**3 / 3, h**2 / 2, h
     x = rate * h
     e, near = -jnp.expm1(-jnp.where(x > NEVER, x, 1)), x <= NEVER
     safe = jnp.where(near, 1, x)
@@ -174,7 +170,7 @@ def averaged(x: Array) -> Averaged:
     With the autocorrelation exp(-|u|) the value at the end of the block has the correlation (1 - exp(-x)) / x with its
     mean, and the mean the variance 2 (x - 1 + exp(-x)) / x^2; what the value at the beginning explains is taken off.
     """
-    x = np.maximum(x, SHORTEST)
-    kept = np.exp(-x)
+    x = jnp.maximum(x, SHORTEST)
+    kept = jnp.exp(-x)
     mean = (1 - kept) / x
     return Averaged(kept, mean, 2 * (x - 1 + kept) / x**2 - mean**2, mean * (1 - kept))

@@ -1,1 +1,0 @@
-"""What a recorded log itself says about contact and noise, where the setup leaves it open."""

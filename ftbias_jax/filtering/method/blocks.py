@@ -1,0 +1,151 @@
+"""A log in blocks of a few hundredths of a second: what is slow in their means, what is fast in their scatter."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ftbias_jax.model.motion_noise import effective_speed_squared
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
+BLOCK_SECONDS = 0.05
+"""Vibration of arms and tools, 10 Hz and above, averages out in a block; what moves the bias does not."""
+SPEEDS = (np.inf, *(0.5 * 2.0**-k for k in range(7)))
+"""rad/s from which vibration may grow with the speed and no longer with its square; inf = never."""
+FEWEST = 10
+"""Samples of a block: the scatter of fewer about a line tells neighbours apart more than it tells noise."""
+LEAST_BLOCKS = 40
+"""A shorter log says nothing of its noise."""
+BESIDE = 10
+"""Blocks before and after the sensor was set to zero, whose medians say by how much the bias jumped."""
+
+
+class Layout(NamedTuple):
+    """How a log is cut into blocks: static under jit, because the shapes depend on it."""
+
+    size: int
+    """Samples of a block."""
+    seconds: float
+    """s, length of a block."""
+
+
+class Blocks(NamedTuple):
+    """A log in N blocks of equally many samples; what is left at the end is not used."""
+
+    t: Float[Array, " N"]
+    """s, the middle of each block."""
+    mean: Float[Array, "N 6"]
+    """N, Nm of the measured bias D theta - W; NaN where nothing was measured."""
+    count: Float[Array, "N 6"]
+    """Samples that were measured."""
+    scatter: Float[Array, "N 6"]
+    """N^2, Nm^2: variance of the samples about a straight line through the block."""
+    motion: Float[Array, "N n"]
+    """(rad/s)^2, mean square of the joints' velocities."""
+    stated: Float[Array, "N 6"]
+    """N^2, Nm^2, mean variance of a sample as the setup states it, with the joints' share."""
+    shaking: Float[Array, "N 6"]
+    """N^2, Nm^2: the part of ``stated`` that is vibration which the setup states; 0 where it states none."""
+    number: Int[Array, ""]
+    """How many of them are of the log; those after are padding."""
+
+
+def layout_of(dt: np.ndarray) -> Layout:
+    """The layout for a log's sampling intervals dt (T,) s; padding, where dt is 0, does not count."""
+    steps = dt[dt > 0]
+    step = float(np.median(steps)) if len(steps) else BLOCK_SECONDS
+    size = max(FEWEST, round(BLOCK_SECONDS / step))
+    return Layout(size, float(f"{size * step:.2g}"))
+
+
+def in_blocks(
+    layout: Layout,
+    t: Float[Array, " T"],
+    y: Float[Array, "T 6"],
+    velocity: Float[Array, "T n"],
+    variance: Float[Array, "T 6"],
+    shaking: Float[Array, "T 6"] | None = None,
+    length: int | Array | None = None,
+) -> Blocks:
+    """Cut a log into blocks.
+
+    Args:
+        layout: of the blocks.
+        t: (T,) s.
+        y: (T, 6) N, Nm, D theta - W; NaN = not measured.
+        velocity: (T, n) rad/s.
+        variance: (T, 6) N^2, Nm^2, diagonal of R.
+        shaking: (T, 6) N^2, Nm^2, the part of it that is vibration; None = none.
+        length: samples at the start that are of the log; None = all.
+    """
+    size = layout.size
+    room = len(t) // size
+    number = jnp.asarray(room if length is None else length // size)
+    there = (jnp.arange(room) < number)[:, None]
+
+    def cut(x: Array) -> Array:
+        return x[: room * size].reshape(room, size, *x.shape[1:])
+
+    times, values = cut(t), cut(y)
+    seen = jnp.isfinite(values) & there[:, None]
+    count = seen.sum(1).astype(y.dtype)
+    # A straight line through each block: slow changes are none of its scatter.
+    offset = times - times.mean(1, keepdims=True)
+    clean = jnp.where(seen, values, 0)
+    mean = jnp.where(count > 0, clean.sum(1) / jnp.maximum(count, 1), jnp.nan)
+    x = jnp.where(seen, offset[:, :, None], 0)
+    x = jnp.where(seen, x - (x.sum(1) / jnp.maximum(count, 1))[:, None], 0)
+    centred = jnp.where(seen, values - jnp.nan_to_num(mean)[:, None], 0)
+    squares = (x**2).sum(1)
+    slope = (x * centred).sum(1) / jnp.where(squares > 0, squares, jnp.inf)
+    residual = ((centred - slope[:, None] * x) ** 2).sum(1)
+    scatter = jnp.where(count > 2, residual / jnp.maximum(count - 2, 1), jnp.nan)
+    stated = cut(variance).mean(1)
+    shaken = jnp.zeros_like(stated) if shaking is None else cut(shaking).mean(1)
+    return Blocks(times.mean(1), mean, count, scatter, (cut(velocity) ** 2).mean(1), stated, shaken, number)
+
+
+def motion_by_speed(blocks: Blocks) -> Float[Array, "S N n"]:
+    """(rad/s)^2: ``effective_speed_squared`` of the joints for each of SPEEDS; the speed hardly changes in a block."""
+    speed = jnp.sqrt(blocks.motion)
+    return jnp.stack([effective_speed_squared(speed, most) for most in SPEEDS])
+
+
+def without_jumps(blocks: Blocks, jumps: Float[Array, " N"]) -> Blocks:
+    """The blocks as if the sensor had never been set to zero: what its noise is does not change by that.
+
+    Args:
+        blocks: of the whole log.
+        jumps: (N,) not 0 where the sensor was set to zero within the block.
+    """
+    nothing = jnp.full((BESIDE, 6), jnp.nan, blocks.mean.dtype)
+    ahead = jnp.concatenate([blocks.mean, nothing])
+    after = jnp.nanmedian(jnp.stack([ahead[1 + i : 1 + i + len(blocks.mean)] for i in range(BESIDE)]), 0)
+    inside = (jnp.arange(len(blocks.mean)) > 0) & (jnp.arange(len(blocks.mean)) < blocks.number - 1)
+
+    def step(carry: tuple[Array, Array], block: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], Array]:
+        (shift, before), (value, following, jumped) = carry, block
+        by = jnp.nan_to_num(following - shift - jnp.nanmedian(before, 0))
+        shift, value = jnp.where(jumped, shift + by, shift), jnp.where(jumped, jnp.nan, value - shift)
+        return (shift, jnp.concatenate([before[1:], value[None]])), value
+
+    start = (jnp.zeros(6, blocks.mean.dtype), nothing)
+    _, mean = jax.lax.scan(step, start, (blocks.mean, after, (jumps != 0) & inside))
+    return blocks._replace(mean=mean, count=jnp.where(jnp.isfinite(mean), blocks.count, 0))
+
+
+def jumps_in(layout: Layout, rezeroed: Float[Array, " T"]) -> Float[Array, " N"]:
+    """(N,) not 0 where one of a block's samples says that the sensor was set to zero."""
+    room = len(rezeroed) // layout.size
+    return rezeroed[: room * layout.size].reshape(room, layout.size).sum(1)
+
+
+def coarse_blocks(count: int, most: int) -> int:
+    """How many neighbouring blocks of ``count`` are joined so that at most so many are left; 1 = none."""
+    return max(1, -(-count // most))

@@ -1,0 +1,355 @@
+"""The method over a whole log (docs/pages/model.md) as one program of pure functions.
+
+``METHOD`` names its passes in their order; each takes the log as far as it is known and adds to it. ``AS_STATED`` is
+the filter as it would run on a robot: joints from the past alone, noise as the setup states it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ftbias_jax.errors import UsageError
+from ftbias_jax.filtering import bias_filter, pipeline
+from ftbias_jax.filtering.joint_noise import MOST_SAMPLES, likeliest_density
+from ftbias_jax.filtering.likelihood import measured_length
+from ftbias_jax.filtering.method import bias, fit_noise, joints
+from ftbias_jax.filtering.method.bias import LEAST_USED, Bias, innovation_variance, reading_variance
+from ftbias_jax.filtering.method.blocks import (
+    LEAST_BLOCKS,
+    Blocks,
+    Layout,
+    in_blocks,
+    jumps_in,
+    layout_of,
+    without_jumps,
+)
+from ftbias_jax.filtering.method.contact import in_contact
+from ftbias_jax.filtering.method.fit_noise import Noise, from_median
+from ftbias_jax.filtering.method.joints import Joints
+from ftbias_jax.filtering.method.log_noise import MARGIN
+from ftbias_jax.filtering.method.vibration import shown_variance, stated_shaking, taken_variance
+from ftbias_jax.filtering.params_for_log import guard_against_lag
+from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, State
+from ftbias_jax.model.params import BiasNoise, Params
+from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes
+from ftbias_jax.runtime.kept_programs import keep_program
+from ftbias_jax.types import Gaussian, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
+
+GATE = 6.0
+"""Standard deviations: with the noise of the log, spikes and short contacts are off by more, and nothing else is."""
+
+
+class States(NamedTuple):
+    """A log at every sample; the joints given past and future (as stated: past alone), the bias given the past."""
+
+    q: Float[Array, "T n"]
+    """rad (m)."""
+    dq: Float[Array, "T n"]
+    """rad/s."""
+    ddq: Float[Array, "T n"]
+    """rad/s^2."""
+    ddq_std: Float[Array, "T n"]
+    """rad/s^2."""
+    bias: Float[Array, "T 6"]
+    """N, Nm; the corrected wrench is the reading plus this."""
+    drift: Float[Array, "T 6"]
+    """N/s, Nm/s."""
+    bias_std: Float[Array, "T 6"]
+    """N, Nm."""
+    drift_std: Float[Array, "T 6"]
+    """N/s, Nm/s."""
+    slow_error: Float[Array, "T 6"]
+    """N, Nm: of wrench_tool - reading what is correlated noise, not bias."""
+    bias_smooth: Float[Array, "T 2 6"] | None = None
+    """N, Nm and per s: bias and drift given past and future; None = not asked for."""
+    bias_smooth_std: Float[Array, "T 2 6"] | None = None
+    """Its standard deviation."""
+
+
+class Infos(NamedTuple):
+    """What the method learned at every sample and of the log."""
+
+    wrench_tool: Float[Array, "T 6"]
+    """N, Nm, sensor frame: what the tool causes."""
+    wrench_unbiased: Float[Array, "T 6"]
+    """N, Nm: the reading plus the bias; NaN = not measured."""
+    innovation: Float[Array, "T 6"]
+    """N, Nm; NaN = not used."""
+    innovation_std: Float[Array, "T 6"]
+    """N, Nm."""
+    nis: Float[Array, " T"]
+    """Normalised innovation squared, summed over the axes that were used."""
+    used: Bool[Array, " T"]
+    """Whether the sample passed the gate, and nothing touched the tool."""
+    in_contact: Bool[Array, " T"]
+    """Whether the sample is in an interval of contact."""
+    reading_std: Float[Array, "T 6"]
+    """N, Nm: how far a reading is off wrench_tool - bias by all its noise."""
+    log_likelihood: Float[Array, ""]
+    """nats, of joints and wrench."""
+    noise: Noise | None
+    """What the log shows of its noise; None = the method was not to look, or the log is too short."""
+    begun_again: Bool[Array, ""]
+    """Whether the bias begins at the log's median, because from the first readings the gate kept out most of it."""
+    kept_out: Float[Array, ""]
+    """Share of the free samples that the gate keeps out."""
+
+
+class Work(NamedTuple):
+    """A log as far as it is known; every pass of the method adds to it."""
+
+    params: Params
+    start: State
+    """Before the first sample; its bias is None where it begins with the prior."""
+    samples: Sample
+    t: Float[Array, " T"]
+    """s, since the log began."""
+    length: Array
+    """Samples at the start that count."""
+    layout: Layout
+    options: Options
+    seen: Array | None = None
+    """Samples that are not padding, some of which may be of the next part of the log; None = those that count."""
+    joints: Joints | None = None
+    stated: Params | None = None
+    """Parameters before the log's noise was added to them."""
+    noise: Noise | None = None
+    free: Sample | None = None
+    """The samples without those in contact."""
+    bias: Bias | None = None
+    smoothed: tuple[Array, Array] | None = None
+    begun_again: Array | None = None
+    end: State | None = None
+    """After the last sample that counts."""
+
+
+def fit_joint_noise(work: Work) -> Work:
+    """The joints' process noise of maximum likelihood, of the first samples of the log."""
+    params, (dt, q, dq, *_) = work.params, jax.tree.map(lambda x: x[:MOST_SAMPLES], work.samples)
+    measured = jax.lax.stop_gradient((params.joint, dt, q, dq))
+    density = likeliest_density(*measured, model=work.options.joint_model)
+    return work._replace(params=params._replace(joint=params.joint._replace(process_density=density)))
+
+
+def guard_joints(work: Work) -> Work:
+    """The joints' process noise guarded against the lag of a filter."""
+    return work._replace(params=guard_against_lag(work.params))
+
+
+def smooth_joints(work: Work) -> Work:
+    """Joints given past and future, and the wrench that the tool must cause."""
+    log = (work.params, work.start, work.samples, work.length, work.options)
+    end, found = joints.smooth_joints(*log, work.seen)
+    return work._replace(joints=found, end=end)
+
+
+def filter_joints(work: Work) -> Work:
+    """The same from the past alone."""
+    end, found = joints.filter_joints(work.params, work.start, work.samples, work.length, work.options)
+    return work._replace(joints=found, end=end)
+
+
+def fit_log_noise(work: Work) -> Work:
+    """Contact, noise in motion and slow errors where the setup leaves them open, by the blocks of the log."""
+    blocks, rezeroed = blocks_of(work), work.samples.rezeroed
+    if rezeroed is not None:
+        blocks = without_jumps(blocks, jumps_in(work.layout, rezeroed))
+    noise, found = fit_noise.fit_noise(work.params.bias, blocks, work.layout)
+    return with_noise(work, noise, found)
+
+
+def blocks_of(work: Work) -> Blocks:
+    """The log in blocks, with jumps where the sensor was set to zero."""
+    known = work.joints
+    assert known is not None
+    velocity, y = known.states.mean[1], known.wrench_tool - work.samples.wrench
+    shaking = stated_shaking(work.params.bias, velocity)
+    return in_blocks(work.layout, work.t, y, velocity, known.variance, shaking, work.length)
+
+
+def with_noise(work: Work, noise: BiasNoise, found: Noise) -> Work:
+    """A log with the noise that was found in the whole of it: contacts are left out, and the gate has its default."""
+    stated, samples = work.params, work.samples
+    touched = in_contact(work.t, found.contacts, MARGIN)
+    free = samples._replace(wrench=jnp.where(touched[:, None], jnp.nan, samples.wrench))
+    options = work.options if work.options.gate is not None else work.options._replace(gate=GATE)
+    return work._replace(params=stated._replace(bias=noise), stated=stated, noise=found, free=free, options=options)
+
+
+def filter_bias(work: Work) -> Work:
+    """The bias sample by sample: at each what the wrench so far says."""
+    assert work.end is not None
+    end, found = _run(work, work.params, work.start.bias)
+    return work._replace(bias=found, end=work.end._replace(bias=end.bias))
+
+
+def filter_or_begin_again(work: Work) -> Work:
+    """The same, and once more from the median of the log where the gate kept most of it out.
+
+    The gate takes for contact what is off its prediction, and the prediction rests on the readings that passed before:
+    with little noise a few odd ones at the start keep it shut for the rest of a short log.
+    """
+    if work.noise is None:
+        return filter_bias(work)
+    moved = work.params._replace(bias=from_median(work.params.bias, work.noise))
+    free = _free(work)
+
+    def run(params: Params) -> Bias:
+        return _run(work, params, None)[1]
+
+    def attempt(best: tuple[Params, Bias, Array], again: Array) -> tuple[Any, None]:
+        def with_this() -> tuple[Params, Bias, Array]:
+            params = jax.tree.map(lambda x, y: jnp.where(again, y, x), work.params, moved)
+            found = run(params)
+            better = ~again | (found.used.sum() > best[1].used.sum())
+            chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), (params, found), best[:2])
+            return (*chosen, again & better)
+
+        needed = ~again | (best[1].used.sum() < LEAST_USED * free)
+        return jax.lax.cond(needed, with_this, lambda: best), None
+
+    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(run, work.params))
+    start = (work.params, nothing, jnp.asarray(False))
+    (params, found, again), _ = jax.lax.scan(attempt, start, jnp.asarray([False, True]))
+    return work._replace(params=params, bias=found, begun_again=again)
+
+
+def _run(work: Work, params: Params, start: Gaussian | None) -> tuple[State, Bias]:
+    """The bias from this start, or from the prior of the parameters."""
+    assert work.joints is not None
+    samples = work.samples if work.free is None else work.free
+    state = work.start._replace(bias=bias_filter.init(params.bias) if start is None else start)
+    variance = _variances(work)[0]
+    return bias.filter_bias(params, state, samples, work.joints, variance, work.length, work.options)
+
+
+def smooth_bias(work: Work) -> Work:
+    """The bias given past and future, from the samples that the filter used."""
+    assert work.joints is not None
+    assert work.bias is not None
+    start = work.start._replace(bias=bias_filter.init(work.params.bias))
+    found = bias.smooth_bias(work.params, start, work.samples, work.joints, _variances(work)[0], work.bias)
+    return work._replace(smoothed=found)
+
+
+def summarise(work: Work) -> tuple[Params, States, Infos]:
+    """Parameters of the log, its states and its infos."""
+    known, found, noise = work.joints, work.bias, work.noise
+    assert known is not None
+    assert found is not None
+    taken, shown = _variances(work)
+    variance = innovation_variance(found, taken, shown)
+    inflation = 1 if noise is None else noise.inflation
+    added = 0 if known.known_bias is None else known.known_bias
+    mean, std = found.mean, found.std * inflation
+    (q, dq, ddq), ddq_variance = known.states.mean, known.states.triangle[5]
+    states = States(q, dq, ddq, jnp.sqrt(ddq_variance), mean[:, 0] + added, mean[:, 1], std[:, 0], std[:, 1], found.slow_error)
+    if work.smoothed is not None:
+        smooth, smooth_std = work.smoothed
+        states = states._replace(bias_smooth=smooth, bias_smooth_std=smooth_std * inflation)
+    infos = Infos(
+        wrench_tool=known.wrench_tool + added,
+        wrench_unbiased=work.samples.wrench + states.bias,
+        innovation=found.innovation,
+        innovation_std=jnp.sqrt(variance),
+        nis=jnp.nansum(found.innovation**2 / variance, axis=1),
+        used=found.used,
+        in_contact=jnp.zeros(len(dq), bool) if noise is None else in_contact(work.t, noise.contacts),
+        reading_std=jnp.sqrt(reading_variance(work.params, shown, dq)),
+        log_likelihood=found.log_likelihood + known.log_likelihood,
+        noise=noise,
+        begun_again=jnp.asarray(False) if work.begun_again is None else work.begun_again,
+        kept_out=1 - found.used.sum() / jnp.maximum(_free(work), 1),
+    )
+    return work.params, states, infos
+
+
+def _variances(work: Work) -> tuple[Array, Array]:
+    """(T, 6) N^2, Nm^2: noise of single samples that the filter takes, and that the log shows."""
+    assert work.joints is not None
+    stated = work.joints.variance
+    if work.noise is None or work.stated is None:
+        return stated, stated
+    found = (work.stated.bias, work.noise.vibration, stated, work.joints.states.mean[1])
+    return taken_variance(*found), shown_variance(*found)
+
+
+def _free(work: Work) -> Array:
+    """() how many samples there are to be used."""
+    samples = work.samples if work.free is None else work.free
+    return jnp.isfinite(samples.wrench).any(1).sum()
+
+
+PASSES: dict[str, Callable[[Work], Work]] = {
+    "fit_joint_noise": fit_joint_noise,
+    "guard_joints": guard_joints,
+    "smooth_joints": smooth_joints,
+    "filter_joints": filter_joints,
+    "fit_noise": fit_log_noise,
+    "filter_bias": filter_bias,
+    "filter_or_begin_again": filter_or_begin_again,
+    "smooth_bias": smooth_bias,
+}
+METHOD = ("smooth_joints", "fit_noise", "filter_or_begin_again")
+"""The passes over a recorded log, before ``summarise``."""
+AS_STATED = ("filter_joints", "filter_bias")
+"""Those of a filter on the robot."""
+
+
+def filter_samples(
+    params: Params,
+    samples: Sample,
+    options: Options = DEFAULT_OPTIONS,
+    *,
+    method: tuple[str, ...] = METHOD,
+    layout: Layout | None = None,
+) -> tuple[Params, States, Infos]:
+    """Filter a log, as ``filter_log`` does: one program, to be mapped over logs and differentiated.
+
+    Args:
+        params: as ``params_for_log`` gives them; differentiable in every leaf. What the log shows of its noise counts
+            as constant.
+        samples: as ``samples_from_log`` gives them, leaves (T, ...); padding counts nothing.
+        options: of the pipeline, as ``options_from_setup`` gives them where a setup states any.
+        method: keys of PASSES in their order.
+        layout: of the blocks that the noise is found in, as ``layout_of`` gives it; None = that of these samples.
+
+    Returns:
+        the parameters with the noise of the log, with which its bias was filtered, the states and the infos.
+
+    Raises:
+        UsageError: the samples are those of a program, and the layout is not given.
+    """
+    if layout is None:
+        if isinstance(samples.dt, jax.core.Tracer):
+            message = "is not given, and inside jax.jit, jax.vmap or jax.grad it cannot be read off the samples"
+            raise UsageError(message, field="layout", remedy="give layout_of(dt) of one log")
+        layout = layout_of(np.asarray(samples.dt))
+    if len(samples.dt) // layout.size < LEAST_BLOCKS:
+        method = tuple(name for name in method if name != "fit_noise")
+    found: tuple[Params, States, Infos] = _filter(params, samples, options=options, method=method, layout=layout)
+    return found
+
+
+@keep_program("options", "method", "layout")
+def _filter(
+    params: Params, samples: Sample, *, options: Options, method: tuple[str, ...], layout: Layout
+) -> tuple[Params, States, Infos]:
+    def one(params: Params, samples: Sample) -> tuple[Params, States, Infos]:
+        start = pipeline.init(params, samples)._replace(bias=None)
+        work = Work(params, start, samples, jnp.cumsum(samples.dt), measured_length(samples), layout, options)
+        for name in method:
+            work = PASSES[name](work)
+        return summarise(work)
+
+    found: tuple[Params, States, Infos] = log_by_log_with_slopes(one)(params, samples)
+    return found

@@ -1,0 +1,211 @@
+"""The noise of one log, where the setup leaves it open: contact, vibration, slow errors, and what is left."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from ftbias_jax.filtering.method.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.method.blocks import Blocks, Layout
+from ftbias_jax.filtering.method.contact import Contacts, find_contacts, in_contact, slow_std
+from ftbias_jax.filtering.method.scatter import HEAVY
+from ftbias_jax.filtering.method.slow_noise import Means, SlowNoise, coarser, fit_slow_noise
+from ftbias_jax.filtering.method.vibration import Vibration, fit_vibration, taken_level
+from ftbias_jax.model.params import BiasNoise
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
+
+BATCHES = (0.25, 1.0, 5.0)
+"""s: means of the innovations over so long must scatter as the filter says."""
+CHANCE = 3.0
+"""Standard deviations of chance: six axes and three lengths are looked at."""
+FEWEST_BATCHES = 8
+CORRELATION = 3.0
+"""Standard deviations of the correlation of neighbours that chance does not reach."""
+SETTLED = 0.5
+"""s at the start that do not count: the prior shows there."""
+FIRST, FAR = 5, 4.0
+"""Blocks at the start whose median is the bias there, and standard deviations of the prior that are too many."""
+MAD = 1.4826
+"""Standard deviations of normal numbers in their median absolute deviation."""
+
+
+class Noise(NamedTuple):
+    """What a log shows beyond its setup."""
+
+    contacts: Contacts
+    vibration: Vibration
+    slow: SlowNoise
+    """As stated, if the setup states it."""
+    offset: Float[Array, " 6"]
+    """N, Nm: the bias at the start on axes where the prior does not expect it, 0 elsewhere."""
+    inflation: Float[Array, " 6"]
+    """Factor, 1 or more, of the standard deviations of bias and drift: what the innovations still contradict."""
+    median: Float[Array, "2 6"]
+    """N, Nm: median of the measured bias outside contacts, and its scatter; NaN = never measured."""
+
+
+def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNoise, Noise]:
+    """The noise of the filter for this log: what the setup states, and what the log shows where that is left open.
+
+    Gradients pass through what is stated; what the log shows counts as constant.
+
+    Args:
+        stated: of the setup.
+        blocks: of the whole log, for ``stated``.
+        layout: of the blocks.
+    """
+    found = noise_of_log(*jax.lax.stop_gradient((stated, blocks)), layout)
+    return with_noise(stated, found), found
+
+
+def noise_of_log(stated: BiasNoise, blocks: Blocks, layout: Layout) -> Noise:
+    """Contact, vibration and slow errors of a log; what is stated of them already is kept."""
+    contacts = find_contacts(blocks, layout)
+    offset = offset_of(blocks, layout, stated)
+    free = ~in_contact(blocks.t, contacts, layout.seconds) & (jnp.arange(len(blocks.t)) < blocks.number)
+    sensor = jnp.maximum(stated.wrench_variance, jnp.finfo(stated.wrench_variance.dtype).tiny)
+    vibration = fit_vibration(blocks, layout, free, sensor, taken=stated.vibration is None)
+    means = means_of(blocks, layout, stated, vibration, free)
+    prior_std = prior_with(stated, offset).reshape(2, 6)
+
+    def innovations(slow: SlowNoise) -> Array:
+        return standard_innovations(means, slow, prior_std, stated.density)
+
+    if stated.correlated_std is None or stated.correlated_time is None:
+        zero = jnp.zeros(6, means.y.dtype)
+        white = SlowNoise(zero, zero + 1, zero)
+        of_white = innovations(white)
+
+        def fitted() -> tuple[SlowNoise, Array]:
+            slow = fit_slow_noise(means, stated.density, prior_std)
+            return slow, innovations(slow)
+
+        slow, found = jax.lax.cond(is_white(means.t, of_white), lambda: (white, of_white), fitted)
+    else:
+        slow = SlowNoise(stated.correlated_std, stated.correlated_time, jnp.zeros(6, means.y.dtype))
+        found = innovations(slow)
+    return Noise(contacts, vibration, slow, offset, inflation(means.t, found), median_of(blocks, contacts))
+
+
+def means_of(
+    blocks: Blocks, layout: Layout, stated: BiasNoise, vibration: Vibration, free: Bool[Array, " N"]
+) -> Means:
+    """The means of the blocks that are free of contact, less what the prior expects of them."""
+    white = vibration.variance(blocks, stated.wrench_variance)
+    calm = ~(blocks.scatter > HEAVY * white)  # a spike moves the mean of its block as well
+    y = jnp.where(free[:, None] & calm, blocks.mean - expected(blocks.t, stated), jnp.nan)
+    variance = jnp.where(jnp.isfinite(y), white / jnp.maximum(blocks.count, 1), jnp.nan)
+    return coarser(Means(jnp.asarray(layout.seconds, y.dtype), blocks.t, y, variance), blocks.number)
+
+
+def standard_innovations(
+    means: Means, slow: SlowNoise, prior_std: Float[Array, "2 6"], density: Float[Array, " 6"]
+) -> Float[Array, "N 6"]:
+    """Innovations of blocks in their standard deviations."""
+    grid = Grid(jnp.ones((1, 6), means.y.dtype), slow.std[None], slow.time[None])
+    found = filter_blocks(*means, grid, prior_std, density)
+    return found.innovation[:, 0] / jnp.sqrt(found.variance[:, 0])
+
+
+def is_white(t: Float[Array, " N"], innovation: Float[Array, "N 6"]) -> Bool[Array, ""]:
+    """Whether innovations of blocks show neither correlation nor more scatter than white noise has."""
+    count = jnp.maximum(jnp.isfinite(innovation).sum(0), 1)
+    neighbours = jnp.nansum(innovation[1:] * innovation[:-1], axis=0) / count
+    return (neighbours < CORRELATION / jnp.sqrt(count)).all() & (inflation(t, innovation) == 1).all()
+
+
+def expected(t: Float[Array, " N"], stated: BiasNoise) -> Float[Array, "N 6"]:
+    """N, Nm: the bias that the prior expects at the times t, in s, if its drift goes on.
+
+    The filters of blocks know deviations from it: a prior that is sharp and far from zero is no error of the model.
+    """
+    return stated.prior_mean[:6] + (t - t[0])[:, None] * stated.prior_mean[6:12]
+
+
+def offset_of(blocks: Blocks, layout: Layout, stated: BiasNoise) -> Float[Array, " 6"]:
+    """N, Nm: the measured bias of the first blocks, where it is FAR from what the prior expects; 0 elsewhere.
+
+    Raw readings of some sensors have offsets of kilonewtons. A filter would reject them as contact for ever. But a
+    model that is a little wrong is off by as much as it varies later on: that is no offset.
+    """
+    unmeasured = ~jnp.isfinite(blocks.mean).any(1)
+    rows = jnp.argsort(unmeasured, stable=True)[:FIRST]
+    first = jnp.nan_to_num(jnp.nanmedian(blocks.mean[rows], 0))
+    mean, std = stated.prior_mean[:6], stated.prior_std[:6]
+    usual = jnp.hypot(std, slow_std(blocks, layout))
+    return jnp.where(jnp.abs(first - mean) > FAR * jnp.maximum(usual, 1e-12), first - mean, 0.0)
+
+
+def median_of(blocks: Blocks, contacts: Contacts) -> Float[Array, "2 6"]:
+    """N, Nm: median of the blocks outside contacts, and how far these scatter about it."""
+    measured = jnp.where(in_contact(blocks.t, contacts)[:, None], jnp.nan, blocks.mean)
+    median = jnp.nanmedian(measured, 0)
+    return jnp.stack([median, MAD * jnp.nanmedian(jnp.abs(measured - median), 0)])
+
+
+def prior_with(stated: BiasNoise, offset: Float[Array, " 6"]) -> Float[Array, " 12"]:
+    """Square root of P_0, wide enough for the offset."""
+    std = stated.prior_std
+    return jnp.concatenate([jnp.maximum(std[:6], jnp.abs(offset)), std[6:]])
+
+
+def inflation(t: Float[Array, " N"], white: Float[Array, "N 6"]) -> Float[Array, " 6"]:
+    """By how much means of innovations scatter more than the filter says; 1 where chance explains it.
+
+    Args:
+        t: (N,) s.
+        white: (N, 6) innovations in their standard deviations; NaN = not measured.
+    """
+    factor = jnp.ones(6, white.dtype)
+    seen = jnp.isfinite(white) & (t - t[0] >= SETTLED)[:, None]
+    values = jnp.where(seen, white, 0)
+    for length in BATCHES:
+        batch = jnp.floor((t - t[0] - SETTLED) / length)
+        # Only batches that have samples: a log may pause for longer than all of it lasts.
+        number = jnp.cumsum(jnp.diff(batch, prepend=batch[:1]) != 0)
+        sums, counts = (jax.ops.segment_sum(x, number, len(t)) for x in (values, seen.astype(white.dtype)))
+        occupied = counts > 0
+        ratio = jnp.where(occupied, sums**2 / jnp.maximum(counts, 1), 0).sum(0) / jnp.maximum(occupied.sum(0), 1)
+        chance = 1 + CHANCE * jnp.sqrt(2 / jnp.maximum(occupied.sum(0), 1))  # of a chi-square
+        enough = occupied.any(1).sum() >= FEWEST_BATCHES
+        factor = jnp.maximum(factor, jnp.where(enough & (ratio > chance), jnp.sqrt(ratio), 1))
+    return factor
+
+
+def with_noise(stated: BiasNoise, noise: Noise) -> BiasNoise:
+    """The noise of the filter with what the log shows; what it does not show is there and zero."""
+    bias = stated._replace(
+        wrench_variance=stated.wrench_variance * taken_level(noise.vibration),
+        prior_std=prior_with(stated, noise.offset),
+        correlated_std=noise.slow.std,
+        correlated_time=noise.slow.time,
+    )
+    if stated.vibration is None:
+        bias = bias._replace(vibration=noise.vibration.per_speed, vibration_speed=noise.vibration.speed)
+    return bias
+
+
+def from_median(noise: BiasNoise, found: Noise) -> BiasNoise:
+    """The noise of a filter whose bias begins at the median of the log, as uncertain as its blocks scatter."""
+    seen = jnp.isfinite(found.median[0])
+    mean, std = (
+        jnp.concatenate([jnp.where(seen, x, before[:6]), before[6:]])
+        for x, before in zip(found.median, (noise.prior_mean, noise.prior_std), strict=True)
+    )
+    return noise._replace(prior_mean=mean, prior_std=std)
+
+
+def without_nothing(noise: BiasNoise) -> BiasNoise:
+    """The noise without vibration and slow errors that are zero, as a setup states it; of NumPy or JAX arrays."""
+    if noise.correlated_std is not None and not noise.correlated_std.any():
+        noise = noise._replace(correlated_std=None, correlated_time=None)
+    if noise.vibration is not None and not noise.vibration.any():
+        noise = noise._replace(vibration=None, vibration_speed=None)
+    if noise.vibration_speed is not None and not jnp.isfinite(noise.vibration_speed):
+        noise = noise._replace(vibration_speed=None)
+    return noise

@@ -1,0 +1,101 @@
+"""What a log shows of its noise, one thing after the other, for people."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.filtering.method.contact import Contact, listed, touched
+from ftbias_jax.filtering.method.bias import LEAST_USED
+from ftbias_jax.filtering.method.fit_noise import Noise
+from ftbias_jax.filtering.method.slow_noise import SlowNoise
+from ftbias_jax.filtering.method.vibration import Vibration
+from ftbias_jax.io.log import Repair, Repairs
+from ftbias_jax.types import AXES, Array
+
+MARGIN = 0.05
+"""s beside a contact that are left out with it."""
+BEGUN_AGAIN = "from its first readings on, the gate kept out most of the log: the bias begins at its median instead"
+
+
+class LogNoise(NamedTuple):
+    """What a log shows beyond its setup."""
+
+    contacts: tuple[Contact, ...]
+    vibration: Vibration | None
+    """None = the log is too short to say."""
+    slow: SlowNoise | None
+    """None = as the setup states."""
+    offset: Array
+    """(6,) N, Nm: the bias at the start on axes where the prior does not expect it, 0 elsewhere."""
+    inflation: Array
+    """(6,) factor, 1 or more, of the standard deviations of bias and drift: what the innovations still contradict."""
+    begun_again: bool = False
+    """Whether the bias begins at the log's median, because from the first readings the gate kept out most of it."""
+    kept_out: float = 0.0
+    """Share of the free samples that the gate keeps out wherever the bias begins; 0 = it keeps at least half."""
+
+
+def nothing() -> LogNoise:
+    """A log that is as its setup says."""
+    return LogNoise((), None, None, np.zeros(6), np.ones(6))
+
+
+def told(found: Noise, begun_again: bool, kept_out: float, *, slow_is_stated: bool) -> LogNoise:
+    """What was found, of NumPy arrays.
+
+    Args:
+        found: of a log.
+        begun_again: whether the bias begins at its median.
+        kept_out: share of the free samples that the gate keeps out.
+        slow_is_stated: whether the setup states the slow errors.
+    """
+    slow = None if slow_is_stated else found.slow
+    noise = LogNoise(listed(found.contacts), found.vibration, slow, found.offset, found.inflation)
+    return noise._replace(begun_again=bool(begun_again), kept_out=float(kept_out) if kept_out > 1 - LEAST_USED else 0.0)
+
+
+def useless(t: Array, noise: LogNoise) -> Array:
+    """(T,) samples in contact, and next to it, which say nothing of the bias."""
+    return touched(t, noise.contacts, MARGIN)
+
+
+def describe(noise: LogNoise) -> list[str]:
+    """Lines that tell a reader what the log shows beyond its setup; none if nothing."""
+    lines = []
+    if noise.offset.any():
+        words = " ".join(f"{name} {x:.4g}" for name, x in zip(AXES, noise.offset, strict=True) if x)
+        lines.append(f"the bias at the start is far from what the setup expects, by N, Nm: {words}")
+    if noise.begun_again:
+        lines.append(BEGUN_AGAIN)
+    for contact in noise.contacts:
+        size = np.linalg.norm(contact.force[:3])
+        lines.append(f"contact from {contact.start:.2f} to {contact.end:.2f} s, up to {size:.2g} N: not used")
+    if noise.vibration is not None and noise.vibration.taken and noise.vibration.per_speed.any():
+        lines.append("the noise grows with the speed of the joints; the filter takes what the scatter of the log shows")
+    if noise.vibration is not None and (noise.vibration.level != 1).any():
+        levels = zip(AXES, np.sqrt(noise.vibration.level), strict=True)
+        words = " ".join(f"{name} {x:.2g}" for name, x in levels if x != 1)
+        kept = "; where it is less, the filter keeps the stated one" if (noise.vibration.level < 1).any() else ""
+        lines.append(f"scatter of single readings at rest, per stated noise_std: {words}{kept}")
+    if noise.slow is not None and noise.slow.std.any():
+        words = ", ".join(
+            f"{name} {std:.2g} over {time:.2g} s"
+            for name, std, time in zip(AXES, noise.slow.std, noise.slow.time, strict=True)
+            if std > 0
+        )
+        lines.append(f"errors that vary slowly (N, Nm and correlation time): {words}")
+    if (noise.inflation > 1).any():
+        words = " ".join(f"{name} {x:.2g}" for name, x in zip(AXES, noise.inflation, strict=True) if x > 1)
+        lines.append(f"standard deviations of the bias are enlarged, by what the innovations still contradict: {words}")
+    return lines
+
+
+def remark_of_gate(noise: LogNoise) -> Repairs:
+    """What the owner should know about a gate that kept out most of the log; () as a rule."""
+    told = (Repair(BEGUN_AGAIN),) if noise.begun_again else ()
+    if not noise.kept_out:
+        return told
+    what = f"the gate keeps out {noise.kept_out:.0%} of the log, wherever the bias begins: do not trust the bias"
+    return (*told, Repair(f"{what}, and look for the cause by ftbias diagnose", lost=True))

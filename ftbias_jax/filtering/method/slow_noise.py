@@ -1,0 +1,141 @@
+"""Errors that vary slowly, of the model more than of the sensor: a first-order Gauss-Markov process on each axis.
+
+A filter that knows white noise alone averages such errors as if they were new at every sample, and claims to know the
+bias to a hundredth of what it does. How large they are and how long they last is found by likelihood, on the means of
+blocks: fast noise averages out there, and a log is a few hundred numbers.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ftbias_jax.filtering.method.block_filter import Grid, filter_blocks
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+MOST_BLOCKS = 1000
+LEAST_GAIN = 12.0
+"""nats on an axis, below which its noise is white."""
+RATIOS, TIMES = 0.3 * 2.0 ** np.arange(7), 8
+"""Standard deviations of the slow error that are tried, in those of a block's mean, and how many correlation times.
+Large and long is likely wherever small and short is, so a coarse grid misses the top of that ridge."""
+WHITE = np.array([1.0, 4.0])
+"""Factors of the variance of a block's mean that are tried: vibration is not quite white."""
+LEVELS = np.geomspace(0.25, 16, 25)
+"""The same where there is no slow error."""
+SPREADS = (0.5, 0.2)
+"""Of the two finer grids around the best point."""
+
+
+class SlowNoise(NamedTuple):
+    """First-order Gauss-Markov noise; (6,)."""
+
+    std: Float[Array, " 6"]
+    """N, Nm; 0 where the noise is white."""
+    time: Float[Array, " 6"]
+    """s, correlation time."""
+    gain: Float[Array, " 6"]
+    """nats over white noise."""
+
+
+class Means(NamedTuple):
+    """Means of N blocks, what is left of a log for its slow noise."""
+
+    seconds: Float[Array, ""]
+    """s, length of a block."""
+    t: Float[Array, " N"]
+    """s, middles of blocks."""
+    y: Float[Array, "N 6"]
+    """N, Nm, of the measured bias; NaN = not measured, or in contact."""
+    variance: Float[Array, "N 6"]
+    """N^2, Nm^2 of those means if the noise is white."""
+
+
+def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[Array, "2 6"]) -> SlowNoise:
+    """Search a grid, then a finer one around its best point, and a finer one around the best of that.
+
+    Args:
+        means: of the log.
+        density: (6,) sigma_Q of the bias.
+        prior_std: (2, 6) square root of P_0, of bias and drift.
+    """
+    span, step, axes = means.t[-1] - means.t[0], means.seconds, jnp.arange(6)
+    unit = jnp.sqrt(jnp.nanmedian(jnp.where(jnp.isfinite(means.y), means.variance, jnp.nan), 0))
+    unit = jnp.nan_to_num(unit)
+    times = jnp.geomspace(2 * step, jnp.maximum(span / 6, 4 * step), TIMES)
+    white, ratio = (x.ravel()[:, None] for x in np.meshgrid(WHITE, np.r_[0, RATIOS], indexing="ij"))
+    # White noise of any level, as finely searched: what is gained must be due to the correlation.
+    levels = jnp.broadcast_to(jnp.asarray(LEVELS, unit.dtype)[:, None], (len(LEVELS), 6))
+    plain = Grid(levels, 0 * levels, 1 + 0 * levels)
+
+    def on_all(x: Array, repeats: int) -> Array:
+        return jnp.broadcast_to(jnp.repeat(x, repeats, 0), (len(x) * repeats, 6))
+
+    slow = Grid(
+        on_all(jnp.asarray(white, unit.dtype), TIMES),
+        on_all(ratio * unit, TIMES),
+        jnp.broadcast_to(jnp.tile(times, len(ratio))[:, None], (TIMES * len(ratio), 6)),
+    )
+    number = len(slow.std)
+    near = np.linspace(-2, 2, 5)
+    steps = np.stack([x.ravel() for x in np.meshgrid(near[1:4], near, near, indexing="ij")])
+    steps = np.pad(steps, [(0, 0), (0, number - steps.shape[1])])  # points that are missing are the middle once more
+
+    def refine(slow: Grid, spread: Array) -> tuple[Grid, tuple[Grid, Array, Array]]:
+        nats = log_likelihoods(means, Grid(*map(jnp.concatenate, zip(slow, plain, strict=True))), prior_std, density)
+        best = nats[:number].argmax(0)
+        at = Grid(*(x[best, axes] for x in slow))
+        a, b, c = jnp.exp(spread * jnp.asarray(steps, unit.dtype))[:, :, None]
+        finer = Grid(a * at.white, b * jnp.where(at.std > 0, at.std, 0.1 * unit), c * at.time)
+        return finer, (at, nats[:number].max(0), nats[number:].max(0))
+
+    _, (best, nats, flat) = jax.lax.scan(refine, slow, jnp.asarray([*SPREADS, 0.0], unit.dtype))
+    gain, at = nats[-1] - flat[-1], jax.tree.map(lambda x: x[-1], best)
+    slower = gain > LEAST_GAIN
+    return SlowNoise(jnp.where(slower, at.std, 0), jnp.where(slower, jnp.clip(at.time, step, span), 1.0), gain)
+
+
+def log_likelihoods(means: Means, grid: Grid, prior_std: Array, density: Array) -> Float[Array, "G 6"]:
+    """Nats of the means of blocks, for every set of parameters; arguments as for ``filter_blocks``."""
+    found = filter_blocks(*means, grid, prior_std, density)
+    return nats_of(found.innovation, found.variance)
+
+
+def nats_of(v: Float[Array, "N G 6"], s: Float[Array, "N G 6"]) -> Float[Array, "G 6"]:
+    """Nats of innovations N, Nm, NaN = not measured, with these variances."""
+    seen = jnp.isfinite(v)
+    return -jnp.where(seen, jnp.log(jnp.where(seen, s, 1)) + jnp.where(seen, v, 0) ** 2 / s, 0).sum(0) / 2
+
+
+def coarser(means: Means, number: Array) -> Means:
+    """Neighbouring blocks joined until there are at most MOST_BLOCKS.
+
+    Args:
+        means: of blocks.
+        number: () how many of them are of the log.
+    """
+    if len(means.t) <= MOST_BLOCKS:
+        return means
+    join = jnp.maximum(1, -(-number // MOST_BLOCKS))
+    index = jnp.arange(len(means.t))
+    group = jnp.where(index < number // join * join, index // join, MOST_BLOCKS)
+
+    def total(x: Array) -> Array:
+        return jax.ops.segment_sum(x, group, MOST_BLOCKS + 1, indices_are_sorted=False)[:MOST_BLOCKS]
+
+    seen = jnp.isfinite(means.y)
+    weight = jnp.where(seen, 1 / jnp.where(seen, means.variance, 1), 0)
+    all_weight, count = total(weight), total(jnp.ones_like(means.t))
+    measured = all_weight > 0
+    divisor = jnp.where(measured, all_weight, 1)
+    mean = total(weight * jnp.where(seen, means.y, 0)) / divisor
+    t = jnp.where(count > 0, total(means.t) / jnp.maximum(count, 1), 0)
+    t = jax.lax.cummax(t)  # rows after the last block stay at its time
+    y = jnp.where(measured, mean, jnp.nan)
+    return Means(means.seconds * join, t, y, jnp.where(measured, 1 / divisor, jnp.nan))

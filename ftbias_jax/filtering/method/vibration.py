@@ -1,0 +1,183 @@
+"""Noise of single samples, at rest and in motion, from the scatter within blocks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from ftbias_jax.filtering.bias_filter import vibration, white_share
+from ftbias_jax.filtering.method.blocks import SPEEDS, Blocks, Layout, motion_by_speed
+from ftbias_jax.filtering.method.scatter import LEAST_LEVEL, Scatter, log_likelihood, maximise, variance_of
+from ftbias_jax.model.motion_noise import MotionNoise, effective_speed_squared
+from ftbias_jax.model.params import BiasNoise
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+ROUNDS, ROUNDS_TO_COMPARE = 20, 8
+"""Of the fit, and of those that only choose between forms."""
+FOLD_SECONDS = 5.0
+"""Stretches that go to the two folds in turn."""
+LEAST_GAIN = 10.0
+"""nats on the unseen fold, over all axes, below which the log does not show that its noise grows with motion."""
+MOST_BLOCKS = 4000
+"""Of a longer log as many are taken, evenly: they tell the variance to a percent, and more would take minutes."""
+LEVEL_WITHIN = 0.1
+"""The stated variance is believed if the log's is within this share of it."""
+
+
+class Shares(NamedTuple):
+    """How much of each part of the stated variance the scatter of a log shows; (6,), 1 = as stated."""
+
+    sensor: Float[Array, " 6"]
+    """Of the sensor's own."""
+    rest: Float[Array, " 6"]
+    """Of all else, mostly of the joints: at rest a log shows less of it than is stated, in motion not."""
+
+
+class Vibration(NamedTuple):
+    """Variance of a sample: at rest, and what the speed of each joint adds."""
+
+    level: Float[Array, " 6"]
+    """Variance of the sensor without motion, in what is stated; 1 where the log agrees."""
+    per_speed: Float[Array, "n 6"]
+    """N^2/(rad/s)^2, Nm^2/(rad/s)^2, not negative."""
+    speed: Float[Array, ""]
+    """rad/s from which it grows with the speed alone (``motion_noise.effective_speed_squared``); inf = never."""
+    gain: Float[Array, ""]
+    """nats on unseen stretches, of ``per_speed`` over a constant."""
+    shares: Shares
+    """Of the stated parts but vibration, beside ``per_speed``."""
+    taken: Array
+    """() The filter takes ``level`` and ``per_speed``; where the setup states vibration, only innovations are judged by
+    ``per_speed``, in its place, because its form may be another than the stated."""
+
+    def variance(self, blocks: Blocks, sensor: Float[Array, " 6"]) -> Float[Array, "N 6"]:
+        """N^2, Nm^2 of a sample in each block; ``sensor`` is what is stated of the sensor alone."""
+        motion = effective_speed_squared(jnp.sqrt(blocks.motion), self.speed) @ self.per_speed
+        return jnp.where(self.taken, blocks.stated + (self.level - 1) * sensor + motion, blocks.stated)
+
+
+def fit_vibration(
+    blocks: Blocks, layout: Layout, free: Float[Array, " N"], sensor: Float[Array, " 6"], taken: bool = True
+) -> Vibration:
+    """Variance of samples by maximum likelihood: the scatter of a block is Gamma distributed about the model.
+
+    Whether motion matters, and from which speed on it does less, is judged on stretches that were not fitted.
+
+    Args:
+        blocks: of the log.
+        layout: of the blocks.
+        free: (N,) blocks in which nothing touches.
+        sensor: (6,) N^2, Nm^2, variance that is stated of the sensor alone, without the joints' share.
+        taken: by the filter, too; not where the setup states the noise in motion.
+    """
+    blocks, free, every = _thinned(blocks, free)
+    dof, value = blocks.count - 2.0, blocks.scatter
+    usable = free[:, None] & (dof > 0) & jnp.isfinite(value) & (blocks.stated > 0)
+    dof, value = jnp.where(usable, dof, 0), jnp.where(usable, value, 1)
+    calm = jnp.where(usable, blocks.stated - blocks.shaking, sensor)
+    speeds = motion_by_speed(blocks)
+    fold = (jnp.arange(len(blocks.t)) // jnp.maximum(1, jnp.round(FOLD_SECONDS / layout.seconds / every))) % 2
+    sides = jnp.stack([fold == 0, fold == 1])[:, :, None]
+    # The form is chosen, and the level read, in what is stated as a whole: its parts are told apart less surely.
+    choices = jnp.concatenate([jnp.zeros_like(speeds[:1]), speeds])
+    fitted = maximise(Scatter(value, dof * sides, (calm,), choices), ROUNDS_TO_COMPARE)
+    unseen = Scatter(value, dof * sides[::-1], (calm,), choices)
+    nats = log_likelihood(unseen, variance_of(unseen, fitted)).sum(1)
+    best = nats[1:].argmax()
+    gain = nats[1 + best] - nats[0]
+    moves = gain > LEAST_GAIN
+    motion = jnp.where(moves, speeds[best], 0)[None]
+    # As a whole and in parts in one fit of two columns, of which the first has nothing in the second.
+    sensors = jnp.broadcast_to(sensor, calm.shape)
+    whole = maximise(Scatter(value, dof[None], (calm, jnp.zeros_like(calm)), motion), ROUNDS)
+    parts = maximise(Scatter(value, dof[None], (sensors, jnp.maximum(calm - sensor, 0)), motion), ROUNDS)
+    seen, used = (dof > 0).any(0), dof > 0
+    stated = jnp.nan_to_num(jnp.nanmedian(jnp.where(used, calm, jnp.nan), 0))
+    share = whole.shares[0, 0, :, 0]
+    level = jnp.where(seen & taken, _sensor_level(share, stated, sensor), 1)
+    as_stated = ~seen | (jnp.abs(share - 1) < LEVEL_WITHIN)
+    usual = jnp.where(used, calm, 0).sum(0) / jnp.maximum(used.sum(0), 1)
+    per_speed = parts.per_speed[0, 0].T
+    noticed = per_speed * motion[0].mean(0)[:, None] > 1e-3 * usual
+    shown = [jnp.where(as_stated, 1, jnp.maximum(parts.shares[0, 0, :, k], LEAST_LEVEL)) for k in (0, 1)]
+    speed = jnp.where(moves, jnp.asarray(SPEEDS, calm.dtype)[best], jnp.inf)
+    return Vibration(
+        level, jnp.where(seen & noticed & moves, per_speed, 0), speed, gain, Shares(*shown), jnp.asarray(taken)
+    )
+
+
+def _thinned(blocks: Blocks, free: Array) -> tuple[Blocks, Array, Array]:
+    """MOST_BLOCKS blocks at most, whether they are free, and each how many of them is taken."""
+    every = jnp.maximum(1, -(-blocks.number // MOST_BLOCKS))
+    if len(blocks.t) <= MOST_BLOCKS:
+        return blocks, free, every
+    rows = jnp.arange(MOST_BLOCKS) * every
+    there, rows = rows < blocks.number, jnp.minimum(rows, len(blocks.t) - 1)
+    columns = jax.tree.map(lambda x: x[rows], blocks._replace(number=blocks.t))
+    return columns._replace(number=there.sum()), free[rows] & there, every
+
+
+def _sensor_level(level: Array, stated: Array, sensor: Array) -> Array:
+    """The level of the whole variance as one of the sensor's alone.
+
+    The joints' errors last longer than a block, so its scatter may lack their share: what is missing of less than that
+    share does not make the sensor better than stated.
+    """
+    more, less = 1 + (level - 1) * stated / sensor, jnp.minimum(level * stated / sensor, 1)
+    found = jnp.maximum(jnp.where(level > 1, more, less), LEAST_LEVEL)
+    return jnp.where(jnp.abs(found - 1) < LEVEL_WITHIN, 1, found)
+
+
+def taken_level(found: Vibration) -> Float[Array, " 6"]:
+    """Variance of the sensor that the filter takes, in what is stated: never less.
+
+    On recorded logs with less noise than stated, a filter that believes it gives up more of the readings and claims to
+    know the bias better than it does.
+    """
+    return jnp.where(found.taken, jnp.maximum(found.level, 1), 1)
+
+
+def taken_variance(
+    stated: BiasNoise, found: Vibration, variance: Float[Array, "T 6"], velocity: Float[Array, "T n"]
+) -> Float[Array, "T 6"]:
+    """Diagonal of R that the filter takes, N^2, Nm^2, without correlated noise; never less than is stated.
+
+    Args:
+        stated: noise that ``found`` was found with.
+        found: noise of the log.
+        variance: diagonal of R for ``stated``.
+        velocity: rad/s.
+    """
+    more = (taken_level(found) - 1) * stated.wrench_variance + _growth(stated, found, velocity)
+    return variance + jnp.where(found.taken, more, 0)
+
+
+def shown_variance(
+    stated: BiasNoise, found: Vibration, variance: Float[Array, "T 6"], velocity: Float[Array, "T n"]
+) -> Float[Array, "T 6"]:
+    """The same as the scatter of the log shows it, which may be less; arguments as for ``taken_variance``.
+
+    The bias and its error bars rest on what is stated, at least. What the next reading may be is another question, and
+    the log answers it: at rest, for one, the joints add less noise than in the motion that sets theirs.
+    """
+    sensor, shares = stated.wrench_variance, found.shares
+    shaking = stated_shaking(stated, velocity)
+    # An effect of the setup may make the sensor quieter: there is then nothing beside it, and not less than nothing.
+    rest = jnp.maximum(variance - sensor - (0 if shaking is None else shaking), 0)
+    return shares.sensor * sensor + shares.rest * rest + _growth(stated, found, velocity)
+
+
+def stated_shaking(stated: BiasNoise, velocity: Float[Array, "T n"]) -> Float[Array, "T 6"] | None:
+    """N^2, Nm^2: white vibration that the setup states, at the velocities in rad/s; None = none."""
+    motion = vibration(stated, velocity)
+    return None if motion is None else white_share(stated, motion)
+
+
+def _growth(stated: BiasNoise, found: Vibration, velocity: Array) -> Array:
+    """(T, 6) N^2, Nm^2: white vibration that the log shows."""
+    return white_share(stated, MotionNoise(found.per_speed, found.speed).variance(velocity))

@@ -1,0 +1,97 @@
+"""The parameters that a log is filtered with: what the setup states, and what it leaves open by the log itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.filtering.joint_noise import MOST_SAMPLES, likeliest_density
+from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, predict_wrench
+from ftbias_jax.filtering.samples import first_position, pad
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects import compose
+from ftbias_jax.model.effects.types import Model
+from ftbias_jax.model.params import Params, params_from_setup
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+LAG_GUARD = 8.0
+"""To filter, the joints' process noise is taken this much above what the setup states or the log makes likeliest. The
+likelihood trades noise of the acceleration against its lag at par, but the bias filter averages noise out and keeps the
+lag, which moves with the motion. On simulated logs the bias errors are smallest and the error bars hold around 8
+(experiments/joint_noise)."""
+
+
+def params_for_log(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
+    """Parameters to filter a log with: those of ``likeliest_params``, with the joints' process noise guarded."""
+    return guard_against_lag(likeliest_params(setup, samples, options))
+
+
+def guard_against_lag(params: Params) -> Params:
+    """The joints' process noise LAG_GUARD times as large: for filtering, not for smoothing, which has no lag."""
+    return params._replace(joint=params.joint._replace(process_density=LAG_GUARD * params.joint.process_density))
+
+
+def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
+    """Parameters from a setup; a joint process noise the setup leaves open is the likeliest of the log."""
+    params = stated_params(setup, first_position(samples.q), samples.q.dtype)
+    if setup.joints.process_noise_density is not None:
+        return params
+    part = jax.tree.map(lambda x: x[:MOST_SAMPLES], samples)
+    part = pad(part, _power_of_two(part.dt.shape[0]))
+    likeliest = likeliest_density(params.joint, part.dt, part.q, part.dq, model=options.joint_model)
+    return params._replace(joint=params.joint._replace(process_density=likeliest))
+
+
+def stated_params(setup: Setup, first_q: Float[Array, " n"], dtype: jnp.dtype | None = None) -> Params:
+    """Parameters as the setup states them; a joint process noise that it leaves open is 1.
+
+    Args:
+        setup: of the log.
+        first_q: (n,) rad, the first measured position of every joint, for a sensor that was set to zero there.
+        dtype: of all arrays; None = JAX's default.
+    """
+    params = params_from_setup(setup, dtype)
+    return zeroed_at_first(params, first_q) if setup.sensor.rezeroed else params
+
+
+def zeroed_at_first(params: Params, first_q: Float[Array, " n"]) -> Params:
+    """The bias expected of a sensor that was set to zero in the first pose, at rest: what the tool makes it read there.
+
+    Args:
+        params: with the bias that the setup expects beside that.
+        first_q: (n,) rad, the first measured position of every joint.
+    """
+    q = jnp.asarray(first_q, params.theta.dtype)
+    still = jnp.zeros_like(q)
+    _, weight = predict_wrench(params, jnp.stack([q, still, still], 1))
+    mean = params.bias.prior_mean.at[:6].add(weight)
+    return params._replace(bias=params.bias._replace(prior_mean=mean))
+
+
+def without_useless(log: Log, params: Params) -> Log:
+    """The log without samples that the known effects make useless: saturated ones, spikes, repetitions."""
+    if params.effects is None:
+        return log
+    model = Model(params.arm, params.gravity, params.theta)
+    return log._replace(wrench=np.asarray(compose.correct_record(jnp.asarray(log.wrench), model, params.effects)))
+
+
+def rows_of(log: Log, first: int, count: int) -> dict[str, Array]:
+    """The arrays (T, ...) of a log, in s, rad, N, Nm, from sample ``first`` on, ``count`` samples or fewer."""
+    return {name: getattr(log, name)[first : first + count] for name in ("t", "q", "dq", "wrench", "temperature")}
+
+
+def padded_length(length: int) -> int:
+    """Length to pad to, so that logs of similar length share one program: a power of two, or several of the largest."""
+    return _power_of_two(length) * -(-length // _power_of_two(length))
+
+
+def _power_of_two(length: int) -> int:
+    return min(MOST_SAMPLES, 1 << (length - 1).bit_length())
