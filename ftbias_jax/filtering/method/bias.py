@@ -11,7 +11,7 @@ from jax import Array
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import Smoothed, filter_scan
-from ftbias_jax.filtering.fast.stages import add_noise, bias_inputs, bias_state, gated, without_noise
+from ftbias_jax.filtering.fast.stages import add_noise, bias_inputs, bias_state, gated
 from ftbias_jax.filtering.method.joints import Joints
 from ftbias_jax.filtering.process_models import bias_model
 from ftbias_jax.filtering.step import Options, State
@@ -29,9 +29,14 @@ LEAST_USED = 0.5
 class Bias(NamedTuple):
     """Bias and drift at every sample, and what the filter learned there."""
 
-    mean: Float[Array, "T 2 6"]
-    """N, Nm and N/s, Nm/s."""
-    std: Float[Array, "T 2 6"]
+    bias: Float[Array, "T 6"]
+    """N, Nm."""
+    drift: Float[Array, "T 6"]
+    """N/s, Nm/s."""
+    bias_std: Float[Array, "T 6"]
+    """N, Nm."""
+    drift_std: Float[Array, "T 6"]
+    """N/s, Nm/s."""
     slow_error: Float[Array, "T 6"]
     """N, Nm: of wrench_tool - reading what is correlated noise, not bias."""
     innovation: Float[Array, "T 6"]
@@ -67,24 +72,32 @@ def filter_bias(
         length: samples at the start that count.
         options: of the pipeline.
     """
-    known = (joints.wrench_tool, variance, joints.states.mean[1])
+    known = (joints.wrench_tool, variance, joints.mean[1])
 
     def filtered(bias: Gaussian, piece: tuple[Sample, tuple[Array, ...]]) -> tuple[Gaussian, Bias]:
         samples, (wrench_tool, variance, velocity) = piece
         inputs = bias_inputs(params, state._replace(bias=bias), samples, wrench_tool, variance, velocity)
-        track = without_noise(filter_scan(gated(inputs, options), inputs))
-        std = jnp.sqrt(jnp.diagonal(track.covariance, axis1=1, axis2=2))  # (T, 6, k)
+        track = filter_scan(gated(inputs, options), inputs)
         # What was not measured, or did not pass the gate, has no share in the likelihood: exactly zero.
         used = jnp.isfinite(samples.wrench) & (track.log_likelihood != 0)
+        x, P = track.mean, track.covariance
+        slow = jnp.zeros_like(wrench_tool)
+        bias, variance_of_bias = x[:, 0], P[:, 0, 0]
+        if x.shape[1] == 3:  # the first state is bias and slow error together
+            bias, slow = bias - x[:, 2], x[:, 2]
+            variance_of_bias = variance_of_bias - 2 * P[:, 0, 2] + P[:, 2, 2]
         found = Bias(
-            track.mean[:, :2],
-            jnp.swapaxes(std, 1, 2)[:, :2],
-            jnp.zeros_like(wrench_tool) if track.mean.shape[1] == 2 else track.mean[:, 2],
+            bias,
+            x[:, 1],
+            jnp.sqrt(variance_of_bias),
+            jnp.sqrt(P[:, 1, 1]),
+            slow,
             jnp.where(used, track.innovation[:, 0], jnp.nan),
             track.innovation_variance[:, 0] - variance,
             track.log_likelihood.sum()[None],
         )
-        return bias_state(Smoothed(track.mean[-1], track.covariance[-1])), found
+        last = add_noise(x[-1], P[-1], -1)
+        return bias_state(Smoothed(*last)), found
 
     last, found = over_pieces(filtered, state.bias, (samples, known), length)
     return state._replace(bias=last), found._replace(log_likelihood=found.log_likelihood.sum())
@@ -98,7 +111,7 @@ def smooth_bias(
     Arguments as for ``filter_bias``, with what that gave.
     """
     passed = samples._replace(wrench=jnp.where(jnp.isfinite(bias.innovation), samples.wrench, jnp.nan))
-    inputs = bias_inputs(params, state, passed, joints.wrench_tool, variance, joints.states.mean[1])
+    inputs = bias_inputs(params, state, passed, joints.wrench_tool, variance, joints.mean[1])
     model = bias_model(inputs.density)
     smoothed = smooth_track(model, inputs, filter_scan(model, inputs))
     mean, covariance = add_noise(smoothed.mean, smoothed.covariance, -1)

@@ -126,12 +126,12 @@ def without_jumps(blocks: Blocks, jumps: Float[Array, " N"]) -> Blocks:
     """
     nothing = jnp.full((BESIDE, 6), jnp.nan, blocks.mean.dtype)
     ahead = jnp.concatenate([blocks.mean, nothing])
-    after = jnp.nanmedian(jnp.stack([ahead[1 + i : 1 + i + len(blocks.mean)] for i in range(BESIDE)]), 0)
+    after = nan_median(jnp.stack([ahead[1 + i : 1 + i + len(blocks.mean)] for i in range(BESIDE)]))
     inside = (jnp.arange(len(blocks.mean)) > 0) & (jnp.arange(len(blocks.mean)) < blocks.number - 1)
 
     def step(carry: tuple[Array, Array], block: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], Array]:
         (shift, before), (value, following, jumped) = carry, block
-        by = jnp.nan_to_num(following - shift - jnp.nanmedian(before, 0))
+        by = jnp.nan_to_num(following - shift - nan_median(before))
         shift, value = jnp.where(jumped, shift + by, shift), jnp.where(jumped, jnp.nan, value - shift)
         return (shift, jnp.concatenate([before[1:], value[None]])), value
 
@@ -146,6 +146,13 @@ def jumps_in(layout: Layout, rezeroed: Float[Array, " T"]) -> Float[Array, " N"]
     return rezeroed[: room * layout.size].reshape(room, layout.size).sum(1)
 
 
-def coarse_blocks(count: int, most: int) -> int:
-    """How many neighbouring blocks of ``count`` are joined so that at most so many are left; 1 = none."""
-    return max(1, -(-count // most))
+def to_samples(layout: Layout, x: Array, length: int) -> Array:
+    """What is said of blocks (N, ...), said of ``length`` samples; those after the last block are as that one."""
+    return jnp.pad(jnp.repeat(x, layout.size, 0), (0, length - layout.size * len(x)), mode="edge")
+
+
+def nan_median(x: Float[Array, "N ..."]) -> Float[Array, " ..."]:
+    """Median over the first axis without NaN; NaN = there is nothing. In a third of the code of ``jnp.nanmedian``."""
+    ordered, count = jnp.sort(x, 0), (~jnp.isnan(x)).sum(0)
+    low, high = (jnp.take_along_axis(ordered, k[None], 0)[0] for k in ((count - 1) // 2, count // 2))
+    return jnp.where(count > 0, (low + high) / 2, jnp.nan)

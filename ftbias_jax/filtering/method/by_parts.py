@@ -11,6 +11,7 @@ import numpy as np
 from ftbias_jax.filtering import bias_filter, pipeline
 from ftbias_jax.filtering.joint_noise import MOST_SAMPLES, likeliest_density
 from ftbias_jax.filtering.method.blocks import Blocks, Layout, jumps_in, layout_of, without_jumps
+from ftbias_jax.filtering.method.contact import in_contact, listed
 from ftbias_jax.filtering.method.filter_samples import PASSES, Infos, States, Work, blocks_of, summarise, with_noise
 from ftbias_jax.filtering.method.fit_noise import Noise, fit_noise
 from ftbias_jax.filtering.params_for_log import guard_against_lag
@@ -27,7 +28,7 @@ LOOKAHEAD = 2048
 """Samples after a part from which its joints are smoothed; smoothing forgets in a small fraction of that."""
 
 Parts = Callable[[int], Iterator[Log]]
-Found = tuple[Params, Noise | None, Iterable[tuple[Log, States, Infos]]]
+Found = tuple[Params, Noise | None, Layout, Iterable[tuple[Log, States, Infos]]]
 
 
 def filter_parts(params: Params, parts: Parts, first_q: Array, options: Options, method: tuple[str, ...]) -> Found:
@@ -54,7 +55,7 @@ def filter_parts(params: Params, parts: Parts, first_q: Array, options: Options,
     start = pipeline.init(params, Sample(nothing, np.asarray(first_q)[None], nothing, nothing))
     if "fit_noise" not in method:
         passes = tuple(name for name in method if name in ("smooth_joints", "filter_joints", "filter_bias"))
-        return params, None, _results(params, None, start, parts, (options, passes, layout))
+        return params, None, layout, _results(params, None, start, parts, (options, passes, layout))
     blocks, jumps, state = [], [], start
     for _, sizes, t, samples in _padded(parts):
         state, found, jumped = _look(params, state, samples, t, sizes, options=options, layout=layout)
@@ -63,10 +64,10 @@ def filter_parts(params: Params, parts: Parts, first_q: Array, options: Options,
         jumps.append(np.asarray(jumped)[:number])
     whole = Blocks(*(np.concatenate(x) for x in zip(*blocks, strict=True)))
     whole = whole._replace(number=np.asarray(len(whole.t)))
-    noise, shown = _fit(params.bias, whole, np.concatenate(jumps), layout=layout)
+    noise, shown = jax.tree.map(np.asarray, _fit(params.bias, whole, np.concatenate(jumps), layout=layout))
     start = start._replace(bias=bias_filter.init(noise))
     program = (options, ("smooth_joints", "filter_bias"), layout)
-    return params._replace(bias=noise), shown, _results(params, (noise, shown), start, parts, program)
+    return params._replace(bias=noise), shown, layout, _results(params, (noise, shown), start, parts, program)
 
 
 def _results(
@@ -77,9 +78,11 @@ def _results(
     program: tuple[Options, tuple[str, ...], Layout],
 ) -> Iterator[tuple[Log, States, Infos]]:
     options, method, layout = program
+    contacts = [] if noise is None else listed(noise[1].contacts, noise[1].block_times, layout)
     for part, sizes, t, samples in _padded(parts):
+        touched = in_contact(t, contacts, layout.seconds)
         state, states, infos = _filter(
-            params, noise, state, samples, t, sizes, options=options, method=method, layout=layout
+            params, noise, state, samples, (t, touched), sizes, options=options, method=method, layout=layout
         )
         yield part, *jax.tree.map(np.asarray, (states, infos))
 
@@ -141,7 +144,7 @@ def _filter(
     noise: tuple[BiasNoise, Noise] | None,
     state: State,
     samples: Sample,
-    t: Array,
+    at: tuple[Array, Array],
     sizes: tuple[Array, Array],
     *,
     options: Options,
@@ -149,11 +152,11 @@ def _filter(
     layout: Layout,
 ) -> tuple[State, States, Infos]:
     """A part, and the state after it."""
-    length, seen = sizes
+    (length, seen), (t, touched) = sizes, at
     work = Work(params, state, samples, t, length, layout, options, seen)
     for name in method:
         if name == "filter_bias" and noise is not None:
-            work = with_noise(work, *noise)
+            work = with_noise(work, *noise)._replace(touched=touched)
         work = PASSES[name](work)
     assert work.end is not None
     return work.end, *summarise(work)[1:]

@@ -8,6 +8,7 @@ jumped, and is let through.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -15,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ftbias_jax.filtering.method.blocks import Blocks, Layout
+from ftbias_jax.filtering.method.blocks import Blocks, Layout, nan_median
+from ftbias_jax.runtime.compiled_loops import compile_whole, running_sum
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
@@ -59,38 +61,43 @@ class Contact(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """The contacts of a log in N blocks, each told by the block with which it ends."""
+    """The contacts of a log in N blocks."""
 
     first: Int[Array, " N"]
-    """The block with which it begins; -1 where no contact ends."""
-    start: Float[Array, " N"]
-    """s; inf where no contact ends."""
-    end: Float[Array, " N"]
-    """s; inf where no contact ends."""
+    """The block with which the contact begins that ends before this one; -1 where none does."""
+    inside: Bool[Array, " N"]
+    """Whether something touches the tool."""
     departure: Float[Array, "N 6"]
     """N, Nm: how far each block is off the level."""
 
+    @property
+    def near(self) -> Bool[Array, " N"]:
+        """Whether something touches the tool in this block or beside it."""
+        before, after = jnp.pad(self.inside, (1, 0))[:-1], jnp.pad(self.inside, (0, 1))[1:]
+        return before | self.inside | after
 
-def find_contacts(blocks: Blocks, layout: Layout) -> Contacts:
+
+def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> Contacts:
     """Stretches in which the measured bias departs from its level by more than noise does, on an axis of force.
 
     Args:
         blocks: of the whole log.
         layout: of the blocks.
+        slow: (6,) N, Nm, of ``slow_std``.
 
     Returns:
         the contacts; none if they would take more than MOST of the log.
     """
     index = jnp.arange(len(blocks.t))
     there = index < blocks.number
-    sigma, slow = mean_std(blocks, layout), slow_std(blocks, layout)
+    sigma = mean_std(blocks, layout)
     begin = jnp.maximum(BEGIN * sigma, BEGIN_SLOW * slow)
     # A block that a contact begins in has a large scatter: it is let through, but must not move the level.
-    most = BEGIN * jnp.nanmedian(jnp.where(there[:, None], sigma, jnp.nan), 0)
+    most = BEGIN * nan_median(jnp.where(there[:, None], sigma, jnp.nan))
     rate = min(1.0, layout.seconds / FOLLOW)
     settled_after = round(SETTLED / layout.seconds)
 
-    def step(carry: Any, block: Any) -> tuple[Any, tuple[Array, Array]]:
+    def step(most: Array, carry: Any, block: Any) -> tuple[Any, tuple[Array, Array]]:
         (level, first, left), (k, mean, begin, one_level) = carry, block
         seen, value = jnp.isfinite(mean).any(), jnp.where(jnp.isnan(mean), level, mean)
         departure = value - level
@@ -109,45 +116,58 @@ def find_contacts(blocks: Blocks, layout: Layout) -> Contacts:
 
     start = (_first_level(blocks), jnp.asarray(-1), jnp.zeros(6, bool))
     inputs = (index, blocks.mean, begin, _on_one_level(blocks.mean, sigma, settled_after))
-    (_, open_since, _), (departure, first) = jax.lax.scan(step, start, inputs)
+
+    @compile_whole
+    def follow(start: Any, inputs: Any, most: Array) -> Any:
+        return jax.lax.scan(partial(step, most), start, inputs)
+
+    (_, open_since, _), (departure, first) = follow(start, inputs, most)
     first = jnp.where((index == blocks.number - 1) & (open_since >= 0), open_since, first)
     first = _taken_back(first, departure / white_std(blocks), round(FOLLOW / layout.seconds))
-    begins = jnp.where(first >= 0, blocks.t[first], jnp.inf) - layout.seconds / 2
-    ends = jnp.where(first >= 0, blocks.t, jnp.inf) - layout.seconds / 2
-    total = jnp.where(first >= 0, ends - begins, 0).sum()
-    too_much = total > MOST * (blocks.t[blocks.number - 1] - blocks.t[0])
-    none = jnp.inf
-    return Contacts(
-        jnp.where(too_much, -1, first), jnp.where(too_much, none, begins), jnp.where(too_much, none, ends), departure
-    )
+    total = jnp.where(first >= 0, blocks.t - blocks.t[first], 0).sum()
+    first = jnp.where(total > MOST * (blocks.t[blocks.number - 1] - blocks.t[0]), -1, first)
+    ends = (first >= 0).astype(int)
+    begun = jnp.zeros(len(first) + 1, int).at[jnp.where(first >= 0, first, len(first))].add(1)[:-1]
+    return Contacts(first, running_sum(begun - ends) > 0, departure)
 
 
 def _first_level(blocks: Blocks) -> Array:
     """(6,) N, Nm: median of the blocks from the first one on that was measured."""
     k = jnp.isfinite(blocks.mean).any(1).argmax()
     rows = jax.lax.dynamic_slice(blocks.mean, (k, 0), (min(FIRST, len(blocks.mean)), 6))
-    return jnp.nan_to_num(jnp.nanmedian(rows, 0))
+    return jnp.nan_to_num(nan_median(rows))
 
 
 def _on_one_level(mean: Array, sigma: Array, count: int) -> Array:
     """(N,) whether there is a level that the last ``count`` blocks are all within BEGIN standard deviations of."""
     high = jnp.where(jnp.isfinite(mean), mean + BEGIN * sigma, jnp.inf)
-    low = jnp.where(jnp.isfinite(mean), mean - BEGIN * sigma, -jnp.inf)
-    window, strides, before = (count, 1), (1, 1), ((count, 0), (0, 0))
-    least = jax.lax.reduce_window(high[:-1], jnp.inf, jax.lax.min, window, strides, before)
-    largest = jax.lax.reduce_window(low[:-1], -jnp.inf, jax.lax.max, window, strides, before)
-    return (largest < least).all(1)[: len(mean)]
+    low = jnp.where(jnp.isfinite(mean), BEGIN * sigma - mean, jnp.inf)
+    return (_least_before(high, count) > -_least_before(low, count)).all(1)
+
+
+def _least_before(x: Array, count: int) -> Array:
+    """(N, 6) least of the ``count`` rows before each, of windows that are joined to twice their length; inf = none."""
+
+    def later(x: Array, by: int) -> Array:
+        return jnp.concatenate([jnp.full((min(by, len(x)), x.shape[1]), jnp.inf, x.dtype), x])[: len(x)]
+
+    found, length = later(x, 1), 1
+    while length < count:
+        step = min(length, count - length)
+        found, length = jnp.minimum(found, later(found, step)), length + step
+    return found
 
 
 def _taken_back(first: Array, off: Array, most: int) -> Array:
     """The first block of each contact, taken back to where the departure first left the noise."""
-    index = jnp.arange(len(first))
     beyond = (jnp.abs(off[:, :3]) > ONSET).any(1)
-    inside = jax.lax.cummax(jnp.where(beyond, -1, index))  # the last block before, that was within the noise
-    before = jnp.maximum(first - 1, 0)
-    earliest = jnp.maximum(first - most, 0)
-    moved = jnp.where(first > 0, jnp.maximum(inside[before] + 1, earliest), first)
-    return jnp.where(first >= 0, jnp.minimum(moved, first), -1)
+
+    def lasts(so_far: Array, beyond: Array) -> tuple[Array, Array]:
+        return (after := jnp.where(beyond, so_far + 1, 0)), after
+
+    run = jax.lax.scan(lasts, jnp.asarray(0), beyond)[1]  # blocks up to this one, that are all beyond the noise
+    moved = first - jnp.minimum(jnp.where(first > 0, run[first - 1], 0), most)
+    return jnp.where(first >= 0, jnp.maximum(moved, 0), -1)
 
 
 def mean_std(blocks: Blocks, layout: Layout) -> Float[Array, "N 6"]:
@@ -177,7 +197,7 @@ def slow_std(blocks: Blocks, layout: Layout) -> Float[Array, " 6"]:
     windows = padded[: number * size].reshape(number, size, 6)
     begun = jnp.arange(number) * size < jnp.maximum(1, blocks.number - size // 2)
     widths = jnp.where(begun[:, None], _shortest(windows), jnp.nan)
-    return jnp.nan_to_num(jnp.nanmedian(widths, 0)) / SHORTEST_HALF_WIDTH
+    return jnp.nan_to_num(nan_median(widths)) / SHORTEST_HALF_WIDTH
 
 
 def _shortest(windows: Float[Array, "W S 6"]) -> Float[Array, "W 6"]:
@@ -193,27 +213,25 @@ def _shortest(windows: Float[Array, "W S 6"]) -> Float[Array, "W 6"]:
     return jnp.where(jnp.isfinite(shortest), shortest / 2, jnp.nan)
 
 
-def in_contact(t: Float[Array, " T"], contacts: Contacts, margin: float = 0.0) -> Bool[Array, " T"]:
-    """Whether each sample is in a contact, or within the margin s of one; t increases."""
-    first = jnp.searchsorted(t, contacts.start - margin)
-    last = jnp.searchsorted(t, contacts.end + margin)
-    changes = jnp.zeros(len(t) + 1, int).at[first].add(1).at[last].add(-1)
-    return jnp.cumsum(changes)[:-1] > 0
+def listed(contacts: Contacts, t: np.ndarray, layout: Layout) -> tuple[Contact, ...]:
+    """The contacts one by one, in the order of time.
 
-
-def listed(contacts: Contacts) -> tuple[Contact, ...]:
-    """The contacts one by one, in the order of time."""
-    first, start, end, departure = (np.asarray(x) for x in contacts)
-    found = []
+    Args:
+        contacts: of a log.
+        t: (N,) s, middles of its blocks.
+        layout: of the blocks.
+    """
+    first, _, departure = (np.asarray(x) for x in contacts)
+    found, half = [], layout.seconds / 2
     for last in np.flatnonzero(first >= 0):
         largest = departure[first[last] : last + 1]
         peak = largest[np.abs(largest).argmax(0), np.arange(6)]
-        found.append(Contact(float(start[last]), float(end[last]), peak))
+        found.append(Contact(float(t[first[last]] - half), float(t[last] - half), peak))
     return tuple(found)
 
 
-def touched(t: np.ndarray, contacts: Sequence[Contact], margin: float = 0.0) -> np.ndarray:
-    """``in_contact`` for contacts one by one, in NumPy: (T,)."""
+def in_contact(t: np.ndarray, contacts: Sequence[Contact], margin: float = 0.0) -> np.ndarray:
+    """(T,) whether each sample is in a contact, or within the margin s of one; t increases."""
     inside = np.zeros(len(t), bool)
     for contact in contacts:
         first, last = np.searchsorted(t, [contact.start - margin, contact.end + margin])

@@ -19,7 +19,7 @@ from ftbias_jax.filtering import bias_filter, pipeline
 from ftbias_jax.filtering.joint_noise import MOST_SAMPLES, likeliest_density
 from ftbias_jax.filtering.likelihood import measured_length
 from ftbias_jax.filtering.method import bias, fit_noise, joints
-from ftbias_jax.filtering.method.bias import LEAST_USED, Bias, innovation_variance, reading_variance
+from ftbias_jax.filtering.method.bias import Bias, innovation_variance, reading_variance
 from ftbias_jax.filtering.method.blocks import (
     LEAST_BLOCKS,
     Blocks,
@@ -27,19 +27,18 @@ from ftbias_jax.filtering.method.blocks import (
     in_blocks,
     jumps_in,
     layout_of,
+    to_samples,
     without_jumps,
 )
-from ftbias_jax.filtering.method.contact import in_contact
 from ftbias_jax.filtering.method.fit_noise import Noise, from_median
 from ftbias_jax.filtering.method.joints import Joints
-from ftbias_jax.filtering.method.log_noise import MARGIN
 from ftbias_jax.filtering.method.vibration import shown_variance, stated_shaking, taken_variance
 from ftbias_jax.filtering.params_for_log import guard_against_lag
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, State
 from ftbias_jax.model.params import BiasNoise, Params
-from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes
+from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes, running_sum
 from ftbias_jax.runtime.kept_programs import keep_program
-from ftbias_jax.types import Gaussian, Sample
+from ftbias_jax.types import Sample
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -90,16 +89,12 @@ class Infos(NamedTuple):
     """Normalised innovation squared, summed over the axes that were used."""
     used: Bool[Array, " T"]
     """Whether the sample passed the gate, and nothing touched the tool."""
-    in_contact: Bool[Array, " T"]
-    """Whether the sample is in an interval of contact."""
     reading_std: Float[Array, "T 6"]
     """N, Nm: how far a reading is off wrench_tool - bias by all its noise."""
     log_likelihood: Float[Array, ""]
     """nats, of joints and wrench."""
     noise: Noise | None
     """What the log shows of its noise; None = the method was not to look, or the log is too short."""
-    begun_again: Bool[Array, ""]
-    """Whether the bias begins at the log's median, because from the first readings the gate kept out most of it."""
     kept_out: Float[Array, ""]
     """Share of the free samples that the gate keeps out."""
 
@@ -123,11 +118,11 @@ class Work(NamedTuple):
     stated: Params | None = None
     """Parameters before the log's noise was added to them."""
     noise: Noise | None = None
-    free: Sample | None = None
-    """The samples without those in contact."""
+    blocks: Blocks | None = None
+    touched: Bool[Array, " T"] | None = None
+    """Samples in contact or near it, which are left out."""
     bias: Bias | None = None
     smoothed: tuple[Array, Array] | None = None
-    begun_again: Array | None = None
     end: State | None = None
     """After the last sample that counts."""
 
@@ -164,72 +159,54 @@ def fit_log_noise(work: Work) -> Work:
     if rezeroed is not None:
         blocks = without_jumps(blocks, jumps_in(work.layout, rezeroed))
     noise, found = fit_noise.fit_noise(work.params.bias, blocks, work.layout)
-    return with_noise(work, noise, found)
+    touched = to_samples(work.layout, found.contacts.near, len(work.t))
+    return with_noise(work, noise, found)._replace(blocks=blocks, touched=touched)
 
 
 def blocks_of(work: Work) -> Blocks:
     """The log in blocks, with jumps where the sensor was set to zero."""
     known = work.joints
     assert known is not None
-    velocity, y = known.states.mean[1], known.wrench_tool - work.samples.wrench
+    velocity, y = known.mean[1], known.wrench_tool - work.samples.wrench
     shaking = stated_shaking(work.params.bias, velocity)
     return in_blocks(work.layout, work.t, y, velocity, known.variance, shaking, work.length)
 
 
 def with_noise(work: Work, noise: BiasNoise, found: Noise) -> Work:
-    """A log with the noise that was found in the whole of it: contacts are left out, and the gate has its default."""
-    stated, samples = work.params, work.samples
-    touched = in_contact(work.t, found.contacts, MARGIN)
-    free = samples._replace(wrench=jnp.where(touched[:, None], jnp.nan, samples.wrench))
+    """A log with the noise that was found in the whole of it, and the gate that goes with that."""
     options = work.options if work.options.gate is not None else work.options._replace(gate=GATE)
-    return work._replace(params=stated._replace(bias=noise), stated=stated, noise=found, free=free, options=options)
+    return work._replace(
+        params=work.params._replace(bias=noise), stated=work.params, noise=found, options=options
+    )
 
 
 def filter_bias(work: Work) -> Work:
     """The bias sample by sample: at each what the wrench so far says."""
     assert work.end is not None
-    end, found = _run(work, work.params, work.start.bias)
+    assert work.joints is not None
+    prior, free = bias_filter.init(work.params.bias), without_contact(work)
+    state = work.start if work.start.bias is not None else work.start._replace(bias=prior)
+    variance = _variances(work)[0]
+    end, found = bias.filter_bias(work.params, state, free, work.joints, variance, work.length, work.options)
     return work._replace(bias=found, end=work.end._replace(bias=end.bias))
 
 
-def filter_or_begin_again(work: Work) -> Work:
-    """The same, and once more from the median of the log where the gate kept most of it out.
+def without_contact(work: Work) -> Sample:
+    """The samples without those in contact."""
+    if work.touched is None:
+        return work.samples
+    return work.samples._replace(wrench=jnp.where(work.touched[:, None], jnp.nan, work.samples.wrench))
+
+
+def begin_at_median(work: Work) -> Work:
+    """Let the bias begin at the median of the log, for a log that the gate keeps out most of.
 
     The gate takes for contact what is off its prediction, and the prediction rests on the readings that passed before:
     with little noise a few odd ones at the start keep it shut for the rest of a short log.
     """
-    if work.noise is None:
-        return filter_bias(work)
-    moved = work.params._replace(bias=from_median(work.params.bias, work.noise))
-    free = _free(work)
-
-    def run(params: Params) -> Bias:
-        return _run(work, params, None)[1]
-
-    def attempt(best: tuple[Params, Bias, Array], again: Array) -> tuple[Any, None]:
-        def with_this() -> tuple[Params, Bias, Array]:
-            params = jax.tree.map(lambda x, y: jnp.where(again, y, x), work.params, moved)
-            found = run(params)
-            better = ~again | (found.used.sum() > best[1].used.sum())
-            chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), (params, found), best[:2])
-            return (*chosen, again & better)
-
-        needed = ~again | (best[1].used.sum() < LEAST_USED * free)
-        return jax.lax.cond(needed, with_this, lambda: best), None
-
-    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(run, work.params))
-    start = (work.params, nothing, jnp.asarray(False))
-    (params, found, again), _ = jax.lax.scan(attempt, start, jnp.asarray([False, True]))
-    return work._replace(params=params, bias=found, begun_again=again)
-
-
-def _run(work: Work, params: Params, start: Gaussian | None) -> tuple[State, Bias]:
-    """The bias from this start, or from the prior of the parameters."""
-    assert work.joints is not None
-    samples = work.samples if work.free is None else work.free
-    state = work.start._replace(bias=bias_filter.init(params.bias) if start is None else start)
-    variance = _variances(work)[0]
-    return bias.filter_bias(params, state, samples, work.joints, variance, work.length, work.options)
+    assert work.noise is not None
+    assert work.blocks is not None
+    return work._replace(params=work.params._replace(bias=from_median(work.params.bias, work.noise, work.blocks)))
 
 
 def smooth_bias(work: Work) -> Work:
@@ -250,9 +227,9 @@ def summarise(work: Work) -> tuple[Params, States, Infos]:
     variance = innovation_variance(found, taken, shown)
     inflation = 1 if noise is None else noise.inflation
     added = 0 if known.known_bias is None else known.known_bias
-    mean, std = found.mean, found.std * inflation
-    (q, dq, ddq), ddq_variance = known.states.mean, known.states.triangle[5]
-    states = States(q, dq, ddq, jnp.sqrt(ddq_variance), mean[:, 0] + added, mean[:, 1], std[:, 0], std[:, 1], found.slow_error)
+    q, dq, ddq = known.mean
+    errors = (found.bias_std * inflation, found.drift_std * inflation)
+    states = States(q, dq, ddq, known.ddq_std, found.bias + added, found.drift, *errors, found.slow_error)
     if work.smoothed is not None:
         smooth, smooth_std = work.smoothed
         states = states._replace(bias_smooth=smooth, bias_smooth_std=smooth_std * inflation)
@@ -263,11 +240,9 @@ def summarise(work: Work) -> tuple[Params, States, Infos]:
         innovation_std=jnp.sqrt(variance),
         nis=jnp.nansum(found.innovation**2 / variance, axis=1),
         used=found.used,
-        in_contact=jnp.zeros(len(dq), bool) if noise is None else in_contact(work.t, noise.contacts),
         reading_std=jnp.sqrt(reading_variance(work.params, shown, dq)),
         log_likelihood=found.log_likelihood + known.log_likelihood,
         noise=noise,
-        begun_again=jnp.asarray(False) if work.begun_again is None else work.begun_again,
         kept_out=1 - found.used.sum() / jnp.maximum(_free(work), 1),
     )
     return work.params, states, infos
@@ -279,14 +254,13 @@ def _variances(work: Work) -> tuple[Array, Array]:
     stated = work.joints.variance
     if work.noise is None or work.stated is None:
         return stated, stated
-    found = (work.stated.bias, work.noise.vibration, stated, work.joints.states.mean[1])
+    found = (work.stated.bias, work.noise.vibration, stated, work.joints.mean[1])
     return taken_variance(*found), shown_variance(*found)
 
 
 def _free(work: Work) -> Array:
     """() how many samples there are to be used."""
-    samples = work.samples if work.free is None else work.free
-    return jnp.isfinite(samples.wrench).any(1).sum()
+    return jnp.isfinite(without_contact(work).wrench).any(1).sum()
 
 
 PASSES: dict[str, Callable[[Work], Work]] = {
@@ -296,10 +270,10 @@ PASSES: dict[str, Callable[[Work], Work]] = {
     "filter_joints": filter_joints,
     "fit_noise": fit_log_noise,
     "filter_bias": filter_bias,
-    "filter_or_begin_again": filter_or_begin_again,
+    "begin_at_median": begin_at_median,
     "smooth_bias": smooth_bias,
 }
-METHOD = ("smooth_joints", "fit_noise", "filter_or_begin_again")
+METHOD = ("smooth_joints", "fit_noise", "filter_bias")
 """The passes over a recorded log, before ``summarise``."""
 AS_STATED = ("filter_joints", "filter_bias")
 """Those of a filter on the robot."""
@@ -346,7 +320,7 @@ def _filter(
 ) -> tuple[Params, States, Infos]:
     def one(params: Params, samples: Sample) -> tuple[Params, States, Infos]:
         start = pipeline.init(params, samples)._replace(bias=None)
-        work = Work(params, start, samples, jnp.cumsum(samples.dt), measured_length(samples), layout, options)
+        work = Work(params, start, samples, running_sum(samples.dt), measured_length(samples), layout, options)
         for name in method:
             work = PASSES[name](work)
         return summarise(work)

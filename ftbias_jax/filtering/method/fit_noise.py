@@ -9,12 +9,13 @@ import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.filtering.method.block_filter import Grid, filter_blocks
-from ftbias_jax.filtering.method.blocks import Blocks, Layout
-from ftbias_jax.filtering.method.contact import Contacts, find_contacts, in_contact, slow_std
+from ftbias_jax.filtering.method.blocks import Blocks, Layout, nan_median
+from ftbias_jax.filtering.method.contact import Contacts, find_contacts, slow_std
 from ftbias_jax.filtering.method.scatter import HEAVY
 from ftbias_jax.filtering.method.slow_noise import Means, SlowNoise, coarser, fit_slow_noise
 from ftbias_jax.filtering.method.vibration import Vibration, fit_vibration, taken_level
 from ftbias_jax.model.params import BiasNoise
+from ftbias_jax.runtime.compiled_loops import running_sum
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -45,8 +46,8 @@ class Noise(NamedTuple):
     """N, Nm: the bias at the start on axes where the prior does not expect it, 0 elsewhere."""
     inflation: Float[Array, " 6"]
     """Factor, 1 or more, of the standard deviations of bias and drift: what the innovations still contradict."""
-    median: Float[Array, "2 6"]
-    """N, Nm: median of the measured bias outside contacts, and its scatter; NaN = never measured."""
+    block_times: Float[Array, " N"]
+    """s, middles of the blocks."""
 
 
 def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNoise, Noise]:
@@ -65,9 +66,9 @@ def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNo
 
 def noise_of_log(stated: BiasNoise, blocks: Blocks, layout: Layout) -> Noise:
     """Contact, vibration and slow errors of a log; what is stated of them already is kept."""
-    contacts = find_contacts(blocks, layout)
-    offset = offset_of(blocks, layout, stated)
-    free = ~in_contact(blocks.t, contacts, layout.seconds) & (jnp.arange(len(blocks.t)) < blocks.number)
+    slowly = slow_std(blocks, layout)
+    contacts, offset = find_contacts(blocks, layout, slowly), offset_of(blocks, slowly, stated)
+    free = ~contacts.near & (jnp.arange(len(blocks.t)) < blocks.number)
     sensor = jnp.maximum(stated.wrench_variance, jnp.finfo(stated.wrench_variance.dtype).tiny)
     vibration = fit_vibration(blocks, layout, free, sensor, taken=stated.vibration is None)
     means = means_of(blocks, layout, stated, vibration, free)
@@ -80,16 +81,19 @@ def noise_of_log(stated: BiasNoise, blocks: Blocks, layout: Layout) -> Noise:
         zero = jnp.zeros(6, means.y.dtype)
         white = SlowNoise(zero, zero + 1, zero)
         of_white = innovations(white)
+        factor = inflation(means.t, of_white)
 
         def fitted() -> tuple[SlowNoise, Array]:
             slow = fit_slow_noise(means, stated.density, prior_std)
-            return slow, innovations(slow)
+            return slow, inflation(means.t, innovations(slow))
 
-        slow, found = jax.lax.cond(is_white(means.t, of_white), lambda: (white, of_white), fitted)
+        slow, factor = jax.lax.cond(
+            is_white(of_white) & (factor == 1).all(), lambda: (white, factor), fitted
+        )
     else:
         slow = SlowNoise(stated.correlated_std, stated.correlated_time, jnp.zeros(6, means.y.dtype))
-        found = innovations(slow)
-    return Noise(contacts, vibration, slow, offset, inflation(means.t, found), median_of(blocks, contacts))
+        factor = inflation(means.t, innovations(slow))
+    return Noise(contacts, vibration, slow, offset, factor, blocks.t)
 
 
 def means_of(
@@ -112,11 +116,11 @@ def standard_innovations(
     return found.innovation[:, 0] / jnp.sqrt(found.variance[:, 0])
 
 
-def is_white(t: Float[Array, " N"], innovation: Float[Array, "N 6"]) -> Bool[Array, ""]:
-    """Whether innovations of blocks show neither correlation nor more scatter than white noise has."""
+def is_white(innovation: Float[Array, "N 6"]) -> Bool[Array, ""]:
+    """Whether innovations of blocks show no correlation."""
     count = jnp.maximum(jnp.isfinite(innovation).sum(0), 1)
     neighbours = jnp.nansum(innovation[1:] * innovation[:-1], axis=0) / count
-    return (neighbours < CORRELATION / jnp.sqrt(count)).all() & (inflation(t, innovation) == 1).all()
+    return (neighbours < CORRELATION / jnp.sqrt(count)).all()
 
 
 def expected(t: Float[Array, " N"], stated: BiasNoise) -> Float[Array, "N 6"]:
@@ -127,7 +131,7 @@ def expected(t: Float[Array, " N"], stated: BiasNoise) -> Float[Array, "N 6"]:
     return stated.prior_mean[:6] + (t - t[0])[:, None] * stated.prior_mean[6:12]
 
 
-def offset_of(blocks: Blocks, layout: Layout, stated: BiasNoise) -> Float[Array, " 6"]:
+def offset_of(blocks: Blocks, slow: Float[Array, " 6"], stated: BiasNoise) -> Float[Array, " 6"]:
     """N, Nm: the measured bias of the first blocks, where it is FAR from what the prior expects; 0 elsewhere.
 
     Raw readings of some sensors have offsets of kilonewtons. A filter would reject them as contact for ever. But a
@@ -135,17 +139,10 @@ def offset_of(blocks: Blocks, layout: Layout, stated: BiasNoise) -> Float[Array,
     """
     unmeasured = ~jnp.isfinite(blocks.mean).any(1)
     rows = jnp.argsort(unmeasured, stable=True)[:FIRST]
-    first = jnp.nan_to_num(jnp.nanmedian(blocks.mean[rows], 0))
+    first = jnp.nan_to_num(nan_median(blocks.mean[rows]))
     mean, std = stated.prior_mean[:6], stated.prior_std[:6]
-    usual = jnp.hypot(std, slow_std(blocks, layout))
+    usual = jnp.hypot(std, slow)
     return jnp.where(jnp.abs(first - mean) > FAR * jnp.maximum(usual, 1e-12), first - mean, 0.0)
-
-
-def median_of(blocks: Blocks, contacts: Contacts) -> Float[Array, "2 6"]:
-    """N, Nm: median of the blocks outside contacts, and how far these scatter about it."""
-    measured = jnp.where(in_contact(blocks.t, contacts)[:, None], jnp.nan, blocks.mean)
-    median = jnp.nanmedian(measured, 0)
-    return jnp.stack([median, MAD * jnp.nanmedian(jnp.abs(measured - median), 0)])
 
 
 def prior_with(stated: BiasNoise, offset: Float[Array, " 6"]) -> Float[Array, " 12"]:
@@ -161,20 +158,19 @@ def inflation(t: Float[Array, " N"], white: Float[Array, "N 6"]) -> Float[Array,
         t: (N,) s.
         white: (N, 6) innovations in their standard deviations; NaN = not measured.
     """
-    factor = jnp.ones(6, white.dtype)
     seen = jnp.isfinite(white) & (t - t[0] >= SETTLED)[:, None]
-    values = jnp.where(seen, white, 0)
-    for length in BATCHES:
-        batch = jnp.floor((t - t[0] - SETTLED) / length)
-        # Only batches that have samples: a log may pause for longer than all of it lasts.
-        number = jnp.cumsum(jnp.diff(batch, prepend=batch[:1]) != 0)
-        sums, counts = (jax.ops.segment_sum(x, number, len(t)) for x in (values, seen.astype(white.dtype)))
-        occupied = counts > 0
-        ratio = jnp.where(occupied, sums**2 / jnp.maximum(counts, 1), 0).sum(0) / jnp.maximum(occupied.sum(0), 1)
-        chance = 1 + CHANCE * jnp.sqrt(2 / jnp.maximum(occupied.sum(0), 1))  # of a chi-square
-        enough = occupied.any(1).sum() >= FEWEST_BATCHES
-        factor = jnp.maximum(factor, jnp.where(enough & (ratio > chance), jnp.sqrt(ratio), 1))
-    return factor
+    values = jnp.stack([jnp.where(seen, white, 0), seen.astype(white.dtype)], 1)
+    batch = jnp.floor((t - t[0] - SETTLED)[:, None] / jnp.asarray(BATCHES, t.dtype))
+    # Only batches that have samples: a log may pause for longer than all of it lasts.
+    number = running_sum((jnp.diff(batch, axis=0, prepend=batch[:1]) != 0).astype(int))
+    of_all = jax.vmap(lambda x, of: jax.ops.segment_sum(x, of, len(t)), (None, 1))(values, number)
+    sums, counts = of_all[:, :, 0], of_all[:, :, 1]  # (3, N, 6)
+    occupied = counts > 0
+    batches = jnp.maximum(occupied.sum(1), 1)
+    ratio = jnp.where(occupied, sums**2 / jnp.maximum(counts, 1), 0).sum(1) / batches
+    chance = 1 + CHANCE * jnp.sqrt(2 / batches)  # of a chi-square
+    enough = occupied.any(2).sum(1) >= FEWEST_BATCHES
+    return jnp.where(enough[:, None] & (ratio > chance), jnp.sqrt(ratio), 1).max(0)
 
 
 def with_noise(stated: BiasNoise, noise: Noise) -> BiasNoise:
@@ -190,12 +186,20 @@ def with_noise(stated: BiasNoise, noise: Noise) -> BiasNoise:
     return bias
 
 
-def from_median(noise: BiasNoise, found: Noise) -> BiasNoise:
-    """The noise of a filter whose bias begins at the median of the log, as uncertain as its blocks scatter."""
-    seen = jnp.isfinite(found.median[0])
+def from_median(noise: BiasNoise, found: Noise, blocks: Blocks) -> BiasNoise:
+    """The noise of a filter whose bias begins at the median of the log's free blocks, as uncertain as these scatter.
+
+    Args:
+        noise: of the filter.
+        found: in the log.
+        blocks: of the log.
+    """
+    measured = jnp.where(found.contacts.inside[:, None], jnp.nan, blocks.mean)
+    median = nan_median(measured)
+    scatter, seen = MAD * nan_median(jnp.abs(measured - median)), jnp.isfinite(median)
     mean, std = (
         jnp.concatenate([jnp.where(seen, x, before[:6]), before[6:]])
-        for x, before in zip(found.median, (noise.prior_mean, noise.prior_std), strict=True)
+        for x, before in ((median, noise.prior_mean), (scatter, noise.prior_std))
     )
     return noise._replace(prior_mean=mean, prior_std=std)
 

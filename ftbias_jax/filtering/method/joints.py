@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 class Joints(NamedTuple):
     """Position, velocity and acceleration of the joints at every sample, and what follows from them."""
 
-    states: States
-    """Three means and six entries of the covariance, (T, n) each."""
+    mean: tuple[Float[Array, "T n"], Float[Array, "T n"], Float[Array, "T n"]]
+    """rad, rad/s, rad/s^2."""
+    ddq_std: Float[Array, "T n"]
+    """rad/s^2."""
     wrench_tool: Float[Array, "T 6"]
     """N, Nm; with the known effects, if there are any."""
     variance: Float[Array, "T 6"]
@@ -43,15 +45,14 @@ def filter_joints(
     params: Params, state: State, samples: Sample, length: Array, options: Options
 ) -> tuple[State, Joints]:
     """The joints from the past alone, as a filter on the robot knows them; arguments as for ``smooth_joints``."""
-    alone = params.effects is None
 
     def forward(joint: Gaussian, piece: tuple[Sample, Array]) -> tuple[Gaussian, Any]:
         after, states, nats = _forward(params, state._replace(joint=joint), *piece, options)
-        return after, (states, nats, predict_wrenches(params, states, piece[0], options) if alone else None)
+        return after, (_kept(params, states, piece[0], options), nats)
 
     counted = jnp.arange(len(samples.dt)) < length
-    last, (states, nats, found) = over_pieces(forward, state.joint, (samples, counted), length)
-    return state._replace(joint=last), _joints(params, samples, states, nats, found, options)
+    last, (kept, nats) = over_pieces(forward, state.joint, (samples, counted), length)
+    return state._replace(joint=last), _joints(params, samples, kept, nats, options)
 
 
 def smooth_joints(
@@ -75,7 +76,7 @@ def smooth_joints(
     Returns:
         the filtered state after ``length`` samples, and the joints.
     """
-    model, alone = JOINT_MODELS[options.joint_model], params.effects is None
+    model = JOINT_MODELS[options.joint_model]
     seen = length if seen is None else seen
     inputs = joint_inputs(params, state, samples)
     density, restart = inputs.density, list(inputs.restart_variance[:2])
@@ -87,15 +88,14 @@ def smooth_joints(
     def backward(after: Packed, piece: tuple[Sample, Array, States]) -> tuple[Packed, Any]:
         samples, gaps, states = piece
         smoothed = States(*smooth_back(model, density, restart, after, (gaps[:, None], None, tuple(states))))
-        found = predict_wrenches(params, smoothed, samples, options) if alone else None
-        return jax.tree.map(lambda x: x[0], tuple(smoothed)), (smoothed, found)
+        return jax.tree.map(lambda x: x[0], tuple(smoothed)), _kept(params, smoothed, samples, options)
 
     counted = jnp.arange(len(samples.dt)) < length
     last, (filtered, nats) = over_pieces(forward, state.joint, (samples, counted), seen)
     gaps = jnp.append(samples.dt[1:], 0)  # after the last sample nothing happens
-    _, (states, found) = over_pieces(backward, _packed(last), (samples, gaps, filtered), seen, reverse=True)
+    _, kept = over_pieces(backward, _packed(last), (samples, gaps, filtered), seen, reverse=True)
     after = _unpacked(jax.tree.map(lambda x: x[length - 1], filtered))
-    return state._replace(joint=after), _joints(params, samples, states, nats, found, options)
+    return state._replace(joint=after), _joints(params, samples, kept, nats, options)
 
 
 def _forward(
@@ -109,12 +109,22 @@ def _forward(
     return after, found.states, found.nats.sum()[None]
 
 
-def _joints(params: Params, samples: Sample, states: States, nats: Array, found: Any, options: Options) -> Joints:
+def _kept(params: Params, states: States, samples: Sample, options: Options) -> Any:
+    """What is kept of a piece: the wrench and what the result holds of the states; all of these where effects, which
+    may need the whole log, make the wrench of them."""
+    if params.effects is not None:
+        return states
+    mean: Any = tuple(states.mean)
+    return mean, jnp.sqrt(states.triangle[5]), *predict_wrenches(params, states, samples, options)
+
+
+def _joints(params: Params, samples: Sample, kept: Any, nats: Array, options: Options) -> Joints:
     if params.effects is None:
-        return Joints(states, *found, None, nats.sum())
-    wrench_tool, variance = predict_wrenches(params, states, samples, options)  # effects may need the whole log
-    known = compose.bias(signals_of(params, jnp.stack(states.mean, 2), samples), params.effects)
-    return Joints(states, wrench_tool, variance, known, nats.sum())
+        return Joints(*kept, None, nats.sum())
+    mean: Any = tuple(kept.mean)
+    known = compose.bias(signals_of(params, jnp.stack(mean, 2), samples), params.effects)
+    wrench = predict_wrenches(params, kept, samples, options)
+    return Joints(mean, jnp.sqrt(kept.triangle[5]), *wrench, known, nats.sum())
 
 
 def _packed(joint: Gaussian) -> Packed:

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.method.contact import Contact, listed, touched
-from ftbias_jax.filtering.method.bias import LEAST_USED
+from ftbias_jax.filtering.method.contact import Contact, listed
+from ftbias_jax.filtering.method.blocks import Layout
 from ftbias_jax.filtering.method.fit_noise import Noise
 from ftbias_jax.filtering.method.slow_noise import SlowNoise
 from ftbias_jax.filtering.method.vibration import Vibration
@@ -42,23 +42,16 @@ def nothing() -> LogNoise:
     return LogNoise((), None, None, np.zeros(6), np.ones(6))
 
 
-def told(found: Noise, begun_again: bool, kept_out: float, *, slow_is_stated: bool) -> LogNoise:
+def told(found: Noise, layout: Layout, *, slow_is_stated: bool) -> LogNoise:
     """What was found, of NumPy arrays.
 
     Args:
-        found: of a log.
-        begun_again: whether the bias begins at its median.
-        kept_out: share of the free samples that the gate keeps out.
+        found: in a log.
+        layout: of its blocks.
         slow_is_stated: whether the setup states the slow errors.
     """
-    slow = None if slow_is_stated else found.slow
-    noise = LogNoise(listed(found.contacts), found.vibration, slow, found.offset, found.inflation)
-    return noise._replace(begun_again=bool(begun_again), kept_out=float(kept_out) if kept_out > 1 - LEAST_USED else 0.0)
-
-
-def useless(t: Array, noise: LogNoise) -> Array:
-    """(T,) samples in contact, and next to it, which say nothing of the bias."""
-    return touched(t, noise.contacts, MARGIN)
+    contacts, slow = listed(found.contacts, found.block_times, layout), None if slow_is_stated else found.slow
+    return LogNoise(contacts, found.vibration, slow, found.offset, found.inflation)
 
 
 def describe(noise: LogNoise) -> list[str]:

@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.filtering.method.bias import LEAST_USED
 from ftbias_jax.filtering.method.blocks import LEAST_BLOCKS, layout_of
 from ftbias_jax.filtering.method.by_parts import filter_parts
-from ftbias_jax.filtering.method.contact import Contact
+from ftbias_jax.filtering.method.contact import Contact, in_contact
 from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, Infos, States, filter_samples
 from ftbias_jax.filtering.method.fit_noise import without_nothing
 from ftbias_jax.filtering.method.log_noise import LogNoise, nothing, told
@@ -59,9 +60,9 @@ def ready_to_filter(
     first = ("fit_joint_noise",) if setup.joints.process_noise_density is None else ()
     method = (*first, *METHOD) if adapt else (*first, "guard_joints", *AS_STATED)
     if length > MOST and params.effects is None and not smooth:
-        taken, found, results = filter_parts(params, parts, first_q, options, method)
-        noise = nothing() if found is None else told(jax.tree.map(np.asarray, found), False, 0.0, slow_is_stated=slow)
-        return Ready(as_stated(taken), noise, (result_of(*result, seen=adapt) for result in results))
+        taken, found, layout, results = filter_parts(params, parts, first_q, options, method)
+        noise = nothing() if found is None else told(found, layout, slow_is_stated=slow)
+        return Ready(as_stated(taken), noise, (result_of(*part, noise.contacts if adapt else None) for part in results))
     (log,) = parts(length)
     log = without_useless(log, params)
     samples = samples_of(params, log)
@@ -75,14 +76,24 @@ def ready_to_filter(
         )
         return found
 
-    taken, states, infos = run((*method, "smooth_bias") if smooth and adapt else method)
-    shown = infos.noise, infos.begun_again, infos.kept_out
-    noise = nothing() if infos.noise is None else told(*shown, slow_is_stated=slow)
-    noise = noise._replace(contacts=in_log_time(noise.contacts, samples.dt, log.t))
+    last = ("smooth_bias",) if smooth and adapt else ()
+    taken, states, infos = run((*method, *last))
+    if infos.noise is None:
+        noise = nothing()
+    else:
+        noise = told(infos.noise, layout, slow_is_stated=slow)
+        if infos.kept_out > 1 - LEAST_USED:
+            again = run((*method[:-1], "begin_at_median", "filter_bias", *last))
+            if better := again[2].kept_out < infos.kept_out:
+                taken, states, infos = again
+            kept_out = float(infos.kept_out) if infos.kept_out > 1 - LEAST_USED else 0.0
+            noise = noise._replace(begun_again=bool(better), kept_out=kept_out)
     smoothed = states
     if smooth and not adapt:  # smoothed joints have no lag, so their process noise is not guarded
         smoothed = run((*first, "smooth_joints", "filter_bias", "smooth_bias"))[1]
-    return Ready(as_stated(taken), noise, [result_of(log, states, infos, seen=adapt)], _smoothed(smoothed, log))
+    noise = noise._replace(contacts=in_log_time(noise.contacts, samples.dt, log.t))
+    result = result_of(log, states, infos, noise.contacts if adapt else None)
+    return Ready(as_stated(taken), noise, [result], _smoothed(smoothed, log))
 
 
 def as_stated(params: Params) -> Params:
@@ -111,14 +122,14 @@ def room_for(length: int) -> int:
     return max(512, half + half // 2 if length <= half + half // 2 else 2 * half)
 
 
-def result_of(log: Log, states: States, infos: Infos, *, seen: bool) -> Filtered:
+def result_of(log: Log, states: States, infos: Infos, contacts: Sequence[Contact] | None) -> Filtered:
     """The result of a log or of a part of one, at the stamps of its wrench.
 
     Args:
         log: as filtered.
         states: of the method, which may go on with padding.
         infos: of the method.
-        seen: whether the whole log was seen, and not as by a filter on the robot.
+        contacts: of the whole log; None = the log was filtered as on the robot, where nobody knows them.
     """
     rows = np.isfinite(log.wrench).any(1)
     at: slice | Array = slice(len(rows)) if rows.all() else np.flatnonzero(rows)
@@ -141,7 +152,7 @@ def result_of(log: Log, states: States, infos: Infos, *, seen: bool) -> Filtered
         log_likelihood=np.float64(infos.log_likelihood),
         innovation_std=infos.innovation_std[at],
     )
-    if not seen:
+    if contacts is None:
         return filtered
     return filtered._replace(
         used=infos.used[at],
@@ -149,7 +160,7 @@ def result_of(log: Log, states: States, infos: Infos, *, seen: bool) -> Filtered
         slow_error=states.slow_error[at],
         contact_wrench=wrench_tool - wrench_unbiased,
         contact_wrench_std=np.hypot(bias_std, reading_std),
-        in_contact=infos.in_contact[at],
+        in_contact=in_contact(log.t, contacts)[at],
     )
 
 

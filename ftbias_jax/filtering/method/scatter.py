@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from ftbias_jax.runtime.compiled_loops import compile_whole
@@ -21,7 +22,7 @@ HEAVY = 6.0
 """A scatter this many times the usual is no vibration but a spike: it is cut to that."""
 LEAST_LEVEL = 0.01
 """Of the stated variance: less is a reading that stands still, or repeats itself."""
-SWEEPS = 30
+SWEEPS = 15
 """Over the coefficients in every step; the next step goes on where they end."""
 
 
@@ -36,6 +37,9 @@ class Scatter(NamedTuple):
     """Parts of the stated variance, of which the scatter may show any share."""
     motion: Float[Array, "S N n"]
     """(rad/s)^2."""
+
+    usual: Float[Array, " 6"]
+    """N^2, Nm^2, median of ``value``."""
 
     @property
     def least(self) -> Array:
@@ -71,27 +75,27 @@ def maximise(data: Scatter, rounds: int) -> Coefficients:
         data: scatter of blocks.
         rounds: steps of scoring.
     """
-    number, joints = len(data.stated), data.motion.shape[2]
-    stated = jnp.stack(data.stated)  # (K, N, 6)
-    squares = (data.motion[..., :, None] * data.motion[..., None, :]).reshape(*data.motion.shape[:2], -1)
+    stated, joints = jnp.stack(data.stated), data.motion.shape[2]
+    first, second = np.triu_indices(joints)
+    place = np.zeros((joints, joints), int)
+    place[first, second] = place[second, first] = np.arange(len(first))
+    squares = data.motion[..., first] * data.motion[..., second]
 
     def step(_: int, found: Coefficients) -> Coefficients:
         mu = variance_of(data, found)
-        weight = data.dof / mu**2
+        weight = jnp.where(data.dof > 0, data.dof / mu**2, 0)
         of_value = weight * jnp.minimum(data.value, HEAVY * mu)
-        weighted = [weight * part for part in stated]
-        among_stated = [[(row * part).sum(2) for part in stated] for row in weighted]  # each (S, F, 6)
-        across = [jnp.einsum("snj,sfna->sfja", data.motion, row) for row in weighted]
-        among_joints = jnp.einsum("snp,sfna->sfpa", squares, weight)
-        right = [(of_value * part).sum(2) for part in stated]
-        right += list(jnp.moveaxis(jnp.einsum("snj,sfna->sfja", data.motion, of_value), 2, 0))
-        of_joints = list(jnp.moveaxis(among_joints, 2, 0))
-        rows = [[*among_stated[k], *jnp.moveaxis(across[k], 2, 0)] for k in range(number)]
-        for j in range(joints):
-            rows.append([*(row[:, :, j] for row in across), *of_joints[joints * j : joints * (j + 1)]])
-        start = [*jnp.moveaxis(found.shares, 3, 0), *jnp.moveaxis(found.per_speed, 3, 0)]
-        solved = jnp.stack(_non_negative(rows, right, start), -1)
-        return Coefficients(solved[..., :number], solved[..., number:])
+        weighted = weight[None] * stated[:, None, None]  # (K, S, F, N, 6)
+        among_stated = (weighted[:, None] * stated[None, :, None, None]).sum(4)  # (K, K, S, F, 6)
+        across = jnp.einsum("snj,ksfna->jksfa", data.motion, weighted)
+        among_joints = jnp.einsum("snp,sfna->psfa", squares, weight)[place]
+        upper, lower = jnp.concatenate([among_stated, jnp.swapaxes(across, 0, 1)], 1), [across, among_joints]
+        matrix = jnp.concatenate([upper, jnp.concatenate(lower, 1)])
+        of_joints = jnp.einsum("snj,sfna->jsfa", data.motion, of_value)
+        right = jnp.concatenate([(of_value * stated[:, None, None]).sum(3), of_joints])
+        start = jnp.concatenate([found.shares, found.per_speed], -1)
+        solved = _non_negative(matrix, right, jnp.moveaxis(start, -1, 0))
+        return Coefficients(*jnp.split(jnp.moveaxis(solved, 0, -1), [len(stated)], axis=-1))
 
     return jax.lax.fori_loop(0, rounds, step, _start(data))
 
@@ -100,37 +104,35 @@ def _start(data: Scatter) -> Coefficients:
     """Half of the usual scatter is due to what is stated, half to all joints alike."""
     number, joints = len(data.stated), data.motion.shape[2]
     used = data.dof.max(0) > 0
-    usual = jnp.nan_to_num(jnp.nanmedian(jnp.where(used, data.value, jnp.nan), 0), nan=1.0)
     of_all = jnp.where(used, sum(data.stated), 0).sum(0) / jnp.maximum(used.sum(0), 1)
-    level = usual / jnp.where(of_all > 0, of_all, 1) / 2
+    level = data.usual / jnp.where(of_all > 0, of_all, 1) / 2
     moves = data.motion.mean(1)[:, None]  # (S, 1, n)
-    speed = jnp.where(moves > 0, usual[:, None] / jnp.where(moves > 0, moves, 1) / 2 / max(1, joints), 0)
+    speed = jnp.where(moves > 0, data.usual[:, None] / jnp.where(moves > 0, moves, 1) / 2 / max(1, joints), 0)
     fits = (len(data.motion), len(data.dof), 6)
     shares = jnp.broadcast_to(level[:, None], (*fits, number))
     return Coefficients(shares, jnp.broadcast_to(speed[:, None], (*fits, joints)))
 
 
-def _non_negative(matrix: list[list[Array]], right: list[Array], start: list[Array]) -> list[Array]:
+def _non_negative(matrix: Array, right: Array, start: Array) -> Array:
     """Least squares with coefficients that are not negative, one coefficient after the other, many fits at once.
 
     Args:
-        matrix: normal matrix, entry by entry, each (...) over the fits.
-        right: right-hand sides.
-        start: coefficients.
+        matrix: (K, K, ...) normal matrices of the fits.
+        right: (K, ...) right-hand sides.
+        start: (K, ...) coefficients.
     """
-    shape = start[0].shape
 
     @compile_whole
-    def solve(matrix: list[list[Array]], right: list[Array], start: list[Array]) -> list[Array]:
-        def sweep(_: int, b: list[Array]) -> list[Array]:
-            b = list(b)
-            for j, row in enumerate(matrix):
-                left = right[j] - sum(x * y for x, y in zip(row, b, strict=True))
-                b[j] = jnp.where(row[j] > 0, jnp.maximum(b[j] + left / jnp.where(row[j] > 0, row[j], 1), 0), 0)
-            return b
+    def solve(matrix: Array, right: Array, start: Array) -> Array:
+        def one(step: Array, b: Array) -> Array:
+            j = step % len(b)
+            row, own = matrix[j], matrix[j, j]
+            left = right[j] - (row * b).sum(0)
+            return b.at[j].set(jnp.where(own > 0, jnp.maximum(b[j] + left / jnp.where(own > 0, own, 1), 0), 0))
 
-        solved: list[Array] = jax.lax.fori_loop(0, SWEEPS, sweep, start)
+        solved: Array = jax.lax.fori_loop(0, SWEEPS * len(start), one, start)
         return solved
 
-    flat = jax.tree.map(lambda x: x.reshape(-1), (matrix, right, start))
-    return [x.reshape(shape) for x in solve(*flat)]
+    number = len(right)
+    flat = solve(matrix.reshape(number, number, -1), right.reshape(number, -1), start.reshape(number, -1))
+    return flat.reshape(right.shape)

@@ -15,6 +15,7 @@ import numpy as np
 from jax import Array
 
 from ftbias_jax.filtering.method.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.method.blocks import nan_median
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -66,8 +67,7 @@ def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[A
         prior_std: (2, 6) square root of P_0, of bias and drift.
     """
     span, step, axes = means.t[-1] - means.t[0], means.seconds, jnp.arange(6)
-    unit = jnp.sqrt(jnp.nanmedian(jnp.where(jnp.isfinite(means.y), means.variance, jnp.nan), 0))
-    unit = jnp.nan_to_num(unit)
+    unit = jnp.nan_to_num(jnp.sqrt(nan_median(jnp.where(jnp.isfinite(means.y), means.variance, jnp.nan))))
     times = jnp.geomspace(2 * step, jnp.maximum(span / 6, 4 * step), TIMES)
     white, ratio = (x.ravel()[:, None] for x in np.meshgrid(WHITE, np.r_[0, RATIOS], indexing="ij"))
     # White noise of any level, as finely searched: what is gained must be due to the correlation.

@@ -9,21 +9,21 @@ import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.filtering.bias_filter import vibration, white_share
-from ftbias_jax.filtering.method.blocks import SPEEDS, Blocks, Layout, motion_by_speed
-from ftbias_jax.filtering.method.scatter import LEAST_LEVEL, Scatter, log_likelihood, maximise, variance_of
+from ftbias_jax.filtering.method.blocks import SPEEDS, Blocks, Layout, motion_by_speed, nan_median
+from ftbias_jax.filtering.method.scatter import LEAST_LEVEL, Coefficients, Scatter, log_likelihood, maximise, variance_of
 from ftbias_jax.model.motion_noise import MotionNoise, effective_speed_squared
 from ftbias_jax.model.params import BiasNoise
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-ROUNDS, ROUNDS_TO_COMPARE = 20, 8
+ROUNDS, ROUNDS_TO_COMPARE = 10, 5
 """Of the fit, and of those that only choose between forms."""
 FOLD_SECONDS = 5.0
 """Stretches that go to the two folds in turn."""
 LEAST_GAIN = 10.0
 """nats on the unseen fold, over all axes, below which the log does not show that its noise grows with motion."""
-MOST_BLOCKS = 4000
+MOST_BLOCKS = 2000
 """Of a longer log as many are taken, evenly: they tell the variance to a percent, and more would take minutes."""
 LEVEL_WITHIN = 0.1
 """The stated variance is believed if the log's is within this share of it."""
@@ -80,13 +80,15 @@ def fit_vibration(
     usable = free[:, None] & (dof > 0) & jnp.isfinite(value) & (blocks.stated > 0)
     dof, value = jnp.where(usable, dof, 0), jnp.where(usable, value, 1)
     calm = jnp.where(usable, blocks.stated - blocks.shaking, sensor)
+    middle = nan_median(jnp.where(usable[:, None], jnp.stack([value, calm], 1), jnp.nan))
+    usual, stated = jnp.nan_to_num(middle[0], nan=1.0), jnp.nan_to_num(middle[1])
     speeds = motion_by_speed(blocks)
     fold = (jnp.arange(len(blocks.t)) // jnp.maximum(1, jnp.round(FOLD_SECONDS / layout.seconds / every))) % 2
     sides = jnp.stack([fold == 0, fold == 1])[:, :, None]
     # The form is chosen, and the level read, in what is stated as a whole: its parts are told apart less surely.
     choices = jnp.concatenate([jnp.zeros_like(speeds[:1]), speeds])
-    fitted = maximise(Scatter(value, dof * sides, (calm,), choices), ROUNDS_TO_COMPARE)
-    unseen = Scatter(value, dof * sides[::-1], (calm,), choices)
+    fitted = maximise(Scatter(value, dof * sides, (calm,), choices, usual), ROUNDS_TO_COMPARE)
+    unseen = Scatter(value, dof * sides[::-1], (calm,), choices, usual)
     nats = log_likelihood(unseen, variance_of(unseen, fitted)).sum(1)
     best = nats[1:].argmax()
     gain = nats[1 + best] - nats[0]
@@ -94,17 +96,21 @@ def fit_vibration(
     motion = jnp.where(moves, speeds[best], 0)[None]
     # As a whole and in parts in one fit of two columns, of which the first has nothing in the second.
     sensors = jnp.broadcast_to(sensor, calm.shape)
-    whole = maximise(Scatter(value, dof[None], (calm, jnp.zeros_like(calm)), motion), ROUNDS)
-    parts = maximise(Scatter(value, dof[None], (sensors, jnp.maximum(calm - sensor, 0)), motion), ROUNDS)
+    columns = jnp.stack([jnp.stack([calm, sensors]), jnp.stack([jnp.zeros_like(calm), jnp.maximum(calm - sensor, 0)])])
+
+    def fit(column: tuple[Array, Array]) -> Coefficients:
+        return jax.tree.map(lambda x: x[0, 0], maximise(Scatter(value, dof[None], column, motion, usual), ROUNDS))
+
+    both = jax.lax.map(fit, tuple(columns))
+    whole, parts = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
     seen, used = (dof > 0).any(0), dof > 0
-    stated = jnp.nan_to_num(jnp.nanmedian(jnp.where(used, calm, jnp.nan), 0))
-    share = whole.shares[0, 0, :, 0]
+    share = whole.shares[:, 0]
     level = jnp.where(seen & taken, _sensor_level(share, stated, sensor), 1)
     as_stated = ~seen | (jnp.abs(share - 1) < LEVEL_WITHIN)
     usual = jnp.where(used, calm, 0).sum(0) / jnp.maximum(used.sum(0), 1)
-    per_speed = parts.per_speed[0, 0].T
+    per_speed = parts.per_speed.T
     noticed = per_speed * motion[0].mean(0)[:, None] > 1e-3 * usual
-    shown = [jnp.where(as_stated, 1, jnp.maximum(parts.shares[0, 0, :, k], LEAST_LEVEL)) for k in (0, 1)]
+    shown = [jnp.where(as_stated, 1, jnp.maximum(parts.shares[:, k], LEAST_LEVEL)) for k in (0, 1)]
     speed = jnp.where(moves, jnp.asarray(SPEEDS, calm.dtype)[best], jnp.inf)
     return Vibration(
         level, jnp.where(seen & noticed & moves, per_speed, 0), speed, gain, Shares(*shown), jnp.asarray(taken)
