@@ -18,16 +18,14 @@ from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.newton import Report
 from ftbias_jax.calibration.tune import TIES, Fit, WrenchLogs, fit_wrench
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
-from ftbias_jax.filtering.method.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.method.block_filter import Grid, filter_series
 from ftbias_jax.filtering.method.blocks import Blocks
 from ftbias_jax.filtering.method.contact import in_contact
-from ftbias_jax.filtering.method.log_noise import LogNoise, expected, noise_of_log, prior_with
-from ftbias_jax.filtering.method.slow_noise import coarser, nats_of
+from ftbias_jax.filtering.method.fit_noise import expected, prior_with
+from ftbias_jax.filtering.method.log_noise import LogNoise
+from ftbias_jax.filtering.method.look import look_at
+from ftbias_jax.filtering.method.slow_noise import Means, coarseness, coarser, nats_of
 from ftbias_jax.filtering.pipeline import Options
-from ftbias_jax.filtering.recorded.prepare import prepare
-from ftbias_jax.filtering.method.ready import in_parts
-from ftbias_jax.filtering.recorded.whole import blocks_of
-from ftbias_jax.filtering.samples import first_position
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import AXES, Array, Sample
@@ -43,20 +41,9 @@ class LogInBlocks(NamedTuple):
     noise: LogNoise
 
 
-def look_at(params: Params, logs: Sequence[Log], options: Options) -> list[LogInBlocks]:
-    """Blocks and noise of every log, with its joints smoothed.
-
-    Args:
-        params: with the likeliest noise of the joints.
-        logs: of one robot.
-        options: of the pipeline.
-    """
-    found = []
-    for log in logs:
-        first_q = first_position(log.q)
-        blocks = blocks_of(prepare(params, first_q, in_parts(log, params), options), params)
-        found.append(LogInBlocks(blocks, noise_of_log(blocks, params)))
-    return found
+def look_at_each(params: Params, logs: Sequence[Log], options: Options) -> list[LogInBlocks]:
+    """Blocks and noise of every log, with its joints smoothed; arguments as for ``look.look_at``."""
+    return [LogInBlocks(*look_at(params, log, options)) for log in logs]
 
 
 def is_correlated(logs: Sequence[LogInBlocks]) -> bool:
@@ -80,7 +67,7 @@ def tune_in_blocks(
 
     Args:
         params: with the likeliest noise of the joints.
-        logs: of ``look_at``.
+        logs: of ``look_at_each``.
         tie: key of ``tune.TIES``, of sigma_Q.
         wanted: some of "density" and "wrench_std".
         report: told (iteration, nats).
@@ -124,7 +111,7 @@ def held_out_blocks(before: Params, tuned: Sequence[Params], logs: Sequence[LogI
     Args:
         before: of the setup that was tuned, and of ``logs``.
         tuned: to be compared with it.
-        logs: whole, of ``look_at``.
+        logs: whole, of ``look_at_each``.
         share: of each log, after which blocks are unseen.
     """
     return [sum(_unseen_nats(before, params, log, share) for log in logs) for params in (before, *tuned)]
@@ -137,9 +124,9 @@ def _unseen_nats(before: Params, params: Params, log: LogInBlocks, share: float)
     t, y, variance, prior_std = _as_series(stated, sensor, params)
     std = np.zeros(6) if bias.correlated_std is None else np.asarray(bias.correlated_std, float)
     time = np.ones(6) if bias.correlated_time is None else np.asarray(bias.correlated_time, float)
-    rate = 0.0 if bias.drift_time is None else 1 / np.asarray(bias.drift_time, float)[None]
+    rate = None if bias.drift_time is None else 1 / np.asarray(bias.drift_time, float)[None]
     grid = Grid(np.ones((1, 6)), std[None], time[None])
-    found = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), np.asarray(bias.density, float), rate)
+    found = filter_series(t, y, variance, grid, prior_std.reshape(2, 6), np.asarray(bias.density, float), rate)
     unseen = t > t[0] + share * (t[-1] - t[0])
     return float(nats_of(found.innovation[unseen], found.variance[unseen]).sum())
 
@@ -171,17 +158,21 @@ def _pooled(noises: Sequence[LogNoise]) -> tuple[Array, Array]:
 def _as_series(log: LogInBlocks, sensor: Array, params: Params) -> Series:
     """A log in blocks, without those in contact, and without what the prior expects of the bias."""
     blocks, noise = log.blocks, log.noise
-    touched = in_contact(blocks.t, list(noise.contacts), blocks.t[1] - blocks.t[0])
+    seconds = float(np.median(np.diff(blocks.t))) if len(blocks.t) > 1 else 1.0
+    touched = in_contact(blocks.t, noise.contacts, seconds)
     white = blocks.stated if noise.vibration is None else noise.vibration.variance(blocks, sensor)
-    y = np.where(touched[:, None], np.nan, blocks.mean - expected(blocks.t, params))
+    y = np.where(touched[:, None], np.nan, blocks.mean - expected(blocks.t, params.bias))
     variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
-    return Series(*coarser(blocks.t, y, variance), prior_with(params, noise.offset))
+    _, t, y, variance = coarser(Means(seconds, blocks.t, y, variance), blocks.number)
+    kept = len(blocks.t) // coarseness(len(blocks.t))  # rows after those are empty
+    t, y, variance = (np.asarray(x)[:kept] for x in (t, y, variance))
+    return Series(t, y, variance, np.asarray(prior_with(params.bias, noise.offset)))
 
 
 def _as_samples(log: LogInBlocks, sensor: Array, params: Params) -> tuple[Sample, Array]:
     """The blocks of a log as samples of a log, and the variance (N, 6) of their means."""
     t, deviations, variance, _ = _as_series(log, sensor, params)
-    y = deviations + expected(t, params)
+    y = deviations + expected(t, params.bias)
     n, dtype = params.joint.process_density.shape[0], params.theta.dtype
     still = np.zeros((len(t), n))
     dt = np.diff(t, prepend=t[0])

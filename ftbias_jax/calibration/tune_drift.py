@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.method.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.method.block_filter import Grid, filter_series
 from ftbias_jax.filtering.method.slow_noise import nats_of
 from ftbias_jax.filtering.quality.ahead import expected_with
 from ftbias_jax.types import Array
@@ -100,7 +100,7 @@ def score(logs: Sequence[Series], slow: tuple[Array, Array], drifts: Drift) -> S
     grid = Grid(np.ones(shape), *(np.broadcast_to(x, shape) for x in slow))
     nats, squares, counts = np.zeros(shape), np.zeros((len(HORIZONS), *shape)), np.zeros((len(HORIZONS), 1, 6))
     for t, y, variance, prior_std in logs:
-        found = filter_blocks(t, y, variance, grid, prior_std.reshape(2, 6), drifts.density, 1 / drifts.time)
+        found = filter_series(t, y, variance, grid, prior_std.reshape(2, 6), drifts.density, 1 / drifts.time)
         half = float(np.median(np.diff(t))) / 2 if len(t) > 1 else 0.0
         # As if it, too, were forgotten from the middle of its block on.
         slow_error = np.exp(half / grid.time) * found.slow

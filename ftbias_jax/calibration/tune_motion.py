@@ -23,11 +23,11 @@ from ftbias_jax.calibration.newton import Report
 from ftbias_jax.calibration.tune import TIES, Fit
 from ftbias_jax.calibration.tune_blocks import LogInBlocks
 from ftbias_jax.filtering import bias_filter, pipeline
-from ftbias_jax.filtering.method.vibration import Vibration
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import innovations
 from ftbias_jax.filtering.fast.sums import filter_sums
 from ftbias_jax.filtering.likelihood import counted
+from ftbias_jax.filtering.method.vibration import Vibration
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import bias_model
 from ftbias_jax.filtering.smoother import smooth_joints

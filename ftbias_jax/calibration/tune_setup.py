@@ -15,7 +15,7 @@ from ftbias_jax.calibration.data_noise.fit import Tool, tune_data
 from ftbias_jax.calibration.data_noise.values import JOINT_NAMES, KINDS, values_from_setup
 from ftbias_jax.calibration.judgement import Predicted, judge_predictions, what_the_logs_show
 from ftbias_jax.calibration.tune import TIES, Fit, tune_joints, tune_wrench
-from ftbias_jax.calibration.tune_blocks import LogInBlocks, held_out_blocks, is_correlated, look_at, tune_in_blocks
+from ftbias_jax.calibration.tune_blocks import LogInBlocks, held_out_blocks, is_correlated, look_at_each, tune_in_blocks
 from ftbias_jax.calibration.tune_motion import shown_vibration, tune_motion
 from ftbias_jax.calibration.tune_result import (
     HeldOut,
@@ -138,7 +138,7 @@ def tune(
     elif wanted:
         counts = [max(1, round((1 - hold_out) * len(log.t))) for log in logs]
         begun = [log._replace(**params_for_log.rows_of(log, 0, n)) for log, n in zip(logs, counts, strict=True)]
-        looked = look_at(params, begun, options) if alone else []
+        looked = look_at_each(params, begun, options) if alone else []
         if is_correlated(looked):
             params, found = tune_in_blocks(tuned[0], looked, tie, list(wanted), told)
             fits |= found
@@ -169,7 +169,7 @@ def tune(
         scores = _judge(stated, [tuned for tuned, _ in candidates], unseen, options, total)
     if hold_out and correlated:
         seconds = sum(float(part.dt.sum()) for part in chain(*unseen))
-        whole = look_at(stated[0], logs, options)
+        whole = look_at_each(stated[0], logs, options)
         was, *now = held_out_blocks(stated[0], [params for (params,), _ in candidates], whole, 1 - hold_out)
         blocks = [HeldOut("wrench", was / seconds, nats / seconds) for nats in now]
         scores = [(joint, wrench) for (joint, _), wrench in zip(scores, blocks, strict=True)]

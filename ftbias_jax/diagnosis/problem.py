@@ -14,14 +14,14 @@ from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
 from ftbias_jax.diagnosis.samples.bins import bins_of, fill_up, mean_of_bins, sum_of_bins
 from ftbias_jax.diagnosis.samples.read import inspect_samples
 from ftbias_jax.diagnosis.samples.smoothed import padded_samples, smoothed
-from ftbias_jax.diagnosis.samples.touched import contacts_in
 from ftbias_jax.diagnosis.samples.types import SampleFindings
 from ftbias_jax.diagnosis.thresholds import LEAST_BINS
 from ftbias_jax.errors import LogError
 from ftbias_jax.filtering import bias_filter, params_for_log
-from ftbias_jax.filtering.method.contact import Contact, touched as in_contact
-from ftbias_jax.filtering.method.log_noise import MARGIN
 from ftbias_jax.filtering.likelihood import WrenchProblem
+from ftbias_jax.filtering.method.contact import Contact, in_contact
+from ftbias_jax.filtering.method.log_noise import MARGIN
+from ftbias_jax.filtering.method.look import contacts_in
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE

@@ -102,8 +102,8 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     """Parameters of the filter as the robot's owner states them.
 
     Args:
-        setup: what ``load_setup`` read; a joint process noise it leaves open becomes 1 here (params_for_log.params_for_log
-            chooses it from the log).
+        setup: what ``load_setup`` read; a joint process noise it leaves open becomes 1 here
+            (``params_for_log`` chooses it from the log).
         dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
 
     Raises:

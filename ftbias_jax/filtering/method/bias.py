@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-import jax
 import jax.numpy as jnp
-from jax import Array
 
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.rts import smooth_track
@@ -17,7 +15,7 @@ from ftbias_jax.filtering.process_models import bias_model
 from ftbias_jax.filtering.step import Options, State
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.pieces import over_pieces
-from ftbias_jax.types import Gaussian, Sample
+from ftbias_jax.types import Array, Gaussian, Sample
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -74,9 +72,9 @@ def filter_bias(
     """
     known = (joints.wrench_tool, variance, joints.mean[1])
 
-    def filtered(bias: Gaussian, piece: tuple[Sample, tuple[Array, ...]]) -> tuple[Gaussian, Bias]:
+    def filtered(before: Gaussian, piece: tuple[Sample, tuple[Array, ...]]) -> tuple[Gaussian, Bias]:
         samples, (wrench_tool, variance, velocity) = piece
-        inputs = bias_inputs(params, state._replace(bias=bias), samples, wrench_tool, variance, velocity)
+        inputs = bias_inputs(params, state._replace(bias=before), samples, wrench_tool, variance, velocity)
         track = filter_scan(gated(inputs, options), inputs)
         # What was not measured, or did not pass the gate, has no share in the likelihood: exactly zero.
         used = jnp.isfinite(samples.wrench) & (track.log_likelihood != 0)
@@ -133,5 +131,3 @@ def reading_variance(params: Params, shown: Float[Array, "T 6"], velocity: Float
     if noise.correlated_std is None:
         return shown
     return shown + bias_filter.correlated_variance(noise, bias_filter.vibration(noise, velocity))
-
-

@@ -6,9 +6,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+import numpy as np
 
+from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.runtime.compiled_loops import compile_whole
+from ftbias_jax.runtime.kept_programs import keep_program
+from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -107,6 +110,29 @@ def filter_blocks(
     of_blocks = (jnp.tile(x, (1, shape[0])) for x in (y, jnp.where(jnp.isfinite(variance), variance, 1)))
     found = _filter(sets, h, jnp.maximum(h - seconds, 0), *of_blocks)
     return Filtered(*(x.reshape(count, *shape) for x in found))
+
+
+def filter_series(
+    t: np.ndarray, y: np.ndarray, variance: np.ndarray, grid: Grid, prior_std: Array, density: Array, rate: Any = None
+) -> Filtered:
+    """``filter_blocks`` of NumPy arrays, as long as the usual distance between them; lengths share a few programs."""
+    count = len(t)
+    more = room_for(count) - count
+    seconds = np.asarray(np.median(np.diff(t)) if count > 1 else 1.0)
+    t = np.cumsum(np.minimum(np.diff(t, prepend=t[:1]), LONG_PAUSE))
+    y, variance = (np.pad(x, [(0, more), (0, 0)], constant_values=np.nan) for x in (y, variance))
+    rate = None if rate is None else np.broadcast_to(rate, grid.std.shape)
+    found = _program(seconds, np.pad(t, (0, more), mode="edge"), y, variance, grid, prior_std, density, rate)
+    return Filtered(*(np.asarray(x)[:count] for x in found))
+
+
+def room_for(count: int) -> int:
+    """Blocks of the shortest program that takes so many: 64, 96, 128, 192 and so on."""
+    half = 1 << max(0, (count - 1).bit_length() - 1)
+    return max(64, half + half // 2 if count <= half + half // 2 else 2 * half)
+
+
+_program = keep_program()(filter_blocks)
 
 
 def _filter(sets: _Sets, h: Array, pause: Array, y: Array, variance: Array) -> Filtered:

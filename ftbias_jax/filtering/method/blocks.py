@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from ftbias_jax.model.motion_noise import effective_speed_squared
+from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from ftbias_jax.filtering.method.blocks import Blocks, Layout, nan_median
 from ftbias_jax.runtime.compiled_loops import compile_whole, running_sum
+from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int

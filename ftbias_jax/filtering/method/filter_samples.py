@@ -7,12 +7,11 @@ the filter as it would run on a robot: joints from the past alone, noise as the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import bias_filter, pipeline
@@ -38,7 +37,7 @@ from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, State
 from ftbias_jax.model.params import BiasNoise, Params
 from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes, running_sum
 from ftbias_jax.runtime.kept_programs import keep_program
-from ftbias_jax.types import Sample
+from ftbias_jax.types import Array, Sample
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -175,9 +174,7 @@ def blocks_of(work: Work) -> Blocks:
 def with_noise(work: Work, noise: BiasNoise, found: Noise) -> Work:
     """A log with the noise that was found in the whole of it, and the gate that goes with that."""
     options = work.options if work.options.gate is not None else work.options._replace(gate=GATE)
-    return work._replace(
-        params=work.params._replace(bias=noise), stated=work.params, noise=found, options=options
-    )
+    return work._replace(params=work.params._replace(bias=noise), stated=work.params, noise=found, options=options)
 
 
 def filter_bias(work: Work) -> Work:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
 
 from ftbias_jax.filtering.method.block_filter import Grid, filter_blocks
 from ftbias_jax.filtering.method.blocks import Blocks, Layout, nan_median
@@ -16,6 +15,7 @@ from ftbias_jax.filtering.method.slow_noise import Means, SlowNoise, coarser, fi
 from ftbias_jax.filtering.method.vibration import Vibration, fit_vibration, taken_level
 from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.runtime.compiled_loops import running_sum
+from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -31,6 +31,8 @@ SETTLED = 0.5
 """s at the start that do not count: the prior shows there."""
 FIRST, FAR = 5, 4.0
 """Blocks at the start whose median is the bias there, and standard deviations of the prior that are too many."""
+TINY = 1e-30
+"""N^2, Nm^2: a stated variance of zero counts as this, which float32 has, too."""
 MAD = 1.4826
 """Standard deviations of normal numbers in their median absolute deviation."""
 
@@ -69,7 +71,7 @@ def noise_of_log(stated: BiasNoise, blocks: Blocks, layout: Layout) -> Noise:
     slowly = slow_std(blocks, layout)
     contacts, offset = find_contacts(blocks, layout, slowly), offset_of(blocks, slowly, stated)
     free = ~contacts.near & (jnp.arange(len(blocks.t)) < blocks.number)
-    sensor = jnp.maximum(stated.wrench_variance, jnp.finfo(stated.wrench_variance.dtype).tiny)
+    sensor = jnp.maximum(stated.wrench_variance, TINY)
     vibration = fit_vibration(blocks, layout, free, sensor, taken=stated.vibration is None)
     means = means_of(blocks, layout, stated, vibration, free)
     prior_std = prior_with(stated, offset).reshape(2, 6)
@@ -87,18 +89,14 @@ def noise_of_log(stated: BiasNoise, blocks: Blocks, layout: Layout) -> Noise:
             slow = fit_slow_noise(means, stated.density, prior_std)
             return slow, inflation(means.t, innovations(slow))
 
-        slow, factor = jax.lax.cond(
-            is_white(of_white) & (factor == 1).all(), lambda: (white, factor), fitted
-        )
+        slow, factor = jax.lax.cond(is_white(of_white) & (factor == 1).all(), lambda: (white, factor), fitted)
     else:
         slow = SlowNoise(stated.correlated_std, stated.correlated_time, jnp.zeros(6, means.y.dtype))
         factor = inflation(means.t, innovations(slow))
     return Noise(contacts, vibration, slow, offset, factor, blocks.t)
 
 
-def means_of(
-    blocks: Blocks, layout: Layout, stated: BiasNoise, vibration: Vibration, free: Bool[Array, " N"]
-) -> Means:
+def means_of(blocks: Blocks, layout: Layout, stated: BiasNoise, vibration: Vibration, free: Bool[Array, " N"]) -> Means:
     """The means of the blocks that are free of contact, less what the prior expects of them."""
     white = vibration.variance(blocks, stated.wrench_variance)
     calm = ~(blocks.scatter > HEAVY * white)  # a spike moves the mean of its block as well

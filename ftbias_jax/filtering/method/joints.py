@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
 
 from ftbias_jax.filtering.fast.rts import smooth_back
 from ftbias_jax.filtering.fast.scan import Packed
@@ -18,7 +17,7 @@ from ftbias_jax.model.effects import compose
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.lanes import upper
 from ftbias_jax.runtime.pieces import over_pieces
-from ftbias_jax.types import Gaussian, Sample
+from ftbias_jax.types import Array, Gaussian, Sample
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -87,7 +86,10 @@ def smooth_joints(
 
     def backward(after: Packed, piece: tuple[Sample, Array, States]) -> tuple[Packed, Any]:
         samples, gaps, states = piece
-        smoothed = States(*smooth_back(model, density, restart, after, (gaps[:, None], None, tuple(states))))
+        gaps_and_states = (gaps[:, None], None, (states.mean, states.triangle))
+        smoothed = States(*smooth_back(model, density, restart, after, gaps_and_states))
+            *smooth_back(model, density, restart, after, (gaps[:, None], None, (states.mean, states.triangle)))
+        )
         return jax.tree.map(lambda x: x[0], tuple(smoothed)), _kept(params, smoothed, samples, options)
 
     counted = jnp.arange(len(samples.dt)) < length
@@ -120,11 +122,12 @@ def _kept(params: Params, states: States, samples: Sample, options: Options) -> 
 
 def _joints(params: Params, samples: Sample, kept: Any, nats: Array, options: Options) -> Joints:
     if params.effects is None:
-        return Joints(*kept, None, nats.sum())
-    mean: Any = tuple(kept.mean)
+        mean, ddq_std, wrench_tool, variance = kept
+        return Joints(mean, ddq_std, wrench_tool, variance, None, nats.sum())
+    mean = tuple(kept.mean)
     known = compose.bias(signals_of(params, jnp.stack(mean, 2), samples), params.effects)
-    wrench = predict_wrenches(params, kept, samples, options)
-    return Joints(mean, jnp.sqrt(kept.triangle[5]), *wrench, known, nats.sum())
+    wrench_tool, variance = predict_wrenches(params, kept, samples, options)
+    return Joints(mean, jnp.sqrt(kept.triangle[5]), wrench_tool, variance, known, nats.sum())
 
 
 def _packed(joint: Gaussian) -> Packed:

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.method.contact import Contact, listed
 from ftbias_jax.filtering.method.blocks import Layout
+from ftbias_jax.filtering.method.contact import Contact, listed
 from ftbias_jax.filtering.method.fit_noise import Noise
 from ftbias_jax.filtering.method.slow_noise import SlowNoise
 from ftbias_jax.filtering.method.vibration import Vibration
@@ -51,7 +51,9 @@ def told(found: Noise, layout: Layout, *, slow_is_stated: bool) -> LogNoise:
         slow_is_stated: whether the setup states the slow errors.
     """
     contacts, slow = listed(found.contacts, found.block_times, layout), None if slow_is_stated else found.slow
-    return LogNoise(contacts, found.vibration, slow, found.offset, found.inflation)
+    speed = np.inf if found.vibration.speed is None else float(found.vibration.speed)
+    vibration = found.vibration._replace(speed=speed if np.isfinite(speed) else None)
+    return LogNoise(contacts, vibration, slow, found.offset, found.inflation)
 
 
 def describe(noise: LogNoise) -> list[str]:

@@ -1,7 +1,8 @@
 """A variance fitted to the scatter within the blocks of a log, by Fisher's scoring.
 
-The scatter of a block is Gamma distributed about the variance mu = X b with coefficients b >= 0, so a step of scoring is
-a least-squares fit with the weights dof / mu^2 (McCullagh and Nelder 1989, section 8.3.6). Spikes are cut at HEAVY mu.
+The scatter of a block is Gamma distributed about the variance mu = X b with coefficients b >= 0, so a step of scoring
+is a least-squares fit with the weights dof / mu^2 (McCullagh and Nelder 1989, section 8.3.6). Spikes are
+cut at HEAVY mu.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from ftbias_jax.runtime.compiled_loops import compile_whole
+from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -97,7 +98,8 @@ def maximise(data: Scatter, rounds: int) -> Coefficients:
         solved = _non_negative(matrix, right, jnp.moveaxis(start, -1, 0))
         return Coefficients(*jnp.split(jnp.moveaxis(solved, 0, -1), [len(stated)], axis=-1))
 
-    return jax.lax.fori_loop(0, rounds, step, _start(data))
+    found: Coefficients = jax.lax.fori_loop(0, rounds, step, _start(data))
+    return found
 
 
 def _start(data: Scatter) -> Coefficients:

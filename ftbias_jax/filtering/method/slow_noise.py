@@ -7,15 +7,15 @@ blocks: fast noise averages out there, and a log is a few hundred numbers.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from ftbias_jax.filtering.method.block_filter import Grid, filter_blocks
 from ftbias_jax.filtering.method.blocks import nan_median
+from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -122,7 +122,7 @@ def coarser(means: Means, number: Array) -> Means:
     """
     if len(means.t) <= MOST_BLOCKS:
         return means
-    join = jnp.maximum(1, -(-number // MOST_BLOCKS))
+    join = coarseness(number)
     index = jnp.arange(len(means.t))
     group = jnp.where(index < number // join * join, index // join, MOST_BLOCKS)
 
@@ -139,3 +139,8 @@ def coarser(means: Means, number: Array) -> Means:
     t = jax.lax.cummax(t)  # rows after the last block stay at its time
     y = jnp.where(measured, mean, jnp.nan)
     return Means(means.seconds * join, t, y, jnp.where(measured, 1 / divisor, jnp.nan))
+
+
+def coarseness(number: Any) -> Any:
+    """How many of so many neighbouring blocks are joined."""
+    return -(-number // MOST_BLOCKS) + (number == 0)

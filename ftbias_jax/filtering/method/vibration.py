@@ -6,13 +6,20 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
 
 from ftbias_jax.filtering.bias_filter import vibration, white_share
 from ftbias_jax.filtering.method.blocks import SPEEDS, Blocks, Layout, motion_by_speed, nan_median
-from ftbias_jax.filtering.method.scatter import LEAST_LEVEL, Coefficients, Scatter, log_likelihood, maximise, variance_of
+from ftbias_jax.filtering.method.scatter import (
+    LEAST_LEVEL,
+    Coefficients,
+    Scatter,
+    log_likelihood,
+    maximise,
+    variance_of,
+)
 from ftbias_jax.model.motion_noise import MotionNoise, effective_speed_squared
 from ftbias_jax.model.params import BiasNoise
+from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -45,8 +52,8 @@ class Vibration(NamedTuple):
     """Variance of the sensor without motion, in what is stated; 1 where the log agrees."""
     per_speed: Float[Array, "n 6"]
     """N^2/(rad/s)^2, Nm^2/(rad/s)^2, not negative."""
-    speed: Float[Array, ""]
-    """rad/s from which it grows with the speed alone (``motion_noise.effective_speed_squared``); inf = never."""
+    speed: Float[Array, ""] | None
+    """rad/s from which it grows with the speed alone (``motion_noise.effective_speed_squared``); inf, None = never."""
     gain: Float[Array, ""]
     """nats on unseen stretches, of ``per_speed`` over a constant."""
     shares: Shares
@@ -99,7 +106,8 @@ def fit_vibration(
     columns = jnp.stack([jnp.stack([calm, sensors]), jnp.stack([jnp.zeros_like(calm), jnp.maximum(calm - sensor, 0)])])
 
     def fit(column: tuple[Array, Array]) -> Coefficients:
-        return jax.tree.map(lambda x: x[0, 0], maximise(Scatter(value, dof[None], column, motion, usual), ROUNDS))
+        found = maximise(Scatter(value, dof[None], column, motion, usual), ROUNDS)
+        return Coefficients(found.shares[0, 0], found.per_speed[0, 0])
 
     both = jax.lax.map(fit, tuple(columns))
     whole, parts = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))

@@ -1,0 +1,101 @@
+"""What a log shows of its noise, without filtering it: for tuning and for diagnosis, which work on its blocks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax
+import numpy as np
+
+from ftbias_jax.filtering import pipeline
+from ftbias_jax.filtering.method.blocks import (
+    LEAST_BLOCKS,
+    Blocks,
+    Layout,
+    in_blocks,
+    jumps_in,
+    layout_of,
+    without_jumps,
+)
+from ftbias_jax.filtering.method.contact import Contact, Contacts, find_contacts, listed, slow_std
+from ftbias_jax.filtering.method.filter_samples import Work, blocks_of, smooth_joints
+from ftbias_jax.filtering.method.fit_noise import Noise, noise_of_log
+from ftbias_jax.filtering.method.log_noise import LogNoise, nothing, told
+from ftbias_jax.filtering.method.ready import room_for, samples_of
+from ftbias_jax.filtering.params_for_log import without_useless
+from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.params import Params
+from ftbias_jax.runtime.compiled_loops import running_sum
+from ftbias_jax.runtime.kept_programs import keep_program
+from ftbias_jax.types import Array, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+
+def look_at(params: Params, log: Log, options: Options) -> tuple[Blocks, LogNoise]:
+    """Blocks and noise of a log, with its joints smoothed; of NumPy arrays.
+
+    Args:
+        params: with the likeliest noise of the joints.
+        log: of the robot.
+        options: of the pipeline.
+    """
+    log = without_useless(log, params)
+    samples = samples_of(params, log)
+    layout, length = layout_of(samples.dt), np.asarray(len(log.t))
+    enough = len(log.t) // layout.size >= LEAST_BLOCKS
+    blocks, found = jax.tree.map(
+        np.asarray, _look(params, samples, length, options=options, layout=layout, enough=enough)
+    )
+    noise = nothing()
+    if found is not None:
+        noise = told(found, layout, slow_is_stated=params.bias.correlated_std is not None)
+    number = int(blocks.number)
+    trimmed = {name: getattr(blocks, name)[:number] for name in Blocks._fields[:-1]}
+    return Blocks(**trimmed, number=blocks.number), noise
+
+
+@keep_program("options", "layout", "enough")
+def _look(
+    params: Params, samples: Sample, length: Array, *, options: Options, layout: Layout, enough: bool
+) -> tuple[Blocks, Noise | None]:
+    start = pipeline.init(params, samples)
+    work = smooth_joints(Work(params, start, samples, running_sum(samples.dt), length, layout, options))
+    blocks = blocks_of(work)
+    if samples.rezeroed is not None:
+        blocks = without_jumps(blocks, jumps_in(layout, samples.rezeroed))
+    return blocks, noise_of_log(params.bias, blocks, layout) if enough else None
+
+
+def contacts_in(
+    log: Log, error: Float[np.ndarray, "T 6"], speed: Float[np.ndarray, "T n"], variance: Float[np.ndarray, "T 6"]
+) -> tuple[Contact, ...]:
+    """Stretches in which the reading leaves the model suddenly and comes back, by the rules of the filter.
+
+    Args:
+        log: as read.
+        error: N, Nm, the model's prediction less the wrench.
+        speed: rad/s, of the joints.
+        variance: N^2, Nm^2, of a sample.
+    """
+    layout, length = layout_of(np.diff(log.t)), len(log.t)
+    if length // layout.size < LEAST_BLOCKS:
+        return ()
+    more = room_for(length) - length
+    columns = [np.pad(x, [(0, more), *[(0, 0)] * (x.ndim - 1)], mode="edge") for x in (log.t, error, speed, variance)]
+    jumps = np.asarray(log.is_rezeroed(log.t, None), float) if log.rezeroed_at else None
+    jumps = None if jumps is None else np.pad(jumps, (0, more))
+    contacts, middles = jax.tree.map(np.asarray, _contacts(*columns, jumps, np.asarray(length), layout=layout))
+    return listed(contacts, middles, layout)
+
+
+@keep_program("layout")
+def _contacts(
+    t: Array, y: Array, velocity: Array, variance: Array, jumps: Array | None, length: Array, *, layout: Layout
+) -> tuple[Contacts, Array]:
+    blocks = in_blocks(layout, t, y, velocity, variance, length=length)
+    if jumps is not None:
+        blocks = without_jumps(blocks, jumps_in(layout, jumps))
+    return find_contacts(blocks, layout, slow_std(blocks, layout)), blocks.t
