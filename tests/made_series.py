@@ -1,8 +1,11 @@
 """Measured biases made of known noise, for the tests of what a log shows of itself."""
 
+import jax
 import numpy as np
 
-from ftbias_jax.filtering.adapt.blocks import SPEEDS, Blocks, in_blocks
+from ftbias_jax.filtering.method.blocks import Blocks, in_blocks, layout_of
+
+cut = jax.jit(in_blocks, static_argnums=0)
 
 STD = np.repeat([0.1, 0.004], 3)
 """N, Nm of one sample."""
@@ -31,13 +34,20 @@ def free_motion(rng, t, std=STD):
 
 
 def blocks_of(t, y, std=STD, velocity=None):
-    """A log in blocks, with white noise stated and by default at rest."""
+    """A log in blocks and their layout, with white noise stated and by default at rest."""
     velocity = np.zeros((len(t), 2)) if velocity is None else velocity
-    return in_blocks(t, y, velocity, np.broadcast_to(np.asarray(std) ** 2, y.shape))
+    layout = layout_of(np.diff(t))
+    return cut(layout, t, y, velocity, np.broadcast_to(np.asarray(std) ** 2, y.shape)), layout
 
 
 def made_blocks(t, mean, variance, count=25):
     """Blocks with these means (N, 6) and variances of a sample (6,), at rest."""
     ones = np.ones_like(mean)
-    motion = np.zeros((len(t), len(SPEEDS), 2))
-    return Blocks(t, count, mean, count * ones, variance * ones, motion, variance * ones, 0 * ones)
+    motion, number = np.zeros((len(t), 2)), np.asarray(len(t))
+    return Blocks(t, mean, count * ones, variance * ones, motion, variance * ones, 0 * ones, number)
+
+
+def padded(blocks, more=37):
+    """The same blocks, with more of them that are padding."""
+    rows = Blocks(*(np.pad(x, [(0, more), *[(0, 0)] * (x.ndim - 1)], mode="edge") for x in blocks[:-1]), blocks.number)
+    return rows._replace(mean=np.concatenate([blocks.mean, np.full((more, 6), np.nan)]))

@@ -5,6 +5,7 @@ import sys
 import tomllib
 from dataclasses import replace
 
+import by_params
 import jax
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import small_archive
 
 import ftbias_jax as ft
 from ftbias_jax.calibration.tune_setup import FIT
-from ftbias_jax.filtering import filter_log as chunks
+from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.runtime import jax_config
 
@@ -83,8 +84,8 @@ def test_what_cannot_be_simulated_is_said(setup, arguments, words):
 def test_a_result_has_the_numbers_of_the_filter_in_double_precision(setup, made):
     result = ft.filter_log(setup, made.log, smooth=True, as_stated=True)
     with jax.enable_x64(True):
-        params = chunks.params_for_log(setup, samples_from_log(made.log))
-        expected = chunks.filter_with_params(params, made.log)
+        params = params_for_log.params_for_log(setup, samples_from_log(made.log))
+        expected = by_params.filter_with_params(params, made.log)
     for name, values in expected._asdict().items():
         if values is not None:
             np.testing.assert_allclose(getattr(result, name), values, rtol=1e-12, atol=1e-12, err_msg=name)

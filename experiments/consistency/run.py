@@ -13,7 +13,7 @@ sys.path.append(str(Path(__file__).parents[1]))
 from common import PARAMS, SETUP, keep, rounded, simulate_logs, sines
 
 from ftbias_jax.cli.commands import demo
-from ftbias_jax.filtering import filter_log, pipeline, smoother
+from ftbias_jax.filtering import params_for_log, pipeline, smoother
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS
@@ -116,8 +116,8 @@ def main():
     result = {"logs": LOGS, "seconds": DURATION, "rate_Hz": RATE, "models": {}}
     over_time = {}
     runs = {name: partial(known_joints, jnp.array(factors), samples, truth) for name, factors in MODELS.items()}
-    likeliest = filter_log.likeliest_params(SETUP, jax.tree.map(lambda x: x[0], samples))
-    guarded = filter_log.guard_against_lag(likeliest)
+    likeliest = params_for_log.likeliest_params(SETUP, jax.tree.map(lambda x: x[0], samples))
+    guarded = params_for_log.guard_against_lag(likeliest)
     by_model = PARAMS._replace(joint=PARAMS.joint._replace(process_density=jnp.full(7, JERK), prior_std=START))
     jerky = simulate_logs(SEED, LOGS, PARAMS, white_jerk(t))[::-1]
     runs["white jerk: true, joints filtered"] = partial(whole_pipeline, by_model, *jerky)

@@ -18,9 +18,9 @@ from common import keep, rounded
 import ftbias_jax as ft
 from ftbias_jax.calibration.tool.crosstalk import find_channels, with_channels
 from ftbias_jax.calibration.tool.steady import steady_bias
-from ftbias_jax.filtering import filter_log
-from ftbias_jax.filtering.adapt.log_noise import noise_of_log, with_noise
+from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.joint_filter import first_measured
+from ftbias_jax.filtering.method.log_noise import noise_of_log, with_noise
 from ftbias_jax.filtering.recorded.bias import filter_prepared
 from ftbias_jax.filtering.recorded.prepare import prepare
 from ftbias_jax.filtering.recorded.ready import in_parts
@@ -158,7 +158,7 @@ def study_abb(real):
     setup, log = abb(real)
     result, stated = ft.filter_log(setup, log), ft.filter_log(setup, log, as_stated=True)
     options = ft.options_from_setup(setup)._replace(gate=GATE)
-    params = filter_log.likeliest_params(setup, ft.samples_from_log(log), options)
+    params = params_for_log.likeliest_params(setup, ft.samples_from_log(log), options)
     first_q = np.asarray(first_measured(jnp.asarray(log.q)))
     prepared = list(prepare(params, first_q, in_parts(log, params), options))
     blocks = blocks_of(prepared, params)

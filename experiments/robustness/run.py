@@ -10,9 +10,9 @@ sys.path.append(str(Path(__file__).parents[1]))
 from common import SETUP, keep, rounded
 
 import ftbias_jax as ft
-from ftbias_jax.filtering import filter_log
-from ftbias_jax.filtering.adapt.log_noise import noise_of_log, nothing, with_noise
+from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.joint_filter import first_measured
+from ftbias_jax.filtering.method.log_noise import noise_of_log, nothing, with_noise
 from ftbias_jax.filtering.recorded.bias import filter_prepared
 from ftbias_jax.filtering.recorded.prepare import prepare
 from ftbias_jax.filtering.recorded.ready import in_parts
@@ -35,7 +35,7 @@ FOLLOWED = 0.1
 def filtered(log, kinds):
     """Results of one log by kind, and the noise found; the joints are smoothed once."""
     options = ft.options_from_setup(SETUP)
-    params = filter_log.likeliest_params(SETUP, ft.samples_from_log(log), options)
+    params = params_for_log.likeliest_params(SETUP, ft.samples_from_log(log), options)
     first_q = np.asarray(first_measured(jnp.asarray(log.q)))
     prepared = list(prepare(params, first_q, in_parts(log, params), options))
     found = noise_of_log(blocks_of(prepared, params), params)

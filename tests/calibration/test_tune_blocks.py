@@ -5,8 +5,8 @@ import pytest
 from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, held_out_blocks
-from ftbias_jax.filtering.adapt.blocks import Blocks
-from ftbias_jax.filtering.adapt.log_noise import nothing
+from ftbias_jax.filtering.method.blocks import Blocks
+from ftbias_jax.filtering.method.log_noise import nothing
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 

@@ -5,7 +5,7 @@ import pytest
 from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.calibration.tune_drift import HORIZONS, Drift, Series, choose_drift, score
-from ftbias_jax.filtering.adapt.block_filter import Filtered, Grid, filter_blocks
+from ftbias_jax.filtering.method.block_filter import Filtered, Grid, filter_blocks
 
 STATED, NEVER = 0.01 * STD, np.full(6, np.inf)
 EACH = np.arange(6)

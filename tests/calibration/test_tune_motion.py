@@ -13,8 +13,8 @@ from ftbias_jax.calibration import tune_motion
 from ftbias_jax.calibration.tune_blocks import LogInBlocks
 from ftbias_jax.calibration.tune_motion import MovingLog
 from ftbias_jax.calibration.tune_result import HeldOut, TuneResult, is_better
-from ftbias_jax.filtering.adapt.log_noise import nothing
-from ftbias_jax.filtering.adapt.vibration import Shares, Vibration
+from ftbias_jax.filtering.method.log_noise import nothing
+from ftbias_jax.filtering.method.vibration import Shares, Vibration
 from ftbias_jax.model import simulate
 from ftbias_jax.types import Sample
 

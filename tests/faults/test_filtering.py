@@ -5,6 +5,7 @@ One simulated log of two joints with a known bias; every fault is put into it, a
 
 from typing import NamedTuple
 
+import by_params
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +13,6 @@ import pytest
 from small_archive import manifest
 
 from ftbias_jax.cli.main import main
-from ftbias_jax.filtering import filter_log
 from ftbias_jax.filtering.bias_filter import FORGET
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write import npz
@@ -187,7 +187,7 @@ def test_a_saturated_axis_is_left_out_and_does_not_pull_the_bias(filtered, simul
     params = params_from_setup(parse_setup(SETUP))
     log = {**simulated.log, "wrench": simulated.log["wrench"].copy()}
     fault(log)
-    unmasked = filter_log.filter_with_params(params, Log(**log, temperature=np.full(len(log["t"]), np.nan)))
+    unmasked = by_params.filter_with_params(params, Log(**log, temperature=np.full(len(log["t"]), np.nan)))
     assert np.abs(errors(unmasked._asdict(), simulated)[:, 0]).max() > 20
 
 

@@ -1,15 +1,20 @@
 """A log of ten million samples in float32: nothing is lost to its seven digits."""
 
+from functools import partial
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.filtering import filter_log
+from ftbias_jax.filtering.method.by_parts import PART, filter_parts
+from ftbias_jax.filtering.method.filter_samples import AS_STATED
+from ftbias_jax.filtering.method.ready import result_of
+from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 
-BLOCK = filter_log.CHUNK
+BLOCK = PART
 SETUP = {
     "robot": {"joints": [{"axis": [0, 0, 1], "point": [0, 0, 0]}], "flange": {"translation": [0, 0, 1]}},
     "sensor": {"noise_std": [0.1, 0.004]},
@@ -24,11 +29,11 @@ def bias_at(t):
     return np.repeat([2.0, 0.1], 3) + np.repeat([0.1, 0.005], 3) * wave
 
 
-def parts(samples):
+def parts(samples, size):
     """A turning vertical joint at 1 kHz, block by block."""
     rng = np.random.default_rng(0)
-    for first in range(0, samples, BLOCK):
-        t = 1e-3 * np.arange(first, min(first + BLOCK, samples))
+    for first in range(0, samples, size):
+        t = 1e-3 * np.arange(first, min(first + size, samples))
         q = 0.3 * np.sin(0.5 * t)[:, None] + 2e-5 * rng.normal(size=(len(t), 1))
         weight = np.array([0, 0, 0.7 * 9.81, 0, 0, 0])
         wrench = weight - bias_at(t) + np.repeat([0.1, 0.004], 3) * rng.normal(size=(len(t), 6))
@@ -40,7 +45,8 @@ def worst(samples, dtype):
     """Largest error of the bias in standard deviations after a second, and the last standard deviation."""
     params = params_from_setup(parse_setup(SETUP), dtype)
     largest = 0.0
-    for part in filter_log.filter_parts(params, np.zeros(1), parts(samples)):
+    found = filter_parts(params, partial(parts, samples), np.zeros(1), DEFAULT_OPTIONS, AS_STATED)
+    for part in (result_of(*each, None) for each in found[-1]):
         assert part.bias.dtype == dtype
         assert all(np.isfinite(x).all() for x in part if x is not None)
         error = np.abs(part.bias - bias_at(part.t)) / part.bias_std

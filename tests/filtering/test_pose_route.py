@@ -2,13 +2,14 @@
 
 import tomllib
 
+import by_params
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from ftbias_jax.cli.jobs.one_file import filter_file
-from ftbias_jax.filtering import filter_log, pipeline
+from ftbias_jax.filtering import params_for_log, pipeline
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io import read_log
 from ftbias_jax.io.parts import open_log
@@ -81,7 +82,7 @@ def by_joints(truth, tmp_path_factory):
     np.savez(path, **truth["log"])
     setup = parse_setup(ARM)
     log = read_log(path, setup)
-    return filter_log.filter_with_params(filter_log.params_for_log(setup, samples_from_log(log)), log)
+    return by_params.filter_with_params(params_for_log.params_for_log(setup, samples_from_log(log)), log)
 
 
 def filter_pose(folder, setup, truth, **arrays):
@@ -173,7 +174,7 @@ def test_the_same_log_through_the_step_and_the_staged_route(truth, tmp_path):
     samples = samples_from_log(log)
     _, (states, _) = pipeline.run(params, pipeline.init(params, samples), samples)
     np.testing.assert_allclose(
-        filter_log.filter_with_params(params, log).bias, states.bias.mean[:, :6], rtol=1e-8, atol=1e-9
+        by_params.filter_with_params(params, log).bias, states.bias.mean[:, :6], rtol=1e-8, atol=1e-9
     )
 
 

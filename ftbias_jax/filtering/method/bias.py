@@ -122,7 +122,7 @@ def innovation_variance(bias: Bias, taken: Float[Array, "T 6"], shown: Float[Arr
     The filter's own variance of what it predicts is noise of past samples for a half and process for the other, as in
     the steady state of a random walk: the first half is as much smaller, or larger, as the noise is.
     """
-    return bias.predicted * (1 + shown / taken) / 2 + shown
+    return bias.predicted * (1 + shown / jnp.where(taken > 0, taken, 1)) / 2 + shown
 
 
 def reading_variance(params: Params, shown: Float[Array, "T 6"], velocity: Float[Array, "T n"]) -> Float[Array, "T 6"]:
@@ -130,4 +130,5 @@ def reading_variance(params: Params, shown: Float[Array, "T 6"], velocity: Float
     noise = params.bias
     if noise.correlated_std is None:
         return shown
-    return shown + bias_filter.correlated_variance(noise, bias_filter.vibration(noise, velocity))
+    more = bias_filter.correlated_variance(noise, bias_filter.vibration(noise, velocity))
+    return shown + jnp.broadcast_to(more, shown.shape)

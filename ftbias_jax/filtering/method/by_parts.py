@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering import bias_filter, pipeline
@@ -44,7 +45,8 @@ def filter_parts(params: Params, parts: Parts, first_q: Array, options: Options,
     Returns:
         the parameters and the noise of the log, and its parts with their states and infos, one at a time.
     """
-    first = arrays_from_log(next(parts(MOST_SAMPLES)))
+    dtype = params.theta.dtype
+    first = arrays_from_log(next(parts(MOST_SAMPLES)), dtype)
     layout = layout_of(first.dt)
     if "fit_joint_noise" in method:
         density = likeliest_density(params.joint, first.dt, first.q, first.dq, model=options.joint_model)
@@ -52,12 +54,12 @@ def filter_parts(params: Params, parts: Parts, first_q: Array, options: Options,
     if "guard_joints" in method:
         params = guard_against_lag(params)
     nothing: Any = None
-    start = pipeline.init(params, Sample(nothing, np.asarray(first_q)[None], nothing, nothing))
+    start = pipeline.init(params, Sample(nothing, np.asarray(first_q, dtype)[None], nothing, nothing))
     if "fit_noise" not in method:
         passes = tuple(name for name in method if name in ("smooth_joints", "filter_joints", "filter_bias"))
         return params, None, layout, _results(params, None, start, parts, (options, passes, layout))
     blocks, jumps, state = [], [], start
-    for _, sizes, t, samples in _padded(parts):
+    for _, sizes, t, samples in _padded(parts, dtype):
         state, found, jumped = _look(params, state, samples, t, sizes, options=options, layout=layout)
         number = int(found.number)
         blocks.append(jax.tree.map(lambda x, n=number: np.asarray(x)[:n], found._replace(number=np.zeros(number))))
@@ -79,7 +81,7 @@ def _results(
 ) -> Iterator[tuple[Log, States, Infos]]:
     options, method, layout = program
     contacts = [] if noise is None else listed(noise[1].contacts, noise[1].block_times, layout)
-    for part, sizes, t, samples in _padded(parts):
+    for part, sizes, t, samples in _padded(parts, params.theta.dtype):
         touched = in_contact(t, contacts, layout.seconds)
         state, states, infos = _filter(
             params, noise, state, samples, (t, touched), sizes, options=options, method=method, layout=layout
@@ -87,20 +89,20 @@ def _results(
         yield part, *jax.tree.map(np.asarray, (states, infos))
 
 
-def _padded(parts: Parts) -> Iterator[tuple[Log, tuple[Array, Array], Array, Sample]]:
+def _padded(parts: Parts, dtype: Any) -> Iterator[tuple[Log, tuple[Array, Array], Array, Sample]]:
     """Every part, its samples and those that are there with the first ones of the next part, stamps and samples."""
     before = None
     for part, following in _with_next(parts(PART)):
-        samples = arrays_from_log(part, before=before)._replace(temperature=None, columns=None)
+        samples = arrays_from_log(part, dtype, before)._replace(temperature=None, columns=None)
         count = len(part.t)
         if following is not None:
-            after = arrays_from_log(following, before=part.t[-1])._replace(temperature=None, columns=None)
+            after = arrays_from_log(following, dtype, part.t[-1])._replace(temperature=None, columns=None)
             more = jax.tree.map(lambda x: x[:LOOKAHEAD], after)
             samples = jax.tree.map(lambda x, y: np.concatenate([x, y]), samples, more)
         there = len(samples.dt)
-        offset = part.t[0] - samples.dt[0]
         samples = pad(samples, PART + LOOKAHEAD)
-        yield part, (np.asarray(count), np.asarray(there)), offset + np.cumsum(samples.dt), samples
+        t = (part.t[0] - samples.dt[0] + np.cumsum(samples.dt, dtype=float)).astype(samples.dt.dtype)
+        yield part, (np.asarray(count), np.asarray(there)), t, samples
         before = part.t[-1]
 
 
@@ -155,8 +157,17 @@ def _filter(
     (length, seen), (t, touched) = sizes, at
     work = Work(params, state, samples, t, length, layout, options, seen)
     for name in method:
-        if name == "filter_bias" and noise is not None:
-            work = with_noise(work, *noise)._replace(touched=touched)
+        if name == "filter_bias":
+            work = work._replace(samples=_without_rest(samples, length))
+            work = work if noise is None else with_noise(work, *noise)._replace(touched=touched)
         work = PASSES[name](work)
     assert work.end is not None
     return work.end, *summarise(work)[1:]
+
+
+def _without_rest(samples: Sample, length: Array) -> Sample:
+    """The samples of a part, with nothing happening at those of the next part."""
+    here = jnp.arange(len(samples.dt)) < length
+    wrench = jnp.where(here[:, None], samples.wrench, jnp.nan)
+    rezeroed = None if samples.rezeroed is None else jnp.where(here, samples.rezeroed, 0)
+    return samples._replace(dt=jnp.where(here, samples.dt, 0), wrench=wrench, rezeroed=rezeroed)

@@ -91,7 +91,7 @@ def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> C
     index = jnp.arange(len(blocks.t))
     there = index < blocks.number
     sigma = mean_std(blocks, layout)
-    begin = jnp.maximum(BEGIN * sigma, BEGIN_SLOW * slow)
+    begin = jnp.maximum(BEGIN * sigma, BEGIN_SLOW * slow[None])
     # A block that a contact begins in has a large scatter: it is let through, but must not move the level.
     most = BEGIN * nan_median(jnp.where(there[:, None], sigma, jnp.nan))
     rate = min(1.0, layout.seconds / FOLLOW)
@@ -175,8 +175,8 @@ def mean_std(blocks: Blocks, layout: Layout) -> Float[Array, "N 6"]:
     # How far the level usually moves while it is followed, by the calmer part of the log: contacts are in the other.
     lag = max(1, round(FOLLOW / layout.seconds))
     moves = jnp.abs(blocks.mean[lag:] - blocks.mean[:-lag])
-    usual = jnp.nanquantile(moves, CALM_MOVES, axis=0) / MOVES_QUANTILE if len(moves) else 0.0
-    return jnp.hypot(white_std(blocks), jnp.nan_to_num(usual))
+    usual = jnp.nanquantile(moves, CALM_MOVES, axis=0) / MOVES_QUANTILE if len(moves) else jnp.zeros(6, moves.dtype)
+    return jnp.hypot(white_std(blocks), jnp.nan_to_num(usual)[None])
 
 
 def white_std(blocks: Blocks) -> Float[Array, "N 6"]:

@@ -221,28 +221,36 @@ def summarise(work: Work) -> tuple[Params, States, Infos]:
     assert known is not None
     assert found is not None
     taken, shown = _variances(work)
-    variance = innovation_variance(found, taken, shown)
-    inflation = 1 if noise is None else noise.inflation
+    innovation_std = _root(innovation_variance(found, taken, shown))
+    passed = jnp.isfinite(found.innovation)
+    standard = jnp.where(passed, found.innovation, 0) / jnp.where(passed, innovation_std, 1)
+    inflation = jnp.ones(6, found.bias.dtype) if noise is None else noise.inflation
     added = 0 if known.known_bias is None else known.known_bias
     q, dq, ddq = known.mean
-    errors = (found.bias_std * inflation, found.drift_std * inflation)
+    errors = (found.bias_std * inflation[None], found.drift_std * inflation[None])
     states = States(q, dq, ddq, known.ddq_std, found.bias + added, found.drift, *errors, found.slow_error)
     if work.smoothed is not None:
         smooth, smooth_std = work.smoothed
-        states = states._replace(bias_smooth=smooth, bias_smooth_std=smooth_std * inflation)
+        states = states._replace(bias_smooth=smooth, bias_smooth_std=smooth_std * inflation[None, None])
     infos = Infos(
         wrench_tool=known.wrench_tool + added,
         wrench_unbiased=work.samples.wrench + states.bias,
         innovation=found.innovation,
-        innovation_std=jnp.sqrt(variance),
-        nis=jnp.nansum(found.innovation**2 / variance, axis=1),
+        innovation_std=innovation_std,
+        nis=(standard**2).sum(1),
         used=found.used,
-        reading_std=jnp.sqrt(reading_variance(work.params, shown, dq)),
+        reading_std=_root(reading_variance(work.params, shown, dq)),
         log_likelihood=found.log_likelihood + known.log_likelihood,
         noise=noise,
         kept_out=1 - found.used.sum() / jnp.maximum(_free(work), 1),
     )
     return work.params, states, infos
+
+
+def _root(variance: Array) -> Array:
+    """Square root with a finite slope at 0, where padding is."""
+    there = variance > 0
+    return jnp.where(there, jnp.sqrt(jnp.where(there, variance, 1)), 0)
 
 
 def _variances(work: Work) -> tuple[Array, Array]:

@@ -126,7 +126,7 @@ def expected(t: Float[Array, " N"], stated: BiasNoise) -> Float[Array, "N 6"]:
 
     The filters of blocks know deviations from it: a prior that is sharp and far from zero is no error of the model.
     """
-    return stated.prior_mean[:6] + (t - t[0])[:, None] * stated.prior_mean[6:12]
+    return stated.prior_mean[None, :6] + (t - t[0])[:, None] * stated.prior_mean[None, 6:12]
 
 
 def offset_of(blocks: Blocks, slow: Float[Array, " 6"], stated: BiasNoise) -> Float[Array, " 6"]:
@@ -158,7 +158,7 @@ def inflation(t: Float[Array, " N"], white: Float[Array, "N 6"]) -> Float[Array,
     """
     seen = jnp.isfinite(white) & (t - t[0] >= SETTLED)[:, None]
     values = jnp.stack([jnp.where(seen, white, 0), seen.astype(white.dtype)], 1)
-    batch = jnp.floor((t - t[0] - SETTLED)[:, None] / jnp.asarray(BATCHES, t.dtype))
+    batch = jnp.floor((t - t[0] - SETTLED)[:, None] / jnp.asarray(BATCHES, t.dtype)[None])
     # Only batches that have samples: a log may pause for longer than all of it lasts.
     number = running_sum((jnp.diff(batch, axis=0, prepend=batch[:1]) != 0).astype(int))
     of_all = jax.vmap(lambda x, of: jax.ops.segment_sum(x, of, len(t)), (None, 1))(values, number)
@@ -194,7 +194,7 @@ def from_median(noise: BiasNoise, found: Noise, blocks: Blocks) -> BiasNoise:
     """
     measured = jnp.where(found.contacts.inside[:, None], jnp.nan, blocks.mean)
     median = nan_median(measured)
-    scatter, seen = MAD * nan_median(jnp.abs(measured - median)), jnp.isfinite(median)
+    scatter, seen = MAD * nan_median(jnp.abs(measured - median[None])), jnp.isfinite(median)
     mean, std = (
         jnp.concatenate([jnp.where(seen, x, before[:6]), before[6:]])
         for x, before in ((median, noise.prior_mean), (scatter, noise.prior_std))

@@ -88,8 +88,6 @@ def smooth_joints(
         samples, gaps, states = piece
         gaps_and_states = (gaps[:, None], None, (states.mean, states.triangle))
         smoothed = States(*smooth_back(model, density, restart, after, gaps_and_states))
-            *smooth_back(model, density, restart, after, (gaps[:, None], None, (states.mean, states.triangle)))
-        )
         return jax.tree.map(lambda x: x[0], tuple(smoothed)), _kept(params, smoothed, samples, options)
 
     counted = jnp.arange(len(samples.dt)) < length

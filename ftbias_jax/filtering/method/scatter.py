@@ -61,12 +61,13 @@ def variance_of(data: Scatter, found: Coefficients) -> Float[Array, "S F N 6"]:
     """N^2, Nm^2 of a sample in each block."""
     stated = jnp.stack(data.stated, -1)
     known = jnp.einsum("nak,sfak->sfna", stated, found.shares)
-    return jnp.maximum(known + jnp.einsum("snj,sfaj->sfna", data.motion, found.per_speed), data.least)
+    moving = jnp.einsum("snj,sfaj->sfna", data.motion, found.per_speed)
+    return jnp.maximum(known + moving, data.least[None, None])
 
 
 def log_likelihood(data: Scatter, mu: Float[Array, "S F N 6"]) -> Float[Array, "S F"]:
     """Nats of the scatter for these variances, up to a constant."""
-    return -(data.dof * (jnp.log(mu) + jnp.minimum(data.value / mu, HEAVY))).sum((-2, -1)) / 2
+    return -(data.dof[None] * (jnp.log(mu) + jnp.minimum(data.value[None, None] / mu, HEAVY))).sum((-2, -1)) / 2
 
 
 def maximise(data: Scatter, rounds: int) -> Coefficients:
@@ -80,20 +81,22 @@ def maximise(data: Scatter, rounds: int) -> Coefficients:
     first, second = np.triu_indices(joints)
     place = np.zeros((joints, joints), int)
     place[first, second] = place[second, first] = np.arange(len(first))
+    parts = stated[:, None, None, None]  # (K, 1, 1, 1, N, 6)
     squares = data.motion[..., first] * data.motion[..., second]
 
     def step(_: int, found: Coefficients) -> Coefficients:
         mu = variance_of(data, found)
-        weight = jnp.where(data.dof > 0, data.dof / mu**2, 0)
-        of_value = weight * jnp.minimum(data.value, HEAVY * mu)
-        weighted = weight[None] * stated[:, None, None]  # (K, S, F, N, 6)
-        among_stated = (weighted[:, None] * stated[None, :, None, None]).sum(4)  # (K, K, S, F, 6)
+        dof, value = data.dof[None], data.value[None, None]
+        weight = jnp.where(dof > 0, dof / mu**2, 0)
+        of_value = weight * jnp.minimum(value, HEAVY * mu)
+        weighted = weight[None] * parts[:, 0]  # (K, S, F, N, 6)
+        among_stated = (weighted[:, None] * parts[None, :, 0]).sum(4)  # (K, K, S, F, 6)
         across = jnp.einsum("snj,ksfna->jksfa", data.motion, weighted)
         among_joints = jnp.einsum("snp,sfna->psfa", squares, weight)[place]
         upper, lower = jnp.concatenate([among_stated, jnp.swapaxes(across, 0, 1)], 1), [across, among_joints]
         matrix = jnp.concatenate([upper, jnp.concatenate(lower, 1)])
         of_joints = jnp.einsum("snj,sfna->jsfa", data.motion, of_value)
-        right = jnp.concatenate([(of_value * stated[:, None, None]).sum(3), of_joints])
+        right = jnp.concatenate([(of_value[None] * parts[:, 0]).sum(3), of_joints])
         start = jnp.concatenate([found.shares, found.per_speed], -1)
         solved = _non_negative(matrix, right, jnp.moveaxis(start, -1, 0))
         return Coefficients(*jnp.split(jnp.moveaxis(solved, 0, -1), [len(stated)], axis=-1))
@@ -109,9 +112,9 @@ def _start(data: Scatter) -> Coefficients:
     of_all = jnp.where(used, sum(data.stated), 0).sum(0) / jnp.maximum(used.sum(0), 1)
     level = data.usual / jnp.where(of_all > 0, of_all, 1) / 2
     moves = data.motion.mean(1)[:, None]  # (S, 1, n)
-    speed = jnp.where(moves > 0, data.usual[:, None] / jnp.where(moves > 0, moves, 1) / 2 / max(1, joints), 0)
+    speed = jnp.where(moves > 0, data.usual[None, :, None] / jnp.where(moves > 0, moves, 1) / 2 / max(1, joints), 0)
     fits = (len(data.motion), len(data.dof), 6)
-    shares = jnp.broadcast_to(level[:, None], (*fits, number))
+    shares = jnp.broadcast_to(level[None, None, :, None], (*fits, number))
     return Coefficients(shares, jnp.broadcast_to(speed[:, None], (*fits, joints)))
 
 

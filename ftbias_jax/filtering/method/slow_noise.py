@@ -68,7 +68,7 @@ def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[A
     """
     span, step, axes = means.t[-1] - means.t[0], means.seconds, jnp.arange(6)
     unit = jnp.nan_to_num(jnp.sqrt(nan_median(jnp.where(jnp.isfinite(means.y), means.variance, jnp.nan))))
-    times = jnp.geomspace(2 * step, jnp.maximum(span / 6, 4 * step), TIMES)
+    times = jnp.geomspace(2 * step, jnp.maximum(span / 6, 4 * step), TIMES, dtype=unit.dtype)
     white, ratio = (x.ravel()[:, None] for x in np.meshgrid(WHITE, np.r_[0, RATIOS], indexing="ij"))
     # White noise of any level, as finely searched: what is gained must be due to the correlation.
     levels = jnp.broadcast_to(jnp.asarray(LEVELS, unit.dtype)[:, None], (len(LEVELS), 6))
@@ -79,7 +79,7 @@ def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[A
 
     slow = Grid(
         on_all(jnp.asarray(white, unit.dtype), TIMES),
-        on_all(ratio * unit, TIMES),
+        on_all(jnp.asarray(ratio, unit.dtype) * unit[None], TIMES),
         jnp.broadcast_to(jnp.tile(times, len(ratio))[:, None], (TIMES * len(ratio), 6)),
     )
     number = len(slow.std)
@@ -92,7 +92,7 @@ def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[A
         best = nats[:number].argmax(0)
         at = Grid(*(x[best, axes] for x in slow))
         a, b, c = jnp.exp(spread * jnp.asarray(steps, unit.dtype))[:, :, None]
-        finer = Grid(a * at.white, b * jnp.where(at.std > 0, at.std, 0.1 * unit), c * at.time)
+        finer = Grid(a * at.white[None], b * jnp.where(at.std > 0, at.std, 0.1 * unit)[None], c * at.time[None])
         return finer, (at, nats[:number].max(0), nats[number:].max(0))
 
     _, (best, nats, flat) = jax.lax.scan(refine, slow, jnp.asarray([*SPREADS, 0.0], unit.dtype))

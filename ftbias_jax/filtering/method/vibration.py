@@ -65,7 +65,8 @@ class Vibration(NamedTuple):
     def variance(self, blocks: Blocks, sensor: Float[Array, " 6"]) -> Float[Array, "N 6"]:
         """N^2, Nm^2 of a sample in each block; ``sensor`` is what is stated of the sensor alone."""
         motion = effective_speed_squared(jnp.sqrt(blocks.motion), self.speed) @ self.per_speed
-        return jnp.where(self.taken, blocks.stated + (self.level - 1) * sensor + motion, blocks.stated)
+        more = jnp.asarray((self.level - 1) * sensor)[None] + motion
+        return blocks.stated + jnp.where(self.taken, more, 0)
 
 
 def fit_vibration(
@@ -86,7 +87,7 @@ def fit_vibration(
     dof, value = blocks.count - 2.0, blocks.scatter
     usable = free[:, None] & (dof > 0) & jnp.isfinite(value) & (blocks.stated > 0)
     dof, value = jnp.where(usable, dof, 0), jnp.where(usable, value, 1)
-    calm = jnp.where(usable, blocks.stated - blocks.shaking, sensor)
+    calm = jnp.where(usable, blocks.stated - blocks.shaking, sensor[None])
     middle = nan_median(jnp.where(usable[:, None], jnp.stack([value, calm], 1), jnp.nan))
     usual, stated = jnp.nan_to_num(middle[0], nan=1.0), jnp.nan_to_num(middle[1])
     speeds = motion_by_speed(blocks)
@@ -94,16 +95,16 @@ def fit_vibration(
     sides = jnp.stack([fold == 0, fold == 1])[:, :, None]
     # The form is chosen, and the level read, in what is stated as a whole: its parts are told apart less surely.
     choices = jnp.concatenate([jnp.zeros_like(speeds[:1]), speeds])
-    fitted = maximise(Scatter(value, dof * sides, (calm,), choices, usual), ROUNDS_TO_COMPARE)
-    unseen = Scatter(value, dof * sides[::-1], (calm,), choices, usual)
+    fitted = maximise(Scatter(value, dof[None] * sides, (calm,), choices, usual), ROUNDS_TO_COMPARE)
+    unseen = Scatter(value, dof[None] * sides[::-1], (calm,), choices, usual)
     nats = log_likelihood(unseen, variance_of(unseen, fitted)).sum(1)
     best = nats[1:].argmax()
     gain = nats[1 + best] - nats[0]
     moves = gain > LEAST_GAIN
     motion = jnp.where(moves, speeds[best], 0)[None]
     # As a whole and in parts in one fit of two columns, of which the first has nothing in the second.
-    sensors = jnp.broadcast_to(sensor, calm.shape)
-    columns = jnp.stack([jnp.stack([calm, sensors]), jnp.stack([jnp.zeros_like(calm), jnp.maximum(calm - sensor, 0)])])
+    sensors = jnp.broadcast_to(sensor[None], calm.shape)
+    columns = jnp.stack([jnp.stack([calm, sensors]), jnp.stack([jnp.zeros_like(calm), jnp.maximum(calm - sensors, 0)])])
 
     def fit(column: tuple[Array, Array]) -> Coefficients:
         found = maximise(Scatter(value, dof[None], column, motion, usual), ROUNDS)
@@ -117,11 +118,11 @@ def fit_vibration(
     as_stated = ~seen | (jnp.abs(share - 1) < LEVEL_WITHIN)
     usual = jnp.where(used, calm, 0).sum(0) / jnp.maximum(used.sum(0), 1)
     per_speed = parts.per_speed.T
-    noticed = per_speed * motion[0].mean(0)[:, None] > 1e-3 * usual
+    noticed = per_speed * motion[0].mean(0)[:, None] > 1e-3 * usual[None]
     shown = [jnp.where(as_stated, 1, jnp.maximum(parts.shares[:, k], LEAST_LEVEL)) for k in (0, 1)]
     speed = jnp.where(moves, jnp.asarray(SPEEDS, calm.dtype)[best], jnp.inf)
     return Vibration(
-        level, jnp.where(seen & noticed & moves, per_speed, 0), speed, gain, Shares(*shown), jnp.asarray(taken)
+        level, jnp.where(seen[None] & noticed & moves, per_speed, 0), speed, gain, Shares(*shown), jnp.asarray(taken)
     )
 
 
@@ -167,7 +168,7 @@ def taken_variance(
         variance: diagonal of R for ``stated``.
         velocity: rad/s.
     """
-    more = (taken_level(found) - 1) * stated.wrench_variance + _growth(stated, found, velocity)
+    more = ((taken_level(found) - 1) * stated.wrench_variance)[None] + _growth(stated, found, velocity)
     return variance + jnp.where(found.taken, more, 0)
 
 
@@ -179,11 +180,11 @@ def shown_variance(
     The bias and its error bars rest on what is stated, at least. What the next reading may be is another question, and
     the log answers it: at rest, for one, the joints add less noise than in the motion that sets theirs.
     """
-    sensor, shares = stated.wrench_variance, found.shares
+    sensor, shares = stated.wrench_variance[None], found.shares
     shaking = stated_shaking(stated, velocity)
     # An effect of the setup may make the sensor quieter: there is then nothing beside it, and not less than nothing.
     rest = jnp.maximum(variance - sensor - (0 if shaking is None else shaking), 0)
-    return shares.sensor * sensor + shares.rest * rest + _growth(stated, found, velocity)
+    return shares.sensor[None] * sensor + shares.rest[None] * rest + _growth(stated, found, velocity)
 
 
 def stated_shaking(stated: BiasNoise, velocity: Float[Array, "T n"]) -> Float[Array, "T 6"] | None:

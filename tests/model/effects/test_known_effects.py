@@ -1,5 +1,6 @@
 """A setup that knows of an effect: filter, likelihood and smoother then include it."""
 
+import by_params
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from demo_logs import T, recorder
 
 from ftbias_jax.cli.commands.demo import SETUP
-from ftbias_jax.filtering import filter_log, pipeline
+from ftbias_jax.filtering import params_for_log, pipeline
 from ftbias_jax.filtering.result import named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.model.effects.catalogue import CATALOGUE, typical_values
@@ -49,7 +50,7 @@ def strong(name, params):
 
 def innovation_rms(params, log):
     """Root mean square of the second half's innovations, (6,) N, Nm."""
-    innovation = filter_log.filter_with_params(params, log).innovation
+    innovation = by_params.filter_with_params(params, log).innovation
     return np.sqrt(np.mean(innovation[len(innovation) // 2 :] ** 2, 0))
 
 
@@ -70,8 +71,8 @@ def test_a_known_warm_up_is_part_of_the_bias(params, record):
     """The bias a filter reports is the whole of it, and the corrected wrench is the tool's."""
     amplitude = np.array([4.0, -2, 1, 0.2, 0.1, -0.1])
     effects = {"warmup": {"amplitude": jnp.array(amplitude), "tau": jnp.array(5.0)}}
-    plain = filter_log.filter_with_params(params, record(None))
-    warm = filter_log.filter_with_params(params._replace(effects=effects), record(effects))
+    plain = by_params.filter_with_params(params, record(None))
+    warm = by_params.filter_with_params(params._replace(effects=effects), record(effects))
     settled = 1 - np.exp(-warm.t / 5.0)
     np.testing.assert_allclose(warm.bias - plain.bias, settled[:, None] * amplitude, atol=1e-9)
     np.testing.assert_allclose(warm.wrench_tool, plain.wrench_tool, atol=1e-9)
@@ -82,8 +83,8 @@ def test_no_effects_and_neutral_effects_are_the_same(params, record):
     log = record(None)
     neutral = {"gain": {"gain": jnp.ones(6)}, "time_delay": {"delay": jnp.array(0.0)}}
     plain, with_neutral = (
-        filter_log.filter_with_params(params, log),
-        filter_log.filter_with_params(params._replace(effects=neutral), log),
+        by_params.filter_with_params(params, log),
+        by_params.filter_with_params(params._replace(effects=neutral), log),
     )
     for name, value in named_arrays(plain).items():
         np.testing.assert_allclose(getattr(with_neutral, name), value, rtol=1e-9, atol=1e-9, err_msg=name)
@@ -94,7 +95,7 @@ def test_a_saturated_sample_is_not_used(params, record):
     limits = np.array([1e3, 1e3, np.nanquantile(np.abs(log.wrench[:, 2]), 0.97), 1e3, 1e3, 1e3])
     clipped = log._replace(wrench=np.clip(log.wrench, -limits, limits))
     effects = {"saturation": {"limits": jnp.array(limits)}}
-    used = filter_log.without_useless(clipped, params._replace(effects=effects)).wrench
+    used = params_for_log.without_useless(clipped, params._replace(effects=effects)).wrench
     stuck = np.abs(log.wrench[:, 2]) >= limits[2]
     assert np.isnan(used[stuck, 2]).all()
     assert np.isfinite(used[~stuck]).all()

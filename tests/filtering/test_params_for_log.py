@@ -2,6 +2,7 @@
 
 import json
 
+import by_params
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,9 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftbias_jax.filtering import filter_log, pipeline, smoother
+from ftbias_jax.filtering import params_for_log, pipeline, smoother
+from ftbias_jax.filtering.fast import stages
+from ftbias_jax.filtering.fast.rts import smooth_track
+from ftbias_jax.filtering.fast.scan import filter_scan
 from ftbias_jax.filtering.pipeline import Options
-from ftbias_jax.filtering.process_models import integrated_jerk_noise
+from ftbias_jax.filtering.process_models import drift_noise, integrated_jerk_noise
 from ftbias_jax.filtering.quality.summary import summarise
 from ftbias_jax.filtering.result import Filtered, named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
@@ -59,12 +63,9 @@ def whole(request, params, samples):
     return request.param, pipeline.run(params, pipeline.init(params, samples), samples, request.param)[1]
 
 
-@pytest.mark.parametrize("chunk", [16, filter_log.CHUNK])
-def test_chunks_are_one_run_at_the_stamps_of_the_wrench(params, log, whole, monkeypatch, chunk):
+def test_a_result_is_one_run_at_the_stamps_of_the_wrench(params, log, whole):
     options, (states, infos) = whole
-    monkeypatch.setattr(filter_log, "CHUNK", chunk)
-    done = []
-    got = filter_log.filter_with_params(params, log, options, done.append)
+    got = by_params.filter_with_params(params, log, options)
     rows = np.isfinite(log.wrench).any(1)
     std = np.sqrt(np.diagonal(states.bias.covariance, axis1=1, axis2=2))[rows]
     bias, wrench = states.bias.mean[rows], infos.wrench
@@ -88,13 +89,12 @@ def test_chunks_are_one_run_at_the_stamps_of_the_wrench(params, log, whole, monk
     )
     assert 0 < rows.sum() < len(log.t)
     assert_same(got, expected)
-    assert done == ([16, 32, 40] if chunk == 16 else [40])
 
 
 def test_the_past_does_not_depend_on_the_future(params, log):
     """Nor on the length that the log is padded to."""
-    part = filter_log.filter_with_params(params, Log(*rows_of(log[:5], slice(35)), START))
-    whole = filter_log.filter_with_params(params, log)
+    part = by_params.filter_with_params(params, Log(*rows_of(log[:5], slice(35)), START))
+    whole = by_params.filter_with_params(params, log)
     kept = rows_of(whole._replace(log_likelihood=np.zeros(40)), slice(len(part.t)))
     assert_same(part._replace(log_likelihood=kept.log_likelihood), kept, rtol=1e-13)
 
@@ -105,18 +105,21 @@ def test_samples_without_measurements_change_nothing(params, log):
     stamps = (log.t[before] + log.t[before - 1]) / 2
     more = Log(*(np.insert(x, before, np.nan, axis=0) for x in log[:5]), START)
     more = more._replace(t=np.insert(log.t, before, stamps))
-    assert_same(filter_log.filter_with_params(params, more), filter_log.filter_with_params(params, log), rtol=1e-6)
+    assert_same(by_params.filter_with_params(params, more), by_params.filter_with_params(params, log), rtol=1e-6)
 
 
-def test_smoothing_at_the_stamps_of_the_wrench(params, samples, log, whole):
-    options, (_, infos) = whole
-    rows = np.isfinite(log.wrench).any(1)
-    used = samples._replace(wrench=jnp.where(jnp.isfinite(infos.wrench.value), samples.wrench, jnp.nan))
-    assert (np.isnan(used.wrench) != np.isnan(samples.wrench)).any() == (options.gate is not None)
-    _, mean, std = smoother.smooth_log(params, pipeline.init(params, samples), used, options._replace(gate=None))
-    got_mean, got_std = filter_log.smooth_with_params(params, log, options)
-    np.testing.assert_allclose(got_mean, mean.reshape(-1, 2, 6)[rows], rtol=1e-7, atol=1e-9)
-    np.testing.assert_allclose(got_std, std.reshape(-1, 2, 6)[rows], rtol=1e-6)
+def test_smoothing_is_that_of_the_samples_that_passed_the_gate(params, samples, log):
+    options = Options(gate=40.0)
+    _, states, infos = by_params.found_in(params, log, options, ("smooth_joints", "filter_bias", "smooth_bias"))
+    used = samples._replace(wrench=jnp.where(jnp.isfinite(infos.innovation[:40]), samples.wrench, jnp.nan))
+    assert (np.isnan(used.wrench) != np.isnan(samples.wrench)).any()
+    start = pipeline.init(params, used)
+    joints = smoother.smooth_joint_tracks(params, start, used, options)
+    inputs = stages.bias_inputs(params, start, used, *stages.predict_wrenches(params, joints, used, options))
+    smoothed = smooth_track(drift_noise, inputs, filter_scan(drift_noise, inputs))
+    std = np.sqrt(np.diagonal(smoothed.covariance, axis1=1, axis2=2).swapaxes(1, 2))
+    np.testing.assert_allclose(states.bias_smooth[:40], smoothed.mean, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(states.bias_smooth_std[:40], std, rtol=1e-6)
 
 
 def csv_text(log, names, order):
@@ -142,9 +145,9 @@ def test_permuting_the_names_and_columns_of_the_joints_changes_nothing(tmp_path_
 
 def test_a_stated_density_is_kept_to_smooth_and_guarded_to_filter(samples):
     setup = parse_setup({**SETUP, "joints": {**SETUP["joints"], "process_noise_density": [1, 2, 3]}})
-    np.testing.assert_array_equal(filter_log.likeliest_params(setup, samples).joint.process_density, [1, 2, 3])
-    guarded = filter_log.params_for_log(setup, samples).joint.process_density
-    np.testing.assert_array_equal(guarded, filter_log.LAG_GUARD * np.array([1, 2, 3]))
+    np.testing.assert_array_equal(params_for_log.likeliest_params(setup, samples).joint.process_density, [1, 2, 3])
+    guarded = params_for_log.params_for_log(setup, samples).joint.process_density
+    np.testing.assert_array_equal(guarded, params_for_log.LAG_GUARD * np.array([1, 2, 3]))
 
 
 def test_a_density_left_open_is_the_true_one_times_the_guard():
@@ -161,15 +164,15 @@ def test_a_density_left_open_is_the_true_one_times_the_guard():
     dq[::2] = np.nan
     nothing = np.full(count, np.nan)
     log = Log(dt * np.arange(count), q, dq, np.zeros((count, 6)), nothing)
-    found = filter_log.params_for_log(parse_setup(SETUP), samples_from_log(log)).joint.process_density
-    assert (np.abs(np.log(found / filter_log.LAG_GUARD / truth)) < np.log(3)).all()
+    found = params_for_log.params_for_log(parse_setup(SETUP), samples_from_log(log)).joint.process_density
+    assert (np.abs(np.log(found / params_for_log.LAG_GUARD / truth)) < np.log(3)).all()
 
 
 def filtered(path):
     setup = load_setup(path.with_suffix(".toml"))
     log = read_log(path, setup)
-    params = filter_log.params_for_log(setup, samples_from_log(log))
-    return log, params, filter_log.filter_with_params(params, log)
+    params = params_for_log.params_for_log(setup, samples_from_log(log))
+    return log, params, by_params.filter_with_params(params, log)
 
 
 @pytest.mark.slow

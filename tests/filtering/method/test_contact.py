@@ -1,13 +1,33 @@
 """Contacts that were put into made-up series are found, and nothing else is."""
 
+import jax
 import numpy as np
 import pytest
 from made_series import STD, blocks_of, free_motion, gauss_markov, made_blocks, stamps
 
-from ftbias_jax.filtering.adapt.contact import SETTLED, Contact, find_contacts, in_contact, mean_std, slow_std
+from ftbias_jax.filtering.method.blocks import Layout, to_samples
+from ftbias_jax.filtering.method.contact import (
+    SETTLED,
+    Contact,
+    Contacts,
+    find_contacts,
+    in_contact,
+    listed,
+    mean_std,
+    slow_std,
+)
+from ftbias_jax.filtering.method.look import contacts_in
+from ftbias_jax.io.log import Log
 
 FORCE = np.array([-5.0, 0, 0, 0, 0.2, 0])
 """N, Nm: what a contact does to the measured bias."""
+
+
+def contacts_of(t, y):
+    """Contacts of a series, as diagnosis finds them."""
+    nothing = np.full((len(t), 6), np.nan)
+    log = Log(t, nothing, nothing, nothing, nothing[:, 0])
+    return list(contacts_in(log, y, np.zeros((len(t), 2)), np.broadcast_to(STD**2, y.shape)))
 
 
 def pushed(t, y, *times, force=FORCE):
@@ -34,8 +54,9 @@ def block_means(rng, seconds=30.0, slow=0.0):
 @pytest.mark.parametrize("slow", [0.0, 1.0, 10.0])
 def test_free_motion_has_no_contact(slow):
     """White noise, a drift, and errors that vary slowly, in 200 logs."""
-    found = [bool(find_contacts(block_means(np.random.default_rng(seed), slow=slow))) for seed in range(200)]
-    assert sum(found) == 0
+    layout = Layout(25, 0.05)
+    find = jax.jit(lambda blocks: find_contacts(blocks, layout, slow_std(blocks, layout)).inside.any())
+    assert not any(find(block_means(np.random.default_rng(seed), slow=slow)) for seed in range(200))
 
 
 @pytest.mark.parametrize(("std", "time"), [(3.0, 0.3), (1.0, 0.05), (3.0, 3.0), (3.0, 30.0)])
@@ -43,7 +64,7 @@ def test_correlated_noise_is_no_contact(std, time):
     t = stamps(60, 200)
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        assert find_contacts(blocks_of(t, free_motion(rng, t) + gauss_markov(rng, t, std * STD, time))) == []
+        assert contacts_of(t, free_motion(rng, t) + gauss_markov(rng, t, std * STD, time)) == []
 
 
 @pytest.mark.parametrize("rate", [250, 500, 1000])
@@ -53,7 +74,7 @@ def test_a_contact_of_a_second_is_found_to_a_tenth_of_one(rate):
     for seed in range(25):
         rng = np.random.default_rng(seed)
         start = rng.uniform(5, 15)
-        (contact,) = find_contacts(blocks_of(t, pushed(t, free_motion(rng, t), (start, start + 1))))
+        (contact,) = contacts_of(t, pushed(t, free_motion(rng, t), (start, start + 1)))
         assert contact.start == pytest.approx(start, abs=0.1)
         assert contact.end == pytest.approx(start + 1, abs=0.1)
         np.testing.assert_allclose(contact.force, FORCE, rtol=0.1, atol=2 * STD.max())
@@ -65,20 +86,20 @@ def test_a_contact_is_found_on_top_of_slow_errors():
     for seed in range(8):
         rng = np.random.default_rng(seed)
         y = free_motion(rng, t) + slow_sines(rng, t, 5 * STD)
-        (contact,) = find_contacts(blocks_of(t, pushed(t, y, (17.3, 18.9), force=3 * FORCE)))
+        (contact,) = contacts_of(t, pushed(t, y, (17.3, 18.9), force=3 * FORCE))
         assert (contact.start, contact.end) == pytest.approx((17.3, 18.9), abs=0.1)
 
 
 def test_two_contacts_are_two():
     t = stamps(30, 500)
     y = free_motion(np.random.default_rng(2), t)
-    first, second = find_contacts(blocks_of(t, pushed(t, y, (6.0, 7.5), (20.0, 20.4))))
+    first, second = contacts_of(t, pushed(t, y, (6.0, 7.5), (20.0, 20.4)))
     assert (first.start, first.end, second.start, second.end) == pytest.approx((6.0, 7.5, 20.0, 20.4), abs=0.1)
 
 
 def test_a_contact_at_the_end_lasts_to_the_end():
     t = stamps(20, 500)
-    (contact,) = find_contacts(blocks_of(t, pushed(t, free_motion(np.random.default_rng(3), t), (17.0, 30.0))))
+    (contact,) = contacts_of(t, pushed(t, free_motion(np.random.default_rng(3), t), (17.0, 30.0)))
     assert contact.start == pytest.approx(17.0, abs=0.1)
     assert contact.end == pytest.approx(t[-1], abs=0.1)
 
@@ -87,8 +108,8 @@ def test_a_bias_that_jumps_and_stays_is_let_through():
     """And a contact after the jump is found from its new level."""
     t = stamps(60, 250)
     y = free_motion(np.random.default_rng(4), t) + 4.0 * (t > 20)[:, None]
-    assert find_contacts(blocks_of(t, y)) == []
-    (contact,) = find_contacts(blocks_of(t, pushed(t, y, (40.0, 41.0))))
+    assert contacts_of(t, y) == []
+    (contact,) = contacts_of(t, pushed(t, y, (40.0, 41.0)))
     assert (contact.start, contact.end) == pytest.approx((40.0, 41.0), abs=0.1)
 
 
@@ -98,9 +119,9 @@ def test_what_takes_most_of_a_log_is_not_trusted():
     share = SETTLED * 0.7
     half = [(start, start + share) for start in np.arange(5.0, 55.0, 2 * share)]
     most = [(start, start + share) for start in np.arange(5.0, 58.0, 1.25 * share)]
-    found = find_contacts(blocks_of(t, pushed(t, y, *half)))
+    found = contacts_of(t, pushed(t, y, *half))
     assert len(found) == len(half)
-    assert find_contacts(blocks_of(t, pushed(t, y, *most))) == []
+    assert contacts_of(t, pushed(t, y, *most)) == []
 
 
 @pytest.mark.filterwarnings("error")
@@ -108,7 +129,7 @@ def test_axes_that_were_never_measured_do_not_matter():
     t = stamps(20, 250)
     y = pushed(t, free_motion(np.random.default_rng(6), t), (8.0, 9.0))
     y[:, [1, 5]] = np.nan
-    (contact,) = find_contacts(blocks_of(t, y))
+    (contact,) = contacts_of(t, y)
     assert (contact.start, contact.end) == pytest.approx((8.0, 9.0), abs=0.1)
     assert np.isfinite(contact.force).all()
 
@@ -117,8 +138,8 @@ def test_a_hole_in_the_wrench_is_no_contact():
     t = stamps(20, 250)
     y = free_motion(np.random.default_rng(7), t)
     y[(t > 5) & (t < 9)] = np.nan
-    assert find_contacts(blocks_of(t, y)) == []
-    (contact,) = find_contacts(blocks_of(t, pushed(t, y, (12.0, 13.0))))
+    assert contacts_of(t, y) == []
+    (contact,) = contacts_of(t, pushed(t, y, (12.0, 13.0)))
     assert (contact.start, contact.end) == pytest.approx((12.0, 13.0), abs=0.1)
 
 
@@ -126,17 +147,17 @@ def test_a_hole_in_the_wrench_is_no_contact():
 @pytest.mark.parametrize("count", [1, 2, 3, 10])
 def test_logs_of_a_few_blocks_have_none(count):
     t = stamps(count * 0.05, 500)
-    assert find_contacts(blocks_of(t, free_motion(np.random.default_rng(8), t))) == []
+    assert contacts_of(t, free_motion(np.random.default_rng(8), t)) == []
 
 
 def test_the_usual_spread_is_measured_in_the_calm_part():
     """With contacts in a third of the log, as without."""
     t = stamps(60, 250)
     y = free_motion(np.random.default_rng(9), t)
-    calm, touched = (blocks_of(t, x) for x in (y, pushed(t, y, *[(s, s + 2) for s in range(3, 60, 6)])))
-    np.testing.assert_allclose(slow_std(touched), slow_std(calm), rtol=1.0)
-    free = ~in_contact(calm.t, [Contact(s, s + 2, FORCE) for s in range(3, 60, 6)], 0.1)
-    np.testing.assert_allclose(np.median(mean_std(touched)[free], 0), np.median(mean_std(calm)[free], 0), rtol=0.3)
+    (calm, layout), (touched, _) = (blocks_of(t, x) for x in (y, pushed(t, y, *[(s, s + 2) for s in range(3, 60, 6)])))
+    np.testing.assert_allclose(slow_std(touched, layout), slow_std(calm, layout), rtol=1.0)
+    free = ~in_contact(np.asarray(calm.t), [Contact(s, s + 2, FORCE) for s in range(3, 60, 6)], 0.1)
+    np.testing.assert_allclose(*(np.median(mean_std(x, layout)[free], 0) for x in (touched, calm)), rtol=0.3)
 
 
 def test_samples_in_contact_and_beside_one():
@@ -145,3 +166,16 @@ def test_samples_in_contact_and_beside_one():
     np.testing.assert_array_equal(np.flatnonzero(in_contact(t, contacts)), [2, 3, 7])
     np.testing.assert_array_equal(np.flatnonzero(in_contact(t, contacts, 1.0)), [1, 2, 3, 4, 6, 7, 8])
     assert not in_contact(t, []).any()
+
+
+def test_what_is_inside_a_contact_and_beside_it_by_blocks_and_by_samples():
+    first = np.array([-1, -1, -1, -1, 1, -1, -1, 6, -1])
+    inside = np.isin(np.arange(9), [1, 2, 3, 6])
+    departure = np.zeros((9, 6))
+    departure[2, 0], departure[3, 4] = -5, 2
+    contacts, layout = Contacts(first, inside, departure), Layout(10, 0.1)
+    np.testing.assert_array_equal(np.flatnonzero(contacts.near), [0, 1, 2, 3, 4, 5, 6, 7])
+    np.testing.assert_array_equal(np.flatnonzero(to_samples(layout, inside, 95)), [*range(10, 40), *range(60, 70)])
+    one, two = listed(contacts, 0.1 * np.arange(9) + 0.05, layout)
+    assert (one.start, one.end, two.start, two.end) == pytest.approx((0.1, 0.4, 0.6, 0.7))
+    np.testing.assert_array_equal(one.force, [-5, 0, 0, 0, 2, 0])

@@ -1,12 +1,14 @@
 """Slow errors of made-up series against textbook filters, and recovered from what was put in."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from made_series import STD, gauss_markov, stamps
 
-from ftbias_jax.filtering.adapt import slow_noise
-from ftbias_jax.filtering.adapt.block_filter import Grid, averaged, filter_blocks
-from ftbias_jax.filtering.adapt.slow_noise import coarser, fit_slow_noise, log_likelihoods
+from ftbias_jax.filtering.method import slow_noise
+from ftbias_jax.filtering.method.block_filter import Grid, averaged, filter_blocks, filter_series
+from ftbias_jax.filtering.method.slow_noise import Means, coarser, fit_slow_noise, log_likelihoods
 
 PRIOR = np.concatenate([20 * STD, 0.05 * STD])
 DENSITY = 0.01 * STD
@@ -21,8 +23,14 @@ def bias_course(rng, t):
     return PRIOR[:6] * rng.normal(size=6) + np.cumsum(dt * drift, 0)
 
 
+@jax.jit
+def _fit(t, y, variance):
+    means = coarser(Means(jnp.median(jnp.diff(t)), t, y, variance), jnp.asarray(len(t)))
+    return fit_slow_noise(means, DENSITY, PRIOR.reshape(2, 6))
+
+
 def fit(t, y, std=BLOCK):
-    return fit_slow_noise(t, y, np.broadcast_to(std**2, y.shape), DENSITY, PRIOR)
+    return jax.tree.map(np.asarray, _fit(t, y, np.broadcast_to(std**2, y.shape)))
 
 
 @pytest.fixture
@@ -35,7 +43,7 @@ def short():
     y[7] = np.nan
     variance = np.where(np.isfinite(y), rng.uniform(0.5, 2, y.shape) * BLOCK**2, np.nan)
     grid = Grid(rng.uniform(1, 4, (3, 6)), rng.uniform(0, 3, (3, 6)) * STD, rng.uniform(0.1, 5, (3, 6)))
-    return t, y, variance, grid
+    return Means(np.median(np.diff(t)), t, y, variance), grid
 
 
 STEPS = 400
@@ -55,7 +63,7 @@ def over_a_block(length, time):
 
 def textbook(linear_gaussian, short, g, axis):
     """One axis and one set of parameters as matrices; the state is (bias, drift, error at the end, its mean)."""
-    t, _, variance, grid = short
+    (_, t, _, variance), grid = short
     q, std, time = DENSITY[axis] ** 2, grid.std[g, axis], grid.time[g, axis]
     length = np.median(np.diff(t))
     into, inside = over_a_block(length, time)
@@ -74,15 +82,16 @@ def test_likelihoods_are_those_of_the_one_normal_distribution_of_all_blocks(line
     nats = log_likelihoods(*short, PRIOR.reshape(2, 6), DENSITY)
     for g in range(3):
         for axis in range(6):
-            y = short[1][:, axis]
+            y = short[0].y[:, axis]
             exact = textbook(linear_gaussian, short, g, axis).log_density(y[:, None])
             constant = np.isfinite(y).sum() * np.log(2 * np.pi) / 2
             assert nats[g, axis] - constant == pytest.approx(exact, rel=1e-4)
 
 
 def test_innovations_are_those_of_a_filter_in_matrices(linear_gaussian, short):
-    y = short[1]
-    found = list(zip(*filter_blocks(*short, PRIOR.reshape(2, 6), DENSITY)[:2], strict=True))
+    means, grid = short
+    y = means.y
+    found = list(zip(*filter_blocks(*means, grid, PRIOR.reshape(2, 6), DENSITY)[:2], strict=True))
     for g, axis in ((0, 0), (1, 4), (2, 2)):
         model = textbook(linear_gaussian, short, g, axis)
         x, P = model.mean, model.covariance
@@ -174,8 +183,11 @@ def test_joined_blocks_are_weighted_means(monkeypatch):
     t, y, variance = np.arange(32.0), rng.normal(size=(32, 6)), rng.uniform(1, 3, (32, 6))
     y[rng.random(y.shape) < 0.3] = np.nan
     y[4:8, 1] = np.nan
-    times, mean, spread = coarser(t, y, variance)
-    np.testing.assert_array_equal(times, np.arange(8) * 4 + 1.5)
+    means = Means(1.0, t, y, variance)
+    seconds, times, mean, spread = coarser(means, jnp.asarray(32))
+    assert seconds == 4
+    np.testing.assert_array_equal(times[:8], np.arange(8) * 4 + 1.5)
+    assert np.isnan(mean[8:]).all()
     for k in range(8):
         for axis in range(6):
             rows = np.arange(4 * k, 4 * k + 4)
@@ -186,4 +198,14 @@ def test_joined_blocks_are_weighted_means(monkeypatch):
             assert mean[k, axis] == pytest.approx(np.average(y[rows, axis], weights=1 / variance[rows, axis]))
             assert spread[k, axis] == pytest.approx(1 / (1 / variance[rows, axis]).sum())
     monkeypatch.setattr(slow_noise, "MOST_BLOCKS", 32)
-    assert coarser(t, y, variance)[1] is y
+    assert coarser(means, jnp.asarray(32)) is means
+
+
+def test_a_series_of_any_length_is_filtered_by_a_longer_program(short):
+    (_, t, y, variance), grid = short
+    found = filter_series(t, y, variance, grid, PRIOR.reshape(2, 6), DENSITY)
+    expected = filter_blocks(*short[0], grid, PRIOR.reshape(2, 6), DENSITY)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9)
+    never = filter_series(t, y, variance, grid, PRIOR.reshape(2, 6), DENSITY, np.zeros((3, 6)))
+    np.testing.assert_allclose(never.bias, found.bias, rtol=1e-9)

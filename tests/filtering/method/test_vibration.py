@@ -1,28 +1,52 @@
 """Noise that grows with motion, recovered from scatter that was made with it."""
 
+from functools import partial
+
+import jax
 import numpy as np
 import pytest
 from made_series import STD, blocks_of
 
-from ftbias_jax.filtering.adapt import vibration
-from ftbias_jax.filtering.adapt.blocks import SPEEDS, Blocks
-from ftbias_jax.filtering.adapt.scatter import LEAST_LEVEL
-from ftbias_jax.filtering.adapt.vibration import fit_vibration
+from ftbias_jax.filtering.method import vibration
+from ftbias_jax.filtering.method.blocks import Blocks, Layout
+from ftbias_jax.filtering.method.scatter import LEAST_LEVEL
+from ftbias_jax.filtering.method.vibration import (
+    Shares,
+    Vibration,
+    shown_variance,
+    stated_shaking,
+    taken_level,
+    taken_variance,
+)
 from ftbias_jax.model.motion_noise import effective_speed_squared
 
-COUNT, JOINTS = 2400, 3
+COUNT, JOINTS, LAYOUT = 2000, 3, Layout(25, 0.05)
 PER_SPEED = np.outer([1.0, 0.4, 2.0], 30 * STD**2)
 
 
+@partial(jax.jit, static_argnames="taken")
+def _fit(blocks, free, sensor, taken=True):
+    return vibration.fit_vibration(blocks, LAYOUT, free, sensor, taken)
+
+
+def fit_vibration(blocks, free, sensor, taken=True):
+    return jax.tree.map(np.asarray, _fit(blocks, free, sensor, taken=taken))
+
+
+def grown(blocks, most=np.inf):
+    """(N, n) (rad/s)^2 that the noise grows with."""
+    return effective_speed_squared(np.sqrt(blocks.motion), most)
+
+
 def moving_blocks(rng, variance=None, stated=None, count=COUNT, samples=25):
-    """Two minutes of an arm in motion; variance(blocks) is the true one of a sample, by default the stated one."""
+    """An arm in motion; variance(blocks) is the true one of a sample, by default the stated one."""
     t = 0.05 * np.arange(count)
     rates = rng.uniform(0.3, 1.5, JOINTS)
     velocity = 0.6 * np.sin(t[:, None] * rates + rng.uniform(0, 6, JOINTS)) * (np.sin(0.2 * t)[:, None] > -0.3)
-    motion = np.stack([effective_speed_squared(velocity, most) for most in SPEEDS], 1)
     stated = np.broadcast_to(STD**2 if stated is None else stated, (count, 6))
     seen = np.full((count, 6), float(samples))
-    blocks = Blocks(t, samples, np.zeros((count, 6)), seen, stated, motion, stated, np.zeros((count, 6)))
+    nothing = np.zeros((count, 6))
+    blocks = Blocks(t, nothing, seen, stated, velocity**2, stated, nothing, np.asarray(count))
     true = stated if variance is None else variance(blocks)
     dof = samples - 2
     return blocks._replace(scatter=true * rng.gamma(dof / 2, 2 / dof, true.shape))
@@ -32,20 +56,20 @@ def free(blocks):
     return np.ones(len(blocks.t), bool)
 
 
-@pytest.mark.parametrize("speed", [None, 0.25, 0.0625])
+@pytest.mark.parametrize("speed", [np.inf, 0.25, 0.0625])
 def test_what_each_joint_adds_and_from_which_speed_on_it_grows_less_are_recovered(speed):
-    per_speed = PER_SPEED * (1.0 if speed is None else 0.6 / speed)
+    per_speed = PER_SPEED * (1.0 if np.isinf(speed) else 0.6 / speed)
 
     def variance(blocks):
-        return blocks.stated + blocks.motion[:, SPEEDS.index(speed)] @ per_speed
+        return blocks.stated + grown(blocks, speed) @ per_speed
 
     blocks = moving_blocks(np.random.default_rng(0), variance)
     found = fit_vibration(blocks, free(blocks), STD**2)
-    assert found.speed == (speed if speed is None else pytest.approx(speed, rel=0.5))
+    assert found.speed == pytest.approx(speed, rel=0.5)
     assert found.gain > 100
     assert all((share == 1).all() for share in found.shares)
     # At high speed the product with the speed is what counts.
-    expected = per_speed * (1.0 if speed is None else speed / found.speed)
+    expected = per_speed * (1.0 if np.isinf(speed) else speed / found.speed)
     np.testing.assert_allclose(found.per_speed, expected, rtol=0.25)
     np.testing.assert_array_equal(found.level, 1)
     np.testing.assert_allclose(found.variance(blocks, STD**2), variance(blocks), rtol=0.15)
@@ -54,23 +78,24 @@ def test_what_each_joint_adds_and_from_which_speed_on_it_grows_less_are_recovere
 def test_it_is_recovered_from_samples_too():
     """Scatter of blocks of Gaussian samples, as ``in_blocks`` cuts them."""
     rng = np.random.default_rng(1)
-    t = np.arange(60_000) / 500
+    t = np.arange(25 * COUNT) / 500
     velocity = 0.6 * np.sin(t[:, None] * [0.7, 1.1, 0.4] + [0, 1, 2])
     y = rng.normal(size=(len(t), 6)) * np.sqrt(STD**2 + velocity**2 @ PER_SPEED)
-    blocks = blocks_of(t, y, velocity=velocity)
+    blocks, _ = blocks_of(t, y, velocity=velocity)
     found = fit_vibration(blocks, free(blocks), STD**2)
-    assert found.speed is None
+    assert np.isinf(found.speed)
     np.testing.assert_allclose(found.per_speed, PER_SPEED, rtol=0.2)
 
 
 def test_a_long_log_is_judged_by_some_of_its_blocks(monkeypatch):
     """And all of them are given their variance."""
-    monkeypatch.setattr(vibration, "MOST_BLOCKS", 900)
-    blocks = moving_blocks(np.random.default_rng(9), lambda blocks: 2 * blocks.stated + blocks.motion[:, 0] @ PER_SPEED)
-    found = fit_vibration(blocks, free(blocks), STD**2)
-    some = blocks._replace(**{x: getattr(blocks, x)[::3] for x in blocks._fields if x != "size"})
-    expected = fit_vibration(some, free(some), STD**2)
-    np.testing.assert_array_equal(found.per_speed, expected.per_speed)
+    monkeypatch.setattr(vibration, "MOST_BLOCKS", 700)
+    blocks = moving_blocks(np.random.default_rng(9), lambda blocks: 2 * blocks.stated + blocks.motion @ PER_SPEED)
+    found = vibration.fit_vibration(blocks, LAYOUT, free(blocks), STD**2)
+    thinned, _, every = vibration._thinned(blocks, free(blocks))
+    assert (every, thinned.number) == (3, -(-COUNT // 3))
+    np.testing.assert_array_equal(thinned.scatter[: thinned.number], blocks.scatter[::3])
+    np.testing.assert_allclose(found.per_speed, PER_SPEED, rtol=0.3)
     np.testing.assert_allclose(found.level, 2, rtol=0.15)
     assert found.variance(blocks, STD**2).shape == (COUNT, 6)
 
@@ -81,7 +106,7 @@ def test_white_noise_does_not_vibrate():
         blocks = moving_blocks(np.random.default_rng(seed), count=200)
         found = fit_vibration(blocks, free(blocks), STD**2)
         assert not found.per_speed.any()
-        assert found.speed is None
+        assert np.isinf(found.speed)
         np.testing.assert_array_equal(found.level, 1)
         np.testing.assert_array_equal(found.variance(blocks, STD**2), blocks.stated)
 
@@ -90,11 +115,11 @@ def test_white_noise_does_not_vibrate():
 def test_a_level_other_than_stated_is_found(factor):
     """Of the standard deviation; with the vibration on top."""
     blocks = moving_blocks(
-        np.random.default_rng(2), lambda blocks: factor**2 * blocks.stated + blocks.motion[:, 0] @ PER_SPEED
+        np.random.default_rng(2), lambda blocks: factor**2 * blocks.stated + blocks.motion @ PER_SPEED
     )
     found = fit_vibration(blocks, free(blocks), STD**2)
     np.testing.assert_allclose(np.sqrt(found.level), factor, rtol=0.05)
-    np.testing.assert_allclose(found.per_speed, PER_SPEED, rtol=0.15)
+    np.testing.assert_allclose(found.per_speed, PER_SPEED, rtol=0.2)
 
 
 def test_an_axis_has_a_level_of_its_own():
@@ -120,7 +145,7 @@ def test_each_part_of_the_stated_variance_has_a_share_of_its_own():
     sensor = STD**2
     still = moving_blocks(rng)
     joints = sensor * (1 + np.sin(still.t)[:, None] ** 2)
-    shaking = still.motion[:, 0] @ PER_SPEED
+    shaking = still.motion @ PER_SPEED
     blocks = still._replace(stated=sensor + joints + shaking, shaking=shaking)
     true = sensor / 2 + 0.25 * joints + 3 * shaking
     blocks = blocks._replace(scatter=true * rng.gamma(23 / 2, 2 / 23, true.shape))
@@ -128,7 +153,7 @@ def test_each_part_of_the_stated_variance_has_a_share_of_its_own():
     np.testing.assert_array_equal(found.level, 1)
     np.testing.assert_array_equal(found.variance(blocks, sensor), blocks.stated)
     shown = found.shares.sensor * sensor + found.shares.rest * joints
-    shown += blocks.motion[:, SPEEDS.index(found.speed)] @ found.per_speed
+    shown += grown(blocks, found.speed) @ found.per_speed
     np.testing.assert_allclose(shown, true, rtol=0.15)
 
 
@@ -167,3 +192,55 @@ def test_axes_that_were_never_measured_are_as_stated(missing):
     rest = np.setdiff1d(np.arange(6), missing)
     np.testing.assert_allclose(found.level[rest], 4, rtol=0.05)
     assert not found.per_speed.any()
+
+
+VELOCITY, OF_JOINTS, GROWTH = 0.2, 3.0, np.outer([1.0, 0, 2.0, 0, 0, 0, 0], STD**2)
+MOTION = VELOCITY**2 / np.sqrt(1 + (VELOCITY / 0.1) ** 2) * GROWTH.sum(0)
+
+
+@pytest.fixture
+def stated(params):
+    return params.bias._replace(wrench_variance=STD**2)
+
+
+def shown_by(level=1.0, sensor=1.0, rest=1.0, per_speed=GROWTH, taken=True):
+    shares = Shares(np.full(6, sensor), np.full(6, rest))
+    return Vibration(np.full(6, level), per_speed, 0.1, 50.0, shares, taken)
+
+
+def both(stated, noise, variance=STD**2 + OF_JOINTS):
+    velocity = np.full((5, 7), VELOCITY)
+    variance = np.broadcast_to(variance, (5, 6))
+    return [each(stated, noise, variance, velocity)[0] for each in (taken_variance, shown_variance)]
+
+
+def test_the_filter_takes_what_the_log_shows_but_never_less_than_stated(stated):
+    louder, quieter = (both(stated, shown_by(level=level))[0] for level in (2.25, 0.25))
+    np.testing.assert_allclose(louder, 2.25 * STD**2 + OF_JOINTS + MOTION, rtol=1e-6)
+    np.testing.assert_allclose(quieter, STD**2 + OF_JOINTS + MOTION, rtol=1e-6)
+
+
+def test_what_the_log_shows_may_be_less(stated):
+    _, shown = both(stated, shown_by(sensor=0.5, rest=0.25))
+    np.testing.assert_allclose(shown, STD**2 / 2 + OF_JOINTS / 4 + MOTION, rtol=1e-6)
+
+
+def test_a_sensor_that_an_effect_makes_quieter_leaves_nothing_negative_beside_it(stated):
+    _, shown = both(stated, shown_by(sensor=0.5, rest=3.0), STD**2 / 4)
+    np.testing.assert_allclose(shown, STD**2 / 2 + MOTION, rtol=1e-6)
+
+
+def test_a_log_as_stated_shows_what_the_filter_takes(stated):
+    taken, shown = both(stated, shown_by())
+    np.testing.assert_allclose(taken, shown, rtol=1e-6)
+
+
+def test_what_the_log_shows_of_vibration_replaces_what_is_stated_of_it(stated):
+    shaking = stated._replace(vibration=GROWTH, vibration_speed=np.asarray(0.1))
+    np.testing.assert_allclose(stated_shaking(shaking, np.full((5, 7), VELOCITY))[0], MOTION, rtol=1e-6)
+    assert stated_shaking(stated, np.full((5, 7), VELOCITY)) is None
+    more = shown_by(per_speed=2 * GROWTH, taken=False)
+    taken, shown = both(shaking, more, STD**2 + OF_JOINTS + MOTION)
+    np.testing.assert_array_equal(taken, STD**2 + OF_JOINTS + MOTION)
+    np.testing.assert_allclose(shown, STD**2 + OF_JOINTS + 2 * MOTION, rtol=1e-6)
+    np.testing.assert_array_equal(taken_level(more), 1)
