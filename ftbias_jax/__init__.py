@@ -18,7 +18,7 @@
 The verbs compute in float64 whatever JAX's setting is, give numpy arrays back, and leave JAX's settings as they are but
 for one: compiled programs are kept in ``~/.cache/ftbias`` from the first verb on, unless JAX has a cache already or the
 environment says ``FTBIAS_CACHE=off``. What is part of your own programs (``params_for_log``, ``samples_from_log``,
-``log_likelihood``, ``unconstrain``, ``constrain``) is plain JAX in JAX's own precision.
+``filter_samples``, ``log_likelihood``, ``unconstrain``, ``constrain``) is plain JAX in JAX's own precision.
 
 Names are imported when they are first used, so importing this package imports neither JAX nor numpy.
 """
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from ftbias_jax.filtering.check.check_setup import check_setup
     from ftbias_jax.filtering.check.result import Check, Mistake
     from ftbias_jax.filtering.likelihood import log_likelihood
+    from ftbias_jax.filtering.method.filter_samples import filter_samples
+    from ftbias_jax.filtering.noise.blocks import layout_of
     from ftbias_jax.filtering.pipeline import Options, options_from_setup
     from ftbias_jax.filtering.samples import samples_from_log
     from ftbias_jax.filtering.verbs.from_setup import filter_log, params_for_log
@@ -93,7 +95,9 @@ __all__ = [
     "diagnose",
     "dump_setup",
     "filter_log",
+    "filter_samples",
     "identify_tool",
+    "layout_of",
     "load_effects",
     "load_setup",
     "log_likelihood",
@@ -121,6 +125,8 @@ _MODULES = {
     "filtering.check.check_setup": "check_setup",
     "filtering.check.result": "Check Mistake",
     "filtering.likelihood": "log_likelihood",
+    "filtering.method.filter_samples": "filter_samples",
+    "filtering.noise.blocks": "layout_of",
     "filtering.pipeline": "Options options_from_setup",
     "filtering.samples": "samples_from_log",
     "filtering.verbs.from_setup": "filter_log params_for_log",

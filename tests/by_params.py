@@ -3,9 +3,9 @@
 import jax
 import numpy as np
 
-from ftbias_jax.filtering.method.blocks import layout_of
 from ftbias_jax.filtering.method.filter_samples import AS_STATED, filter_samples
 from ftbias_jax.filtering.method.ready import result_of, samples_of
+from ftbias_jax.filtering.noise.blocks import Layout, layout_of
 from ftbias_jax.filtering.params_for_log import without_useless
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS
 
@@ -21,3 +21,11 @@ def filter_with_params(params, log, options=DEFAULT_OPTIONS):
     """The result of a log as a filter on the robot would see it."""
     _, states, infos = found_in(params, log, options)
     return result_of(without_useless(log, params), states, infos, None)
+
+
+def smooth_bias(params, samples, options=DEFAULT_OPTIONS):
+    """Bias and drift given the whole log, on smoothed joints: means and standard deviations (T, 2, 6)."""
+    method = ("smooth_joints", "filter_bias", "smooth_bias")
+    layout = Layout(25, 0.05)  # of blocks, of which there are none
+    states = filter_samples(params, samples, options, method=method, layout=layout)[1]
+    return states.bias_smooth, states.bias_smooth_std

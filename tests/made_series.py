@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 
-from ftbias_jax.filtering.method.blocks import Blocks, in_blocks, layout_of
+from ftbias_jax.filtering.noise.blocks import Blocks, in_blocks, layout_of
 
 cut = jax.jit(in_blocks, static_argnums=0)
 

@@ -20,7 +20,7 @@ from ftbias_jax.calibration.tool.crosstalk import find_channels, with_channels
 from ftbias_jax.calibration.tool.steady import steady_bias
 from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.joint_filter import first_measured
-from ftbias_jax.filtering.method.log_noise import noise_of_log, with_noise
+from ftbias_jax.filtering.noise.log_noise import noise_of_log, with_noise
 from ftbias_jax.filtering.recorded.bias import filter_prepared
 from ftbias_jax.filtering.recorded.prepare import prepare
 from ftbias_jax.filtering.recorded.ready import in_parts

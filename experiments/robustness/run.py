@@ -12,7 +12,7 @@ from common import SETUP, keep, rounded
 import ftbias_jax as ft
 from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.joint_filter import first_measured
-from ftbias_jax.filtering.method.log_noise import noise_of_log, nothing, with_noise
+from ftbias_jax.filtering.noise.log_noise import noise_of_log, nothing, with_noise
 from ftbias_jax.filtering.recorded.bias import filter_prepared
 from ftbias_jax.filtering.recorded.prepare import prepare
 from ftbias_jax.filtering.recorded.ready import in_parts

@@ -19,7 +19,7 @@ from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.pipeline import Options
-from ftbias_jax.filtering.recorded.at_rest import require_motion
+from ftbias_jax.filtering.quality.at_rest import require_motion
 from ftbias_jax.filtering.samples import pad, samples_from_log
 from ftbias_jax.io.cleaning import without_long_pauses
 from ftbias_jax.io.log import Log

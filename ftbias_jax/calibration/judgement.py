@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.method.log_noise import LogNoise
 from ftbias_jax.filtering.method.ready import filtered_with
+from ftbias_jax.filtering.noise.log_noise import LogNoise
 from ftbias_jax.filtering.quality.ahead import expected_ahead
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.io.log import Log

@@ -18,13 +18,13 @@ from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.newton import Report
 from ftbias_jax.calibration.tune import TIES, Fit, WrenchLogs, fit_wrench
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
-from ftbias_jax.filtering.method.block_filter import Grid, filter_series
-from ftbias_jax.filtering.method.blocks import Blocks
-from ftbias_jax.filtering.method.contact import in_contact
-from ftbias_jax.filtering.method.fit_noise import expected, prior_with
-from ftbias_jax.filtering.method.log_noise import LogNoise
 from ftbias_jax.filtering.method.look import look_at
-from ftbias_jax.filtering.method.slow_noise import Means, coarseness, coarser, nats_of
+from ftbias_jax.filtering.noise.block_filter import Grid, filter_series
+from ftbias_jax.filtering.noise.blocks import Blocks
+from ftbias_jax.filtering.noise.contact import in_contact
+from ftbias_jax.filtering.noise.fit_noise import expected, prior_with
+from ftbias_jax.filtering.noise.log_noise import LogNoise
+from ftbias_jax.filtering.noise.slow_noise import Means, coarseness, coarser, nats_of
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
@@ -61,7 +61,7 @@ def tune_in_blocks(
     """Correlated noise, level of the white noise, and the drift given both.
 
     The correlated noise and the level are medians over the logs of what each shows, the level never less than is
-    stated, as for a filter (``sample_noise.sensor_level``). Of the drift the stated one stays unless another is
+    stated, as for a filter (``vibration.taken_level``). Of the drift the stated one stays unless another is
     likelier on the means of blocks and forecasts no worse (``choose_drift``): with sigma_Q of maximum likelihood, by
     Newton's method, or one that reverts to zero.
 

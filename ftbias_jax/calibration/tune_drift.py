@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.method.block_filter import Grid, filter_series
-from ftbias_jax.filtering.method.slow_noise import nats_of
+from ftbias_jax.filtering.noise.block_filter import Grid, filter_series
+from ftbias_jax.filtering.noise.slow_noise import nats_of
 from ftbias_jax.filtering.quality.ahead import expected_with
 from ftbias_jax.types import Array
 
@@ -104,7 +104,7 @@ def score(logs: Sequence[Series], slow: tuple[Array, Array], drifts: Drift) -> S
         half = float(np.median(np.diff(t))) / 2 if len(t) > 1 else 0.0
         # As if it, too, were forgotten from the middle of its block on.
         slow_error = np.exp(half / grid.time) * found.slow
-        nats += nats_of(found.innovation, found.variance)
+        nats += np.asarray(nats_of(found.innovation, found.variance))
         for i, ahead in enumerate(HORIZONS):
             past = np.searchsorted(t, t - ahead, side="right") - 1
             rows = past >= 0

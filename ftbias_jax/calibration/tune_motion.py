@@ -1,7 +1,7 @@
 """Noise that grows with the motion, of maximum likelihood: weights of the joints' speeds, and the speed they bend at.
 
-The scatter within short blocks shows which joints and axes matter, and about how much (``adapt.vibration``). From there
-the likelihood of the wrench given the joints is climbed by its gradient.
+The scatter within short blocks shows which joints and axes matter, and about how much (``noise.vibration``). From
+there the likelihood of the wrench given the joints is climbed by its gradient.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import innovations
 from ftbias_jax.filtering.fast.sums import filter_sums
 from ftbias_jax.filtering.likelihood import counted
-from ftbias_jax.filtering.method.vibration import Vibration
+from ftbias_jax.filtering.noise.vibration import Vibration
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import bias_model
 from ftbias_jax.filtering.smoother import smooth_joints

@@ -32,7 +32,7 @@ from ftbias_jax.diagnosis.terms.states import state_of_problem
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.check.check_setup import require_right
-from ftbias_jax.filtering.recorded.at_rest import rest_in_words, weight_in_bias
+from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
 from ftbias_jax.io.cleaning import cleaned, slices, survey, without_long_pauses
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.provenance import provenance, source_of

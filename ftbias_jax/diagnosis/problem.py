@@ -19,9 +19,9 @@ from ftbias_jax.diagnosis.thresholds import LEAST_BINS
 from ftbias_jax.errors import LogError
 from ftbias_jax.filtering import bias_filter, params_for_log
 from ftbias_jax.filtering.likelihood import WrenchProblem
-from ftbias_jax.filtering.method.contact import Contact, in_contact
-from ftbias_jax.filtering.method.log_noise import MARGIN
 from ftbias_jax.filtering.method.look import contacts_in
+from ftbias_jax.filtering.noise.contact import Contact, in_contact
+from ftbias_jax.filtering.noise.log_noise import MARGIN
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE

@@ -114,15 +114,14 @@ def reverting_drift(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
         A and Q (2 x 2) for the state (bias, drift).
     """
     density, rate = strength.density, strength.drift_rate
-    dt = dt + jnp.zeros_like(density)
+    dt, jumped = dt + jnp.zeros_like(density), 0 if strength.jump is None else strength.jump
     if rate is None:
         A, ((bias, cross), (_, drift)) = drift_noise(dt, density)
-        return A, [[bias if strength.jump is None else bias + strength.jump, cross], [cross, drift]]
+        return A, [[bias + jumped, cross], [cross, drift]]
     x = rate * dt
     moved = dt * _phi(x)
     variance = density**2
     cross = moved**2 / 2 * variance
-    jumped = 0 if strength.jump is None else strength.jump
     Q = [[dt**3 * _integrated_twice(x) * variance + jumped, cross], [cross, dt * _phi(2 * x) * variance]]
     return [[1, moved], [0, jnp.exp(-x)]], Q
 

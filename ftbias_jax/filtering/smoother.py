@@ -11,7 +11,7 @@ from jax import Array
 
 from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, filter_scan
-from ftbias_jax.filtering.fast.stages import add_noise, bias_inputs, joint_inputs, joint_states, predict_wrenches
+from ftbias_jax.filtering.fast.stages import add_noise, joint_inputs, joint_states
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, State
 from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_model
 from ftbias_jax.model.params import Params
@@ -40,18 +40,3 @@ def smooth_joint_tracks(params: Params, state: State, samples: Sample, options: 
     """The same with the axes of a track."""
     model, inputs = JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples)
     return smooth_track(model, inputs, filter_scan(model, inputs))
-
-
-@partial(jax.jit, static_argnames="options")
-def smooth_log(
-    params: Params, state: State, samples: Sample, options: Options = DEFAULT_OPTIONS
-) -> tuple[Gaussian, Float[Array, "T 2 6"], Float[Array, "T 2 6"]]:
-    """Joints smoothed first, then the bias smoothed on the wrench they predict: no lag of the acceleration is left.
-
-    Returns:
-        joint states as of ``smooth_joints``, and mean and standard deviation (T, 2, 6) of bias and drift.
-    """
-    joints = smooth_joint_tracks(params, state, samples, options)
-    wrench_tool, variance = predict_wrenches(params, joints, samples, options)
-    mean, std = smooth_axes(bias_inputs(params, state, samples, wrench_tool, variance, joints.mean[:, 1]))
-    return joint_states(joints), mean, std

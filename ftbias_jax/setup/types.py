@@ -128,7 +128,7 @@ class BiasSetup:
     """(6,) N/s and Nm/s."""
     gate: float | None = None
     """Wrenches with an axis this many standard deviations off their prediction are not used; None = all are, or where
-    the noise is taken from the log ``recorded.whole.GATE``."""
+    the noise is taken from the log ``filter_samples.GATE``."""
     drift_time: Array | None = None
     """(6,) s in which the drift reverts to zero; None = never."""
     adapt: bool = True

@@ -5,8 +5,8 @@ import pytest
 from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, held_out_blocks
-from ftbias_jax.filtering.method.blocks import Blocks
-from ftbias_jax.filtering.method.log_noise import nothing
+from ftbias_jax.filtering.noise.blocks import Blocks
+from ftbias_jax.filtering.noise.log_noise import nothing
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 
@@ -30,7 +30,8 @@ def in_blocks(seconds, slow=0.0):
     t = stamps(seconds, 4.0)
     y = STD / np.sqrt(COUNT) * rng.normal(size=(len(t), 6)) + gauss_markov(rng, t, slow * STD, 3.0)
     stated = np.broadcast_to(STD**2, y.shape)
-    blocks = Blocks(t, COUNT, y, np.full(y.shape, COUNT), stated, np.zeros((len(t), 1, 6)), stated, 0 * stated)
+    count, number = np.full(y.shape, COUNT), np.asarray(len(t))
+    blocks = Blocks(t, y, count, stated, np.zeros((len(t), 1)), stated, 0 * stated, number)
     return LogInBlocks(blocks, nothing())
 
 

@@ -5,7 +5,7 @@ import pytest
 from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.calibration.tune_drift import HORIZONS, Drift, Series, choose_drift, score
-from ftbias_jax.filtering.method.block_filter import Filtered, Grid, filter_blocks
+from ftbias_jax.filtering.noise.block_filter import Filtered, Grid, filter_series
 
 STATED, NEVER = 0.01 * STD, np.full(6, np.inf)
 EACH = np.arange(6)
@@ -69,7 +69,7 @@ def test_what_is_expected_ahead_is_what_results_of_a_filter_forecast():
     known = score([series], slow, stated)
     t, y = series.t, series.y
     grid = Grid(np.ones((1, 6)), slow[0][None], slow[1][None])
-    found = filter_blocks(t, y, series.variance, grid, PRIOR.reshape(2, 6), STATED)
+    found = filter_series(t, y, series.variance, grid, PRIOR.reshape(2, 6), STATED)
     steps = [Filtered(*step) for step in zip(*found, strict=True)]
     half = np.median(np.diff(t)) / 2
     for ahead, squares in zip(HORIZONS, known.squares, strict=True):

@@ -13,8 +13,8 @@ from ftbias_jax.calibration import tune_motion
 from ftbias_jax.calibration.tune_blocks import LogInBlocks
 from ftbias_jax.calibration.tune_motion import MovingLog
 from ftbias_jax.calibration.tune_result import HeldOut, TuneResult, is_better
-from ftbias_jax.filtering.method.log_noise import nothing
-from ftbias_jax.filtering.method.vibration import Shares, Vibration
+from ftbias_jax.filtering.noise.log_noise import nothing
+from ftbias_jax.filtering.noise.vibration import Shares, Vibration
 from ftbias_jax.model import simulate
 from ftbias_jax.types import Sample
 
@@ -59,7 +59,7 @@ def moving_log(truth, seed, corner=CORNER):
 def shown(factor, speed):
     """What blocks may say: weights off by a factor, and none where there is none."""
     one = np.ones(6)
-    return Vibration(one, factor * WEIGHTS, speed, 50.0, Shares(one, one))
+    return Vibration(one, factor * WEIGHTS, speed, 50.0, Shares(one, one), True)
 
 
 def test_weights_speed_and_the_rest_come_back_within_their_errors(truth):

@@ -1,5 +1,6 @@
 """Smoothing against the Rauch-Tung-Striebel formulas as textbooks print them, in NumPy."""
 
+import by_params
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -50,7 +51,7 @@ def test_the_whole_log_knows_more_than_its_past(params, samples):
     """Of the joints and of the bias, at every sample; the last of the joints has no future."""
     start = pipeline.init(params, samples)
     _, filtered = stages.run(params, start, samples, pipeline.DEFAULT_OPTIONS)
-    joints, bias, bias_std = smoother.smooth_log(params, start, samples)
+    joints, (bias, bias_std) = smoother.smooth_joints(params, start, samples), by_params.smooth_bias(params, samples)
     past = stages.joint_states(filtered.joint)
     variance, past_variance = (np.diagonal(x.covariance, axis1=2, axis2=3) for x in (joints, past))
     assert (variance > 0).all()
@@ -88,7 +89,8 @@ def test_single_precision_keeps_its_digits():
     results = []
     for dtype in (jnp.float32, jnp.float64):
         params, samples = drifting(dtype)
-        joints, mean, std = smoother.smooth_log(params, pipeline.init(params, samples), samples)
+        joints = smoother.smooth_joints(params, pipeline.init(params, samples), samples)
+        mean, std = by_params.smooth_bias(params, samples)
         assert {x.dtype for x in (*joints, mean, std)} == {jnp.dtype(dtype)}
         results.append([np.asarray(x, float) for x in (*joints, mean, std)])
     (q, P, bias, std), (exact_q, exact_P, exact_bias, exact_std) = results

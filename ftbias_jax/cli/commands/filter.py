@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     prepare_jax()
     from ftbias_jax.cli.jobs.one_file import choices_of, filter_file
-    from ftbias_jax.filtering.method.log_noise import describe
+    from ftbias_jax.filtering.noise.log_noise import describe
     from ftbias_jax.filtering.quality import consistency, plot, spectrum
     from ftbias_jax.filtering.quality.summary import format_summary
     from ftbias_jax.filtering.verbs.results import format_joint_noise

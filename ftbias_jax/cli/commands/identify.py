@@ -9,7 +9,7 @@ from pathlib import Path
 from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_repairs
 from ftbias_jax.errors import UsageError
-from ftbias_jax.filtering.recorded.at_rest import require_motion
+from ftbias_jax.filtering.quality.at_rest import require_motion
 from ftbias_jax.fleet.entry import settings_of
 from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.io import read_motion

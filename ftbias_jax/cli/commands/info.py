@@ -8,7 +8,7 @@ import shlex
 from datetime import UTC, datetime
 
 from ftbias_jax.errors import LONGEST, cut, printable
-from ftbias_jax.filtering.recorded.at_rest import rest_in_words
+from ftbias_jax.filtering.quality.at_rest import rest_in_words
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.info import LogInfo, StreamInfo, describe
 from ftbias_jax.setup import load_setup

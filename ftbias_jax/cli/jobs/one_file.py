@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 from ftbias_jax.cli.parsers.filtering import selection_of
 from ftbias_jax.filtering.check.check_setup import check_parts
 from ftbias_jax.filtering.check.result import Check
-from ftbias_jax.filtering.method.log_noise import LogNoise, remark_of_gate
 from ftbias_jax.filtering.method.ready import ready_to_filter
+from ftbias_jax.filtering.noise.log_noise import LogNoise, remark_of_gate
 from ftbias_jax.filtering.quality import contacts, observability, summary
+from ftbias_jax.filtering.quality.at_rest import weight_in_bias
 from ftbias_jax.filtering.quality.summary import Summary
-from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
-from ftbias_jax.filtering.recorded.tool_error import (
+from ftbias_jax.filtering.quality.tool_error import (
     arrays_with_error_of_tool,
     remark_of_tool,
     with_error_of_tool,

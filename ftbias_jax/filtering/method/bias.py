@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import jax.numpy as jnp
 
 from ftbias_jax.filtering import bias_filter
-from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import Smoothed, filter_scan
 from ftbias_jax.filtering.fast.stages import add_noise, bias_inputs, bias_state, gated
 from ftbias_jax.filtering.method.joints import Joints
-from ftbias_jax.filtering.process_models import bias_model
+from ftbias_jax.filtering.smoother import smooth_axes
 from ftbias_jax.filtering.step import Options, State
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.pieces import over_pieces
@@ -110,10 +109,8 @@ def smooth_bias(
     """
     passed = samples._replace(wrench=jnp.where(jnp.isfinite(bias.innovation), samples.wrench, jnp.nan))
     inputs = bias_inputs(params, state, passed, joints.wrench_tool, variance, joints.mean[1])
-    model = bias_model(inputs.density)
-    smoothed = smooth_track(model, inputs, filter_scan(model, inputs))
-    mean, covariance = add_noise(smoothed.mean, smoothed.covariance, -1)
-    return mean[:, :2], jnp.sqrt(jnp.swapaxes(jnp.diagonal(covariance, axis1=1, axis2=2), 1, 2))[:, :2]
+    found: tuple[Array, Array] = smooth_axes(inputs)
+    return found
 
 
 def innovation_variance(bias: Bias, taken: Float[Array, "T 6"], shown: Float[Array, "T 6"]) -> Float[Array, "T 6"]:

@@ -11,10 +11,12 @@ import numpy as np
 
 from ftbias_jax.filtering import bias_filter, pipeline
 from ftbias_jax.filtering.joint_noise import MOST_SAMPLES, likeliest_density
-from ftbias_jax.filtering.method.blocks import Blocks, Layout, jumps_in, layout_of, without_jumps
-from ftbias_jax.filtering.method.contact import in_contact, listed
-from ftbias_jax.filtering.method.filter_samples import PASSES, Infos, States, Work, blocks_of, summarise, with_noise
-from ftbias_jax.filtering.method.fit_noise import Noise, fit_noise
+from ftbias_jax.filtering.method.filter_samples import PASSES
+from ftbias_jax.filtering.method.passes import Work, blocks_of, summarise, with_noise
+from ftbias_jax.filtering.method.results import Infos, States
+from ftbias_jax.filtering.noise.blocks import Blocks, Layout, jumps_in, layout_of, without_jumps
+from ftbias_jax.filtering.noise.contact import in_contact, listed
+from ftbias_jax.filtering.noise.fit_noise import Noise, fit_noise
 from ftbias_jax.filtering.params_for_log import guard_against_lag
 from ftbias_jax.filtering.pipeline import Options, State
 from ftbias_jax.filtering.samples import arrays_from_log, pad

@@ -8,7 +8,9 @@ import jax
 import numpy as np
 
 from ftbias_jax.filtering import pipeline
-from ftbias_jax.filtering.method.blocks import (
+from ftbias_jax.filtering.method.passes import Work, blocks_of, smooth_joints
+from ftbias_jax.filtering.method.ready import room_for, samples_of
+from ftbias_jax.filtering.noise.blocks import (
     LEAST_BLOCKS,
     Blocks,
     Layout,
@@ -17,11 +19,9 @@ from ftbias_jax.filtering.method.blocks import (
     layout_of,
     without_jumps,
 )
-from ftbias_jax.filtering.method.contact import Contact, Contacts, find_contacts, listed, slow_std
-from ftbias_jax.filtering.method.filter_samples import Work, blocks_of, smooth_joints
-from ftbias_jax.filtering.method.fit_noise import Noise, noise_of_log
-from ftbias_jax.filtering.method.log_noise import LogNoise, nothing, told
-from ftbias_jax.filtering.method.ready import room_for, samples_of
+from ftbias_jax.filtering.noise.contact import Contact, Contacts, find_contacts, listed, slow_std
+from ftbias_jax.filtering.noise.fit_noise import Noise, noise_of_log
+from ftbias_jax.filtering.noise.log_noise import LogNoise, nothing, told
 from ftbias_jax.filtering.params_for_log import without_useless
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log

@@ -11,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering.method.bias import LEAST_USED
-from ftbias_jax.filtering.method.blocks import LEAST_BLOCKS, layout_of
 from ftbias_jax.filtering.method.by_parts import filter_parts
-from ftbias_jax.filtering.method.contact import Contact, in_contact
-from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, Infos, States, filter_samples
-from ftbias_jax.filtering.method.fit_noise import without_nothing
-from ftbias_jax.filtering.method.log_noise import LogNoise, nothing, told
+from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, filter_samples
+from ftbias_jax.filtering.method.results import Infos, States
+from ftbias_jax.filtering.noise.blocks import layout_of
+from ftbias_jax.filtering.noise.contact import Contact, in_contact
+from ftbias_jax.filtering.noise.fit_noise import without_nothing
+from ftbias_jax.filtering.noise.log_noise import LogNoise, nothing, told
 from ftbias_jax.filtering.params_for_log import stated_params, without_useless
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.result import Filtered
@@ -67,8 +68,6 @@ def ready_to_filter(
     log = without_useless(log, params)
     samples = samples_of(params, log)
     layout = layout_of(samples.dt)
-    if length // layout.size < LEAST_BLOCKS:
-        method = tuple(name for name in method if name != "fit_noise")
 
     def run(method: tuple[str, ...]) -> tuple[Params, States, Infos]:
         found: tuple[Params, States, Infos] = jax.tree.map(

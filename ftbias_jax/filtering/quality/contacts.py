@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.method.contact import Contact
+from ftbias_jax.filtering.noise.contact import Contact
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.types import Array
 

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from ftbias_jax.filtering.pipeline import predict_wrench
-from ftbias_jax.filtering.recorded.at_rest import LEAST_TURN
+from ftbias_jax.filtering.quality.at_rest import LEAST_TURN
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.model.params import Params

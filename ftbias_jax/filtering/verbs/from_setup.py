@@ -9,14 +9,14 @@ from typing import overload
 
 from ftbias_jax.filtering import params_for_log as of_log
 from ftbias_jax.filtering.check.check_setup import check_setup
-from ftbias_jax.filtering.method.log_noise import remark_of_gate
 from ftbias_jax.filtering.method.ready import ready_to_filter
+from ftbias_jax.filtering.noise.log_noise import remark_of_gate
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
+from ftbias_jax.filtering.quality.at_rest import weight_in_bias
 from ftbias_jax.filtering.quality.contacts import contact_intervals
 from ftbias_jax.filtering.quality.summary import summarise
-from ftbias_jax.filtering.recorded.at_rest import weight_in_bias
-from ftbias_jax.filtering.recorded.tool_error import (
+from ftbias_jax.filtering.quality.tool_error import (
     arrays_with_error_of_tool,
     remark_of_tool,
     with_error_of_tool,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.filtering.method.log_noise import LogNoise, describe
+from ftbias_jax.filtering.noise.log_noise import LogNoise, describe
 from ftbias_jax.filtering.quality.consistency import Consistency, check
 from ftbias_jax.filtering.quality.contacts import ContactInterval
 from ftbias_jax.filtering.quality.spectrum import Line, find_lines

@@ -6,7 +6,7 @@ import pytest
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
 from ftbias_jax.diagnosis.problem import Part, Problem
 from ftbias_jax.diagnosis.proposals.touches import is_seen, is_short, merge, parts_of, robust_rest
-from ftbias_jax.filtering.method.contact import Contact
+from ftbias_jax.filtering.noise.contact import Contact
 
 BINS = 400
 

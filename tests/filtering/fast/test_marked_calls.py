@@ -1,11 +1,15 @@
 """No call that is compiled as a whole is given what it does not read: XLA may end the process at such a call."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.filtering import likelihood, pipeline, smoother
+from ftbias_jax.filtering import likelihood, pipeline
+from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, filter_samples
+from ftbias_jax.filtering.noise.blocks import Layout
 from ftbias_jax.filtering.pipeline import Options
 
 PARTS = {
@@ -62,7 +66,9 @@ def test_of_filter_likelihood_and_gradient(params, samples, part, gate):
 
     for program in (whole, nats, jax.grad(nats)):
         assert not unread(program, params, samples)
-    assert not unread(lambda *given: smoother.smooth_log(*given, options), params, state, samples)
+    for method in (METHOD, (*AS_STATED, "smooth_bias")):
+        filtered = partial(filter_samples, options=options, method=method, layout=Layout(10, 0.05))
+        assert not unread(filtered, params, samples)
 
 
 def test_of_many_logs_side_by_side(params, samples):

@@ -11,9 +11,10 @@ import ftbias_jax as ft
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import bias_filter, pipeline
 from ftbias_jax.filtering.method import by_parts, ready
-from ftbias_jax.filtering.method.blocks import layout_of
-from ftbias_jax.filtering.method.filter_samples import AS_STATED, GATE, METHOD, filter_samples
+from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, filter_samples
+from ftbias_jax.filtering.method.passes import GATE
 from ftbias_jax.filtering.method.ready import ready_to_filter, samples_of
+from ftbias_jax.filtering.noise.blocks import layout_of
 from ftbias_jax.filtering.params_for_log import LAG_GUARD, likeliest_params
 from ftbias_jax.filtering.pipeline import predict_wrench
 from ftbias_jax.filtering.process_models import integrated_jerk_noise, matrix

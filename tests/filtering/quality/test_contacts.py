@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from ftbias_jax.filtering.method.contact import Contact, in_contact
+from ftbias_jax.filtering.noise.contact import Contact, in_contact
 from ftbias_jax.filtering.quality import contacts
 from ftbias_jax.filtering.quality.contacts import contact_intervals
 from ftbias_jax.filtering.result import Filtered

@@ -2,15 +2,13 @@
 
 from functools import partial
 
+import by_params
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.likelihood import log_likelihood
-from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS
-from ftbias_jax.filtering.smoother import smooth_log
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import LIVE_ENTRIES, data_matrix, measurement_covariance, vec
@@ -64,7 +62,7 @@ def test_filter_smoother_and_likelihood_take_it_as_noise_of_the_reading(params, 
     """By the fast route; that it is the right R, test_tool_wrench.py says."""
     run = {
         "likelihood": lambda p: log_likelihood(p, samples),
-        "smoother": lambda p: smooth_log(p, pipeline.init(p, samples), samples, DEFAULT_OPTIONS)[1:],
+        "smoother": lambda p: by_params.smooth_bias(p, samples),
     }[what]
     without = params._replace(bias=params.bias._replace(data_variance=None))
     got, expected, sharper = (jax.tree.leaves(jax.jit(run)(p)) for p in (params, folded(params), without))

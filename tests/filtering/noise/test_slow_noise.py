@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_series import STD, gauss_markov, stamps
 
-from ftbias_jax.filtering.method import slow_noise
-from ftbias_jax.filtering.method.block_filter import Grid, averaged, filter_blocks, filter_series
-from ftbias_jax.filtering.method.slow_noise import Means, coarser, fit_slow_noise, log_likelihoods
+from ftbias_jax.filtering.noise import slow_noise
+from ftbias_jax.filtering.noise.block_filter import Grid, averaged, filter_blocks, filter_series
+from ftbias_jax.filtering.noise.slow_noise import Means, coarser, fit_slow_noise, log_likelihoods
 
 PRIOR = np.concatenate([20 * STD, 0.05 * STD])
 DENSITY = 0.01 * STD

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from made_series import STD, blocks_of, cut, free_motion, stamps
 
-from ftbias_jax.filtering.method.blocks import (
+from ftbias_jax.filtering.noise.blocks import (
     BESIDE,
     BLOCK_SECONDS,
     FEWEST,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_series import STD, blocks_of, free_motion, gauss_markov, made_blocks, stamps
 
-from ftbias_jax.filtering.method.blocks import Layout
-from ftbias_jax.filtering.method.contact import Contact, slow_std
-from ftbias_jax.filtering.method.fit_noise import (
+from ftbias_jax.filtering.noise.blocks import Layout
+from ftbias_jax.filtering.noise.contact import Contact, slow_std
+from ftbias_jax.filtering.noise.fit_noise import (
     fit_noise,
     from_median,
     is_white,
@@ -16,11 +16,11 @@ from ftbias_jax.filtering.method.fit_noise import (
     with_noise,
     without_nothing,
 )
-from ftbias_jax.filtering.method.fit_noise import inflation as jax_inflation
-from ftbias_jax.filtering.method.fit_noise import noise_of_log as jax_noise_of_log
-from ftbias_jax.filtering.method.log_noise import LogNoise, describe, nothing, remark_of_gate, told
-from ftbias_jax.filtering.method.slow_noise import SlowNoise
-from ftbias_jax.filtering.method.vibration import Shares, Vibration
+from ftbias_jax.filtering.noise.fit_noise import inflation as jax_inflation
+from ftbias_jax.filtering.noise.fit_noise import noise_of_log as jax_noise_of_log
+from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, nothing, remark_of_gate, told
+from ftbias_jax.filtering.noise.slow_noise import SlowNoise
+from ftbias_jax.filtering.noise.vibration import Shares, Vibration
 
 T, LAYOUT = stamps(60, 20), Layout(25, 0.05)
 inflation = jax.jit(jax_inflation)

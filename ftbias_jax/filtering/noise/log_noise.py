@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.method.blocks import Layout
-from ftbias_jax.filtering.method.contact import Contact, listed
-from ftbias_jax.filtering.method.fit_noise import Noise
-from ftbias_jax.filtering.method.slow_noise import SlowNoise
-from ftbias_jax.filtering.method.vibration import Vibration
+from ftbias_jax.filtering.noise.blocks import Layout
+from ftbias_jax.filtering.noise.contact import Contact, listed
+from ftbias_jax.filtering.noise.fit_noise import Noise
+from ftbias_jax.filtering.noise.slow_noise import SlowNoise
+from ftbias_jax.filtering.noise.vibration import Vibration
 from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.types import AXES, Array
 

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 
 from ftbias_jax.filtering.bias_filter import vibration, white_share
-from ftbias_jax.filtering.method.blocks import SPEEDS, Blocks, Layout, motion_by_speed, nan_median
-from ftbias_jax.filtering.method.scatter import (
+from ftbias_jax.filtering.noise.blocks import SPEEDS, Blocks, Layout, motion_by_speed, nan_median
+from ftbias_jax.filtering.noise.scatter import (
     LEAST_LEVEL,
     Coefficients,
     Scatter,

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from made_series import STD, blocks_of, free_motion, gauss_markov, made_blocks, stamps
 
-from ftbias_jax.filtering.method.blocks import Layout, to_samples
-from ftbias_jax.filtering.method.contact import (
+from ftbias_jax.filtering.method.look import contacts_in
+from ftbias_jax.filtering.noise.blocks import Layout, to_samples
+from ftbias_jax.filtering.noise.contact import (
     SETTLED,
     Contact,
     Contacts,
@@ -16,7 +17,6 @@ from ftbias_jax.filtering.method.contact import (
     mean_std,
     slow_std,
 )
-from ftbias_jax.filtering.method.look import contacts_in
 from ftbias_jax.io.log import Log
 
 FORCE = np.array([-5.0, 0, 0, 0, 0.2, 0])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize, nnls
 
-from ftbias_jax.filtering.method.scatter import (
+from ftbias_jax.filtering.noise.scatter import (
     HEAVY,
     LEAST_LEVEL,
     Scatter,

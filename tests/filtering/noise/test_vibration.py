@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from made_series import STD, blocks_of
 
-from ftbias_jax.filtering.method import vibration
-from ftbias_jax.filtering.method.blocks import Blocks, Layout
-from ftbias_jax.filtering.method.scatter import LEAST_LEVEL
-from ftbias_jax.filtering.method.vibration import (
+from ftbias_jax.filtering.noise import vibration
+from ftbias_jax.filtering.noise.blocks import Blocks, Layout
+from ftbias_jax.filtering.noise.scatter import LEAST_LEVEL
+from ftbias_jax.filtering.noise.vibration import (
     Shares,
     Vibration,
     shown_variance,

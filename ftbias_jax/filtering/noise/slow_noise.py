@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering.method.block_filter import Grid, filter_blocks
-from ftbias_jax.filtering.method.blocks import nan_median
+from ftbias_jax.filtering.noise.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.noise.blocks import nan_median
 from ftbias_jax.types import Array
 
 if TYPE_CHECKING:

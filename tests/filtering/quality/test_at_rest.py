@@ -6,7 +6,7 @@ import pytest
 
 import ftbias_jax as ft
 from ftbias_jax.errors import LogError, SetupError
-from ftbias_jax.filtering.recorded.at_rest import motion_of, require_motion, rest_in_words, weight_in_bias
+from ftbias_jax.filtering.quality.at_rest import motion_of, require_motion, rest_in_words, weight_in_bias
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.robots import built_in_robot

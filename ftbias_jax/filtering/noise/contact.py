@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering.method.blocks import Blocks, Layout, nan_median
+from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
 from ftbias_jax.runtime.compiled_loops import compile_whole, running_sum
 from ftbias_jax.types import Array
 
