@@ -42,7 +42,8 @@ def strength(noise: BiasNoise, vibration: Array | None = None, jump: Array | Non
         return density
     rate = None if noise.drift_time is None else 1 / noise.drift_time
     if noise.correlated_std is None or noise.correlated_time is None:
-        return BiasStrength(noise.density, rate, jump=jump)
+        # The reverse pass takes a transition that has parameters: XLA ends the process if it has none.
+        return BiasStrength(noise.density, jnp.zeros_like(noise.density) if rate is None else rate, jump=jump)
     return BiasStrength(noise.density, rate, 1 / noise.correlated_time, correlated_variance(noise, vibration), jump)
 
 

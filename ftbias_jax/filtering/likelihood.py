@@ -191,7 +191,8 @@ def bias_recursion(problem: WrenchProblem, y: Float[Array, "T 6"]) -> Inputs:
     common = (y[:, None], variance, jnp.zeros_like(std), covariance, never)
     if problem.jump is None:
         return Inputs(problem.dt, problem.density, *common)
-    return Inputs(problem.dt, BiasStrength(problem.density), *common, {"jump": problem.jump})
+    density = BiasStrength(problem.density, jnp.zeros_like(problem.density))
+    return Inputs(problem.dt, density, *common, {"jump": problem.jump})
 
 
 @jax.jit

@@ -12,9 +12,10 @@ from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, filter
 from ftbias_jax.filtering.noise.blocks import Layout
 from ftbias_jax.filtering.pipeline import Options
 
+MOVING = "noise that follows the motion, and is correlated"
 PARTS = {
     "as stated": {},
-    "noise that follows the motion, and is correlated": {
+    MOVING: {
         "vibration": 0.3 * np.ones((3, 6)),
         "drift_time": np.linspace(0.3, 5, 6),
         "correlated_std": np.linspace(0.02, 0.2, 6),
@@ -22,6 +23,7 @@ PARTS = {
         "correlated_vibration": np.linspace(0, 1, 6),
     },
 }
+PARTS["noise that is correlated"] = {name: PARTS[MOVING][name] for name in ("correlated_std", "correlated_time")}
 EFFECTS = {
     "bias_jump": {"time": 0.1, "amplitude": np.ones(6)},
     "cable": {"stiffness": 10.0, "rest_length": 0.1, "anchor": np.array([0.0, 0, 1])},
