@@ -4,7 +4,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 from cases import KUKA_RUNS, abb, folder, kuka, panda, with_least_squares_tool
 from figure import draw
@@ -13,19 +12,15 @@ from predict import AHEAD, errors, inside, measured_bias, nis, past_of, predicti
 sys.path.append(str(Path(__file__).parents[1]))
 import itertools
 
+import by_hand
 from common import keep, rounded
 
 import ftbias_jax as ft
 from ftbias_jax.calibration.tool.crosstalk import find_channels, with_channels
 from ftbias_jax.calibration.tool.steady import steady_bias
 from ftbias_jax.filtering import params_for_log
-from ftbias_jax.filtering.joint_filter import first_measured
-from ftbias_jax.filtering.noise.log_noise import noise_of_log, with_noise
-from ftbias_jax.filtering.recorded.bias import filter_prepared
-from ftbias_jax.filtering.recorded.prepare import prepare
-from ftbias_jax.filtering.recorded.ready import in_parts
-from ftbias_jax.filtering.recorded.whole import GATE, blocks_of, with_variance
-from ftbias_jax.filtering.result import join, named_arrays
+from ftbias_jax.filtering.method.passes import GATE
+from ftbias_jax.filtering.result import named_arrays
 
 REST = 0.2
 """s at the end of the KUKA runs, in which the arm rests."""
@@ -159,20 +154,17 @@ def study_abb(real):
     result, stated = ft.filter_log(setup, log), ft.filter_log(setup, log, as_stated=True)
     options = ft.options_from_setup(setup)._replace(gate=GATE)
     params = params_for_log.likeliest_params(setup, ft.samples_from_log(log), options)
-    first_q = np.asarray(first_measured(jnp.asarray(log.q)))
-    prepared = list(prepare(params, first_q, in_parts(log, params), options))
-    blocks = blocks_of(prepared, params)
+    whole_log = by_hand.Log(params, log)
+    blocks = whole_log.blocks(options)
     edges = np.linspace(result.t[0], np.nextafter(result.t[-1], np.inf), BLOCKS + 1)
     ahead = AHEAD[0]
     unseen = np.full_like(result.bias, np.nan)
     squares = np.full_like(result.bias, np.nan)
     for low, high in itertools.pairwise(edges):
         seen = (blocks.t + log.start < low) | (blocks.t + log.start >= high)
-        columns = {name: getattr(blocks, name)[seen] for name in blocks._fields if name != "size"}
-        noise = noise_of_log(blocks._replace(**columns), params)
-        parts = (with_variance(part, params, noise) for part in prepared)
-        seen_params = with_noise(params, noise)
-        fold = join(list(filter_prepared(seen_params, parts, options, noise)))
+        only = {name: np.where(seen[:, None], getattr(blocks, name), np.nan) for name in ("mean", "scatter")}
+        others = blocks._replace(**only, count=np.where(seen[:, None], blocks.count, 0))
+        fold, seen_params = whole_log.filtered(whole_log.noise(others), options)
         fold = replace(result, params=seen_params, **named_arrays(fold))
         rows = (fold.t >= low) & (fold.t < high)
         unseen[rows] = errors(fold, ahead)[rows]

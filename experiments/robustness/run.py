@@ -3,21 +3,15 @@
 import sys
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 
 sys.path.append(str(Path(__file__).parents[1]))
+import by_hand
 from common import SETUP, keep, rounded
 
 import ftbias_jax as ft
 from ftbias_jax.filtering import params_for_log
-from ftbias_jax.filtering.joint_filter import first_measured
-from ftbias_jax.filtering.noise.log_noise import noise_of_log, nothing, with_noise
-from ftbias_jax.filtering.recorded.bias import filter_prepared
-from ftbias_jax.filtering.recorded.prepare import prepare
-from ftbias_jax.filtering.recorded.ready import in_parts
-from ftbias_jax.filtering.recorded.whole import GATE, blocks_of
-from ftbias_jax.filtering.result import join
+from ftbias_jax.filtering.method.passes import GATE
 
 SEEDS, DURATION, RATE, SETTLED = 20, 20.0, 250.0, 1.0
 OFF = 1e6
@@ -36,20 +30,14 @@ def filtered(log, kinds):
     """Results of one log by kind, and the noise found; the joints are smoothed once."""
     options = ft.options_from_setup(SETUP)
     params = params_for_log.likeliest_params(SETUP, ft.samples_from_log(log), options)
-    first_q = np.asarray(first_measured(jnp.asarray(log.q)))
-    prepared = list(prepare(params, first_q, in_parts(log, params), options))
-    found = noise_of_log(blocks_of(prepared, params), params)
-    by_kind = {
-        "default": (with_noise(params, found), found, GATE),
-        "gate off": (with_noise(params, found), found, OFF),
-        "gate alone": (params, nothing(), GATE),
-        "neither": (params, nothing(), OFF),
-    }
+    whole = by_hand.Log(params, log)
+    found = whole.noise(whole.blocks(options))
+    by_kind = {"default": (found, GATE), "gate off": (found, OFF), "gate alone": (None, GATE), "neither": (None, OFF)}
 
-    def one(params, noise, gate):
-        return join(list(filter_prepared(params, prepared, options._replace(gate=gate), noise)))
+    def one(noise, gate):
+        return whole.filtered(noise, options._replace(gate=gate))[0]
 
-    return {kind: one(*by_kind[kind]) for kind in kinds}, found
+    return {kind: one(*by_kind[kind]) for kind in kinds}, whole.in_words(found)
 
 
 def touched(made, seed, force, duration, stays=False):

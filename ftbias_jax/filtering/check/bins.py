@@ -128,11 +128,14 @@ def _parabola(
     u = u[:, None]
     has, has_rate = np.isfinite(values), np.isfinite(rates)
     x, v = np.where(has, values, 0), np.where(has_rate, rates * half, 0)
-    S = [_sums(has * u**k, first) for k in range(5)]
-    V = [_sums(has_rate * u**k, first) for k in range(3)]
+    powers = [np.ones_like(u), u, u**2, u**3, u**4]
+    # Where all joints are measured, or none, their sums over powers of time are the same.
+    has, has_rate = (each[:, :1] if (each == each[:, :1]).all() else each for each in (has, has_rate))
+    S = [_sums(has * power, first) for power in powers]
+    V = [_sums(has_rate * power, first) for power in powers[:3]]
     weight = (noise[0] / (noise[1] * half)) ** 2
     prior = [(noise[0] / (SPEED * half)) ** 2, (2 * noise[0] / (ACCELERATION * half**2)) ** 2]
-    normal = np.empty((*S[0].shape, 3, 3))
+    normal = np.empty((len(first), x.shape[1], 3, 3))
     for i in range(3):
         for j in range(3):
             normal[..., i, j] = S[i + j]
@@ -140,10 +143,10 @@ def _parabola(
     normal[..., 1, 2] += 2 * weight * V[1]
     normal[..., 2, 1] += 2 * weight * V[1]
     normal[..., 2, 2] += 4 * weight * V[2] + prior[1]
-    right = np.stack([_sums(x * u**k, first) for k in range(3)], -1)
+    right = np.stack([_sums(x * power, first) for power in powers[:3]], -1)
     right[..., 1] += weight * _sums(v, first)
     right[..., 2] += 2 * weight * _sums(v * u, first)
-    empty = S[0] == 0
+    empty = np.broadcast_to(S[0] == 0, right.shape[:2])
     normal[empty] = np.eye(3)
     c = np.linalg.solve(normal, right[..., None])[..., 0]
     c[empty] = np.nan

@@ -94,12 +94,13 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
     slow = np.zeros_like(part.bias) if part.slow_error is None else part.slow_error
     # Before any reading counted there is the prior alone, which predicts nothing.
     before = tally.recent is not None and len(tally.recent[0]) > 0
-    begun = np.logical_or.accumulate(np.isfinite(part.innovation).any(1)) | before
-    states = tuple(x[begun] for x in (part.t, part.bias, part.drift, slow))
+    used = np.isfinite(part.innovation).any(1)
+    begun = 0 if before else int(used.argmax()) if used.any() else len(used)
+    states = tuple(x[begun:] for x in (part.t, part.bias, part.drift, slow))
     recent = states if tally.recent is None else tuple(map(np.concatenate, zip(tally.recent, states, strict=True)))
     t, bias, drift, slow = recent
     past = np.searchsorted(t, part.t - AHEAD, side="right") - 1
-    known = past >= 0
+    known = slice(int(np.searchsorted(past, 0)), None)  # they increase
     past = past[known]
     elapsed = (part.t[known] - t[past])[:, None]
     predicted = part.wrench_tool[known] - expected_ahead(bias[past], drift[past], slow[past], noise, elapsed)
@@ -111,7 +112,7 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
         tally.nis + float(part.nis.sum()),
         tally.used + int(np.isfinite(part.innovation).sum()),
         tally.samples + len(part.t),
-        tally.gated + int(np.isnan(part.innovation).all(1).sum()),
+        tally.gated + int((~used).sum()),
         tally.far + int((np.abs(part.innovation) > FAR * part.innovation_std).any(1).sum()),
         float(part.t[0]) if tally.recent is None else tally.first,
         tuple(x[keep:] for x in (t, bias, drift, slow)),
