@@ -20,7 +20,7 @@ from ftbias_jax.io.write.offsets import dump_offsets
 from ftbias_jax.io.write.ours import EXPORT, FIGURE, RESULT
 from ftbias_jax.io.write.provenance import in_words
 from ftbias_jax.io.write.selection import check_selection
-from ftbias_jax.runtime.progress import Progress
+from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import load_setup
 
 
@@ -60,11 +60,18 @@ def run(arguments: argparse.Namespace) -> int:
 
     setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
     whole = bool(arguments.plot or arguments.check)
-    progress = Progress(f"filtering {path}", 1.0)
     choices = choices_of(arguments)
-    outcome = filter_file(
-        log, setup, arguments.output, choices, progress, keep=whole, warn=lambda line: tell_mistake(path, line)
-    )
+    with Stages(f"filtering {path}") as stages:
+        stages("joints, noise and bias")
+        outcome = filter_file(
+            log,
+            setup,
+            arguments.output,
+            choices,
+            lambda share: stages(f"{share:.0%} filtered"),
+            keep=whole,
+            warn=lambda line: tell_mistake(path, line),
+        )
     if arguments.plot:
         plot.save_figure(arguments.plot, plot.plot_filtered(outcome.filtered, Path(path).name))
     print(format_summary(outcome.summary))

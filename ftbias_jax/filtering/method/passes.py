@@ -161,6 +161,7 @@ def summarise(work: Work) -> tuple[Params, States, Infos]:
     states = States(q, dq, ddq, known.ddq_std, found.bias + added, found.drift, *errors, found.slow_error)
     if work.smoothed is not None:
         smooth, smooth_std = work.smoothed
+        smooth = smooth.at[:, 0].add(added)
         states = states._replace(bias_smooth=smooth, bias_smooth_std=smooth_std * inflation[None, None])
     infos = Infos(
         wrench_tool=known.wrench_tool + added,

@@ -382,3 +382,15 @@ def test_a_log_too_short_for_blocks_is_filtered_with_what_is_stated(setup, made)
     assert found.noise.vibration is None
     assert np.isfinite(result.bias).all()
     assert (found.smoothed["bias_smooth_std"] <= result.bias_std * (1 + 1e-9)).all()
+
+
+def test_what_effects_add_to_the_bias_is_in_the_smoothed_one_too(setup, made):
+    """The sensor warms up by some newtons, as the setup states."""
+    log, _ = made
+    amplitude = np.array([4.0, -2, 1, 0.2, 0.1, -0.1])
+    warm = parse_setup({**SETUP, "effects": {"warmup": {"amplitude": list(amplitude), "tau": 5.0}}})
+    known = (1 - np.exp(-log.t / 5.0))[:, None] * amplitude
+    (_, plain), (found, result) = filtered(setup, log), filtered(warm, with_wrench(log, -known), smooth=True)
+    np.testing.assert_allclose(result.bias - plain.bias, known, atol=1e-6)
+    error = found.smoothed["bias_smooth"] - result.bias
+    assert (np.abs(error[RATE:]) < 5 * result.bias_std[RATE:]).all()
