@@ -145,12 +145,12 @@ def nats_in_pieces(
     return nats
 
 
-def measured_length(samples: Sample) -> Array:
+def measured_length(samples: Sample, xp: Any = jnp) -> Any:
     """() samples up to the last one that is not padding, where dt is 0 s and all is NaN; of the longest of (..., T)."""
-    there = samples.dt != 0
+    there = xp.asarray(samples.dt) != 0
     for x in (samples.q, samples.dq, samples.wrench):
-        there = there if x is None else there | jnp.isfinite(x).any(-1)
-    return jnp.max(jnp.where(there, jnp.arange(1, there.shape[-1] + 1), 0))
+        there = there if x is None else there | xp.isfinite(x).any(-1)
+    return xp.max(xp.where(there, xp.arange(1, there.shape[-1] + 1), 0))
 
 
 def counted(dt: Float[Array, " T"], burn_in: float | Array) -> Float[Array, " T"]:

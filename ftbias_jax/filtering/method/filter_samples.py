@@ -70,7 +70,7 @@ def filter_samples(
             message = "is not given, and inside jax.jit, jax.vmap or jax.grad it cannot be read off the samples"
             raise UsageError(message, field="layout", remedy="give layout_of(dt) of one log")
         layout = layout_of(np.asarray(samples.dt))
-    length = len(samples.dt) if traced else int(measured_length(samples))
+    length = len(samples.dt) if traced else int(measured_length(samples, np))
     if length // layout.size < LEAST_BLOCKS:
         method = tuple(name for name in method if name != "fit_noise")
     found: tuple[Params, States, Infos] = _filter(params, samples, options=options, method=method, layout=layout)
