@@ -67,8 +67,9 @@ def command(folder, cache):
     """Processor seconds and peak MB of ``ftbias filter`` as a process of its own."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     code = (
-        "import resource, sys; from ftbias_jax.cli.main import main; code = main(sys.argv[1:]);"
-        "print('peak', resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024); sys.exit(code)"
+        "import sys; from ftbias_jax.cli.main import main; code = main(sys.argv[1:]);"
+        "peak = open('/proc/self/status').read().split('VmHWM:')[1].split()[0];"  # getrusage remembers the parent
+        "print('peak', int(peak) / 1024); sys.exit(code)"
     )
     files = [str(folder / name) for name in ("log.npz", "setup.toml", "out.npz")]
     arguments = ["filter", files[0], "--setup", files[1], "-o", files[2]]
