@@ -51,8 +51,8 @@ def filter_samples(
     """Filter a log, as ``filter_log`` does: one program, to be mapped over logs and differentiated.
 
     Args:
-        params: as ``params_for_log`` gives them; differentiable in every leaf. What the log shows of its noise counts
-            as constant.
+        params: as ``params_for_log(guarded=False)`` gives them; differentiable in every leaf (``jax.grad``, not
+            ``jax.jvp``). What the log shows of its noise counts as constant.
         samples: as ``samples_from_log`` gives them, leaves (T, ...); padding counts nothing.
         options: of the pipeline, as ``options_from_setup`` gives them where a setup states any.
         method: keys of PASSES in their order.
