@@ -128,7 +128,7 @@ def test_filter_writes_what_the_formats_say(demo, tmp_path, capsys):
         if name not in TEXTS:
             np.testing.assert_array_equal(result[name], values)
     printed = capsys.readouterr()
-    assert all(": 100% after" in line for line in printed.err.splitlines())  # progress, on a slow machine
+    assert not re.search("error|warning", printed.err)  # on a slow machine what it is at, nothing else
     assert f"{DURATION * RATE} wrench samples" in printed.out
     assert "consistency of the innovations" in printed.out
     assert f"wrote {tmp_path / 'out.npz'} and {plot}" in printed.out

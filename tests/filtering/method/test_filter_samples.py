@@ -229,8 +229,11 @@ def textbook_joints(noise, dt, q, dq):
     ahead, now = [], []
     for k, h in enumerate(dt):
         A, Q = (np.asarray(matrix(rows)) for rows in integrated_jerk_noise(jnp.asarray(h), jnp.asarray(density)))
-        x, P = A @ x, A @ P @ A.T + Q
-        ahead.append((A, x, P))
+        before, x, P = x, A @ x, A @ P @ A.T + Q
+        lost = (np.diag(P) > prior**2)[:2].all()  # after a long gap: begun again, at rest where it was
+        ahead.append((A, Q, x, P, lost))
+        if lost:
+            x, P = before * [1, 0, 0], np.diag(prior**2)
         for entry, y, std in ((0, q[k], position), (1, dq[k], velocity)):
             if np.isfinite(y):
                 gain = P[:, entry] / (P[entry, entry] + std**2)
@@ -238,10 +241,14 @@ def textbook_joints(noise, dt, q, dq):
                 x, P = x + gain * (y - x[entry]), keep @ P @ keep.T + np.outer(gain, gain) * std**2
         now.append((x, P))
     smooth = [now[-1]]
-    for (x, P), (A, x_ahead, P_ahead) in zip(now[-2::-1], ahead[:0:-1], strict=True):
+    for (x, P), (A, Q, x_ahead, P_ahead, lost) in zip(now[-2::-1], ahead[:0:-1], strict=True):
+        if lost:
+            smooth.append((x, P))
+            continue
         gain = np.linalg.solve(P_ahead, A @ P).T
+        keep = np.eye(3) - gain @ A
         x_next, P_next = smooth[-1]
-        smooth.append((x + gain @ (x_next - x_ahead), P + gain @ (P_next - P_ahead) @ gain.T))
+        smooth.append((x + gain @ (x_next - x_ahead), keep @ P @ keep.T + gain @ (Q + P_next) @ gain.T))
     return tuple(map(np.array, zip(*smooth[::-1], strict=True)))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.samples.touched import contacts_in
+from ftbias_jax.filtering.method.look import contacts_in
 from ftbias_jax.io.log import Log
 
 NOISE = np.repeat([0.1, 0.004], 3)
