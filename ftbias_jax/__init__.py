@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
     from ftbias_jax.calibration.tune_result import TuneResult
     from ftbias_jax.calibration.tune_setup import tune
+    from ftbias_jax.check.check_setup import check_setup
+    from ftbias_jax.check.result import Check, Mistake
     from ftbias_jax.diagnosis.diagnose import diagnose
     from ftbias_jax.diagnosis.result import Candidate, Diagnosis
     from ftbias_jax.errors import FtbiasError, LogError, OutputError, SetupError, UsageError
-    from ftbias_jax.filtering.check.check_setup import check_setup
-    from ftbias_jax.filtering.check.result import Check, Mistake
     from ftbias_jax.filtering.likelihood import log_likelihood
     from ftbias_jax.filtering.method.filter_samples import filter_samples
     from ftbias_jax.filtering.noise.blocks import layout_of
@@ -122,8 +122,8 @@ _MODULES = {
     "diagnosis.diagnose": "diagnose",
     "diagnosis.result": "Candidate Diagnosis",
     "errors": "FtbiasError LogError OutputError SetupError UsageError",
-    "filtering.check.check_setup": "check_setup",
-    "filtering.check.result": "Check Mistake",
+    "check.check_setup": "check_setup",
+    "check.result": "Check Mistake",
     "filtering.likelihood": "log_likelihood",
     "filtering.method.filter_samples": "filter_samples",
     "filtering.noise.blocks": "layout_of",

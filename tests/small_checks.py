@@ -5,8 +5,8 @@ import copy
 import numpy as np
 
 import ftbias_jax as ft
-from ftbias_jax.filtering.check.motion import arm_motion, data_matrices
-from ftbias_jax.filtering.check.regression import stated_tool
+from ftbias_jax.check.motion import arm_motion, data_matrices
+from ftbias_jax.check.regression import stated_tool
 
 TABLES = {
     "robot": {

@@ -17,7 +17,7 @@ FLOORS = (
     "errors files types",
     "runtime setup",
     "io",
-    "model",
+    "check model",
     "filtering",
     "calibration diagnosis",
     "fleet validation",
@@ -163,8 +163,10 @@ def output_of(program):
     return done.stdout.split()
 
 
-@pytest.mark.parametrize("module", ["ftbias_jax", "ftbias_jax.setup", "ftbias_jax.io", "ftbias_jax.cli.main"])
-def test_reading_arguments_and_setups_does_not_import_jax(module):
+@pytest.mark.parametrize(
+    "module", ["ftbias_jax", "ftbias_jax.setup", "ftbias_jax.io", "ftbias_jax.check.check_setup", "ftbias_jax.cli.main"]
+)
+def test_reading_arguments_and_checking_setups_does_not_import_jax(module):
     assert output_of(f"import sys, {module}; print('jax' in sys.modules)") == ["False"]
 
 

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ftbias_jax.check.motion import arm_motion, data_matrices
+from ftbias_jax.check.regression import stated_tool
 from ftbias_jax.cli.commands.demo import CENTER, EXCURSION, SETUP
-from ftbias_jax.filtering.check.motion import arm_motion, data_matrices
-from ftbias_jax.filtering.check.regression import stated_tool
 from ftbias_jax.fleet.alarms import alarms_of
 from ftbias_jax.fleet.entry import Entry
 from ftbias_jax.fleet.history import read_fleet

@@ -5,7 +5,7 @@ import copy
 import numpy as np
 
 import ftbias_jax as ft
-from ftbias_jax.filtering.check.motion import arm_motion, in_sensor
+from ftbias_jax.check.motion import arm_motion, in_sensor
 
 SIX_AXES = {
     "flange": {"translation": [0.82, 0.23, 0.06], "rotation_rpy": [-1.5708, 0.0, 0.0]},

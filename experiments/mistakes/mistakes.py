@@ -6,8 +6,8 @@ from itertools import permutations, product
 import numpy as np
 
 import ftbias_jax as ft
-from ftbias_jax.filtering.check.motion import arm_motion, data_matrices
-from ftbias_jax.filtering.check.regression import stated_tool
+from ftbias_jax.check.motion import arm_motion, data_matrices
+from ftbias_jax.check.regression import stated_tool
 
 G, LBF = 9.80665, 4.4482216
 

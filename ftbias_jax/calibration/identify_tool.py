@@ -15,9 +15,9 @@ from ftbias_jax.calibration.tool.channels import Channels
 from ftbias_jax.calibration.tool.steady import SteadyBias, steady_bias
 from ftbias_jax.calibration.tool.steps import Step, find_steps, is_gained, with_steps
 from ftbias_jax.calibration.tool.words import motion_lines, plain_errors, pose_lines, with_errors
+from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering import params_for_log
-from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.quality.at_rest import require_motion
 from ftbias_jax.filtering.samples import pad, samples_from_log

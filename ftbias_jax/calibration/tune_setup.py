@@ -26,9 +26,9 @@ from ftbias_jax.calibration.tune_result import (
     with_fit,
     with_noise,
 )
+from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import params_for_log
-from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_joints
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import arrays_from_log, pad

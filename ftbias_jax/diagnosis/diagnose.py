@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.degenerate import with_typed_errors
 from ftbias_jax.diagnosis.evidence.causes import causes_of, ranking_of
@@ -31,7 +32,6 @@ from ftbias_jax.diagnosis.terms.peaks import fast_lines
 from ftbias_jax.diagnosis.terms.states import state_of_problem
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.errors import UsageError
-from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
 from ftbias_jax.io.cleaning import cleaned, slices, survey, without_long_pauses
 from ftbias_jax.io.log import Log

@@ -11,8 +11,8 @@ import numpy as np
 if TYPE_CHECKING:
     from ftbias_jax.calibration.identify_tool import IdentifyResult
     from ftbias_jax.calibration.tune_result import TuneResult
+    from ftbias_jax.check.result import Check
     from ftbias_jax.diagnosis.result import Diagnosis
-    from ftbias_jax.filtering.check.result import Check
     from ftbias_jax.filtering.quality.summary import Summary
     from ftbias_jax.io.write.provenance import Provenance
 

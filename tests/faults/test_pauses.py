@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from small_archive import SETUP, write_log
 
+from ftbias_jax.check.regression import KNOT, make_layout
 from ftbias_jax.cli.main import main
-from ftbias_jax.filtering.check.regression import KNOT, make_layout
 from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import without_long_pauses
 from ftbias_jax.io.clock import LONG_PAUSE

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from functools import partial
 
+from ftbias_jax.check.check_setup import check_setup
 from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
 from ftbias_jax.cli.repairs import tell_mistake, tell_repairs
-from ftbias_jax.filtering.check.check_setup import check_setup
 from ftbias_jax.filtering.quality.at_rest import rest_in_words
 from ftbias_jax.fleet.entry import settings_of
 from ftbias_jax.fleet.find import expand, inputs

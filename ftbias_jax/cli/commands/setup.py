@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _recorded_so(setup: Setup, log: Log) -> dict[str, Known]:
     """Keys by which a check of the draft says that the controller compensates, or that the sensor was set to zero."""
-    from ftbias_jax.filtering.check.check_setup import check_setup
+    from ftbias_jax.check.check_setup import check_setup
 
     findings = check_setup(setup, [log]).findings
     return {

@@ -7,9 +7,9 @@ import os
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
+from ftbias_jax.check.check_setup import check_parts
+from ftbias_jax.check.result import Check
 from ftbias_jax.cli.parsers.filtering import selection_of
-from ftbias_jax.filtering.check.check_setup import check_parts
-from ftbias_jax.filtering.check.result import Check
 from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.noise.log_noise import LogNoise, remark_of_gate
 from ftbias_jax.filtering.quality import contacts, observability, summary

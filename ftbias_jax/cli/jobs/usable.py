@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.cli.repairs import warn
 from ftbias_jax.errors import FtbiasError, LogError, SetupError
-from ftbias_jax.filtering.check.check_setup import require_right
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.types import Setup

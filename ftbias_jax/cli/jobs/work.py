@@ -10,11 +10,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ftbias_jax.check.check_setup import check_setup
 from ftbias_jax.cli.jobs.each_log import Done
 from ftbias_jax.cli.jobs.many import ANSWER, APPLIED, REPORT
 from ftbias_jax.cli.jobs.one_file import Choices, filter_file
 from ftbias_jax.errors import LogError
-from ftbias_jax.filtering.check.check_setup import check_setup
 from ftbias_jax.fleet import quality
 from ftbias_jax.fleet.entry import LOSS, MISTAKES, OK
 from ftbias_jax.io import read_log, read_motion

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import overload
 
+from ftbias_jax.check.check_setup import check_setup
 from ftbias_jax.filtering import params_for_log as of_log
-from ftbias_jax.filtering.check.check_setup import check_setup
 from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.noise.log_noise import remark_of_gate
 from ftbias_jax.filtering.pipeline import options_from_setup

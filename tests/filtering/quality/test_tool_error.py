@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from small_checks import TABLES
 
-from ftbias_jax.filtering.check.motion import arm_motion, data_matrices
-from ftbias_jax.filtering.check.regression import stated_tool
+from ftbias_jax.check.motion import arm_motion, data_matrices
+from ftbias_jax.check.regression import stated_tool
 from ftbias_jax.filtering.quality.tool_error import (
     arrays_with_error_of_tool,
     error_of_tool,

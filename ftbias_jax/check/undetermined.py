@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ftbias_jax.filtering.check import findings, poses
-from ftbias_jax.filtering.check.alternatives import LEAST_DEGREES, G
-from ftbias_jax.filtering.check.judge import ABSENT, BAD, BETTER, GOOD, GOOD_TOUCHED, TIE, Evidence, noise_of_bins
-from ftbias_jax.filtering.check.motion import data_matrices, in_sensor
-from ftbias_jax.filtering.check.regression import BLOCKS, GROUPS, within_reach, without_bias
-from ftbias_jax.filtering.check.result import Undetermined
-from ftbias_jax.filtering.check.state import State, delayed
+from ftbias_jax.check import findings, poses
+from ftbias_jax.check.alternatives import LEAST_DEGREES, G
+from ftbias_jax.check.judge import ABSENT, BAD, BETTER, GOOD, GOOD_TOUCHED, TIE, Evidence, noise_of_bins
+from ftbias_jax.check.motion import data_matrices, in_sensor
+from ftbias_jax.check.regression import BLOCKS, GROUPS, within_reach, without_bias
+from ftbias_jax.check.result import Undetermined
+from ftbias_jax.check.state import State, delayed
 from ftbias_jax.types import Array
 
 TURN = (

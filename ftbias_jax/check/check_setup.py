@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.filtering.check import findings, poses
-from ftbias_jax.filtering.check.alternatives import all_alternatives
-from ftbias_jax.filtering.check.bins import WIDTH, bins_of, join_bins
-from ftbias_jax.filtering.check.contact import UNTOUCHED, is_feigned, stamped, untouched
-from ftbias_jax.filtering.check.findings import absence, clocks, named, numbers, of_bias
-from ftbias_jax.filtering.check.judge import (
+from ftbias_jax.check import findings, poses
+from ftbias_jax.check.alternatives import all_alternatives
+from ftbias_jax.check.bins import WIDTH, bins_of, join_bins
+from ftbias_jax.check.contact import UNTOUCHED, is_feigned, stamped, untouched
+from ftbias_jax.check.findings import absence, clocks, named, numbers, of_bias
+from ftbias_jax.check.judge import (
     BAD,
     TIE,
     Evidence,
@@ -24,11 +23,12 @@ from ftbias_jax.filtering.check.judge import (
     score,
     slightly,
 )
-from ftbias_jax.filtering.check.mounts import mount_in_degrees
-from ftbias_jax.filtering.check.regression import TRIMS, no_tool
-from ftbias_jax.filtering.check.result import Check, Mistake
-from ftbias_jax.filtering.check.state import FEWEST, Case, Result, State, case_of_bins, make_case, stated
-from ftbias_jax.filtering.check.undetermined import all_undetermined, undetermined
+from ftbias_jax.check.mounts import mount_in_degrees
+from ftbias_jax.check.regression import TRIMS, no_tool
+from ftbias_jax.check.result import Check, Mistake
+from ftbias_jax.check.state import FEWEST, Case, Result, State, case_of_bins, make_case, stated
+from ftbias_jax.check.undetermined import all_undetermined, undetermined
+from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup

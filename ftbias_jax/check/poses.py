@@ -8,8 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from ftbias_jax.filtering.check.motion import body_motion, in_sensor
-from ftbias_jax.filtering.check.state import State
+from ftbias_jax.check.motion import body_motion, in_sensor
+from ftbias_jax.check.state import State
 from ftbias_jax.setup.recorded import PoseSetup
 
 Values = dict[str, str | bool]

@@ -9,9 +9,9 @@ import small_checks
 from small_checks import checked, right_log
 
 import ftbias_jax as ft
-from ftbias_jax.filtering.check import check_setup as module
-from ftbias_jax.filtering.check.motion import arm_motion
-from ftbias_jax.filtering.check.result import MISTAKES, Check, Mistake
+from ftbias_jax.check import check_setup as module
+from ftbias_jax.check.motion import arm_motion
+from ftbias_jax.check.result import MISTAKES, Check, Mistake
 from ftbias_jax.io.cleaning import slices
 
 
@@ -323,7 +323,7 @@ def test_a_conjugate_orientation_is_mended_by_the_key_that_states_it():
 
 
 def pose_log():
-    from ftbias_jax.filtering.check.motion import arm_motion, in_sensor
+    from ftbias_jax.check.motion import arm_motion, in_sensor
     from ftbias_jax.io.pose import continuous, quaternions_of
 
     tables, arrays = right_log(seed=11)

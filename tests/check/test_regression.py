@@ -5,8 +5,8 @@ import pytest
 import small_checks
 
 import ftbias_jax as ft
-from ftbias_jax.filtering.check.regression import Tool, exactly, free_tool, no_tool, within_reach
-from ftbias_jax.filtering.check.state import make_case, stated
+from ftbias_jax.check.regression import Tool, exactly, free_tool, no_tool, within_reach
+from ftbias_jax.check.state import make_case, stated
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ftbias_jax.filtering.check.regression import BLOCKS, exactly, free_tool, no_tool
-from ftbias_jax.filtering.check.state import PENALTY, Alternative, Result, State
+from ftbias_jax.check.regression import BLOCKS, exactly, free_tool, no_tool
+from ftbias_jax.check.state import PENALTY, Alternative, Result, State
 from ftbias_jax.types import Array
 
 BAD = 0.3

@@ -7,8 +7,8 @@ import pytest
 from small_checks import checked, right_log
 
 import ftbias_jax as ft
-from ftbias_jax.filtering.check.result import MISTAKES
-from ftbias_jax.filtering.check.undetermined import OF_ARM, OF_POSE
+from ftbias_jax.check.result import MISTAKES
+from ftbias_jax.check.undetermined import OF_ARM, OF_POSE
 
 
 def unseen(tables, arrays):

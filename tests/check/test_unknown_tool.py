@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from small_checks import checked, right_log
 
-from ftbias_jax.filtering.check.check_setup import check_setup
-from ftbias_jax.filtering.check.state import make_case
+from ftbias_jax.check.check_setup import check_setup
+from ftbias_jax.check.state import make_case
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup import parse_setup
 

@@ -7,7 +7,7 @@ import pytest
 import small_checks
 
 import ftbias_jax as ft
-from ftbias_jax.filtering.check.motion import arm_motion, body_motion, data_matrices, skew
+from ftbias_jax.check.motion import arm_motion, body_motion, data_matrices, skew
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.recorded_pose import motion_of as motion_of_model
 from ftbias_jax.model.params import params_from_setup

@@ -5,10 +5,10 @@ import pytest
 from small_checks import BIAS, TABLES, checked, right_log
 
 import ftbias_jax as ft
-from ftbias_jax.filtering.check.motion import arm_motion, data_matrices
-from ftbias_jax.filtering.check.mounts import ROTATIONS, mounts
-from ftbias_jax.filtering.check.regression import stated_tool
-from ftbias_jax.filtering.check.state import make_case, stated
+from ftbias_jax.check.motion import arm_motion, data_matrices
+from ftbias_jax.check.mounts import ROTATIONS, mounts
+from ftbias_jax.check.regression import stated_tool
+from ftbias_jax.check.state import make_case, stated
 from ftbias_jax.setup.rotations import rotation_from_rpy, rotation_from_vector
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.filtering.check.regression import without_bias
-from ftbias_jax.filtering.check.state import Alternative, State
+from ftbias_jax.check.regression import without_bias
+from ftbias_jax.check.state import Alternative, State
 from ftbias_jax.setup.rotations import rotation_from_rpy, rpy_from_rotation
 from ftbias_jax.types import Array
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.check.judge import BETTER, Evidence, noise_of_bins
-from ftbias_jax.filtering.check.regression import GROUPS, without_bias
-from ftbias_jax.filtering.check.result import Check, Mistake
-from ftbias_jax.filtering.check.state import Alternative, Result, State
+from ftbias_jax.check.judge import BETTER, Evidence, noise_of_bins
+from ftbias_jax.check.regression import GROUPS, without_bias
+from ftbias_jax.check.result import Check, Mistake
+from ftbias_jax.check.state import Alternative, Result, State
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup

@@ -7,10 +7,10 @@ from itertools import product
 
 import numpy as np
 
-from ftbias_jax.filtering.check.motion import arm_motion
-from ftbias_jax.filtering.check.mounts import LEAST_TURN, OTHER_REPORT, mount_in_degrees, mounts
-from ftbias_jax.filtering.check.regression import Tool, without_bias
-from ftbias_jax.filtering.check.state import Alternative, State
+from ftbias_jax.check.motion import arm_motion
+from ftbias_jax.check.mounts import LEAST_TURN, OTHER_REPORT, mount_in_degrees, mounts
+from ftbias_jax.check.regression import Tool, without_bias
+from ftbias_jax.check.state import Alternative, State
 
 G = 9.80665
 UNITS = {

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.filtering.check.contact import ZERO, zeroed_on_the_way
-from ftbias_jax.filtering.check.judge import ABSENT, GOOD, Evidence, Tried, decisively, noise_of_bins, score
-from ftbias_jax.filtering.check.mounts import LEAST_TURN
-from ftbias_jax.filtering.check.regression import no_tool, without_bias
-from ftbias_jax.filtering.check.result import Mistake
-from ftbias_jax.filtering.check.state import Alternative, Result, State, delayed
+from ftbias_jax.check.contact import ZERO, zeroed_on_the_way
+from ftbias_jax.check.judge import ABSENT, GOOD, Evidence, Tried, decisively, noise_of_bins, score
+from ftbias_jax.check.mounts import LEAST_TURN
+from ftbias_jax.check.regression import no_tool, without_bias
+from ftbias_jax.check.result import Mistake
+from ftbias_jax.check.state import Alternative, Result, State, delayed
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.types import Array
 

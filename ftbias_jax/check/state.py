@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.filtering.check.bins import Bins, bins_of, join_bins
-from ftbias_jax.filtering.check.motion import Motion, arm_motion, body_motion, data_matrices, in_sensor
-from ftbias_jax.filtering.check.regression import Fit, Layout, Tool, fit, free_tool, make_layout, stated_tool
+from ftbias_jax.check.bins import Bins, bins_of, join_bins
+from ftbias_jax.check.motion import Motion, arm_motion, body_motion, data_matrices, in_sensor
+from ftbias_jax.check.regression import Fit, Layout, Tool, fit, free_tool, make_layout, stated_tool
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.require import with_guessed_tool
