@@ -24,8 +24,8 @@ WIDEST = 0.5
 """s: samples that are farther apart than that are poses at rest."""
 MOST = 150_000
 """Samples looked at; a longer log is looked at in stretches."""
-STRETCH = 200
-"""Bins in a row, where a log is looked at in stretches."""
+STRETCH, PIECES = 200, 8
+"""Bins in a row, and stretches, where a log is looked at in stretches."""
 SPEED, ACCELERATION = 10.0, 50.0
 """rad/s, rad/s^2 or m/s, m/s^2: standard deviations of a very weak prior, which makes sparse bins solvable."""
 
@@ -106,9 +106,11 @@ def _stretches(log: Log) -> Log:
     if len(log.t) <= MOST:
         return log
     samples = max(LEAST * STRETCH, round(STRETCH * WIDTH / max(np.median(np.diff(log.t)), 1e-6)))
-    pieces = max(1, MOST // samples)
-    starts = np.linspace(0, max(0, len(log.t) - samples), pieces).astype(int)
-    rows = np.unique(np.concatenate([np.arange(start, min(start + samples, len(log.t))) for start in starts]))
+    pieces = max(1, min(MOST // samples, PIECES))
+    is_in = np.zeros(len(log.t), bool)
+    for start in np.linspace(0, max(0, len(log.t) - samples), pieces).astype(int):
+        is_in[start : start + samples] = True
+    rows = np.flatnonzero(is_in)
     t, q, dq, wrench, temperature = (x[rows] for x in log[:5])
     return Log(t, q, dq, wrench, temperature, log.start)
 

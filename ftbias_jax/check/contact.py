@@ -110,7 +110,7 @@ def untouched(base: Evidence) -> Untouched | None:
     case = state.case.trimmed(UNTOUCHED)
     steady = (case.log[:, None] == np.unique(case.log)).astype(float)  # what is left may be too short to show a drift
     part = state.but(case=replace(case, layout=case.layout._replace(basis=steady))).fit()
-    rows, tool = part.fit.kept, state.data() @ state.tool.theta * np.repeat(state.unit, 3)
+    rows, tool = part.fit.kept, state.data @ state.tool.theta * np.repeat(state.unit, 3)
 
     def size(bins: Array) -> Array:
         free = without_bias(tool[bins], case.layout._replace(basis=steady[bins]))
@@ -163,7 +163,7 @@ def tares(base: Evidence) -> list[float]:
     noise = case.setup.sensor.noise_std
     if (state.unit != 1).any() or not case.layout.axes.all():
         return []
-    t, reading, tool = case.bins.t, state.wrench, state.data() @ state.tool.theta
+    t, reading, tool = case.bins.t, state.wrench, state.data @ state.tool.theta
     if len(t) <= 2 * BESIDE:
         return []
     # Of every bin that has enough of them on both sides: what is beside it (N, 6, BESIDE), and where its log pauses.
@@ -197,7 +197,7 @@ def _returns(state: State, i: int, former: Array, level: Array) -> bool:
     case = state.case
     scale = case.setup.sensor.noise_std
     rows = np.flatnonzero(case.log == case.log[i])
-    off = (state.wrench - state.data() @ state.tool.theta - former)[rows] / scale
+    off = (state.wrench - state.data @ state.tool.theta - former)[rows] / scale
     step = (level - former) / scale
     size = np.linalg.norm(step)
     along = off @ step / size**2
@@ -215,7 +215,7 @@ def _stands(state: State, i: int) -> bool:
 def _is_free(state: State, i: int, former: Array, level: Array) -> bool:
     """Whether the levels before and after bin i hold while the arm moves: what rests on a table does not move."""
     case = state.case
-    left = (state.wrench - state.data() @ state.tool.theta)[:, :3]
+    left = (state.wrench - state.data @ state.tool.theta)[:, :3]
     most = NEAR * np.linalg.norm((level - former)[:3])
     for rows in (slice(max(0, i - AROUND), i - 1), slice(i + 2, i + 2 + AROUND)):
         near = left[rows][case.log[rows] == case.log[i]]

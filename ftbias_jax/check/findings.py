@@ -57,7 +57,7 @@ def share_of_tool(base: Evidence, group: int) -> Share:
     rows = state.fit(no_tool()).fit.kept
     rows = rows if layout.touched else rows & base.result.fit.kept
     axes = slice(3 * group, 3 * group + 3)
-    tool = without_bias(state.data() @ state.tool.theta, layout)[rows, axes]
+    tool = without_bias(state.data @ state.tool.theta, layout)[rows, axes]
     reading = without_bias(state.wrench, layout)[rows, axes]
     blocks = np.unique(layout.block[rows], return_inverse=True)[1]
     above, below = (np.bincount(blocks, (x * tool).sum(1)) for x in (reading, tool))
@@ -99,7 +99,7 @@ def time_offset(base: Evidence) -> tuple[float, Result] | None:
     if left < OFFSET_BAD:
         return None
     state = base.state
-    tool = state.data() @ base.result.fit.theta
+    tool = state.data @ base.result.fit.theta
     layout = state.case.layout
     reading = without_bias(state.wrench, layout)
     scale = np.repeat([np.sqrt(np.median((reading[:, g] ** 2).sum(1))) + 1e-9 for g in (slice(0, 3), slice(3, 6))], 3)
@@ -127,7 +127,7 @@ def bias_beyond_prior(base: Evidence) -> tuple[str, str, dict[str, object]] | No
     setup, bins = state.case.setup, state.case.bins
     if setup.sensor.rezeroed or (state.unit != 1).any():
         return None
-    tool = state.data() @ state.tool.theta
+    tool = state.data @ state.tool.theta
     axes, std = state.case.layout.axes, setup.bias.initial_std
     near = _near_zero(state, tool)
     # What touches the sensor as the log begins moves its reading, but not the level of the log.
@@ -149,7 +149,7 @@ def bias_beyond_prior(base: Evidence) -> tuple[str, str, dict[str, object]] | No
 def zero_would_show(state: State) -> bool:
     """Whether a first reading of zero is what the setup's prior excludes: the tool's weight is expected beside it."""
     setup, axes = state.case.setup, state.case.layout.axes
-    tool, std = state.data() @ state.tool.theta, setup.bias.initial_std
+    tool, std = state.data @ state.tool.theta, setup.bias.initial_std
     near, moved = _near_zero(state, tool), np.abs(tool[1] - tool[0])
     by_chance = np.prod(np.minimum(1, near / std)[axes])
     weight = np.abs(tool[0] - setup.bias.initial)[axes]  # expected to be read, beside zero

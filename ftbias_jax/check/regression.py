@@ -183,12 +183,14 @@ def _scales(wrench: Array, layout: Layout) -> Float[Array, " 2"]:
 def _solve(
     D: Array, wrench: Array, tool: Tool, layout: Layout, rows: Array, scale: Array
 ) -> tuple[Float[Array, " 10"], Float[Array, "K 6"]]:
+    """The tool, and coefficients of bias and drift, by some rows."""
     B = layout.basis[rows]
-    count = len(B)
-    width = D.shape[2]
-    columns = np.concatenate([D[rows].reshape(count, 6 * width), wrench[rows]], 1)
     gram = B.T @ B
     gram += 1e-9 * max(np.trace(gram), 1e-300) / len(gram) * np.eye(len(gram))
+    if not tool.reach.any():
+        return tool.theta, np.linalg.solve(gram, B.T @ (D[rows] @ tool.theta - wrench[rows]))
+    count, width = len(B), D.shape[2]
+    columns = np.concatenate([D[rows].reshape(count, 6 * width), wrench[rows]], 1)
     fitted = np.linalg.solve(gram, B.T @ columns)
     free = columns - B @ fitted
     X = free[:, :-6].reshape(count, 6, width) / np.repeat(scale, 3)[:, None]

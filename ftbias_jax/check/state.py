@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,7 @@ class State:
         """The same with some of it changed."""
         return replace(self, **changes)
 
+    @cached_property
     def data(self) -> Array:
         """D (N, 6, 10)."""
         return self._stamped(data_matrices(self.motion, self.gravity, self.specific_force))
@@ -95,7 +97,7 @@ class State:
 
     def fit(self, tool: Tool | None = None) -> Result:
         """Least squares with this tool, or the one believed."""
-        done = fit(self.data(), self.wrench, self.tool if tool is None else tool, self.case.layout)
+        done = fit(self.data, self.wrench, self.tool if tool is None else tool, self.case.layout)
         square = done.square * self.unit**2
         errors = done.errors * self.unit**2
         order = [1, 0] if self.swapped else [0, 1]
@@ -109,7 +111,7 @@ class State:
             pulled: with a steady force along axes of the base beside the tool, as of a weight balancer on a trolley.
         """
         force = np.arange(6) < 3
-        D, tool = self.data(), self.tool if tool is None else tool
+        D, tool = self.data, self.tool if tool is None else tool
         if pulled:
             pull = np.zeros((len(D), 6, 3))
             pull[:, :3] = self._stamped(self.motion.rotation.transpose(0, 2, 1))

@@ -101,7 +101,7 @@ def undetermined(base: Evidence, *, tool_is_stated: bool) -> tuple[Undetermined,
     if setup.sensor.compensated != "none":
         names = set(names_for(setup.pose is not None)) - {"raw_offset", "rezeroed", "compensated"}
         return _sorted(dict.fromkeys(names, RAW))
-    columns, wrench = state.data(), state.data() @ state.tool.theta
+    columns, wrench = state.data, state.data @ state.tool.theta
     left = base.result.square[::-1] if state.swapped else base.result.square
     floor = np.maximum(left / state.unit**2, noise_of_bins(state) ** 2)
     columns = without_bias(columns * state.case.layout.axes[:, None], state.case.layout)
@@ -191,7 +191,7 @@ def _unseen_of_pose(imagined: Imagined) -> Iterator[tuple[str, str]]:
     for convention, other in poses.conventions(state):
         if sum(vars(convention).values()) != 1:
             continue
-        stated, raw, right = imagined.of(other.data() @ state.tool.theta)
+        stated, raw, right = imagined.of(other.data @ state.tool.theta)
         if right > poses.POSE_BETTER * stated or right > BAD * raw:
             yield ("position_frame", ACCELERATE) if convention.in_body else ("quaternion_convention", TURN)
     turning = in_sensor(state.motion, state.motion.velocity)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from ftbias_jax.filtering.fast.scan import Inputs
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 MOST_SAMPLES = 1 << 14
 """At the start of a log that the noise is fitted to."""
+POINTS, PARTS = 8, 64
+"""Of each grid, and of the interval between two points of the fine one: 1 % of the density."""
 
 
 @keep_program("model")
@@ -34,8 +37,8 @@ def likeliest_density(
     """Process noise density of every joint that makes its measurements likeliest: (n,), noise.process_density unused.
 
     How fast a robot's acceleration changes differs by orders of magnitude between motions, and nobody knows the
-    number. The likelihood of one joint has a single broad maximum: a grid of factor four is searched, then a fine one
-    between the neighbours of its best point, refined by a parabola through the best three points.
+    number. The likelihood of one joint has a single broad maximum: a coarse grid is searched, then a fine one between
+    the neighbours of its best point, and the polynomial through the fine one's points.
 
     Args:
         noise: measurement noise and prior.
@@ -44,17 +47,28 @@ def likeliest_density(
         dq: (T, n) rad/s, NaN = not measured.
         model: key of process_models.JOINT_MODELS.
     """
-    grid = jnp.linspace(-8, 12, 11, dtype=q.dtype)
-    exponents = jnp.broadcast_to(grid[:, None], (11, q.shape[1]))
-    best = jnp.argmax(_score_densities(noise, dt, q, dq, 2**exponents, model), 0)
-    exponents = grid[best][None] + jnp.linspace(-2, 2, 11, dtype=q.dtype)[:, None]
-    score = _score_densities(noise, dt, q, dq, 2**exponents, model)
-    best = jnp.clip(jnp.argmax(score, 0), 1, 9)[None]
-    low, middle, high = (jnp.take_along_axis(score, best + i, 0)[0] for i in (-1, 0, 1))
-    curvature = low - 2 * middle + high
-    shift = jnp.where(curvature < 0, (low - high) / (2 * jnp.where(curvature < 0, curvature, -1)), 0)
-    spacing = exponents[1] - exponents[0]
-    return 2 ** (jnp.take_along_axis(exponents, best, 0)[0] + spacing * jnp.clip(shift, -1, 1))
+    grid, fine = jnp.linspace(-8, 12, POINTS, dtype=q.dtype), jnp.linspace(-1, 1, POINTS, dtype=q.dtype)
+    fine = fine[:, None] * (grid[1] - grid[0])
+    densities = 2 ** jnp.broadcast_to(grid[:, None], (POINTS, q.shape[1]))
+    score = _score_densities(noise, dt, q, dq, densities, model)
+    middle = grid[jnp.argmax(score, 0)]
+    score = _score_densities(noise, dt, q, dq, 2 ** (middle[None] + fine), model)
+    best = jnp.argmax(score, 0)
+    between, weights = _interpolation(POINTS, PARTS)
+    far = jnp.abs(jnp.arange(len(between))[:, None] - PARTS * best[None]) > PARTS
+    curve = jnp.matmul(jnp.asarray(weights, q.dtype), score - score.max(0)[None], precision="highest")
+    place = jnp.asarray(between, q.dtype)[jnp.argmax(jnp.where(far, -jnp.inf, curve), 0)]
+    return 2 ** (middle + place * (grid[1] - grid[0]))
+
+
+def _interpolation(points: int, parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places (m,) between points in [-1, 1], so many in each interval, and (m, points) the weights that a polynomial
+    through the points gives them (Lagrange's)."""
+    x = np.linspace(-1, 1, points)
+    places = np.linspace(-1, 1, (points - 1) * parts + 1)
+    of_others = ~np.eye(points, dtype=bool)
+    weights = [np.prod((places[:, None] - x[o]) / (x[i] - x[o]), axis=1) for i, o in enumerate(of_others)]
+    return places, np.stack(weights, 1)
 
 
 def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densities: Array, model: str) -> Array:

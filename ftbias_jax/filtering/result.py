@@ -62,6 +62,8 @@ def join(parts: Sequence[Filtered]) -> Filtered:
             return None
         return present[0] if present[0].ndim == 0 else np.concatenate(present)
 
+    if len(parts) == 1:
+        return parts[0]
     whole = Filtered(*(joined(x) for x in zip(*parts, strict=True)))
     return whole._replace(log_likelihood=np.sum([part.log_likelihood for part in parts]))
 

@@ -91,10 +91,11 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
         return tally
     raw = part.wrench_unbiased - part.bias
     # One-second-ahead errors use the newest state at least one second old.
-    slow = np.zeros_like(part.bias) if part.slow_error is None else part.slow_error
+    slow = np.zeros((len(part.t), 6), part.bias.dtype) if part.slow_error is None else part.slow_error
     # Before any reading counted there is the prior alone, which predicts nothing.
     before = tally.recent is not None and len(tally.recent[0]) > 0
-    used = np.isfinite(part.innovation).any(1)
+    measured = np.isfinite(part.innovation)
+    used = np.ones(len(measured), bool) if measured.all() else measured.any(1)
     begun = 0 if before else int(used.argmax()) if used.any() else len(used)
     states = tuple(x[begun:] for x in (part.t, part.bias, part.drift, slow))
     recent = states if tally.recent is None else tuple(map(np.concatenate, zip(tally.recent, states, strict=True)))
@@ -104,16 +105,17 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
     past = past[known]
     elapsed = (part.t[known] - t[past])[:, None]
     predicted = part.wrench_tool[known] - expected_ahead(bias[past], drift[past], slow[past], noise, elapsed)
+    far = np.abs(part.innovation) > FAR * part.innovation_std
     keep = max(np.searchsorted(t, part.t[-1] - AHEAD, side="right") - 1, 0)
     return Tally(
         _merge(tally.raw, raw),
         _merge(tally.residual, part.wrench_unbiased - part.wrench_tool),
         _merge(tally.ahead, raw[known] - predicted),
         tally.nis + float(part.nis.sum()),
-        tally.used + int(np.isfinite(part.innovation).sum()),
+        tally.used + int(np.count_nonzero(measured)),
         tally.samples + len(part.t),
-        tally.gated + int((~used).sum()),
-        tally.far + int((np.abs(part.innovation) > FAR * part.innovation_std).any(1).sum()),
+        tally.gated + int(np.count_nonzero(~used)),
+        tally.far + (int(far.any(1).sum()) if far.any() else 0),
         float(part.t[0]) if tally.recent is None else tally.first,
         tuple(x[keep:] for x in (t, bias, drift, slow)),
         part,
@@ -194,11 +196,12 @@ def _gate_lines(summary: Summary) -> list[str]:
 def _merge(sums: Moments, values: Array) -> Moments:
     """Moments with more values (T, 6), NaN = none (Chan, Golub and LeVeque 1979)."""
     seen = np.isfinite(values)
-    more = seen.sum(0)
+    is_whole = bool(seen.all())
+    more = np.full(values.shape[1], len(values)) if is_whole else seen.sum(0)
     count = sums.count + more
-    total = np.where(seen, values, 0).sum(0)
-    mean = total / np.maximum(more, 1)
-    squares = (np.where(seen, values - mean, 0) ** 2).sum(0)
+    mean = np.ones(len(values)) @ (values if is_whole else np.where(seen, values, 0)) / np.maximum(more, 1)
+    off = values - mean if is_whole else np.where(seen, values - mean, 0)
+    squares = np.einsum("ta,ta->a", off, off)
     shift = mean - sums.mean
     share = more / np.maximum(count, 1)
     return Moments(count, sums.mean + shift * share, sums.squares + squares + shift**2 * sums.count * share)
