@@ -21,7 +21,7 @@ TRAINED = ("density", "position_std", "velocity_std", "entries", "process_densit
 # sensor is known badly. The logs come from the true setup.
 truth = ft.load_setup(Path(__file__).with_name("setup.toml"))
 text = Path(__file__).with_name("setup.toml").read_text().replace("[2e-3, 1e-4]", "[1e-2, 5e-4]")
-Path("believed.toml").write_text(
+Path("nominal.toml").write_text(
     text
     + """
 [joints]
@@ -34,7 +34,7 @@ linear_acceleration = 0.3       # m/s^2
 angular_acceleration = 2.0      # rad/s^2
 """
 )
-setup = ft.load_setup("believed.toml")
+setup = ft.load_setup("nominal.toml")
 logs = [ft.simulate(truth, duration=seconds, rate=100, seed=seed).log for seed, seconds in enumerate((4, 5, 4, 3))]
 samples = [ft.samples_from_log(log) for log in logs]
 longest = max(len(log.t) for log in logs)
@@ -66,7 +66,7 @@ ft.setup_with(setup, ft.constrain(params, free)).save("trained.toml")
 # What was saved is what was trained: the file alone gives the likelihood that the loop ended with.
 trained = ft.load_setup("trained.toml")
 after = loss(ft.unconstrain(ft.params_for_log(trained, logs[0])))
-print(f"nats lacking per sample: {before:.3f} as believed, {loss(free):.3f} trained, {after:.3f} as saved")
+print(f"nats lacking per sample: {before:.3f} as stated, {loss(free):.3f} trained, {after:.3f} as saved")
 print("eta of the positions [rad]:", trained.joints.position_noise_std, "truth:", truth.joints.position_noise_std)
 assert abs(after - loss(free)) < 1e-6
 assert after < before - 1

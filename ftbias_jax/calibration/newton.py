@@ -115,7 +115,7 @@ def maximise(
         parts: of the data, pytrees of arrays of the same shapes; the likelihood is the sum over them.
         starts: (S, P) logarithms to start from; the best of where they lead, by the first part of the data, is pursued.
         index: (K, N) which free value each entry of the score's argument is.
-        report: told (iteration, nats).
+        report: called with (iteration, nats).
         total: adds the processes that work together, each on parts of its own (distributed.py); all of them then take
             the same steps, over all their parts from the start.
     """

@@ -134,7 +134,7 @@ def tune_joints(
         options: of the pipeline.
         restarts: further starts, each value off by a random factor (10 or 1/10 is usual); Fit.optimum tells how many
             agree.
-        report: told (iteration, nats).
+        report: called with (iteration, nats).
         total: adds up the processes that tune together, see ``newton.maximise``.
 
     Returns:
@@ -166,7 +166,7 @@ def tune_wrench(
             of the diagonal of Sigma_W.
         options: of the pipeline.
         restarts: further starts, as for ``tune_joints``.
-        report: told (iteration, nats).
+        report: called with (iteration, nats).
         total: adds up the processes that tune together, see ``newton.maximise``.
 
     Returns:

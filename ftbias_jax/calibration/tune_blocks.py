@@ -70,7 +70,7 @@ def tune_in_blocks(
         logs: of ``look_at_each``.
         tie: key of ``tune.TIES``, of sigma_Q.
         wanted: some of "density" and "wrench_std".
-        report: told (iteration, nats).
+        report: called with (iteration, nats).
 
     Returns:
         params with the noise, and the fit of sigma_Q if it was asked for.

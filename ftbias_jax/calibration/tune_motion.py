@@ -116,7 +116,7 @@ def tune_motion(
         shown: by the blocks of the logs: where to start, which weights are not zero, and whether the growth bends.
         ties: key of TIES for each of values.WRENCH_NAMES that is to be fitted, too.
         options: of the pipeline.
-        report: told (iteration, nats).
+        report: called with (iteration, nats).
 
     Returns:
         params with the noise, and the fit: ``vibration`` (n, 6) and, if it bends, ``vibration_speed`` (1,).

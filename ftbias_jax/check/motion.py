@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 
-class Motion(NamedTuple):
+class SensorMotion(NamedTuple):
     """Of the sensor, over N bins."""
 
     rotation: Float[Array, "N 3 3"]
@@ -29,7 +29,7 @@ class Motion(NamedTuple):
     """m of the sensor's origin, base frame."""
 
 
-def arm_motion(robot: RobotSetup, sensor: SensorSetup, q: Array, dq: Array, ddq: Array) -> Motion:
+def arm_motion(robot: RobotSetup, sensor: SensorSetup, q: Array, dq: Array, ddq: Array) -> SensorMotion:
     """Motion of a sensor on an arm, by the recursion of ``model.kinematics.screws.sensor_motion``.
 
     Args:
@@ -57,10 +57,12 @@ def arm_motion(robot: RobotSetup, sensor: SensorSetup, q: Array, dq: Array, ddq:
     position = p + R @ (robot.flange_translation + robot.flange_rotation @ sensor.translation)
     velocity = v + np.cross(w, position)
     acceleration = dv + np.cross(dw, position) + np.cross(w, velocity)
-    return Motion(R @ (robot.flange_rotation @ sensor.rotation), acceleration, w, dw, position)
+    return SensorMotion(R @ (robot.flange_rotation @ sensor.rotation), acceleration, w, dw, position)
 
 
-def body_motion(sensor: SensorSetup, lever: Array, q: Array, dq: Array, ddq: Array, *, in_body: bool = False) -> Motion:
+def body_motion(
+    sensor: SensorSetup, lever: Array, q: Array, dq: Array, ddq: Array, *, in_body: bool = False
+) -> SensorMotion:
     """Motion of a sensor on a body whose pose was recorded (``model.kinematics.recorded_pose``).
 
     Args:
@@ -87,10 +89,10 @@ def body_motion(sensor: SensorSetup, lever: Array, q: Array, dq: Array, ddq: Arr
         a = a + 2 * np.cross(w, v) + np.cross(dw, p) + np.cross(w, np.cross(w, p))
     arm = R @ lever
     a = a + np.cross(dw, arm) + np.cross(w, np.cross(w, arm))
-    return Motion(R @ sensor.rotation, a, w, dw, p + arm)
+    return SensorMotion(R @ sensor.rotation, a, w, dw, p + arm)
 
 
-def data_matrices(motion: Motion, gravity: Array, specific_force: Array | None = None) -> Float[Array, "N 6 10"]:
+def data_matrices(motion: SensorMotion, gravity: Array, specific_force: Array | None = None) -> Float[Array, "N 6 10"]:
     """D of every bin, with W = D theta (``model.wrench.tool_wrench.data_matrix``).
 
     Args:
@@ -108,7 +110,7 @@ def data_matrices(motion: Motion, gravity: Array, specific_force: Array | None =
     return D
 
 
-def in_sensor(motion: Motion, vectors: Array) -> Float[Array, "N 3"]:
+def in_sensor(motion: SensorMotion, vectors: Array) -> Float[Array, "N 3"]:
     """Vectors (N, 3) of the base frame, in the sensor's."""
     return np.einsum("nji,nj->ni", motion.rotation, vectors)
 

@@ -69,7 +69,7 @@ class Convention:
 
 
 def conventions(state: State) -> Iterator[tuple[Convention, State]]:
-    """Every way of reading the pose, the stated one first, and what is believed then."""
+    """Every way of reading the pose, the stated one first, and the model that it gives."""
     case = state.case
     pose = case.setup.pose
     assert pose is not None

@@ -98,11 +98,11 @@ def make_layout(t: Array, log: Array, axes: Array) -> Layout:
         # Over a pause the bias may change at will; the knots must be as many as the bins need, not the hours between.
         span = np.cumsum(np.minimum(np.diff(t[rows], prepend=t[rows[0]]), 2 * KNOT))
         knots = np.linspace(0, max(span[-1], 1e-9), 2 + int(span[-1] // KNOT))
-        hats = np.stack([np.interp(span, knots, unit) for unit in np.eye(len(knots))], 1)
+        tents = np.stack([np.interp(span, knots, unit) for unit in np.eye(len(knots))], 1)
         if span[-1] < STEADY:
-            hats = np.ones((len(rows), 1))
+            tents = np.ones((len(rows), 1))
         column = np.zeros((len(t), len(knots)))
-        column[rows] = hats
+        column[rows] = tents
         columns.append(column)
     return Layout(np.concatenate(columns, 1), blocks, axes)
 

@@ -1,4 +1,4 @@
-"""What is believed of a log, as one bundle that each alternative changes in one place."""
+"""The model of a log, as one bundle that each alternative changes in one place."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.check.bins import Bins, bins_of, join_bins
-from ftbias_jax.check.motion import Motion, arm_motion, body_motion, data_matrices, in_sensor
+from ftbias_jax.check.motion import SensorMotion, arm_motion, body_motion, data_matrices, in_sensor
 from ftbias_jax.check.regression import Fit, Layout, Tool, fit, free_tool, make_layout, stated_tool
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
@@ -62,10 +62,10 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What is believed: the motion, gravity, the reading's meaning and the tool."""
+    """The model: the motion, gravity, the reading's meaning and the tool."""
 
     case: Case
-    motion: Motion
+    motion: SensorMotion
     gravity: Array
     wrench: Array
     """(N, 6) N, Nm, sensor frame, on the tool: the reading, put right."""
@@ -96,7 +96,7 @@ class State:
         return lagged(self.case, values, self.lag) if self.lag else values
 
     def fit(self, tool: Tool | None = None) -> Result:
-        """Least squares with this tool, or the one believed."""
+        """Least squares with this tool, or the nominal one."""
         done = fit(self.data, self.wrench, self.tool if tool is None else tool, self.case.layout)
         square = done.square * self.unit**2
         errors = done.errors * self.unit**2
@@ -107,7 +107,7 @@ class State:
         """The same of the force alone, in the units of ``wrench``.
 
         Args:
-            tool: None = the one believed.
+            tool: None = the nominal one.
             pulled: with a steady force along axes of the base beside the tool, as of a weight balancer on a trolley.
         """
         force = np.arange(6) < 3
@@ -211,7 +211,7 @@ def known_tool(setup: Setup) -> ToolSetup:
     return replace(setup.tool, mass=float(mass), center_of_mass=np.asarray(center, float))
 
 
-def motion_as_stated(case: Case) -> Motion:
+def motion_as_stated(case: Case) -> SensorMotion:
     """Of the sensor, by the setup."""
     setup, bins = case.setup, case.bins
     if setup.pose is None:

@@ -1,6 +1,6 @@
 """Mistakes that a log could not show if they were there: its motion does not separate them from a right setup.
 
-Each mistake is imagined: what would the sensor read if the tool is as believed and the mistake was made? If the setup
+Each mistake is imagined: what would the sensor read if the tool is as stated and the mistake was made? If the setup
 explains that reading as well, or if it drowns in what is unexplained anyway, nothing of the mistake would be named.
 """
 
@@ -65,7 +65,7 @@ class Imagined:
     columns: Array
     """(N, 6, 10) D of the state, less bias and drift."""
     wrench: Array
-    """(N, 6) N, Nm of the believed tool, bias and drift still in it."""
+    """(N, 6) N, Nm of the nominal tool, bias and drift still in it."""
     floor: Array
     """(2,) N^2, Nm^2: what the state leaves of the reading as it is, noise and touches included."""
 
@@ -76,7 +76,7 @@ class Imagined:
         return float(self.left(free)[0] + floor[0]), _squares(free)[0] + floor[0], float(floor[0])
 
     def left(self, free: Array) -> Array:
-        """(2,) mean square of what a tool near the believed one leaves of a reading (N, 6) without bias."""
+        """(2,) mean square of what a tool near the nominal one leaves of a reading (N, 6) without bias."""
         size = np.repeat(np.sqrt(_squares(free)) + 1e-12, 3)
         X, y = (self.columns / size[:, None]).reshape(-1, 10), (free / size).reshape(-1)
         theta = within_reach(X.T @ X, X.T @ y, self.state.tool)

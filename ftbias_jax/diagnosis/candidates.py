@@ -55,10 +55,10 @@ def candidates(
     While nothing is accepted, weak smooth effects are there too, to first order: they make the ranking whole.
     """
     taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known) | _unseen(problem)
-    standing = stand(accepted)
-    found, columns = grid.smooth(problem, standing, taken)
+    prepared_fit = stand(accepted)
+    found, columns = grid.smooth(problem, prepared_fit, taken)
     for make in (grid.from_starts, ringing.loose, pulls, best_starts):
-        found += make(problem, standing, taken)
+        found += make(problem, prepared_fit, taken)
     for propose in (series.slow, series.steplike):
         found += propose(problem, library(), accepted, taken)
     smooth = np.concatenate([accepted.columns.moving, *columns.values()])

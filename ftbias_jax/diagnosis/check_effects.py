@@ -99,15 +99,15 @@ def _motion() -> Signals:
 
 
 @lru_cache
-def _believed() -> Array:
+def _nominal() -> Array:
     """(T, 6) the reading without any effect."""
     return jax.jit(compose.tool_wrenches)(_motion())
 
 
 def _faults_of_reading(effect: Effect, signals: Signals) -> Iterator[str]:
-    believed = _believed()
+    nominal = _nominal()
     predict = jax.jit(partial(_predict, effect, signals))
-    wrong = _wrong_type(effect, signals, believed)
+    wrong = _wrong_type(effect, signals, nominal)
     if wrong:
         yield wrong
         return
@@ -117,26 +117,26 @@ def _faults_of_reading(effect: Effect, signals: Signals) -> Iterator[str]:
         {p.name: starts_of(effect, p, np.asarray(neutral[p.name]))[0] for p in searched} if strengths(effect) else {}
     )
     for words, values in {"at neutral": neutral, "switched off, at a start of its search": neutral | starts}.items():
-        change = np.abs(np.asarray(predict(values) - believed)).max()
+        change = np.abs(np.asarray(predict(values) - nominal)).max()
         if not np.isfinite(change):
             yield f"{words} the reading is no number; neutral values must change nothing"
             return
         if change > NEUTRAL:
             yield f"{words} it changes the reading by {change:.2g} N or Nm; neutral values must change nothing"
             return
-    typical = np.asarray(predict(typical_values(effect, model)) - believed)
+    typical = np.asarray(predict(typical_values(effect, model)) - nominal)
     if not np.isfinite(typical).all():
         yield "with typical values (neutral plus scale) the reading is no number"
     elif np.abs(typical).max() < SEEN:
         yield "typical values (neutral plus scale) change nothing: give its parameters a scale"
     elif isinstance(effect.fit.search, CHECKED) and not why_not_fitted(effect):
-        yield from _faults_of_slopes(effect, signals, believed)
+        yield from _faults_of_slopes(effect, signals, nominal)
 
 
 def _predict(effect: Effect, signals: Signals, values: EffectValues) -> Array:
     own, catalogue = {effect.name: values}, {effect.name: effect}
     if not effect.transform:  # the tool's wrench stays as it is
-        return compose.read(signals, own, _believed(), catalogue)
+        return compose.read(signals, own, _nominal(), catalogue)
     return compose.predict(signals, own, catalogue)
 
 
@@ -157,7 +157,7 @@ def _shape(made: Any) -> str:
     return f"the shape {made.shape}" if hasattr(made, "shape") else type(made).__name__
 
 
-def _faults_of_slopes(effect: Effect, signals: Signals, believed: Array) -> Iterator[str]:
+def _faults_of_slopes(effect: Effect, signals: Signals, nominal: Array) -> Iterator[str]:
     """What a fit needs: derivatives that are numbers, tell of every parameter, and agree with differences."""
     model = signals.model
     neutral = {name: np.asarray(value) for name, value in neutral_values(effect, model).items()}
@@ -209,7 +209,7 @@ def _fault_of_slope(slope: np.ndarray, difference: np.ndarray) -> str:
 
 
 def _faults_of_recording(effect: Effect, signals: Signals) -> Iterator[str]:
-    wrench = _believed()
+    wrench = _nominal()
     noise = 0.01 * jax.random.normal(jax.random.key(0), wrench.shape)
     recorded = Record(signals.t, wrench + noise, noise, signals.dq)
     for words, values in {

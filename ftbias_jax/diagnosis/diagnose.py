@@ -53,7 +53,7 @@ class _Known(NamedTuple):
     problem: Problem
     hold_out: Judge
     base: Fit
-    """The believed model."""
+    """The nominal model."""
     found: tuple[Finding, ...]
     """What single samples show."""
     loud: tuple[FoundTerm, ...]
@@ -68,7 +68,7 @@ class _Answer(NamedTuple):
     rounds: list[list[Scored]]
     """Candidates of each, the accepted one first."""
     before: HeldOut
-    """The believed model on held-out blocks."""
+    """The nominal model on held-out blocks."""
     after: HeldOut
     """Effects and terms there."""
     gap: Gap
@@ -142,7 +142,7 @@ def diagnose(
 def _known(
     problem: Problem, logs: Sequence[Log], samples: Sequence[SampleFindings], without: Collection[str]
 ) -> _Known:
-    """What single samples show, and the believed model with noise that follows something, if it does."""
+    """What single samples show, and the nominal model with noise that follows something, if it does."""
     found = tuple(finding for finding in together(samples, problem.catalogue) if finding.effect not in without)
     base = fits.base(problem)
     loud: tuple[FoundTerm, ...] = ()

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from ftbias_jax.diagnosis.recorded import recorded_in
-from ftbias_jax.diagnosis.regression.chain_model import believed_motion
+from ftbias_jax.diagnosis.regression.chain_model import nominal_motion
 from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
 from ftbias_jax.diagnosis.samples.bins import bins_of, fill_up, mean_of_bins, sum_of_bins
 from ftbias_jax.diagnosis.samples.read import inspect_samples
@@ -46,7 +46,7 @@ class Part(NamedTuple):
     """The bias filter on the bins: mean readings without the stated bias (B, 6), NaN = none, and their noise."""
     used: int
     """Bins before the padding."""
-    believed: ArmMotion
+    nominal: ArmMotion
     """How the arm moves if the joints are where the setup believes, with the padding."""
     whiten: Whitener
     """The innovations of that filter."""
@@ -162,7 +162,7 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
 def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Noise of one sample (6,) N, Nm with that of rounding, and the variance (6,) that averaging does not reduce.
 
-    Noise smaller than the lattice's step hardly shows in the readings: there the stated one is believed. The error
+    Noise smaller than the lattice's step hardly shows in the readings: there the stated one is taken. The error
     of rounding then follows the signal; the share of its variance that the noise leaves coherent is that of its first
     harmonic, exp(-4 pi^2 (noise / step)^2).
     """
@@ -243,5 +243,5 @@ def _part(
         either = np.concatenate([rezeroed | np.append(False, rezeroed[:-1]), np.zeros(padded - used, bool)])
         jump = bias_filter.jumps(params, place(either.astype(float)))
     wrench = WrenchProblem(dt, place(free), place(variance), bias.density, bias.prior_std, jump)
-    believed = believed_motion(signals, params.effects or {}, catalogue)
-    return Part(signals, wrench, used, believed, make_whitener(wrench, used))
+    nominal = nominal_motion(signals, params.effects or {}, catalogue)
+    return Part(signals, wrench, used, nominal, make_whitener(wrench, used))

@@ -33,7 +33,7 @@ from ftbias_jax.runtime.jax_config import same_precision
 from ftbias_jax.runtime.progress import silent
 
 
-class Bar(NamedTuple):
+class Threshold(NamedTuple):
     """What a cause beside those accepted so far must do."""
 
     elsewhere: Problem
@@ -55,7 +55,7 @@ def search(
 
     Args:
         problem: of the logs.
-        start: the believed model.
+        start: the nominal model.
         hold_out: judges fits.
         without: effects that may not be named.
         progress: called with the name of each stage as it begins.
@@ -105,7 +105,7 @@ def grow(
     Args:
         problem: the logs.
         library: gives the whitened series that may be proposed.
-        start: the believed model.
+        start: the nominal model.
         hold_out: judges a fit on blocks of the logs that it has not seen.
         rounds: candidates of earlier rounds, the first of each being accepted.
         without: effects that are not to be proposed.
@@ -114,21 +114,23 @@ def grow(
     """
     accepted, rounds = (rounds[-1][0].fit if rounds else start), list(rounds)
     while len(accepted.hypotheses) < most:
-        bar, excluded = _bar(problem, start, accepted), set(without)
-        if rounds and gap_of(bar.elsewhere, accepted) <= bar.least:
-            if _left_somewhere(bar.elsewhere, accepted) <= bar.least_of_slow:
+        threshold, excluded = _threshold(problem, start, accepted), set(without)
+        if rounds and gap_of(threshold.elsewhere, accepted) <= threshold.least:
+            if _left_somewhere(threshold.elsewhere, accepted) <= threshold.least_of_slow:
                 break
             excluded |= {name for name, effect in problem.catalogue.items() if _follows_motion(effect)}
         progress(f"looking for cause {len(accepted.hypotheses) + 1} of at most {most}")
         scored = candidates(problem, library, accepted, excluded)
-        best = next((s for s in scored[:MOST_JUDGED] if _earned(problem, hold_out, bar, start, accepted, s)), None)
+        best = next(
+            (s for s in scored[:MOST_JUDGED] if _earned(problem, hold_out, threshold, start, accepted, s)), None
+        )
         rounds.append([best, *(s for s in scored if s is not best)] if best else scored)
         if best is None:
             break
         accepted = best.fit
-        spare = _spare(problem, accepted)
-        if spare is not None:
-            accepted, rounds = spare, _rounds_of(problem, spare, rounds)
+        redundant = _redundant_cause(problem, accepted)
+        if redundant is not None:
+            accepted, rounds = redundant, _rounds_of(problem, redundant, rounds)
     return accepted, rounds
 
 
@@ -141,7 +143,7 @@ def _left_somewhere(problem: Problem, found: Fit) -> float:
     """As ``gap_of``, but what is left in a few blocks counts although all others have less than expected.
 
     Only what does not follow the motion is looked for then: all else would have to do with the joints' error, which is
-    believed to explain what is left.
+    taken to explain what is left.
     """
     return float(np.maximum(excess_over_quiet(problem, found.error), 0).mean())
 
@@ -150,16 +152,16 @@ def _follows_motion(effect: Effect) -> bool:
     return effect.stage != "bias" and not isinstance(effect.fit.search, SUDDEN)
 
 
-def _bar(problem: Problem, start: Fit, accepted: Fit) -> Bar:
+def _threshold(problem: Problem, start: Fit, accepted: Fit) -> Threshold:
     elsewhere = _elsewhere(problem, accepted)
     if not accepted.hypotheses:
-        return Bar(elsewhere, LEAST_SIGMAS**2)
+        return Threshold(elsewhere, LEAST_SIGMAS**2)
     local = np.repeat([h.local for h in accepted.hypotheses], [len(h.shapes) for h in accepted.hypotheses])
     _, (untouched,) = projection(accepted.columns.series[local])(start.error[None])
     gap = gap_of(elsewhere, start._replace(error=untouched))
     least = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap)
     all_follow = all(_follows_motion(problem.catalogue[h.effect]) for h in accepted.hypotheses)
-    return Bar(elsewhere, least, LEAST_SIGMAS**2 if all_follow else least)
+    return Threshold(elsewhere, least, LEAST_SIGMAS**2 if all_follow else least)
 
 
 def _elsewhere(problem: Problem, accepted: Fit) -> Problem:
@@ -173,7 +175,7 @@ def _touched(problem: Problem, found: Fit) -> np.ndarray:
     return touched
 
 
-def _earned(problem: Problem, hold_out: Judge, bar: Bar, start: Fit, accepted: Fit, trial: Scored) -> bool:
+def _earned(problem: Problem, hold_out: Judge, threshold: Threshold, start: Fit, accepted: Fit, trial: Scored) -> bool:
     """Whether one more cause is possible, gains enough, steadily, and removes enough on blocks it has not seen."""
     if not (trial.nats > LEAST_GAIN and _is_steady(problem, trial, accepted)):
         return False
@@ -184,21 +186,21 @@ def _earned(problem: Problem, hold_out: Judge, bar: Bar, start: Fit, accepted: F
     held = hold_out(trial.fit, accepted.error)
     if not _is_sudden(problem, trial) and held.nats < SURE * held.nats_by_noise:
         return False
-    if gap_removed(bar.elsewhere, accepted.error, held.error) > bar.least:
+    if gap_removed(threshold.elsewhere, accepted.error, held.error) > threshold.least:
         return True
     slow = problem.catalogue[trial.hypothesis.effect].stage == "bias" and not _is_sudden(problem, trial)
-    return slow and _removes_itself(problem, bar, accepted, trial.fit, held.error)
+    return slow and _removes_itself(problem, threshold, accepted, trial.fit, held.error)
 
 
-def _removes_itself(problem: Problem, bar: Bar, accepted: Fit, trial: Fit, unseen: np.ndarray) -> bool:
+def _removes_itself(problem: Problem, threshold: Threshold, accepted: Fit, trial: Fit, unseen: np.ndarray) -> bool:
     """Whether a slow effect removes all that is left, and not the other causes, whose numbers went on to move with it.
 
     Where something is left beside it, that may be the form of the other causes, and the effect a part of it.
     """
     alone = fit(problem, accepted.hypotheses, trial)
-    removed = gap_removed(bar.elsewhere, alone.error, unseen)
-    all_gone = gap_of(bar.elsewhere, trial) <= LEAST_SIGMAS**2
-    return all_gone and removed > bar.least_of_slow and score(trial, alone) > LEAST_GAIN
+    removed = gap_removed(threshold.elsewhere, alone.error, unseen)
+    all_gone = gap_of(threshold.elsewhere, trial) <= LEAST_SIGMAS**2
+    return all_gone and removed > threshold.least_of_slow and score(trial, alone) > LEAST_GAIN
 
 
 def _stands_out(problem: Problem, start: Fit, accepted: Fit, trial: Fit) -> bool:
@@ -222,7 +224,7 @@ def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:
     return float(difference.sum() / max(np.sqrt(len(difference)) * difference.std(), 1e-12))
 
 
-def _spare(problem: Problem, accepted: Fit) -> Fit | None:
+def _redundant_cause(problem: Problem, accepted: Fit) -> Fit | None:
     """The fit without an earlier cause that the later ones made needless, if there is one."""
     for h in accepted.hypotheses[:-1]:
         rest = fit(problem, tuple(other for other in accepted.hypotheses if other is not h), accepted)

@@ -92,7 +92,7 @@ MOST_OF_LOG_IF_SEEN, SEEN = 0.7, 0.75
 """Share of the log, and of the events, that a filter's search for contact takes for it, too. [physics] In 49 logs
 without contact it finds a tenth of a second of it. [dev]"""
 LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.005
-"""nats, and share of the largest, of the hats at an event's end. [dev]"""
+"""nats, and share of the largest, of the tents at an event's end. [dev]"""
 CLEAR_HATS = 2
 """Hats in a row that do not matter, less one, between two events. [dev]"""
 MARGIN, MARGIN_SHARE = 0.1, 0.6

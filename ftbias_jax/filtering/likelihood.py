@@ -227,7 +227,7 @@ def wrench_problem(
     """Freeze everything before the bias filter.
 
     Args:
-        params: what is believed of robot, tool and noise.
+        params: robot, tool and noise as stated or fitted.
         samples: the log, leaves (T, ...).
         joints: states (T, n, 3) with covariance (T, n, 3, 3), filtered (``stages.joint_states``) or smoothed
             (``smoother.smooth_joints``).

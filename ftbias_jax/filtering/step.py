@@ -103,7 +103,7 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     """One sample through the pipeline (report, sections 1 to 3).
 
     Args:
-        params: what is believed of robot, tool and noise.
+        params: robot, tool and noise as stated or fitted.
         state: after the previous sample.
         sample: dt (), q and dq (n,), wrench (6,); NaN = not measured, a whole sample, one stream or one axis.
         options: choices of the program, static under jit.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.fleet.history import Record
+from ftbias_jax.fleet.history import FleetLog
 from ftbias_jax.fleet.trends import Trend, appears, trend
 from ftbias_jax.types import AXES, AXIS_UNITS, Array
 
@@ -32,7 +32,7 @@ class Alarm(NamedTuple):
     """s since 1970."""
 
 
-def alarms_of(records: Sequence[Record]) -> list[Alarm]:
+def alarms_of(records: Sequence[FleetLog]) -> list[Alarm]:
     """The alarms of one robot and sensor.
 
     Args:
@@ -42,7 +42,7 @@ def alarms_of(records: Sequence[Record]) -> list[Alarm]:
     return [*_ageing(whole), *_worse(whole), *_appearing(whole)]
 
 
-def bias_trend(records: Sequence[Record], axis: int) -> Trend | None:
+def bias_trend(records: Sequence[FleetLog], axis: int) -> Trend | None:
     """The trend of the bias of an axis, if it ages."""
     bias, std = (values_of(records, name)[:, axis] for name in ("bias", "bias_std"))
     found = trend(dates(records), bias)
@@ -51,17 +51,17 @@ def bias_trend(records: Sequence[Record], axis: int) -> Trend | None:
     return found if abs(found.change) > LEAST_BIAS * np.nanmedian(std) else None
 
 
-def values_of(records: Sequence[Record], name: str) -> Array:
+def values_of(records: Sequence[FleetLog], name: str) -> Array:
     """(N, 6) numbers of the quality of all logs."""
     return np.array([record.numbers(name) for record in records]).reshape(-1, 6)
 
 
-def scalars_of(records: Sequence[Record], name: str) -> Array:
+def scalars_of(records: Sequence[FleetLog], name: str) -> Array:
     """(N,) numbers of the quality of all logs."""
     return np.array([record.numbers(name, 1)[0] for record in records])
 
 
-def dates(records: Sequence[Record]) -> Array:
+def dates(records: Sequence[FleetLog]) -> Array:
     """(N,) s since 1970."""
     return np.array([record.date for record in records])
 
@@ -76,7 +76,7 @@ def day(date: float) -> str:
     return datetime.fromtimestamp(date, UTC).strftime("%Y-%m-%d")
 
 
-def _ageing(records: Sequence[Record]) -> Iterator[Alarm]:
+def _ageing(records: Sequence[FleetLog]) -> Iterator[Alarm]:
     for axis, unit in enumerate(AXIS_UNITS):
         found = bias_trend(records, axis)
         if found is not None:
@@ -85,7 +85,7 @@ def _ageing(records: Sequence[Record]) -> Iterator[Alarm]:
             yield Alarm("ages", AXES[axis], text, found.first)
 
 
-def _worse(records: Sequence[Record]) -> Iterator[Alarm]:
+def _worse(records: Sequence[FleetLog]) -> Iterator[Alarm]:
     errors = size(values_of(records, "one_second_error"))
     for column, name in enumerate(("force", "torque")):
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -96,7 +96,7 @@ def _worse(records: Sequence[Record]) -> Iterator[Alarm]:
             yield Alarm("worse", name, text, found.first)
 
 
-def _appearing(records: Sequence[Record]) -> Iterator[Alarm]:
+def _appearing(records: Sequence[FleetLog]) -> Iterator[Alarm]:
     diagnosed = [record for record in records if record.verdict]
     checked = [record for record in records if "findings" in record.quality]
     kinds = (
@@ -110,7 +110,7 @@ def _appearing(records: Sequence[Record]) -> Iterator[Alarm]:
     yield from _from(diagnosed, unknown, "unexplained gap", "a gap that no cause explains appears")
 
 
-def _from(records: Sequence[Record], flags: Sequence[bool], name: str, words: str) -> Iterator[Alarm]:
+def _from(records: Sequence[FleetLog], flags: Sequence[bool], name: str, words: str) -> Iterator[Alarm]:
     first = appears(flags)
     if first is not None:
         before, after = (f"{sum(part)} of {len(part)}" for part in (flags[:first], flags[first:]))

@@ -18,7 +18,7 @@ from ftbias_jax.types import Array
 UNKNOWN = "not named"
 
 
-class Record(NamedTuple):
+class FleetLog(NamedTuple):
     """What is known about one log."""
 
     log: str
@@ -61,7 +61,7 @@ class Record(NamedTuple):
 class Fleet(NamedTuple):
     """All logs that were worked on."""
 
-    records: tuple[Record, ...]
+    records: tuple[FleetLog, ...]
     """In the order of time."""
     settings: tuple[Settings, ...]
     folders: tuple[str, ...]
@@ -69,9 +69,9 @@ class Fleet(NamedTuple):
     damaged: int
     """Lines of manifests that could not be read."""
 
-    def by_robot(self) -> dict[tuple[str, str], list[Record]]:
+    def by_robot(self) -> dict[tuple[str, str], list[FleetLog]]:
         """Records by (robot, sensor), in the order of names."""
-        groups: dict[tuple[str, str], list[Record]] = {}
+        groups: dict[tuple[str, str], list[FleetLog]] = {}
         for record in self.records:
             groups.setdefault((record.robot, record.sensor), []).append(record)
         return dict(sorted(groups.items()))
@@ -108,8 +108,8 @@ def read_fleet(folders: Sequence[str]) -> Fleet:
     return Fleet(tuple(ordered), tuple(settings.values()), tuple(place for place, _ in found), damaged)
 
 
-def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Record:
-    """One log, of which several commands have an entry each; the latest one is believed where they disagree."""
+def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> FleetLog:
+    """One log, of which several commands have an entry each; the latest one counts where they disagree."""
     placed = sorted(entries, key=lambda item: item[1].done)
     every = [entry for _, entry in placed]
     quality: dict[str, Any] = {}
@@ -118,7 +118,7 @@ def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Re
     statuses = {entry.status for entry in every}
     date = quality.get("date")
     reports = [os.path.join(place, f"{os.path.splitext(entry.output)[0]}.html") for place, entry in placed]
-    return Record(
+    return FleetLog(
         log=every[-1].log,
         robot=robot or UNKNOWN,
         sensor=sensor,

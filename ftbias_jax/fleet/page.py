@@ -17,7 +17,7 @@ from ftbias_jax.diagnosis.report.tables import verdict_words
 from ftbias_jax.diagnosis.report.terms import html_table
 from ftbias_jax.fleet.alarms import Alarm, alarms_of, bias_trend, dates, day, scalars_of, size, values_of
 from ftbias_jax.fleet.entry import FAILED, LOSS
-from ftbias_jax.fleet.history import Fleet, Record
+from ftbias_jax.fleet.history import Fleet, FleetLog
 from ftbias_jax.fleet.manifest import damaged_in_words
 from ftbias_jax.fleet.plots import plot_history, plot_marks
 from ftbias_jax.types import AXES, AXIS_UNITS
@@ -109,7 +109,7 @@ def _header(fleet: Fleet, alarms: Mapping[Group, Sequence[Alarm]], title: str) -
     return f"<header{quiet}><p class='small'>{escape(title)}</p><h1>{words}</h1><dl>{items}</dl></header>"
 
 
-def _days(records: Sequence[Record]) -> str:
+def _days(records: Sequence[FleetLog]) -> str:
     """From when to when logs are, by their own stamps; times of files only where no log has a date."""
     dated = [record.date for record in records if record.dated]
     every = dated or [record.date for record in records]
@@ -130,7 +130,7 @@ def _alarms(alarms: Mapping[Group, Sequence[Alarm]]) -> str:
     return f"<ul class='alarms'>{''.join(items)}</ul>" if items else ""
 
 
-def _overview(groups: Mapping[Group, Sequence[Record]], alarms: Mapping[Group, Sequence[Alarm]]) -> str:
+def _overview(groups: Mapping[Group, Sequence[FleetLog]], alarms: Mapping[Group, Sequence[Alarm]]) -> str:
     rows = []
     for group, records in groups.items():
         force, torque = np.moveaxis(size(values_of(records, "one_second_error")), 1, 0)
@@ -159,7 +159,7 @@ def _median(values: np.ndarray, unit: str = "") -> str:
     return f"{np.median(seen):.3g}{unit}" if len(seen) else ""
 
 
-def _gaps(records: Sequence[Record], folder: str) -> str:
+def _gaps(records: Sequence[FleetLog], folder: str) -> str:
     rows = []
     for record in records[:MOST_ROWS]:
         before, shrink = record.numbers("gap_sigmas", 1)[0], record.numbers("shrink", 1)[0]
@@ -190,7 +190,7 @@ def _gaps(records: Sequence[Record], folder: str) -> str:
     return table(rows[:FIRST_ROWS]) + folded + more
 
 
-def _plots(number: int, records: Sequence[Record]) -> str:
+def _plots(number: int, records: Sequence[FleetLog]) -> str:
     whole = [record for record in records if record.quality]
     t, parts = dates(whole), []
     bias, std = values_of(whole, "bias"), values_of(whole, "bias_std")
@@ -211,7 +211,7 @@ def _plots(number: int, records: Sequence[Record]) -> str:
     return f"<div class='grid'>{figures}</div>{_causes(number, whole)}"
 
 
-def _causes(number: int, records: Sequence[Record]) -> str:
+def _causes(number: int, records: Sequence[FleetLog]) -> str:
     """Which causes and mistakes were found when."""
     found = [(record.date, {*record.words("causes"), *record.words("findings")}) for record in records]
     counts = Counter(name for _, names in found for name in names)
@@ -225,7 +225,7 @@ def _causes(number: int, records: Sequence[Record]) -> str:
     return f"<figure class='wide'>{drawn}{caption}</figure>"
 
 
-def _troubles(records: Sequence[Record]) -> str:
+def _troubles(records: Sequence[FleetLog]) -> str:
     rows = [(record.log, record.status, "; ".join(record.troubles)) for record in records[:MOST_ROWS]]
     more = _left_out(len(records) - MOST_ROWS, "more are in the manifest")
     return html_table(("log", "status", "why"), rows) + more

@@ -1,4 +1,4 @@
-"""The demonstration's robot, believed to be as its setup says, and logs of it."""
+"""The demonstration's robot, as its setup states it, and logs of it."""
 
 import pytest
 from demo_logs import recorder
@@ -10,7 +10,7 @@ from ftbias_jax.setup import parse_setup
 
 @pytest.fixture(scope="module")
 def setup():
-    return parse_setup(SETUP, "believed.toml")
+    return parse_setup(SETUP, "nominal.toml")
 
 
 @pytest.fixture(scope="module")

@@ -127,9 +127,9 @@ def test_a_prediction_that_is_no_number_is_not_a_perfect_one(setup, record):
     problem, _ = make_problem(setup, [record(None)])
     place = coordinates(7, "tool_mass")[0]
     broken = Hypothesis("tool_mass", (int(place),), (float("nan"),))
-    believed = base(problem)
-    assert fit(problem, (broken,), believed).log_likelihood == -np.inf
-    assert np.isfinite(believed.log_likelihood)
+    nominal = base(problem)
+    assert fit(problem, (broken,), nominal).log_likelihood == -np.inf
+    assert np.isfinite(nominal.log_likelihood)
 
 
 def test_a_stated_bias_is_taken_off_before_the_fits(setup, record):

@@ -11,7 +11,7 @@ from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.search import Bar
+from ftbias_jax.diagnosis.search import Threshold
 from ftbias_jax.diagnosis.thresholds import LEAST_GAIN, NATS_PER_DEGREE
 
 BINS, SECONDS = 480, 48.0
@@ -29,7 +29,7 @@ def fit_of(squares, *names, local=False):
 
 
 GAP = np.full(BINS, 2.0)
-"""Squares of the believed model: a mean square gap of one noise variance."""
+"""Squares of the nominal model: a mean square gap of one noise variance."""
 FIRST_BLOCK = T < 2.0
 
 
@@ -53,8 +53,8 @@ def test_what_a_cause_must_do(why, effect, nats, leaves, held, earned):
         nats, by_noise = held
         return HeldOut(fit.error, nats, 2 * nats, by_noise)  # it acts in one block more than in others
 
-    bar = Bar(PROBLEM, 0.08**2)
-    got = searching._earned(PROBLEM, hold_out, bar, accepted, accepted, Scored(trial, nats))
+    threshold = Threshold(PROBLEM, 0.08**2)
+    got = searching._earned(PROBLEM, hold_out, threshold, accepted, accepted, Scored(trial, nats))
     assert got is earned, why
 
 
@@ -81,14 +81,14 @@ def test_events_must_do_more_than_tidy_up_after_other_causes(before, after, stan
 def test_a_further_cause_must_remove_a_share_of_the_gap(share, gap, enough):
     start = fit_of(1 + gap + 0 * T)
     accepted = start._replace(hypotheses=(Hypothesis("tool_mass"),))
-    assert searching._bar(PROBLEM, start, accepted).least == pytest.approx(enough)
+    assert searching._threshold(PROBLEM, start, accepted).least == pytest.approx(enough)
 
 
 @pytest.mark.parametrize(("first", "enough"), [("tool_mass", 0.08**2), ("contact", 0.02), ("warmup", 0.02)])
 def test_a_slow_effect_on_the_bias_needs_a_share_only_beside_what_does_not_follow_the_motion(first, enough):
     start = fit_of(2.0 + 0 * T)
     accepted = start._replace(hypotheses=(Hypothesis(first),))
-    assert searching._bar(PROBLEM, start, accepted).least_of_slow == pytest.approx(enough)
+    assert searching._threshold(PROBLEM, start, accepted).least_of_slow == pytest.approx(enough)
 
 
 @pytest.mark.parametrize(
@@ -110,19 +110,19 @@ def test_a_slow_effect_on_the_bias_is_no_error_of_the_form_of_another(monkeypatc
     def hold_out(fit, reference):
         return HeldOut(fit.error, 3.0, 3.0, 1.0)
 
-    bar = Bar(PROBLEM, 0.02, 0.08**2)
-    assert searching._earned(PROBLEM, hold_out, bar, accepted, accepted, Scored(trial, 500.0)) is earned, why
+    threshold = Threshold(PROBLEM, 0.02, 0.08**2)
+    assert searching._earned(PROBLEM, hold_out, threshold, accepted, accepted, Scored(trial, 500.0)) is earned, why
 
 
 @pytest.mark.parametrize(
-    ("loss", "degrees", "spare"),
+    ("loss", "degrees", "redundant"),
     [
         (LEAST_GAIN + NATS_PER_DEGREE + 1, 1, False),
         (LEAST_GAIN + NATS_PER_DEGREE - 1, 1, True),
         (LEAST_GAIN + 2 * NATS_PER_DEGREE, 3, True),  # three numbers cost more than one
     ],
 )
-def test_a_cause_that_later_ones_make_needless_is_dropped(monkeypatch, loss, degrees, spare):
+def test_a_cause_that_later_ones_make_needless_is_dropped(monkeypatch, loss, degrees, redundant):
     """It is needless if the fit without it loses less than a cause must gain."""
     both = fit_of(GAP, "tool_mass", "gain")
     columns = both.columns._replace(moving=np.zeros((degrees, BINS, 6)))
@@ -133,9 +133,9 @@ def test_a_cause_that_later_ones_make_needless_is_dropped(monkeypatch, loss, deg
         return start._replace(hypotheses=hypotheses, columns=alone, log_likelihood=start.log_likelihood - loss)
 
     monkeypatch.setattr(searching, "fit", refit)
-    rest = searching._spare(PROBLEM, both)
-    assert (rest is not None) is spare
-    if spare:
+    rest = searching._redundant_cause(PROBLEM, both)
+    assert (rest is not None) is redundant
+    if redundant:
         assert [h.effect for h in rest.hypotheses] == ["gain"]  # the last one is what made it needless
 
 

@@ -95,7 +95,7 @@ def tune_data(
         options: of the pipeline.
         burn_in: s that do not count at the start of every log.
         restarts: further starts, each value off by a random factor.
-        report: told (iteration, nats).
+        report: called with (iteration, nats).
 
     Returns:
         the parameters of every tool with the fitted noise, and the fit.

@@ -59,7 +59,7 @@ def maximise(score: Score, parts: Sequence[Any], starts: np.ndarray, report: Rep
         score: log-likelihood of a part, differentiable in the logarithms.
         parts: of the data, pytrees of arrays of the same shapes; the likelihood is the sum over them.
         starts: (S, P) logarithms to start from; the best of where they lead is returned.
-        report: told (iteration, nats).
+        report: called with (iteration, nats).
     """
     evaluate = partial(_evaluate, score, parts)
     found = [_from(evaluate, z, report) for z in np.asarray(starts, float)]

@@ -130,7 +130,7 @@ def _of_events(
     problem: Problem, h: Hypothesis, search: Touches, coefficients: np.ndarray, errors: np.ndarray
 ) -> tuple[Parameters, Parameters]:
     """Events with the force at their peak, base frame: the tool is pushed by minus the change of the reading."""
-    events, motions = shaped(h), [part.believed for part in problem.parts]
+    events, motions = shaped(h), [part.nominal for part in problem.parts]
     ends = np.cumsum([one.series for one in events])[:-1]
     forces: list[Numbers] = []
     spreads: list[Numbers] = []

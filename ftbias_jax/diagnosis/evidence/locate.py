@@ -37,7 +37,7 @@ LEAST_WARMING = 1.0
 """K, range of temperature below which there is no warm and cold."""
 
 
-class Motion(NamedTuple):
+class Conditions(NamedTuple):
     """What the robot was doing, at the bins of the residual; NaN = not known there."""
 
     speed: np.ndarray
@@ -53,7 +53,7 @@ class Motion(NamedTuple):
 
 
 def locate(
-    residual: np.ndarray, noise: np.ndarray, t: np.ndarray, motion: Motion, stages: tuple[str, ...] = ()
+    residual: np.ndarray, noise: np.ndarray, t: np.ndarray, motion: Conditions, stages: tuple[str, ...] = ()
 ) -> Where:
     """Where in the log the gap is.
 
@@ -130,7 +130,7 @@ def _runs(marks: np.ndarray) -> list[tuple[int, int]]:
     return [(int(places[a]), int(places[b])) for a, b in zip(firsts, lasts, strict=True)]
 
 
-def find_regimes(excess: np.ndarray, count: np.ndarray, t: np.ndarray, motion: Motion) -> tuple[Regime, ...]:
+def find_regimes(excess: np.ndarray, count: np.ndarray, t: np.ndarray, motion: Conditions) -> tuple[Regime, ...]:
     """Regimes that hold significantly more of the gap than of the time, the most telling first.
 
     Args:
@@ -160,7 +160,7 @@ def _standard_errors(terms: np.ndarray, block: np.ndarray) -> float:
     return float(sums.sum()) / spread if spread > 0 else 0.0
 
 
-def regimes(t: np.ndarray, motion: Motion) -> Iterator[tuple[str, np.ndarray]]:
+def regimes(t: np.ndarray, motion: Conditions) -> Iterator[tuple[str, np.ndarray]]:
     """(name, (B,) whether a bin belongs to it) of the regimes that this motion has.
 
     Args:

@@ -18,7 +18,7 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
 
     Args:
         problem: of the logs.
-        base: the believed model.
+        base: the nominal model.
         accepted: all causes together.
         cause: one of them.
         scored: the candidates of the round in which it was found.

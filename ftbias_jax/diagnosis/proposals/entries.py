@@ -98,7 +98,7 @@ def nearest_rotation(matrix: np.ndarray, size: np.ndarray, precision: np.ndarray
         precision: (E, E) inverse covariance in typical departures: what the log does not determine does not count.
 
     Returns:
-        (3,) rad, from believed to true axes, and the share of what the log says of the leaks that it makes up.
+        (3,) rad, from nominal to true axes, and the share of what the log says of the leaks that it makes up.
     """
     return _nearest(np.stack([np.kron(np.eye(2), _skew(axis)) for axis in range(3)]), matrix, size, precision)
 

@@ -14,7 +14,7 @@ from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import keep
-from ftbias_jax.diagnosis.regression.score_test import Standing, gain_of_each, gains
+from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gain_of_each, gains
 from ftbias_jax.diagnosis.thresholds import LEAST_ENTRY, MOST_ENTRIES
 from ftbias_jax.model.effects.fitting import SMOOTH, ByJoint, Entries, Grid, Linear
 from ftbias_jax.model.effects.types import Effect
@@ -45,7 +45,7 @@ def _of_smooth(problem: Problem, effect: Effect) -> list[Hypothesis]:
 
 
 def smooth(
-    problem: Problem, standing: Standing, taken: Collection[str]
+    problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]
 ) -> tuple[list[Found], dict[Hypothesis, np.ndarray]]:
     """Gains, and for each hypothesis the whitened derivatives (F, U, 6) by its coordinates."""
     wanted = smooth_hypotheses(problem, taken)
@@ -54,8 +54,8 @@ def smooth(
     for fixed in dict.fromkeys(h.fixed for h in wanted):
         alike = [h for h in wanted if h.fixed == fixed]
         places = [i for h in alike for i in h.free]
-        white = whitened(problem, slopes(problem, keep(standing.fit.z, alike[0]), places))
-        prepared, row = gains(standing, white), iter(range(len(places)))
+        white = whitened(problem, slopes(problem, keep(prepared_fit.fit.z, alike[0]), places))
+        prepared, row = gains(prepared_fit, white), iter(range(len(places)))
         for h in alike:
             rows = [next(row) for _ in h.free]
             sparse = isinstance(problem.catalogue[h.effect].fit.search, Entries)
@@ -87,9 +87,9 @@ def grid_hypotheses(problem: Problem, span: np.ndarray, taken: Collection[str]) 
     return found
 
 
-def from_starts(problem: Problem, standing: Standing, taken: Collection[str]) -> list[Found]:
+def from_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
     """Gain of each starting point, as it is or scaled to fit."""
-    accepted = standing.fit
+    accepted = prepared_fit.fit
     now = readings(problem, accepted.z[None])[0]
     wanted = [*grid_hypotheses(problem, np.ptp(now, axis=0), taken), *usual(problem, taken)]
     if not wanted:
@@ -98,13 +98,13 @@ def from_starts(problem: Problem, standing: Standing, taken: Collection[str]) ->
     for row, h in zip(z, wanted, strict=True):
         row[list(h.free)] = h.start
     changes = whitened(problem, readings(problem, z) - now)
-    scaled, _ = gain_of_each(standing, changes)
+    scaled, _ = gain_of_each(prepared_fit, changes)
     found = []
     for i, (h, change) in enumerate(zip(wanted, changes, strict=True)):
         search = problem.catalogue[h.effect].fit.search
         if isinstance(search, Grid) and search.per_load:
             channels = change[None] * np.eye(6)[:, None]
-            found.append((gains(standing, channels).of(list(range(6))), h))
+            found.append((gains(prepared_fit, channels).of(list(range(6))), h))
         else:
             as_it_is = float(-(accepted.error * change).sum() - (change**2).sum() / 2)
             found.append((max(as_it_is, float(scaled[i]) / 2), h))

@@ -20,10 +20,10 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     if h.detail.ramp > LONGEST_JUMP:
         return f"; or something slower that is not in the catalogue, because it took {h.detail.ramp:.2g} s"
     rest, series = without(found, h)
-    standing = stand(rest)
+    prepared_fit = stand(rest)
 
     def nats_of(columns: np.ndarray) -> float:
-        return gains(standing, columns).of(list(range(len(columns))))
+        return gains(prepared_fit, columns).of(list(range(len(columns))))
 
     level = nats_of(series[0] * np.eye(6)[:, None])
     for words, columns in with_the_pose(problem, found, h.shapes[0]).items():
@@ -44,7 +44,7 @@ def without(found: Fit, h: Hypothesis) -> tuple[Fit, np.ndarray]:
 
 def with_the_pose(problem: Problem, found: Fit, series: np.ndarray) -> dict[str, np.ndarray]:
     """What sets in as a series (U,) does and, unlike a bias, follows the pose: words -> columns (K, U, 6) N, Nm."""
-    axes = np.concatenate([np.asarray(part.believed.sensor_rotation)[:, :, : part.used] for part in problem.parts], 2)
+    axes = np.concatenate([np.asarray(part.nominal.sensor_rotation)[:, :, : part.used] for part in problem.parts], 2)
     axes = axes.transpose(0, 2, 1)  # (3, U, 3), each axis of the base in the sensor's coordinates
     down = np.tensordot(np.asarray(problem.parts[0].signals.model.gravity), axes, 1)
     arms = np.cross(np.eye(3)[:, None], down)

@@ -16,7 +16,7 @@ from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, whitened, whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.regression.score_test import Standing, gain_of_each, gains
+from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gain_of_each, gains
 from ftbias_jax.diagnosis.thresholds import FARTHEST, LONGEST_CABLE, PULLS_FITTED, UNDETERMINED
 from ftbias_jax.model.effects.fitting import Pull
 from ftbias_jax.model.effects.table import Catalogue
@@ -35,28 +35,28 @@ APART = 0.25
 """m; nearer anchors lead to the same maximum."""
 
 
-def pulls(problem: Problem, standing: Standing, taken: Collection[str]) -> list[Found]:
+def pulls(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
     """The most promising anchors of every elastic pull, with their gains in nats beside a fit."""
     wanted = [effect for effect in problem.catalogue.searched_by(Pull) if effect.name not in taken]
-    return [found for effect in wanted for found in _anchors(problem, standing, effect)]
+    return [found for effect in wanted for found in _anchors(problem, prepared_fit, effect)]
 
 
-def _anchors(problem: Problem, standing: Standing, effect: Effect) -> list[Found]:
+def _anchors(problem: Problem, prepared_fit: PreparedFit, effect: Effect) -> list[Found]:
     """The most promising anchors in the world and on the forearm."""
     search, model = _search(effect), problem.parts[0].signals.model
     n, reach = problem.joints, max(float(np.linalg.norm(model.arm.zero_position)), 0.5)
     attachment = neutral_of(problem, effect, search.attachment)
     rng = np.random.default_rng(0)
     found: list[tuple[float, float, float, np.ndarray, int]] = []
-    motions = [part.believed for part in problem.parts]
+    motions = [part.nominal for part in problem.parts]
     for link in dict.fromkeys((0, *(max(n - back, 0) for back in FOREARM))):
         spans = _spans(problem, effect, motions, link, attachment)
         near = rng.uniform(0.2, 0.9, (ANCHORS, 1)) * np.asarray(model.arm.zero_position) if link else 0.0
         anchors = near + rng.uniform(-1, 1, (ANCHORS, 3)) * (0.3 if link else 0.7 * reach)
         linear = whitened(problem, _on_tool(spans, attachment))
-        anchors = np.concatenate([anchors, _without_slack(standing, linear)])
+        anchors = np.concatenate([anchors, _without_slack(prepared_fit, linear)])
         columns, rests = _pulls(problem, spans, linear, anchors, attachment)
-        gain, stiffness = gain_of_each(standing, columns)
+        gain, stiffness = gain_of_each(prepared_fit, columns)
         gain = np.where(stiffness > 0, gain, 0)  # a cable never pushes
         every = zip(gain.tolist(), stiffness.tolist(), rests, np.repeat(anchors, len(SLACK), 0), strict=True)
         found += [(*one, link) for one in every]
@@ -134,9 +134,9 @@ def _on_tool(force: np.ndarray, attachment: np.ndarray) -> np.ndarray:
     return change
 
 
-def _without_slack(standing: Standing, linear: np.ndarray) -> np.ndarray:
+def _without_slack(prepared_fit: PreparedFit, linear: np.ndarray) -> np.ndarray:
     """(0 or 1, 3) m: the best anchor of a cable without rest length, which is linear in k and k times the anchor."""
-    best = gains(standing, linear).coefficients(list(range(4)))  # k, then k times the anchor
+    best = gains(prepared_fit, linear).coefficients(list(range(4)))  # k, then k times the anchor
     anchor = best[None, 1:] / max(float(best[0]), 1e-12)
     near: np.ndarray = anchor[(np.abs(anchor).max(1) < FARTHEST) & (best[0] > 0)]
     return near
@@ -163,7 +163,7 @@ def equivalent_force(problem: Problem, found: Fit, h: Hypothesis) -> tuple[np.nd
     z = np.stack([found.z, found.z])
     z[1, chain_model.slices(problem.joints, problem.catalogue)[h.effect, stiffness]] = 0
     with_it, without = readings(problem, z)
-    ends, motions = np.cumsum([part.used for part in problem.parts])[:-1], [part.believed for part in problem.parts]
+    ends, motions = np.cumsum([part.used for part in problem.parts])[:-1], [part.nominal for part in problem.parts]
     forces = [
         -np.einsum("ijt,tj->ti", np.asarray(motion.sensor_rotation)[:, :, : len(change)], change[:, :3])
         for change, motion in zip(np.split(with_it - without, ends), motions, strict=True)

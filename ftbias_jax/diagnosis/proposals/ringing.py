@@ -18,7 +18,7 @@ from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import STEP, readings, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, fit
-from ftbias_jax.diagnosis.regression.score_test import Standing, gains
+from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gains
 from ftbias_jax.diagnosis.thresholds import EQUAL, LEAST_WAY, NEAR_LIMIT
 from ftbias_jax.model.effects.fitting import Ringing
 from ftbias_jax.model.effects.types import Effect
@@ -70,7 +70,7 @@ def usual(problem: Problem, taken: Collection[str]) -> list[Hypothesis]:
     return found
 
 
-def loose(problem: Problem, standing: Standing, taken: Collection[str]) -> list[Found]:
+def loose(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
     """The few ways of moving that matter, and the frequency, that gain most, for a tool that sags or does not.
 
     A small part on soft springs sags as a larger one on stiffer springs: of equals the stiffest possible is the start.
@@ -82,23 +82,27 @@ def loose(problem: Problem, standing: Standing, taken: Collection[str]) -> list[
     for effect in problem.catalogue.searched_by(Ringing):
         if effect.name not in taken:
             tried = list(product((0.0, 1.0), effect.parameter(_search(effect).frequency).starts))
-            columns = _by_ways(problem, standing, effect, tried)
-            loose = [_loose(problem, standing, effect, *one, white) for one, white in zip(tried, columns, strict=True)]
+            columns = _by_ways(problem, prepared_fit, effect, tried)
+            loose = [
+                _loose(problem, prepared_fit, effect, *one, white) for one, white in zip(tried, columns, strict=True)
+            ]
             found += [_stiffest(list(alike)) for alike in (loose[: len(loose) // 2], loose[len(loose) // 2 :])]
     return found
 
 
-def _by_ways(problem: Problem, standing: Standing, effect: Effect, tried: list[tuple[float, float]]) -> np.ndarray:
+def _by_ways(
+    problem: Problem, prepared_fit: PreparedFit, effect: Effect, tried: list[tuple[float, float]]
+) -> np.ndarray:
     """(N, W, U, 6) whitened derivatives by the W shares that may move, none of which does yet.
 
     Args:
         problem: of the logs.
-        standing: what the derivatives come beside.
+        prepared_fit: what the derivatives come beside.
         effect: that rings.
         tried: N pairs of sagging and Hz.
     """
     places = _places(problem, effect)
-    z = np.repeat(standing.fit.z[None], len(tried) * len(WAYS) + 1, 0)
+    z = np.repeat(prepared_fit.fit.z[None], len(tried) * len(WAYS) + 1, 0)
     for i, (sags, frequency) in enumerate(tried):
         ringing = _swinging(problem, effect, frequency, BETWEEN)
         rows = z[i * len(WAYS) : (i + 1) * len(WAYS)]
@@ -118,10 +122,10 @@ def _stiffest(tried: list[Found]) -> Found:
 
 
 def _loose(
-    problem: Problem, standing: Standing, effect: Effect, sags: float, frequency: float, white: np.ndarray
+    problem: Problem, prepared_fit: PreparedFit, effect: Effect, sags: float, frequency: float, white: np.ndarray
 ) -> Found:
     ringing, places = _swinging(problem, effect, frequency, BETWEEN), _places(problem, effect)
-    prepared = gains(standing, white)
+    prepared = gains(prepared_fit, white)
     gain, chosen = prepared.pursue(list(range(len(WAYS))), len(WAYS), LEAST_WAY)
     free = (*ringing.free, *(places.ways[i] for i in chosen), places.sagging)
     start = (*ringing.start, *prepared.coefficients(chosen).tolist(), sags)

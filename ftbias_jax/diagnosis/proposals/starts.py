@@ -19,7 +19,7 @@ from ftbias_jax.diagnosis.regression.coordinates import kind_of, strengths, to_c
 from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import keep
-from ftbias_jax.diagnosis.regression.score_test import Standing, gains
+from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gains
 from ftbias_jax.diagnosis.thresholds import STARTS_FITTED
 from ftbias_jax.model.effects.fitting import LINEAR, Starts
 from ftbias_jax.model.effects.types import Effect, Parameter
@@ -44,17 +44,17 @@ class _Start(NamedTuple):
     fixed: tuple[tuple[int, float], ...]
 
 
-def best_starts(problem: Problem, standing: Standing, taken: Collection[str]) -> list[Found]:
+def best_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
     """The most promising starts of every such effect, with their gains in nats beside a fit."""
     return [
         found
         for effect in problem.catalogue.searched_by(Starts)
         if effect.name not in taken and not why_not_fitted(effect)
-        for found in _best_starts(problem, standing, effect)
+        for found in _best_starts(problem, prepared_fit, effect)
     ]
 
 
-def _best_starts(problem: Problem, standing: Standing, effect: Effect) -> list[Found]:
+def _best_starts(problem: Problem, prepared_fit: PreparedFit, effect: Effect) -> list[Found]:
     places = chain_model.slices(problem.joints, problem.catalogue)
     linear = [
         places[effect.name, parameter.name].start + int(i)
@@ -62,30 +62,30 @@ def _best_starts(problem: Problem, standing: Standing, effect: Effect) -> list[F
         for i in np.flatnonzero(np.broadcast_to(parameter.scale, parameter.shape))
     ]
     starts = list(_starts(problem, effect))
-    tried = [_linearised(problem, standing, effect.name, linear, start) for start in starts]
+    tried = [_linearised(problem, prepared_fit, effect.name, linear, start) for start in starts]
     if not linear:
-        tried = _as_they_are(problem, standing, effect.name, starts)
+        tried = _as_they_are(problem, prepared_fit, effect.name, starts)
     best = sorted(tried, key=lambda found: -found[0])[:STARTS_FITTED]
     return [(gain, h._replace(group=i)) for i, (gain, h) in enumerate(best)]
 
 
-def _linearised(problem: Problem, standing: Standing, name: str, linear: list[int], start: _Start) -> Found:
+def _linearised(problem: Problem, prepared_fit: PreparedFit, name: str, linear: list[int], start: _Start) -> Found:
     """What the strengths would gain with the rest held at a start, none of them outside of its bounds."""
     h = Hypothesis(name, (*linear, *start.free), (0.0,) * len(linear) + start.values, start.fixed)
     if not linear:
         return 0.0, h
-    z = keep(standing.fit.z, h)
+    z = keep(prepared_fit.fit.z, h)
     z[list(h.free)] = h.start
-    prepared = gains(standing, whitened(problem, slopes(problem, z, linear)))
+    prepared = gains(prepared_fit, whitened(problem, slopes(problem, z, linear)))
     least, most = (bound[linear] for bound in chain_model.bounds(problem.joints, problem.catalogue))
     best = np.clip(prepared.coefficients(list(range(len(linear)))), least, most)
     gain = float(-prepared.pull @ best - best @ prepared.normal @ best / 2)
     return gain, h._replace(start=(*best.tolist(), *start.values))
 
 
-def _as_they_are(problem: Problem, standing: Standing, name: str, starts: list[_Start]) -> list[Found]:
+def _as_they_are(problem: Problem, prepared_fit: PreparedFit, name: str, starts: list[_Start]) -> list[Found]:
     """Gain of each start as it is, for an effect whose parameters all need a search."""
-    accepted = standing.fit
+    accepted = prepared_fit.fit
     found = [Hypothesis(name, start.free, start.values, start.fixed) for start in starts]
     z = np.stack([keep(accepted.z, h) for h in found])
     for row, h in zip(z, found, strict=True):

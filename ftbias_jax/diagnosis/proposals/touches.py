@@ -59,7 +59,7 @@ def touches(
     found = []
     for name in names:
         trimmed = _trimmed(problem, name, alone, merge(events))
-        shapes = [shaped_events(problem, name, trimmed, hats) for hats in SHAPES]
+        shapes = [shaped_events(problem, name, trimmed, tents) for tents in SHAPES]
         gains = [
             (gain_of_series(accepted, whitened_series(problem, h.shapes)), h)
             for h in shapes
@@ -161,11 +161,11 @@ def _trimmed(problem: Problem, effect: str, alone: np.ndarray, events: list[Even
 
 
 def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
-    """An event without the hats that hardly matter, at its ends or between its parts.
+    """An event without the tents that hardly matter, at its ends or between its parts.
 
     Args:
         event: as it was found.
-        nats: (H,) of each of its hats.
+        nats: (H,) of each of its tents.
     """
     log, start, end = event
     matter = np.flatnonzero(nats > max(LEAST_HAT, LEAST_SHARE_OF_HAT * nats.max()))

@@ -106,7 +106,7 @@ def motion(signals: Signals, known: Values, z: Array, *, catalogue: Catalogue = 
     return motion_of(_moved(signals, known, z, catalogue))
 
 
-def believed_motion(signals: Signals, known: Values, catalogue: Catalogue = CATALOGUE) -> ArmMotion:
+def nominal_motion(signals: Signals, known: Values, catalogue: Catalogue = CATALOGUE) -> ArmMotion:
     """How the arm moves with the joints where the setup believes."""
     moving: ArmMotion = motion(signals, known, np.zeros(size(signals.q.shape[1], catalogue)), catalogue=catalogue)
     return moving

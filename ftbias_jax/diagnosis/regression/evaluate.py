@@ -55,14 +55,14 @@ def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
         @lru_cache(MOTIONS)
         def motion(*offsets: float) -> ArmMotion:
             if not any(offsets):
-                return part.believed
+                return part.nominal
             at = np.zeros(z.shape[1])
             at[joints] = offsets
             moving: ArmMotion = chain_model.motion(part.signals, problem.known, at, catalogue=problem.catalogue)
             return moving
 
         told = part.signals, problem.known
-        reading = chain_model.reading.prepare(*told, part.believed, z[0], catalogue=problem.catalogue)
+        reading = chain_model.reading.prepare(*told, part.nominal, z[0], catalogue=problem.catalogue)
         found = [reading(*told, motion(*row[joints]), row) for row in z]
         return np.stack([np.asarray(one)[: part.used] for one in found])
 

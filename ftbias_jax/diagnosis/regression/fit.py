@@ -55,7 +55,7 @@ class Fit(NamedTuple):
 
 
 def base(problem: Problem) -> Fit:
-    """The believed model."""
+    """The nominal model."""
     nothing = Columns(*np.zeros((2, 0, len(problem.t), 6)))
     z = np.zeros(chain_model.size(problem.joints, problem.catalogue))
     error = _errors(problem, z[None])[0]

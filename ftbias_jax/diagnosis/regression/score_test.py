@@ -64,7 +64,7 @@ class Gains(NamedTuple):
         return gained, chosen
 
 
-class Standing(NamedTuple):
+class PreparedFit(NamedTuple):
     """A fit that further columns come beside, and what their gains need of it."""
 
     fit: Fit
@@ -76,39 +76,43 @@ class Standing(NamedTuple):
     step: np.ndarray
     """(K,) change of its own numbers that brings the error nearest to zero: next to nothing at the fit's end."""
 
-    def at(self, error: np.ndarray) -> Standing:
+    def at(self, error: np.ndarray) -> PreparedFit:
         """The same fit with other innovations (U, 6)."""
         pull = products(self.layout, error[None])[0]
         step = -self.information.solve(pull[:, None])[:, 0]
         return self._replace(fit=self.fit._replace(error=error), pull=pull, step=step)
 
 
-def stand(fit: Fit) -> Standing:
+def stand(fit: Fit) -> PreparedFit:
     """Prepare a fit for columns that come beside it."""
     layout = lay_out(fit.columns)
     told, pull = information(fit.columns), products(layout, fit.error[None])[0]
-    return Standing(fit, layout, told, pull, -told.solve(pull[:, None])[:, 0])
+    return PreparedFit(fit, layout, told, pull, -told.solve(pull[:, None])[:, 0])
 
 
-def gains(standing: Standing, columns: np.ndarray) -> Gains:
+def gains(prepared_fit: PreparedFit, columns: np.ndarray) -> Gains:
     """Prepare the gains of whitened columns (M, U, 6) beside a fit."""
     flat = columns.reshape(len(columns), -1)
-    shared, taken, pull = _beside(standing, columns)
+    shared, taken, pull = _beside(prepared_fit, columns)
     return Gains(flat @ flat.T - shared @ taken, pull, taken)
 
 
-def gain_of_each(standing: Standing, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def gain_of_each(prepared_fit: PreparedFit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(M,) nats that every whitened column (M, U, 6) would gain by itself, and (M,) its coefficient."""
-    shared, taken, pull = _beside(standing, columns)
+    shared, taken, pull = _beside(prepared_fit, columns)
     power = np.maximum(np.einsum("muk,muk->m", columns, columns) - (shared.T * taken).sum(0), 1e-12)
     return pull**2 / power / 2, -pull / power
 
 
-def _beside(standing: Standing, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _beside(prepared_fit: PreparedFit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What a fit itself does of columns (M, U, 6): products (M, K), coefficients (K, M), and the pull (M,) left."""
-    shared = products(standing.layout, columns)
-    taken = standing.information.solve(shared.T)
-    return shared, taken, columns.reshape(len(columns), -1) @ standing.fit.error.ravel() - taken.T @ standing.pull
+    shared = products(prepared_fit.layout, columns)
+    taken = prepared_fit.information.solve(shared.T)
+    return (
+        shared,
+        taken,
+        columns.reshape(len(columns), -1) @ prepared_fit.fit.error.ravel() - taken.T @ prepared_fit.pull,
+    )
 
 
 def gain_of_series(accepted: Fit, series: np.ndarray) -> float:

@@ -24,7 +24,7 @@ from ftbias_jax.types import Array
 
 LANES = 16
 """Series that one call works out."""
-BINS_A_HAT = 2.5
+BINS_A_TENT = 2.5
 """So that every hat function is seen when a fourth of the bins is left out."""
 
 
@@ -131,21 +131,21 @@ def pulse(problem: Problem, event: Event) -> np.ndarray:
     return inside.astype(float)
 
 
-def shaped_events(problem: Problem, effect: str, events: Sequence[Event], hats: int) -> Hypothesis:
+def shaped_events(problem: Problem, effect: str, events: Sequence[Event], tents: int) -> Hypothesis:
     """Events of any shape, which may begin and end suddenly: hat functions, each with a wrench of its own.
 
     Args:
         problem: of the logs.
         effect: that has them.
         events: when.
-        hats: of each event at most; there are BINS_A_HAT bins for every one.
+        tents: of each event at most; there are BINS_A_TENT bins for every one.
     """
     series: list[np.ndarray] = []
     detail: list[Shaped] = []
     bin_seconds = float(np.median(np.diff(problem.t)))
     for event in events:
-        most = int((event.end - event.start) / (BINS_A_HAT * bin_seconds)) + 1
-        knots = np.linspace(event.start, event.end, max(min(hats, most), 2))
+        most = int((event.end - event.start) / (BINS_A_TENT * bin_seconds)) + 1
+        knots = np.linspace(event.start, event.end, max(min(tents, most), 2))
         inside = pulse(problem, event)
         series += [inside * np.clip(1 - np.abs(problem.t - knot) / (knots[1] - knots[0]), 0, None) for knot in knots]
         detail.append(Shaped(event, len(knots)))

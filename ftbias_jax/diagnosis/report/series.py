@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, excess
-from ftbias_jax.diagnosis.evidence.locate import Motion, locate
+from ftbias_jax.diagnosis.evidence.locate import Conditions, locate
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import measured, readings
 from ftbias_jax.diagnosis.regression.fit import Fit
@@ -84,14 +84,14 @@ def _residual(problem: Problem, held: HeldOut) -> tuple[np.ndarray, np.ndarray]:
     return np.where(problem.samples > 0, held.error * noise, np.nan), noise
 
 
-def _motion(problem: Problem) -> Motion:
+def _motion(problem: Problem) -> Conditions:
     """What the robot was doing at the bins."""
 
     def join(name: str) -> np.ndarray:
         arrays = [np.asarray(getattr(part.signals, name))[: part.used] for part in problem.parts]
         return np.concatenate(arrays)
 
-    motions = [part.believed for part in problem.parts]
+    motions = [part.nominal for part in problem.parts]
     speed, acceleration = join("dq"), join("ddq")
     carrier: Arm | FreeBody = problem.parts[0].signals.model.arm
     if isinstance(carrier, FreeBody):
@@ -104,7 +104,7 @@ def _motion(problem: Problem) -> Motion:
         R = np.asarray(motion.sensor_rotation)[:, :, : part.used]
         down.append(np.einsum("i,ijt->tj", gravity / np.linalg.norm(gravity), R))
     load = np.linalg.norm(np.nan_to_num(measured(problem)[:, :3]), axis=1)
-    return Motion(
+    return Conditions(
         speed=np.linalg.norm(speed, axis=1),
         acceleration=np.linalg.norm(acceleration, axis=1),
         gravity=np.concatenate(down),

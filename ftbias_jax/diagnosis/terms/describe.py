@@ -66,7 +66,7 @@ def describe(
     Args:
         problem: of the logs.
         hold_out: judges fits.
-        base: the believed model.
+        base: the nominal model.
         accepted: the effects that were found.
         rounds: candidates of each, the accepted one first.
         explained: they explain the logs.

@@ -11,7 +11,7 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import Columns, change
 from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.regression.score_test import Standing, gains
+from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gains
 from ftbias_jax.model.effects.terms.columns import added, columns, has_point
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import State, Term
@@ -69,7 +69,7 @@ class _Place(NamedTuple):
 def improve(
     problem: Problem,
     state: State,
-    standing: Standing,
+    prepared_fit: PreparedFit,
     terms: tuple[Term, ...],
     steps: int = MOST_STEPS,
     enough: float = 0.0,
@@ -79,16 +79,16 @@ def improve(
     Args:
         problem: of the logs.
         state: of all logs end to end.
-        standing: the effects of the catalogue beside them, and terms before.
+        prepared_fit: the effects of the catalogue beside them, and terms before.
         terms: with parameters and points to start from.
         steps: of Gauss-Newton at most.
         enough: share of the whole gain; the last step gains less.
     """
     places = _places(terms, float(np.ptp(state.t)))
-    now, level = _solve(problem, state, standing, terms), 0
+    now, level = _solve(problem, state, prepared_fit, terms), 0
     for _ in range(steps if places else 0):
-        least = max(ENOUGH, enough * (now.log_likelihood - standing.fit.log_likelihood))
-        told = _reduced(standing, now, _slopes(problem, state, now.terms, places))
+        least = max(ENOUGH, enough * (now.log_likelihood - prepared_fit.fit.log_likelihood))
+        told = _reduced(prepared_fit, now, _slopes(problem, state, now.terms, places))
         free, promised = _step(*told, 0.0)
         if promised < least:
             break
@@ -96,7 +96,7 @@ def improve(
         best = now
         for level in range(least_level, len(DAMPINGS)):
             step = np.clip(_step(*told, DAMPINGS[level])[0], -LONGEST_STEP, LONGEST_STEP)
-            trial = _solve(problem, state, standing, _moved(now.terms, places, step))
+            trial = _solve(problem, state, prepared_fit, _moved(now.terms, places, step))
             best = max(best, trial, key=lambda solved: solved.log_likelihood)
             gained = trial.log_likelihood - now.log_likelihood
             if gained > least:
@@ -107,10 +107,10 @@ def improve(
     return now
 
 
-def fit_terms(problem: Problem, state: State, standing: Standing, terms: tuple[Term, ...]) -> Described:
+def fit_terms(problem: Problem, state: State, prepared_fit: PreparedFit, terms: tuple[Term, ...]) -> Described:
     """The same, brought to its end, with all that a fit has. Arguments as above."""
-    now = improve(problem, state, standing, terms)
-    return _described(problem, state, standing.fit, now, _places(terms, float(np.ptp(state.t))))
+    now = improve(problem, state, prepared_fit, terms)
+    return _described(problem, state, prepared_fit.fit, now, _places(terms, float(np.ptp(state.t))))
 
 
 def _places(terms: tuple[Term, ...], duration: float) -> list[_Place]:
@@ -128,17 +128,17 @@ def _places(terms: tuple[Term, ...], duration: float) -> list[_Place]:
     return found
 
 
-def _solve(problem: Problem, state: State, standing: Standing, terms: tuple[Term, ...]) -> Solved:
+def _solve(problem: Problem, state: State, prepared_fit: PreparedFit, terms: tuple[Term, ...]) -> Solved:
     """Coefficients of the terms, and what becomes of the fit's own numbers beside them."""
     pieces = [np.asarray(columns(np, term, state)).transpose(1, 0, 2) for term in terms]
-    raw, start = -np.concatenate(pieces), standing.fit
+    raw, start = -np.concatenate(pieces), prepared_fit.fit
     if not np.isfinite(raw).all():
-        return Solved(terms, start.error, -np.inf, raw, np.zeros(len(standing.pull)))
+        return Solved(terms, start.error, -np.inf, raw, np.zeros(len(prepared_fit.pull)))
     white = whitened(problem, raw)
     norm = np.sqrt(np.einsum("kuc,kuc->k", white, white)) + 1e-9
-    prepared = gains(standing, white / norm[:, None, None])
+    prepared = gains(prepared_fit, white / norm[:, None, None])
     numbers = prepared.coefficients(list(range(len(white))))
-    step = standing.step - prepared.taken @ numbers
+    step = prepared_fit.step - prepared.taken @ numbers
     error = start.error + change(start.columns, step) + np.tensordot(numbers / norm, white, 1)
     own = np.split(numbers / norm, np.cumsum([len(piece) for piece in pieces])[:-1])
     solved = tuple(replace(term, coefficients=c) for term, c in zip(terms, own, strict=True))
@@ -162,10 +162,10 @@ def _slopes(problem: Problem, state: State, terms: tuple[Term, ...], places: lis
     return whitened(problem, np.stack(found))
 
 
-def _reduced(standing: Standing, now: Solved, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _reduced(prepared_fit: PreparedFit, now: Solved, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Products (N, N) of the slopes without what the linear numbers do of them, theirs with the error, their power."""
     norm = np.sqrt(np.einsum("kuc,kuc->k", now.white, now.white)) + 1e-9
-    prepared = gains(standing.at(now.error), np.concatenate([now.white / norm[:, None, None], slopes]))
+    prepared = gains(prepared_fit.at(now.error), np.concatenate([now.white / norm[:, None, None], slopes]))
     K, normal, pull = len(norm), prepared.normal, prepared.pull
     taken = np.linalg.solve(normal[:K, :K] + 1e-8 * np.eye(K), normal[:K, K:])
     power = np.einsum("nuc,nuc->n", slopes, slopes)

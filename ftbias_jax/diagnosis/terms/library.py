@@ -11,7 +11,7 @@ import numpy as np
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import channels_first
 from ftbias_jax.diagnosis.regression.evaluate import whiten_lanes
-from ftbias_jax.diagnosis.regression.score_test import Gains, Standing
+from ftbias_jax.diagnosis.regression.score_test import Gains, PreparedFit
 from ftbias_jax.diagnosis.terms.grid import free_names
 from ftbias_jax.diagnosis.thresholds import LEAST_ENTRY, MOST_NUMBERS, NATS_PER_DEGREE, SHARE_PER_NUMBER
 from ftbias_jax.model.effects.terms.columns import (
@@ -130,17 +130,17 @@ def _products(white: np.ndarray, trial: Trial) -> np.ndarray:
     return found
 
 
-def rank(library: Library, standing: Standing) -> list[Ranked]:
+def rank(library: Library, prepared_fit: PreparedFit) -> list[Ranked]:
     """Every term of the grid beside a fit, best first."""
-    pairs = zip(library.trials, _gains(library, standing), strict=True)
+    pairs = zip(library.trials, _gains(library, prepared_fit), strict=True)
     return sorted((_judge(trial, prepared) for trial, prepared in pairs), key=lambda ranked: -ranked.merit)
 
 
-def _gains(library: Library, standing: Standing) -> list[Gains]:
+def _gains(library: Library, prepared_fit: PreparedFit) -> list[Gains]:
     """Those of every trial's columns beside a fit; the products of all lanes with the fit are worked out together."""
     if not library.trials:
         return []
-    fit, white = standing.fit, library.white
+    fit, white = prepared_fit.fit, library.white
     own = channels_first(np.concatenate([fit.error[None], fit.columns.moving])).astype(np.float32)
     series = channels_first(fit.columns.series).astype(np.float32)
     of_moving, of_series = (white @ x.transpose(0, 2, 1) for x in (own, series))
@@ -148,8 +148,8 @@ def _gains(library: Library, standing: Standing) -> list[Gains]:
     by_moving = np.einsum("mk,kmf->mf", acts.astype(float), of_moving[:, lanes])
     by_series = (acts[:, None] * of_series[:, lanes].transpose(1, 2, 0)).reshape(len(lanes), -1)
     shared = np.concatenate([by_moving[:, 1:], by_series], 1)
-    taken = standing.information.solve(shared.T).T
-    pull = by_moving[:, 0] - taken @ standing.pull
+    taken = prepared_fit.information.solve(shared.T).T
+    pull = by_moving[:, 0] - taken @ prepared_fit.pull
     ends = np.cumsum([len(trial.lanes) for trial in library.trials])[:-1]
     pieces = zip(library.normals, *(np.split(x, ends) for x in (shared, taken, pull)), strict=True)
     return [Gains(normal - a @ b.T, c, b.T) for normal, a, b, c in pieces]

@@ -80,13 +80,13 @@ class Search:
         worth = [one for one in _of_each_drive(ranked) if one.merit > max(_worth(one.term) * top, 0.0)]
         few = [one for place, one in enumerate(worth) if place < TERMS_FITTED or one.term.form in STARTS]
         few = [self._timed(one, start) if "time" in one.term.parameters else one for one in few]
-        standing = stand(start)
-        tried = [improve(self.problem, self.state, standing, (one.term,), ROUGH_STEPS, ROUGHLY) for one in few]
+        prepared_fit = stand(start)
+        tried = [improve(self.problem, self.state, prepared_fit, (one.term,), ROUGH_STEPS, ROUGHLY) for one in few]
         found = self._by_merit(start, tried)
         for form in STARTS:  # the best of several starts goes on
             best = next((i for i, (_, one) in enumerate(found) if one.terms[0].form == form), None)
             if best is not None and found[best][0] > TERM_GOES_ON * found[0][0]:
-                further = improve(self.problem, self.state, standing, found[best][1].terms, FURTHER_STEPS, ROUGHLY)
+                further = improve(self.problem, self.state, prepared_fit, found[best][1].terms, FURTHER_STEPS, ROUGHLY)
                 found[best] = self._by_merit(start, [further])[0]
         return sorted(found, key=_order)
 
@@ -100,11 +100,11 @@ class Search:
 
     def _ranked(self, start: Fit) -> list[Ranked]:
         """The grid beside a fit, best first, with what stands out in the spectra of what that leaves."""
-        standing = stand(start)
-        ranked = rank(self.library, standing)
+        prepared_fit = stand(start)
+        ranked = rank(self.library, prepared_fit)
         if start is not self.base:
             further = of_spectra(self.problem, self.state, self.point, start.error)
-            ranked += rank(make_library(self.problem, self.state, further), standing)
+            ranked += rank(make_library(self.problem, self.state, further), prepared_fit)
         return sorted(ranked, key=lambda one: -one.merit)
 
     def _timed(self, one: Ranked, start: Fit) -> Ranked:

@@ -18,7 +18,7 @@ def state_of_problem(problem: Problem, fit: Fit) -> State:
     """All logs end to end, (U, ...); the load is the reading that the fit predicts."""
     load = readings(problem, fit.z[None])[0]
     pieces, end = [], 0
-    for part, motion in zip(problem.parts, [part.believed for part in problem.parts], strict=True):
+    for part, motion in zip(problem.parts, [part.nominal for part in problem.parts], strict=True):
         used, signals = part.used, part.signals
         padded = np.zeros((len(signals.t), 6))
         padded[:used], end = load[end : end + used], end + used

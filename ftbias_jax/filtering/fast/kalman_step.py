@@ -32,7 +32,7 @@ from ftbias_jax.runtime.lanes import (
 from ftbias_jax.runtime.logarithm import log
 
 
-class Record(NamedTuple):
+class Tape(NamedTuple):
     """What the reverse pass needs of one step."""
 
     column: Rows
@@ -58,7 +58,7 @@ class Step(NamedTuple):
     prediction: Vector
     """Of the measured entries."""
     prediction_variance: Vector
-    record: Record
+    record: Tape
 
 
 def filter_step(
@@ -90,22 +90,22 @@ def filter_step(
         x, triangle, weight, innovation = compile_whole(partial(_correct, j))(x, upper(P), measurement, r)
         P = from_upper(k, triangle)
         weights, innovations = [*weights, weight], [*innovations, innovation]
-    return Step(x, P, prediction, spread, Record(columns, weights, innovations, lost, grown=grown))
+    return Step(x, P, prediction, spread, Tape(columns, weights, innovations, lost, grown=grown))
 
 
-def nats_of(record: Record) -> tuple[Array, Array]:
+def nats_of(record: Tape) -> tuple[Array, Array]:
     """Normalised innovation squared over the measured entries, and the share in the log-likelihood."""
     nis = nis_of(record)
     return nis, (log(density_of(record)) - nis) / 2
 
 
-def nis_of(record: Record) -> Array:
+def nis_of(record: Tape) -> Array:
     """Normalised innovation squared over the measured entries."""
     squares = [v**2 * w for v, w in zip(record.innovation, record.weight, strict=True)]
     return sum(squares[1:], squares[0])
 
 
-def density_of(record: Record) -> Array:
+def density_of(record: Tape) -> Array:
     """Product of 1 / (2 pi s) over the measured entries: the square of the density of the innovation at zero."""
     factors = [jnp.where(w > 0, w / (2 * math.pi), 1) for w in record.weight]
     return math.prod(factors[1:], start=factors[0])

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.filtering.fast.gate import before_growth
-from ftbias_jax.filtering.fast.kalman_step import Record, at_rest
+from ftbias_jax.filtering.fast.kalman_step import Tape, at_rest
 from ftbias_jax.filtering.process_models import ProcessModel, as_arrays
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import (
@@ -52,7 +52,7 @@ class Slopes(NamedTuple):
 
 
 def step_back(
-    model: ProcessModel, density: Any, dt: Array, record: Record, bar: Cotangent, state: tuple[Vector, Rows]
+    model: ProcessModel, density: Any, dt: Array, record: Tape, bar: Cotangent, state: tuple[Vector, Rows]
 ) -> Slopes:
     """Adjoint of ``filter_step``.
 
@@ -71,7 +71,7 @@ def step_back(
     return compile_whole(partial(_before_prediction, model))(density, dt, record.lost, record.before, x, P, y, variance)
 
 
-def _before_corrections(record: Record, bar: Cotangent, x: Vector, P: Rows) -> tuple[Vector, Rows, Vector, Vector]:
+def _before_corrections(record: Tape, bar: Cotangent, x: Vector, P: Rows) -> tuple[Vector, Rows, Vector, Vector]:
     """Adjoint of the corrections of one sample: of the predicted mean and covariance, of y and of its variance."""
     m = len(record.weight)
     x, P = total(x, bar.mean), plus(P, bar.covariance)

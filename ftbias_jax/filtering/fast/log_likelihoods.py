@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 TILE = 16
 """Logs side by side, where there are many."""
-CHUNK = 512
+TILE_SAMPLES = 512
 """Samples that pass through all stages together, and are worked out again together."""
 
 Nats = tuple[Array, Array]
@@ -66,7 +66,7 @@ def log_likelihoods(
         options: of the pipeline.
     """
     length = samples.dt.shape[0]
-    count = 1 if params.effects is not None else -(-length // CHUNK)
+    count = 1 if params.effects is not None else -(-length // TILE_SAMPLES)
     size = -(-length // count)
     padded = pad(samples, count * size), jnp.pad(weight, (0, count * size - length))
     chunks: Chunk = jax.tree.map(lambda x: x.reshape(count, size, *x.shape[1:]), padded)

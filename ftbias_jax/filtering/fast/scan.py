@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.kalman_step import Record, Step, filter_step, nats_of
+from ftbias_jax.filtering.fast.kalman_step import Step, Tape, filter_step, nats_of
 from ftbias_jax.filtering.fast.kalman_step_back import Cotangent, step_back
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
@@ -170,7 +170,7 @@ def track_of(inputs: Inputs, steps: Step) -> Track:
     return Track(mean, covariance, jnp.stack(raw, 1), jnp.stack(spread, 1), nis, log_likelihood)
 
 
-Residual = tuple[Array, Any, Any, Record]
+Residual = tuple[Array, Any, Any, Tape]
 """dt, density, drive and the record of every step: all that the reverse pass reads, for it is written and read once."""
 
 
@@ -206,7 +206,7 @@ def _backward(model: ProcessModel, residual: Residual, bar: Track) -> tuple[Inpu
     )
 
     def loop(density: Any, start: Any, samples: Any) -> Any:
-        def body(carry: tuple[tuple[Vector, Rows], Any, Vector], sample: tuple[Array, Any, Record, Cotangent]) -> Any:
+        def body(carry: tuple[tuple[Vector, Rows], Any, Vector], sample: tuple[Array, Any, Tape, Cotangent]) -> Any:
             (state, density_slope, restart), (dt, drive, record, bar) = carry, sample
             slopes = step_back(model, driven(density, drive), dt, record, bar, state)
             restart = [total + slope for total, slope in zip(restart, slopes.restart, strict=True)]

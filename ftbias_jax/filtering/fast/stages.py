@@ -33,7 +33,7 @@ from ftbias_jax.types import Gaussian, Sample
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-CHUNK = 1024
+PIECE_SAMPLES = 1024
 """Samples that pass through all stages together: what goes from one stage to the next stays in the cache."""
 
 
@@ -62,9 +62,9 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
 def _run_log(options: Options, params: Params, state: State, samples: Sample) -> tuple[State, Staged]:
     stages = partial(_run_stages, params, options)
     length = samples.dt.shape[0]
-    if length <= CHUNK or params.effects is not None or not on_cpu():
+    if length <= PIECE_SAMPLES or params.effects is not None or not on_cpu():
         return stages(state, (samples, length))
-    count = -(-length // CHUNK)
+    count = -(-length // PIECE_SAMPLES)
     size = PIECE * -(-length // (PIECE * count))
     padded = pad(samples, count * size)
     chunks = jax.tree.map(lambda x: x.reshape(count, size, *x.shape[1:]), padded)
@@ -115,7 +115,7 @@ def bias_inputs(
     With correlated noise three states, (bias + noise, drift, noise), see ``process_models.correlated_bias``.
 
     Args:
-        params: what is believed of robot, tool and noise.
+        params: robot, tool and noise as stated or fitted.
         state: before the first sample.
         samples: the log, leaves (T, ...).
         wrench_tool: (T, 6) D theta, N, Nm, sensor frame.

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.kalman_step import Record, density_of, nats_of, nis_of
+from ftbias_jax.filtering.fast.kalman_step import Tape, density_of, nats_of, nis_of
 from ftbias_jax.filtering.fast.scan import (
     Forces,
     Inputs,
@@ -99,7 +99,7 @@ def _run(model: ProcessModel, keep: bool, for_reverse: bool, inputs: Inputs, wei
     return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states), record
 
 
-Looped = tuple[Packed, Array, Array, Packed | None, Record | None, Array | None]
+Looped = tuple[Packed, Array, Array, Packed | None, Tape | None, Array | None]
 
 
 def _loop(

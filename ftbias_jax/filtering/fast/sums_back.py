@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.kalman_step import Record, at_rest
+from ftbias_jax.filtering.fast.kalman_step import Tape, at_rest
 from ftbias_jax.filtering.process_models import ProcessModel, as_arrays
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import (
@@ -57,7 +57,7 @@ class Slopes(NamedTuple):
     """m arrays (T, B)."""
 
 
-def slopes_of_sums(model: ProcessModel, dt: Array, density: Array, weight: Array, record: Record, bars: Bars) -> Slopes:
+def slopes_of_sums(model: ProcessModel, dt: Array, density: Array, weight: Array, record: Tape, bars: Bars) -> Slopes:
     """From the last sample to the first.
 
     Args:
@@ -72,9 +72,9 @@ def slopes_of_sums(model: ProcessModel, dt: Array, density: Array, weight: Array
     return found
 
 
-def _loop(model: ProcessModel, density: Array, dt: Array, weight: Array, record: Record, bars: Bars) -> Slopes:
+def _loop(model: ProcessModel, density: Array, dt: Array, weight: Array, record: Tape, bars: Bars) -> Slopes:
     @compile_whole
-    def loop(density: Array, dt: Array, weight: Array, record: Record, bars: Bars) -> Slopes:
+    def loop(density: Array, dt: Array, weight: Array, record: Tape, bars: Bars) -> Slopes:
         def body(carry: tuple[Packed, Array, Vector], sample: Any) -> Any:
             (state, slope, restart), (dt, weight, record, bar) = carry, sample
             dt, weight = (for_lanes(x, len(slope)) for x in (dt, weight))
@@ -93,7 +93,7 @@ def _loop(model: ProcessModel, density: Array, dt: Array, weight: Array, record:
     return whole
 
 
-def _before_corrections(record: Record, log_bar: Array, x: Vector, triangle: Vector) -> tuple[Packed, Vector, Vector]:
+def _before_corrections(record: Tape, log_bar: Array, x: Vector, triangle: Vector) -> tuple[Packed, Vector, Vector]:
     """Adjoint of the corrections of one sample; slopes in its measurements and in their variances."""
     m = len(record.weight)
     y, variance = [log_bar] * m, [log_bar] * m

@@ -33,7 +33,7 @@ LEAST_GAIN = 10.0
 MOST_BLOCKS = 2000
 """Of a longer log as many are taken, evenly: they tell the variance to a percent, and more would take minutes."""
 LEVEL_WITHIN = 0.1
-"""The stated variance is believed if the log's is within this share of it."""
+"""The stated variance counts if the log's is within this share of it."""
 
 
 class Shares(NamedTuple):

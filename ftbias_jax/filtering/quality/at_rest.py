@@ -33,7 +33,7 @@ RESTS = 0.01
 TURN_IT = "turn the sensor by 30 degrees or more about two horizontal axes, and touch nothing"
 
 
-class Motion(NamedTuple):
+class RangeOfMotion(NamedTuple):
     """How far a log moves the sensor."""
 
     turn: float
@@ -117,7 +117,7 @@ def require_motion(setup: Setup, log: Log, file: str = "") -> None:
         raise LogError(message, file=file, field="q", remedy=TURN_IT)
 
 
-def motion_of(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> Motion:
+def motion_of(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> RangeOfMotion:
     """How far a log moves the sensor, by the rows that have the joints or the orientation."""
     down, low, high = [np.empty((0, 3))], [], []
     for part in parts(PART):
@@ -130,11 +130,11 @@ def motion_of(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> Motion:
             down.append(np.einsum("tji,j->ti", rotations, setup.robot.gravity))
     every = np.concatenate(down)
     if not len(every):  # no row has all joints: nothing is known, so nothing is promised
-        return Motion(np.inf, np.inf, np.inf)
+        return RangeOfMotion(np.inf, np.inf, np.inf)
     off = np.linalg.norm(every - every.mean(0), axis=1)
     travel: Array = np.max(high, 0) - np.min(low, 0)
     turn = np.sqrt((off**2).mean()) / max(np.linalg.norm(setup.robot.gravity), 1e-9)
-    return Motion(float(turn), float(off.max()), float(np.nanmax(travel)))
+    return RangeOfMotion(float(turn), float(off.max()), float(np.nanmax(travel)))
 
 
 def _degrees(turn: float) -> str:

@@ -103,7 +103,7 @@ class FilterResult(Saved):
     innovation_std: Array
     """(T, 6) N, Nm, standard deviation: the filter's, with the noise of samples that the log shows."""
     params: Params
-    """What the filter believed; arrays of JAX."""
+    """The parameters that the filter used; arrays of JAX."""
     noise: LogNoise
     """What the log shows of contact and noise beyond its setup."""
     joint_model: str

@@ -219,7 +219,7 @@ def _of_tables(tables: Sequence[Table]) -> Keys:
 
 
 def _of_motion(tables: Sequence[Table], body: Table, weighed: Weighed | None, read: Read) -> Keys:
-    """How the acceleration is known, and whether a gyroscope can be believed."""
+    """How the acceleration is known, and whether a gyroscope is credible."""
     keys = gyroscope(read) if any(table.gyroscope for table in tables) else {}
     imu = next((table for table in tables if table.accelerometer is not None), None)
     if imu is not None:

@@ -15,7 +15,7 @@ FEWEST = 20
 MOST = 100
 """Stretches that are looked at in a long log, evenly spread."""
 USUAL, QUIETEST = 0.5, 0.1
-"""Share of the stretches that are quieter than the one that is believed, at rest and in motion, which makes noise."""
+"""Share of the stretches that are quieter than the one that is taken, at rest and in motion, which makes noise."""
 AT_REST = 2e-3
 """rad that the sensor turns at most in a stretch at rest: a tool of 2 kg then weighs on no axis 0.04 N more or less."""
 SAME = 1.3

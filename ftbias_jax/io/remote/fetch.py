@@ -24,7 +24,7 @@ MOST_BYTES = 16 << 30
 """Of one file: as much as the numbers of a log may have (``limits.budget``)."""
 MOST_KEPT = 8
 """Copies that are kept at a time; a log has four files at most."""
-CHUNK = 1 << 20
+BYTES_AT_ONCE = 1 << 20
 _kept: dict[str, str] = {}
 """URL -> folder of its copy, the oldest first."""
 _sums: dict[str, str] = {}
@@ -32,7 +32,7 @@ _sums: dict[str, str] = {}
 
 
 def exists(path: str) -> bool:
-    """Whether a file is there; of a URL it is believed until it is read."""
+    """Whether a file is there; of a URL it is assumed until it is read."""
     return is_url(path) or os.path.exists(path)
 
 
@@ -151,7 +151,7 @@ def _copy(url: str, target: str) -> str:
     with _told(url):
         fsspec: Any = need("fsspec", "remote", shown(url))
         with fsspec.open(url, "rb") as remote, open(target, "wb") as file:
-            while chunk := remote.read(CHUNK):
+            while chunk := remote.read(BYTES_AT_ONCE):
                 count += len(chunk)
                 if count > MOST_BYTES:
                     remedy = "split the log, or copy it yourself"

@@ -13,7 +13,7 @@ OnDamage = Callable[[str], None]
 """Called with one line about what could not be read, before it is skipped; it may raise to stop instead."""
 
 
-class Record(Protocol):
+class FilePiece(Protocol):
     """A piece of a file that says itself where it ends."""
 
     @property
@@ -21,7 +21,7 @@ class Record(Protocol):
         """Position after it."""
 
 
-R = TypeVar("R", bound=Record)
+R = TypeVar("R", bound=FilePiece)
 
 
 class Definition(NamedTuple):

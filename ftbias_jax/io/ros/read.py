@@ -132,15 +132,15 @@ def credible(recording: Recording, mended: list[Repair]) -> Recording:
     for stream in recording.streams:
         most = max((len(other.stamps) for other in wrenches if other.topic == stream.topic), default=0)
         late = stream.logged - stream.stamps
-        believed = np.abs(late - np.median(late)) < CREDIBLE_DELAY
+        credible = np.abs(late - np.median(late)) < CREDIBLE_DELAY
         if stream.role == WRENCH and len(stream.stamps) < most / 2:
-            believed = np.zeros_like(believed)
-        if believed.any():
-            columns = {name: getattr(stream, name)[believed] for name in ("stamps", "logged", "order", "values")}
+            credible = np.zeros_like(credible)
+        if credible.any():
+            columns = {name: getattr(stream, name)[credible] for name in ("stamps", "logged", "order", "values")}
             kept.append(stream._replace(**columns))
-        if not believed.all():
+        if not credible.all():
             what = (
-                f"{(~believed).sum()} of the samples of {stream.topic} left out: their stamp or frame is not credible"
+                f"{(~credible).sum()} of the samples of {stream.topic} left out: their stamp or frame is not credible"
             )
             mended.append(Repair(what, lost=True))
     mended.append(Repair(f"{sum(topic.messages for topic in recording.topics)} messages were recovered"))

@@ -28,8 +28,8 @@ def predict(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | 
     Pure in ``signals`` and ``values``: ``jax.jvp`` with respect to values gives regressors, ``vmap`` maps over either.
 
     Args:
-        signals: motion and believed model of one log.
-        values: effect -> parameters; {} = the believed model.
+        signals: motion and nominal model of one log.
+        values: effect -> parameters; {} = the nominal model.
         catalogue: the table of effects; None = that of the values.
 
     Returns:
@@ -59,7 +59,7 @@ def tool_wrenches(signals: Signals) -> Array:
 
 
 def transform(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Signals:
-    """Model and motion as they are, where effects say that the believed ones are wrong."""
+    """Model and motion as they are, where effects say that the nominal ones are wrong."""
     for name, effect in _acting(values, catalogue):
         if effect.transform:
             moved = effect.transform(complete(effect, values[name], signals.model), signals)

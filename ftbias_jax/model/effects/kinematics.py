@@ -52,12 +52,12 @@ def motion_of(signals: Signals) -> ArmMotion:
 
 
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """The sensor's axes are the believed ones turned by the rotation vector r: reading = exp([r])^T W."""
+    """The sensor's axes are the nominal ones turned by the rotation vector r: reading = exp([r])^T W."""
     return turn_wrench(rotation_from_vector(values["rotation"]), wrench)
 
 
 def tool_turns(values: EffectValues, signals: Signals) -> Signals:
-    """The tool as it is in the believed axes: the stated one if it stays, turned by r if it is bolted to the sensor."""
+    """The tool as it is in the nominal axes: the stated one if it stays, turned by r if it is bolted to the sensor."""
     rotation, model = rotation_from_vector(values["tool_turns"] * values["rotation"]), signals.model
     return signals._replace(model=model._replace(theta=turned(model.theta, rotation)))
 
@@ -123,7 +123,7 @@ MOUNTING = (
         "kinematics",
         (
             Parameter(
-                "rotation", "rad", "rotation vector from believed to true axes, sensor frame", (3,), -3.2, 3.2, 0, 0.017
+                "rotation", "rad", "rotation vector from nominal to true axes, sensor frame", (3,), -3.2, 3.2, 0, 0.017
             ),
             Parameter(
                 "tool_turns",

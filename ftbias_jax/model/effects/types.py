@@ -1,6 +1,6 @@
 """What an effect is: a name, its parameters, a pure function, and what to tell the robot's owner.
 
-The believed model is: joint states -> sensor kinematics -> wrench of the known tool. An effect is a parametric reason
+The nominal model is: joint states -> sensor kinematics -> wrench of the known tool. An effect is a parametric reason
 why a real sensor reads something else. Signs are those of the report: reading = D theta - b + noise.
 """
 

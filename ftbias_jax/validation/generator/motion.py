@@ -9,14 +9,14 @@ from scipy.interpolate import BPoly, PPoly
 
 from ftbias_jax.validation.generator.arms import Arm, Floats
 
-Motion = Callable[[Floats], tuple[Floats, Floats, Floats]]
+Trajectory = Callable[[Floats], tuple[Floats, Floats, Floats]]
 """t (T,) s -> q (T, n) rad, dq (T, n) rad/s, ddq (T, n) rad/s^2; defined before and after the log, too."""
 
 KINDS = ("sines", "moves", "trapezoids", "scan")
 FADE = 2.5  # s, from rest to full amplitude
 
 
-def random_motion(kind: str, arm: Arm, duration: float, pace: float, rng: np.random.Generator) -> Motion:
+def random_motion(kind: str, arm: Arm, duration: float, pace: float, rng: np.random.Generator) -> Trajectory:
     """A motion of one of ``KINDS`` around the arm's home.
 
     Args:
@@ -29,7 +29,7 @@ def random_motion(kind: str, arm: Arm, duration: float, pace: float, rng: np.ran
     return {"sines": _sines, "moves": _moves, "trapezoids": _trapezoids, "scan": _scan}[kind](arm, duration, pace, rng)
 
 
-def _sines(arm: Arm, duration: float, pace: float, rng: np.random.Generator) -> Motion:
+def _sines(arm: Arm, duration: float, pace: float, rng: np.random.Generator) -> Trajectory:
     """Three sines a joint; starts from rest or in mid-motion. Peak speed per sine at most 0.5 rad/s x pace."""
     shape = (3, len(arm.home))
     frequency = rng.uniform(0.04, 0.4, shape) * pace
@@ -61,7 +61,7 @@ def _fade_in(t: Floats) -> tuple[Floats, Floats, Floats]:
     return step, 30 * (x * (1 - x)) ** 2 / FADE, 60 * x * (1 - x) * (1 - 2 * x) / FADE**2
 
 
-def _moves(arm: Arm, duration: float, pace: float, rng: np.random.Generator) -> Motion:
+def _moves(arm: Arm, duration: float, pace: float, rng: np.random.Generator) -> Trajectory:
     """Minimum-jerk moves between random poses with dwells of up to two seconds."""
     times, poses = _via_points(arm, duration, rng, speed=0.9 * pace, acceleration=4.0 * pace**2, peak=(1.875, 5.774))
     still = np.zeros_like(poses)
@@ -69,13 +69,13 @@ def _moves(arm: Arm, duration: float, pace: float, rng: np.random.Generator) -> 
     return _held(path, path.derivative(), path.derivative(2), times[-1])
 
 
-def _trapezoids(arm: Arm, duration: float, pace: float, rng: np.random.Generator) -> Motion:
+def _trapezoids(arm: Arm, duration: float, pace: float, rng: np.random.Generator) -> Trajectory:
     """Moves at constant speed with steep acceleration ramps of 20 to 80 ms, as industrial controllers make them."""
     times, poses = _via_points(arm, duration, rng, speed=0.8 * pace, acceleration=4.0 * pace**2, peak=(1.35, 5.5))
     return _constant_speed(times, poses, share=0.26, jerk_time=rng.uniform(0.02, 0.08))
 
 
-def _scan(arm: Arm, duration: float, pace: float, rng: np.random.Generator) -> Motion:
+def _scan(arm: Arm, duration: float, pace: float, rng: np.random.Generator) -> Trajectory:
     """Slow sweeps of a few joints at constant speed, 0.08 to 0.25 rad/s at most, hardly any dwell."""
     moving = rng.permutation(len(arm.home))[: rng.integers(2, 4)]
     mask = np.full(len(arm.home), 0.15)
@@ -120,7 +120,7 @@ def _via_points(
     return np.array(times), np.array(poses)
 
 
-def _constant_speed(times: Floats, poses: Floats, share: float, jerk_time: float) -> Motion:
+def _constant_speed(times: Floats, poses: Floats, share: float, jerk_time: float) -> Trajectory:
     """Speed up in ``share`` of each move, cruise, slow down; accelerations have flanks of ``jerk_time`` s."""
     knots, values = [times[0]], [np.zeros(poses.shape[1])]
     for start, end, step in zip(times[:-1], times[1:], np.diff(poses, axis=0), strict=True):
@@ -141,7 +141,7 @@ def _constant_speed(times: Floats, poses: Floats, share: float, jerk_time: float
     return lambda t: (poses[0] + held(t)[0], *held(t)[1:])
 
 
-def _held(position: PPoly, velocity: PPoly, acceleration: PPoly, end: float) -> Motion:
+def _held(position: PPoly, velocity: PPoly, acceleration: PPoly, end: float) -> Trajectory:
     """The motion at rest before 0 and after ``end`` s."""
 
     def motion(t: Floats) -> tuple[Floats, Floats, Floats]:

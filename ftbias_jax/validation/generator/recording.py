@@ -13,7 +13,7 @@ from ftbias_jax.validation.generator.effects.effect import Effect, Scene
 from ftbias_jax.validation.generator.effects.slow import bias_path, random_temperature
 from ftbias_jax.validation.generator.motion import random_motion
 from ftbias_jax.validation.generator.nominal_model import random_belief
-from ftbias_jax.validation.generator.world import believed_world, time_grid, wrench
+from ftbias_jax.validation.generator.world import nominal_world, time_grid, wrench
 
 THERMOMETER_STD = 0.02  # K
 
@@ -48,7 +48,7 @@ def random_scene(
     belief = random_belief(belief_rng)
     motion = random_motion(kind, belief.arm, duration, pace, motion_rng)
     stamps = np.arange(round(duration * rate)) / rate
-    world, grid = believed_world(belief), time_grid(duration)
+    world, grid = nominal_world(belief), time_grid(duration)
     return Scene(
         belief,
         motion,

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from ftbias_jax.validation.generator.arms import Arm, Floats
 from ftbias_jax.validation.generator.effects.rotor import Rotor, rotor_mjcf, spinning
 from ftbias_jax.validation.generator.effects.sprung import Sprung, sprung_mjcf, swing
-from ftbias_jax.validation.generator.motion import Motion
+from ftbias_jax.validation.generator.motion import Trajectory
 from ftbias_jax.validation.generator.nominal_model import Belief, Tool
 
 STEP = 1e-3  # s, spacing of simulated wrenches
@@ -94,7 +94,7 @@ class World:
     rotor: Rotor | None = None
 
 
-def believed_world(belief: Belief) -> World:
+def nominal_world(belief: Belief) -> World:
     """The world as the owner believes it to be."""
     return World(
         belief.arm,
@@ -112,7 +112,7 @@ def time_grid(duration: float) -> Floats:
     return STEP * np.arange(-round(BEFORE / STEP), round((duration + AFTER) / STEP) + 1, dtype=np.float64)
 
 
-def wrench(world: World, motion: Motion, t: Floats) -> Floats:
+def wrench(world: World, motion: Trajectory, t: Floats) -> Floats:
     """Wrench (T, 6) N, Nm at the times t (T,) s, spaced STEP, while the *encoders* read ``motion``."""
     model = build(world)
     q, dq, ddq = true_motion(world, motion, t)
@@ -133,18 +133,18 @@ def wrench(world: World, motion: Motion, t: Floats) -> Floats:
     return reading
 
 
-def true_motion(world: World, motion: Motion, t: Floats) -> tuple[Floats, Floats, Floats]:
+def true_motion(world: World, motion: Trajectory, t: Floats) -> tuple[Floats, Floats, Floats]:
     """Joint motion of the arm itself when the encoders read ``motion``; their error varies too slowly to have rates."""
     q, dq, ddq = motion(t)
     return q - world.joint_error(q), dq, ddq
 
 
-def tool_path(world: World, motion: Motion, t: Floats) -> ToolPath:
+def tool_path(world: World, motion: Trajectory, t: Floats) -> ToolPath:
     """Path of the tool frame at the times t (T,) s."""
     return _follow(build(world), t, true_motion(world, motion, t)[0])
 
 
-def cable_length(world: World, motion: Motion, t: Floats) -> Floats:
+def cable_length(world: World, motion: Trajectory, t: Floats) -> Floats:
     """(T,) m, distance between the ends of the world's first cable at the times t (T,) s."""
     model = build(world)
     data = mujoco.MjData(model)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.evidence.locate import Motion, locate
+from ftbias_jax.diagnosis.evidence.locate import Conditions, locate
 
 STEP = 0.02
 COUNT = 3000
@@ -14,10 +14,10 @@ def white(seed: int) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def motion() -> Motion:
+def motion() -> Conditions:
     angle = 0.7 * T
     gravity = np.stack([np.sin(angle), 0 * T, -np.cos(angle)], axis=1)
-    return Motion(np.abs(np.sin(1.3 * T)), np.abs(np.cos(1.9 * T)), gravity, np.cos(0.9 * T), 20 + 10 * T / T[-1])
+    return Conditions(np.abs(np.sin(1.3 * T)), np.abs(np.cos(1.9 * T)), gravity, np.cos(0.9 * T), 20 + 10 * T / T[-1])
 
 
 def test_noise_alone_is_nowhere(motion):
@@ -97,7 +97,7 @@ def test_a_vibration_is_in_its_band(motion):
     residual[:, 3] += 0.008 * np.sin(2 * np.pi * 12 * T)
     kept = np.ones(COUNT, bool)
     kept[1000:1030] = False  # a gap in the stamps
-    part = motion._replace(**{name: getattr(motion, name)[kept] for name in Motion._fields})
+    part = motion._replace(**{name: getattr(motion, name)[kept] for name in Conditions._fields})
     ((low, high, share),) = locate(residual[kept], NOISE[kept], T[kept], part).bands
     assert (low, high) == (10, pytest.approx(25))
     assert share == pytest.approx(1)
@@ -116,12 +116,12 @@ def test_what_was_not_measured_counts_for_nothing(motion):
     nothing = locate(np.full((COUNT, 6), np.nan), NOISE, T, motion)
     assert (nothing.intervals, nothing.regimes, nothing.bands) == ((), (), ())
     assert sum(nothing.channels.values()) == pytest.approx(1)
-    still = Motion(*(np.full(COUNT, np.nan),) * 2, np.full((COUNT, 3), np.nan), np.full(COUNT, np.nan))
+    still = Conditions(*(np.full(COUNT, np.nan),) * 2, np.full((COUNT, 3), np.nan), np.full(COUNT, np.nan))
     assert locate(residual, NOISE, T, still).channels == gappy.channels
 
 
 def test_a_log_of_a_few_bins_is_no_error(motion):
     for count in (1, 2, 20):
-        part = Motion(*(getattr(motion, name)[:count] for name in Motion._fields))
+        part = Conditions(*(getattr(motion, name)[:count] for name in Conditions._fields))
         where = locate(white(8)[:count], NOISE[:count], T[:count], part)
         assert len(where.channels) == 6

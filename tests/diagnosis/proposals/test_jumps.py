@@ -31,7 +31,7 @@ def fitted(monkeypatch, turning, ramp=0.0):
     load = np.random.default_rng(1).normal(size=(BINS, 6))
     monkeypatch.setattr(jumps, "readings", lambda problem, z: load[None])
     signals = SimpleNamespace(model=SimpleNamespace(gravity=GRAVITY))
-    part = SimpleNamespace(believed=SimpleNamespace(sensor_rotation=turns_about_x(turning)), used=BINS, signals=signals)
+    part = SimpleNamespace(nominal=SimpleNamespace(sensor_rotation=turns_about_x(turning)), used=BINS, signals=signals)
     h = Hypothesis("bias_jump", shapes=(STEP,), detail=Change(20.0, 0, ramp))
     series = np.repeat(STEP[None, :, None], 6, 2)
     noise = 0.1 * np.random.default_rng(0).normal(size=(BINS, 6))

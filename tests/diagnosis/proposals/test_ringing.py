@@ -1,4 +1,4 @@
-"""Tools on springs: which forms are tried, and which fits are believed."""
+"""Tools on springs: which forms are tried, and which fits are trusted."""
 
 from types import SimpleNamespace
 

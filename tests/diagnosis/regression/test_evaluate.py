@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.problem import Part, Problem
-from ftbias_jax.diagnosis.regression.chain_model import believed_motion, coordinates, size, slices, to_values
+from ftbias_jax.diagnosis.regression.chain_model import coordinates, nominal_motion, size, slices, to_values
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.kinematics import subtract_offsets
@@ -24,7 +24,7 @@ def problem(params):
     known = {"gain": {"gain": np.full(6, 1.1)}, "encoder_offset": {"joint": np.array(2.0), "offset": np.array(0.03)}}
     nothing = np.zeros(50)
     signals = jax.tree.map(jnp.asarray, signals)
-    part = Part(signals, None, 50, believed_motion(signals, known), None)
+    part = Part(signals, None, 50, nominal_motion(signals, known), None)
     return Problem((part,), t[:50], nothing, nothing, nothing, nothing, (0.5,), np.ones(6), known)
 
 

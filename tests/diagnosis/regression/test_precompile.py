@@ -19,7 +19,7 @@ from ftbias_jax.setup import parse_setup
 @pytest.fixture(scope="module")
 def setup():
     known = {"gain": {"gain": [1.1, 1, 1, 1, 1, 1]}, "low_pass": {"cutoff": 20}}
-    return parse_setup(SETUP | {"effects": known}, "believed.toml")
+    return parse_setup(SETUP | {"effects": known}, "nominal.toml")
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_an_outline_is_like_the_problem(setup, log):
     """Down to weak types: with anything else JAX would compile every program twice."""
     problem, _ = make_problem(setup, [log])
     (part,) = problem.parts
-    expected = (part.signals, problem.known, part.believed)
+    expected = (part.signals, problem.known, part.nominal)
     got = outline(params_from_setup(setup), padded_bins(log))
     assert jax.tree.structure(got) == jax.tree.structure(expected)
     for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(expected), strict=True):

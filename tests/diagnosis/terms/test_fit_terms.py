@@ -57,8 +57,8 @@ def test_the_point_and_the_coefficients_of_a_force_are_found(problem, state, own
 
 def test_more_steps_never_lose(problem, state):
     term = replace(make_term("velocity", "linear", "base", "force", 0, {}, POINT), coefficients=np.array([2.0]))
-    standing = stand(fit_with(term, state, 2))
+    prepared_fit = stand(fit_with(term, state, 2))
     wrong = make_term("velocity", "linear", "base", "force", 0, {}, -2 * POINT)
-    likely = [improve(problem, state, standing, (wrong,), steps).log_likelihood for steps in (0, 1, 2, 5)]
+    likely = [improve(problem, state, prepared_fit, (wrong,), steps).log_likelihood for steps in (0, 1, 2, 5)]
     assert likely == sorted(likely)
     assert likely[-1] > likely[0]

@@ -47,13 +47,13 @@ def test_gains_of_a_whole_grid_are_those_of_each_terms_columns(problem, state, s
     rng = np.random.default_rng(series)
     fit = at_its_best(rng, 2, BINS)
     fit = fit._replace(columns=Columns(fit.columns.moving, rng.normal(size=(series, BINS, 6))))
-    standing = stand(fit)
-    for term, found in zip(TERMS, _gains(make_library(problem, state, TERMS), standing), strict=True):
+    prepared_fit = stand(fit)
+    for term, found in zip(TERMS, _gains(make_library(problem, state, TERMS), prepared_fit), strict=True):
         own = columns(np, term, state).transpose(1, 0, 2)
         if (term.acts_as == "force" and term.form != "wave") or term.form == "steady":
             vectors = own[: 3 if term.form == "steady" else None, :, :3].transpose(1, 0, 2)
             own = np.concatenate([own, _arms(vectors).transpose(1, 0, 2)])
-        expected = gains(standing, own)
+        expected = gains(prepared_fit, own)
         scale = np.abs(expected.normal).max()
         np.testing.assert_allclose(found.normal, expected.normal, atol=1e-5 * scale, err_msg=str(term))
         np.testing.assert_allclose(found.pull, expected.pull, atol=1e-5 * np.sqrt(scale * BINS), err_msg=str(term))

@@ -31,7 +31,7 @@ CASES = {
 @pytest.fixture
 def in_chunks(monkeypatch):
     """Two whole chunks of the log's 40 samples, and a part; four logs make a tile."""
-    monkeypatch.setattr(route, "CHUNK", 16)
+    monkeypatch.setattr(route, "TILE_SAMPLES", 16)
     monkeypatch.setattr(route, "TILE", 4)
     monkeypatch.setattr(side_by_side, "FEW", 4)
     return route.log_likelihoods.__wrapped__

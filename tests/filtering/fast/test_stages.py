@@ -62,7 +62,7 @@ def test_and_in_the_derivative_of_every_output_in_every_parameter(params, sample
 @pytest.fixture
 def in_chunks(monkeypatch):
     """The fast route with chunks so small that the log has two whole ones and a part."""
-    monkeypatch.setattr(stages, "CHUNK", 16)
+    monkeypatch.setattr(stages, "PIECE_SAMPLES", 16)
     monkeypatch.setattr(stages, "PIECE", 8)
     monkeypatch.setattr(stages, "run", stages.run.__wrapped__)  # what was compiled before has other chunks
     return partial(outputs_of, run=pipeline.run.__wrapped__)

@@ -72,7 +72,7 @@ def test_an_encoder_offset_is_recorded_minus_true(signals):
 def test_a_turned_mounting_turns_every_reading(signals, wrench):
     angle = 0.3
     turned = compose.read(signals, {"mount_rotation": {"rotation": jnp.array([0.0, 0.0, angle])}}, wrench)
-    R = rotation_from_rpy([0.0, 0.0, angle])  # columns: the true axes in the believed ones
+    R = rotation_from_rpy([0.0, 0.0, angle])  # columns: the true axes in the nominal ones
     np.testing.assert_allclose(turned[:, :3], np.asarray(wrench)[:, :3] @ R, atol=1e-12)
     np.testing.assert_allclose(turned[:, 3:], np.asarray(wrench)[:, 3:] @ R, atol=1e-12)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.validation.generator.arms import Floats
-from ftbias_jax.validation.generator.motion import Motion
+from ftbias_jax.validation.generator.motion import Trajectory
 from ftbias_jax.validation.generator.nominal_model import Belief
 from ftbias_jax.validation.generator.world import World
 
@@ -21,7 +21,7 @@ class Scene:
     """A log before any effect: belief, motion and what the sensor would read."""
 
     belief: Belief
-    motion: Motion
+    motion: Trajectory
     duration: float
     """s."""
     rate: float
@@ -29,11 +29,11 @@ class Scene:
     stamps: Floats
     """(T,) s, of the wrench, from 0."""
     world: World
-    """As believed."""
+    """As stated."""
     grid: Floats
     """(S,) s, finer than the log and longer on both sides."""
     nominal: Floats
-    """(S, 6) N, Nm: the believed world's wrench on the grid."""
+    """(S, 6) N, Nm: the nominal world's wrench on the grid."""
     bias: Floats
     """(T, 6) N, Nm at the stamps; the sensor reads wrench - bias."""
     temperature: Callable[[Floats], Floats]

@@ -42,11 +42,11 @@ def tool_com(form: str, draw: Draw, scene: Scene) -> Effect:
 
 def tool_inertia(form: str, draw: Draw, scene: Scene) -> Effect:
     """Forms: "larger" (every moment alike), "rod" (two masses moved apart along a line)."""
-    believed = scene.belief.tool.inertia
+    nominal = scene.belief.tool.inertia
     relative = draw.size((0.5, 1.0), (1.2, 2.5), (3.0, 6.0))
     line = draw.direction()
-    extra = believed if form == "larger" else np.trace(believed) / 2 * (np.eye(3) - np.outer(line, line))
-    inertia = believed + relative * extra
+    extra = nominal if form == "larger" else np.trace(nominal) / 2 * (np.eye(3) - np.outer(line, line))
+    inertia = nominal + relative * extra
     parameters = {"inertia": inertia[np.triu_indices(3)].tolist(), "relative": relative}
     return Effect(
         "tool_inertia", form, parameters, world=lambda world: replace(world, tool=replace(world.tool, inertia=inertia))

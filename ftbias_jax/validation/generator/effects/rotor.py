@@ -11,7 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 from ftbias_jax.validation.generator.arms import Floats
 from ftbias_jax.validation.generator.nominal_model import Tool
 
-WHEEL_MASS = 1e-6  # kg; what counts is its inertia, and the tool as a whole keeps the mass that is believed
+WHEEL_MASS = 1e-6  # kg; what counts is its inertia, and the tool as a whole keeps its stated mass
 
 
 @dataclass(frozen=True)

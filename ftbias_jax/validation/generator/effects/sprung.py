@@ -18,7 +18,7 @@ SETTLE = 1.0  # s of heavy damping at the start, so that the log does not begin 
 
 @dataclass(frozen=True)
 class Sprung:
-    """A part of the tool that can move against the rest; undeflected, both together are the believed tool."""
+    """A part of the tool that can move against the rest; undeflected, both together are the nominal tool."""
 
     kind: str
     """"lateral": two slides; "pivot": two hinges at the sensor; "hinge": one of them; "pendulum": a bob hanging from
