@@ -46,7 +46,7 @@ def main():
         "cause": cause.effect,
         "nats/s held out": rounded([cause.held_out_gain, cause.held_out_gain_stderr]),
         "speed [rad/s]": rounded([cause.parameters["speed"], cause.stderr["speed"]]),
-        "tune writes vibration": "vibration" in tuned.setup.effects,
+        "tuned speed [rad/s]": rounded(tuned.setup.effects["vibration"]["speed"]),
         "tune, held-out wrench score, nats/s": rounded(tuned.held_out[-1][1:]),
         "tune, reasons against": list(tuned.reasons),
         "NIS": {name: squares(each, log) for name, each in setups.items()},

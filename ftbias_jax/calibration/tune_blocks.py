@@ -18,12 +18,14 @@ from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.newton import Report
 from ftbias_jax.calibration.tune import TIES, Fit, WrenchLogs, fit_wrench
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
+from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.method.look import look_at
 from ftbias_jax.filtering.noise.block_filter import Grid, filter_series
 from ftbias_jax.filtering.noise.blocks import Blocks
 from ftbias_jax.filtering.noise.contact import in_contact
 from ftbias_jax.filtering.noise.fit_noise import expected, prior_with
 from ftbias_jax.filtering.noise.log_noise import LogNoise
+from ftbias_jax.filtering.noise.scatter import HEAVY
 from ftbias_jax.filtering.noise.slow_noise import Means, coarseness, coarser, nats_of
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
@@ -104,9 +106,10 @@ def tune_in_blocks(
 
 
 def held_out_blocks(before: Params, tuned: Sequence[Params], logs: Sequence[LogInBlocks], share: float) -> list[float]:
-    """nats: log-likelihood of the means of unseen blocks, each given those before it, with the stated slow errors.
+    """nats: log-likelihood of the means of unseen blocks, each given those before it, and of the scatter within them.
 
-    Sample by sample such errors would have no model, and the score would say nothing.
+    Sample by sample slow errors would have no model, and the score would say nothing. The means score bias and slow
+    errors; the scatter scores the noise of samples, at rest and in motion.
 
     Args:
         before: of the setup that was tuned, and of ``logs``.
@@ -120,15 +123,29 @@ def held_out_blocks(before: Params, tuned: Sequence[Params], logs: Sequence[LogI
 def _unseen_nats(before: Params, params: Params, log: LogInBlocks, share: float) -> float:
     bias, (blocks, noise) = params.bias, log
     sensor = np.asarray(bias.wrench_variance - before.bias.wrench_variance, float)
-    stated = LogInBlocks(blocks._replace(stated=blocks.stated + sensor), noise._replace(vibration=None))
+    shaking = bias_filter.vibration(bias, np.sqrt(blocks.motion))
+    moving = 0.0 if shaking is None else np.asarray(bias_filter.white_share(bias, shaking), float)
+    white = np.asarray(blocks.stated - blocks.shaking) + sensor + moving
+    stated = LogInBlocks(blocks._replace(stated=white), noise._replace(vibration=None))
     t, y, variance, prior_std = _as_series(stated, sensor, params)
     std = np.zeros(6) if bias.correlated_std is None else np.asarray(bias.correlated_std, float)
     time = np.ones(6) if bias.correlated_time is None else np.asarray(bias.correlated_time, float)
     rate = None if bias.drift_time is None else 1 / np.asarray(bias.drift_time, float)[None]
     grid = Grid(np.ones((1, 6)), std[None], time[None])
     found = filter_series(t, y, variance, grid, prior_std.reshape(2, 6), np.asarray(bias.density, float), rate)
-    unseen = t > t[0] + share * (t[-1] - t[0])
-    return float(nats_of(found.innovation[unseen], found.variance[unseen]).sum())
+    begins = t[0] + share * (t[-1] - t[0])
+    of_means = nats_of(found.innovation[t > begins], found.variance[t > begins]).sum()
+    return float(of_means) + _nats_of_scatter(stated, begins)
+
+
+def _nats_of_scatter(log: LogInBlocks, begins: float) -> float:
+    """Of the blocks from a time on, up to a constant: Gamma distributed about the variance that is stated."""
+    blocks, noise = log
+    touched = in_contact(blocks.t, noise.contacts, float(np.median(np.diff(blocks.t))) if len(blocks.t) > 1 else 1.0)
+    dof, stated = np.asarray(blocks.count) - 2.0, np.asarray(blocks.stated)
+    used = (np.asarray(blocks.t > begins) & ~touched)[:, None] & (dof > 0) & np.isfinite(blocks.scatter) & (stated > 0)
+    ratio = np.minimum(np.asarray(blocks.scatter)[used] / stated[used], HEAVY)
+    return float(-(dof[used] * (np.log(stated[used]) + ratio)).sum() / 2)
 
 
 def _with_drift(fit: Fit, drift: Drift, given: Drift) -> Fit:

@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.every_sample import states_and_infos
@@ -25,7 +26,7 @@ from ftbias_jax.filtering.step import (
     step,
 )
 from ftbias_jax.model.params import Params
-from ftbias_jax.types import Sample
+from ftbias_jax.types import Array, Sample
 
 __all__ = [
     "DEFAULT_OPTIONS",
@@ -34,6 +35,8 @@ __all__ = [
     "Options",
     "State",
     "init",
+    "keep_all",
+    "keep_result",
     "options_from_setup",
     "predict_wrench",
     "run",
@@ -42,14 +45,30 @@ __all__ = [
 ]
 
 
+def keep_result(state: State, info: Info) -> dict[str, Array]:
+    """What a result has of a sample: (n, 3), (n,), (2, 6) bias and drift, (6,) and (), in rad, N, Nm and per s."""
+    std = partial(jnp.diagonal, axis1=-2, axis2=-1)
+    return {
+        "joint": state.joint.mean,
+        "ddq_std": jnp.sqrt(std(state.joint.covariance)[:, 2]),
+        "bias": state.bias.mean[:12].reshape(2, 6),
+        "bias_std": jnp.sqrt(std(state.bias.covariance)[:12]).reshape(2, 6),
+        "wrench_tool": info.wrench_tool,
+        "innovation": info.wrench.value,
+        "innovation_std": jnp.sqrt(std(info.wrench.covariance)),
+        "nis": info.wrench.nis,
+        "log_likelihood": info.log_likelihood,
+    }
+
+
 def keep_all(state: State, info: Info) -> tuple[State, Info]:
-    """Keep everything of a sample."""
+    """Everything of a sample, covariance matrices too: several times the memory, and the time."""
     return state, info
 
 
 @partial(jax.jit, static_argnames=("options", "emit"))
 def run(
-    params: Params, state: State, samples: Sample, options: Options = DEFAULT_OPTIONS, emit: Emit = keep_all
+    params: Params, state: State, samples: Sample, options: Options = DEFAULT_OPTIONS, emit: Emit = keep_result
 ) -> tuple[State, Any]:
     """Filter a whole log: equal to ``scan_steps`` to round-off, and over ten times faster.
 
@@ -62,8 +81,8 @@ def run(
         state: before the first sample: from ``init``, or carried from an earlier part of the log.
         samples: leaves with a leading time axis (T, ...).
         options: as for ``step``.
-        emit: what to keep of every sample, (state, info) -> pytree; all of both by default. Keep little: what is not
-            kept is not worked out.
+        emit: what to keep of every sample, (state, info) -> pytree: by default what a result has. ``keep_all`` keeps
+            the rest, too; what is not kept is not worked out.
 
     Returns:
         the last state, to carry into the next part of the log, and what ``emit`` kept, with a leading time axis.
@@ -77,7 +96,7 @@ def run(
 
 @partial(jax.jit, static_argnames=("options", "emit"))
 def scan_steps(
-    params: Params, state: State, samples: Sample, options: Options = DEFAULT_OPTIONS, emit: Emit = keep_all
+    params: Params, state: State, samples: Sample, options: Options = DEFAULT_OPTIONS, emit: Emit = keep_result
 ) -> tuple[State, Any]:
     """The definition of filtering a log: ``lax.scan`` of ``step``, for any options; arguments as for ``run``."""
 

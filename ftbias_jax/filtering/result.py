@@ -1,15 +1,12 @@
-"""The result of filtering a log, and what it needs of every sample."""
+"""The result of filtering a log."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering.pipeline import Info, State
 from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
@@ -71,19 +68,3 @@ def join(parts: Sequence[Filtered]) -> Filtered:
 def named_arrays(filtered: Filtered) -> dict[str, Array]:
     """The arrays (T, ...) that there are, as they stand in a file: s, rad, N, Nm."""
     return {name: x for name, x in filtered._asdict().items() if x is not None}
-
-
-def keep(state: State, info: Info) -> dict[str, Array]:
-    """What the output needs of one step: arrays (n, 3), (2, 6) and (6,) in the units of ``Filtered``, rad, N, Nm."""
-    std = partial(jnp.diagonal, axis1=-2, axis2=-1)
-    return {
-        "joint": state.joint.mean,
-        "ddq_std": jnp.sqrt(std(state.joint.covariance)[:, 2]),
-        "bias": state.bias.mean[:12].reshape(2, 6),
-        "bias_std": jnp.sqrt(std(state.bias.covariance)[:12]).reshape(2, 6),
-        "wrench_tool": info.wrench_tool,
-        "innovation": info.wrench.value,
-        "innovation_std": jnp.sqrt(std(info.wrench.covariance)),
-        "nis": info.wrench.nis,
-        "log_likelihood": info.log_likelihood,
-    }

@@ -37,7 +37,10 @@ def in_blocks(seconds, slow=0.0):
 
 @pytest.mark.parametrize("louder", [1.0, 2.0])
 def test_blocks_are_scored_as_their_joint_density_says(louder):
-    """Bias, drift and its random walk as one covariance; the unseen given the seen is the ratio of two densities."""
+    """Bias, drift and its random walk as one covariance; the unseen given the seen is the ratio of two densities.
+
+    The scatter of a block, sums of squares of noise with a variance, has that of a Gamma distribution beside it.
+    """
     log, before = in_blocks(10.0), with_noise()
     params = before._replace(bias=before.bias._replace(wrench_variance=louder**2 * before.bias.wrench_variance))
     t, y = log.blocks.t, log.blocks.mean
@@ -53,7 +56,11 @@ def test_blocks_are_scored_as_their_joint_density_says(louder):
         for k, rows in enumerate((later >= 0, later <= SHARE * later[-1])):
             part = covariance[np.ix_(rows, rows)]
             nats[k] -= (np.linalg.slogdet(part)[1] + y[rows, i] @ np.linalg.solve(part, y[rows, i])) / 2
-    np.testing.assert_allclose(held_out_blocks(before, [params], [log], SHARE)[1], nats[0] - nats[1], rtol=1e-6)
+    unseen = later > SHARE * later[-1]
+    variance = louder**2 * STD**2
+    of_scatter = -unseen.sum() * (COUNT - 2) / 2 * (np.log(variance) + STD**2 / variance).sum()
+    expected = nats[0] - nats[1] + of_scatter
+    np.testing.assert_allclose(held_out_blocks(before, [params], [log], SHARE)[1], expected, rtol=1e-6)
 
 
 def test_the_slow_error_that_is_there_scores_best():
@@ -62,3 +69,16 @@ def test_the_slow_error_that_is_there_scores_best():
     stated, right, small, large = held_out_blocks(before, errors, [log, log], SHARE)
     assert right > max(stated, small, large)
     assert held_out_blocks(before, [], [log], SHARE) == pytest.approx([stated / 2])
+
+
+def test_noise_that_grows_with_the_motion_scores_best_where_it_is_there():
+    """By the scatter alone: the means of the blocks are the same."""
+    rng = np.random.default_rng(1)
+    log = in_blocks(200.0)
+    speed = np.abs(np.sin(log.blocks.t))[:, None]
+    shaken = STD**2 * (1 + 4 * speed**2)
+    scatter = shaken * rng.chisquare(COUNT - 2, shaken.shape) / (COUNT - 2)
+    log = log._replace(blocks=log.blocks._replace(scatter=scatter, motion=speed**2))
+    tuned = [with_noise(vibration=factor * STD[None] ** 2) for factor in (4.0, 1.0, 16.0)]
+    stated, right, less, more = held_out_blocks(with_noise(), tuned, [log], SHARE)
+    assert right > max(stated, less, more)

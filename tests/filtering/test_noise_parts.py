@@ -45,7 +45,7 @@ def touched(samples):
 def test_the_fast_route_is_the_definition(params, samples, part, gate):
     options, moved, log = Options(gate=gate), with_part(params, part), touched(samples)
     start = pipeline.init(moved, log)
-    fast, slow = (run(moved, start, log, options) for run in (pipeline.run, pipeline.scan_steps))
+    fast, slow = (run(moved, start, log, options, pipeline.keep_all) for run in (pipeline.run, pipeline.scan_steps))
     for (path, x), y in zip(jax.tree.leaves_with_path(fast), jax.tree.leaves(slow), strict=True):
         largest = np.nanmax(np.abs(y), initial=1e-9)
         np.testing.assert_allclose(x, y, rtol=0, atol=1e-10 * largest, err_msg=jax.tree_util.keystr(path))

@@ -60,7 +60,9 @@ def assert_same(got, expected, rtol=1e-9):
 @pytest.fixture(scope="module", params=OPTIONS, ids=["diagonal", "none", "gated"])
 def whole(request, params, samples):
     """Options, and state and info of every sample by one run over the whole log."""
-    return request.param, pipeline.run(params, pipeline.init(params, samples), samples, request.param)[1]
+    return request.param, pipeline.run(
+        params, pipeline.init(params, samples), samples, request.param, pipeline.keep_all
+    )[1]
 
 
 def test_a_result_is_one_run_at_the_stamps_of_the_wrench(params, log, whole):

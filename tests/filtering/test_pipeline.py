@@ -27,7 +27,7 @@ step = jax.jit(pipeline.step, static_argnames="options")
 
 def run(params, samples):
     """Last state, and state and info of every sample."""
-    return pipeline.run(params, pipeline.init(params, samples), samples)
+    return pipeline.run(params, pipeline.init(params, samples), samples, emit=pipeline.keep_all)
 
 
 def loop(params, samples):
@@ -57,7 +57,7 @@ def first_of(tree):
 def test_run_is_a_loop_of_step(params, samples):
     expected = loop(params, samples)
     assert_close(run(params, samples), expected)
-    assert_close(pipeline.scan_steps(params, pipeline.init(params, samples), samples), expected)
+    assert_close(pipeline.scan_steps(params, pipeline.init(params, samples), samples, emit=pipeline.keep_all), expected)
 
 
 def test_padded_logs_of_unequal_length_run_as_one_batch(params, samples):
@@ -77,13 +77,20 @@ def test_a_log_cannot_be_padded_to_less(samples):
         pad(samples, 39)
 
 
+def test_by_default_is_kept_what_a_result_has(params, samples):
+    _, (states, infos) = run(params, samples)
+    _, kept = pipeline.run(params, pipeline.init(params, samples), samples)
+    assert_close(kept, jax.vmap(pipeline.keep_result)(states, infos))
+    assert max(x[0].size for x in jax.tree.leaves(kept)) <= 3 * samples.q.shape[1]
+
+
 @pytest.mark.parametrize("place", [1, 20, 34])
 def test_splitting_a_log_and_carrying_the_state_changes_nothing(params, samples, place):
     whole, kept = run(params, samples)
     parts = cut(samples, 0, place), cut(samples, place, 40)
     state, pieces = pipeline.init(params, samples), []
     for part in parts:
-        state, piece = pipeline.run(params, state, pad(part, 40))  # one shape: compiled once
+        state, piece = pipeline.run(params, state, pad(part, 40), emit=pipeline.keep_all)  # one shape: compiled once
         pieces.append(cut(piece, 0, len(part.dt)))
     assert_close(state, whole)
     assert_close(jax.tree.map(lambda *leaves: np.concatenate(leaves), *pieces), kept)

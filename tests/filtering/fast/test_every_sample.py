@@ -11,7 +11,7 @@ from ftbias_jax.types import Sample
 
 def both_ways(params, samples):
     state = pipeline.init(params, samples)
-    return (run(params, state, samples) for run in (pipeline.run, pipeline.scan_steps))
+    return (run(params, state, samples, emit=pipeline.keep_all) for run in (pipeline.run, pipeline.scan_steps))
 
 
 def test_gaps_restarts_and_missing_axes_are_those_of_single_steps(params, samples):
@@ -49,8 +49,10 @@ def test_a_known_jump_of_the_bias_is_no_innovation(params, samples):
     here = jnp.cumsum(samples.dt)[17]
     knowing = params._replace(effects={"bias_jump": {"time": here, "amplitude": jump}})
     jumped = samples._replace(wrench=samples.wrench.at[17:].add(-jump))
-    _, (states, infos) = pipeline.run(knowing, pipeline.init(params, jumped), jumped)
-    _, (expected, expected_infos) = pipeline.run(params, pipeline.init(params, samples), samples)
+    _, (states, infos) = pipeline.run(knowing, pipeline.init(params, jumped), jumped, emit=pipeline.keep_all)
+    _, (expected, expected_infos) = pipeline.run(
+        params, pipeline.init(params, samples), samples, emit=pipeline.keep_all
+    )
     np.testing.assert_allclose(states.bias.mean, expected.bias.mean, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(infos.wrench.value, expected_infos.wrench.value, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(infos.log_likelihood, expected_infos.log_likelihood, rtol=1e-9)
@@ -63,7 +65,7 @@ def test_gradients_take_the_reverse_pass_written_by_hand_and_forward_mode_the_sc
 
     def along(run):
         def nats(theta):
-            return run(params._replace(theta=theta), state, samples)[1][1].log_likelihood.sum()
+            return run(params._replace(theta=theta), state, samples, emit=pipeline.keep_all)[1][1].log_likelihood.sum()
 
         return jax.jit(lambda x: jax.jvp(nats, (x,), (x,))[1]).lower(params.theta)
 
@@ -75,7 +77,7 @@ def test_gradients_take_the_reverse_pass_written_by_hand_and_forward_mode_the_sc
 def test_padding_adds_no_innovation(params, samples):
     """Samples of dt = 0 without measurements leave the state, and count nothing."""
     padded = Sample(*(None if x is None else x.at[36:].set(0.0 if x.ndim == 1 else jnp.nan) for x in samples))
-    last, (states, infos) = pipeline.run(params, pipeline.init(params, samples), padded)
+    last, (states, infos) = pipeline.run(params, pipeline.init(params, samples), padded, emit=pipeline.keep_all)
     np.testing.assert_allclose(last.bias.mean, states.bias.mean[35], rtol=1e-12)
     assert not infos.log_likelihood[36:].any()
     assert np.isnan(infos.wrench.value[36:]).all()

@@ -61,7 +61,7 @@ def test_of_filter_likelihood_and_gradient(params, samples, part, gate):
     state = pipeline.init(params, samples)
 
     def whole(params, samples):
-        return pipeline.run(params, state, samples, options)
+        return pipeline.run(params, state, samples, options, pipeline.keep_all)
 
     def nats(params, samples):
         return likelihood.log_likelihood(params, samples, options)
@@ -88,6 +88,6 @@ def test_of_effects(params, samples, name):
     params = params._replace(effects={name: jax.tree.map(jnp.asarray, EFFECTS[name])})
 
     def whole(params, samples):
-        return pipeline.run(params, pipeline.init(params, samples), samples)
+        return pipeline.run(params, pipeline.init(params, samples), samples, emit=pipeline.keep_all)
 
     assert not unread(whole, params, samples)

@@ -14,7 +14,7 @@ from ftbias_jax.filtering.pipeline import Options
 
 def outputs_of(params, samples, options, run=pipeline.run):
     """Last state, and state and info of every sample, 0 where nothing was measured."""
-    last, (states, infos) = run(params, pipeline.init(params, samples), samples, options)
+    last, (states, infos) = run(params, pipeline.init(params, samples), samples, options, pipeline.keep_all)
     floats = jax.tree.map(lambda x: x.astype(params.theta.dtype), infos)  # counts have no slopes
     return last, states, jax.tree.map(jnp.nan_to_num, floats)
 
