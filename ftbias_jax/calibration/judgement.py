@@ -2,24 +2,31 @@
 
 A likelihood that knows white noise alone takes correlated noise for a bias that runs wild: the score of the next sample
 soars, and the reading in a second is missed by newtons. So a tuned setup must also predict the reading 1 s and 10 s
-ahead no worse than the setup did, on the part of each log that was not fitted.
+ahead no worse than the setup did, on the part of each log that was not fitted. A score falls only if it falls by more
+than it varies along the logs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
+from ftbias_jax.calibration.newton import Total, alone
+from ftbias_jax.filtering import params_for_log
+from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_joints
 from ftbias_jax.filtering.method.ready import filtered_with
 from ftbias_jax.filtering.noise.log_noise import LogNoise
+from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.quality.ahead import expected_ahead
 from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.filtering.samples import pad
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.params import BiasNoise
+from ftbias_jax.model.params import BiasNoise, Params
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import AXES, Array
+from ftbias_jax.types import AXES, Array, Sample
 
 HORIZONS = (1.0, 10.0)
 """s ahead."""
@@ -33,6 +40,15 @@ SHORT = 20.0
 """s: in less a bias hardly shows how it moves."""
 STILL = 0.02
 """rad/s: joints that never move faster are at rest."""
+LEAST_LOSS = 1.0
+"""nats/s on unseen data; less does not matter."""
+STRETCHES = 8
+"""Of each log's unseen end, by which it is told how sure a score is."""
+SURE = 2.0
+"""Standard errors; a smaller loss is chance."""
+BURN_IN = 1.0
+"""s at the start of unseen data that do not count."""
+LIKELIHOODS: dict[str, Callable[..., Array]] = {"joint": joint_log_likelihood, "wrench": wrench_given_joints}
 
 
 class Predicted(NamedTuple):
@@ -59,6 +75,82 @@ class Predicted(NamedTuple):
 def _larger(errors: Array, others: Array) -> list[str]:
     """Names of axes on which errors (6,) are larger than others (6,) by more than chance."""
     return [name for name, x, other in zip(AXES, errors, others, strict=True) if x > WORSE * other]
+
+
+class HeldOut(NamedTuple):
+    """Log-likelihood of what the fit has not seen, nats a second."""
+
+    part: str
+    """"joint" or "wrench"."""
+    before: float
+    """With the noise of the setup."""
+    after: float
+    """With the tuned noise."""
+    stderr: float
+    """Of the difference, by how much it varies along the logs."""
+
+    @property
+    def falls(self) -> bool:
+        """Whether the tuned noise explains the data worse, by more than chance."""
+        return self.before - self.after > max(LEAST_LOSS, SURE * self.stderr)
+
+
+def held_out(part: str, nats: Array, seconds: float, total: Total = alone) -> list[HeldOut]:
+    """Scores of tuned setups beside that of the setup before them.
+
+    Args:
+        part: "joint" or "wrench".
+        nats: (1 + M, N) of N stretches of unseen data, with the setup before and with M tuned ones.
+        seconds: that the stretches last together.
+        total: adds up the processes that tune together.
+    """
+    gain = nats[1:] - nats[:1]
+    variance = gain.shape[1] * gain.var(1, ddof=1)
+    seconds, sums = total(seconds, np.concatenate([nats.sum(1), variance]))
+    before, *after = sums[: len(nats)] / seconds
+    stderr = np.sqrt(sums[len(nats) :]) / seconds
+    return [HeldOut(part, float(before), float(x), float(e)) for x, e in zip(after, stderr, strict=True)]
+
+
+def held_out_samples(
+    before: Sequence[Params],
+    tuned: Sequence[Sequence[Params]],
+    logs: Sequence[Sequence[Sample]],
+    options: Options,
+    total: Total,
+) -> list[tuple[HeldOut, HeldOut]]:
+    """Scores of joints and wrench for each of several tuned sets of parameters, sample by sample.
+
+    Args:
+        before: parameters of each tool, before they were tuned.
+        tuned: sets of parameters of each tool, which have not seen the logs.
+        logs: of each tool.
+        options: of the pipeline.
+        total: adds up the processes that tune together.
+    """
+    parts = [
+        (tool, pad(log, params_for_log.padded_length(len(log.dt))), float(log.dt.sum()))
+        for tool, of_tool in enumerate(logs)
+        for log in of_tool
+    ]
+
+    def of_part(part: str) -> list[HeldOut]:
+        def after(params: Params, log: Sample, begin: Array) -> Array:
+            return LIKELIHOODS[part](params, log, options, begin)
+
+        rest = jax.jit(jax.vmap(after, (None, None, 0)))
+
+        def in_stretches(params: Params, log: Sample, seconds: float) -> Array:
+            begins = np.linspace(min(BURN_IN, seconds), seconds, STRETCHES, endpoint=False)
+            return -np.diff(np.asarray(rest(params, log, begins)), append=0.0)
+
+        nats = [
+            np.concatenate([in_stretches(params[tool], log, seconds) for tool, log, seconds in parts])
+            for params in (before, *tuned)
+        ]
+        return held_out(part, np.array(nats), sum(seconds for *_, seconds in parts), total)
+
+    return list(zip(of_part("joint"), of_part("wrench"), strict=True))
 
 
 def judge_predictions(

@@ -8,6 +8,7 @@ move as slowly, and they share one small likelihood.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ import numpy as np
 
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import stack
+from ftbias_jax.calibration.judgement import STRETCHES
 from ftbias_jax.calibration.newton import Report
 from ftbias_jax.calibration.tune import TIES, Fit, WrenchLogs, fit_wrench
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
@@ -105,8 +107,8 @@ def tune_in_blocks(
     return params._replace(bias=bias), {"wrench": _with_drift(fit, drift, given)}
 
 
-def held_out_blocks(before: Params, tuned: Sequence[Params], logs: Sequence[LogInBlocks], share: float) -> list[float]:
-    """nats: log-likelihood of the means of unseen blocks, each given those before it, and of the scatter within them.
+def held_out_blocks(before: Params, tuned: Sequence[Params], logs: Sequence[LogInBlocks], share: float) -> Array:
+    """Log-likelihood of the means of unseen blocks, each given those before it, and of the scatter within them.
 
     Sample by sample slow errors would have no model, and the score would say nothing. The means score bias and slow
     errors; the scatter scores the noise of samples, at rest and in motion.
@@ -116,11 +118,17 @@ def held_out_blocks(before: Params, tuned: Sequence[Params], logs: Sequence[LogI
         tuned: to be compared with it.
         logs: whole, of ``look_at_each``.
         share: of each log, after which blocks are unseen.
+
+    Returns:
+        (1 + len(tuned), N) nats of each stretch of the logs, the setup before the tuned ones.
     """
-    return [sum(_unseen_nats(before, params, log, share) for log in logs) for params in (before, *tuned)]
+    return np.array(
+        [np.concatenate([_unseen_nats(before, params, log, share) for log in logs]) for params in (before, *tuned)]
+    )
 
 
-def _unseen_nats(before: Params, params: Params, log: LogInBlocks, share: float) -> float:
+def _unseen_nats(before: Params, params: Params, log: LogInBlocks, share: float) -> Array:
+    """(N,) nats, of equal stretches of the time of a log that is unseen."""
     bias, (blocks, noise) = params.bias, log
     sensor = np.asarray(bias.wrench_variance - before.bias.wrench_variance, float)
     shaking = bias_filter.vibration(bias, np.sqrt(blocks.motion))
@@ -133,17 +141,24 @@ def _unseen_nats(before: Params, params: Params, log: LogInBlocks, share: float)
     rate = None if bias.drift_time is None else 1 / np.asarray(bias.drift_time, float)[None]
     grid = Grid(np.ones((1, 6)), std[None], time[None])
     found = filter_series(t, y, variance, grid, prior_std.reshape(2, 6), np.asarray(bias.density, float), rate)
-    begins = t[0] + share * (t[-1] - t[0])
-    of_means = nats_of(found.innovation[t > begins], found.variance[t > begins]).sum()
-    return float(of_means) + _nats_of_scatter(stated, begins)
+    edges = np.linspace(t[0] + share * (t[-1] - t[0]), t[-1], STRETCHES + 1)
+    edges[-1] = np.inf
+
+    def within(begin: float, end: float) -> float:
+        unseen = (t > begin) & (t <= end)
+        of_means = nats_of(np.where(unseen[:, None, None], found.innovation, np.nan), found.variance)
+        return float(of_means.sum()) + _nats_of_scatter(stated, begin, end)
+
+    return np.array([within(*stretch) for stretch in pairwise(edges)])
 
 
-def _nats_of_scatter(log: LogInBlocks, begins: float) -> float:
-    """Of the blocks from a time on, up to a constant: Gamma distributed about the variance that is stated."""
+def _nats_of_scatter(log: LogInBlocks, begin: float, end: float) -> float:
+    """Of the blocks between two times, up to a constant: Gamma distributed about the variance that is stated."""
     blocks, noise = log
     touched = in_contact(blocks.t, noise.contacts, float(np.median(np.diff(blocks.t))) if len(blocks.t) > 1 else 1.0)
     dof, stated = np.asarray(blocks.count) - 2.0, np.asarray(blocks.stated)
-    used = (np.asarray(blocks.t > begins) & ~touched)[:, None] & (dof > 0) & np.isfinite(blocks.scatter) & (stated > 0)
+    inside = np.asarray((blocks.t > begin) & (blocks.t <= end)) & ~touched
+    used = inside[:, None] & (dof > 0) & np.isfinite(blocks.scatter) & (stated > 0)
     ratio = np.minimum(np.asarray(blocks.scatter)[used] / stated[used], HEAVY)
     return float(-(dof[used] * (np.log(stated[used]) + ratio)).sum() / 2)
 

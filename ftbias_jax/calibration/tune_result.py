@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.calibration.data_noise.values import setup_from_values
-from ftbias_jax.calibration.judgement import Predicted
+from ftbias_jax.calibration.judgement import LEAST_LOSS, HeldOut, Predicted
 from ftbias_jax.calibration.tune import Fit
 from ftbias_jax.calibration.tune_motion import NAME as VIBRATION
 from ftbias_jax.filtering.verbs.setup_with import setup_with
@@ -20,19 +19,6 @@ from ftbias_jax.types import AXES, Array
 
 OPEN = 3.0
 """A relative standard error from which on a number is not known from the logs."""
-LEAST_LOSS = 1.0
-"""nats/s on unseen data; less is chance."""
-
-
-class HeldOut(NamedTuple):
-    """Log-likelihood of what the fit has not seen, nats a second."""
-
-    part: str
-    """"joint" or "wrench"."""
-    before: float
-    """With the noise of the setup."""
-    after: float
-    """With the tuned noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +58,8 @@ class TuneResult:
 
     def __str__(self) -> str:
         scores = [
-            f"held-out {part} score: {before:.1f} -> {after:.1f} nats/s ({after - before:+.1f})"
-            for part, before, after in self.held_out
+            f"held-out {part} score: {before:.1f} -> {after:.1f} nats/s ({after - before:+.1f} ± {stderr:.1g})"
+            for part, before, after, stderr in self.held_out
         ]
         errors = [
             f"reading predicted {p.seconds:g} s ahead, rms: "
@@ -120,7 +106,7 @@ def reasons_against(scores: Sequence[HeldOut], predicted: Sequence[Predicted], s
     reasons = [
         f"the score of unseen {score.part} data falls by {score.before - score.after:.3g} nats/s"
         for score in scores
-        if score.after < score.before - LEAST_LOSS
+        if score.falls
     ]
     for p in predicted:
         if forces := [name for name in p.worse if name.startswith("f")]:

@@ -13,12 +13,18 @@ import numpy as np
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.data_noise.fit import Tool, tune_data
 from ftbias_jax.calibration.data_noise.values import JOINT_NAMES, KINDS, values_from_setup
-from ftbias_jax.calibration.judgement import Predicted, judge_predictions, what_the_logs_show
+from ftbias_jax.calibration.judgement import (
+    HeldOut,
+    Predicted,
+    held_out,
+    held_out_samples,
+    judge_predictions,
+    what_the_logs_show,
+)
 from ftbias_jax.calibration.tune import TIES, Fit, tune_joints, tune_wrench
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, held_out_blocks, is_correlated, look_at_each, tune_in_blocks
 from ftbias_jax.calibration.tune_motion import shown_vibration, tune_motion
 from ftbias_jax.calibration.tune_result import (
-    HeldOut,
     TuneResult,
     comments_of,
     is_better,
@@ -29,12 +35,11 @@ from ftbias_jax.calibration.tune_result import (
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import params_for_log
-from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_joints
 from ftbias_jax.filtering.pipeline import Options
-from ftbias_jax.filtering.samples import arrays_from_log, pad
+from ftbias_jax.filtering.samples import arrays_from_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.types import Effect
-from ftbias_jax.model.params import Params, params_from_setup
+from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.compare import require_one_robot
 from ftbias_jax.setup.types import Setup
@@ -104,7 +109,9 @@ def tune(
     for each, its_logs in tools:
         require_right(each, its_logs, "tune", unchecked)
     options = Options(joint_model=setup.joints.model)
-    first = params_for_log.likeliest_params(setup, arrays_from_log(start or logs[0]), options)
+    # Of what is fitted alone: a setup that had seen the rest could not be beaten there.
+    begun = _part(arrays_from_log(start or logs[0]), 0, 1 - hold_out)
+    first = params_for_log.likeliest_params(setup, begun, options)
     stated = [first, *(params_from_setup(other)._replace(joint=first.joint) for other, _ in others)]
     samples = [
         [arrays_from_log(params_for_log.without_useless(log, params)) for log in logs_of_tool]
@@ -163,15 +170,14 @@ def tune(
         ]
         for tuned, found in candidates
     ]
-    scores: list[tuple[HeldOut, ...]] = [()] * len(candidates)
+    scores: Sequence[tuple[HeldOut, ...]] = [()] * len(candidates)
     predicted: list[tuple[Predicted, ...]] = [()] * len(candidates)
     if hold_out:
-        scores = _judge(stated, [tuned for tuned, _ in candidates], unseen, options, total)
+        scores = held_out_samples(stated, [tuned for tuned, _ in candidates], unseen, options, total)
     if hold_out and correlated:
-        seconds = sum(float(part.dt.sum()) for part in chain(*unseen))
         whole = look_at_each(stated[0], logs, options)
-        was, *now = held_out_blocks(stated[0], [params for (params,), _ in candidates], whole, 1 - hold_out)
-        blocks = [HeldOut("wrench", was / seconds, nats / seconds) for nats in now]
+        nats = held_out_blocks(stated[0], [params for (params,), _ in candidates], whole, 1 - hold_out)
+        blocks = held_out("wrench", nats, sum(float(part.dt.sum()) for part in chain(*unseen)))
         scores = [(joint, wrench) for (joint, _), wrench in zip(scores, blocks, strict=True)]
     if hold_out and wanted and alone:
         predicted = judge_predictions(setup, [own[0] for own in setups], logs, hold_out)
@@ -179,12 +185,12 @@ def tune(
         TuneResult(
             own[0],
             found,
-            held_out,
+            judged,
             tuple(own[1:]),
             errors,
-            reasons_against(held_out, errors, shown),
+            reasons_against(judged, errors, shown),
         )
-        for (_, found), own, held_out, errors in zip(candidates, setups, scores, predicted, strict=True)
+        for (_, found), own, judged, errors in zip(candidates, setups, scores, predicted, strict=True)
     ]
     return next((result for result in moving if is_better(result, plain)), plain)
 
@@ -215,32 +221,6 @@ def _check(
         raise UsageError(f"got {tie!r}", field="tie", remedy=f"choose from {', '.join(TIES)}")
     if not 0 <= hold_out <= 0.9:
         raise UsageError(f"got {hold_out!r}", field="hold_out", remedy="give a share from 0 to 0.9")
-
-
-def _judge(
-    before: Sequence[Params],
-    after: Sequence[Sequence[Params]],
-    unseen: Sequence[Sequence[Sample]],
-    options: Options,
-    total: newton.Total,
-) -> list[tuple[HeldOut, ...]]:
-    """Scores of each of several sets of parameters, of each tool, beside those before, on logs that none has seen."""
-    seconds = sum(float(part.dt.sum()) for part in chain(*unseen))
-    unseen = [[pad(part, params_for_log.padded_length(len(part.dt))) for part in logs] for logs in unseen]
-    scores = []
-    for likelihood in (joint_log_likelihood, wrench_given_joints):
-        score = jax.jit(partial(likelihood, options=options, burn_in=1.0))
-        scores += [
-            sum(float(score(p, x)) for p, logs in zip(params, unseen, strict=True) for x in logs)
-            for params in (before, *after)
-        ]
-    seconds, found = total(seconds, np.array(scores))
-    joint, wrench = found.reshape(2, 1 + len(after)) / seconds
-    parts = {"joint": joint, "wrench": wrench}
-    return [
-        tuple(HeldOut(name, float(nats[0]), float(nats[i])) for name, nats in parts.items())
-        for i in range(1, len(after) + 1)
-    ]
 
 
 def _part(samples: Sample, begin: float, end: float) -> Sample:

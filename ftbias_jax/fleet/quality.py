@@ -88,7 +88,7 @@ def of_tuned(result: TuneResult, origin: Provenance) -> dict[str, Any]:
         **_of_origin(origin),
         "noise_density": result.setup.bias.noise_density,
         "noise_std": result.setup.sensor.noise_std,
-        **{f"{part}_score_gained": after - before for part, before, after in result.held_out},
+        **{f"{score.part}_score_gained": score.after - score.before for score in result.held_out},
     }
     return plain(found)
 

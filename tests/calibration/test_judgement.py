@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ftbias_jax.calibration.judgement import Predicted, errors_of_constant_bias, prediction_errors
+from ftbias_jax.calibration.judgement import Predicted, errors_of_constant_bias, held_out, prediction_errors
 
 T = np.arange(50) / 8  # exact in binary
 
@@ -66,3 +66,25 @@ def test_a_constant_bias_is_the_mean_of_what_was_fitted_and_used():
     errors = errors_of_constant_bias(filtered(reading, 0.7, 0.0, 0.0, used=T > 1), T <= 3)
     np.testing.assert_allclose(errors[T > 3][:, [0, 1, 2, 3, 5]], 2.0)
     assert np.isnan(errors[:, 4]).all()
+
+
+@pytest.mark.parametrize("seconds", [10.0, 400.0])
+def test_scores_fall_by_chance_as_often_as_chance_has_it(seconds):
+    """A loss counts when it is more than two standard errors: in a fortieth of all cases if there is none."""
+    rng = np.random.default_rng(3)
+    before, tuned = rng.normal(1e4, 20, (2, 4000, 8)) * seconds**0.5
+    found = [held_out("joint", np.stack(pair), seconds) for pair in zip(before, tuned, strict=True)]
+    (score,) = found[0]
+    assert score.part == "joint"
+    np.testing.assert_allclose(score.before, before[0].sum() / seconds)
+    losses = np.mean([score.falls for (score,) in found])
+    assert 0.02 < losses < 0.06  # of Student's t with 7 degrees of freedom, 0.043
+
+
+def test_a_score_that_falls_everywhere_falls():
+    rng = np.random.default_rng(4)
+    before = rng.normal(1e4, 20, 8)
+    worse, better = held_out("wrench", np.stack([before, before - 12, before + 12]), 8.0)
+    assert worse.falls
+    assert not better.falls
+    assert better.stderr == pytest.approx(0, abs=1e-9)

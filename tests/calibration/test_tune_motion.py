@@ -10,9 +10,10 @@ import small_archive
 
 import ftbias_jax as ft
 from ftbias_jax.calibration import tune_motion
+from ftbias_jax.calibration.judgement import HeldOut
 from ftbias_jax.calibration.tune_blocks import LogInBlocks
 from ftbias_jax.calibration.tune_motion import MovingLog
-from ftbias_jax.calibration.tune_result import HeldOut, TuneResult, is_better
+from ftbias_jax.calibration.tune_result import TuneResult, is_better
 from ftbias_jax.filtering.noise.log_noise import nothing
 from ftbias_jax.filtering.noise.vibration import Shares, Vibration
 from ftbias_jax.model import simulate
@@ -93,7 +94,7 @@ def test_the_log_that_shows_it_best_is_where_to_start_and_a_setup_without_joints
 
 def result(after, reasons=()):
     setup = ft.parse_setup(tomllib.loads(small_archive.SETUP), "setup.toml")
-    scores = (HeldOut("joint", 0.0, 0.0), HeldOut("wrench", 0.0, after))
+    scores = (HeldOut("joint", 0.0, 0.0, 0.1), HeldOut("wrench", 0.0, after, 0.1))
     return TuneResult(setup, {}, scores, reasons=reasons)
 
 
