@@ -110,8 +110,8 @@ def tune(
         require_right(each, its_logs, "tune", unchecked)
     options = Options(joint_model=setup.joints.model)
     # Of what is fitted alone: a setup that had seen the rest could not be beaten there.
-    begun = _part(arrays_from_log(start or logs[0]), 0, 1 - hold_out)
-    first = params_for_log.likeliest_params(setup, begun, options)
+    seen_first = _part(arrays_from_log(start or logs[0]), 0, 1 - hold_out)
+    first = params_for_log.likeliest_params(setup, seen_first, options)
     stated = [first, *(params_from_setup(other)._replace(joint=first.joint) for other, _ in others)]
     samples = [
         [arrays_from_log(params_for_log.without_useless(log, params)) for log in logs_of_tool]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, partial
+from itertools import product
 from typing import Any
 
 import jax
@@ -24,8 +25,10 @@ from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.robots import STANDARD_GRAVITY, built_in_robot
 from ftbias_jax.types import Array
 
-SAMPLES, SECONDS = 400, 8.0
-"""Of the motion that effects are tried on."""
+RATE, SECONDS, LONGEST = 50.0, 8.0, 100.0
+"""Hz, and s that the motion lasts on which effects are tried; s at most, where a search begins at later times."""
+TRIED = 6
+"""Starts of a search that are tried."""
 NEUTRAL = 1e-9
 """N, Nm; a larger change by an effect that is switched off is a fault."""
 SEEN = 1e-6
@@ -64,7 +67,7 @@ def _faults(effect: Effect, effects: Sequence[Any]) -> Iterator[str]:
     for twin in effect.twins:
         if twin.effect not in names:
             yield f"its twin {twin.effect!r} is no effect"
-    signals = _motion()
+    signals = _motion(_seconds(effect))
     needed = {need: signals.temperature for need in effect.needs if need != "temperature"}
     signals = signals._replace(columns=needed)
     try:
@@ -78,11 +81,17 @@ def _faults(effect: Effect, effects: Sequence[Any]) -> Iterator[str]:
         yield f"its code raises {type(error).__name__}: {' '.join(str(error).split())[:200]}"
 
 
+def _seconds(effect: Effect) -> float:
+    """How long a motion must be for what begins at the latest start of a search for a time."""
+    latest = [float(np.max(p.starts)) for p in effect.parameters if p.search and p.unit == "s" and p.starts]
+    return float(np.clip(1.25 * max(latest, default=0.0), SECONDS, LONGEST))
+
+
 @lru_cache
-def _motion() -> Signals:
+def _motion(seconds: float) -> Signals:
     """A Panda that moves all its joints, with all that an effect may need; what it does is worked out once."""
     robot = built_in_robot("panda", STANDARD_GRAVITY)
-    t = np.linspace(0, SECONDS, SAMPLES)
+    t = np.linspace(0, seconds, round(RATE * seconds))
     phase, rate = t[:, None] * (0.7 + 0.13 * np.arange(7)) + np.arange(7), 0.7 + 0.13 * np.arange(7)
     q = np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8]) + 0.5 * np.sin(phase)
     arm = make_arm(jnp.asarray(robot.screws), jnp.asarray(robot.flange_translation), jnp.asarray(robot.flange_rotation))
@@ -99,44 +108,57 @@ def _motion() -> Signals:
 
 
 @lru_cache
-def _nominal() -> Array:
+def _nominal(seconds: float) -> Array:
     """(T, 6) the reading without any effect."""
-    return jax.jit(compose.tool_wrenches)(_motion())
+    return jax.jit(compose.tool_wrenches)(_motion(seconds))
+
+
+def _starts(effect: Effect, neutral: EffectValues, seconds: float) -> list[EffectValues]:
+    """Values of the parameters that need a search, at starts spread over all of them, one in the middle first."""
+    searched = [p for p in effect.parameters if p.search and -1 not in p.shape]
+    spread = {p.name: starts_of(effect, p, np.asarray(neutral[p.name])) for p in searched}
+    if isinstance(effect.fit.search, Starts) and effect.fit.search.when in spread:
+        spread[effect.fit.search.when] = [np.asarray(share * seconds) for share in (0.25, 0.5, 0.75)]
+    every = list(product(*spread.values()))
+    chosen = np.unique(np.linspace(0, len(every) - 1, min(len(every), TRIED)).astype(int))
+    ordered = [len(every) // 2, *(i for i in chosen if i != len(every) // 2)]
+    return [dict(zip(spread, map(jnp.asarray, every[i]), strict=True)) for i in ordered]
 
 
 def _faults_of_reading(effect: Effect, signals: Signals) -> Iterator[str]:
-    nominal = _nominal()
+    seconds = _seconds(effect)
+    nominal = _nominal(seconds)
     predict = jax.jit(partial(_predict, effect, signals))
     wrong = _wrong_type(effect, signals, nominal)
     if wrong:
         yield wrong
         return
-    model, searched = signals.model, [p for p in effect.parameters if p.search and -1 not in p.shape]
+    model = signals.model
     neutral = neutral_values(effect, model)
-    starts = (
-        {p.name: starts_of(effect, p, np.asarray(neutral[p.name]))[0] for p in searched} if strengths(effect) else {}
-    )
-    for words, values in {"at neutral": neutral, "switched off, at a start of its search": neutral | starts}.items():
-        change = np.abs(np.asarray(predict(values) - nominal)).max()
+    starts = _starts(effect, neutral, seconds)
+    off = [("switched off, at a start of its search", start) for start in starts if strengths(effect)]
+    for words, start in (("at neutral", {}), *off):
+        change = np.abs(np.asarray(predict(neutral | start) - nominal)).max()
         if not np.isfinite(change):
             yield f"{words} the reading is no number; neutral values must change nothing"
             return
         if change > NEUTRAL:
             yield f"{words} it changes the reading by {change:.2g} N or Nm; neutral values must change nothing"
             return
-    typical = np.asarray(predict(typical_values(effect, model)) - nominal)
-    if not np.isfinite(typical).all():
+    typical = typical_values(effect, model)
+    changes = [np.abs(np.asarray(predict(typical | start) - nominal)).max() for start in ({}, *starts)]
+    if not np.isfinite(changes).all():
         yield "with typical values (neutral plus scale) the reading is no number"
-    elif np.abs(typical).max() < SEEN:
-        yield "typical values (neutral plus scale) change nothing: give its parameters a scale"
+    elif max(changes) < SEEN:
+        yield "typical values (neutral plus scale) change nothing at any start: give its parameters a scale"
     elif isinstance(effect.fit.search, CHECKED) and not why_not_fitted(effect):
-        yield from _faults_of_slopes(effect, signals, nominal)
+        yield from _faults_of_slopes(effect, signals, starts)
 
 
 def _predict(effect: Effect, signals: Signals, values: EffectValues) -> Array:
     own, catalogue = {effect.name: values}, {effect.name: effect}
     if not effect.transform:  # the tool's wrench stays as it is
-        return compose.read(signals, own, _nominal(), catalogue)
+        return compose.read(signals, own, _nominal(_seconds(effect)), catalogue)
     return compose.predict(signals, own, catalogue)
 
 
@@ -157,38 +179,39 @@ def _shape(made: Any) -> str:
     return f"the shape {made.shape}" if hasattr(made, "shape") else type(made).__name__
 
 
-def _faults_of_slopes(effect: Effect, signals: Signals, nominal: Array) -> Iterator[str]:
-    """What a fit needs: derivatives that are numbers, tell of every parameter, and agree with differences."""
+def _faults_of_slopes(effect: Effect, signals: Signals, starts: list[EffectValues]) -> Iterator[str]:
+    """What a fit needs: derivatives that are numbers, tell of every parameter at some start, and agree with
+    differences."""
     model = signals.model
     neutral = {name: np.asarray(value) for name, value in neutral_values(effect, model).items()}
-    at = {
-        p.name: np.zeros(neutral[p.name].size)
-        if not p.search
-        else to_coordinates(effect, p, neutral[p.name], _middle(starts_of(effect, p, neutral[p.name])))
-        for p in effect.parameters
-    }
-    on = at | {p.name: np.full(neutral[p.name].size, 0.5) for p in strengths(effect)}
     reading: Callable[[Any], Array] = jax.jit(lambda z: _predict(effect, signals, values_at(effect, model, z)))
-    for parameter in effect.parameters:
-        scale, moved = np.broadcast_to(np.asarray(parameter.scale, float), parameter.shape).ravel(), False
-        for i in np.flatnonzero(scale):
-            z = on if parameter.search else at
-            direction = {name: np.zeros_like(x) for name, x in z.items()}
-            direction[parameter.name][i] = 1.0
-            slope = np.asarray(jax.jvp(reading, (z,), (direction,))[1])
-            name = parameter.name if not parameter.shape else f"number {i + 1} of {parameter.name}"
-            difference = _difference(reading, z, direction)
-            fault = _fault_of_slope(slope, difference)
-            if fault:
-                yield f"{name}: {fault}"
-                return
-            moved = moved or parameter.search or np.abs([slope, difference]).max() > SEEN
-        if not moved and scale.any():
-            yield f"{parameter.name}: {WITHOUT_SLOPE}"
-
-
-def _middle(starts: list[np.ndarray]) -> np.ndarray:
-    return starts[len(starts) // 2]
+    scales = {p.name: np.broadcast_to(np.asarray(p.scale, float), p.shape).ravel() for p in effect.parameters}
+    still = {p.name for p in effect.parameters if scales[p.name].any() and not p.search}
+    for start in starts:
+        at = {
+            p.name: np.zeros(neutral[p.name].size)
+            if p.name not in start
+            else to_coordinates(effect, p, neutral[p.name], np.asarray(start[p.name]))
+            for p in effect.parameters
+        }
+        on = at | {p.name: np.full(neutral[p.name].size, 0.5) for p in strengths(effect)}
+        for parameter in effect.parameters:
+            name = parameter.name
+            for i in np.flatnonzero(scales[name]):
+                z = on if parameter.search else at
+                direction = {other: np.zeros_like(x) for other, x in z.items()}
+                direction[name][i] = 1.0
+                slope = np.asarray(jax.jvp(reading, (z,), (direction,))[1])
+                difference = _difference(reading, z, direction)
+                fault = _fault_of_slope(slope, difference)
+                if fault:
+                    yield f"{name if not parameter.shape else f'number {i + 1} of {name}'}: {fault}"
+                    return
+                if np.abs([slope, difference]).max() > SEEN:
+                    still.discard(name)
+        if not still:
+            return
+    yield from (f"{p.name}: {WITHOUT_SLOPE}" for p in effect.parameters if p.name in still)
 
 
 def _difference(reading: Callable[[Any], Array], z: Any, direction: Any) -> np.ndarray:
@@ -209,7 +232,7 @@ def _fault_of_slope(slope: np.ndarray, difference: np.ndarray) -> str:
 
 
 def _faults_of_recording(effect: Effect, signals: Signals) -> Iterator[str]:
-    wrench = _nominal()
+    wrench = _nominal(_seconds(effect))
     noise = 0.01 * jax.random.normal(jax.random.key(0), wrench.shape)
     recorded = Record(signals.t, wrench + noise, noise, signals.dq)
     for words, values in {

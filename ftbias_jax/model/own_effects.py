@@ -181,7 +181,7 @@ def fault_of_fit(effect: Effect) -> str:
         return "" if search.sign in SIGNS else f"fit: the sign {search.sign!r} is none of {', '.join(SIGNS)}"
     if effect.recording and not isinstance(search, Starts):
         return "fit: a recording is read off samples, by Samples(...), or not at all"
-    roles = [role for role in search if isinstance(role, str)]
+    roles = [role for role in search if isinstance(role, str) and role]
     if isinstance(search, Linear):
         roles = [name for variant in search.variants for name, _ in variant]
     known = {parameter.name for parameter in effect.parameters}
@@ -201,6 +201,8 @@ def _fault_of_search(effect: Effect, search: Search) -> str:
             return "fit: a grid needs a parameter with starts"
         case Entries(matrix) if effect.parameter(matrix).shape != (6, 6):
             return f"fit: parameter {matrix!r} is no matrix (6, 6)"
+        case Starts(when) if when and (effect.parameter(when).shape or not effect.parameter(when).search):
+            return f"fit: the time {when!r} must be one number with search=True"
         case ByJoint() if not effect.transform:
             return "fit: what moves a joint must have a transform"
     return ""

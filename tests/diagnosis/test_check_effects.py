@@ -1,5 +1,6 @@
 """Every fault of an own effect is told in a sentence, and an effect in order passes."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import own_effects
@@ -7,6 +8,7 @@ import pytest
 
 from ftbias_jax.diagnosis.check_effects import check_effects
 from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.effects.fitting import Fitting, Starts
 from ftbias_jax.model.effects.types import Effect, Parameter, Twin
 from ftbias_jax.model.own_effects import load_effects
 
@@ -14,8 +16,16 @@ SIZE = Parameter("size", "N", "of the change", scale=1.0)
 TEMPO = Parameter("tempo", "Hz", "of the change", (), 0.1, 10.0, 1.0, 1.0, search=True)
 
 
+BEGIN = Parameter("begin", "s", "when it begins", scale=1.0, search=True)
+
+
 def entry(reading, *parameters, **more):
     return Effect("own", "environment", parameters or (SIZE,), "it changes", "mend it", reading=reading, **more)
+
+
+def from_then_on(values, signals, wrench):
+    begun = jax.nn.sigmoid((signals.t - values["begin"]) / 0.3)
+    return wrench + values["size"] * begun[:, None]
 
 
 @pytest.mark.parametrize(
@@ -36,6 +46,7 @@ def entry(reading, *parameters, **more):
         (entry(lambda v, s, w: w + jnp.floor(v["size"] / 3e-5)), "size: the reading is not differentiable by it"),
         (entry(lambda v, s, w: w + v["size"] ** 2), "size: at neutral the reading does not depend on it"),
         (entry(lambda v, s, w: w), "typical values (neutral plus scale) change nothing"),
+        (entry(from_then_on, SIZE, BEGIN._replace(scale=0.0), fit=Fitting(Starts("size"))), "the time 'size' must be"),
         (entry(lambda v, s, w: w + v["size"], twins=(Twin("hose", False, "?"),)), "its twin 'hose' is no effect"),
         (
             entry(lambda v, s, w: w + v["size"] + jnp.sin(v["tempo"]) - jnp.sin(1.0), SIZE, TEMPO),
@@ -63,6 +74,8 @@ def test_a_fault_is_told(effect, fault):
         entry(lambda v, s, w: w + v["size"]),
         entry(lambda v, s, w: w + v["size"], SIZE._replace(lower=0)),
         entry(lambda v, s, w: w + v["size"] * jnp.sin(v["tempo"] * s.t)[:, None], SIZE, TEMPO),
+        entry(from_then_on, SIZE, BEGIN._replace(starts=(5.0, 15.0, 25.0, 35.0))),
+        entry(from_then_on, SIZE, BEGIN, fit=Fitting(Starts(when="begin"))),
         Effect("own", "kinematics", (SIZE,), "", "", transform=lambda v, s: s._replace(q=s.q + v["size"])),
         Effect("own", "timing", (SIZE,), "", "", recording=lambda v, k, r: r._replace(wrench=r.wrench + v["size"])),
     ],

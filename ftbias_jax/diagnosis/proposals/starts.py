@@ -34,6 +34,8 @@ MOST_BOUNDS = 1e4
 """Ratio of bounds up to which starts are spread over all between them."""
 NUMBERS = 64
 """Values of a whole number, if it does not say which."""
+TIMES, CLOSER, ROUNDS = 64, 4, 3
+"""Times in a log that are tried; each round tries so many on either side of the best one, that much closer."""
 
 
 class _Start(NamedTuple):
@@ -42,6 +44,8 @@ class _Start(NamedTuple):
     free: tuple[int, ...]
     values: tuple[float, ...]
     fixed: tuple[tuple[int, float], ...]
+    time: float
+    """s, of the parameter that is a time in the log; NaN = there is none."""
 
 
 def best_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
@@ -61,12 +65,39 @@ def _best_starts(problem: Problem, prepared_fit: PreparedFit, effect: Effect) ->
         for parameter in strengths(effect)
         for i in np.flatnonzero(np.broadcast_to(parameter.scale, parameter.shape))
     ]
-    starts = list(_starts(problem, effect))
-    tried = [_linearised(problem, prepared_fit, effect.name, linear, start) for start in starts]
-    if not linear:
-        tried = _as_they_are(problem, prepared_fit, effect.name, starts)
-    best = sorted(tried, key=lambda found: -found[0])[:STARTS_FITTED]
-    return [(gain, h._replace(group=i)) for i, (gain, h) in enumerate(best)]
+
+    def tried(times: np.ndarray) -> list[tuple[Found, float]]:
+        starts = list(_starts(problem, effect, times))
+        if linear:
+            found = [_linearised(problem, prepared_fit, effect.name, linear, start) for start in starts]
+        else:
+            found = _as_they_are(problem, prepared_fit, effect.name, starts)
+        return list(zip(found, (start.time for start in starts), strict=True))
+
+    times = _times(problem)
+    best = tried(times)
+    step = times[0] / CLOSER
+    for _ in range(ROUNDS if _when(effect) else 0):
+        (_, middle), *_ = sorted(best, key=_gain_first)
+        best += tried(middle + step * np.setdiff1d(np.arange(-CLOSER + 1, CLOSER), 0))
+        step /= CLOSER
+    chosen = [found for found, _ in sorted(best, key=_gain_first)[:STARTS_FITTED]]
+    return [(gain, h._replace(group=i)) for i, (gain, h) in enumerate(chosen)]
+
+
+def _gain_first(tried: tuple[Found, float]) -> float:
+    return -tried[0][0]
+
+
+def _when(effect: Effect) -> str:
+    """The parameter that is a time in the log; "" = none."""
+    return effect.fit.search.when if isinstance(effect.fit.search, Starts) else ""
+
+
+def _times(problem: Problem) -> np.ndarray:
+    """(TIMES,) s: spread over the longest log, neither its first moment nor its last."""
+    seconds = max(float(part.signals.t[-1]) for part in problem.parts)
+    return np.arange(1, TIMES + 1) * seconds / (TIMES + 1)
 
 
 def _linearised(problem: Problem, prepared_fit: PreparedFit, name: str, linear: list[int], start: _Start) -> Found:
@@ -96,12 +127,19 @@ def _as_they_are(problem: Problem, prepared_fit: PreparedFit, name: str, starts:
     return list(zip(gain.tolist(), found, strict=True))
 
 
-def _starts(problem: Problem, effect: Effect) -> Iterator[_Start]:
-    """All combinations of the starts of the parameters that need a search, evenly thinned out if there are too many."""
+def _starts(problem: Problem, effect: Effect, times: np.ndarray) -> Iterator[_Start]:
+    """All combinations of the starts of the parameters that need a search, evenly thinned out if there are too many.
+
+    Args:
+        problem: of the logs.
+        effect: to search for.
+        times: (K,) s, starts of the parameter that is a time in the log.
+    """
     places = chain_model.slices(problem.joints, problem.catalogue)
     neutral = {parameter.name: neutral_of(problem, effect, parameter.name) for parameter in effect.parameters}
     searched = [parameter for parameter in effect.parameters if parameter.search]
-    every = list(product(*(starts_of(effect, parameter, neutral[parameter.name]) for parameter in searched)))
+    spread = {p.name: starts_of(effect, p, neutral[p.name]) for p in searched} | {_when(effect): list(times)}
+    every = list(product(*(spread[parameter.name] for parameter in searched)))
     chosen = np.unique(np.linspace(0, len(every) - 1, min(len(every), MOST_STARTS)).astype(int))
     for combination in (every[i] for i in chosen):
         free, fixed = dict[int, float](), dict[int, float]()
@@ -110,7 +148,10 @@ def _starts(problem: Problem, effect: Effect) -> Iterator[_Start]:
             is_free = np.broadcast_to(np.asarray(parameter.scale) > 0, parameter.shape).ravel()
             for i, (x, movable) in enumerate(zip(at.tolist(), is_free, strict=True)):
                 (free if movable else fixed)[places[effect.name, parameter.name].start + i] = x
-        yield _Start(tuple(free), tuple(free.values()), tuple(fixed.items()))
+        time = dict(zip((parameter.name for parameter in searched), combination, strict=True)).get(
+            _when(effect), np.nan
+        )
+        yield _Start(tuple(free), tuple(free.values()), tuple(fixed.items()), float(time))
 
 
 def starts_of(effect: Effect, parameter: Parameter, neutral: np.ndarray) -> list[np.ndarray]:

@@ -114,6 +114,9 @@ class Ringing(NamedTuple):
 class Starts(NamedTuple):
     """By what the parameters say of themselves: strengths linearised at each combination of the others' starts."""
 
+    when: str = ""
+    """The parameter that is a time in the log, s: it is tried all along the log, and its ``starts`` do not matter."""
+
 
 class Samples(NamedTuple):
     """Read off single samples, before anything is averaged."""

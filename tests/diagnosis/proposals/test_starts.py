@@ -1,5 +1,6 @@
 """Where the fits of own effects begin, and a log that has one."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import own_effects
@@ -10,6 +11,7 @@ from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.proposals.starts import starts_of
 from ftbias_jax.filtering.verbs.from_setup import filter_log
 from ftbias_jax.model.effects.catalogue import neutral_values
+from ftbias_jax.model.effects.fitting import Fitting, Starts
 from ftbias_jax.model.effects.types import Effect, Model, Parameter
 from ftbias_jax.model.own_effects import load_effects
 from ftbias_jax.model.simulate_log import simulate
@@ -65,6 +67,39 @@ def hose(tmp_path_factory):
 @pytest.fixture(scope="module")
 def dragged(hose):
     return simulate(parse_setup(SETUP), {"hose_drag": {"coefficient": 4.0}}, own=hose, duration=20, rate=100, seed=1)
+
+
+def pressed(values, signals, wrench):
+    begun = jax.nn.sigmoid((signals.t - values["begin"]) / 0.2)
+    return wrench + begun[:, None] * jnp.concatenate([values["force"], jnp.zeros(3)])[None]
+
+
+PRESSED = Effect(
+    "pressed",
+    "tool",
+    (
+        Parameter("force", "N", "from then on, sensor frame", (3,), scale=1.0),
+        Parameter("begin", "s", "when it begins", lower=0.0, scale=10.0, search=True),
+    ),
+    "something presses from a time on",
+    "look",
+    reading=pressed,
+    fit=Fitting(Starts(when="begin")),
+)
+
+
+@pytest.mark.parametrize(("force", "begin"), [((0.0, 0.0, 1.5), 4.321), ((0.5, -0.4, 0.3), 17.7)])
+def test_an_own_effect_that_begins_at_a_time_is_found_wherever_that_is(force, begin):
+    """In a log of the same shape as that of the hose."""
+    made = simulate(
+        parse_setup(SETUP), {"pressed": {"force": force, "begin": begin}}, own=[PRESSED], duration=20, rate=100, seed=2
+    )
+    (cause,) = diagnose(made.setup, [made.log], effects=[PRESSED]).causes
+    assert cause.effect == "pressed"
+    np.testing.assert_array_less(
+        np.abs(np.subtract(cause.parameters["force"], force)), 4 * np.array(cause.stderr["force"])
+    )
+    assert abs(cause.parameters["begin"] - begin) < 4 * cause.stderr["begin"] < 0.4
 
 
 @pytest.fixture(scope="module")
