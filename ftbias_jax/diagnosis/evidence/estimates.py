@@ -13,7 +13,7 @@ from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 from ftbias_jax.diagnosis.regression.series import shaped, slope_in_time
 from ftbias_jax.diagnosis.result import Numbers
-from ftbias_jax.model.effects.fitting import ByJoint, Entries, Settling, Step, Touches
+from ftbias_jax.model.effects.fitting import ByJoint, Entries, Settling, Starts, Step, Touches
 
 Parameters = dict[str, Numbers]
 
@@ -84,6 +84,8 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
     z[-1, list(h.free)] *= 1 - form_error(problem, h.effect)
     told = chain_model.to_values.prepare(signals, fit.z, catalogue=problem.catalogue)
     values = [told(signals, row)[h.effect] for row in z]
+    search = problem.catalogue[h.effect].fit.search
+    when = search.when if isinstance(search, Starts) else ""
     found: Parameters = {}
     errors: Parameters = {}
     for name in values[0]:
@@ -91,6 +93,8 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
         if isinstance(h.detail, Joint):
             at = at[:, h.detail.number - 1]
         off = np.abs(at[1:] - at[0])
+        if name == when:  # a moment is not the less certain the later it is
+            off[-1] = TIME_STDERR
         either = np.maximum(*np.split(off[:-1], 2))
         found[name], errors[name] = _plain(at[0]), _plain(np.sqrt((either**2).sum(0) + off[-1] ** 2))
     if isinstance(h.detail, Joint):
