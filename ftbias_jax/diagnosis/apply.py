@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ftbias_jax.diagnosis.report.tables import parameter_words
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.errors import SetupError
@@ -30,6 +32,8 @@ def setup_with_causes(diagnosis: Diagnosis, setup: Setup) -> Setup:
 def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm] = ()) -> Setup:
     """The setup with the causes and terms among its effects, but for those that ``refused`` names.
 
+    What the setup states of the tool with a standard error, as a draft does, is replaced where it stands.
+
     Args:
         setup: of the diagnosis.
         causes: their values replace those the setup has for the same effect.
@@ -38,6 +42,7 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
     from ftbias_jax.model.effects.terms.parse import NAME as TERM
 
     causes = [cause for cause in causes if not _refusal(setup, {cause.effect: cause.parameters})]
+    setup, causes = _with_tool(setup, causes)
     sections = [term.section for term in terms if not _refusal(setup, {TERM: [term.section]})]
     effects: dict[str, Any] = {**setup.effects, **{cause.effect: cause.parameters for cause in causes}}
     if sections:
@@ -48,6 +53,22 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
         for name, words in parameter_words(cause)
     }
     return replace(setup, effects=effects, comments={**setup.comments, **comments})
+
+
+def _with_tool(setup: Setup, causes: Sequence[Candidate]) -> tuple[Setup, list[Candidate]]:
+    """The setup with mass and centre of mass in place of those it has standard errors of, and the other causes."""
+    tool, comments = setup.tool, dict(setup.comments)
+    found = {(cause.effect, name): cause for cause in causes for name in cause.parameters}
+    for effect, name in (("tool_mass", "mass"), ("tool_com", "center_of_mass")):
+        cause = found.get((effect, name))
+        if cause is None or getattr(tool, f"{name}_std") is None or effect in setup.effects:
+            continue
+        value, stderr = (np.asarray(x[name], float) for x in (cause.parameters, cause.stderr))
+        exact: dict[str, Any] = {name: value, f"{name}_std": stderr}
+        tool = replace(tool, **{key: float(x) if x.ndim == 0 else x for key, x in exact.items()})
+        comments |= {f"tool.{key}": f"ftbias diagnose: {words}" for key, words in parameter_words(cause)}
+        causes = [other for other in causes if other is not cause]
+    return replace(setup, tool=tool, comments=comments), list(causes)
 
 
 def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm] = ()) -> tuple[str, ...]:

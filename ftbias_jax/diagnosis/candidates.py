@@ -48,11 +48,20 @@ def score(better: Fit, worse: Fit) -> float:
 
 
 def candidates(
-    problem: Problem, library: Callable[[], Library], accepted: Fit, without: Collection[str] = ()
+    problem: Problem,
+    library: Callable[[], Library],
+    accepted: Fit,
+    without: Collection[str] = (),
+    all_smooth: bool = False,
 ) -> list[Scored]:
     """Every effect that is not accepted yet, fitted on top of the accepted ones; best first.
 
-    While nothing is accepted, weak smooth effects are there too, to first order: they make the ranking whole.
+    Args:
+        problem: of the logs.
+        library: gives the whitened series that may be proposed.
+        accepted: what is there already.
+        without: effects that are not to be proposed.
+        all_smooth: weak smooth effects, too, to first order: they make the ranking whole.
     """
     taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known) | _unseen(problem)
     prepared_fit = stand(accepted)
@@ -74,7 +83,7 @@ def candidates(
         if gain <= _worth(problem, h) * top
         else fit(problem, (*accepted.hypotheses, h), accepted, ROUGHLY, ROUGH_STEPS)
         for gain, h in best.values()
-        if gain > _worth(problem, h) * top or (_is_smooth(problem, h) and not accepted.hypotheses)
+        if gain > _worth(problem, h) * top or (_is_smooth(problem, h) and all_smooth)
     ]
     return _best_of_each(_polish(problem, accepted, [Scored(one, score(one, accepted)) for one in fits]))
 

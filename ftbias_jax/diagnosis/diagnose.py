@@ -24,13 +24,13 @@ from ftbias_jax.diagnosis.report.sentence import headline, note
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Gap
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
-from ftbias_jax.diagnosis.search import search
 from ftbias_jax.diagnosis.terms.describe import describe
 from ftbias_jax.diagnosis.terms.found import found_terms
 from ftbias_jax.diagnosis.terms.noise import louder, noise_term
 from ftbias_jax.diagnosis.terms.peaks import fast_lines
 from ftbias_jax.diagnosis.terms.states import state_of_problem
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
+from ftbias_jax.diagnosis.tool_first import search_causes
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
 from ftbias_jax.io.cleaning import cleaned, slices, survey, without_long_pauses
@@ -63,6 +63,8 @@ class _Known(NamedTuple):
 class _Answer(NamedTuple):
     """What explains the logs."""
 
+    start: Fit
+    """The nominal model, with the effects of a drafted tool that stay."""
     accepted: Fit
     """The effects of the catalogue that stay."""
     rounds: list[list[Scored]]
@@ -129,9 +131,11 @@ def diagnose(
         progress("making the logs ready")
         problem, samples = make_problem(with_tool, logs)
     known = _known(problem, logs, samples, without)
-    accepted, rounds = search(known.problem, known.base, known.hold_out, {*without, *not_shown(setup)}, progress)
-    answer = _with_effects(known, accepted, rounds)
-    if TERM not in without and (accepted.hypotheses or not is_quiet(known.problem, answer.gap)):
+    found = search_causes(setup, known.problem, known.base, known.hold_out, {*without, *not_shown(setup)}, progress)
+    before, after = (known.hold_out(one, known.base.error) for one in (known.base, found.accepted))
+    gap = measure_gap(known.problem, before, after)
+    answer = _Answer(*found, before, after, gap, gap.before_sigmas**2 - 1)
+    if TERM not in without and (found.accepted.hypotheses or not is_quiet(known.problem, gap)):
         progress("trying terms")
         answer = _with_terms(known, answer, fast_lines(logs, samples))
     progress("writing the report")
@@ -169,13 +173,6 @@ def _with_noise(
     return louder(problem, term, state), kept, (term,)
 
 
-def _with_effects(known: _Known, accepted: Fit, rounds: list[list[Scored]]) -> _Answer:
-    """The answer of the catalogue alone."""
-    before, after = (known.hold_out(one, known.base.error) for one in (known.base, accepted))
-    gap = measure_gap(known.problem, before, after)
-    return _Answer(accepted, rounds, before, after, gap, gap.before_sigmas**2 - 1)
-
-
 def _with_terms(known: _Known, answer: _Answer, lines: Sequence[float]) -> _Answer:
     """The answer with terms, where they describe what the catalogue does not explain.
 
@@ -187,7 +184,7 @@ def _with_terms(known: _Known, answer: _Answer, lines: Sequence[float]) -> _Answ
     problem, hold_out, base, accepted = known.problem, known.hold_out, known.base, answer.accepted
     causes = len(accepted.hypotheses) + len(known.found)
     verdict = verdict_of(problem, answer.gap, causes, len(known.found), is_sure(problem, accepted))
-    outcome = describe(problem, hold_out, base, accepted, answer.rounds, verdict == "explained", lines)
+    outcome = describe(problem, hold_out, answer.start, accepted, answer.rounds, verdict == "explained", lines)
     described = outcome.description
     if described is None:
         return answer._replace(doubt=doubt_by(outcome.rivals))
@@ -200,8 +197,9 @@ def _with_terms(known: _Known, answer: _Answer, lines: Sequence[float]) -> _Answ
 def _judged(known: _Known, answer: _Answer) -> tuple[_Answer, str, tuple[Candidate, ...]]:
     """The answer without what does not hold on unseen blocks, the verdict, and the causes that it names."""
     problem, (accepted, gap) = known.problem, (answer.accepted, answer.gap)
+    of_tool = len(answer.start.hypotheses)
     causes = causes_of(
-        problem, known.hold_out, known.base, accepted, answer.rounds, known.found, answer.total, answer.doubt
+        problem, known.hold_out, known.base, accepted, answer.rounds, known.found, answer.total, answer.doubt, of_tool
     )
     of_samples = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in known.found})
     if gap.shrink < USEFUL_SHARE:

@@ -55,7 +55,7 @@ def search(
 
     Args:
         problem: of the logs.
-        start: the nominal model.
+        start: the nominal model, with what is fitted beside all causes.
         hold_out: judges fits.
         without: effects that may not be named.
         progress: called with the name of each stage as it begins.
@@ -79,8 +79,9 @@ def _best_of_pairs(
 ) -> tuple[Fit, list[list[Scored]]]:
     """What is found greedily, or from another first cause if that pair is better; see ``search``."""
     accepted, rounds = grow(problem, library, start, hold_out, [], without, progress=progress)
-    left, settled = gap_of(problem, accepted), len(accepted.hypotheses) <= 2
-    if len(accepted.hypotheses) > 1 and (LEAST_SIGMAS**2 if settled else 0) < left < NEARLY * gap_of(problem, start):
+    count = len(accepted.hypotheses) - len(start.hypotheses)
+    left, settled = gap_of(problem, accepted), count <= 2
+    if count > 1 and (LEAST_SIGMAS**2 if settled else 0) < left < NEARLY * gap_of(problem, start):
         for other in _other_firsts(rounds[0], accepted):
             progress("trying other pairs of causes")
             first = [other, *(s for s in rounds[0] if s is not other)]
@@ -105,7 +106,7 @@ def grow(
     Args:
         problem: the logs.
         library: gives the whitened series that may be proposed.
-        start: the nominal model.
+        start: the nominal model, with what is fitted beside all causes.
         hold_out: judges a fit on blocks of the logs that it has not seen.
         rounds: candidates of earlier rounds, the first of each being accepted.
         without: effects that are not to be proposed.
@@ -113,14 +114,14 @@ def grow(
         progress: called with the name of each stage as it begins.
     """
     accepted, rounds = (rounds[-1][0].fit if rounds else start), list(rounds)
-    while len(accepted.hypotheses) < most:
+    while (count := len(accepted.hypotheses) - len(start.hypotheses)) < most:
         threshold, excluded = _threshold(problem, start, accepted), set(without)
         if rounds and gap_of(threshold.elsewhere, accepted) <= threshold.least:
             if _left_somewhere(threshold.elsewhere, accepted) <= threshold.least_of_slow:
                 break
             excluded |= {name for name, effect in problem.catalogue.items() if _follows_motion(effect)}
-        progress(f"looking for cause {len(accepted.hypotheses) + 1} of at most {most}")
-        scored = candidates(problem, library, accepted, excluded)
+        progress(f"looking for cause {count + 1} of at most {most}")
+        scored = candidates(problem, library, accepted, excluded, all_smooth=not count)
         best = next(
             (s for s in scored[:MOST_JUDGED] if _earned(problem, hold_out, threshold, start, accepted, s)), None
         )
@@ -128,9 +129,9 @@ def grow(
         if best is None:
             break
         accepted = best.fit
-        redundant = _redundant_cause(problem, accepted)
+        redundant = _redundant_cause(problem, start, accepted)
         if redundant is not None:
-            accepted, rounds = redundant, _rounds_of(problem, redundant, rounds)
+            accepted, rounds = redundant, _rounds_of(problem, start, redundant, rounds)
     return accepted, rounds
 
 
@@ -154,7 +155,7 @@ def _follows_motion(effect: Effect) -> bool:
 
 def _threshold(problem: Problem, start: Fit, accepted: Fit) -> Threshold:
     elsewhere = _elsewhere(problem, accepted)
-    if not accepted.hypotheses:
+    if len(accepted.hypotheses) == len(start.hypotheses):
         return Threshold(elsewhere, LEAST_SIGMAS**2)
     local = np.repeat([h.local for h in accepted.hypotheses], [len(h.shapes) for h in accepted.hypotheses])
     _, (untouched,) = projection(accepted.columns.series[local])(start.error[None])
@@ -224,20 +225,20 @@ def _z_of_gain(problem: Problem, better: Fit, worse: Fit) -> float:
     return float(difference.sum() / max(np.sqrt(len(difference)) * difference.std(), 1e-12))
 
 
-def _redundant_cause(problem: Problem, accepted: Fit) -> Fit | None:
+def _redundant_cause(problem: Problem, start: Fit, accepted: Fit) -> Fit | None:
     """The fit without an earlier cause that the later ones made needless, if there is one."""
-    for h in accepted.hypotheses[:-1]:
+    for h in accepted.hypotheses[len(start.hypotheses) : -1]:
         rest = fit(problem, tuple(other for other in accepted.hypotheses if other is not h), accepted)
         if score(accepted, rest) < LEAST_GAIN:
             return rest
     return None
 
 
-def _rounds_of(problem: Problem, accepted: Fit, rounds: list[list[Scored]]) -> list[list[Scored]]:
+def _rounds_of(problem: Problem, start: Fit, accepted: Fit, rounds: list[list[Scored]]) -> list[list[Scored]]:
     """Rounds of the causes that stay, the first of each fitted beside those before it that stay, too."""
     kept = {h.effect for h in accepted.hypotheses}
     rounds = [scored for scored in rounds if scored[0].hypothesis.effect in kept]
-    fits = [fit(problem, accepted.hypotheses[:i], accepted) for i in range(1, len(rounds))]
+    fits = [fit(problem, accepted.hypotheses[: len(start.hypotheses) + i], accepted) for i in range(1, len(rounds))]
     return [[best._replace(fit=own), *others] for (best, *others), own in zip(rounds, [*fits, accepted], strict=True)]
 
 

@@ -12,7 +12,7 @@ from ftbias_jax.diagnosis.evidence.doubts import doubt_of
 from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
 from ftbias_jax.diagnosis.evidence.twins import twins_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.regression.fit import Fit, fit
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.diagnosis.samples.types import Finding
 from ftbias_jax.diagnosis.thresholds import LEADS
@@ -32,14 +32,23 @@ def causes_of(
     found: tuple[Finding, ...],
     total: float,
     rivals: str = "",
+    of_tool: int = 0,
 ) -> tuple[Candidate, ...]:
-    """Accepted hypotheses with their twins, and what was read off the samples; the larger gap first."""
-    of_mean = []
-    previous = base
-    for scored, hypothesis in zip(rounds, accepted.hypotheses, strict=False):
+    """Accepted hypotheses with their twins, and what was read off the samples; the larger gap first.
+
+    Each cause is judged by what it removes beside those before it. The first ``of_tool`` were fitted beside all others:
+    they come last, and are judged by what the answer loses without them.
+    """
+    of_mean, previous = list[Candidate](), base
+    pairs = list(zip(rounds, accepted.hypotheses, strict=False))
+    for scored, hypothesis in (*pairs[of_tool:], *pairs[:of_tool]):
         twins = twins_of(problem, base, accepted, hypothesis, scored)
         values, stderr = parameters(problem, accepted, hypothesis)
-        held, shrink = _judged(problem, hold_out, scored[0].fit, previous, total)
+        better, worse = scored[0].fit, previous
+        if hypothesis in accepted.hypotheses[:of_tool]:
+            rest = tuple(h for h in accepted.hypotheses if h is not hypothesis)
+            better, worse = accepted, fit(problem, rest, accepted)
+        held, shrink = _judged(problem, hold_out, better, worse, total)
         named = _candidate(problem.catalogue[hypothesis.effect], values, stderr, held, shrink, twins)
         doubt = doubt_of(problem, accepted, hypothesis) or rivals
         of_mean.append(named._replace(explanation=named.explanation + doubt, doubt=doubt.removeprefix("; ")))

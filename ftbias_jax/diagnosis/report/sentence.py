@@ -162,7 +162,7 @@ def note(setup: Setup, rest: str = "") -> str:
         told.append("The setup's correlated noise is not used here: errors are judged against white noise and drift.")
     if is_draft(setup):
         told.append(
-            "The setup's tool is a draft, whose errors look like other causes: run ftbias identify first, and diagnose "
-            "with the setup that it writes."
+            "The setup's tool is a draft, so its mass and centre of mass were fitted beside all causes: run ftbias "
+            "identify with the setup that --apply writes."
         )
     return " ".join([*told, f"{rest[:1].upper()}{rest[1:]}." if rest else ""]).strip()

@@ -66,19 +66,20 @@ def describe(
     Args:
         problem: of the logs.
         hold_out: judges fits.
-        base: the nominal model.
-        accepted: the effects that were found.
+        base: the nominal model, with the effects of the tool that stay beside all else.
+        accepted: those and the effects that were found.
         rounds: candidates of each, the accepted one first.
         explained: they explain the logs.
         fast: Hz of lines in the single samples.
     """
     names = [h.effect for h in accepted.hypotheses]
-    if explained and len(names) == 1 and not problem.catalogue[names[0]].fit.any_shape:
+    found_names = names[len(base.hypotheses) :]
+    if explained and len(found_names) == 1 and not problem.catalogue[found_names[0]].fit.any_shape:
         return Outcome()
     search = Search(problem, base, hold_out, fast)
     first = found = search.best(base)
     kept, said = base, list(rounds)
-    for scored in rounds[: len(names)]:
+    for scored in rounds[len(base.hypotheses) : len(names)]:
         gain = scored[0].fit.log_likelihood - kept.log_likelihood
         # What the caller brought has a name and a remedy: a term of the same form does not take its place.
         ahead = 1.0 if scored[0].hypothesis.effect in CATALOGUE else CLEARLY
@@ -158,8 +159,9 @@ def _rivals(problem: Problem, base: Fit, accepted: Fit, found: Sequence[tuple[fl
 
     What follows the motion makes no event by chance, and a cable that is no better than a steady force is none.
     """
-    search = type(problem.catalogue[accepted.hypotheses[0].effect].fit.search)
-    if len(accepted.hypotheses) > 1 or search not in SAME:
+    names = [h.effect for h in accepted.hypotheses[len(base.hypotheses) :]]
+    search = type(problem.catalogue[names[0]].fit.search) if len(names) == 1 else None
+    if search not in SAME:
         return ()
     # Not by merit, which counts the numbers of an event of any shape against it.
     least = base.log_likelihood + CLOSE * (accepted.log_likelihood - base.log_likelihood)

@@ -20,7 +20,7 @@ from ftbias_jax.io.draft.columns import left_to_choose, stated_columns
 from ftbias_jax.io.draft.conventions import Read, accelerometer, best_reading, gyroscope, position_axes, ways_of
 from ftbias_jax.io.draft.dh_table import DhTable, from_table
 from ftbias_jax.io.draft.gravity import Weighed, weigh
-from ftbias_jax.io.draft.noise import quietest_noise
+from ftbias_jax.io.draft.noise import quietest_noise, scatter_in_motion
 from ftbias_jax.io.draft.recording import look_into, sensor_frame
 from ftbias_jax.io.draft.robot import Keys, built_in, from_urdf, mounting, robots_with
 from ftbias_jax.io.draft.table import Table, look, patterns, time_unit
@@ -198,6 +198,12 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
     if noise:
         keys["sensor.noise_std"] = Known(*noise)
     found = weigh(log.t, rotations, setup.robot.gravity, log.wrench, log.rezeroed_at)
+    if noise and found and found.credible and setup.pose is not None and setup.pose.linear == "none":
+        weight = -found.mass * np.einsum("tji,j->ti", rotations, setup.robot.gravity)
+        scatter = scatter_in_motion(log.t, log.wrench[:, :3] - weight, rotations, np.array(noise[0][:3]))
+        if scatter is not None:
+            std = float(f"{scatter / abs(found.mass):.2g}")
+            keys["sensor_pose.acceleration_std"] = Known(std, "of the scatter of the forces in motion")
     of_tool, more = tool_keys(found, "tool.mass" in stated)
     return {**keys, **of_tool}, [*notes, *more], log
 

@@ -1,4 +1,4 @@
-"""How noisy a sensor is, from stretches of a log in which nothing but noise changes."""
+"""How noisy a sensor is, from stretches of a log in which nothing but noise changes, and how much motion adds."""
 
 from __future__ import annotations
 
@@ -57,6 +57,29 @@ def quietest_noise(t: Array, wrench: Array, rotations: Array | None = None) -> t
         return None
     where = "of a usual second at rest" if resting else "of the quietest second of the log, never at rest"
     return [float(f"{std:.2g}") for std in quiet], where if rotations is not None else "of the quietest second"
+
+
+def scatter_in_motion(t: Array, force: Array, rotations: Array, noise_std: Array) -> float | None:
+    """N: root mean square over the axes of what scatters beside the noise in the stretches in which the sensor turns.
+
+    About a cubic in time, as the noise is: of the tool's acceleration that is what comes and goes within a second.
+
+    Args:
+        t: (T,) s.
+        force: (T, 3) N without the tool's weight; NaN = not measured.
+        rotations: (T, 3, 3) of the sensor in the base frame.
+        noise_std: (3,) N at rest.
+
+    Returns:
+        None where the sensor never turns, or samples are too far apart.
+    """
+    rows = np.isfinite(force).all(1)
+    t, force, rotations = t[rows], force[rows], rotations[rows]
+    moving = [part for part in _stretches(t) if _turned(rotations[part]) >= AT_REST and np.ptp(t[part]) < 2 * QUIET]
+    if not moving:
+        return None
+    variance = [_squares(t[part], force[part]) / (part.stop - part.start - 4) for part in moving]
+    return float(np.sqrt(np.maximum(np.mean(variance, axis=0) - noise_std**2, 0).mean()))
 
 
 def _stretches(t: Array) -> Iterator[slice]:
