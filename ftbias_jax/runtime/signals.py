@@ -23,6 +23,8 @@ from ftbias_jax.files import remove_temporary
 EXIT_CODE = 1
 PATIENCE = 2.0
 """s that children have to remove their temporary files."""
+GIVING_BACK = 0.1
+"""s that the threads of a pool have to give back the semaphores that they have begun to give back."""
 
 _ending = threading.Event()
 
@@ -83,6 +85,7 @@ def _wait(listen: int, message: str) -> None:
         _end_children()
         remove_temporary()
         util._run_finalizers(0)  # type: ignore[attr-defined]  # else Python tells of semaphores that were not given back
+        time.sleep(GIVING_BACK)
     finally:
         os._exit(EXIT_CODE)
 
