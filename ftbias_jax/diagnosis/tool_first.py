@@ -43,7 +43,7 @@ def search_causes(
 
     It may be where the setup states it with an error that shows. A tool that is stated without one is believed first:
     its effects are candidates like all others. But a wrong tool beside something else makes a gap that neither explains
-    alone, and a greedy search does not find the way: where more than one cause was found, or something is left, the
+    alone, and a greedy search does not find the way: where more than one cause was found, or much is left, the
     tool is tried beside them, too, and taken if that explains all by fewer numbers.
 
     Args:
@@ -56,20 +56,22 @@ def search_causes(
     """
     drafted = is_draft(setup) and not {*OF_TOOL} & {*without, *problem.known}
     plain = None if drafted else Searched(base, *search(problem, base, hold_out, without, progress))
-    if plain and (_is_simple(problem, plain) or {*OF_TOOL} & {*without, *problem.known}):
+    enough = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap_of(problem, base))
+    if plain and (_is_simple(problem, plain.accepted, enough) or {*OF_TOOL} & {*without, *problem.known}):
         return plain
     progress("trying causes beside a wrong tool")
     beside = _beside_tool(problem, base, hold_out, without)
     if plain is None:
         return beside
-    closed = gap_of(problem, beside.accepted) <= max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap_of(problem, base))
+    closed = gap_of(problem, beside.accepted) <= enough
     better = beside.start.hypotheses and closed and score(beside.accepted, plain.accepted) > LEAST_GAIN
     return beside if better else plain
 
 
-def _is_simple(problem: Problem, found: Searched) -> bool:
-    """Whether at most one cause explains all there is."""
-    return len(found.accepted.hypotheses) < 2 and gap_of(problem, found.accepted) <= LEAST_SIGMAS**2
+def _is_simple(problem: Problem, found: Fit, enough: float) -> bool:
+    """Whether at most one cause explains nearly all; of a wrong tool mass and centre of mass are known together."""
+    names, left = {h.effect for h in found.hypotheses}, gap_of(problem, found)
+    return len(names) < 2 and left <= (LEAST_SIGMAS**2 if names & {*OF_TOOL} else enough)
 
 
 def _beside_tool(problem: Problem, base: Fit, hold_out: Judge, without: Collection[str]) -> Searched:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.io.conventions.axes import arm_rotations
-from ftbias_jax.io.draft.noise import quietest_noise
+from ftbias_jax.io.draft.noise import quietest_noise, scatter_in_motion
 from ftbias_jax.setup import parse_setup
 
 SETUP = parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": [0.1, 0.004]}})
@@ -59,3 +59,15 @@ def test_single_poses_are_not_noise():
     rng = np.random.default_rng(4)
     wrench, rotations = moving(rng.uniform(0, 1e3, 40))
     assert quietest_noise(np.arange(40) * 20.0, wrench, rotations) is None
+
+
+@pytest.mark.parametrize("rate", [50.0, 500.0])
+def test_what_motion_adds_to_the_noise_is_measured_in_motion(rate):
+    """Rest until 10 s, then motion in which the tool is shaken by 2 N."""
+    rng, t = np.random.default_rng(5), np.arange(round(30 * rate)) / rate
+    _, rotations = moving(np.maximum(t, 10))
+    std = np.hypot(NOISE[:3], np.where(t > 10, 2.0, 0)[:, None])
+    found = scatter_in_motion(t, rng.normal(size=(len(t), 3)) * std, rotations, NOISE[:3])
+    assert found == pytest.approx(2.0, rel=0.1)
+    still = scatter_in_motion(t[t < 10], rng.normal(size=(len(t), 3))[t < 10], rotations[t < 10], NOISE[:3])
+    assert still is None

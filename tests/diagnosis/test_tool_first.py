@@ -1,0 +1,78 @@
+"""A wrong tool beside something else: both are found, and of a right tool nothing is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis.diagnose import diagnose
+from ftbias_jax.model.simulate_log import simulate
+from ftbias_jax.setup import parse_setup
+
+TRUE = parse_setup(SETUP)
+OFF = np.array([0.004, -0.003, 0.005])
+
+
+def with_tool(factor, off, *stds):
+    mass_std, center_std = stds or (None, None)
+    tool = replace(
+        TRUE.tool,
+        mass=factor * TRUE.tool.mass,
+        center_of_mass=TRUE.tool.center_of_mass + off,
+        mass_std=mass_std,
+        center_of_mass_std=center_std,
+    )
+    return replace(TRUE, tool=tool)
+
+
+DRAFTED = with_tool(0.86, OFF, 0.05, np.full(3, 0.005))
+
+
+@pytest.fixture(scope="module")
+def lagging():
+    return simulate(TRUE, {"low_pass": {"cutoff": 2.0}}, duration=20, rate=100, seed=11).log
+
+
+@pytest.fixture(scope="module")
+def diagnosis(lagging):
+    return diagnose(DRAFTED, [lagging])
+
+
+def assert_tool_found(diagnosis):
+    found = {cause.effect: cause for cause in diagnosis.causes}
+    for name, key in {"tool_mass": "mass", "tool_com": "center_of_mass"}.items():
+        value, stderr = (np.array(x[key]) for x in (found[name].parameters, found[name].stderr))
+        np.testing.assert_array_less(np.abs(value - getattr(TRUE.tool, key)), 3.5 * stderr)
+
+
+def test_a_drafted_tool_and_a_lag_are_found_together(diagnosis):
+    assert diagnosis.verdict == "explained"
+    assert [cause.effect for cause in diagnosis.causes] == ["low_pass", "tool_mass", "tool_com"]
+    assert_tool_found(diagnosis)
+    assert abs(diagnosis.causes[0].parameters["cutoff"] - 2.0) < 3 * diagnosis.causes[0].stderr["cutoff"]
+
+
+def test_the_tool_of_a_draft_is_replaced_where_it_stands(diagnosis):
+    mended = diagnosis.apply(DRAFTED)
+    assert set(mended.effects) == {"low_pass"}
+    assert abs(mended.tool.mass - TRUE.tool.mass) < 4 * mended.tool.mass_std < 0.05
+    assert "ftbias diagnose" in mended.comments["tool.mass"]
+
+
+def test_a_tool_that_is_stated_is_suspected_where_no_cause_explains_alone(lagging):
+    stated = diagnose(with_tool(0.86, OFF), [lagging])
+    assert {cause.effect for cause in stated.causes} == {"low_pass", "tool_mass", "tool_com"}
+    assert_tool_found(stated)
+    assert set(stated.apply(TRUE).effects) == {"low_pass", "tool_mass", "tool_com"}
+
+
+@pytest.mark.parametrize("stds", [(), (0.05, np.full(3, 0.005))], ids=["stated", "drafted"])
+def test_of_a_right_tool_nothing_is_said(lagging, stds):
+    (cause,) = diagnose(with_tool(1.0, 0.0, *stds), [lagging]).causes
+    assert cause.effect == "low_pass"
+
+
+def test_effects_of_the_tool_that_may_not_be_named_are_not(lagging):
+    found = diagnose(DRAFTED, [lagging], without=("tool_mass",))
+    assert "tool_mass" not in [cause.effect for cause in found.causes]
