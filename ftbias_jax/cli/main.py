@@ -27,7 +27,7 @@ DECIDED_HERE = {
     "JAX_DEBUG_INFS": "because NaN means that nothing was measured",
 }
 """Variables of JAX that do not hold for commands, and why; "" = nobody need be told."""
-OF_MANY = ("report",)
+OF_MANY = ("report", "validate")
 """Commands that are about many logs only, and stand with their jobs."""
 INTERRUPTED = "interrupted, nothing more was written"
 

@@ -57,18 +57,21 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
 
 def _with_tool(setup: Setup, causes: Sequence[Candidate]) -> tuple[Setup, list[Candidate]]:
     """The setup with mass and centre of mass in place of those it has standard errors of, and the other causes."""
-    tool, comments = setup.tool, dict(setup.comments)
-    found = {(cause.effect, name): cause for cause in causes for name in cause.parameters}
-    for effect, name in (("tool_mass", "mass"), ("tool_com", "center_of_mass")):
-        cause = found.get((effect, name))
-        if cause is None or getattr(tool, f"{name}_std") is None or effect in setup.effects:
+    from ftbias_jax.model.own_effects import catalogue_of_setup
+
+    tool, comments, others = setup.tool, dict(setup.comments), list[Candidate]()
+    for cause in causes:
+        stated = {x.name: x.stated for x in catalogue_of_setup(setup)[cause.effect].parameters}
+        known = stated and all(key and getattr(tool, f"{key}_std") is not None for key in stated.values())
+        if not known or cause.effect in setup.effects:
+            others.append(cause)
             continue
-        value, stderr = (np.asarray(x[name], float) for x in (cause.parameters, cause.stderr))
-        exact: dict[str, Any] = {name: value, f"{name}_std": stderr}
-        tool = replace(tool, **{key: float(x) if x.ndim == 0 else x for key, x in exact.items()})
-        comments |= {f"tool.{key}": f"ftbias diagnose: {words}" for key, words in parameter_words(cause)}
-        causes = [other for other in causes if other is not cause]
-    return replace(setup, tool=tool, comments=comments), list(causes)
+        for name, key in stated.items():
+            value, stderr = (np.asarray(x[name], float) for x in (cause.parameters, cause.stderr))
+            exact: dict[str, Any] = {key: value, f"{key}_std": stderr}
+            tool = replace(tool, **{k: float(x) if not x.ndim else x for k, x in exact.items()})
+        comments |= {f"tool.{stated[name]}": f"ftbias diagnose: {words}" for name, words in parameter_words(cause)}
+    return replace(setup, tool=tool, comments=comments), others
 
 
 def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm] = ()) -> tuple[str, ...]:

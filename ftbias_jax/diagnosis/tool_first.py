@@ -12,12 +12,10 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, fit
 from ftbias_jax.diagnosis.search import gap_of, search
 from ftbias_jax.diagnosis.thresholds import LEAST_GAIN, LEAST_SHARE_OF_GAP, LEAST_SIGMAS, SURE
+from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.require import is_draft
 from ftbias_jax.setup.types import Setup
-
-OF_TOOL = ("tool_mass", "tool_com")
-"""Effects of a tool that is not as the setup states."""
 
 
 class Searched(NamedTuple):
@@ -54,10 +52,11 @@ def search_causes(
         without: effects that may not be named.
         progress: called with the name of each stage as it begins.
     """
-    drafted = is_draft(setup) and not {*OF_TOOL} & {*without, *problem.known}
+    excluded = _of_tool(problem).keys() & {*without, *problem.known}
+    drafted = is_draft(setup) and not excluded
     plain = None if drafted else Searched(base, *search(problem, base, hold_out, without, progress))
     enough = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap_of(problem, base))
-    if plain and (_is_simple(problem, plain.accepted, enough) or {*OF_TOOL} & {*without, *problem.known}):
+    if plain and (_is_simple(problem, plain.accepted, enough) or excluded):
         return plain
     progress("trying causes beside a wrong tool")
     beside = _beside_tool(problem, base, hold_out, without)
@@ -68,10 +67,17 @@ def search_causes(
     return beside if better else plain
 
 
+def _of_tool(problem: Problem) -> dict[str, Effect]:
+    """Effects of a tool whose mass or centre of mass is not as the setup states."""
+    known = problem.catalogue.items()
+    return {name: effect for name, effect in known if effect.parameters and all(x.stated for x in effect.parameters)}
+
+
 def _is_simple(problem: Problem, found: Fit, enough: float) -> bool:
-    """Whether at most one cause explains nearly all; of a wrong tool mass and centre of mass are known together."""
-    names, left = {h.effect for h in found.hypotheses}, gap_of(problem, found)
-    return len(names) < 2 and left <= (LEAST_SIGMAS**2 if names & {*OF_TOOL} else enough)
+    """Whether at most one cause explains all, or nearly all if it is neither of the tool nor of nearly any shape."""
+    names = {h.effect for h in found.hypotheses}
+    like_tool = names & _of_tool(problem).keys() or any(problem.catalogue[name].fit.any_shape for name in names)
+    return len(names) < 2 and gap_of(problem, found) <= (LEAST_SIGMAS**2 if like_tool else enough)
 
 
 def _beside_tool(problem: Problem, base: Fit, hold_out: Judge, without: Collection[str]) -> Searched:
@@ -79,7 +85,7 @@ def _beside_tool(problem: Problem, base: Fit, hold_out: Judge, without: Collecti
 
     It must also hold in blocks that are left out: what other causes put into the tool does not.
     """
-    of_tool = tuple(at_zero(name, movable(problem, problem.catalogue[name])) for name in OF_TOOL)
+    of_tool = tuple(at_zero(name, movable(problem, effect)) for name, effect in _of_tool(problem).items())
     accepted, rounds = search(problem, fit(problem, of_tool, base), hold_out, without)
     causes, stay = accepted.hypotheses[len(of_tool) :], of_tool
     for h in of_tool:

@@ -133,7 +133,7 @@ def test_a_cause_that_later_ones_make_needless_is_dropped(monkeypatch, loss, deg
         return start._replace(hypotheses=hypotheses, columns=alone, log_likelihood=start.log_likelihood - loss)
 
     monkeypatch.setattr(searching, "fit", refit)
-    rest = searching._redundant_cause(PROBLEM, both)
+    rest = searching._redundant_cause(PROBLEM, fit_of(GAP), both)
     assert (rest is not None) is redundant
     if redundant:
         assert [h.effect for h in rest.hypotheses] == ["gain"]  # the last one is what made it needless
@@ -143,7 +143,7 @@ def test_rounds_are_fitted_again_without_the_cause_that_was_dropped(monkeypatch)
     found = ("tool_mass", "gain", "warmup")
     rounds = [[Scored(fit_of(GAP, *found[:k]), 100.0), Scored(fit_of(GAP, "cable"), 9.0)] for k in (1, 2, 3)]
     monkeypatch.setattr(searching, "fit", lambda problem, hypotheses, start: start._replace(hypotheses=hypotheses))
-    first, second = searching._rounds_of(PROBLEM, fit_of(GAP, "gain", "warmup"), rounds)
+    first, second = searching._rounds_of(PROBLEM, fit_of(GAP), fit_of(GAP, "gain", "warmup"), rounds)
     assert [h.effect for h in first[0].fit.hypotheses] == ["gain"]
     assert [h.effect for h in second[0].fit.hypotheses] == ["gain", "warmup"]
     assert [scored.hypothesis.effect for scored in (first[1], second[1])] == ["cable", "cable"]

@@ -51,7 +51,11 @@ EFFECTS = (
     Effect(
         "tool_mass",
         "tool",
-        (Parameter("mass", "kg", "mass of everything distal of the sensor", (), 1e-3, 1e3, _mass, 0.05),),
+        (
+            Parameter(
+                "mass", "kg", "mass of everything distal of the sensor", (), 1e-3, 1e3, _mass, 0.05, stated="mass"
+            ),
+        ),
         "the tool is heavier or lighter than the setup says",
         REMEDY,
         transform=tool_mass,
@@ -65,7 +69,19 @@ EFFECTS = (
     Effect(
         "tool_com",
         "tool",
-        (Parameter("center_of_mass", "m", "centre of mass, sensor frame", (3,), -10.0, 10.0, _center_of_mass, 0.006),),
+        (
+            Parameter(
+                "center_of_mass",
+                "m",
+                "centre of mass, sensor frame",
+                (3,),
+                -10.0,
+                10.0,
+                _center_of_mass,
+                0.006,
+                stated="center_of_mass",
+            ),
+        ),
         "the tool's centre of mass is not where the setup says",
         REMEDY,
         transform=tool_com,

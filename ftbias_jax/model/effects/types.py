@@ -112,6 +112,8 @@ class Parameter(NamedTuple):
     """Values that a search begins at; () = spread over the bounds, or around neutral."""
     coordinate: Coordinate | None = None
     """How a fit moves it; None = as the rest of the entry says (``diagnosis.regression.coordinates``)."""
+    stated: str = ""
+    """Key of [tool] that states the same quantity, its standard error beside it as KEY_std; "" = none does."""
 
 
 class Twin(NamedTuple):

@@ -154,6 +154,6 @@ def test_correlated_noise_of_the_setup_is_said_to_be_left_out(std, said):
 def test_a_drafted_tool_and_a_log_at_rest_are_said_beside_the_headline():
     draft = replace(SETUP, tool=replace(SETUP.tool, mass_std=0.1))
     found = replace(SETUP, tool=replace(SETUP.tool, mass_std=1e-5, center_of_mass_std=np.full(3, 1e-6)))
-    assert "run ftbias identify first" in note(draft)
+    assert "fitted beside all causes: run ftbias identify with the setup that --apply writes" in note(draft)
     assert note(found) == note(SETUP) == ""
-    assert note(draft, "at rest: bias shows").endswith("it writes. At rest: bias shows.")
+    assert note(draft, "at rest: bias shows").endswith("--apply writes. At rest: bias shows.")
