@@ -13,6 +13,7 @@
     found = ft.identify_tool(setup, log)                # found.setup
     made = ft.simulate(setup, {"gain": {}})             # made.log, made.truth
     diagnosis = ft.diagnose(setup, [log])               # print(diagnosis); diagnosis.apply(setup)
+    found = ft.calibrate(setup, [log])                  # all of that; found.setup keeps what predicts better
     setup = ft.setup_with(setup, params)                # params that a program of your own made likelier
 
 The verbs compute in float64 whatever JAX's setting is, give numpy arrays back, and leave JAX's settings as they are but
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from ftbias_jax.calibration.tune_setup import tune
     from ftbias_jax.check.check_setup import check_setup
     from ftbias_jax.check.result import Check, Mistake
+    from ftbias_jax.commissioning.calibrate import calibrate
+    from ftbias_jax.commissioning.result import Calibrated
     from ftbias_jax.diagnosis.diagnose import diagnose
     from ftbias_jax.diagnosis.result import Candidate, Diagnosis
     from ftbias_jax.errors import FtbiasError, LogError, OutputError, SetupError, UsageError
@@ -63,6 +66,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "CATALOGUE",
+    "Calibrated",
     "Candidate",
     "Check",
     "Diagnosis",
@@ -90,6 +94,7 @@ __all__ = [
     "TuneResult",
     "Twin",
     "UsageError",
+    "calibrate",
     "check_setup",
     "constrain",
     "diagnose",
@@ -119,6 +124,8 @@ _MODULES = {
     "calibration.identify_tool": "IdentifyResult identify_tool",
     "calibration.tune_result": "TuneResult",
     "calibration.tune_setup": "tune",
+    "commissioning.calibrate": "calibrate",
+    "commissioning.result": "Calibrated",
     "diagnosis.diagnose": "diagnose",
     "diagnosis.result": "Candidate Diagnosis",
     "errors": "FtbiasError LogError OutputError SetupError UsageError",

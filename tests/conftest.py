@@ -28,20 +28,20 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 PROGRAMS = "FTBIAS_TEST_PROGRAMS"
-"""Names the folder of compiled programs that the workers of one run of tests share; the user's cache stays as it is."""
+"""Names the folder of compiled programs that the workers of one run share, or several runs where it is set beforehand."""
 LEAST_COMPILE_SECONDS = 0.3
 
 
 def pytest_configure(config):
-    if not hasattr(config, "workerinput"):
-        os.environ[PROGRAMS] = tempfile.mkdtemp(prefix="ftbias-tests-")
+    if not hasattr(config, "workerinput") and PROGRAMS not in os.environ:
+        config.own_programs = os.environ[PROGRAMS] = tempfile.mkdtemp(prefix="ftbias-tests-")
     jax.config.update("jax_compilation_cache_dir", os.environ[PROGRAMS])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", LEAST_COMPILE_SECONDS)
 
 
 def pytest_unconfigure(config):
-    if not hasattr(config, "workerinput"):
-        shutil.rmtree(os.environ.pop(PROGRAMS), ignore_errors=True)
+    if own := getattr(config, "own_programs", None):
+        shutil.rmtree(own, ignore_errors=True)
 
 
 MOST_MAPPINGS = 20_000

@@ -23,6 +23,7 @@ from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.quality.ahead import expected_ahead
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.filtering.samples import pad
+from ftbias_jax.filtering.verbs.results import FilterResult
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import BiasNoise, Params
 from ftbias_jax.setup.types import Setup
@@ -187,7 +188,7 @@ def judge_predictions(
     return [of_setup(i) for i in range(len(after))]
 
 
-def prediction_errors(result: Filtered, noise: BiasNoise, ahead: float) -> Array:
+def prediction_errors(result: Filtered | FilterResult, noise: BiasNoise, ahead: float) -> Array:
     """(T, 6) N, Nm: the reading less what ``FilterResult.forecast`` said earlier; NaN = not predicted.
 
     What touches the tool is not predicted by anything, so samples that were not used do not count.
@@ -204,12 +205,12 @@ def prediction_errors(result: Filtered, noise: BiasNoise, ahead: float) -> Array
     return _of_used(result, errors)
 
 
-def _of_used(result: Filtered, errors: Array) -> Array:
+def _of_used(result: Filtered | FilterResult, errors: Array) -> Array:
     """(T, 6) errors, NaN at the samples that the filter did not use."""
     return errors if result.used is None else np.where(result.used[:, None], errors, np.nan)
 
 
-def errors_of_constant_bias(result: Filtered, fitted: Array) -> Array:
+def errors_of_constant_bias(result: Filtered | FilterResult, fitted: Array) -> Array:
     """(T, 6) N, Nm: the reading less the tool's wrench and one bias, the mean over a part of the log; NaN = no such.
 
     Args:

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import numpy as np
 
 from ftbias_jax import __version__
-from ftbias_jax.diagnosis.report.interactive import STYLE_POLICY
+from ftbias_jax.diagnosis.report.skeleton import section, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.report.tables import verdict_words
 from ftbias_jax.diagnosis.report.terms import html_table
@@ -54,32 +54,21 @@ def to_page(fleet: Fleet, title: str, folder: str) -> str:
     gaps = sorted((r for r in fleet.records if r.has_gap), key=lambda r: -np.nan_to_num(r.numbers("gap_sigmas", 1)[0]))
     bad = [record for record in fleet.records if record.status in (FAILED, LOSS)]
     sections = (
-        _section("Alarms", _alarms(alarms)),
-        _section("Robots and sensors", _overview(groups, alarms)),
-        _section(f"Logs with a gap ({len(gaps)})", _gaps(gaps, folder)),
+        section("Alarms", _alarms(alarms)),
+        section("Robots and sensors", _overview(groups, alarms)),
+        section(f"Logs with a gap ({len(gaps)})", _gaps(gaps, folder)),
         *(
-            _section(f"{name(group)}, over time", _plots(number, records))
+            section(f"{name(group)}, over time", _plots(number, records))
             for number, (group, records) in enumerate(groups.items())
             if number < MOST_PLOTTED
         ),
         _left_out(len(groups) - MOST_PLOTTED, "robots have no plots here"),
-        _section(f"Logs that failed or lost samples ({len(bad)})", _troubles(bad)),
-        _section("Where this comes from", _origin(fleet)),
-        _section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
+        section(f"Logs that failed or lost samples ({len(bad)})", _troubles(bad)),
+        section("Where this comes from", _origin(fleet)),
+        section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
     )
-    style = "".join(
-        resources.files(package).joinpath(file).read_text(encoding="utf-8")
-        for package, file in (("ftbias_jax.diagnosis.report", "report.css"), ("ftbias_jax.fleet", "fleet.css"))
-    )
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{STYLE_POLICY}">'
-        '<meta name="generator" content="ftbias_jax">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<meta name="color-scheme" content="light dark">'
-        f"<title>{escape(title)}</title><style>{style}</style></head>\n"
-        f"<body><main>{_header(fleet, alarms, title)}\n{''.join(sections)}</main></body></html>\n"
-    )
+    style = resources.files("ftbias_jax.fleet").joinpath("fleet.css").read_text(encoding="utf-8")
+    return whole_page(title, f"{_header(fleet, alarms, title)}\n{''.join(sections)}", style=style)
 
 
 def name(group: Group) -> str:
@@ -115,10 +104,6 @@ def _days(records: Sequence[FleetLog]) -> str:
     every = dated or [record.date for record in records]
     days = " to ".join(dict.fromkeys((day(every[0]), day(every[-1]))))
     return days if dated else f"{days} (files)"
-
-
-def _section(title: str, content: str) -> str:
-    return f"<section><h2>{escape(title)}</h2>{content}</section>\n" if content else ""
 
 
 def _alarms(alarms: Mapping[Group, Sequence[Alarm]]) -> str:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from importlib import resources
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report.interactive import STYLE_POLICY
 from ftbias_jax.diagnosis.report.plots import MAX_BUCKETS, channel_title, thin
+from ftbias_jax.diagnosis.report.skeleton import section, whole_page
 from ftbias_jax.diagnosis.report.svg import Axes, band, curve, data_range, drawing, escape, frame
 from ftbias_jax.diagnosis.report.terms import html_table, typeset
 from ftbias_jax.errors import LogError
@@ -60,19 +59,12 @@ def result_page(arrays: Mapping[str, Array], title: str) -> str:
     ]
     table = html_table(("channel", "bias at the end", "range of the bias", "corrected - tool model, rms"), rows)
     plots = "".join(f"<figure>{_plot(t - t[0], bias[:, i], std[:, i], i)}</figure>" for i in range(len(AXES)))
-    style = resources.files("ftbias_jax.diagnosis.report").joinpath("report.css").read_text(encoding="utf-8")
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{STYLE_POLICY}">'
-        '<meta name="generator" content="ftbias_jax">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<meta name="color-scheme" content="light dark">'
-        f"<title>{escape(title)}</title><style>{style}</style></head>\n<body><main>"
+    return whole_page(
+        title,
         f"<header><p class='small'>{escape(title)}</p><h1>{typeset(head)}</h1></header>"
-        f"<section><h2>Channel by channel</h2>{table}</section>"
-        f"<section><h2>The bias over time</h2><p class='small'>{BAND}</p><div class='grid'>{plots}</div></section>"
-        f"<section><h2>Where this comes from</h2>{html_table(('what', 'value'), _origin(arrays))}</section>"
-        "</main></body></html>\n"
+        + section("Channel by channel", table)
+        + section("The bias over time", f"<p class='small'>{BAND}</p><div class='grid'>{plots}</div>")
+        + section("Where this comes from", html_table(("what", "value"), _origin(arrays))),
     )
 
 

@@ -130,3 +130,13 @@ def _files_of(path: Place) -> Iterable[Place]:
     yield path
     with suppress(OSError), os.scandir(path) as entries:
         yield from (entry.path for entry in entries if not entry.is_dir())
+
+
+def refuse_existing(path: str) -> None:
+    """A setup that somebody has worked on is not replaced by a draft.
+
+    Raises:
+        OutputError: there is a file of that name.
+    """
+    if os.path.lexists(path):
+        raise OutputError("is there already", file=path, remedy="name another file, or remove it")

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shlex
 import sys
 
-from ftbias_jax.errors import OutputError, UsageError, printable
+from ftbias_jax.commissioning.drafted import checked_draft
+from ftbias_jax.errors import UsageError, printable
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.draft.dh_table import DhTable
-from ftbias_jax.io.draft.draft import Request, draft, urdf_beside
-from ftbias_jax.io.log import Log
-from ftbias_jax.io.outputs import check_outputs, check_writable
+from ftbias_jax.io.draft.draft import Request, urdf_beside
+from ftbias_jax.io.outputs import check_outputs, check_writable, refuse_existing
 from ftbias_jax.setup.keys.schema import json_schema
-from ftbias_jax.setup.keys.template import Known
 from ftbias_jax.setup.robots import BUILT_IN, describe_robot
-from ftbias_jax.setup.types import Setup
-
-RECORDED = ("compensated", "rezeroed")
-"""Mistakes that are facts of how a log was recorded, and no error of a draft."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -44,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     places = {"--output": output, "the recording's URDF": urdf_beside(output) if output else ""}
     check_outputs(places, (*arguments.logs, arguments.urdf, arguments.dh))
     if output:
-        _refuse(output)
+        refuse_existing(output)
     request = Request(
         logs=arguments.logs,
         robot=arguments.robot,
@@ -57,13 +51,11 @@ def run(arguments: argparse.Namespace) -> int:
         rate=arguments.rate,
         output=output or "setup.toml",
     )
-    found = draft(request)
-    if found.log is not None and (further := _recorded_so(found.setup, found.log)):
-        found = draft(request._replace(further=further))
+    found = checked_draft(request)
     if not output:
         print(found.text, end="")
     elif found.urdf:
-        _refuse(urdf_beside(output))
+        refuse_existing(urdf_beside(output))
         write_atomic(urdf_beside(output), lambda file: file.write(found.urdf.encode()))
     if output:
         write_atomic(output, lambda file: file.write(found.text.encode()))
@@ -74,22 +66,3 @@ def run(arguments: argparse.Namespace) -> int:
     if output and arguments.logs:
         print(printable(f"next: ftbias info {shlex.quote(arguments.logs[0])} --setup {shlex.quote(output)}"))
     return 0
-
-
-def _recorded_so(setup: Setup, log: Log) -> dict[str, Known]:
-    """Keys by which a check of the draft says that the controller compensates, or that the sensor was set to zero."""
-    from ftbias_jax.check.check_setup import check_setup
-
-    findings = check_setup(setup, [log]).findings
-    return {
-        key: Known(value, found.remedy.partition(":")[0])
-        for found in findings
-        if found.mistake in RECORDED
-        for key, value in (found.setup or {}).items()
-    }
-
-
-def _refuse(path: str) -> None:
-    """A setup that somebody has worked on is not replaced by a draft."""
-    if os.path.lexists(path):
-        raise OutputError("is there already", file=path, remedy="name another file, or remove it")

@@ -9,6 +9,7 @@ ADD = (
     filtering.add_filter,
     calibration.add_tune,
     calibration.add_identify,
+    calibration.add_calibrate,
     setups.add_export,
     logs.add_check,
     logs.add_simulate,

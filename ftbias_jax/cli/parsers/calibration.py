@@ -1,4 +1,4 @@
-"""Arguments of ``ftbias tune`` and ``ftbias identify``."""
+"""Arguments of ``ftbias tune``, ``ftbias identify`` and ``ftbias calibrate``."""
 
 from __future__ import annotations
 
@@ -123,5 +123,34 @@ def add_identify(commands: Commands) -> None:
     )
     add_unchecked(parser)
     add_archive(parser)
+    add_outside(parser)
+    add_force(parser)
+
+
+def add_calibrate(commands: Commands) -> None:
+    """The command ``calibrate``."""
+    parser = commands.add_parser(
+        "calibrate",
+        help="from logs to a setup: draft, diagnose, identify, and keep what predicts unseen data better",
+        description="Draft or take a setup, find causes of the gap and the tool, and keep each step only if the setup "
+        "with it predicts the end of LOGs, which it has not seen, better than without.",
+        epilog="Example: ftbias calibrate monday.bag --robot ur10e -o setup.toml --html calibration.html",
+    )
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=LOGS)
+    parser.add_argument("--setup", metavar="SETUP.toml", help="where to start (default: a draft from the first log)")
+    parser.add_argument("--robot", default="", metavar="NAME", help="of the draft: a built-in robot")
+    parser.add_argument("--urdf", default="", metavar="FILE", help="of the draft: a URDF instead")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT.toml", help="where to write the setup")
+    parser.add_argument("--html", metavar="OUT.html", help="also write a page: steps, errors, and the setup")
+    parser.add_argument("--json", metavar="OUT.json", help="also write steps and errors for programs")
+    parser.add_argument(
+        "--bias",
+        action="store_true",
+        help="also write the bias at the end of the longest log, as the prior of logs recorded next",
+    )
+    parser.add_argument(
+        "--hold-out", type=share, default=0.25, metavar="SHARE", help="end of every log kept to judge by (%(default)s)"
+    )
+    add_unchecked(parser)
     add_outside(parser)
     add_force(parser)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import PurePath
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report.interactive import MAX_NUMBERS, data_block, policy, script
+from ftbias_jax.diagnosis.report.interactive import MAX_NUMBERS, data_block, script
 from ftbias_jax.diagnosis.report.origin import origin_rows
 from ftbias_jax.diagnosis.report.plots import (
     channel_title,
@@ -21,6 +20,7 @@ from ftbias_jax.diagnosis.report.plots import (
 )
 from ftbias_jax.diagnosis.report.plotted import Series
 from ftbias_jax.diagnosis.report.ranking import ranking
+from ftbias_jax.diagnosis.report.skeleton import section, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.report.tables import (
     log_lines,
@@ -74,33 +74,23 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
         title: such as the names of the logs; any text.
     """
     sections = (
-        _section("What to do", _remedies(diagnosis)),
-        _section("Causes", _causes(diagnosis.causes)),
-        _section("Not in the catalogue", show_terms(diagnosis.terms)),
-        _section("The gap before and after" if _has_after(diagnosis) else "The gap", _gap(diagnosis)),
-        _section("Log by log", "".join(f"<p>{escape(line)}</p>" for line in log_lines(diagnosis))),
-        _section("What is left, against time", _times(diagnosis)),
-        _section("What is left, against the cause", _regressor(diagnosis)),
-        _section("How well each effect explains it", ranking(diagnosis)),
-        _section("Twins: what the data do not tell apart", _twins(diagnosis.causes)),
-        _section("Where the gap is", _where(diagnosis.where, diagnosis.verdict)),
-        _section("Samples that were lost", html_table(("what",), [(loss,) for loss in diagnosis.losses])),
-        _section("What was not tested", html_table(("effect", "why"), diagnosis.not_tested)),
-        _section("Where this comes from", html_table(("what", "value"), origin_rows(diagnosis))),
-        _section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
+        section("What to do", _remedies(diagnosis)),
+        section("Causes", _causes(diagnosis.causes)),
+        section("Not in the catalogue", show_terms(diagnosis.terms)),
+        section("The gap before and after" if _has_after(diagnosis) else "The gap", _gap(diagnosis)),
+        section("Log by log", "".join(f"<p>{escape(line)}</p>" for line in log_lines(diagnosis))),
+        section("What is left, against time", _times(diagnosis)),
+        section("What is left, against the cause", _regressor(diagnosis)),
+        section("How well each effect explains it", ranking(diagnosis)),
+        section("Twins: what the data do not tell apart", _twins(diagnosis.causes)),
+        section("Where the gap is", _where(diagnosis.where, diagnosis.verdict)),
+        section("Samples that were lost", html_table(("what",), [(loss,) for loss in diagnosis.losses])),
+        section("What was not tested", html_table(("effect", "why"), diagnosis.not_tested)),
+        section("Where this comes from", html_table(("what", "value"), origin_rows(diagnosis))),
+        section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
     )
-    runs = script() if diagnosis.series else ""
-    style = resources.files("ftbias_jax.diagnosis.report").joinpath("report.css").read_text(encoding="utf-8")
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy(runs)}">'
-        '<meta name="generator" content="ftbias_jax">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<meta name="color-scheme" content="light dark">'
-        f"<title>{escape(title)}</title><style>{style}</style></head>\n"
-        f"<body><main>{_header(diagnosis, title)}\n{''.join(sections)}</main>"
-        f"{f'<script>{runs}</script>' if runs else ''}</body></html>\n"
-    )
+    body = f"{_header(diagnosis, title)}\n{''.join(sections)}"
+    return whole_page(title, body, script() if diagnosis.series else "")
 
 
 def _header(diagnosis: Diagnosis, title: str) -> str:
@@ -119,11 +109,6 @@ def _header(diagnosis: Diagnosis, title: str) -> str:
         f"<h1><span class='badge'>{escape(verdict_words(diagnosis.verdict))}</span> {typeset(diagnosis.sentence)}</h1>"
         f"{note}<dl>{items}</dl>{logs}</header>"
     )
-
-
-def _section(title: str, content: str) -> str:
-    """A part of the page, or nothing where there is nothing to say."""
-    return f"<section><h2>{escape(title)}</h2>{content}</section>\n" if content else ""
 
 
 def _causes(causes: Sequence[Candidate]) -> str:

@@ -14,13 +14,14 @@ from ftbias_jax.io.write.fields import SIGN
 from ftbias_jax.setup.save import WRITTEN_BY
 
 RESULT, LOG, SETUP, PAGE, FIGURE, EXPORT = "a result", "a log", "a setup", "a page", "a figure", "an export"
-DIAGNOSIS, CHECK, SCORE = "a diagnosis", "a check", "a score"
+DIAGNOSIS, CHECK, SCORE, CALIBRATION = "a diagnosis", "a check", "a score", "a calibration"
 END = 1 << 16
 """Bytes at either end of a file that are looked at."""
 GENERATOR = b'<meta name="generator" content="ftbias_jax'
 IN_JSON = {
     DIAGNOSIS: (b'"schema"', b'"verdict"', b'"sentence"'),
     CHECK: (b'"ok"', b'"findings"'),
+    CALIBRATION: (b'"steps"', b'"seconds_ahead"'),
     SCORE: (b'"versions"', b'"logs"'),
     LOG: (b'"provenance"', b'"effects"'),
 }

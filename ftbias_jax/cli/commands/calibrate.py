@@ -1,0 +1,84 @@
+"""``ftbias calibrate``: from logs to a setup in which every step predicts what it has not seen."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ftbias_jax.cli.repairs import tell_repairs
+from ftbias_jax.errors import UsageError
+from ftbias_jax.fleet.find import expand, inputs
+from ftbias_jax.io import read_log
+from ftbias_jax.io.atomic import write_atomic, write_json
+from ftbias_jax.io.draft.draft import Request, urdf_beside
+from ftbias_jax.io.outputs import check_outputs, check_writable, refuse_existing
+from ftbias_jax.io.write.ours import CALIBRATION, PAGE, SETUP
+from ftbias_jax.setup import Setup, load_setup
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Calibrate, and write the setup; 3 if samples of a log were lost, else 0."""
+    for option, path, suffix in (
+        ("--output", arguments.output, ".toml"),
+        ("--html", arguments.html, ".html"),
+        ("--json", arguments.json, ".json"),
+    ):
+        if path is not None:
+            check_writable(path, suffix, option)
+    drafts = arguments.setup is None
+    if not drafts and (arguments.robot or arguments.urdf):
+        raise UsageError("the setup states the robot", field="--robot, --urdf", remedy="leave out one of the two")
+
+    from ftbias_jax.runtime.progress import Stages
+
+    with Stages("calibrating") as stages:
+        stages("drafting a setup" if drafts else "reading")
+        setup, urdf = _draft(arguments) if drafts else (_load(arguments), "")
+        paths = expand(arguments.logs, setup.log.files)
+        outputs = {"--output": arguments.output, "--html": arguments.html, "--json": arguments.json}
+        stated = (setup.urdf, *([] if drafts else [arguments.setup]))
+        kinds = {"--output": SETUP, "--html": PAGE, "--json": CALIBRATION}
+        check_outputs(outputs, (*inputs(paths, setup.log.files), *stated), kinds, arguments.force)
+        logs = [read_log(path, setup, raw=True) for path in paths]
+
+        from ftbias_jax.runtime.jax_config import prepare_jax
+
+        prepare_jax()
+        from ftbias_jax.commissioning.calibrate import calibrate
+
+        found = calibrate(
+            setup,
+            logs,
+            [Path(path).name for path in paths],
+            bias=arguments.bias,
+            hold_out=arguments.hold_out,
+            unchecked=arguments.unchecked,
+            progress=stages,
+        )
+    print(found)
+    if urdf:
+        write_atomic(urdf_beside(arguments.output), lambda file: file.write(urdf.encode()))
+    found.save(arguments.output, by="calibrate")
+    if arguments.html:
+        found.to_html(arguments.html)
+    if arguments.json:
+        write_json(arguments.json, found.plain())
+    written = [arguments.output, *([urdf_beside(arguments.output)] if urdf else []), arguments.html, arguments.json]
+    print(f"wrote {', '.join(path for path in written if path)}")
+    return tell_repairs(zip(paths, found.repairs, strict=True))
+
+
+def _load(arguments: argparse.Namespace) -> Setup:
+    return load_setup(arguments.setup, allow_outside=arguments.allow_outside)
+
+
+def _draft(arguments: argparse.Namespace) -> tuple[Setup, str]:
+    """A setup drafted from the first log, and the text of a URDF that the log has."""
+    from ftbias_jax.commissioning.drafted import checked_draft
+
+    logs = expand(arguments.logs, {})
+    request = Request(logs=logs[:1], robot=arguments.robot, urdf=arguments.urdf, output=arguments.output)
+    drafted = checked_draft(request)
+    if drafted.urdf:
+        refuse_existing(urdf_beside(arguments.output))
+    return drafted.setup, drafted.urdf

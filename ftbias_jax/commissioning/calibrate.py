@@ -1,0 +1,248 @@
+"""From a log to a setup that can be trusted: each step is kept only if it predicts what it has not seen.
+
+The end of every log is kept apart. Causes are looked for, and the tool is identified, in what comes before; a step
+stays if the setup with it predicts the readings of the end better, 1 s and 10 s ahead, than the setup without.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
+from ftbias_jax.check.check_setup import require_right
+from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
+from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step
+from ftbias_jax.diagnosis.apply import with_causes
+from ftbias_jax.diagnosis.diagnose import diagnose
+from ftbias_jax.diagnosis.result import Diagnosis
+from ftbias_jax.errors import FtbiasError, UsageError
+from ftbias_jax.filtering.params_for_log import rows_of
+from ftbias_jax.io.cleaning import clean
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.statements import value_words
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.runtime.progress import silent
+from ftbias_jax.setup.require import has_no_tool, with_guessed_tool
+from ftbias_jax.setup.types import COMPENSATED, Setup
+
+CAUSES, TERMS, TOOL, CHANNELS = "causes", "terms", "tool", "gains and crosstalk"
+"""Kinds of steps."""
+ROUNDS = 2
+"""Of diagnosis and identification; in recorded and simulated logs nothing changed after the second."""
+LOOSE = (0.3, 0.03)
+"""Share of the mass, and m: how far a tool may be off that is stated without its errors."""
+LOOSE_GUESS = (1.0, 0.1)
+"""kg and m: the same of a tool that is not stated."""
+
+
+class _State(NamedTuple):
+    """Where the road has come to."""
+
+    setup: Setup
+    judged: Judged
+    steps: tuple[Step, ...]
+    found: Diagnosis | None = None
+    """The last one."""
+
+    @property
+    def has_tool(self) -> bool:
+        """Whether an identified tool was kept."""
+        return any(step.kept and step.kind in (TOOL, CHANNELS) for step in self.steps)
+
+
+@in_float64
+def calibrate(
+    setup: Setup,
+    logs: Sequence[Log],
+    names: Sequence[str] = (),
+    *,
+    bias: bool = False,
+    hold_out: float = 0.25,
+    unchecked: bool = False,
+    progress: Callable[[str], None] = silent,
+) -> Calibrated:
+    """Find causes of a gap and the tool, and keep of both what predicts the unseen end of the logs better.
+
+    A tool that the setup states without standard errors is where the search starts, and is replaced if another one
+    predicts better. At the end the steps that were kept are repeated with all of the logs, if these show the same
+    causes and the result predicts no worse. Computes in float64 whatever JAX's setting is, and keeps compiled programs
+    in the user's cache folder (``FTBIAS_CACHE=off`` does not).
+
+    Args:
+        setup: robot, sensor and noise; its tool may be a draft, or not be stated.
+        logs: of free motion of one robot, sensor and tool, best as recorded (``read_log(..., raw=True)``).
+        names: of the logs, for the report; () = "log 1", "log 2", ...
+        bias: also put the bias at the end of the longest log into the setup, as the prior of logs recorded next.
+        hold_out: share at the end of each log by which steps are judged, 0.1 to 0.9.
+        unchecked: do not look first whether the setup can be right (``check_setup``).
+        progress: called with the name of each stage as it begins.
+
+    Raises:
+        UsageError: no log, or an impossible share. SetupError, LogError: the logs show a mistake of units, signs or
+            frames, or cannot be filtered.
+    """
+    if not logs:
+        raise UsageError("there is no log to calibrate with", field="logs", remedy="give at least one")
+    if not 0.1 <= hold_out <= 0.9:
+        raise UsageError(f"got {hold_out!r}", field="hold_out", remedy="give a share from 0.1 to 0.9")
+    progress("checking the setup")
+    whole = [clean(log) for log in logs]
+    require_right(setup, whole, "calibrate", unchecked)
+    names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
+    begun = [_begin(log, 1 - hold_out) for log in logs]
+    start = with_loose_tool(setup)
+    progress("filtering with the setup as given")
+    given = start if setup.tool.unknown else setup
+    state = first = _State(start, judge(given, whole, hold_out), ())
+    for number in range(ROUNDS):
+        before = state
+        state = _with_causes(state, whole, begun, names, hold_out, progress)
+        if setup.sensor.compensated == COMPENSATED[0]:
+            state = _with_tool(state, whole, begun, hold_out, number == 0, progress)
+        if state.setup is before.setup:
+            break
+    progress("comparing with a constant bias")
+    rows = {GIVEN: first.judged} | ({CALIBRATED: state.judged} if state.setup is not start else {})
+    rows |= baselines(state.setup, whole, hold_out)
+    final = replace(state.setup, tool=setup.tool) if state.setup.tool is start.tool else state.setup
+    if state.setup is not start:
+        progress("repeating what was kept with all of the logs")
+        repeated = _repeated(state, start, logs, names)
+        if repeated is not None and not compare(judge(repeated, whole, hold_out), state.judged).is_worse:
+            final = repeated
+    if bias:
+        progress("taking the bias of the longest log")
+        found = identify_tool(final, _longest(logs), bias=True, unchecked=True)
+        final = replace(final, bias=found.setup.bias)
+    return Calibrated(final, state.steps, rows, state.found, tuple(log.repairs for log in whole))
+
+
+def with_loose_tool(setup: Setup) -> Setup:
+    """The setup with a tool to start from, and standard errors of what it states without them."""
+    guessed = with_guessed_tool(setup)
+    mass, center = (max(LOOSE[0] * guessed.tool.mass, 0.0), LOOSE[1]) if guessed is setup else LOOSE_GUESS
+    tool = guessed.tool
+    if has_no_tool(setup) or tool.mass == 0:
+        return setup
+    mass_std = mass if tool.mass_std is None else tool.mass_std
+    center_std = np.full(3, center) if tool.center_of_mass_std is None else tool.center_of_mass_std
+    return replace(guessed, tool=replace(tool, mass_std=mass_std, center_of_mass_std=center_std))
+
+
+def _with_causes(
+    state: _State,
+    whole: Sequence[Log],
+    begun: Sequence[Log],
+    names: Sequence[str],
+    hold_out: float,
+    progress: Callable[[str], None],
+) -> _State:
+    """With the causes that a diagnosis names, and then with the terms that it adds, if either predicts better."""
+    progress("diagnosing")
+    try:
+        found = diagnose(state.setup, begun, names, unchecked=True)
+    except FtbiasError as error:
+        return _refused(state, CAUSES, "diagnose", str(error))
+    state = state._replace(found=found)
+    if not found.causes and not found.terms:
+        return _refused(state, CAUSES, "diagnose", found.sentence)
+    if found.causes:
+        step = f"cause: {', '.join(cause.title for cause in found.causes)}"
+        state = _tried(state, CAUSES, step, with_causes(state.setup, found.causes), whole, hold_out)
+    if found.terms:
+        step = f"term: {', '.join(term.text for term in found.terms)}"
+        state = _tried(state, TERMS, step, with_causes(state.setup, found.causes, found.terms), whole, hold_out)
+    return state
+
+
+def _with_tool(
+    state: _State,
+    whole: Sequence[Log],
+    begun: Sequence[Log],
+    hold_out: float,
+    channels: bool,
+    progress: Callable[[str], None],
+) -> _State:
+    """With the tool that the longest log shows, and then with gains and crosstalk, if they predict better."""
+    log = _longest(begun)
+    for crosstalk in (False, True) if channels else (False,):
+        kind = CHANNELS if crosstalk else TOOL
+        progress(f"identifying {kind}")
+        try:
+            found = identify_tool(state.setup, log, crosstalk=crosstalk, unchecked=True)
+        except FtbiasError as error:
+            return _refused(state, kind, kind, str(error))
+        if why := _nothing_found(found, crosstalk):
+            state = _refused(state, kind, kind, why)
+            continue
+        # A drafted tool is nobody's belief: what is identified replaces it unless it predicts worse.
+        first = not crosstalk and not state.has_tool
+        state = _tried(state, kind, _in_words(found, kind), found.setup, whole, hold_out, first)
+    return state
+
+
+def _nothing_found(found: IdentifyResult, crosstalk: bool) -> str:
+    """Why there is nothing to try; "" = there is."""
+    if not found.converged:
+        return "the search did not converge"
+    if crosstalk and (found.channels is None or not found.channels.shown):
+        return "this log does not show any"
+    return "this motion determines nothing of the tool" if all(found.tool.remarks) else ""
+
+
+def _in_words(found: IdentifyResult, name: str) -> str:
+    mass, stderr = found.tool.values[0], found.tool.stderr[0]
+    return f"{name}: {value_words(mass, stderr)} kg" if np.isfinite(stderr) else name
+
+
+def _tried(
+    state: _State,
+    kind: str,
+    name: str,
+    setup: Setup,
+    whole: Sequence[Log],
+    hold_out: float,
+    unless_worse: bool = False,
+) -> _State:
+    """The state with a setup that was tried, if it is kept; and with the step in any case."""
+    try:
+        judged = judge(setup, whole, hold_out)
+    except FtbiasError as error:
+        return _refused(state, kind, name, str(error))
+    difference = compare(judged, state.judged)
+    kept = not difference.is_worse if unless_worse else difference.is_better
+    state = state._replace(steps=(*state.steps, Step(kind, name, kept, str(difference))))
+    return state._replace(setup=setup, judged=judged) if kept else state
+
+
+def _refused(state: _State, kind: str, name: str, why: str) -> _State:
+    return state._replace(steps=(*state.steps, Step(kind, name, False, why)))
+
+
+def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[str]) -> Setup | None:
+    """The steps that were kept with all of the logs; None if these show other causes, or nothing."""
+    setup, kept = start, [step.kind for step in state.steps if step.kept]
+    try:
+        for kind, later in pairwise((*kept, "")):
+            if kind in (TOOL, CHANNELS):
+                setup = identify_tool(setup, _longest(logs), crosstalk=kind == CHANNELS, unchecked=True).setup
+            elif later != TERMS:
+                found = diagnose(setup, logs, names, unchecked=True)
+                setup = with_causes(setup, found.causes, found.terms if kind == TERMS else ())
+    except FtbiasError:
+        return None
+    return setup if {*setup.effects} == {*state.setup.effects} else None
+
+
+def _begin(log: Log, share: float) -> Log:
+    """The first share of a log."""
+    return log._replace(**rows_of(log, 0, max(1, round(share * len(log.t)))))
+
+
+def _longest(logs: Sequence[Log]) -> Log:
+    return clean(max(logs, key=lambda log: float(log.t[-1] - log.t[0])))

@@ -1,0 +1,217 @@
+"""How well a setup predicts the unseen end of logs, and whether one predicts better than another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.calibration.judgement import HORIZONS, STRETCHES, SURE, errors_of_constant_bias, prediction_errors
+from ftbias_jax.filtering.verbs.from_setup import filter_log
+from ftbias_jax.filtering.verbs.results import FilterResult
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.statements import value_words
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import AXES, Array
+
+MATTERS = 0.01
+"""Least share by which errors must be smaller."""
+FEWER = 0.03
+"""Share of the samples that a better setup may leave out beyond those that the other one leaves out."""
+LEAST_INSIDE = 0.85
+"""Of readings in their 95 % intervals: a setup with fewer, and fewer than the other one, is not better."""
+WITHIN = 1.96
+"""Standard deviations of a 95 % interval."""
+TARE = 0.5
+"""s at the start of a log, of which the mean is a held tare."""
+
+
+class Judged(NamedTuple):
+    """What a setup makes of the unseen end of logs; T samples of all of them, H horizons."""
+
+    errors: Array
+    """(H, T, 6) N, Nm: the reading less the one predicted so many seconds before; NaN = not used or not predicted."""
+    inside: Array
+    """(T, 6) 1 where the reading is in the 95 % interval predicted HORIZONS[0] before, 0 where not, NaN = not used."""
+    used: Array
+    """(T,) whether the filter took the sample."""
+    stretch: Array
+    """(T,) number of the stretch of a log."""
+
+    @property
+    def rms(self) -> Array:
+        """(H, 6) N, Nm; NaN = nothing was predicted."""
+        return _rms(self.errors)
+
+    @property
+    def coverage(self) -> Array:
+        """(6,) share of the readings in their 95 % intervals; NaN = none was predicted."""
+        return _mean(self.inside)
+
+
+class Difference(NamedTuple):
+    """How much smaller the errors of one setup are than those of another."""
+
+    share: float
+    """Mean over axes and horizons of the logarithm of their ratio; negative = smaller."""
+    stderr: float
+    fewer: float
+    """Share of the samples that only the other one takes."""
+    misses: bool
+    """Whether its intervals hold fewer readings than the other's, and fewer than they should."""
+
+    @property
+    def is_better(self) -> bool:
+        """Whether the errors are smaller by more than chance, and nothing else is worse."""
+        return self.share < -max(MATTERS, SURE * self.stderr) and not self.costs
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the errors are larger by more than chance, or something else is worse."""
+        return self.share > max(MATTERS, SURE * self.stderr) or bool(self.costs)
+
+    @property
+    def costs(self) -> str:
+        """What is worse beside the errors, in words; "" = nothing."""
+        fewer = f"{100 * self.fewer:.2g} % fewer samples used" if self.fewer > FEWER else ""
+        return "; ".join(x for x in (fewer, "too few readings in their intervals" if self.misses else "") if x)
+
+    def __str__(self) -> str:
+        ratio = np.exp(self.share)
+        change = value_words(100 * abs(ratio - 1), 100 * ratio * self.stderr)
+        words = f"errors {change} % {'smaller' if ratio < 1 else 'larger'}"
+        return "; ".join(x for x in (words, self.costs) if x)
+
+
+def judge(setup: Setup, logs: Sequence[Log], hold_out: float) -> Judged:
+    """Filter whole logs, and take the errors at their ends.
+
+    Args:
+        setup: to filter with.
+        logs: as ``read_log`` gives them.
+        hold_out: share at the end of each that counts.
+    """
+    return _joined([_of_end(filter_log(setup, log, unchecked=True), hold_out, _errors) for log in logs])
+
+
+def baselines(setup: Setup, logs: Sequence[Log], hold_out: float) -> dict[str, Judged]:
+    """What needs no filter, with a setup's tool: a bias held from the log's start, or its mean over what was fitted.
+
+    Args:
+        setup: for the wrench of the tool.
+        logs: as for ``judge``.
+        hold_out: as for ``judge``.
+    """
+    results = [filter_log(setup, log, unchecked=True) for log in logs]
+    ways: dict[str, Callable[[FilterResult], Array]] = {
+        "tare of the first 0.5 s": lambda result: result.t < result.t[np.argmax(_used(result))] + TARE,
+        "constant bias": lambda result: result.t < _begin(result, hold_out),
+    }
+
+    def held(rows: Callable[[FilterResult], Array]) -> Judged:
+        def errors(result: FilterResult) -> tuple[Array, Array]:
+            of_axis = errors_of_constant_bias(result, rows(result))
+            return np.stack([of_axis] * len(HORIZONS)), np.full(of_axis.shape, np.nan)
+
+        return _joined([_of_end(result, hold_out, errors) for result in results])
+
+    return {name: held(rows) for name, rows in ways.items()}
+
+
+def compare(new: Judged, old: Judged) -> Difference:
+    """Errors of two setups at the samples that both used.
+
+    The standard error is a jackknife over stretches of the logs, in which errors are much alike.
+
+    Args:
+        new: of the setup that may be taken.
+        old: of the one before it.
+    """
+    both = np.isfinite(new.errors) & np.isfinite(old.errors)
+
+    def share(left_out: int) -> float:
+        rows = both & (new.stretch != left_out)[None, :, None]
+        ours, theirs = (_rms(np.where(rows, x.errors, np.nan)) for x in (new, old))
+        known = (ours > 0) & (theirs > 0)
+        return float(np.log(ours[known] / theirs[known]).mean()) if known.any() else 0.0
+
+    numbers = np.unique(new.stretch)
+    stderr = float(np.sqrt((len(numbers) - 1) * np.var([share(number) for number in numbers])))
+    inside, before = (np.nanmean(x.inside) if np.isfinite(x.inside).any() else 1.0 for x in (new, old))
+    misses = bool(inside < min(LEAST_INSIDE, before))
+    return Difference(share(-1), stderr, float(old.used.mean() - new.used.mean()), misses)
+
+
+def table(rows: dict[str, Judged]) -> list[tuple[str, ...]]:
+    """Name, seconds ahead, root mean square errors of the six axes, coverage and samples used; a row for each horizon.
+
+    Args:
+        rows: what is compared, by name.
+    """
+    return [
+        (
+            name,
+            f"{seconds:g} s",
+            *(f"{x:.3g}" if np.isfinite(x) else "-" for x in judged.rms[i]),
+            "" if i or not np.isfinite(judged.inside).any() else f"{100 * np.nanmean(judged.inside):.0f} %",
+            "" if i else f"{100 * judged.used.mean():.0f} %",
+        )
+        for i, seconds in enumerate(HORIZONS)
+        for name, judged in rows.items()
+    ]
+
+
+HEAD = ("unseen end, rms in N, Nm", "ahead", *AXES, "in 95 %", "used")
+"""Of ``table``."""
+
+
+def _errors(result: FilterResult) -> tuple[Array, Array]:
+    """(H, T, 6) errors, and (T, 6) whether the readings are in their intervals."""
+    noise, seconds = result.params.bias, HORIZONS[0]
+    errors = np.stack([prediction_errors(result, noise, ahead) for ahead in HORIZONS])
+    past = np.searchsorted(result.t, result.t - seconds, side="right") - 1
+    variance = result.forecast(seconds).std[past] ** 2
+    if result.reading_std is not None:
+        # The noise that the motion makes is that of now: how the arm will move is known beforehand.
+        variance += result.reading_std**2 - result.reading_std[past] ** 2
+    inside = np.abs(errors[0]) < WITHIN * np.sqrt(variance)
+    return errors, np.where(np.isfinite(errors[0]), inside, np.nan)
+
+
+def _of_end(result: FilterResult, hold_out: float, errors: Callable[[FilterResult], tuple[Array, Array]]) -> Judged:
+    begin = _begin(result, hold_out)
+    rows = result.t >= begin
+    share = (result.t[rows] - begin) / max(float(result.t[-1] - begin), 1e-9)
+    ahead, inside = errors(result)
+    return Judged(
+        ahead[:, rows], inside[rows], _used(result)[rows], np.minimum((STRETCHES * share).astype(int), STRETCHES - 1)
+    )
+
+
+def _used(result: FilterResult) -> Array:
+    return np.ones(len(result.t), bool) if result.used is None else np.asarray(result.used)
+
+
+def _begin(result: FilterResult, hold_out: float) -> float:
+    return float(result.t[-1] - hold_out * (result.t[-1] - result.t[0]))
+
+
+def _joined(parts: Sequence[Judged]) -> Judged:
+    errors = np.concatenate([part.errors for part in parts], axis=1)
+    stretch = np.concatenate([part.stretch + STRETCHES * i for i, part in enumerate(parts)])
+    inside, used = (np.concatenate([getattr(part, name) for part in parts]) for name in ("inside", "used"))
+    return Judged(errors, inside, used, stretch)
+
+
+def _rms(errors: Array) -> Array:
+    """(..., T, 6) -> (..., 6) over what is not NaN; NaN where nothing is known."""
+    return np.sqrt(_mean(errors**2))
+
+
+def _mean(x: Array) -> Array:
+    """(..., T, 6) -> (..., 6) over what is not NaN; NaN where nothing is known."""
+    known = np.isfinite(x)
+    count = known.sum(-2)
+    mean: Array = np.where(known, x, 0.0).sum(-2) / np.maximum(count, 1)
+    return np.where(count > 0, mean, np.nan)

@@ -1,0 +1,137 @@
+"""What a calibration gives back: the setup, what was tried and why it stayed or not, and errors before and after."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ftbias_jax.calibration.judgement import HORIZONS
+from ftbias_jax.commissioning.judged import HEAD, Judged, table
+from ftbias_jax.diagnosis.report.skeleton import section, whole_page
+from ftbias_jax.diagnosis.report.svg import escape
+from ftbias_jax.diagnosis.report.terms import html_table, typeset
+from ftbias_jax.diagnosis.result import Diagnosis
+from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.log import Repairs
+from ftbias_jax.setup.dump import dump_setup
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import AXES
+
+GIVEN, CALIBRATED = "setup as given", "calibrated"
+"""Rows of the errors that are of a filter."""
+HOW_TO_READ = (
+    "Root mean square errors of predicting the reading at the end of the logs, which no step has seen, from what the "
+    "filter knew so many seconds before; beside it what needs no filter, with the calibrated tool."
+)
+AS_GOOD = 1.02
+"""A constant bias whose errors times this are smaller predicts better."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """Something that was tried."""
+
+    kind: str
+    """"causes", "terms", "tool" or "gains and crosstalk"."""
+    name: str
+    kept: bool
+    why: str
+    """How the errors of what was not seen change, or why it could not be tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A setup, and how well it predicts."""
+
+    setup: Setup
+    """With what was kept."""
+    steps: tuple[Step, ...]
+    rows: dict[str, Judged]
+    """Errors on the unseen end of the logs: of the setup as given, of the calibrated one if anything was kept, and of
+    biases that are held."""
+    diagnosis: Diagnosis | None
+    """The last one; None = there was none."""
+    repairs: tuple[Repairs, ...] = ()
+    """One a log: what was mended or left out."""
+
+    @property
+    def kept(self) -> tuple[Step, ...]:
+        """The steps that the setup has."""
+        return tuple(step for step in self.steps if step.kept)
+
+    @property
+    def constant_is_better(self) -> tuple[str, ...]:
+        """Where a bias that is held predicts better than the setup: axis and horizon."""
+        held = [judged.rms for name, judged in self.rows.items() if name not in (GIVEN, CALIBRATED)]
+        worse = self.rows.get(CALIBRATED, self.rows[GIVEN]).rms > AS_GOOD * np.min(held, axis=0)
+        return tuple(f"{AXES[j]} {HORIZONS[i]:g} s ahead" for i, j in zip(*np.nonzero(worse), strict=True))
+
+    @property
+    def sentence(self) -> str:
+        """What came out, in one sentence."""
+        if not self.kept:
+            return "Nothing that was tried predicts the unseen end better: the setup is as given."
+        return f"Kept {len(self.kept)} of {len(self.steps)} steps: {'; '.join(step.name for step in self.kept)}."
+
+    def save(self, path: str | os.PathLike[str], by: str = "") -> None:
+        """Write the setup; ``Setup.save`` has the errors.
+
+        Args:
+            path: of the TOML file.
+            by: as of ``Setup.save``.
+        """
+        self.setup.save(path, by)
+
+    def to_html(self, path: str | os.PathLike[str]) -> None:
+        """Write a page with steps, errors and the setup.
+
+        Args:
+            path: of the page.
+
+        Raises:
+            OutputError: the file cannot be written there.
+        """
+        steps = [("kept" if step.kept else "not kept", step.name, step.why) for step in self.steps]
+        body = (
+            f"<header><p class='small'>Calibration</p><h1>{typeset(self.sentence)}</h1></header>"
+            + section("How well the reading is predicted", f"<p>{HOW_TO_READ}</p>{html_table(HEAD, table(self.rows))}")
+            + section("What was tried", html_table(("", "step", "errors on the unseen end"), steps))
+            + section("What is left", f"<p>{typeset(self.diagnosis.sentence)}</p>" if self.diagnosis else "")
+            + section("The setup", f"<pre>{escape(dump_setup(self.setup))}</pre>")
+        )
+        page = whole_page("Calibration", body)
+        write_atomic(path, lambda file: file.write(page.encode()))
+
+    def plain(self) -> dict[str, Any]:
+        """Steps and errors as plain lists and numbers, for JSON."""
+        numbers = {
+            name: {
+                "rms": [[float(x) if np.isfinite(x) else None for x in row] for row in judged.rms],
+                "coverage": [float(x) if np.isfinite(x) else None for x in judged.coverage],
+                "used": float(judged.used.mean()),
+            }
+            for name, judged in self.rows.items()
+        }
+        steps = [{"kind": step.kind, "name": step.name, "kept": step.kept, "why": step.why} for step in self.steps]
+        return {"steps": steps, "seconds_ahead": list(HORIZONS), "axes": list(AXES), "errors": numbers}
+
+    def __str__(self) -> str:
+        lines = [self.sentence]
+        lines += [f"  {'kept' if step.kept else 'not kept':9s} {step.name} ({step.why})" for step in self.steps]
+        lines += aligned([HEAD, *table(self.rows)])
+        if better := self.constant_is_better:
+            lines.append(f"a bias that is held predicts better: {', '.join(better)}")
+        return "\n".join(lines)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a plain table: the first column to the left, numbers to the right."""
+    first, *rest = (max(map(len, column)) for column in zip(*rows, strict=True))
+    return [
+        "  ".join((name.ljust(first), *(cell.rjust(w) for cell, w in zip(cells, rest, strict=True)))).rstrip()
+        for name, *cells in rows
+    ]

@@ -1,0 +1,87 @@
+import json
+import sys
+from types import ModuleType
+
+import numpy as np
+import pytest
+from made_judged import judged
+
+from ftbias_jax.cli.main import main
+from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step
+from ftbias_jax.setup import load_setup
+
+SETUP = """
+[robot]
+model = "panda"
+[sensor]
+noise_std = [0.1, 0.1, 0.1, 0.004, 0.004, 0.004]
+[tool]
+mass = 0.73
+center_of_mass = [0.0, 0.0, 0.06]
+inertia = [0.002, 0.0, 0.0, 0.002, 0.0, 0.001]
+"""
+
+
+@pytest.fixture
+def calls(tmp_path, monkeypatch):
+    """What ``calibrate`` was called with, in a folder with a setup and a log; its answer is made up."""
+    (tmp_path / "setup.toml").write_text(SETUP)
+    count = 50
+    wrench = np.ones((count, 6))
+    np.savez(tmp_path / "log.npz", t=0.01 * np.arange(count), q=np.zeros((count, 7)), wrench=wrench)
+    kept = []
+
+    def calibrate(setup, logs, names, **asked):
+        kept.append((setup, logs, names, asked))
+        held = judged(3.0)._replace(inside=np.full((4_000, 6), np.nan))
+        rows = {GIVEN: judged(2.0), CALIBRATED: judged(1.0), "constant bias": held}
+        step = Step("causes", "cause: low_pass", True, "errors 50 +- 1 % smaller")
+        return Calibrated(setup, (step,), rows, None, tuple(log.repairs for log in logs))
+
+    module = ModuleType("ftbias_jax.commissioning.calibrate")
+    module.calibrate = calibrate
+    monkeypatch.setitem(sys.modules, "ftbias_jax.commissioning.calibrate", module)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ftbias_jax.runtime.jax_config.prepare_jax", lambda: None)
+    return kept
+
+
+def test_it_prints_steps_and_errors_and_writes_what_was_asked_for(calls, capsys):
+    command = "calibrate log.npz --setup setup.toml -o out.toml --html out.html --json out.json --bias --hold-out 0.4"
+    assert main(command.split()) == 0
+    ((_, logs, names, asked),) = calls
+    assert len(logs) == 1
+    assert names == ["log.npz"]
+    assert (asked["bias"], asked["hold_out"], asked["unchecked"]) == (True, 0.4, False)
+    told = capsys.readouterr().out
+    assert "kept      cause: low_pass (errors 50 +- 1 % smaller)" in told
+    assert "wrote out.toml, out.html, out.json" in told
+    assert load_setup("out.toml").tool.mass == 0.73
+    with open("out.json") as file:
+        assert json.load(file)["steps"][0]["kept"] is True
+    assert main(command.split()) == 0, "its own outputs are replaced"
+
+
+def test_without_a_setup_it_drafts_one(calls):
+    assert main(["calibrate", "log.npz", "--robot", "panda", "-o", "out.toml"]) == 0
+    ((setup, *_),) = calls
+    assert setup.robot.model == "panda"
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        ("calibrate log.npz --setup setup.toml --robot panda -o out.toml", "states the robot"),
+        ("calibrate log.npz --setup setup.toml -o setup.toml", "same file"),
+        ("calibrate log.npz --setup setup.toml -o out.txt", ".toml"),
+        ("calibrate log.npz --setup setup.toml", "--output"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_before_anything_is_worked_out(calls, capsys, command, told):
+    try:
+        code = main(command.split())
+    except SystemExit as stopped:
+        code = stopped.code
+    assert code == 2
+    assert told in capsys.readouterr().err
+    assert not calls

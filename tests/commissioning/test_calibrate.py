@@ -1,0 +1,176 @@
+"""The road from a log to a setup: what is kept, what is refused, and the whole of it on a made log."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from made_judged import judged
+
+import ftbias_jax as ft
+from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.commissioning import calibrate as module
+from ftbias_jax.commissioning.calibrate import calibrate, with_loose_tool
+from ftbias_jax.commissioning.result import CALIBRATED, GIVEN
+from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.model.simulate_log import simulate
+from ftbias_jax.setup import parse_setup
+
+TRUE = parse_setup(SETUP)
+LOG = simulate(TRUE, duration=4, rate=50, seed=3).log
+CAUSE = SimpleNamespace(effect="low_pass", title="low_pass", parameters={"cutoff": 3.0}, stderr={"cutoff": 0.1})
+
+
+def of_mass(setup, mass):
+    return replace(setup, tool=replace(setup.tool, mass=mass))
+
+
+@pytest.fixture
+def faked(monkeypatch):
+    """Calibrations whose diagnosis, identification and errors are made up.
+
+    Args of what it gives: errors by (effects, mass); what a diagnosis finds in a setup; the mass that is identified.
+    """
+
+    def make(errors, causes=(), mass=1.0, trouble=None):
+        calls = []
+
+        def judge(setup, logs, hold_out):
+            return judged(errors(set(setup.effects), setup.tool.mass))
+
+        def diagnose(setup, logs, names, unchecked):
+            calls.append(("diagnose", len(logs[0].t)))
+            found = [cause for cause in causes if cause.effect not in setup.effects]
+            return SimpleNamespace(causes=found, terms=(), sentence="nothing is left")
+
+        def with_causes(setup, causes, terms=()):
+            return replace(setup, effects={**setup.effects, **{cause.effect: cause.parameters for cause in causes}})
+
+        def identify_tool(setup, log, crosstalk=False, bias=False, unchecked=True):
+            calls.append(("identify", len(log.t)))
+            if trouble:
+                raise LogError(trouble)
+            found = of_mass(setup, mass)
+            if bias:
+                found = replace(found, bias=replace(found.bias, initial=np.full(6, 7.0)))
+            tool = SimpleNamespace(values=np.full(10, mass), stderr=np.full(10, 0.01), remarks=("",) * 10)
+            return SimpleNamespace(setup=found, tool=tool, converged=True, channels=None)
+
+        def baselines(setup, logs, hold_out):
+            return {"constant bias": judged(5.0)._replace(inside=np.full((4_000, 6), np.nan))}
+
+        for fake in (judge, diagnose, with_causes, identify_tool, baselines):
+            monkeypatch.setattr(module, fake.__name__, fake)
+        return calls
+
+    return make
+
+
+def test_what_predicts_better_is_kept_and_repeated_with_all_of_the_log(faked):
+    calls = faked(lambda effects, mass: 0.5 if effects else 1.0, [CAUSE], mass=2.0)
+    found = calibrate(TRUE, [LOG], unchecked=True)
+    assert [(step.kind, step.kept) for step in found.steps[:3]] == [
+        ("causes", True),
+        ("tool", True),  # it predicts no worse, and nobody stated the tool with an error
+        ("gains and crosstalk", False),
+    ]
+    assert set(found.setup.effects) == {"low_pass"}
+    assert found.setup.tool.mass == 2.0
+    begun = round(0.75 * len(LOG.t))
+    assert calls[0] == ("diagnose", begun)
+    assert calls[-2:] == [("diagnose", len(LOG.t)), ("identify", len(LOG.t))]
+    assert list(found.rows) == [GIVEN, CALIBRATED, "constant bias"]
+    assert "errors 50" in found.steps[0].why
+    assert found.constant_is_better == ()
+
+
+def test_what_predicts_worse_is_told_and_not_kept(faked):
+    calls = faked(lambda effects, mass: 1.0 + len(effects) + (mass == 2.0), [CAUSE], mass=2.0)
+    found = calibrate(TRUE, [LOG], unchecked=True)
+    assert not found.kept
+    assert found.setup.tool is TRUE.tool
+    assert found.setup.effects == TRUE.effects
+    assert "larger" in found.steps[0].why
+    assert found.sentence.startswith("Nothing")
+    assert {count for _, count in calls} == {round(0.75 * len(LOG.t))}
+
+
+def test_what_all_of_the_log_makes_worse_is_not_repeated(faked, monkeypatch):
+    faked(lambda effects, mass: 0.5 if effects else 1.0, [CAUSE])
+    whole = SimpleNamespace(setup=of_mass(TRUE, 9.0), sentence="")
+    monkeypatch.setattr(module, "_repeated", lambda *_: whole.setup)
+    found = calibrate(TRUE, [LOG], unchecked=True)
+    assert found.setup.tool.mass == 1.0
+    assert set(found.setup.effects) == {"low_pass"}
+
+
+def test_a_tool_that_only_predicts_as_well_is_not_taken_twice(faked):
+    faked(lambda effects, mass: 1.0, mass=2.0)
+    steps = [step for step in calibrate(TRUE, [LOG], unchecked=True).steps if step.kind == "tool"]
+    assert [step.kept for step in steps] == [True, False]
+
+
+def test_what_cannot_be_tried_is_told_with_its_reason(faked):
+    faked(lambda effects, mass: 1.0, trouble="is of an arm at rest")
+    found = calibrate(TRUE, [LOG], unchecked=True)
+    assert [(step.kind, step.why) for step in found.steps] == [
+        ("causes", "nothing is left"),
+        ("tool", "is of an arm at rest"),
+    ]
+    assert "is of an arm at rest" in str(found)
+
+
+def test_the_bias_is_taken_where_it_is_asked_for_and_the_tool_stays(faked):
+    faked(lambda effects, mass: 1.0 + (mass == 2.0), mass=2.0)
+    found = calibrate(TRUE, [LOG], bias=True, unchecked=True)
+    assert found.setup.tool is TRUE.tool
+    np.testing.assert_array_equal(found.setup.bias.initial, 7.0)
+
+
+def test_a_bias_that_is_held_is_told_where_it_predicts_better(faked):
+    faked(lambda effects, mass: 8.0)
+    found = calibrate(TRUE, [LOG], unchecked=True)
+    assert "fx 1 s ahead" in found.constant_is_better
+    assert "a bias that is held predicts better" in str(found)
+
+
+def test_stated_errors_of_a_tool_stay_and_missing_ones_are_wide():
+    loose = with_loose_tool(TRUE).tool
+    assert loose.mass_std == pytest.approx(0.3 * TRUE.tool.mass)
+    stated = replace(TRUE, tool=replace(TRUE.tool, mass_std=1e-3, center_of_mass_std=np.full(3, 1e-4)))
+    assert with_loose_tool(stated).tool.mass_std == 1e-3
+    unknown = with_loose_tool(of_mass(TRUE, np.nan)).tool
+    assert unknown.mass_std == 1.0
+    without = replace(TRUE, sensor=replace(TRUE.sensor, compensated="tool"))
+    assert with_loose_tool(without) is without
+
+
+@pytest.mark.parametrize(("logs", "hold_out", "field"), [([], 0.25, "logs"), ([LOG], 0.95, "hold_out")])
+def test_wrong_arguments_are_refused(logs, hold_out, field):
+    with pytest.raises(UsageError) as error:
+        calibrate(TRUE, logs, hold_out=hold_out)
+    assert error.value.field == field
+
+
+def test_page_and_numbers(faked, tmp_path):
+    faked(lambda effects, mass: 0.5 if effects else 1.0, [CAUSE])
+    found = calibrate(TRUE, [LOG], unchecked=True)
+    found.to_html(tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text()
+    assert "low_pass" in text
+    assert "http" not in text.replace("http-equiv", "")
+    numbers = found.plain()
+    assert numbers["errors"]["constant bias"]["coverage"] == [None] * 6
+    np.testing.assert_allclose(numbers["errors"][CALIBRATED]["rms"], 0.5, rtol=0.1)
+
+
+@pytest.mark.slow
+def test_a_wrong_tool_and_a_lag_on_a_made_log():
+    made = simulate(TRUE, {"low_pass": {"cutoff": 2.0}}, duration=60, rate=100, seed=5)
+    wrong = replace(TRUE, tool=replace(TRUE.tool, mass=0.8 * TRUE.tool.mass))
+    found = ft.calibrate(wrong, [made.log])
+    assert set(found.setup.effects) == {"low_pass"}
+    assert abs(found.setup.tool.mass - TRUE.tool.mass) < 4 * found.setup.tool.mass_std
+    before, after = found.rows[GIVEN], found.rows[CALIBRATED]
+    assert (after.rms[:, :3] < before.rms[:, :3]).all()
+    assert np.nanmean(after.inside) > 0.9

@@ -1,0 +1,68 @@
+"""Comparisons of predictions, on errors that are made up."""
+
+import numpy as np
+import pytest
+from made_judged import STRETCH, T, judged
+
+from ftbias_jax.calibration.judgement import HORIZONS
+from ftbias_jax.commissioning.judged import HEAD, compare, table
+
+
+def test_errors_that_are_smaller_by_more_than_chance_are_better():
+    difference = compare(judged(0.9, 1), judged(1.0, 2))
+    assert difference.is_better
+    assert not difference.is_worse
+    assert abs(difference.share - np.log(0.9)) < 4 * difference.stderr
+    reverse = compare(judged(1.0, 2), judged(0.9, 1))
+    assert reverse.is_worse
+    assert not reverse.is_better
+    np.testing.assert_allclose((reverse.share, reverse.stderr), (-difference.share, difference.stderr))
+
+
+def test_the_standard_error_is_that_of_chance():
+    """Over draws of errors that are equally large."""
+    found = [compare(judged(seed=2 * i), judged(seed=2 * i + 1)) for i in range(60)]
+    ratios = [x.share / x.stderr for x in found]
+    assert 0.7 < np.std(ratios) < 1.5
+    assert sum(x.is_better or x.is_worse for x in found) <= 6
+
+
+@pytest.mark.parametrize(
+    ("new", "costs"),
+    [
+        ({"used": 0.9}, "fewer samples"),
+        ({"inside": 0.7}, "too few readings"),
+        ({}, ""),
+    ],
+)
+def test_smaller_errors_are_not_bought_by_leaving_out_or_by_being_sure(new, costs):
+    difference = compare(judged(0.5, 1, **new), judged(1.0, 2))
+    assert costs in difference.costs
+    assert costs in str(difference)
+    assert difference.is_better is not bool(costs)
+    assert difference.is_worse is bool(costs)
+
+
+def test_one_bad_stretch_is_no_reason():
+    """A single stretch decides the mean, and the jackknife sees that."""
+    old = judged(1.0, 1)
+    errors = old.errors.copy()
+    errors[:, STRETCH == 3] *= 3
+    assert not compare(old, old._replace(errors=errors)).is_better
+
+
+def test_only_what_both_used_is_compared():
+    old = judged(1.0, 1)
+    errors = old.errors.copy()
+    errors[:, :100] = np.nan
+    assert compare(old._replace(errors=errors), old).share == 0
+
+
+def test_the_table_has_a_row_for_each_horizon_and_a_dash_for_what_is_not_known():
+    nothing = judged()._replace(errors=np.full((len(HORIZONS), T, 6), np.nan), inside=np.full((T, 6), np.nan))
+    rows = table({"a": judged(2.0), "b": nothing})
+    assert [row[:2] for row in rows] == [("a", "1 s"), ("b", "1 s"), ("a", "10 s"), ("b", "10 s")]
+    assert all(len(row) == len(HEAD) for row in rows)
+    np.testing.assert_allclose([float(x) for x in rows[0][2:8]], 2, rtol=0.1)
+    assert set(rows[1][2:8]) == {"-"}
+    assert rows[0][8:] == ("95 %", "100 %")

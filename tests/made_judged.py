@@ -1,0 +1,17 @@
+"""Errors of predictions that are made up."""
+
+import numpy as np
+
+from ftbias_jax.calibration.judgement import HORIZONS, STRETCHES
+from ftbias_jax.commissioning.judged import Judged
+
+T = 4_000
+STRETCH = np.repeat(np.arange(STRETCHES), T // STRETCHES)
+
+
+def judged(scale=1.0, seed=0, used=1.0, inside=0.95):
+    rng = np.random.default_rng(seed)
+    errors = scale * rng.standard_normal((len(HORIZONS), T, 6))
+    took = rng.random(T) < used
+    within = np.where(took[:, None], rng.random((T, 6)) < inside, np.nan)
+    return Judged(np.where(took[None, :, None], errors, np.nan), within, took, STRETCH)
