@@ -28,7 +28,7 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 PROGRAMS = "FTBIAS_TEST_PROGRAMS"
-"""Names the folder of compiled programs that the workers of one run share, or several runs where it is set beforehand."""
+"""Names the folder of compiled programs that workers share, and several runs where it is set beforehand."""
 LEAST_COMPILE_SECONDS = 0.3
 
 
