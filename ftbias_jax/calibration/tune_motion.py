@@ -24,8 +24,7 @@ from ftbias_jax.calibration.tune import TIES, Fit
 from ftbias_jax.calibration.tune_blocks import LogInBlocks
 from ftbias_jax.filtering import bias_filter, pipeline
 from ftbias_jax.filtering.fast import stages
-from ftbias_jax.filtering.fast.scan import innovations
-from ftbias_jax.filtering.fast.sums import filter_sums
+from ftbias_jax.filtering.fast.scan import filter_sums, innovations
 from ftbias_jax.filtering.likelihood import counted
 from ftbias_jax.filtering.noise.vibration import Vibration
 from ftbias_jax.filtering.pipeline import Options

@@ -16,8 +16,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import bias_filter, pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.log_likelihoods import log_likelihoods
-from ftbias_jax.filtering.fast.scan import Inputs, innovations
-from ftbias_jax.filtering.fast.sums import filter_sums
+from ftbias_jax.filtering.fast.scan import Inputs, filter_sums, innovations
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Info, Options, State
 from ftbias_jax.filtering.process_models import JOINT_MODELS, BiasStrength, ProcessModel, bias_model
 from ftbias_jax.filtering.smoother import smooth_joint_tracks

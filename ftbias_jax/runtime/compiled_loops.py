@@ -14,6 +14,7 @@ import jax
 import jax.custom_batching
 import jax.numpy as jnp
 from jax import Array
+from jax.custom_derivatives import SymbolicZero
 from jax.experimental.xla_metadata import set_xla_metadata
 
 P = ParamSpec("P")
@@ -80,20 +81,62 @@ def _looped(function: Callable[..., Any], *, nested: bool) -> Callable[..., Any]
     inside = looped if nested else function
 
     def rule(count: int, is_mapped: Any, *arguments: Any) -> tuple[Any, Any]:
-        found = jax.lax.map(*unmapped_apart(inside, is_mapped, arguments))
-        return found, jax.tree.map(lambda _: True, found)
+        one, mapped = unmapped_apart(inside, is_mapped, arguments)
+        found = jax.lax.map(one, mapped) if mapped else one(mapped)
+        return found, jax.tree.map(lambda _: bool(mapped), found)
 
     looped.def_vmap(rule)
     return cast("Callable[..., Any]", looped)
 
 
 def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``log_by_log`` for a function that is differentiated too: its slopes are those of the function as it stands."""
+    """``log_by_log`` for a function that is differentiated too, one log after the other as well.
+
+    Derivatives are worked out with respect to the arguments for which they are asked, and no others.
+    """
     if not on_cpu():
         return function
     whole: Any = jax.custom_vjp(log_by_log(function))
-    whole.defvjp(lambda *arguments: jax.vjp(function, *arguments), lambda pull, bar: pull(bar))
+    structure: Any = None  # of what the reverse pass keeps, found while the forward pass is traced
+
+    def forward(*primals: Any) -> tuple[Any, Any]:
+        leaves, tree = jax.tree.flatten(primals)
+        asked = [x.perturbed for x in leaves]
+
+        def one_log(*values: Array) -> tuple[Any, list[Array]]:
+            def of_asked(*some: Array) -> Any:
+                rest = iter(some)
+                return function(
+                    *jax.tree.unflatten(tree, [next(rest) if a else x for x, a in zip(values, asked, strict=True)])
+                )
+
+            nonlocal structure
+            found, pull = jax.vjp(of_asked, *(x for x, a in zip(values, asked, strict=True) if a))
+            kept, structure = jax.tree.flatten(pull)
+            return found, kept
+
+        found, kept = _differentiated_once(log_by_log(one_log))(*(x.value for x in leaves))
+        return found, (kept, jax.tree.unflatten(tree, [() if a else None for a in asked]))
+
+    def backward(residual: Any, bar: Any) -> Any:
+        kept, asked = residual
+        bar = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype) if isinstance(x, SymbolicZero) else x, bar)
+        slopes = iter(log_by_log(lambda kept, bar: jax.tree.unflatten(structure, kept)(bar))(kept, bar))
+        return jax.tree.map(lambda a: None if a is None else next(slopes), asked, is_leaf=lambda a: a in (None, ()))
+
+    whole.defvjp(forward, backward, symbolic_zeros=True)
     return cast("Callable[..., Any]", whole)
+
+
+def _differentiated_once(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function of a forward pass, which has no derivatives of its own: its reverse pass is written by hand."""
+    once: Any = jax.custom_jvp(function)
+
+    def refuse(primals: Any, tangents: Any) -> Any:
+        raise TypeError("can't apply forward-mode differentiation (jvp) to a function that has a reverse pass alone")
+
+    once.defjvp(refuse)
+    return cast("Callable[..., Any]", once)
 
 
 def unmapped_apart(function: Any, is_mapped: Any, arguments: Any) -> tuple[Callable[[list[Array]], Any], list[Array]]:

@@ -81,3 +81,28 @@ def test_log_by_log_under_nested_vmap_and_in_slopes():
     assert len(calls) == 4
     slopes = jax.grad(lambda factor: mapped(factor, many)["sum"].sum())(FACTOR)
     np.testing.assert_allclose(slopes, (many**2).sum((0, 1)))
+
+
+def test_slopes_of_what_one_of_many_arguments_asks_for():
+    """And those of one log after the other: of what is left out in a log no slope is worked out."""
+    calls = []
+
+    @jax.custom_vjp
+    def square(x):
+        return (x**2).sum()
+
+    def back(x, bar):
+        jax.debug.callback(lambda: calls.append(1))
+        return (2 * x * bar,)
+
+    square.defvjp(lambda x: (square(x), x), back)
+
+    def one(factor, log):
+        return jax.lax.cond(log["on"].any(), lambda x: factor * square(x), lambda x: jnp.zeros(()), log["x"])
+
+    logs = {"x": np.abs(X[:4]), "on": np.array([[True], [False], [True], [False]])}
+    total = lambda x: jax.vmap(log_by_log_with_slopes(one), (None, 0))(3.0, logs | {"x": x}).sum()  # noqa: E731
+    slopes = jax.grad(total)(logs["x"])
+    jax.effects_barrier()
+    np.testing.assert_allclose(slopes, 6 * logs["x"] * logs["on"])
+    assert len(calls) == 2

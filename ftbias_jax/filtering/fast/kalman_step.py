@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.gate import screen
-from ftbias_jax.filtering.process_models import Gated, ProcessModel
+from ftbias_jax.filtering.process_models import FORGET, Gated, ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import (
     Rows,
@@ -29,7 +28,9 @@ from ftbias_jax.runtime.lanes import (
     times,
     upper,
 )
-from ftbias_jax.runtime.logarithm import log
+
+Packed = tuple[Vector, Vector]
+"""A state between two samples: the mean, and the upper triangle of the covariance row by row."""
 
 
 class Tape(NamedTuple):
@@ -93,10 +94,18 @@ def filter_step(
     return Step(x, P, prediction, spread, Tape(columns, weights, innovations, lost, grown=grown))
 
 
-def nats_of(record: Tape) -> tuple[Array, Array]:
-    """Normalised innovation squared over the measured entries, and the share in the log-likelihood."""
-    nis = nis_of(record)
-    return nis, (log(density_of(record)) - nis) / 2
+def screen(gate: float, x: Vector, P: Rows, dt: Array, y: Array, r: Array) -> tuple[Rows, Array, Array]:
+    """The gate of ``bias_filter.step`` for lanes: the covariance, the measurement, and the share by which P_bb grew.
+
+    What is off its prediction is left out, and the bias forgotten meanwhile.
+    """
+    off = jnp.abs(y - x[0]) > gate * jnp.sqrt(P[0][0] + r)  # never where nothing was measured
+    closed = jnp.broadcast_to(off.any(-1, keepdims=True), off.shape)
+    grown = jnp.where(closed, jnp.expm1(2 * dt / FORGET), 0)
+    # The first state is the bias plus the correlated noise, if there is any, and the third the noise.
+    of_bias = P[0][0] if len(P) == 2 else P[0][0] - 2 * P[0][2] + P[2][2]
+    P = [[P[0][0] + grown * of_bias, *P[0][1:]], *P[1:]]
+    return P, jnp.where(closed, jnp.nan, y), grown
 
 
 def nis_of(record: Tape) -> Array:

@@ -18,7 +18,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.scan import Inputs, Packed, Smoothed, Track, driven
+from ftbias_jax.filtering.fast.kalman_step import Packed
+from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, driven
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import (

@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.custom_derivatives import SymbolicZero
 
-from ftbias_jax.filtering.fast.kalman_step import Step, Tape, filter_step, nats_of
+from ftbias_jax.filtering.fast.kalman_step import Packed, Step, Tape, density_of, filter_step, nis_of
 from ftbias_jax.filtering.fast.kalman_step_back import Cotangent, step_back
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
-from ftbias_jax.runtime.lanes import Rows, Vector, from_upper, upper
+from ftbias_jax.runtime.lanes import Vector, from_upper, upper
+from ftbias_jax.runtime.logarithm import log
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -73,7 +75,50 @@ class Smoothed(NamedTuple):
     """(T, k, k, B)."""
 
 
-@partial(jax.custom_vjp, nondiff_argnums=(0,))
+class States(NamedTuple):
+    """States of every sample, entries kept apart."""
+
+    mean: Vector
+    """k arrays (T, B)."""
+    triangle: Vector
+    """k (k + 1) / 2 arrays (T, B): the upper triangle of the covariance, row by row."""
+
+    def stacked(self) -> Smoothed:
+        """The same as arrays."""
+        return Smoothed(jnp.stack(self.mean, 1), _matrix(self.triangle, len(self.mean), 1))
+
+
+class Sums(NamedTuple):
+    """What a run comes to."""
+
+    nats: Float[Array, " B"]
+    """(B,) weighted sum of the likelihood's increments."""
+    mean: Float[Array, "k B"]
+    """(k, B) after the last sample."""
+    covariance: Float[Array, "k k B"]
+    """(k, k, B) after the last sample."""
+    states: States | None
+    """Filtered states of every sample, where they are asked for."""
+
+
+class Kept(NamedTuple):
+    """What is stored of every sample: writing it costs more than working it out."""
+
+    states: bool
+    innovations: bool
+
+
+class _Run(NamedTuple):
+    """The recursion over a log, entries (T, B) kept apart; None = not kept."""
+
+    last: Packed
+    log_likelihood: Array
+    nis: Array
+    states: Packed | None
+    innovation: Vector | None
+    innovation_variance: Vector | None
+
+
 def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
     """Run the filters over a log; differentiable in all inputs but dt.
 
@@ -81,7 +126,30 @@ def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
         model: process_models.drift_noise or one of process_models.JOINT_MODELS.values().
         inputs: see there.
     """
-    return track_of(inputs, _steps(model, inputs))
+    run = _filtered(model, Kept(states=True, innovations=True), inputs)
+    assert run.states is not None
+    assert run.innovation is not None
+    assert run.innovation_variance is not None
+    states = States(*run.states).stacked()
+    innovations = jnp.stack(run.innovation, 1), jnp.stack(run.innovation_variance, 1)
+    return Track(*states, *innovations, run.nis, run.log_likelihood)
+
+
+def filter_sums(model: ProcessModel, keep: bool, inputs: Inputs, weight: Float[Array, " T"]) -> Sums:
+    """The same where only sums are asked for, and with ``keep`` the states.
+
+    Args:
+        model: as for ``filter_scan``.
+        keep: whether the states of all samples are asked for.
+        inputs: as for ``filter_scan``.
+        weight: (T,) of every sample's likelihood.
+    """
+    run = _filtered(model, Kept(states=keep, innovations=False), inputs)
+    mean, triangle = run.last
+    # With weights that are no constants a matrix product would round them to fewer digits on an accelerator.
+    nats = jnp.matmul(weight, run.log_likelihood, precision="highest")
+    states = None if run.states is None else States(*run.states)
+    return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states)
 
 
 def innovations(model: ProcessModel, inputs: Inputs) -> tuple[Float[Array, "T m B"], Float[Array, "T m B"]]:
@@ -90,123 +158,89 @@ def innovations(model: ProcessModel, inputs: Inputs) -> tuple[Float[Array, "T m 
     Derivatives along many measurements share one recursion of the covariance, which does not depend on them.
     """
     loop = _loop(model, lambda step: (step.prediction, step.prediction_variance))
-    prediction, variance = (jnp.stack(x, 1) for x in loop(inputs))
+    prediction, variance = (jnp.stack(x, 1) for x in loop(inputs)[1])
     return jnp.where(jnp.isfinite(inputs.y), inputs.y - prediction, 0), variance + inputs.variance
 
 
-def _steps(model: ProcessModel, inputs: Inputs, for_reverse: bool = False) -> Step:
-    """The filter at every sample, leaves (T, B); columns of the covariance are for the reverse pass alone."""
-
-    def keep(step: Step) -> tuple[Step, Vector]:
-        column = step.record.column if for_reverse else []
-        return step._replace(covariance=[], record=step.record._replace(column=column)), upper(step.covariance)
-
-    steps: Step
-    steps, triangles = one_at_a_time(_loop(model, keep))(inputs)
-    return steps._replace(covariance=from_upper(len(inputs.mean), triangles))
-
-
 def _loop(model: ProcessModel, keep: Callable[[Step], Any]) -> Callable[[Inputs], Any]:
-    """The loop over the samples, and what it keeps of every step."""
+    """The loop over the samples: the last state, and what is kept of every step."""
 
     @compile_whole
     def loop(inputs: Inputs) -> Any:
-        driven_by = forces_of(inputs)
+        # Taken apart before the loop, or every step would do so again.
+        restart, start = list(inputs.restart_variance), (list(inputs.mean), upper([list(x) for x in inputs.covariance]))
 
-        def body(state: Packed, sample: Seen) -> tuple[Packed, Any]:
-            step = advance(model, driven_by, state, sample)
-            return packed(step), keep(step)
+        def body(state: Packed, sample: tuple[Array, Vector, Vector, Any]) -> tuple[Packed, Any]:
+            dt, y, variance, drive = sample
+            before = state[0], from_upper(len(state[0]), state[1])
+            step = filter_step(model, driven(inputs.density, drive), restart, before, dt, y, variance)
+            return (step.mean, upper(step.covariance)), keep(step)
 
-        return jax.lax.scan(body, start_of(inputs), samples_of(inputs))[1]
+        samples = inputs.dt, _entries(inputs.y), _entries(inputs.variance), inputs.drive
+        return jax.lax.scan(body, start, samples)
 
     return loop
 
 
-Packed = tuple[Vector, Vector]
-"""A state between two samples: the mean, and the upper triangle of the covariance."""
-Seen = tuple[Array, Vector, Vector, Any]
-"""One sample: dt, measurements, their variances, and what drives the process."""
+@partial(jax.custom_vjp, nondiff_argnums=(0, 1))
+def _filtered(model: ProcessModel, kept: Kept, inputs: Inputs) -> _Run:
+    return _run(model, kept, False, inputs)[0]
 
 
-Forces = tuple[Any, Vector]
-"""What drives the process, and variances to start again from, entries apart."""
+def _run(model: ProcessModel, kept: Kept, for_reverse: bool, inputs: Inputs) -> tuple[_Run, Tape | None]:
+    """The recursion, and the record of every step where the reverse pass is to follow."""
 
+    def keep(step: Step) -> Any:
+        record = step.record
+        states = (step.mean, upper(step.covariance)) if kept.states else None
+        predicted = (step.prediction, step.prediction_variance, record.weight) if kept.innovations else None
+        return density_of(record), nis_of(record), states, predicted, record if for_reverse else None
 
-def forces_of(inputs: Inputs) -> Forces:
-    """Taken apart before the loop, or every step would do so again."""
-    return inputs.density, list(inputs.restart_variance)
-
-
-def advance(model: ProcessModel, forces: Forces, state: Packed, sample: Seen) -> Step:
-    """One sample of the recursion."""
-    (strength, restart), (dt, y, variance, drive) = forces, sample
-    before = (state[0], from_upper(len(state[0]), state[1]))
-    return filter_step(model, driven(strength, drive), restart, before, dt, y, variance)
-
-
-def packed(step: Step) -> Packed:
-    """The state after a step."""
-    return step.mean, upper(step.covariance)
-
-
-def start_of(inputs: Inputs) -> Packed:
-    """The state before the first sample."""
-    return list(inputs.mean), upper([list(row) for row in inputs.covariance])
-
-
-def samples_of(inputs: Inputs) -> Seen:
-    """All samples, with a leading time axis."""
-    return inputs.dt, _entries(inputs.y), _entries(inputs.variance), inputs.drive
-
-
-def track_of(inputs: Inputs, steps: Step) -> Track:
-    """What a run reports; likelihoods are sums over entries, so they need not be worked out in the recursion."""
-    nis, log_likelihood = nats_of(steps.record)
-    seen = [w > 0 for w in steps.record.weight]
-    # What the gate left out has an innovation of 0, like what is missing.
-    raw = [jnp.where(s, inputs.y[:, j] - steps.prediction[j], 0) for j, s in enumerate(seen)]
-    spread = [steps.prediction_variance[j] + inputs.variance[:, j] for j in range(len(seen))]
-    mean, covariance = jnp.stack(steps.mean, 1), _stack(steps.covariance)
-    return Track(mean, covariance, jnp.stack(raw, 1), jnp.stack(spread, 1), nis, log_likelihood)
+    last, (density, nis, states, predicted, record) = one_at_a_time(_loop(model, keep))(inputs)
+    innovation = variance = None
+    if predicted is not None:
+        # What the gate left out has an innovation of 0, like what is missing.
+        innovation = [
+            jnp.where(w > 0, inputs.y[:, j] - y, 0) for j, (y, _, w) in enumerate(zip(*predicted, strict=True))
+        ]
+        variance = [spread + inputs.variance[:, j] for j, spread in enumerate(predicted[1])]
+    # In the loop a logarithm would cost as much as all the rest of a step; here it is worked out for many samples.
+    return _Run(last, (log(density) - nis) / 2, nis, states, innovation, variance), record
 
 
 Residual = tuple[Array, Any, Any, Tape]
 """dt, density, drive and the record of every step: all that the reverse pass reads, for it is written and read once."""
 
 
-def _forward(model: ProcessModel, inputs: Inputs) -> tuple[Track, Residual]:
-    steps = _steps(model, inputs, for_reverse=True)
-    track, record = track_of(inputs, steps), steps.record
-    if isinstance(inputs.density, tuple):
-        record = record._replace(before=_before(inputs, track))
-    return track, (inputs.dt, inputs.density, inputs.drive, record)
+def _forward(model: ProcessModel, kept: Kept, inputs: Inputs) -> tuple[_Run, Residual]:
+    inputs = jax.tree.map(lambda x: x.value, inputs)
+    has_strength = isinstance(inputs.density, tuple)
+    run, record = _run(model, Kept(kept.states or has_strength, kept.innovations), True, inputs)
+    assert record is not None
+    if has_strength:
+        assert run.states is not None
+        start = list(inputs.mean), upper([list(row) for row in inputs.covariance])
+        before = jax.tree.map(lambda first, x: jnp.concatenate([first[None], x[:-1]]), start, run.states)
+        record = record._replace(before=jnp.stack([*before[0], *before[1]], 1))
+    return run if kept.states else run._replace(states=None), (inputs.dt, inputs.density, inputs.drive, record)
 
 
-def _before(inputs: Inputs, track: Track) -> Array:
-    """The state before every sample (T, k + k (k + 1) / 2, B): mean, and the upper triangle of the covariance."""
-    mean = jnp.concatenate([inputs.mean[None], track.mean[:-1]])
-    covariance = jnp.concatenate([inputs.covariance[None], track.covariance[:-1]])
-    k = mean.shape[1]
-    triangle = upper([[covariance[:, a, b] for b in range(k)] for a in range(k)])
-    return jnp.concatenate([mean, jnp.stack(triangle, 1)], 1)
-
-
-def _backward(model: ProcessModel, residual: Residual, bar: Track) -> tuple[Inputs]:
+def _backward(model: ProcessModel, kept: Kept, residual: Residual, bar: _Run) -> tuple[Inputs]:
     """Adjoint of the filter: cotangents of the inputs."""
     dt, density, drive, record = residual
-    k, zero = bar.mean.shape[1], jnp.zeros_like(bar.mean[0, 0])
-    symmetric = (bar.covariance + jnp.swapaxes(bar.covariance, 1, 2)) / 2
+    like = record.weight[0]
+    k = len(bar.last[0])
+    last = _slopes_of_entries(k, bar.last, like[0])
     bars = Cotangent(
-        _entries(bar.mean),
-        [_entries(symmetric[:, a]) for a in range(k)],
-        _entries(bar.innovation),
-        _entries(bar.innovation_variance),
-        bar.nis,
-        bar.log_likelihood,
+        _made(bar.log_likelihood, like),
+        _unless_zero(bar.nis, like),
+        _unless_zero(bar.states, like) and _slopes_of_entries(k, bar.states, like),
+        _unless_zero(bar.innovation, like),
+        _unless_zero(bar.innovation_variance, like),
     )
 
     def loop(density: Any, start: Any, samples: Any) -> Any:
-        def body(carry: tuple[tuple[Vector, Rows], Any, Vector], sample: tuple[Array, Any, Tape, Cotangent]) -> Any:
+        def body(carry: tuple[Packed, Any, Vector], sample: tuple[Array, Any, Tape, Cotangent]) -> Any:
             (state, density_slope, restart), (dt, drive, record, bar) = carry, sample
             slopes = step_back(model, driven(density, drive), dt, record, bar, state)
             restart = [total + slope for total, slope in zip(restart, slopes.restart, strict=True)]
@@ -218,14 +252,31 @@ def _backward(model: ProcessModel, residual: Residual, bar: Track) -> tuple[Inpu
 
     # XLA aborts on this loop as one marked call if it is mapped and the state before each sample is an argument.
     compiled = loop if isinstance(density, tuple) else one_at_a_time(compile_whole(loop))
-    start = (([zero] * k, [[zero] * k for _ in range(k)]), jax.tree.map(jnp.zeros_like, density), [zero] * k)
+    start = last, jax.tree.map(jnp.zeros_like, density), [jnp.zeros_like(like[0])] * k
     (state, density_bar, restart), (y, variance, drive_bar) = compiled(density, start, (dt, drive, record, bars))
-    prior = (jnp.stack(state[0]), jnp.stack([jnp.stack(row) for row in state[1]]))
+    prior = jnp.stack(state[0]), _matrix(state[1], k, 0)
     slopes = (density_bar, jnp.stack(y, 1), jnp.stack(variance, 1), *prior, jnp.stack(restart))
     return (Inputs(jnp.zeros_like(dt), *slopes, drive_bar),)
 
 
-filter_scan.defvjp(_forward, _backward)
+_filtered.defvjp(_forward, _backward, symbolic_zeros=True)
+
+
+def _made(bar: Any, like: Array) -> Array:
+    return jnp.zeros_like(like) if isinstance(bar, SymbolicZero) else bar
+
+
+def _unless_zero(bars: Any, like: Array) -> Any:
+    """Cotangents as arrays, or None if all are zero."""
+    leaves = jax.tree.leaves(bars)
+    return None if all(isinstance(x, SymbolicZero) for x in leaves) else jax.tree.map(partial(_made, like=like), bars)
+
+
+def _slopes_of_entries(k: int, bars: Any, like: Array) -> Packed:
+    """From slopes of an upper triangle to those of the symmetric matrix, which has each twice beside its diagonal."""
+    mean, triangle = jax.tree.map(partial(_made, like=like), bars)
+    places = [(a, b) for a in range(k) for b in range(a, k)]
+    return mean, [x if a == b else x / 2 for (a, b), x in zip(places, triangle, strict=True)]
 
 
 def driven(density: Any, drive: dict[str, Array] | None) -> Any:
@@ -244,6 +295,6 @@ def _entries(x: Array) -> Vector:
     return [x[:, j] for j in range(x.shape[1])]
 
 
-def _stack(rows: Rows) -> Array:
-    """Rows of (T, B) -> (T, k, k, B)."""
-    return jnp.stack([jnp.stack(row, 1) for row in rows], 1)
+def _matrix(triangle: Vector, k: int, axis: int) -> Array:
+    """Entries of the upper triangle -> a matrix, whose rows and columns are axes after the first ``axis``."""
+    return jnp.stack([jnp.stack(row, axis) for row in from_upper(k, triangle)], axis)

@@ -16,8 +16,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ftbias_jax.filtering import bias_filter
-from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, filter_scan
-from ftbias_jax.filtering.fast.sums import States
+from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, States, Track, filter_scan
 from ftbias_jax.filtering.fast.wrench_of_joints import wrenches_of_joints
 from ftbias_jax.filtering.process_models import JOINT_MODELS, Gated, ProcessModel, bias_model
 from ftbias_jax.filtering.samples import pad

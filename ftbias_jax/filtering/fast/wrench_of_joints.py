@@ -8,8 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.filtering.fast.scan import Smoothed, Track
-from ftbias_jax.filtering.fast.sums import States
+from ftbias_jax.filtering.fast.scan import Smoothed, States, Track
 from ftbias_jax.filtering.step import predict_wrench
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.params import Params

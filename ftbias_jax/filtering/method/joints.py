@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ftbias_jax.filtering.fast.kalman_step import Packed
 from ftbias_jax.filtering.fast.rts import smooth_back
-from ftbias_jax.filtering.fast.scan import Packed
+from ftbias_jax.filtering.fast.scan import States, filter_sums
 from ftbias_jax.filtering.fast.stages import joint_inputs, joint_states, predict_wrenches, signals_of
-from ftbias_jax.filtering.fast.sums import States, filter_sums
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.filtering.step import Options, State
 from ftbias_jax.model.effects import compose

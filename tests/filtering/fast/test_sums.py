@@ -1,4 +1,4 @@
-"""Sums in the loop are the sums over filter_scan, and so are their slopes; many logs are each log."""
+"""Sums are those over filter_scan, and so are their slopes; many logs are each log."""
 
 from functools import partial
 
@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.filtering.fast.scan import Inputs, filter_scan
-from ftbias_jax.filtering.fast.sums import Sums, filter_sums
+from ftbias_jax.filtering.fast.scan import Inputs, Sums, filter_scan, filter_sums
 from ftbias_jax.filtering.process_models import JOINT_MODELS, drift_noise
 
 LENGTH, LANES = 12, 4
@@ -40,7 +39,7 @@ def by_scan(model, inputs, weight):
     return Sums((weight[:, None] * track.log_likelihood).sum(0), track.mean[-1], track.covariance[-1], track[:2])
 
 
-def in_the_loop(model, inputs, weight):
+def by_sums(model, inputs, weight):
     sums = filter_sums(model, True, inputs, weight)
     return sums._replace(states=tuple(sums.states.stacked()))
 
@@ -69,18 +68,18 @@ def test_sums_and_slopes_are_those_of_the_scan(case):
     model, k, m = CASES[case]
     inputs = made(k, m)
     expected, got = (
-        jax.jit(partial(values_and_slopes, function, model))(inputs, WEIGHT) for function in (by_scan, in_the_loop)
+        jax.jit(partial(values_and_slopes, function, model))(inputs, WEIGHT) for function in (by_scan, by_sums)
     )
     assert_close(got, expected)
     assert case == "bias" or np.abs(expected[1][0][5]).max() > 0  # of the restart: it happened
 
 
-def test_many_logs_as_lanes_are_each_log():
+def test_many_logs_are_each_log():
     """Each with its own clock and gaps."""
     model, k, m = CASES["joints"]
     logs = [made(k, m, seed) for seed in range(3)]
-    one = jax.jit(partial(values_and_slopes, in_the_loop, model))
+    one = jax.jit(partial(values_and_slopes, by_sums, model))
     many = jax.tree.map(lambda *x: jnp.stack(x), *logs)
-    together = jax.jit(jax.vmap(partial(values_and_slopes, in_the_loop, model), (0, None)))(many, WEIGHT)
+    together = jax.jit(jax.vmap(partial(values_and_slopes, by_sums, model), (0, None)))(many, WEIGHT)
     for i, log in enumerate(logs):
         assert_close(jax.tree.map(lambda x, i=i: x[i], together), one(log, WEIGHT))
