@@ -13,5 +13,5 @@ def judged(scale=1.0, seed=0, used=1.0, inside=0.95):
     rng = np.random.default_rng(seed)
     errors = scale * rng.standard_normal((len(HORIZONS), T, 6))
     took = rng.random(T) < used
-    within = np.where(took[:, None], rng.random((T, 6)) < inside, np.nan)
+    within = np.where(took[:, None], rng.random(errors.shape) < inside, np.nan)
     return Judged(np.where(took[None, :, None], errors, np.nan), within, took, STRETCH)

@@ -6,6 +6,7 @@ stays if the setup with it predicts the readings of the end better, 1 s and 10 s
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -86,6 +87,7 @@ def calibrate(
         UsageError: no log, or an impossible share. SetupError, LogError: the logs show a mistake of units, signs or
             frames, or cannot be filtered.
     """
+    begin = time.monotonic()
     if not logs:
         raise UsageError("there is no log to calibrate with", field="logs", remedy="give at least one")
     if not 0.1 <= hold_out <= 0.9:
@@ -119,7 +121,8 @@ def calibrate(
         progress("taking the bias of the longest log")
         found = identify_tool(final, _longest(logs), bias=True, unchecked=True)
         final = replace(final, bias=found.setup.bias)
-    return Calibrated(final, state.steps, rows, state.found, tuple(log.repairs for log in whole))
+    repairs = tuple(log.repairs for log in whole)
+    return Calibrated(final, state.steps, rows, state.found, repairs, time.monotonic() - begin)
 
 
 def with_loose_tool(setup: Setup) -> Setup:
@@ -152,11 +155,13 @@ def _with_causes(
     if not found.causes and not found.terms:
         return _refused(state, CAUSES, "diagnose", found.sentence)
     if found.causes:
-        step = f"cause: {', '.join(cause.title for cause in found.causes)}"
-        state = _tried(state, CAUSES, step, with_causes(state.setup, found.causes), whole, hold_out)
+        parts = tuple(cause.effect for cause in found.causes)
+        step = Step(CAUSES, f"cause: {', '.join(cause.title for cause in found.causes)}", True, "", parts)
+        state = _tried(state, step, with_causes(state.setup, found.causes), whole, hold_out)
     if found.terms:
-        step = f"term: {', '.join(term.text for term in found.terms)}"
-        state = _tried(state, TERMS, step, with_causes(state.setup, found.causes, found.terms), whole, hold_out)
+        parts = tuple(term.drive for term in found.terms)
+        step = Step(TERMS, f"term: {', '.join(term.text for term in found.terms)}", True, "", parts)
+        state = _tried(state, step, with_causes(state.setup, found.causes, found.terms), whole, hold_out)
     return state
 
 
@@ -182,7 +187,8 @@ def _with_tool(
             continue
         # A drafted tool is nobody's belief: what is identified replaces it unless it predicts worse.
         first = not crosstalk and not state.has_tool
-        state = _tried(state, kind, _in_words(found, kind), found.setup, whole, hold_out, first)
+        step = Step(kind, _in_words(found, kind), True, "", ("crosstalk" if crosstalk else "tool",))
+        state = _tried(state, step, found.setup, whole, hold_out, first)
     return state
 
 
@@ -202,21 +208,20 @@ def _in_words(found: IdentifyResult, name: str) -> str:
 
 def _tried(
     state: _State,
-    kind: str,
-    name: str,
+    step: Step,
     setup: Setup,
     whole: Sequence[Log],
     hold_out: float,
     unless_worse: bool = False,
 ) -> _State:
-    """The state with a setup that was tried, if it is kept; and with the step in any case."""
+    """The state with a setup that was tried, if it is kept; and with what became of the step in any case."""
     try:
         judged = judge(setup, whole, hold_out)
     except FtbiasError as error:
-        return _refused(state, kind, name, str(error))
+        return _refused(state, step.kind, step.name, str(error))
     difference = compare(judged, state.judged)
     kept = not difference.is_worse if unless_worse else difference.is_better
-    state = state._replace(steps=(*state.steps, Step(kind, name, kept, str(difference))))
+    state = state._replace(steps=(*state.steps, replace(step, kept=kept, why=str(difference))))
     return state._replace(setup=setup, judged=judged) if kept else state
 
 

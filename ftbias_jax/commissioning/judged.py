@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.calibration.judgement import HORIZONS, STRETCHES, SURE, errors_of_constant_bias, prediction_errors
+from ftbias_jax.errors import FtbiasError
 from ftbias_jax.filtering.verbs.from_setup import filter_log
 from ftbias_jax.filtering.verbs.results import FilterResult
 from ftbias_jax.io.log import Log
@@ -25,6 +26,8 @@ WITHIN = 1.96
 """Standard deviations of a 95 % interval."""
 TARE = 0.5
 """s at the start of a log, of which the mean is a held tare."""
+HELD_TARE, CONSTANT = f"tare of the first {TARE} s", "constant bias"
+"""What needs no filter."""
 
 
 class Judged(NamedTuple):
@@ -33,7 +36,7 @@ class Judged(NamedTuple):
     errors: Array
     """(H, T, 6) N, Nm: the reading less the one predicted so many seconds before; NaN = not used or not predicted."""
     inside: Array
-    """(T, 6) 1 where the reading is in the 95 % interval predicted HORIZONS[0] before, 0 where not, NaN = not used."""
+    """(H, T, 6) 1 where the reading is in the 95 % interval predicted so long before, 0 where not, NaN = not used."""
     used: Array
     """(T,) whether the filter took the sample."""
     stretch: Array
@@ -46,7 +49,7 @@ class Judged(NamedTuple):
 
     @property
     def coverage(self) -> Array:
-        """(6,) share of the readings in their 95 % intervals; NaN = none was predicted."""
+        """(H, 6) share of the readings in their 95 % intervals; NaN = none was predicted."""
         return _mean(self.inside)
 
 
@@ -54,7 +57,7 @@ class Difference(NamedTuple):
     """How much smaller the errors of one setup are than those of another."""
 
     share: float
-    """Mean over axes and horizons of the logarithm of their ratio; negative = smaller."""
+    """Mean over axes and horizons of the logarithm of the ratio of their rms; negative = smaller."""
     stderr: float
     fewer: float
     """Share of the samples that only the other one takes."""
@@ -105,14 +108,15 @@ def baselines(setup: Setup, logs: Sequence[Log], hold_out: float) -> dict[str, J
     """
     results = [filter_log(setup, log, unchecked=True) for log in logs]
     ways: dict[str, Callable[[FilterResult], Array]] = {
-        "tare of the first 0.5 s": lambda result: result.t < result.t[np.argmax(_used(result))] + TARE,
-        "constant bias": lambda result: result.t < _begin(result, hold_out),
+        HELD_TARE: lambda result: result.t < result.t[np.argmax(_used(result))] + TARE,
+        CONSTANT: lambda result: result.t < _begin(result, hold_out),
     }
 
     def held(rows: Callable[[FilterResult], Array]) -> Judged:
         def errors(result: FilterResult) -> tuple[Array, Array]:
             of_axis = errors_of_constant_bias(result, rows(result))
-            return np.stack([of_axis] * len(HORIZONS)), np.full(of_axis.shape, np.nan)
+            errors = np.stack([of_axis] * len(HORIZONS))
+            return errors, np.full(errors.shape, np.nan)
 
         return _joined([_of_end(result, hold_out, errors) for result in results])
 
@@ -143,6 +147,27 @@ def compare(new: Judged, old: Judged) -> Difference:
     return Difference(share(-1), stderr, float(old.used.mean() - new.used.mean()), misses)
 
 
+def cost_of(new: Setup, old: Setup, logs: Sequence[Log]) -> Difference | None:
+    """What is lost by one setup in the place of another, over whole logs; None = nothing.
+
+    Both filter the logs in which the first was found: what predicts these worse predicts no other log better.
+
+    Args:
+        new: the setup that may be written.
+        old: the one that was given.
+        logs: as ``read_log`` gives them.
+
+    Raises:
+        FtbiasError: the logs cannot be filtered with the new setup.
+    """
+    try:
+        before = judge(old, logs, 1.0)
+    except FtbiasError:  # with which nothing can be compared
+        return None
+    difference = compare(judge(new, logs, 1.0), before)
+    return difference if difference.is_worse else None
+
+
 def table(rows: dict[str, Judged]) -> list[tuple[str, ...]]:
     """Name, seconds ahead, root mean square errors of the six axes, coverage and samples used; a row for each horizon.
 
@@ -154,7 +179,7 @@ def table(rows: dict[str, Judged]) -> list[tuple[str, ...]]:
             name,
             f"{seconds:g} s",
             *(f"{x:.3g}" if np.isfinite(x) else "-" for x in judged.rms[i]),
-            "" if i or not np.isfinite(judged.inside).any() else f"{100 * np.nanmean(judged.inside):.0f} %",
+            "" if not np.isfinite(judged.inside[i]).any() else f"{100 * np.nanmean(judged.inside[i]):.0f} %",
             "" if i else f"{100 * judged.used.mean():.0f} %",
         )
         for i, seconds in enumerate(HORIZONS)
@@ -167,16 +192,20 @@ HEAD = ("unseen end, rms in N, Nm", "ahead", *AXES, "in 95 %", "used")
 
 
 def _errors(result: FilterResult) -> tuple[Array, Array]:
-    """(H, T, 6) errors, and (T, 6) whether the readings are in their intervals."""
-    noise, seconds = result.params.bias, HORIZONS[0]
-    errors = np.stack([prediction_errors(result, noise, ahead) for ahead in HORIZONS])
+    """(H, T, 6) errors, and whether the readings are in their intervals."""
+    found = [(prediction_errors(result, result.params.bias, ahead), _std_ahead(result, ahead)) for ahead in HORIZONS]
+    errors, std = (np.stack(parts) for parts in zip(*found, strict=True))
+    return errors, np.where(np.isfinite(errors), np.abs(errors) < WITHIN * std, np.nan)
+
+
+def _std_ahead(result: FilterResult, seconds: float) -> Array:
+    """(T, 6) N, Nm: of the error of predicting each reading so many seconds before it."""
     past = np.searchsorted(result.t, result.t - seconds, side="right") - 1
     variance = result.forecast(seconds).std[past] ** 2
     if result.reading_std is not None:
         # The noise that the motion makes is that of now: how the arm will move is known beforehand.
         variance += result.reading_std**2 - result.reading_std[past] ** 2
-    inside = np.abs(errors[0]) < WITHIN * np.sqrt(variance)
-    return errors, np.where(np.isfinite(errors[0]), inside, np.nan)
+    return np.sqrt(variance)
 
 
 def _of_end(result: FilterResult, hold_out: float, errors: Callable[[FilterResult], tuple[Array, Array]]) -> Judged:
@@ -185,7 +214,7 @@ def _of_end(result: FilterResult, hold_out: float, errors: Callable[[FilterResul
     share = (result.t[rows] - begin) / max(float(result.t[-1] - begin), 1e-9)
     ahead, inside = errors(result)
     return Judged(
-        ahead[:, rows], inside[rows], _used(result)[rows], np.minimum((STRETCHES * share).astype(int), STRETCHES - 1)
+        ahead[:, rows], inside[:, rows], _used(result)[rows], np.minimum((STRETCHES * share).astype(int), STRETCHES - 1)
     )
 
 
@@ -199,8 +228,9 @@ def _begin(result: FilterResult, hold_out: float) -> float:
 
 def _joined(parts: Sequence[Judged]) -> Judged:
     errors = np.concatenate([part.errors for part in parts], axis=1)
+    inside = np.concatenate([part.inside for part in parts], axis=1)
     stretch = np.concatenate([part.stretch + STRETCHES * i for i, part in enumerate(parts)])
-    inside, used = (np.concatenate([getattr(part, name) for part in parts]) for name in ("inside", "used"))
+    used = np.concatenate([part.used for part in parts])
     return Judged(errors, inside, used, stretch)
 
 

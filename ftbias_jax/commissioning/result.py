@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.calibration.judgement import HORIZONS
-from ftbias_jax.commissioning.judged import HEAD, Judged, table
+from ftbias_jax.commissioning.judged import CONSTANT, HEAD, HELD_TARE, Judged, table
 from ftbias_jax.diagnosis.report.skeleton import section, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.report.terms import html_table, typeset
@@ -41,6 +41,8 @@ class Step:
     kept: bool
     why: str
     """How the errors of what was not seen change, or why it could not be tried."""
+    parts: tuple[str, ...] = ()
+    """Names of the effects, drives of the terms, "tool" or "crosstalk"; () = nothing was found to try."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,8 @@ class Calibrated:
     """The last one; None = there was none."""
     repairs: tuple[Repairs, ...] = ()
     """One a log: what was mended or left out."""
+    seconds: float = 0.0
+    """That it took."""
 
     @property
     def kept(self) -> tuple[Step, ...]:
@@ -107,17 +111,24 @@ class Calibrated:
         write_atomic(path, lambda file: file.write(page.encode()))
 
     def plain(self) -> dict[str, Any]:
-        """Steps and errors as plain lists and numbers, for JSON."""
-        numbers = {
-            name: {
-                "rms": [[float(x) if np.isfinite(x) else None for x in row] for row in judged.rms],
-                "coverage": [float(x) if np.isfinite(x) else None for x in judged.coverage],
-                "used": float(judged.used.mean()),
-            }
-            for name, judged in self.rows.items()
+        """What was kept and refused, and errors of the unseen end, as plain lists and numbers, for JSON."""
+        ours = self.rows.get(CALIBRATED, self.rows[GIVEN])
+
+        def of_horizon(i: int) -> dict[str, Any]:
+            rows = {"ours": ours.rms, "given": self.rows[GIVEN].rms, "coverage": ours.coverage}
+            held = {"held_tare": HELD_TARE, "constant": CONSTANT}
+            rows |= {key: self.rows[name].rms for key, name in held.items() if name in self.rows}
+            return {key: [float(x) if np.isfinite(x) else None for x in row[i]] for key, row in rows.items()}
+
+        return {
+            "kept": [part for step in self.kept for part in step.parts],
+            "refused": [{"what": step.name, "why": step.why} for step in self.steps if not step.kept],
+            "forecast": {f"{seconds:g}": of_horizon(i) for i, seconds in enumerate(HORIZONS)},
+            "axes": list(AXES),
+            "used": float(ours.used.mean()),
+            "verdict": self.diagnosis.verdict if self.diagnosis else None,
+            "seconds": round(self.seconds, 1),
         }
-        steps = [{"kind": step.kind, "name": step.name, "kept": step.kept, "why": step.why} for step in self.steps]
-        return {"steps": steps, "seconds_ahead": list(HORIZONS), "axes": list(AXES), "errors": numbers}
 
     def __str__(self) -> str:
         lines = [self.sentence]

@@ -41,7 +41,7 @@ def faked(monkeypatch):
         def diagnose(setup, logs, names, unchecked):
             calls.append(("diagnose", len(logs[0].t)))
             found = [cause for cause in causes if cause.effect not in setup.effects]
-            return SimpleNamespace(causes=found, terms=(), sentence="nothing is left")
+            return SimpleNamespace(causes=found, terms=(), sentence="nothing is left", verdict="none")
 
         def with_causes(setup, causes, terms=()):
             return replace(setup, effects={**setup.effects, **{cause.effect: cause.parameters for cause in causes}})
@@ -57,7 +57,7 @@ def faked(monkeypatch):
             return SimpleNamespace(setup=found, tool=tool, converged=True, channels=None)
 
         def baselines(setup, logs, hold_out):
-            return {"constant bias": judged(5.0)._replace(inside=np.full((4_000, 6), np.nan))}
+            return {"constant bias": judged(5.0)._replace(inside=np.full((2, 4_000, 6), np.nan))}
 
         for fake in (judge, diagnose, with_causes, identify_tool, baselines):
             monkeypatch.setattr(module, fake.__name__, fake)
@@ -160,8 +160,16 @@ def test_page_and_numbers(faked, tmp_path):
     assert "low_pass" in text
     assert "http" not in text.replace("http-equiv", "")
     numbers = found.plain()
-    assert numbers["errors"]["constant bias"]["coverage"] == [None] * 6
-    np.testing.assert_allclose(numbers["errors"][CALIBRATED]["rms"], 0.5, rtol=0.1)
+    assert numbers["kept"] == ["low_pass"]
+    assert {refused["what"] for refused in numbers["refused"]} >= {"gains and crosstalk"}
+    assert set(numbers["forecast"]) == {"1", "10"}
+    for horizon in numbers["forecast"].values():
+        np.testing.assert_allclose(horizon["ours"], 0.5, rtol=0.1)
+        np.testing.assert_allclose(horizon["given"], 1.0, rtol=0.1)
+        np.testing.assert_allclose(horizon["constant"], 5.0, rtol=0.1)
+        np.testing.assert_allclose(horizon["coverage"], 0.95, atol=0.02)
+    assert numbers["used"] == 1
+    assert numbers["seconds"] > 0
 
 
 @pytest.mark.slow

@@ -59,7 +59,9 @@ def test_only_what_both_used_is_compared():
 
 
 def test_the_table_has_a_row_for_each_horizon_and_a_dash_for_what_is_not_known():
-    nothing = judged()._replace(errors=np.full((len(HORIZONS), T, 6), np.nan), inside=np.full((T, 6), np.nan))
+    nothing = judged()._replace(
+        errors=np.full((len(HORIZONS), T, 6), np.nan), inside=np.full((len(HORIZONS), T, 6), np.nan)
+    )
     rows = table({"a": judged(2.0), "b": nothing})
     assert [row[:2] for row in rows] == [("a", "1 s"), ("b", "1 s"), ("a", "10 s"), ("b", "10 s")]
     assert all(len(row) == len(HEAD) for row in rows)

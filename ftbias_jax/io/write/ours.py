@@ -21,7 +21,7 @@ GENERATOR = b'<meta name="generator" content="ftbias_jax'
 IN_JSON = {
     DIAGNOSIS: (b'"schema"', b'"verdict"', b'"sentence"'),
     CHECK: (b'"ok"', b'"findings"'),
-    CALIBRATION: (b'"steps"', b'"seconds_ahead"'),
+    CALIBRATION: (b'"kept"', b'"forecast"'),
     SCORE: (b'"versions"', b'"logs"'),
     LOG: (b'"provenance"', b'"effects"'),
 }

@@ -33,9 +33,9 @@ def calls(tmp_path, monkeypatch):
 
     def calibrate(setup, logs, names, **asked):
         kept.append((setup, logs, names, asked))
-        held = judged(3.0)._replace(inside=np.full((4_000, 6), np.nan))
+        held = judged(3.0)._replace(inside=np.full((2, 4_000, 6), np.nan))
         rows = {GIVEN: judged(2.0), CALIBRATED: judged(1.0), "constant bias": held}
-        step = Step("causes", "cause: low_pass", True, "errors 50 +- 1 % smaller")
+        step = Step("causes", "cause: low_pass", True, "errors 50 +- 1 % smaller", ("low_pass",))
         return Calibrated(setup, (step,), rows, None, tuple(log.repairs for log in logs))
 
     module = ModuleType("ftbias_jax.commissioning.calibrate")
@@ -58,7 +58,7 @@ def test_it_prints_steps_and_errors_and_writes_what_was_asked_for(calls, capsys)
     assert "wrote out.toml, out.html, out.json" in told
     assert load_setup("out.toml").tool.mass == 0.73
     with open("out.json") as file:
-        assert json.load(file)["steps"][0]["kept"] is True
+        assert json.load(file)["kept"] == ["low_pass"]
     assert main(command.split()) == 0, "its own outputs are replaced"
 
 
