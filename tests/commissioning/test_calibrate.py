@@ -160,7 +160,7 @@ def test_page_and_numbers(faked, tmp_path):
     assert "low_pass" in text
     assert "http" not in text.replace("http-equiv", "")
     numbers = found.plain()
-    assert numbers["kept"] == ["low_pass"]
+    assert numbers["kept"] == ["low_pass", "tool"]
     assert {refused["what"] for refused in numbers["refused"]} >= {"gains and crosstalk"}
     assert set(numbers["forecast"]) == {"1", "10"}
     for horizon in numbers["forecast"].values():
