@@ -30,6 +30,8 @@ from ftbias_jax.files import replace_whole
 from ftbias_jax.runtime.compiled_loops import on_cpu
 from ftbias_jax.runtime.jax_config import is_plain, is_wide, same_precision
 
+QUICK_TO_COMPILE = {"xla_cpu_use_fusion_emitters": False}
+"""The older emitters of XLA make equally fast programs of some hundred small kernels in two thirds of the time."""
 ADDRESS = " at 0x"
 """In the words for an object that nothing but its place in memory tells from others: such a program is not kept."""
 
@@ -84,7 +86,11 @@ class KeptProgram:
 
         # JAX's own cache knows it by this name: of what it has loaded from there no copy can be made.
         named.__name__ = named.__qualname__ = path.stem if path else self._name
-        compiled = jax.jit(named).lower(*outline).compile()
+        lowered = jax.jit(named).lower(*outline)
+        try:
+            compiled = lowered.compile(compiler_options=QUICK_TO_COMPILE if on_cpu() else None)
+        except jax.errors.JaxRuntimeError:  # a version of XLA that does not know the option
+            compiled = lowered.compile()
         if path is not None:
             _postponed.do(same_precision(partial(_keep, path, compiled, outline)))
         return compiled
