@@ -30,7 +30,7 @@ from ftbias_jax.files import replace_whole
 from ftbias_jax.runtime.compiled_loops import on_cpu
 from ftbias_jax.runtime.jax_config import is_plain, is_wide, same_precision
 
-QUICK_TO_COMPILE = {"xla_cpu_use_fusion_emitters": False}
+QUICK_TO_COMPILE: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False}
 """The older emitters of XLA make equally fast programs of some hundred small kernels in two thirds of the time."""
 ADDRESS = " at 0x"
 """In the words for an object that nothing but its place in memory tells from others: such a program is not kept."""
