@@ -19,15 +19,13 @@ from ftbias_jax.cli.terminal import print_what_the_terminal_can
 from ftbias_jax.errors import FtbiasError
 from ftbias_jax.runtime.imports import many_imports
 
-RENAMED = {"blind": "validate"}
-"""Commands that had another name."""
 DECIDED_HERE = {
     "JAX_ENABLE_X64": "",  # many have it; commands choose the precision
     "JAX_DEBUG_NANS": "because NaN means that nothing was measured",
     "JAX_DEBUG_INFS": "because NaN means that nothing was measured",
 }
 """Variables of JAX that do not hold for commands, and why; "" = nobody need be told."""
-OF_MANY = ("report", "validate")
+OF_MANY = ("report",)
 """Commands that are about many logs only, and stand with their jobs."""
 INTERRUPTED = "interrupted, nothing more was written"
 
@@ -40,9 +38,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         end_on_signals(f"ftbias: {INTERRUPTED}\n")
     print_what_the_terminal_can()
-    if words and words[0] in RENAMED:
-        print(f"warning: {words[0]!r} is now called {RENAMED[words[0]]!r}", file=sys.stderr)
-        words[0] = RENAMED[words[0]]
     for name in DECIDED_HERE:
         if os.environ.pop(name, None) and DECIDED_HERE[name]:
             print(f"warning: {name} is ignored, {DECIDED_HERE[name]}", file=sys.stderr)

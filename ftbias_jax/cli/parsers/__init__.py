@@ -18,7 +18,6 @@ ADD = (
     logs.add_info,
     logs.add_report,
     logs.add_compare,
-    diagnosis.add_validate,
     logs.add_demo,
 )
 """In the order of ``ftbias --help``."""

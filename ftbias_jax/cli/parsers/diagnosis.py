@@ -1,4 +1,4 @@
-"""Arguments of ``ftbias diagnose`` and ``ftbias validate``."""
+"""Arguments of ``ftbias diagnose`` and ``ftbias effects``."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ from ftbias_jax.cli.argument_types import (
     add_force,
     add_outside,
     add_unchecked,
-    count,
-    numbers,
-    seed,
 )
 
 
@@ -56,43 +53,3 @@ def add_effects_command(commands: Commands) -> None:
     )
     parser.add_argument("words", nargs="*", metavar="NAME", help="effects to describe; or: check FILE.py")
     add_effects(parser)
-
-
-def add_validate(commands: Commands) -> None:
-    """The command ``validate``."""
-    parser = commands.add_parser(
-        "validate",
-        help="check the diagnosis on logs whose cause is withheld",
-        description="Make labelled logs by physics that are not this package's, and score the diagnosis on them.",
-        epilog="Example: ftbias validate make SET --count 128 --seed 1, then ftbias validate score SET --jobs 2",
-    )
-    actions = parser.add_subparsers(dest="action", required=True, metavar="make|score")
-    maker = actions.add_parser("make", help="make logs by MuJoCo (needs the extra 'validation')")
-    maker.add_argument("output", metavar="OUT", help="new folder for logs, setups and truth.json")
-    maker.add_argument("--count", type=count, default=128, metavar="N", help="logs (%(default)s)")
-    maker.add_argument("--seed", type=seed, default=0, metavar="S", help="the same makes the same logs (%(default)s)")
-    maker.add_argument(
-        "--protocol",
-        choices=("effects", "unlisted"),
-        default="effects",
-        help="unlisted: kinds that no catalogue knows, each in two logs of other motion (%(default)s)",
-    )
-    effects = "all, catalogue, none, pairs, unlisted or names, by commas (all); of the protocol effects"
-    maker.add_argument("--effects", metavar="NAMES", help=effects)
-    kinds = "which kinds of the protocol unlisted (seen); unseen ones are for the end, not for building"
-    maker.add_argument("--kinds", choices=("seen", "unseen", "all"), help=kinds)
-    maker.add_argument(
-        "--duration", type=numbers, default=(20.0, 60.0), metavar="S[,S]", help="shortest,longest (20,60)"
-    )
-    rates = (125.0, 200.0, 250.0, 400.0, 500.0)
-    maker.add_argument("--rate", type=numbers, default=rates, metavar="HZ[,...]", help="to choose from (125 to 500)")
-    maker.add_argument("--plain", action="store_true", help="one clock and all velocities in every log")
-    scorer = actions.add_parser("score", help="diagnose every log of a set, then open truth.json and score")
-    scorer.add_argument("folder", metavar="DIR", help="a set: log_*.npz, log_*.toml, truth.json")
-    scorer.add_argument("--out", metavar="VERDICTS", help="folder of the verdicts; those there are kept (DIR/verdicts)")
-    scorer.add_argument("--json", metavar="OUT.json", help="where to write the score (VERDICTS/score.json)")
-    scorer.add_argument(
-        "--leave-one-out", action="store_true", help="leave each log's true effect out of the catalogue instead"
-    )
-    for one in (maker, scorer):
-        one.add_argument("--jobs", type=count, default=1, metavar="N", help="processes (%(default)s)")

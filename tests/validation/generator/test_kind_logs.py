@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("mujoco", reason="the extra 'validation' is not installed")
-from ftbias_jax.validation.generator import recording
-from ftbias_jax.validation.generator.effects.effect import Effect
-from ftbias_jax.validation.generator.kinds import likeness, logs
-from ftbias_jax.validation.generator.kinds.catalogue import KINDS, chosen
-from ftbias_jax.validation.generator.kinds.plan import LARGEST, SMALLEST, Job, make_plan
-from ftbias_jax.validation.generator.make import Limits
-from ftbias_jax.validation.generator.world import tool_path
-from ftbias_jax.validation.labels import read_labels
+pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+from validation.generator import recording
+from validation.generator.effects.effect import Effect
+from validation.generator.kinds import likeness, logs
+from validation.generator.kinds.catalogue import KINDS, chosen
+from validation.generator.kinds.plan import LARGEST, SMALLEST, Job, make_plan
+from validation.generator.make import Limits
+from validation.generator.world import tool_path
+from validation.labels import read_labels
 
 LIMITS = Limits((4.0, 4.0), (100.0,), True)
 JOBS = (Job("hose", "viscous", 2.0), Job("sag", "elastic", 0.5), Job("rough_bridge", "force", 1.5))
