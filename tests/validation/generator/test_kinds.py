@@ -10,7 +10,7 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 from validation.generator import recording
 from validation.generator.effects import catalogue, effect
-from validation.generator.kinds.catalogue import KINDS, chosen
+from validation.generator.kinds.plan import KINDS, chosen
 from validation.generator.world import tool_path, wrench
 
 DRIVES = (

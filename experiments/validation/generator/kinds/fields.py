@@ -2,38 +2,47 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from validation.generator.arms import Floats
-from validation.generator.effects.effect import Draw, Effect, Scene
-from validation.generator.kinds.kind import Parameters, loaded, near, twisted, vector
+from validation.generator.effects.effect import Draw, Scene
+from validation.generator.kinds.kind import (
+    Hooks,
+    Kind,
+    Parameters,
+    directed,
+    direction,
+    near_com,
+    pushed,
+    times,
+    twisted,
+)
 from validation.generator.world import ToolPath, tool_path
 
 
-def draw_wind(form: str, draw: Draw, scene: Scene) -> Parameters:
-    """A steady wind."""
-    force = draw.scale * draw.direction()
-    parameters = {"force": vector(force), "point": vector(near(scene.belief.tool.com, draw, 0.08))}
-    if form == "with_couple":
-        parameters["couple"] = vector(0.1 * draw.scale * draw.direction())
-    return parameters
+def wind_drawn(form: str, draw: Draw, scene: Scene) -> Parameters:
+    """A steady wind, N at a point; some also turn the tool, Nm."""
+    drawn = {"force": directed(1.0), "point": near_com(0.08)} | (
+        {"couple": directed(0.1)} if form == "with_couple" else {}
+    )
+    return {name: sample(form, draw, scene) for name, sample in drawn.items()}
 
 
-def build_wind(form: str, parameters: Parameters, scene: Scene) -> Effect:
-    """Forms: "at_a_point" (a force fixed in base axes), "with_couple" (also a torque fixed in base axes)."""
-    force, point = np.array(parameters["force"]), np.array(parameters["point"])
-    turn = np.array(parameters.get("couple", [0.0, 0.0, 0.0]))
+def wind(form: str, p: Any, scene: Scene) -> Hooks:
+    """A force fixed in base axes, and a torque fixed in base axes."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
-        return np.broadcast_to(force, path.position.shape), path.points(point)
+        return np.broadcast_to(p.force, path.position.shape), path.points(p.point)
 
     def couple(path: ToolPath) -> Floats:
-        return np.broadcast_to(turn, path.position.shape)
+        return np.broadcast_to(p.couple, path.position.shape)
 
-    return loaded("wind", form, parameters, load, *([couple] if form == "with_couple" else []))
+    return pushed(load, *([couple] if form == "with_couple" else []))
 
 
-def draw_balancer(form: str, draw: Draw, scene: Scene) -> Parameters:
+def balancer_drawn(form: str, draw: Draw, scene: Scene) -> Parameters:
     """A tool balancer: a rope under constant tension to a hook."""
     middle = tool_path(scene.world, scene.motion, scene.grid[::500]).position.mean(0)
     up = -scene.belief.gravity / np.linalg.norm(scene.belief.gravity)
@@ -41,117 +50,118 @@ def draw_balancer(form: str, draw: Draw, scene: Scene) -> Parameters:
     slanted /= np.linalg.norm(slanted)
     return {
         "tension": 1.5 * draw.scale,
-        "direction": vector(slanted),
-        "hook": vector(middle + float(draw.rng.uniform(2.5, 4.0)) * slanted),
-        "point": vector(near(scene.belief.tool.com, draw, 0.08)),
+        "direction": slanted,
+        "hook": middle + float(draw.rng.uniform(2.5, 4.0)) * slanted,
+        "point": near_com(0.08)(form, draw, scene),
     }
 
 
-def build_balancer(form: str, parameters: Parameters, scene: Scene) -> Effect:
-    """Forms: "trolley" (the hook follows: the direction is fixed), "fixed_hook" (it turns a little with the place)."""
-    direction, hook, point = (np.array(parameters[name]) for name in ("direction", "hook", "point"))
+def balancer(form: str, p: Any, scene: Scene) -> Hooks:
+    """The hook follows on a trolley, so that the direction is fixed; or is fixed itself."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
-        at = path.points(point)
-        rope = np.broadcast_to(direction, at.shape) if form == "trolley" else hook - at
-        return parameters["tension"] * rope / np.linalg.norm(rope, axis=1, keepdims=True), at
+        at = path.points(p.point)
+        rope = np.broadcast_to(p.direction, at.shape) if form == "trolley" else p.hook - at
+        return p.tension * rope / np.linalg.norm(rope, axis=1, keepdims=True), at
 
-    return loaded("balancer", form, parameters, load)
-
-
-def _passed(point: Floats, draw: Draw, scene: Scene, low: float, high: float) -> Floats:
-    """(3,) m, a place at this distance from one where the point of the tool comes by."""
-    path = tool_path(scene.world, scene.motion, np.array([draw.rng.uniform(0.2, 0.8) * scene.duration]))
-    return path.points(point)[0] + draw.rng.uniform(low, high) * draw.direction()
+    return pushed(load)
 
 
-def draw_magnet(form: str, draw: Draw, scene: Scene) -> Parameters:
-    """A magnet beside the way of the tool."""
-    point = near(scene.belief.tool.com, draw)
-    return {
-        "strength": draw.scale,
-        "core": float(draw.rng.uniform(0.08, 0.2)),
-        "source": vector(_passed(point, draw, scene, 0.05, 0.15)),
-        "point": vector(point),
-    }
+def magnet_drawn(form: str, draw: Draw, scene: Scene) -> Parameters:
+    """A magnet beside a place where a point of the tool comes by."""
+    point = near_com()(form, draw, scene)
+    core = float(draw.rng.uniform(0.08, 0.2))
+    passed = tool_path(scene.world, scene.motion, np.array([draw.rng.uniform(0.2, 0.8) * scene.duration]))
+    source = passed.points(point)[0] + draw.rng.uniform(0.05, 0.15) * draw.direction()
+    return {"strength": draw.scale, "core": core, "source": source, "point": point}
 
 
-def build_magnet(form: str, parameters: Parameters, scene: Scene) -> Effect:
-    """Attraction to a place, softened in a core. Forms: "inverse_square" (a long bar's end), "inverse_fourth"."""
-    point, source, core = np.array(parameters["point"]), np.array(parameters["source"]), parameters["core"]
+def magnet(form: str, p: Any, scene: Scene) -> Hooks:
+    """Attraction to a place, softened in a core: to the end of a long bar, or of a short one."""
     power = 3 if form == "inverse_square" else 5
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
-        at = path.points(point)
-        away = source - at
-        distance = np.sqrt((away**2).sum(1, keepdims=True) + core**2)
-        return 2 * parameters["strength"] * away / core * (core / distance) ** power, at
+        at = path.points(p.point)
+        away = p.source - at
+        distance = np.sqrt((away**2).sum(1, keepdims=True) + p.core**2)
+        return 2 * p.strength * away / p.core * (p.core / distance) ** power, at
 
-    return loaded("magnet_bar", form, parameters, load)
-
-
-def draw_rail(form: str, draw: Draw, scene: Scene) -> Parameters:
-    """A straight magnetic rail beside the way of the tool."""
-    return draw_magnet(form, draw, scene) | {"along": vector(draw.direction())}
+    return pushed(load)
 
 
-def build_rail(form: str, parameters: Parameters, scene: Scene) -> Effect:
-    """Attraction to a straight line. Forms: "inverse" (with the distance), "bell" (within a short reach)."""
-    point, source, along = (np.array(parameters[name]) for name in ("point", "source", "along"))
-    core = parameters["core"]
+def rail(form: str, p: Any, scene: Scene) -> Hooks:
+    """Attraction to a straight line: inverse with the distance, or a bell within a short reach."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
-        at = path.points(point)
-        away = source - at
-        away = away - (away @ along)[:, None] * along
-        squared = (away**2).sum(1, keepdims=True) / core**2
+        at = path.points(p.point)
+        away = p.source - at
+        away = away - (away @ p.along)[:, None] * p.along
+        squared = (away**2).sum(1, keepdims=True) / p.core**2
         profile = 2 / (1 + squared) if form == "inverse" else np.exp(0.5 - 0.5 * squared)
-        return parameters["strength"] * away / core * profile, at
+        return p.strength * away / p.core * profile, at
 
-    return loaded("rail", form, parameters, load)
-
-
-def draw_sag(form: str, draw: Draw, scene: Scene) -> Parameters:
-    """The tool gives way under its own weight."""
-    return {"shift": vector(0.004 * draw.scale * np.array([*draw.rng.uniform(0.4, 1.0, 2), 0.0]))}
+    return pushed(load)
 
 
-def build_sag(form: str, parameters: Parameters, scene: Scene) -> Effect:
-    """The centre of mass moves along the weight, m at one g. Forms: "elastic", "loose" (from stop to stop)."""
-    shift, gravity = np.array(parameters["shift"]), scene.belief.gravity
+def sag(form: str, p: Any, scene: Scene) -> Hooks:
+    """The centre of mass moves along the weight, m at one g: elastically, or loose from stop to stop."""
+    gravity = scene.belief.gravity
     weight = scene.belief.tool.mass * gravity
 
     def couple(path: ToolPath) -> Floats:
         down = path.rotation.transpose(0, 2, 1) @ gravity / np.linalg.norm(gravity)
-        moved = shift * (down if form == "elastic" else np.tanh(5 * down))
+        moved = p.shift * (down if form == "elastic" else np.tanh(5 * down))
         return np.cross(np.einsum("tij,tj->ti", path.rotation, moved), weight)
 
-    return twisted("sag", form, parameters, couple)
+    return twisted(couple)
 
 
-def draw_compass(form: str, draw: Draw, scene: Scene) -> Parameters:
-    """A magnetic field that is the same everywhere, and a tool that feels it."""
-    return {"torque": 0.05 * draw.scale, "axis": vector(draw.direction()), "field": vector(draw.direction())}
-
-
-def build_compass(form: str, parameters: Parameters, scene: Scene) -> Effect:
-    """Torque that turns an axis of the tool to the field. Forms: "permanent" magnet, "soft_iron" (either end)."""
-    axis, field = np.array(parameters["axis"]), np.array(parameters["field"])
+def compass(form: str, p: Any, scene: Scene) -> Hooks:
+    """Torque that turns an axis of the tool to a field that is the same everywhere; of soft iron, either end of it."""
 
     def couple(path: ToolPath) -> Floats:
-        pole = path.rotation @ axis
-        magnetised = 2 * pole @ field if form == "soft_iron" else np.ones(len(pole))
-        return parameters["torque"] * magnetised[:, None] * np.cross(pole, field)
+        pole = path.rotation @ p.axis
+        magnetised = 2 * pole @ p.field if form == "soft_iron" else np.ones(len(pole))
+        return p.torque * magnetised[:, None] * np.cross(pole, p.field)
 
-    return twisted("compass", form, parameters, couple)
-
-
-def wind_coefficients(form: str, parameters: Parameters) -> dict[str, list[float]]:
-    """The force, base axes."""
-    return {"N": parameters["force"]}
+    return twisted(couple)
 
 
-def balancer_coefficients(form: str, parameters: Parameters) -> dict[str, list[float]]:
-    """The force, base axes, if its direction is fixed."""
-    fixed = form == "trolley"
-    return {"N": vector(parameters["tension"] * np.array(parameters["direction"]))} if fixed else {}
+FIELDS = (
+    Kind(
+        *("wind", "constant", "base", "wrench", ("at_a_point", "with_couple"), wind_drawn, wind),
+        known=lambda form, p: {"N": p.force},
+        equivalent=("orientation",),
+        twins=("cable",),
+    ),
+    Kind(
+        *("balancer", "constant", "base", "force", ("trolley", "fixed_hook"), balancer_drawn, balancer),
+        known=lambda form, p: {"N": p.tension * p.direction} if form == "trolley" else {},
+        unseen=True,
+        equivalent=("orientation", "position"),
+        twins=("cable",),
+    ),
+    Kind(
+        *("magnet_bar", "position", "base", "force", ("inverse_square", "inverse_fourth"), magnet_drawn, magnet),
+        twins=("cable",),
+    ),
+    Kind(
+        *("rail", "position", "base", "force", ("inverse", "bell")),
+        lambda form, draw, scene: magnet_drawn(form, draw, scene) | {"along": draw.direction()},
+        rail,
+        unseen=True,
+    ),
+    Kind(
+        *("sag", "orientation", "sensor", "torque", ("elastic", "loose")),
+        {"shift": lambda form, draw, scene: 0.004 * draw.scale * np.array([*draw.rng.uniform(0.4, 1.0, 2), 0.0])},
+        sag,
+        unseen=True,
+        equivalent=("load",),
+    ),
+    Kind(
+        *("compass", "orientation", "base", "torque", ("permanent", "soft_iron")),
+        {"torque": times(0.05), "axis": direction, "field": direction},
+        compass,
+        equivalent_forms={"permanent": ("constant",)},  # two forces of the field, one on each pole
+    ),
+)

@@ -12,10 +12,9 @@ import numpy as np
 from ftbias_jax.io.atomic import write_atomic
 from validation.generator.arms import Floats
 from validation.generator.effects.effect import Draw, Effect, Scene
-from validation.generator.kinds.catalogue import KINDS
 from validation.generator.kinds.kind import Kind, Parameters
 from validation.generator.kinds.likeness import says_the_same
-from validation.generator.kinds.plan import Job, make_plan
+from validation.generator.kinds.plan import KINDS, Job, make_plan
 from validation.generator.make import Limits, choose_timeline, run_jobs, truth, write_labels
 from validation.generator.nominal_model import setup_toml
 from validation.generator.recording import (

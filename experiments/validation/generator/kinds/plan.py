@@ -1,4 +1,4 @@
-"""Which log shows which kind, in which form, and how large: fixed by the seed alone."""
+"""All withheld kinds, and which log shows which, in which form, and how large: fixed by the seed alone."""
 
 from __future__ import annotations
 
@@ -6,7 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from validation.generator.kinds.catalogue import KINDS, chosen
+from validation.generator.kinds.fields import FIELDS
+from validation.generator.kinds.gauges import GAUGES
+from validation.generator.kinds.moving import MOVING
+from validation.generator.kinds.slow import SLOW
+
+KINDS = {kind.name: kind for kind in (*FIELDS, *MOVING, *SLOW, *GAUGES)}
+"""Two for every drive of a description, one of them unseen until the end; no name is one of a catalogue."""
 
 SMALLEST, LARGEST = 0.3, 10.0
 """Noise sigmas of gap; evenly spread on the scale of the logarithm."""
@@ -21,6 +27,11 @@ class Job:
     kind: str
     form: str
     gap_sigmas: float
+
+
+def chosen(which: str) -> list[str]:
+    """Names of the kinds that are "seen", "unseen" or "all"."""
+    return [name for name, kind in KINDS.items() if which == "all" or kind.unseen == (which == "unseen")]
 
 
 def make_plan(which: str, count: int, seed: int) -> list[Job]:
