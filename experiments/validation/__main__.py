@@ -12,8 +12,8 @@ if not __package__:  # python experiments/validation: the folder itself is where
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: threads for small matrices wait for one another
 
-from ftbias_jax.cli.argument_types import count, numbers, seed
-from ftbias_jax.cli.repairs import warn
+from ftbias_jax.cli.options import count, numbers, seed
+from ftbias_jax.cli.terminal import warn
 from ftbias_jax.errors import FtbiasError, OutputError, UsageError
 from ftbias_jax.io.atomic import make_folder, write_json
 from ftbias_jax.io.outputs import check_outputs

@@ -86,30 +86,33 @@ def make_log(index: int, job: Job, seed: int, limits: Limits, folder: Path) -> t
         for name, form, one in zip(job.names, job.forms, seeds[5].spawn(len(job.names)), strict=True)
     ]
     effects = [effect for effect, _ in sized]
-    columns, clean, noise_rms = record(scene, effects, timeline, seeds[6])
     name = f"log_{index:03d}"
+    label, _, _ = write_log(folder, name, scene, effects, timeline, seeds[6])
+    each = {effect.name: gap for effect, gap in sized}
+    return name, label | {"level": job.level, "kind": kind, "gap_sigmas_each": each}
+
+
+def write_log(
+    folder: Path,
+    name: str,
+    scene: Scene,
+    effects: Sequence[Effect],
+    timeline: Timeline,
+    seed: np.random.SeedSequence,
+) -> tuple[dict[str, Any], Reading, Floats]:
+    """Write a log and its setup.
+
+    Returns:
+        its label: what was done to it, and what else a scorer may want; the reading without noise; rms of the noise.
+    """
+    columns, clean, noise_rms = record(scene, effects, timeline, seed)
     write_atomic(folder / f"{name}.npz", lambda file: np.savez_compressed(file, **columns))  # type: ignore[arg-type]
     write_atomic(folder / f"{name}.toml", lambda file: file.write(setup_toml(scene.belief).encode()))
-    each = {effect.name: gap for effect, gap in sized}
-    return name, truth(scene, effects, job.level, kind, clean, noise_rms) | {
-        "gap_sigmas_each": each,
-        "timeline": "one clock" if timeline.joint_rate is None else f"joints at {timeline.joint_rate:g} Hz",
-        "velocities": timeline.velocities,
-        "temperature": bool(timeline.temperature_every),
-    }
-
-
-def truth(
-    scene: Scene, effects: Sequence[Effect], level: int, kind: str, clean: Reading, noise_rms: Floats
-) -> dict[str, Any]:
-    """A log's label: what was done to it, and what else a scorer may want."""
     rms = gap_rms(scene, effects)
     seconds = (np.arange(int(scene.duration)) * scene.rate).round().astype(int)
-    return {
+    label = {
         "effects": {effect.name: effect.parameters for effect in effects} or {"none": {}},
         "form": {effect.name: effect.form for effect in effects},
-        "level": level,
-        "kind": kind,
         "duration": scene.duration,
         "rate": scene.rate,
         "robot": scene.belief.arm.name,
@@ -119,7 +122,11 @@ def truth(
         "gap_rms": rms.tolist(),
         "gap_sigmas": in_sigmas(scene, rms),
         "bias_1hz": clean.bias[seconds].round(6).tolist(),
+        "timeline": "one clock" if timeline.joint_rate is None else f"joints at {timeline.joint_rate:g} Hz",
+        "velocities": timeline.velocities,
+        "temperature": bool(timeline.temperature_every),
     }
+    return label, clean, noise_rms
 
 
 def make_set(

@@ -150,7 +150,8 @@ def test_a_label_means_to_the_catalogue_what_it_means_to_the_maker(scene, packag
     """The change that the label's parameters make in the package's reading is the change in the maker's."""
     world = scene[0]
     one = drawn(name, OWN_FORMS[name], world)
-    entry = make.truth(world, [one], 1, "sines", recording.noiseless(world, [one]), world.belief.noise_std)
+    timeline = recording.Timeline(None, velocities=True, temperature_every=0)
+    entry, _, _ = make.write_log(tmp_path, "log_000", world, [one], timeline, np.random.SeedSequence(1))
     (tmp_path / "truth.json").write_text(json.dumps({"log_000": entry}))
     label = labels.read_labels(tmp_path, ["log_000"])["log_000"]
     values = labels.true_parameters(label, name)

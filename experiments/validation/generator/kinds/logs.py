@@ -15,16 +15,8 @@ from validation.generator.effects.effect import Draw, Effect, Scene
 from validation.generator.kinds.kind import Kind, Parameters
 from validation.generator.kinds.likeness import says_the_same
 from validation.generator.kinds.plan import KINDS, Job, make_plan
-from validation.generator.make import Limits, choose_timeline, run_jobs, truth, write_labels
-from validation.generator.nominal_model import setup_toml
-from validation.generator.recording import (
-    Timeline,
-    gap_rms,
-    in_sigmas,
-    noiseless,
-    random_scene,
-    record,
-)
+from validation.generator.make import Limits, choose_timeline, run_jobs, write_labels, write_log
+from validation.generator.recording import Timeline, gap_rms, in_sigmas, noiseless, random_scene
 
 SECOND = "second"
 """Folder of the logs of another motion, in the folder of the set."""
@@ -99,22 +91,17 @@ def _write(
     seed: np.random.SeedSequence,
 ) -> dict[str, Any]:
     """Write one log, its setup and its extra wrench; its label."""
-    columns, clean, noise_rms = record(scene, [effect], timeline, seed)
+    label, clean, noise_rms = write_log(folder, name, scene, [effect], timeline, seed)
     sign = -1.0 if scene.belief.reports == "wrench_on_sensor" else 1.0
     bare = noiseless(scene, ()).wrench
     extra = sign * (clean.wrench - bare)
     std = scene.belief.noise_std * noise_scale(effect, scene)
     hidden = {"t": scene.stamps, "wrench": extra, "noise_std": std}
-    write_atomic(folder / f"{name}.npz", lambda file: np.savez_compressed(file, **columns))  # type: ignore[arg-type]
-    write_atomic(folder / f"{name}.toml", lambda file: file.write(setup_toml(scene.belief).encode()))
     write_atomic(folder / EXTRA / f"{name}.npz", lambda file: np.savez_compressed(file, **hidden))  # type: ignore[arg-type]
     gap = gap_sigmas(kind, effect, scene)
-    label = truth(scene, [effect], 1, "", clean, noise_rms)
     return label | {
+        "level": 1,
         "gap_sigmas": gap,
-        "temperature": bool(timeline.temperature_every),
-        "timeline": "one clock" if timeline.joint_rate is None else f"joints at {timeline.joint_rate:g} Hz",
-        "velocities": timeline.velocities,
         "term": {
             "drive": kind.drive,
             "equivalent": equivalents(kind, effect, clean.wrench - bare, scene),
