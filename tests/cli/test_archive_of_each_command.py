@@ -9,7 +9,7 @@ from made_diagnoses import candidate
 from small_archive import SETUP, manifest, write_log
 from small_checks import right_log
 
-from ftbias_jax.cli.jobs.usable import read_usable
+from ftbias_jax.cli.commands.tune import usable
 from ftbias_jax.cli.main import main
 from ftbias_jax.diagnosis import diagnose as diagnosing
 from ftbias_jax.filtering import innovation_regression
@@ -155,11 +155,11 @@ def test_tune_writes_a_setup_of_each_log(logs):
 def test_a_log_with_other_conventions_is_left_out(swapped, capsys):
     setup = load_setup("setup.toml")
     paths = [f"logs/{seed}.npz" for seed in range(3)]
-    usable = read_usable(setup, paths, "tune", unchecked=False)
-    assert list(usable.logs) == paths[:2]
-    assert "logs/2.npz: setup.toml: force_torque_swapped" in str(usable.errors["logs/2.npz"])
-    assert read_usable(setup, paths, "tune", unchecked=True).errors == {}
-    assert read_usable(setup, paths[2:], "tune", unchecked=False).errors == {}  # the setup is wrong, not the log
+    found = usable(setup, paths, unchecked=False)
+    assert list(found.logs) == paths[:2]
+    assert "logs/2.npz: setup.toml: force_torque_swapped" in str(found.errors["logs/2.npz"])
+    assert usable(setup, paths, unchecked=True).errors == {}
+    assert usable(setup, paths[2:], unchecked=False).errors == {}  # the setup is wrong, not the log
 
 
 @pytest.mark.parametrize(

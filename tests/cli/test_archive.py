@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from small_archive import SETUP, assert_same_outputs, filter_archive, manifest, outputs, write_log
 
-from ftbias_jax.cli.jobs import each_log
+from ftbias_jax.cli import archive
 from ftbias_jax.cli.main import main
 from ftbias_jax.fleet import table
+from ftbias_jax.fleet.entry import Settings
 from ftbias_jax.fleet.find import Task
 from ftbias_jax.fleet.manifest import Manifest, read_manifests
 from ftbias_jax.io.write import npz
@@ -72,13 +73,13 @@ def test_error_bars_contain_the_stated_error_of_the_tool(logs, capsys):
 @pytest.fixture
 def done(monkeypatch):
     """Outputs of the logs that were worked on."""
-    done, whole = [], each_log.do_task
+    done, whole = [], archive.do_task
 
     def counted(task, **rest):
         done.append(task.output)
         return whole(task, **rest)
 
-    monkeypatch.setattr(each_log, "do_task", counted)
+    monkeypatch.setattr(archive, "do_task", counted)
     return done
 
 
@@ -231,9 +232,11 @@ def test_shards_write_their_own_manifests_and_know_each_other_s(logs, capsys):
 
 
 def test_a_log_whose_process_was_killed_has_failed(monkeypatch):
-    monkeypatch.setattr(each_log, "run_each", lambda work, tasks, jobs: ((task, None) for task in tasks))
-    job = each_log.Job("filter", "", "out", None)
-    (entry,) = each_log.run_tasks(job, [Task("deadly", "deadly.npz")], 2)
+    monkeypatch.setattr(
+        "ftbias_jax.runtime.processes.run_each", lambda work, tasks, jobs: ((task, None) for task in tasks)
+    )
+    job = archive.Job(Settings("filter", "", {}, ""), "out", None, None, {})
+    (entry,) = archive.run_tasks(job, [Task("deadly", "deadly.npz")], 2)
     assert (entry.log, entry.output, entry.status) == ("deadly", "deadly.npz", "failed")
     assert "its process was killed" in entry.error
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from ftbias_jax.cli.repairs import warn
+from ftbias_jax.cli.terminal import warn
 from ftbias_jax.errors import printable
 from ftbias_jax.fleet.alarms import alarms_of
 from ftbias_jax.fleet.history import read_fleet

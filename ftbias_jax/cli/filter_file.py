@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from ftbias_jax.check.check_setup import check_parts
 from ftbias_jax.check.result import Check
-from ftbias_jax.cli.parsers.filtering import selection_of
 from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.noise.log_noise import LogNoise, remark_of_gate
 from ftbias_jax.filtering.quality import contacts, observability, summary
 from ftbias_jax.filtering.quality.at_rest import weight_in_bias
 from ftbias_jax.filtering.quality.summary import Summary
-from ftbias_jax.filtering.quality.tool_error import (
-    arrays_with_error_of_tool,
-    remark_of_tool,
-    with_error_of_tool,
-)
+from ftbias_jax.filtering.quality.tool_error import arrays_with_error_of_tool, remark_of_tool, with_error_of_tool
 from ftbias_jax.filtering.result import Filtered, join, named_arrays
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog
@@ -30,35 +24,6 @@ from ftbias_jax.io.write.provenance import Provenance, provenance
 from ftbias_jax.io.write.selection import ALL, Selection, check_selection, selected_parts
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
-
-
-class Choices(NamedTuple):
-    """What a user asked for, beside the setup."""
-
-    smooth: bool = False
-    """Add the bias given past and future."""
-    unchecked: bool = False
-    """Do not look first whether the setup can be right."""
-    fields: str = ""
-    """Names of the arrays to write, by commas; "" = all."""
-    precision: str = ALL.precision
-    every: int = ALL.every
-    rate: float | None = ALL.rate
-    """As in ``Selection``."""
-
-    @property
-    def selection(self) -> Selection:
-        """What of the result is written."""
-        return Selection(tuple(filter(None, self.fields.split(","))), self.precision, self.every, self.rate)
-
-
-def choices_of(arguments: argparse.Namespace) -> Choices:
-    """What the command line asks for."""
-    chosen = selection_of(arguments)._asdict() | {"fields": ",".join(arguments.fields)}
-    return Choices(arguments.smooth, arguments.unchecked, **chosen)
-
-
-DEFAULT_CHOICES = Choices()
 
 
 class Outcome(NamedTuple):
@@ -79,25 +44,17 @@ class Outcome(NamedTuple):
     worse: bool = False
     """Whether the corrected wrench is worse than the raw one."""
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Mistakes of the setup that the log shows, a line each."""
-        return tuple(self.check.lines())
-
-    @property
-    def lost(self) -> bool:
-        """Whether samples were left out, an axis was never measured, or nothing was gained."""
-        return self.worse or any(repair.lost for repair in self.repairs)
-
 
 def filter_file(
     log: OpenLog,
     setup: Setup,
     output: str | os.PathLike[str],
-    choices: Choices = DEFAULT_CHOICES,
-    progress: Callable[[float], None] = lambda share: None,
+    selection: Selection = ALL,
     *,
+    smooth: bool = False,
+    unchecked: bool = False,
     keep: bool = False,
+    progress: Callable[[float], None] = lambda share: None,
     warn: Callable[[str], None] = lambda line: None,
 ) -> Outcome:
     """Filter a log into a file, which appears whole or not at all.
@@ -108,22 +65,23 @@ def filter_file(
         log: opened by ``open_log``.
         setup: of robot, sensor and tool.
         output: the file; its suffix names the format.
-        choices: the command's options.
-        progress: called with the share that is done, 0 to 1.
+        selection: what of the result is written.
+        smooth: add the bias given past and future.
+        unchecked: do not look first whether the setup can be right.
         keep: also return the result.
+        progress: called with the share that is done, 0 to 1.
         warn: called with each mistake of the setup, before anything is computed.
 
     Raises:
         LogError: the log is damaged. SetupError: the tool is not stated, and the log turns it. OutputError, UsageError:
             the result cannot be written.
     """
-    selection = choices.selection
-    check_selection(selection, smooth=choices.smooth, adapt=setup.bias.adapt)
+    check_selection(selection, smooth=smooth, adapt=setup.bias.adapt)
     setup, of_tool = weight_in_bias(setup, log.parts)
-    check = Check(()) if choices.unchecked else check_parts(setup, log.parts, log.length)
+    check = Check(()) if unchecked else check_parts(setup, log.parts, log.length)
     for line in check.lines():
         warn(line)
-    ready = ready_to_filter(setup, log.parts, log.length, log.facts.first_q, smooth=choices.smooth)
+    ready = ready_to_filter(setup, log.parts, log.length, log.facts.first_q, smooth=smooth)
     tally, turning, touches = summary.start(), observability.start(), contacts.start(ready.noise.contacts)
 
     def results() -> Iterator[Filtered]:
@@ -138,17 +96,17 @@ def filter_file(
             yield part
 
     bias = setup.bias
-    said: dict[str, Any] = {"smooth": choices.smooth, "salvage": log.salvaged, "gate": bias.gate, "adapt": bias.adapt}
+    said: dict[str, Any] = {"smooth": smooth, "salvage": log.salvaged, "gate": bias.gate, "adapt": bias.adapt}
     said |= {"tool": "not stated: its weight is part of the bias"} if of_tool else {}
     origin = provenance(setup, [log.source], said)
 
     def about() -> About:
         return About(log.frame, origin, [x.plain() for x in contacts.finish(touches)], selection)
 
-    if keep or choices.smooth or not os.fspath(output).lower().endswith(".npz"):
+    if keep or smooth or not os.fspath(output).lower().endswith(".npz"):
         filtered = join(list(results()))
         arrays = named_arrays(filtered)
-        if choices.smooth:
+        if smooth:
             arrays |= arrays_with_error_of_tool(ready.smoothed, filtered.wrench_tool, setup.tool)
         save_results(output, arrays, about())
     else:

@@ -4,7 +4,7 @@ from argparse import ArgumentTypeError
 
 import pytest
 
-from ftbias_jax.cli import argument_types as kinds
+from ftbias_jax.cli import options as kinds
 
 
 @pytest.mark.parametrize(
