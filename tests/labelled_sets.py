@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from ftbias_jax.validation.labels import Label
+from validation.labels import Label
 
 SIGMA = (0.1, 0.1, 0.1, 0.004, 0.004, 0.004)
 

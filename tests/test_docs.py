@@ -48,7 +48,7 @@ def test_the_page_of_the_setup_has_every_key_and_robot(hooks):
 
 def test_the_page_of_the_command_line_has_every_command(hooks):
     page = hooks.command_line_page()
-    assert all(f"\n## ftbias {name}\n" in page for name in ("filter", "tune", "diagnose", "validate make"))
+    assert all(f"\n## ftbias {name}\n" in page for name in ("filter", "tune", "diagnose", "calibrate"))
     assert "--hold-out SHARE" in page
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 import ftbias_jax as ft
-from ftbias_jax.validation.generator.make import Limits, make_set
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 import logs  # noqa: E402
@@ -22,6 +21,8 @@ import mistakes  # noqa: E402
 import poses  # noqa: E402
 from common import keep  # noqa: E402
 from recorded import recorded_logs  # noqa: E402
+
+from validation.generator.make import Limits, make_set  # noqa: E402
 
 SEEDS = 4
 """Logs of each shape; five shapes make 20 logs."""
@@ -168,7 +169,9 @@ def total(table):
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--part", choices=["simulated", "poses", "right", "recorded"])
-    parser.add_argument("--sets", nargs="+", default=(), help="labelled logs of 'ftbias validate make', to make none")
+    parser.add_argument(
+        "--sets", nargs="+", default=(), help="labelled logs of 'experiments/validation make', to make none"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes for the simulated logs")
     arguments = parser.parse_args()
     part = arguments.part

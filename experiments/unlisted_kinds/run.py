@@ -10,19 +10,18 @@ import sys
 import tempfile
 from pathlib import Path
 
-from ftbias_jax.cli.main import main
-
-HERE = Path(__file__).parent
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from validation.__main__ import main
 
 
 def run(folder, kinds, count, seed, jobs):
     """The score of one half of the kinds, without the rows of single logs."""
     logs = folder / f"{kinds}_{seed}"
     make = ["--protocol", "unlisted", "--kinds", kinds, "--count", str(count), "--seed", str(seed)]
-    if not (logs / "truth.json").exists() and main(["validate", "make", str(logs), *make, "--jobs", str(jobs)]):
+    if not (logs / "truth.json").exists() and main(["make", str(logs), *make, "--jobs", str(jobs)]):
         raise SystemExit("no set was made")
     path = logs / "verdicts" / "score.json"
-    if main(["validate", "score", str(logs), "--json", str(path), "--jobs", str(jobs)]) == 1:
+    if main(["score", str(logs), "--json", str(path), "--jobs", str(jobs)]) == 1:
         print("some logs have no diagnosis: they count as wrong", file=sys.stderr)
     content = json.loads(path.read_text())
     found = content["unlisted_kinds"]
@@ -40,7 +39,6 @@ if __name__ == "__main__":
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         result = run(asked.folder or Path(temporary), asked.kinds, asked.count, asked.seed, asked.jobs)
-    sys.path.insert(0, str(HERE.parent))
-    from common import keep
+    from common import keep  # sets flags of JAX, which the diagnosis is to choose itself
 
     keep(__file__, result)

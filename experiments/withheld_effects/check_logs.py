@@ -20,10 +20,11 @@ import numpy as np
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
-from ftbias_jax.validation.generator.arms import Floats, panda
-from ftbias_jax.validation.generator.motion import KINDS, random_motion
-from ftbias_jax.validation.generator.nominal_model import Tool, random_belief
-from ftbias_jax.validation.generator.world import Cable, believed_world, cable_length, time_grid, wrench
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from validation.generator.arms import Floats, panda
+from validation.generator.motion import KINDS, random_motion
+from validation.generator.nominal_model import Tool, random_belief
+from validation.generator.world import Cable, believed_world, cable_length, time_grid, wrench
 
 TOLD = {"none", "tool_mass", "tool_com", "tool_inertia", "gravity_tilt", "encoder_offset", "mount_rotation"}
 TOLD |= {"gain", "crosstalk"}

@@ -10,15 +10,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-from ftbias_jax.cli.main import main
-
-HERE = Path(__file__).parent
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from validation.__main__ import main
 
 
 def score(folder, out, jobs, *options):
     """Score the set of a folder; the tables without the rows of single logs."""
     path = out / "score.json"
-    command = ["validate", "score", str(folder), "--out", str(out), "--json", str(path), "--jobs", str(jobs), *options]
+    command = ["score", str(folder), "--out", str(out), "--json", str(path), "--jobs", str(jobs), *options]
     if main(command) == 1:  # 3: samples were left out, of a stuck axis for one
         raise SystemExit("a log has no diagnosis")
     content = json.loads(path.read_text())
@@ -30,7 +29,7 @@ def run(folder, count, seed, jobs):
     """Both protocols on one set."""
     logs = folder / f"seed_{seed}"
     if not (logs / "truth.json").exists() and main(
-        ["validate", "make", str(logs), "--count", str(count), "--seed", str(seed), "--jobs", str(jobs)]
+        ["make", str(logs), "--count", str(count), "--seed", str(seed), "--jobs", str(jobs)]
     ):
         raise SystemExit("no set was made")
     return {
@@ -49,7 +48,6 @@ if __name__ == "__main__":
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         result = run(asked.folder or Path(temporary), asked.count, asked.seed, asked.jobs)
-    sys.path.insert(0, str(HERE.parent))
-    from common import keep
+    from common import keep  # sets flags of JAX, which the diagnosis is to choose itself
 
     keep(__file__, result)

@@ -10,25 +10,24 @@ import difflib
 import importlib
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 from ftbias_jax import __version__
-from ftbias_jax.cli.completion import SHELLS, PrintCompletion
-from ftbias_jax.cli.parsers import ADD
+from ftbias_jax.cli.options import add_command
+from ftbias_jax.cli.parsers import COMMANDS
 from ftbias_jax.cli.terminal import print_what_the_terminal_can
 from ftbias_jax.errors import FtbiasError
 from ftbias_jax.runtime.imports import many_imports
 
-RENAMED = {"blind": "validate"}
-"""Commands that had another name."""
 DECIDED_HERE = {
     "JAX_ENABLE_X64": "",  # many have it; commands choose the precision
     "JAX_DEBUG_NANS": "because NaN means that nothing was measured",
     "JAX_DEBUG_INFS": "because NaN means that nothing was measured",
 }
 """Variables of JAX that do not hold for commands, and why; "" = nobody need be told."""
-OF_MANY = ("report", "validate")
-"""Commands that are about many logs only, and stand with their jobs."""
+SHELLS = ("bash", "zsh", "tcsh")
+"""For which the extra 'completion' has scripts."""
 INTERRUPTED = "interrupted, nothing more was written"
 
 
@@ -40,9 +39,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         end_on_signals(f"ftbias: {INTERRUPTED}\n")
     print_what_the_terminal_can()
-    if words and words[0] in RENAMED:
-        print(f"warning: {words[0]!r} is now called {RENAMED[words[0]]!r}", file=sys.stderr)
-        words[0] = RENAMED[words[0]]
     for name in DECIDED_HERE:
         if os.environ.pop(name, None) and DECIDED_HERE[name]:
             print(f"warning: {name} is ignored, {DECIDED_HERE[name]}", file=sys.stderr)
@@ -54,11 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(misspelt)
         parsed = parser.parse_args(words)
         # A command's module is imported only now: JAX alone costs half a second.
-        folder = "jobs" if parsed.command in OF_MANY else "commands"
+        module, _, function = parsed.where.partition(":")
         with many_imports():
-            command = importlib.import_module(f"ftbias_jax.cli.{folder}.{parsed.command}")
-        run: Callable[[argparse.Namespace], int] = command.run
-        return run(parsed)
+            command = importlib.import_module(f"ftbias_jax.cli.commands.{module}")
+        return int(getattr(command, function or "run")(parsed))
     except FtbiasError as error:
         print(f"ftbias: {error}", file=sys.stderr)
         return error.exit_code
@@ -87,9 +82,22 @@ def build_parser() -> argparse.ArgumentParser:
         help=f"print what makes a shell complete commands: {', '.join(SHELLS)}",
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for add in ADD:
-        add(commands)
+    for name, command in COMMANDS.items():
+        add_command(commands, name, command)
     return parser
+
+
+class PrintCompletion(argparse.Action):
+    """Print the script that makes a shell complete commands and options, and end."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: object, shell: Any, *_: object) -> None:
+        """As argparse calls it."""
+        try:
+            shtab = importlib.import_module("shtab")
+        except ImportError:
+            parser.error("needs the package shtab (pip install 'ftbias-jax[completion]')")
+        print(shtab.complete(parser, shell), flush=True)
+        parser.exit()
 
 
 def _misspelt_command(parser: argparse.ArgumentParser, words: Sequence[str]) -> str:

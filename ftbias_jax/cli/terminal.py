@@ -1,12 +1,18 @@
-"""Standard output and error on terminals that do not know every character."""
+"""What is said on the terminal: warnings, and characters that not every terminal knows."""
 
 from __future__ import annotations
 
 import codecs
 import io
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
+from typing import TYPE_CHECKING
+
+from ftbias_jax.errors import printable
+
+if TYPE_CHECKING:
+    from ftbias_jax.io.log import Repairs
 
 WORDS = {"±": "+-", "σ": "sigma", "×": "x", "²": "^2", "°": "deg"}
 """How to write in ASCII what tables and messages use."""
@@ -34,3 +40,27 @@ def _in_other_words(error: UnicodeError) -> tuple[str, int]:
     assert isinstance(error, UnicodeEncodeError)  # it is asked for writing only
     text = error.object[error.start : error.end]
     return "".join(WORDS.get(character, "?") for character in text), error.end
+
+
+def warn(text: str) -> None:
+    """Print a warning on standard error, where errors begin with the name of the program."""
+    print(printable(f"warning: {text}"), file=sys.stderr, flush=True)
+
+
+def tell_mistake(path: str, line: str) -> None:
+    """Print on standard error what is wrong with the setup of a log: a line of ``Check.lines``."""
+    warn(f"{path}: {line}")
+
+
+def tell_repairs(logs: Iterable[tuple[str, Repairs]]) -> int:
+    """Print the repairs of every log on standard error; returns the exit code, 3 if samples were lost, else 0.
+
+    Args:
+        logs: path of each, and its repairs.
+    """
+    code = 0
+    for path, repairs in logs:
+        for repair in repairs:
+            warn(f"{path}: {repair.what}")
+            code = 3 if repair.lost else code
+    return code

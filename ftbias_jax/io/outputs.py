@@ -84,8 +84,8 @@ def check_writable(output: Place, suffix: str = "", option: str = "--output") ->
             raise OutputError(kind, file=output, remedy="give the path of a file to write")
 
 
-def output_of_setup(output: str | None, setup: str, in_place: bool) -> tuple[str, list[str]]:
-    """Where a command writes the setup that it changes, and the setup as an input, unless it may be replaced.
+def output_of_setup(output: str | None, setup: str, in_place: bool) -> str:
+    """Where a command writes the setup that it changes.
 
     Args:
         output: of ``-o``; None = not given.
@@ -107,7 +107,7 @@ def output_of_setup(output: str | None, setup: str, in_place: bool) -> tuple[str
         message = f"replaces {setup!r}, but -o names {written!r}"
         raise UsageError(message, field="--in-place", remedy="leave out one of the two")
     check_writable(written, ".toml")
-    return written, [] if in_place else [setup]
+    return written
 
 
 def behind_link(output: Place, in_place: bool) -> str:

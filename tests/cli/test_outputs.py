@@ -13,13 +13,11 @@ URDF = "robot.urdf"
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Logs, a setup, a labelled set, and other names of them."""
+    """Logs, a setup, and other names of them."""
     monkeypatch.chdir(tmp_path)
     write_log(tmp_path / "log.npz")
     write_log(tmp_path / "set" / "log_0.npz")
     (tmp_path / "setup.toml").write_text(SETUP)
-    (tmp_path / "set" / "log_0.toml").write_text(SETUP)
-    (tmp_path / "set" / "truth.json").write_text("{}")
     (tmp_path / "results").mkdir()
     (tmp_path / "demo").mkdir()
     os.link("log.npz", "hard.npz")
@@ -27,7 +25,6 @@ def folder(tmp_path, monkeypatch):
     os.symlink("../log.npz", "results/log.npz")
     os.link("setup.toml", "hard.toml")
     os.symlink("setup.toml", "soft.toml")
-    os.symlink("set/truth.json", "truth.json")
     os.link("setup.toml", "offsets.yaml")
     os.symlink("after.npz", "demo/before.npz")
     os.symlink("log.npz", "figure.png")
@@ -96,20 +93,9 @@ def test_an_output_is_neither_an_input_nor_another_output(folder, capsys, line):
     assert contents(folder) == before
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "validate score set --json set/truth.json",
-        "validate score set --json truth.json",
-        "validate score set --json set/log_0.toml",
-        "validate score set --out verdicts --json verdicts/log_0.json",
-        "validate score set --leave-one-out --json truth.json",
-        "demo -o demo",
-    ],
-)
-def test_commands_without_a_setup_refuse_them_too(folder, capsys, line):
+def test_a_demonstration_refuses_them_too(folder, capsys):
     before = contents(folder)
-    assert main(shlex.split(line)) == 2
+    assert main(["demo", "-o", "demo"]) == 2
     assert "is the same file as" in capsys.readouterr().err
     assert contents(folder) == before
 
@@ -124,14 +110,6 @@ def test_a_demonstration_does_not_replace_a_recording(folder, capsys):
     before = contents(folder)
     assert main(["demo", "-o", "."]) == 1
     assert "holds setup.toml or log.npz, which are not those of a demonstration" in capsys.readouterr().err
-    assert contents(folder) == before
-
-
-def test_a_labelled_set_is_not_made_over_another(folder, capsys):
-    pytest.importorskip("mujoco")
-    before = contents(folder)
-    assert main(["validate", "make", "set", "--count", "1"]) == 1
-    assert "holds a set already" in capsys.readouterr().err
     assert contents(folder) == before
 
 

@@ -28,6 +28,9 @@ OUTPUTS = {
     ("identify", "output"): f"identify {LOG} -o {{}}.toml",
     ("check", "json"): f"check {LOG} --json {{}}.json",
     ("check", "output"): f"check {LOG} -o {{}}",
+    ("calibrate", "output"): f"calibrate {LOG} -o {{}}.toml",
+    ("calibrate", "json"): f"calibrate {LOG} -o new.toml --json {{}}.json",
+    ("calibrate", "html"): f"calibrate {LOG} -o new.toml --html {{}}.html",
     ("simulate", "output"): "simulate --setup setup.toml -o {}.npz",
     ("simulate", "truth"): "simulate --setup setup.toml -o new.npz --truth {}.json",
     ("diagnose", "json"): f"diagnose {LOG} --json {{}}.json",
@@ -38,8 +41,8 @@ OUTPUTS = {
     ("setup", "output"): "setup --robot panda -o {}.toml",
 }
 """Command and option -> words with the place of the output's name."""
-CHECKED_ELSEWHERE = {("demo", "output"), ("validate", "output"), ("validate", "out"), ("validate", "json")}
-"""A folder that must be new or a demonstration's, and the verdicts of a labelled set (test_outputs.py)."""
+CHECKED_ELSEWHERE = {("demo", "output")}
+"""A folder that must be new or a demonstration's (test_outputs.py)."""
 NAMES = {"output", "json", "html", "plot", "offsets", "truth", "out"}
 
 

@@ -15,7 +15,7 @@ from small_archive import SETUP, assert_same_outputs, filter_archive, manifest, 
 
 import ftbias_jax
 from ftbias_jax import files
-from ftbias_jax.cli.jobs import each_log
+from ftbias_jax.cli import archive
 from ftbias_jax.cli.main import main
 from ftbias_jax.io.write.npz import load_npz
 
@@ -44,8 +44,8 @@ def test_sigkill_in_the_middle_of_an_archive(logs, monkeypatch, capsys):
     done = [entry.output for entry in manifest() if entry.status == "ok"]
     assert 0 < len(done) < 15
     assert set(done) <= outputs().keys()  # every one is loaded
-    again, whole = [], each_log.do_task
-    monkeypatch.setattr(each_log, "do_task", lambda task, **rest: again.append(task.output) or whole(task, **rest))
+    again, whole = [], archive.do_task
+    monkeypatch.setattr(archive, "do_task", lambda task, **rest: again.append(task.output) or whole(task, **rest))
     assert filter_archive("logs") == 0
     assert sorted([*done, *again]) == [entry.output for entry in manifest()]
     assert f"15 logs: 15 ok, 0 with data loss, 0 failed ({len(done)} of all" in capsys.readouterr().out

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import validation.__main__
 from ftbias_jax.cli.main import main
 from ftbias_jax.io import read_log
 from ftbias_jax.io.write import npz
@@ -119,7 +120,7 @@ def command(folder, monkeypatch, capsys):
     """Runs a line; returns the exit code and what was printed."""
     monkeypatch.chdir(folder)
 
-    def run(line):
+    def run(line, main=main):
         code = main(shlex.split(line))
         printed = capsys.readouterr()
         return code, printed.out, printed.err
@@ -229,7 +230,7 @@ def seen(monkeypatch, make_diagnosis):
         raise AssertionError("the diagnosis did not look into the logs")
 
     monkeypatch.setattr(module, "diagnose", diagnose)
-    monkeypatch.setattr("ftbias_jax.validation.runs.diagnose", diagnose)
+    monkeypatch.setattr("validation.runs.diagnose", diagnose)
     return kept
 
 
@@ -256,7 +257,7 @@ def test_validate(command, folder, seen, name):
     (labelled / "log_0.toml").write_text((folder / "setup.toml").read_text())
     truth = {"effects": {"none": {}}, "gap_sigmas": 2.0, "sigma": SETUP["sensor"]["noise_std"]}
     (labelled / "truth.json").write_text(json.dumps({"log_0": truth}))
-    code, _, told = command(f"validate score set_{name}")
+    code, _, told = command(f"score set_{name}", validation.__main__.main)
     lost = FAULTS[name].lost and name != "clipped"
     assert code == (3 if lost else 0)
     assert (FAULTS[name].told in told) == lost

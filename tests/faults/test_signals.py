@@ -10,7 +10,6 @@ import time
 import pytest
 
 import ftbias_jax
-from ftbias_jax.cli.main import main
 from ftbias_jax.cli.terminal import print_what_the_terminal_can
 
 START = """
@@ -144,20 +143,6 @@ def test_a_signal_ends_the_processes_of_jobs(start, tmp_path, numbers):
     assert printed == "interrupted\n"  # no traceback, no task that ended, no semaphore that nobody gave back
     for child in children:
         assert not os.path.exists(f"/proc/{child.name.removeprefix('child-')}/exe")
-
-
-def test_a_set_of_logs_that_is_interrupted_has_no_half_log(tmp_path, monkeypatch):
-    """Whatever has a log's name is whole: what is not finished never has it."""
-    make = pytest.importorskip("ftbias_jax.validation.generator.make")
-
-    def interrupted(file, **columns):
-        file.write(b"half a log")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(make.np, "savez_compressed", interrupted)
-    monkeypatch.chdir(tmp_path)
-    assert main(["validate", "make", "set", "--count", "1", "--duration", "3,4", "--effects", "none"]) == 1
-    assert os.listdir("set") == []
 
 
 @pytest.mark.parametrize(("encoding", "shown"), [("ascii", "0.8 +- 0.1 kg, ?\n"), ("utf-8", "0.8 ± 0.1 kg, 工\n")])

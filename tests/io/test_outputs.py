@@ -61,9 +61,9 @@ def test_a_setup_is_replaced_on_request_only(folder):
     setup = folder / "setup.toml"
     setup.write_text("")
     os.link(setup, "same.toml")
-    assert output_of_setup("out.toml", "setup.toml", False) == ("out.toml", ["setup.toml"])
+    assert output_of_setup("out.toml", "setup.toml", False) == "out.toml"
     for output in (None, "setup.toml", "same.toml", str(setup)):
-        assert output_of_setup(output, "setup.toml", True) == (output or "setup.toml", [])
+        assert output_of_setup(output, "setup.toml", True) == (output or "setup.toml")
     for output, in_place, words in (
         (None, False, "needs the name of the setup to write"),
         ("same.toml", False, "'same.toml' is the same file as the input 'setup.toml'.*--in-place"),

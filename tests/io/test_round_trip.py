@@ -8,10 +8,11 @@ import pytest
 import recordings
 from recordings import FORMATS
 
-from ftbias_jax.cli.jobs.one_file import Choices, filter_file
+from ftbias_jax.cli.filter_file import filter_file
 from ftbias_jax.io import read_log
 from ftbias_jax.io.parts import open_log
 from ftbias_jax.io.write.npz import load_npz
+from ftbias_jax.io.write.selection import Selection
 from ftbias_jax.setup import parse_setup
 
 SETUP = {
@@ -28,7 +29,7 @@ SETUP = {
     "joints": {"position_noise_std": 1e-4, "velocity_noise_std": 1e-3},
 }
 SAMPLES = 400
-EXACTLY = Choices(precision="double")
+EXACTLY = Selection(precision="double")
 
 
 @pytest.fixture(scope="module")

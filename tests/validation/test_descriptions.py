@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.validation import protocols, runs
-from ftbias_jax.validation.description_tables import content, judged, text
-from ftbias_jax.validation.descriptions import judge
-from ftbias_jax.validation.labels import Withheld
+from validation import protocols, runs
+from validation.description_tables import content, judged, text
+from validation.descriptions import judge
+from validation.labels import Withheld
 
 
 def term(drive, *equivalent, **values):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.validation.parameters import compare
+from validation.parameters import compare
 
 
 def cause(effect, parameters, stderr):

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.validation import protocols, runs
-from ftbias_jax.validation.labels import read_labels
+from validation import protocols, runs
+from validation.labels import read_labels
 
 SET = {
     "log_000": {"tool_mass": {"mass": 1.0}},

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftbias_jax.validation.rules import Share, has_mean_gap, is_named, is_right, left_out, share
+from validation.rules import Share, has_mean_gap, is_named, is_right, left_out, share
 
 MASS, DELAY, SLOSH = {"tool_mass": {}}, {"time_delay": {}}, {"slosh": {}}
 

@@ -6,11 +6,11 @@ from functools import partial
 import pytest
 
 from ftbias_jax.setup import load_setup
-from ftbias_jax.validation import runs
+from validation import runs
 
-pytest.importorskip("mujoco", reason="the extra 'validation' is not installed")
-from ftbias_jax.validation.generator.make import Limits, make_log
-from ftbias_jax.validation.generator.plan import Job
+pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+from validation.generator.make import Limits, make_log
+from validation.generator.plan import Job
 
 
 @pytest.mark.slow

@@ -5,40 +5,29 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ftbias_jax.cli.repairs import tell_repairs
+from ftbias_jax.cli.given import logs_of, setup_of
+from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import UsageError
-from ftbias_jax.fleet.find import expand, inputs
+from ftbias_jax.fleet.find import expand
 from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import write_atomic, write_json
 from ftbias_jax.io.draft.draft import Request, urdf_beside
-from ftbias_jax.io.outputs import check_outputs, check_writable, refuse_existing
+from ftbias_jax.io.outputs import refuse_existing
 from ftbias_jax.io.write.ours import CALIBRATION, PAGE, SETUP
-from ftbias_jax.setup import Setup, load_setup
+from ftbias_jax.runtime.progress import Stages
+from ftbias_jax.setup import Setup
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Calibrate, and write the setup; 3 if samples of a log were lost, else 0."""
-    for option, path, suffix in (
-        ("--output", arguments.output, ".toml"),
-        ("--html", arguments.html, ".html"),
-        ("--json", arguments.json, ".json"),
-    ):
-        if path is not None:
-            check_writable(path, suffix, option)
     drafts = arguments.setup is None
     if not drafts and (arguments.robot or arguments.urdf):
         raise UsageError("the setup states the robot", field="--robot, --urdf", remedy="leave out one of the two")
-
-    from ftbias_jax.runtime.progress import Stages
-
     with Stages("calibrating") as stages:
         stages("drafting a setup" if drafts else "reading")
-        setup, urdf = _draft(arguments) if drafts else (_load(arguments), "")
-        paths = expand(arguments.logs, setup.log.files)
-        outputs = {"--output": arguments.output, "--html": arguments.html, "--json": arguments.json}
-        stated = (setup.urdf, *([] if drafts else [arguments.setup]))
+        setup, urdf = _draft(arguments) if drafts else (setup_of(arguments), "")
         kinds = {"--output": SETUP, "--html": PAGE, "--json": CALIBRATION}
-        check_outputs(outputs, (*inputs(paths, setup.log.files), *stated), kinds, arguments.force)
+        paths = logs_of(arguments, setup, kinds, stated=(setup.urdf,) if drafts else None)
         logs = [read_log(path, setup, raw=True) for path in paths]
 
         from ftbias_jax.runtime.jax_config import prepare_jax
@@ -66,10 +55,6 @@ def run(arguments: argparse.Namespace) -> int:
     written = [arguments.output, *([urdf_beside(arguments.output)] if urdf else []), arguments.html, arguments.json]
     print(f"wrote {', '.join(path for path in written if path)}")
     return tell_repairs(zip(paths, found.repairs, strict=True))
-
-
-def _load(arguments: argparse.Namespace) -> Setup:
-    return load_setup(arguments.setup, allow_outside=arguments.allow_outside)
 
 
 def _draft(arguments: argparse.Namespace) -> tuple[Setup, str]:

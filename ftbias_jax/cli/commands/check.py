@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
+from collections.abc import Mapping
+from typing import Any
 
 from ftbias_jax.check.check_setup import check_setup
-from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
-from ftbias_jax.cli.repairs import tell_mistake, tell_repairs
+from ftbias_jax.cli.archive import Done, for_each_log
+from ftbias_jax.cli.given import logs_of, setup_of
+from ftbias_jax.cli.terminal import tell_mistake, tell_repairs
 from ftbias_jax.filtering.quality.at_rest import rest_in_words
-from ftbias_jax.fleet.entry import settings_of
-from ftbias_jax.fleet.find import expand, inputs
+from ftbias_jax.fleet.entry import MISTAKES
+from ftbias_jax.fleet.quality import of_check
 from ftbias_jax.io import read_motion
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.write.ours import CHECK
 from ftbias_jax.io.write.provenance import provenance, source_of
-from ftbias_jax.setup import load_setup
+from ftbias_jax.setup import Setup
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print and write what is wrong; 1 if anything is, else 0; 3 if logs of an archive could not be checked."""
+    setup = setup_of(arguments)
     if arguments.output:
-        return _each(arguments)
-    if arguments.json:
-        check_writable(arguments.json, ".json", "--json")
-    setup = load_setup(arguments.setup, allow_outside=arguments.allow_outside)
-    paths = expand(arguments.logs, setup.log.files)
-    kinds = {"--json": CHECK}
-    check_outputs({"--json": arguments.json}, (*inputs(paths, setup.log.files), *setup.files), kinds, arguments.force)
+        return for_each_log(arguments, setup, check_one, {}, ".check.json", single=("json",))
+    paths = logs_of(arguments, setup, {"--json": CHECK})
     logs = [read_motion(path, setup) for path in paths]
     check = check_setup(setup, logs)
     print(check)
@@ -43,13 +40,13 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if check.ok else 1
 
 
-def _each(arguments: argparse.Namespace) -> int:
-    """Every log by itself, into a folder."""
-    refuse_options(arguments, ("json",))
-    setup = load_setup(arguments.setup, allow_outside=arguments.allow_outside)
-    tasks, manifest = find_tasks(arguments, setup, "check", ".check.json")
-
-    from ftbias_jax.cli.jobs.work import check_one
-
-    settings = settings_of("check", setup, {})
-    return run_archive(arguments, settings, tasks, manifest, partial(check_one, setup=setup))
+def check_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
+    """Check the setup on one log of many."""
+    log = read_motion(path, setup)
+    check = check_setup(setup, [log])
+    check.to_json(output)
+    origin = provenance(setup, [source_of(log, path)], {})
+    done = Done.of(log.repairs, origin["samples"], of_check(check, origin))
+    if check.ok:
+        return done
+    return done._replace(status=MISTAKES, remarks=(*map(str, check.findings), *done.remarks))

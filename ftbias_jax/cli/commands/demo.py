@@ -17,8 +17,7 @@ from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from ftbias_jax.diagnosis.result import Diagnosis
-    from ftbias_jax.filtering.result import Filtered
-    from ftbias_jax.model.params import Params
+    from ftbias_jax.filtering.verbs.results import FilterResult
     from ftbias_jax.model.simulate import Simulation
 
 SETUP = {
@@ -60,6 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.runtime.jax_config import prepare_jax
 
     prepare_jax()
+    from ftbias_jax.diagnosis.report.tables import parameter_words
     from ftbias_jax.io.write.npz import save_npz
 
     setup = parse_setup(SETUP, "setup.toml")
@@ -72,12 +72,13 @@ def run(arguments: argparse.Namespace) -> int:
     noise = "{0:g} N, {3:g} Nm".format(*setup.sensor.noise_std)
     print(f"a simulated Panda, {recorded}, noise {noise}; its setup says that the tool weighs {setup.tool.mass} kg")
 
-    before, params = _filter(setup, log, folder / "before.npz")
-    print(f"1 filter    {_prediction(before, params)}")
+    before = _filter(setup, log, folder / "before.npz")
+    print(f"1 filter    {_prediction(before)}")
     diagnosis = _diagnose(setup, log, folder)
-    print(f"2 diagnose  {_verdict(diagnosis)}")
-    after, params = _filter(load_setup(folder / "fixed.toml"), log, folder / "after.npz")
-    print(f"3 filter    {_prediction(after, params)}, with {folder / 'fixed.toml'}")
+    found = [f"{name} = {words}" for cause in diagnosis.causes for name, words in parameter_words(cause)]
+    print("\n            ".join([f"2 diagnose  {diagnosis.sentence}", *found]))
+    after = _filter(load_setup(folder / "fixed.toml"), log, folder / "after.npz")
+    print(f"3 filter    {_prediction(after)}, with {folder / 'fixed.toml'}")
     print(f"the truth   mass = {TRUE_MASS} kg; the bias against its truth, after {SETTLED:g} s:")
     print(_against_truth(before, after, truth))
     names = list(FILES[:6])
@@ -119,16 +120,12 @@ def _simulate(setup: Setup, seed: int, count: int, rate: float) -> Simulation:
     return simulated
 
 
-def _filter(setup: Setup, log: Log, path: Path) -> tuple[Filtered, Params]:
-    from ftbias_jax.filtering.method.ready import filtered_with
-    from ftbias_jax.filtering.result import named_arrays
-    from ftbias_jax.io.write import save_results
-    from ftbias_jax.io.write.about import About
-    from ftbias_jax.io.write.provenance import provenance, source_of
+def _filter(setup: Setup, log: Log, path: Path) -> FilterResult:
+    from ftbias_jax.filtering.verbs.from_setup import filter_log
 
-    filtered, params = filtered_with(setup, log)
-    save_results(path, named_arrays(filtered), About(origin=provenance(setup, [source_of(log)], {})))
-    return filtered, params
+    result = filter_log(setup, log, unchecked=True)
+    result.save(path)
+    return result
 
 
 def _diagnose(setup: Setup, log: Log, folder: Path) -> Diagnosis:
@@ -141,23 +138,14 @@ def _diagnose(setup: Setup, log: Log, folder: Path) -> Diagnosis:
     return diagnosis
 
 
-def _prediction(filtered: Filtered, params: Params) -> str:
+def _prediction(result: FilterResult) -> str:
     """How well the filter knows the reading: the number that no forgiving noise can make small."""
-    from ftbias_jax.filtering.quality.summary import summarise
-
-    rms = summarise(filtered, params.bias).one_second_rms
+    rms = result.summary.one_second_rms
     force, torque = (np.sqrt(np.mean(np.square(part))) for part in (rms[:3], rms[3:]))
     return f"error of the reading predicted 1 s ahead: {force:.3f} N, {torque:.4f} Nm"
 
 
-def _verdict(diagnosis: Diagnosis) -> str:
-    from ftbias_jax.diagnosis.report.tables import parameter_words
-
-    found = [f"{name} = {words}" for cause in diagnosis.causes for name, words in parameter_words(cause)]
-    return "\n            ".join([diagnosis.sentence, *found])
-
-
-def _against_truth(before: Filtered, after: Filtered, truth: Simulation) -> str:
+def _against_truth(before: FilterResult, after: FilterResult, truth: Simulation) -> str:
     """Errors against the simulated truth: the filter twice, and a tare that trusts the first second for ever."""
     bias, wrench_tool = np.asarray(truth.bias), np.asarray(truth.wrench_tool)
     first = before.t - before.t[0] < SETTLED
@@ -167,7 +155,7 @@ def _against_truth(before: Filtered, after: Filtered, truth: Simulation) -> str:
     def rms(estimate: Array) -> Array:
         return np.sqrt(((estimate - bias)[settled] ** 2).mean(0))
 
-    def inside(filtered: Filtered) -> Array:
+    def inside(filtered: FilterResult) -> Array:
         return (np.abs(filtered.bias - bias) < 2 * filtered.bias_std)[settled].mean(0)
 
     rows = {
@@ -177,13 +165,12 @@ def _against_truth(before: Filtered, after: Filtered, truth: Simulation) -> str:
         "inside 2 sigma before": inside(before),
         "inside 2 sigma after": inside(after),
     }
-    head = f"{'':24s}" + "".join(
-        f"{name:>10s}" for name in ("fx [N]", "fy [N]", "fz [N]", "tx [Nm]", "ty [Nm]", "tz [Nm]")
-    )
-    return "\n".join([head, *(f"{name:24s}" + "".join(f"{x:10.4f}" for x in row) for name, row in rows.items())])
+    names = ("fx [N]", "fy [N]", "fz [N]", "tx [Nm]", "ty [Nm]", "tz [Nm]")
+    lines = [f"{name:24s}" + "".join(f"{x:10.4f}" for x in row) for name, row in rows.items()]
+    return "\n".join([" " * 24 + "".join(f"{name:>10s}" for name in names), *lines])
 
 
-def _draw(folder: Path, results: dict[str, Filtered], bias: Array) -> list[str]:
+def _draw(folder: Path, results: dict[str, FilterResult], bias: Array) -> list[str]:
     """A figure of each result, if matplotlib is there; their names."""
     from ftbias_jax.filtering.quality import plot
 

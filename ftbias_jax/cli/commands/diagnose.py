@@ -5,46 +5,50 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from ftbias_jax.cli.repairs import tell_repairs
+from ftbias_jax.cli.archive import Done, for_each_log
+from ftbias_jax.cli.given import logs_of, save_setup, setup_of
+from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import UsageError
-from ftbias_jax.fleet.find import expand, inputs, is_folder
+from ftbias_jax.fleet.entry import LOSS
+from ftbias_jax.fleet.find import is_folder
+from ftbias_jax.fleet.quality import of_diagnosis
 from ftbias_jax.io import read_log
-from ftbias_jax.io.outputs import behind_link, check_outputs, check_writable, output_of_setup
+from ftbias_jax.io.outputs import output_of_setup
 from ftbias_jax.io.write.ours import DIAGNOSIS, PAGE, SETUP
-from ftbias_jax.setup import Setup, load_setup
+from ftbias_jax.runtime.imports import many_imports
+from ftbias_jax.runtime.progress import Stages
+from ftbias_jax.setup import Setup
+
+ANSWER, REPORT, APPLIED = ".diagnosis.json", ".diagnosis.html", ".applied.toml"
+"""What is written for a log of many, behind its path without suffix."""
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose the logs; 1 if a cause cannot be applied, 3 if samples of a log were lost, else 0."""
     if arguments.output and is_folder(arguments.output):
         return _each(arguments)
-    setup = check_arguments(arguments)
-
-    from ftbias_jax.runtime.imports import many_imports
-    from ftbias_jax.runtime.progress import Stages
-
-    names = [Path(path).name for path in arguments.logs]
+    _check_apply(arguments)
+    setup = setup_of(arguments)
+    paths = logs_of(arguments, setup, {"--output": SETUP, "--json": DIAGNOSIS, "--html": PAGE})
+    names = [Path(path).name for path in paths]
     with Stages(f"diagnosing {', '.join(names)}") as stages:
         stages("reading")
-        logs = [read_log(path, setup, raw=True) for path in arguments.logs]
+        logs = [read_log(path, setup, raw=True) for path in paths]
         with many_imports():
             from ftbias_jax.runtime.jax_config import prepare_jax
 
             prepare_jax()
             from ftbias_jax.diagnosis.apply import refused, some_applied
             from ftbias_jax.diagnosis.diagnose import diagnose
-            from ftbias_jax.model.effects.catalogue import check_names
-            from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
 
-        setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
-        check_names(arguments.without, "--without", catalogue_of_setup(setup))
+        setup = _with_effects(arguments, setup)
         without, unchecked = tuple(arguments.without), arguments.unchecked
         diagnosis = diagnose(setup, logs, names, without=without, unchecked=unchecked, progress=stages)
-    command = shlex.join(("ftbias", "diagnose", *arguments.logs, "--setup", arguments.setup))
-    diagnosis = diagnosis._replace(command=command)
+    diagnosis = diagnosis._replace(command=_command(paths, arguments.setup))
     print(diagnosis)
     if arguments.json:
         diagnosis.to_json(arguments.json)
@@ -53,65 +57,83 @@ def run(arguments: argparse.Namespace) -> int:
     not_stated = refused(setup, diagnosis.causes, diagnosis.terms) if arguments.apply else ()
     applied = arguments.apply and some_applied(diagnosis, not_stated)
     if applied:
-        place, by = behind_link(arguments.output, arguments.in_place), "" if arguments.in_place else "diagnose --apply"
-        diagnosis.apply(setup).save(place, by=by)
+        save_setup(diagnosis.apply(setup).save, arguments.output, arguments, "diagnose --apply")
     outputs = [path for path in (arguments.json, arguments.html, applied and arguments.output) if path]
     if outputs:
         print(f"wrote {', '.join(outputs)}")
     for why in not_stated:
         print(f"ftbias: not applied: {why}", file=sys.stderr)
-    code = tell_repairs(zip(arguments.logs, diagnosis.repairs, strict=True))
+    code = tell_repairs(zip(paths, diagnosis.repairs, strict=True))
     return 1 if not_stated else code
+
+
+def _command(paths: list[str], setup: str) -> str:
+    """The line that makes a diagnosis again."""
+    return shlex.join(("ftbias", "diagnose", *paths, "--setup", setup))
+
+
+def _with_effects(arguments: argparse.Namespace, setup: Setup) -> Setup:
+    """The setup with the effects that the caller brings; those to leave out are known."""
+    from ftbias_jax.model.effects.catalogue import check_names
+    from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
+
+    setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
+    check_names(arguments.without, "--without", catalogue_of_setup(setup))
+    return setup
+
+
+def _check_apply(arguments: argparse.Namespace) -> None:
+    """Whether --apply, --output and --in-place go together; names the output of --in-place.
+
+    Raises:
+        UsageError: --apply without --output, or the other way round.
+    """
+    if not arguments.apply:
+        if arguments.output:
+            remedy = "add --apply; the diagnosis itself is written by --json OUT.json and --html OUT.html"
+            raise UsageError("is the setup that --apply writes", field="--output", remedy=remedy)
+        if arguments.in_place:
+            raise UsageError("replaces the setup by what --apply writes", field="--in-place", remedy="add --apply")
+    elif not arguments.output and not arguments.in_place:
+        remedy = "add -o FIXED.toml, or --in-place to replace the setup itself"
+        raise UsageError("needs the name of the setup to write", field="--apply", remedy=remedy)
+    else:
+        arguments.output = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
 
 
 def _each(arguments: argparse.Namespace) -> int:
     """Every log by itself, into a folder."""
-    from ftbias_jax.cli.jobs.many import ANSWER, APPLIED, REPORT, find_tasks, refuse_options, run_archive
-    from ftbias_jax.fleet.entry import settings_of
-
-    refuse_options(arguments, ("json", "html", "in_place"))
-    setup = load_setup(arguments.setup, allow_outside=arguments.allow_outside)
-    tasks, manifest = find_tasks(
-        arguments, setup, "diagnose", ANSWER, (REPORT, APPLIED) if arguments.apply else (REPORT,)
-    )
-
-    from ftbias_jax.cli.jobs.work import diagnose_one
-    from ftbias_jax.model.effects.catalogue import check_names
-    from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
-
-    own, without = tuple(arguments.own_effects), tuple(sorted(arguments.without))
-    check_names(without, "--without", catalogue_of_setup(setup.with_effects(load_all(own))))
-    asked = {"without": without, "unchecked": arguments.unchecked} | ({"apply": True} if arguments.apply else {})
-    settings = settings_of("diagnose", setup, {**asked, "without": list(without)}, own)
-    work = partial(diagnose_one, setup=setup, **asked, own=own)
-    return run_archive(arguments, settings, tasks, manifest, work)
+    setup = setup_of(arguments)
+    _with_effects(arguments, setup)
+    asked = {"without": sorted(arguments.without), "unchecked": arguments.unchecked}
+    asked |= {"apply": True} if arguments.apply else {}
+    beside = (REPORT, APPLIED) if arguments.apply else (REPORT,)
+    single = ("json", "html", "in_place")
+    return for_each_log(arguments, setup, diagnose_one, asked, ANSWER, single=single, beside=beside)
 
 
-def check_arguments(arguments: argparse.Namespace) -> Setup:
-    """The setup, and the logs in ``arguments``; what cannot be written is refused before minutes are spent.
+def diagnose_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
+    """Diagnose one log of many: its answer, its report, and if asked the setup with the causes that can be stated."""
+    from ftbias_jax.diagnosis.apply import refused, some_applied
+    from ftbias_jax.diagnosis.diagnose import diagnose
 
-    Raises:
-        UsageError: a suffix that does not fit, --apply without --output or the other way round, an output that is an
-            input or another output. OutputError: a folder that does not exist. SetupError: a wrong setup.
-    """
-    if arguments.apply and not arguments.output and not arguments.in_place:
-        remedy = "add -o FIXED.toml, or --in-place to replace the setup itself"
-        raise UsageError("needs the name of the setup to write", field="--apply", remedy=remedy)
-    if arguments.output and not arguments.apply:
-        remedy = "add --apply; the diagnosis itself is written by --json OUT.json and --html OUT.html"
-        raise UsageError("is the setup that --apply writes", field="--output", remedy=remedy)
-    if arguments.in_place and not arguments.apply:
-        raise UsageError("replaces the setup by what --apply writes", field="--in-place", remedy="add --apply")
-    kept = [arguments.setup]
-    if arguments.apply:
-        arguments.output, kept = output_of_setup(arguments.output, arguments.setup, arguments.in_place)
-    named = {"--json": (arguments.json, ".json"), "--html": (arguments.html, ".html")}
-    for option, (path, suffix) in named.items():
-        if path is not None:
-            check_writable(path, suffix, option)
-    setup = load_setup(arguments.setup, allow_outside=arguments.allow_outside)
-    arguments.logs = expand(arguments.logs, setup.log.files)
-    outputs = {"--output": arguments.output, **{option: path for option, (path, _) in named.items()}}
-    kinds = {"--json": DIAGNOSIS, "--html": PAGE} | ({} if arguments.in_place else {"--output": SETUP})
-    check_outputs(outputs, (*inputs(arguments.logs, setup.log.files), *kept, setup.urdf), kinds, arguments.force)
-    return setup
+    log = read_log(path, setup, raw=True)
+    without, unchecked = tuple(asked["without"]), asked["unchecked"]
+    diagnosis = diagnose(setup, [log], [Path(path).name], without=without, unchecked=unchecked)
+    diagnosis = diagnosis._replace(command=_command([path], setup.path))
+    place = output.removesuffix(ANSWER)
+    beside = [f"{place}{REPORT}"]
+    diagnosis.to_html(beside[0])
+    not_stated: tuple[str, ...] = ()
+    if asked.get("apply"):
+        not_stated = tuple(refused(setup, diagnosis.causes, diagnosis.terms))
+        if some_applied(diagnosis, not_stated):
+            beside.append(f"{place}{APPLIED}")
+            diagnosis.apply(setup).save(beside[-1], by="diagnose --apply")
+    diagnosis.to_json(output)
+    repairs = tuple(repair for repairs in diagnosis.repairs for repair in repairs)
+    samples = (diagnosis.provenance or {}).get("samples", 0)
+    done = Done.of(repairs, samples, of_diagnosis(diagnosis))._replace(beside=tuple(beside))
+    if not not_stated:
+        return done
+    return done._replace(status=LOSS, remarks=(*(f"not applied: {why}" for why in not_stated), *done.remarks))

@@ -3,55 +3,56 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from ftbias_jax.cli.jobs import filter_archive
-from ftbias_jax.cli.jobs.filter_archive import with_choices
-from ftbias_jax.cli.parsers.filtering import selection_of
-from ftbias_jax.cli.repairs import tell_mistake, tell_repairs
-from ftbias_jax.errors import UsageError
+from ftbias_jax.cli.archive import Done, for_each_log
+from ftbias_jax.cli.given import logs_of, only, setup_of
+from ftbias_jax.cli.terminal import tell_mistake, tell_repairs
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
-from ftbias_jax.fleet.find import expand, inputs, is_folder
+from ftbias_jax.fleet.entry import LOSS
+from ftbias_jax.fleet.find import is_folder
+from ftbias_jax.fleet.quality import of_filter
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.parts import open_log
 from ftbias_jax.io.write import writer, written
 from ftbias_jax.io.write.offsets import dump_offsets
 from ftbias_jax.io.write.ours import EXPORT, FIGURE, RESULT
 from ftbias_jax.io.write.provenance import in_words
-from ftbias_jax.io.write.selection import check_selection
+from ftbias_jax.io.write.selection import Selection, check_selection
 from ftbias_jax.runtime.progress import Stages
-from ftbias_jax.setup import load_setup
+from ftbias_jax.setup import Setup
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Filter a log into a file, or an archive into a folder; 3 if samples were lost or nothing was gained, else 0."""
-    if is_folder(arguments.output):
-        return filter_archive.run(arguments)
-    writer(arguments.output)
-    setup = with_choices(load_setup(arguments.setup, allow_outside=arguments.allow_outside), arguments)
-    logs = expand(arguments.logs, setup.log.files)
-    if len(logs) > 1:
-        remedy = "give -o a folder's name, without a suffix"
-        raise UsageError(f"{len(logs)} logs for the one file {arguments.output!r}", field="-o", remedy=remedy)
-    (path,) = logs
-    outputs = {"--output": arguments.output, "--plot": arguments.plot, "--offsets": arguments.offsets}
-    outputs |= {f"the description {path!r}": path for path in written(arguments.output)[1:]}
-    for option, output in outputs.items():
-        if output:
-            check_writable(output, option=option)
+    many = is_folder(arguments.output)
+    if not many:
+        writer(arguments.output)
+    setup = setup_of(arguments)
+    bias = setup.bias if arguments.gate is None else replace(setup.bias, gate=arguments.gate)
+    setup = replace(setup, bias=replace(bias, adapt=False) if arguments.as_stated else bias)
+    selection = Selection(arguments.fields, arguments.precision, arguments.every, arguments.output_rate)
+    check_selection(selection, smooth=arguments.smooth, adapt=setup.bias.adapt)
+    if many:
+        asked = {"smooth": arguments.smooth, "unchecked": arguments.unchecked, "salvage": arguments.salvage}
+        asked |= selection._asdict() | {"fields": ",".join(arguments.fields)}
+        single = ("plot", "check", "offsets")
+        return for_each_log(arguments, setup, filter_one, asked, f".{arguments.format}", single=single)
     if arguments.plot:
         figure_format(arguments.plot)
         new_figure()  # a missing package is told before minutes are spent
     kinds = {"--output": RESULT, "--plot": FIGURE, "--offsets": EXPORT}
-    check_outputs(outputs, (*inputs(logs, setup.log.files), *setup.files), kinds, arguments.force)
-    check_selection(selection_of(arguments), smooth=arguments.smooth, adapt=setup.bias.adapt)
+    beside = {f"the description {path!r}": path for path in written(arguments.output)[1:]}
+    path = only(logs_of(arguments, setup, kinds, beside), f"the one file {arguments.output!r}")
     log = open_log(path, setup, salvage=arguments.salvage)
 
     from ftbias_jax.runtime.jax_config import prepare_jax
 
     prepare_jax()
-    from ftbias_jax.cli.jobs.one_file import choices_of, filter_file
+    from ftbias_jax.cli.filter_file import filter_file
     from ftbias_jax.filtering.noise.log_noise import describe
     from ftbias_jax.filtering.quality import consistency, plot, spectrum
     from ftbias_jax.filtering.quality.summary import format_summary
@@ -59,17 +60,17 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.model.own_effects import load_all
 
     setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
-    whole = bool(arguments.plot or arguments.check)
-    choices = choices_of(arguments)
     with Stages(f"filtering {path}") as stages:
         stages("joints, noise and bias")
         outcome = filter_file(
             log,
             setup,
             arguments.output,
-            choices,
-            lambda share: stages(f"{share:.0%} filtered"),
-            keep=whole,
+            selection,
+            smooth=arguments.smooth,
+            unchecked=arguments.unchecked,
+            keep=bool(arguments.plot or arguments.check),
+            progress=lambda share: stages(f"{share:.0%} filtered"),
             warn=lambda line: tell_mistake(path, line),
         )
     if arguments.plot:
@@ -90,6 +91,19 @@ def run(arguments: argparse.Namespace) -> int:
         lines = spectrum.find_lines(filtered.t, filtered.innovation)
         print(spectrum.format_lines(lines) if lines else "no hum or resonance in the innovations")
     code = tell_repairs([(path, outcome.repairs)])
-    if outcome.worse and not outcome.warnings:
+    if outcome.worse and outcome.check.ok:
         tell_mistake(path, "the corrected wrench is worse than the raw one: ftbias check says why, or ftbias diagnose")
     return 3 if outcome.worse else code
+
+
+def filter_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
+    """Filter one log of many."""
+    from ftbias_jax.cli.filter_file import filter_file
+
+    log = open_log(path, setup, salvage=asked["salvage"])
+    fields = tuple(filter(None, asked["fields"].split(",")))
+    selection = Selection(fields, asked["precision"], asked["every"], asked["rate"])
+    outcome = filter_file(log, setup, output, selection, smooth=asked["smooth"], unchecked=asked["unchecked"])
+    done = Done.of(outcome.repairs, outcome.summary.samples, of_filter(outcome.summary, outcome.check, outcome.origin))
+    status = LOSS if outcome.worse else done.status
+    return done._replace(status=status, remarks=(*outcome.check.lines(), *done.remarks))

@@ -6,7 +6,7 @@ import argparse
 from functools import partial
 from typing import Any
 
-from ftbias_jax.cli.repairs import tell_repairs
+from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.outputs import check_outputs, check_writable

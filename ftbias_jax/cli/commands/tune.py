@@ -5,19 +5,34 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ftbias_jax.cli.jobs.many import find_tasks, refuse_options, run_archive
-from ftbias_jax.cli.repairs import tell_repairs, warn
-from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.fleet.entry import settings_of
+from ftbias_jax.check.check_setup import require_right
+from ftbias_jax.cli.archive import Done, for_each_log
+from ftbias_jax.cli.given import save_setup
+from ftbias_jax.cli.terminal import tell_repairs, warn
+from ftbias_jax.errors import FtbiasError, LogError, SetupError, UsageError
+from ftbias_jax.fleet.entry import LOSS
 from ftbias_jax.fleet.find import expand, inputs, is_folder
+from ftbias_jax.fleet.quality import of_tuned
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.outputs import behind_link, check_outputs, output_of_setup
+from ftbias_jax.io.outputs import check_outputs, output_of_setup
 from ftbias_jax.io.write.ours import SETUP
+from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.setup import Setup, load_setup
+
+NOT_CONVERGED = "a fit did not converge; its values are the best so far"
+
+
+class Used(NamedTuple):
+    """The logs that a tool is tuned to."""
+
+    logs: dict[str, Log]
+    """By their paths."""
+    errors: Mapping[str, FtbiasError]
+    """Why others cannot be used, by their paths."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -26,22 +41,30 @@ def run(arguments: argparse.Namespace) -> int:
     Of several processes, the first one speaks and writes.
     """
     tools = _tools(arguments)
+    asked = {
+        name: getattr(arguments, name) for name in ("fit", "tie", "data_noise", "restarts", "hold_out", "unchecked")
+    }
     given = arguments.output or [None] * len(tools)
-    if arguments.output and len(arguments.output) == 1 and is_folder(arguments.output[0]):
-        return _each(arguments, tools)
+    if arguments.output and len(given) == 1 and is_folder(given[0]):
+        if len(tools) > 1:
+            raise UsageError("a folder is for one setup", field="--output", remedy="give one --setup")
+        (path, arguments.logs), arguments.output = tools[0], given[0]
+        setup = load_setup(path, with_tool=True, allow_outside=arguments.allow_outside)
+        asked |= {"force": arguments.force}
+        return for_each_log(arguments, setup, tune_one, asked, ".tuned.toml", single=("in_place", "distributed"))
     if len(given) != len(tools):
         message = f"{len(given)} outputs for {len(tools)} setups"
         raise UsageError(message, field="--output", remedy="give one -o for each --setup, in their order")
-    places = [output_of_setup(output, path, arguments.in_place) for output, (path, _) in zip(given, tools, strict=True)]
+    outputs = [
+        output_of_setup(output, path, arguments.in_place) for output, (path, _) in zip(given, tools, strict=True)
+    ]
     setups = [load_setup(path, with_tool=True, allow_outside=arguments.allow_outside) for path, _ in tools]
-    kept = [name for _, names in places for name in names]
-    tools = [(path, expand(logs, setup.log.files)) for setup, (path, logs) in zip(setups, tools, strict=True)]
-    every_log = [log for _, logs in tools for log in logs]
-    read = [file for setup, (_, logs) in zip(setups, tools, strict=True) for file in inputs(logs, setup.log.files)]
-    options = [f"--output {number}" for number in range(1, len(tools) + 1)] if len(tools) > 1 else ["--output"]
-    outputs = {option: place for option, (place, _) in zip(options, places, strict=True)}
-    kinds = {} if arguments.in_place else dict.fromkeys(outputs, SETUP)
-    check_outputs(outputs, (*read, *kept, *(setup.urdf for setup in setups)), kinds, arguments.force)
+    paths = [expand(logs, setup.log.files) for setup, (_, logs) in zip(setups, tools, strict=True)]
+    numbers = range(1, len(tools) + 1) if len(tools) > 1 else [""]
+    named = {f"--output {number}".strip(): output for number, output in zip(numbers, outputs, strict=True)}
+    stated = [file for setup in setups for file in (setup.files if not arguments.in_place else (setup.urdf,))]
+    read = [file for setup, logs in zip(setups, paths, strict=True) for file in inputs(logs, setup.log.files)]
+    check_outputs(named, (*read, *stated), {} if arguments.in_place else dict.fromkeys(named, SETUP), arguments.force)
 
     import jax
 
@@ -55,28 +78,25 @@ def run(arguments: argparse.Namespace) -> int:
         distributed.start(*arguments.distributed)
     prepare_jax()
     from ftbias_jax.calibration.tune_setup import tune
-    from ftbias_jax.cli.jobs.usable import read_usable, tell_left_out
     from ftbias_jax.model.own_effects import load_all
 
     if apart:
-        shared = _read_share(setups[0], every_log, arguments.unchecked)
-        every, start, left_out = [shared.logs], shared.start, shared.left_out
+        share, start = _share(setups[0], paths[0], arguments.unchecked)
+        used = [share]
     else:
-        found = [
-            read_usable(setup, paths, "tune", arguments.unchecked)
-            for setup, (_, paths) in zip(setups, tools, strict=True)
-        ]
-        for usable, (_, paths) in zip(found, tools, strict=True):
-            tell_left_out(usable.errors, len(set(paths)))
-        every = [usable.logs for usable in found]
-        start, left_out = next(iter(every[0].values())), any(usable.errors for usable in found)
+        used = [usable(setup, logs, arguments.unchecked) for setup, logs in zip(setups, paths, strict=True)]
+        for found in used:
+            if not found.logs:
+                raise next(iter(found.errors.values()))
+            _tell_left_out(found.errors)
+        start = next(iter(used[0].logs.values()))
     speaks = jax.process_index() == 0
-    code = tell_repairs((path, log.repairs) for logs in every for path, log in logs.items())
-    logs = [list(logs.values()) for logs in every]
+    code = tell_repairs((path, log.repairs) for found in used for path, log in found.logs.items())
+    logs = [list(found.logs.values()) for found in used]
     tuned = tune(
         setups[0],
         logs[0],
-        **_asked(arguments),
+        **asked,
         others=list(zip(setups[1:], logs[1:], strict=True)),
         start=start,
         report=Reporter() if speaks else lambda label, iteration, value: None,
@@ -88,72 +108,93 @@ def run(arguments: argparse.Namespace) -> int:
         if tuned.refusals and not arguments.force:
             print(f"ftbias: not written: {'; '.join(tuned.refusals)} (--force writes it)", file=sys.stderr)
             return 1
-        for setup, (output, _) in zip((tuned.setup, *tuned.others), places, strict=True):
-            setup.save(behind_link(output, arguments.in_place), by="" if arguments.in_place else "tune")
+        for setup, output in zip((tuned.setup, *tuned.others), outputs, strict=True):
+            save_setup(setup.save, output, arguments, "tune")
             print(f"wrote {output}")
         if not tuned.converged:
-            warn("a fit did not converge; its values are the best so far")
-    return (3 if left_out else code) if tuned.converged else 1
+            warn(NOT_CONVERGED)
+    if not tuned.converged:
+        return 1
+    return 3 if any(found.errors for found in used) else code
 
 
-class Share(NamedTuple):
-    """The logs of one of several processes."""
-
-    logs: dict[str, Log]
-    start: Log
-    """The log that every process starts from."""
-    left_out: bool
-    """Whether any process had to leave out a log."""
-
-
-def _read_share(setup: Setup, paths: list[str], unchecked: bool) -> Share:
-    """The logs of this process, after all have agreed which can be used; all of them go on, or end.
+def tune_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
+    """Tune the noise to one log of many.
 
     Raises:
-        FtbiasError: too few logs are left, or they show the setup to be wrong.
+        LogError: the result would predict unseen data worse than the setup, and nobody forces it.
+    """
+    from ftbias_jax.calibration.tune_setup import tune
+
+    log = read_log(path, setup)
+    tuned = tune(setup, [log], **{name: value for name, value in asked.items() if name != "force"})
+    if tuned.refusals and not asked["force"]:
+        raise LogError(f"not written: {'; '.join(tuned.refusals)}", file=path, remedy="--force writes it")
+    tuned.setup.save(output, by="tune")
+    origin = provenance(setup, [source_of(log)], {})
+    done = Done.of(log.repairs, origin["samples"], of_tuned(tuned, origin))
+    return done if tuned.converged else done._replace(status=LOSS, remarks=(NOT_CONVERGED, *done.remarks))
+
+
+def usable(setup: Setup, paths: Sequence[str], unchecked: bool) -> Used:
+    """Read logs; leave out those that cannot be read, and those that alone show the setup to be wrong.
+
+    Args:
+        setup: of all of them.
+        paths: of the logs.
+        unchecked: do not look whether the setup can be right.
+    """
+    logs: dict[str, Log] = {}
+    errors: dict[str, FtbiasError] = {}
+    for path in paths:
+        try:
+            logs[path] = read_log(path, setup)
+        except LogError as error:
+            errors[path] = error
+    found = {path: _mistaken(setup, [log], unchecked) for path, log in logs.items()}
+    wrong = {path: error for path, error in found.items() if error is not None}
+    if len(wrong) < len(logs):  # otherwise it is the setup that is wrong, not the logs
+        logs = {path: log for path, log in logs.items() if path not in wrong}
+        errors |= {path: LogError(str(error), file=path) for path, error in wrong.items()}
+    return Used(logs, errors)
+
+
+def _mistaken(setup: Setup, logs: Sequence[Log], unchecked: bool) -> FtbiasError | None:
+    """What is wrong with logs and setup; None = nothing."""
+    try:
+        if logs:
+            require_right(setup, logs, "tune", unchecked)
+    except (SetupError, LogError) as error:
+        return error
+    return None
+
+
+def _tell_left_out(errors: Mapping[str, FtbiasError]) -> None:
+    for error in errors.values():
+        warn(f"left out: {error}")
+
+
+def _share(setup: Setup, paths: list[str], unchecked: bool) -> tuple[Used, Log]:
+    """The logs of this one of several processes, after all have agreed which can be used, and the log all start from.
+
+    Raises:
+        FtbiasError: too few logs are left, or they show the setup to be wrong; all processes end then.
     """
     import jax
 
     from ftbias_jax.calibration import distributed
-    from ftbias_jax.cli.jobs.usable import mistaken, read_usable
 
-    usable = read_usable(setup, distributed.share(paths), "tune", unchecked)
-    for error in usable.errors.values():
-        warn(f"left out: {error}")
-    good = distributed.agree(paths, usable.logs)
+    found = usable(setup, distributed.share(paths), unchecked)
+    _tell_left_out(found.errors)
+    good = distributed.agree(paths, found.logs)
     if len(good) < jax.process_count():
         message = f"{len(good)} of {len(paths)} logs can be used, by {jax.process_count()} processes"
         raise LogError(message, field="--distributed", remedy="start at most one process a log")
     mine = distributed.share(good)  # a process whose logs were bad gets others
-    logs = {path: usable.logs[path] if path in usable.logs else read_log(path, setup) for path in mine}
-    distributed.end_together(mistaken(setup, list(logs.values()), "tune", unchecked))
+    logs = {path: found.logs[path] if path in found.logs else read_log(path, setup) for path in mine}
+    distributed.end_together(_mistaken(setup, list(logs.values()), unchecked))
     start = logs[good[0]] if good[0] in logs else read_log(good[0], setup)
-    return Share(logs, start, len(good) < len(paths))
-
-
-def _each(arguments: argparse.Namespace, tools: list[tuple[str, list[str]]]) -> int:
-    """To every log by itself, into a folder."""
-    refuse_options(arguments, ("in_place", "distributed"))
-    if len(tools) > 1:
-        raise UsageError("a folder is for one setup", field="--output", remedy="give one --setup")
-    path = tools[0][0]
-    arguments.output, arguments.logs = arguments.output[0], [*arguments.logs, *arguments.setup[0][1:]]
-    setup = load_setup(path, with_tool=True, allow_outside=arguments.allow_outside)
-    tasks, manifest = find_tasks(arguments, setup, "tune", ".tuned.toml")
-
-    from ftbias_jax.cli.jobs.work import tune_one
-
-    asked, own = _asked(arguments), tuple(arguments.own_effects)
-    settings = settings_of("tune", setup, {**asked, "force": arguments.force}, own)
-    work = partial(tune_one, setup=setup, asked=asked, force=arguments.force, own=own)
-    return run_archive(arguments, settings, tasks, manifest, work)
-
-
-def _asked(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Named arguments of the verb ``tune``, plain numbers and words."""
-    return {
-        name: getattr(arguments, name) for name in ("fit", "tie", "data_noise", "restarts", "hold_out", "unchecked")
-    }
+    return Used(logs, dict.fromkeys(set(paths) - set(good), LogError("cannot be used"))), start
 
 
 def _tools(arguments: argparse.Namespace) -> list[tuple[str, list[str]]]:

@@ -1,24 +1,10 @@
-"""The arguments of every command; light, so that ``--help`` answers at once."""
+"""What every command takes; light, so that ``--help`` answers at once."""
 
 from __future__ import annotations
 
-from ftbias_jax.cli.parsers import calibration, diagnosis, filtering, logs, setups
+from ftbias_jax.cli.parsers.logs import OF_LOGS
+from ftbias_jax.cli.parsers.setups import OF_SETUPS
 
-ADD = (
-    setups.add_setup,
-    filtering.add_filter,
-    calibration.add_tune,
-    calibration.add_identify,
-    calibration.add_calibrate,
-    setups.add_export,
-    logs.add_check,
-    logs.add_simulate,
-    diagnosis.add_diagnose,
-    diagnosis.add_effects_command,
-    logs.add_info,
-    logs.add_report,
-    logs.add_compare,
-    diagnosis.add_validate,
-    logs.add_demo,
-)
-"""In the order of ``ftbias --help``."""
+ORDER = "setup filter tune identify calibrate export check simulate diagnose effects info report compare demo"
+"""Of ``ftbias --help``."""
+COMMANDS = {name: (OF_SETUPS | OF_LOGS)[name] for name in ORDER.split()}

@@ -1,89 +1,239 @@
-"""Arguments of ``ftbias setup``."""
+"""The commands whose result is a setup, or a simulated log."""
 
 from __future__ import annotations
 
-import argparse
-
-from ftbias_jax.cli.argument_types import Commands, add_force, positive
+from ftbias_jax.cli.options import (
+    ARCHIVE,
+    FORCE,
+    HOLD_OUT,
+    IN_PLACE,
+    LOGS,
+    LOGS_OF_ONE,
+    OUTSIDE,
+    OWN_EFFECTS,
+    SEED,
+    UNCHECKED,
+    Command,
+    choice,
+    flag,
+    length,
+    option,
+    output,
+    positive,
+    process,
+    restarts,
+    setup,
+)
 from ftbias_jax.setup.chains import CONVENTIONS, UNITS
 
-
-def add_setup(commands: Commands) -> None:
-    """The command ``setup``."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        "setup",
-        help="draft a setup from a robot's name, a URDF or a log",
-        description="Write a commented setup with everything that the robot's name, its URDF and LOG tell: kinematics, "
-        "limits, names of joints, topics, mounting, noise, and the tool by its weight. What is left says "
-        "'measure me'.",
-        epilog="Example: ftbias setup pick.bag --robot ur10e -o setup.toml",
-    )
-    parser.add_argument(
-        "logs", nargs="*", metavar="LOG", help="a log that shall be filtered with it; or all its files, one a stream"
-    )
-    parser.add_argument("--robot", default="", metavar="NAME", help="a built-in robot; --list shows them")
-    parser.add_argument("--urdf", default="", metavar="FILE", help="a URDF instead")
-    parser.add_argument("--base", default="", metavar="LINK", help="base link of the URDF (default: the root)")
-    parser.add_argument("--tip", default="", metavar="LINK", help="flange of the URDF (default: tool0, flange, ...)")
-    parser.add_argument(
-        "--dh",
-        default="",
-        metavar="FILE",
-        help="a Denavit-Hartenberg table instead: CSV, columns a, alpha, d, theta",
-    )
-    parser.add_argument(
-        "--dh-convention", default="", choices=CONVENTIONS, help="of the table; modified is Craig's (default: none)"
-    )
-    parser.add_argument(
-        "--dh-units", default="", choices=UNITS, help="of the table (default: as its header states, as in 'a [mm]')"
-    )
-    parser.add_argument("--mass", type=positive, metavar="KG", help="of all that is distal of the sensor, if known")
-    parser.add_argument(
-        "--center-of-mass", type=float, nargs=3, metavar=("X", "Y", "Z"), help="of the same, m, sensor frame"
-    )
-    parser.add_argument("--rate", type=positive, metavar="HZ", help="of a log without stamps")
-    parser.add_argument("-o", "--output", metavar="SETUP.toml", help="the file to write (default: standard output)")
-    parser.add_argument("--schema", action="store_true", help="print the JSON Schema of setups, for editors")
-    parser.add_argument("--list", action="store_true", help="print the built-in robots")
-
-
-def add_export(commands: Commands) -> None:
-    """The command ``export``."""
-    parser = commands.add_parser(
-        "export",
-        help="write the tool as a payload of UR or Franka or as YAML for ROS, or a layout for viewers",
-        description="Write the tool of SETUP.toml (and for ROS its bias) as a robot's controller or a package of ROS "
-        "reads it, in the frame and sign that it needs; or a layout of the topics that filter writes as MCAP.",
-        epilog="Example: ftbias export identified.toml --format ur -o payload.script",
-    )
-    parser.add_argument(
-        "setup", nargs="?", default="", metavar="SETUP.toml", help="with the tool; layouts do without a setup"
-    )
-    parser.add_argument(
-        "--format",
-        required=True,
-        choices=["ur", "franka", "ros", "ft_calib", "foxglove", "plotjuggler"],
-        help="ur: URScript; franka: setLoad as JSON; ros: ros2_control's broadcaster with gravity compensation, YAML; "
-        "ft_calib: YAML of force_torque_tools; foxglove, plotjuggler: layouts",
-    )
-    parser.add_argument("-o", "--output", metavar="FILE", help="the file to write (default: standard output)")
-    parser.add_argument(
-        "--sensor-mass",
-        type=float,
-        nargs=4,
-        metavar=("KG", "X", "Y", "Z"),
-        help="ur, franka: what is between flange and sensor, as the sensor's body: mass, and centre in m, flange frame",
-    )
-    parser.add_argument(
-        "--frames-as-stated",
-        action="store_true",
-        help="ur, franka: the flange of a setup with a URDF or a list of joints is the controller's tool flange, and a "
-        "mounting of the sensor that is not stated is zero",
-    )
-    parser.add_argument(
-        "--sensor-frame", default="ft_sensor", metavar="FRAME", help="ros, ft_calib: the sensor's frame (%(default)s)"
-    )
-    parser.add_argument(
-        "--world-frame", default="", metavar="FRAME", help="ros: name of the base frame (the one of the robot's maker)"
-    )
-    add_force(parser)
+OF_SETUPS = {
+    "setup": Command(
+        "draft a setup from a robot's name, a URDF or a log",
+        "Write a commented setup with everything that the robot's name, its URDF and LOG tell: kinematics, limits, "
+        "names of joints, topics, mounting, noise, and the tool by its weight. What is left says 'measure me'.",
+        (
+            option("logs", "LOG", "a log that shall be filtered with it; or all its files, one a stream", nargs="*"),
+            option("--robot", "NAME", "a built-in robot; --list shows them", default=""),
+            option("--urdf", "FILE", "a URDF instead", default=""),
+            option("--base", "LINK", "base link of the URDF (default: the root)", default=""),
+            option("--tip", "LINK", "flange of the URDF (default: tool0, flange, ...)", default=""),
+            option("--dh", "FILE", "a Denavit-Hartenberg table instead: CSV, columns a, alpha, d, theta", default=""),
+            option(
+                "--dh-convention",
+                None,
+                "of the table; modified is Craig's (default: none)",
+                default="",
+                choices=CONVENTIONS,
+            ),
+            option(
+                "--dh-units",
+                None,
+                "of the table (default: as its header states, as in 'a [mm]')",
+                default="",
+                choices=UNITS,
+            ),
+            option("--mass", "KG", "of all that is distal of the sensor, if known", type=positive),
+            option("--center-of-mass", ("X", "Y", "Z"), "of the same, m, sensor frame", type=float, nargs=3),
+            option("--rate", "HZ", "of a log without stamps", type=positive),
+            output("SETUP.toml", "the file to write (default: standard output)"),
+            flag("--schema", "print the JSON Schema of setups, for editors"),
+            flag("--list", "print the built-in robots"),
+        ),
+        "Example: ftbias setup pick.bag --robot ur10e -o setup.toml",
+    ),
+    "tune": Command(
+        "fit the noise parameters to logs by maximum likelihood",
+        "Fit the noise of joints, bias and sensor to LOGs of one robot, and write a setup with the result.",
+        (
+            option("logs", "LOG", LOGS_OF_ONE, nargs="*"),
+            option(
+                "--setup",
+                ("SETUP.toml", "LOG"),
+                "robot, sensor, tool and noise to start from; with --fit data one --setup for each of several tools, "
+                "each followed by its logs",
+                required=True,
+                nargs="+",
+                action="append",
+            ),
+            output(
+                "OUT",
+                "where to write the tuned setup, one -o for each --setup, in their order; or a folder: tune to each "
+                "log by itself into it",
+                action="append",
+            ),
+            IN_PLACE,
+            option(
+                "--fit",
+                None,
+                "what to fit: joint noise, sigma_Q, sensor noise (these three), and Sigma_D, noise of the motion at "
+                "the sensor",
+                nargs="+",
+                default=["joints", "bias", "sensor"],
+                choices=["joints", "bias", "sensor", "data"],
+            ),
+            choice(
+                "--data-noise",
+                "one three entries",
+                "Sigma_D: one number each for linear acceleration, angular acceleration, rate and gravity, three for "
+                "the axes of the sensor, or all entries of D (%(default)s)",
+            ),
+            choice(
+                "--tie",
+                "each pair one",
+                "sigma_Q and sensor noise: one value for each axis, for forces and torques, or for all (%(default)s)",
+            ),
+            option(
+                "--restarts",
+                "N",
+                "further starts, all values off by random factors, to see whether they agree (%(default)s)",
+                type=restarts,
+                default=1,
+            ),
+            HOLD_OUT,
+            flag("--force", "write the result even if it predicts unseen data worse than the setup"),
+            option(
+                "--distributed",
+                "HOST:PORT,N,I",
+                "one of N processes, the I-th from 0, that share the logs; nothing to give under Slurm or MPI",
+                type=process,
+                nargs="?",
+                const=(None, None, None),
+            ),
+            UNCHECKED,
+            OWN_EFFECTS,
+            ARCHIVE,
+            OUTSIDE,
+        ),
+    ),
+    "identify": Command(
+        "find the tool's mass, centre of mass and inertia from a log",
+        "Fit the tool's inertial parameters, physically consistent, jointly with the bias.",
+        (
+            option(
+                "logs",
+                "LOG",
+                "log of free motion that turns the wrist, or a table of 4 to 1000 static poses, with or without "
+                "time; for a folder OUT also many of them, folders to search, or patterns in quotes",
+                nargs="+",
+            ),
+            setup("robot, sensor, and a tool to start from"),
+            output("OUT", "where to write the setup found; or a folder for each log's"),
+            IN_PLACE,
+            flag("--mounting", "also find how the sensor is turned on the flange"),
+            flag("--gravity", "also find the direction of gravity"),
+            flag("--bias", "also write the bias of LOG with its standard error, as the prior of logs recorded next"),
+            flag(
+                "--crosstalk",
+                "also find the gains of the sensor's channels and the leaks between them, if LOG shows them",
+            ),
+            UNCHECKED,
+            ARCHIVE,
+            OUTSIDE,
+            FORCE,
+        ),
+    ),
+    "calibrate": Command(
+        "from logs to a setup: draft, diagnose, identify, and keep what predicts unseen data better",
+        "Draft or take a setup, find causes of the gap and the tool, and keep each step only if the setup with it "
+        "predicts the end of LOGs, which it has not seen, better than without.",
+        (
+            LOGS,
+            option("--setup", "SETUP.toml", "where to start (default: a draft from the first log)"),
+            option("--robot", "NAME", "of the draft: a built-in robot", default=""),
+            option("--urdf", "FILE", "of the draft: a URDF instead", default=""),
+            output("OUT.toml", "where to write the setup", required=True),
+            option("--html", "OUT.html", "also write a page: steps, errors, and the setup"),
+            option("--json", "OUT.json", "also write steps and errors for programs"),
+            flag("--bias", "also write the bias at the end of the longest log, as the prior of logs recorded next"),
+            HOLD_OUT,
+            UNCHECKED,
+            OUTSIDE,
+            FORCE,
+        ),
+        "Example: ftbias calibrate monday.bag --robot ur10e -o setup.toml --html calibration.html",
+    ),
+    "export": Command(
+        "write the tool as a payload of UR or Franka or as YAML for ROS, or a layout for viewers",
+        "Write the tool of SETUP.toml (and for ROS its bias) as a robot's controller or a package of ROS reads it, in "
+        "the frame and sign that it needs; or a layout of the topics that filter writes as MCAP.",
+        (
+            option("setup", "SETUP.toml", "with the tool; layouts do without a setup", nargs="?", default=""),
+            option(
+                "--format",
+                None,
+                "ur: URScript; franka: setLoad as JSON; ros: ros2_control's broadcaster with gravity compensation, "
+                "YAML; ft_calib: YAML of force_torque_tools; foxglove, plotjuggler: layouts",
+                required=True,
+                choices=["ur", "franka", "ros", "ft_calib", "foxglove", "plotjuggler"],
+            ),
+            output("FILE", "the file to write (default: standard output)"),
+            option(
+                "--sensor-mass",
+                ("KG", "X", "Y", "Z"),
+                "ur, franka: what is between flange and sensor, as the sensor's body: mass, and centre in m, flange "
+                "frame",
+                type=float,
+                nargs=4,
+            ),
+            flag(
+                "--frames-as-stated",
+                "ur, franka: the flange of a setup with a URDF or a list of joints is the controller's tool flange, "
+                "and a mounting of the sensor that is not stated is zero",
+            ),
+            option("--sensor-frame", "FRAME", "ros, ft_calib: the sensor's frame (%(default)s)", default="ft_sensor"),
+            option("--world-frame", "FRAME", "ros: name of the base frame (the one of the robot's maker)", default=""),
+            FORCE,
+        ),
+        "Example: ftbias export identified.toml --format ur -o payload.script",
+        "setup:export",
+    ),
+    "simulate": Command(
+        "make a log with known truth, with any effects",
+        "Simulate a log of the setup's robot, sensor and tool, and write what is true to another file.",
+        (
+            setup("robot, sensor, tool, noise and effects"),
+            output("LOG.npz", "where to write the log", required=True),
+            option("--truth", "FILE", ".npz or .json with the truth (default: LOG_truth.npz)"),
+            option(
+                "--effect",
+                "NAME[:key=value,...]",
+                "what the setup does not know; vectors as 1/2/3; typical values if none are given; may be repeated",
+                action="append",
+                default=[],
+            ),
+            *length(60.0, 500.0),
+            option("--motion", "sines|moves|FILE", "motion, or a log to replay (%(default)s)", default="sines"),
+            SEED,
+            OWN_EFFECTS,
+            OUTSIDE,
+            FORCE,
+        ),
+        "Example: ftbias simulate --setup SETUP.toml --effect tool_mass:mass=0.8 --effect time_delay -o LOG.npz",
+    ),
+    "demo": Command(
+        "simulate a Panda that is not as its setup says, filter, diagnose and mend it; needs no files",
+        "Simulate a Panda log with an effect its setup does not know, filter it, find the effect, put it into the "
+        "setup, filter again, and compare with the truth.",
+        (output("DIR", "folder to write (%(default)s)", default="ftbias_demo"), *length(30.0, 250.0), SEED),
+    ),
+}

@@ -7,15 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("mujoco", reason="the extra 'validation' is not installed")
-from ftbias_jax.validation.generator import recording
-from ftbias_jax.validation.generator.effects.effect import Effect
-from ftbias_jax.validation.generator.kinds import likeness, logs
-from ftbias_jax.validation.generator.kinds.catalogue import KINDS, chosen
-from ftbias_jax.validation.generator.kinds.plan import LARGEST, SMALLEST, Job, make_plan
-from ftbias_jax.validation.generator.make import Limits
-from ftbias_jax.validation.generator.world import tool_path
-from ftbias_jax.validation.labels import read_labels
+pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+from validation.generator import recording
+from validation.generator.kinds import likeness, logs
+from validation.generator.kinds.plan import KINDS, LARGEST, SMALLEST, Job, chosen, make_plan
+from validation.generator.make import Limits
+from validation.generator.world import tool_path
+from validation.labels import read_labels
 
 LIMITS = Limits((4.0, 4.0), (100.0,), True)
 JOBS = (Job("hose", "viscous", 2.0), Job("sag", "elastic", 0.5), Job("rough_bridge", "force", 1.5))
@@ -75,11 +73,11 @@ def test_the_gap_is_as_large_as_asked_and_as_the_extra_wrench(folder):
 def test_less_its_extra_wrench_a_log_is_what_it_is_without_the_effect(tmp_path, monkeypatch, seed, sign):
     """Whatever the sign that the sensor reports; the noise is the same, because the seed is."""
     monkeypatch.setattr(logs, "random_scene", lambda *told: with_sign(recording.random_scene(*told), sign))
-    kind, nothing = KINDS["hose"], lambda form, parameters, scene: Effect("hose", form, parameters)
-    for name, build in (("with", kind.build), ("without", nothing)):
+    kind, nothing = KINDS["hose"], lambda form, parameters, scene: {}
+    for name, hooks in (("with", kind.hooks), ("without", nothing)):
         for place in (tmp_path / name / logs.EXTRA, tmp_path / name / logs.SECOND / logs.EXTRA):
             place.mkdir(parents=True)
-        monkeypatch.setitem(KINDS, "hose", replace(kind, build=build))
+        monkeypatch.setitem(KINDS, "hose", replace(kind, hooks=hooks))
         logs.make_pair(0, JOBS[0], seed, LIMITS, tmp_path / name)
     for place in ("", logs.SECOND):
         dirty, clean = (np.load(tmp_path / name / place / "log_000.npz")["wrench"] for name in ("with", "without"))

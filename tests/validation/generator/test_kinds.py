@@ -7,11 +7,11 @@ import pytest
 
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 
-pytest.importorskip("mujoco", reason="the extra 'validation' is not installed")
-from ftbias_jax.validation.generator import recording
-from ftbias_jax.validation.generator.effects import catalogue, effect
-from ftbias_jax.validation.generator.kinds.catalogue import KINDS, chosen
-from ftbias_jax.validation.generator.world import tool_path, wrench
+pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+from validation.generator import recording
+from validation.generator.effects import catalogue, effect
+from validation.generator.kinds.plan import KINDS, chosen
+from validation.generator.world import tool_path, wrench
 
 DRIVES = (
     *("constant", "time", "temperature", "position", "orientation", "velocity", "angular_velocity", "acceleration"),

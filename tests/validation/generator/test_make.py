@@ -15,12 +15,12 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE, complete, neutral_valu
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import load_setup
-from ftbias_jax.validation import generator, labels
+from validation import generator, labels
 
-pytest.importorskip("mujoco", reason="the extra 'validation' is not installed")
-from ftbias_jax.validation.generator import make, recording
-from ftbias_jax.validation.generator.effects import catalogue, effect
-from ftbias_jax.validation.generator.nominal_model import setup_toml
+pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+from validation.generator import make, recording
+from validation.generator.effects import catalogue, effect
+from validation.generator.nominal_model import setup_toml
 
 FOLDER = Path(generator.__file__).parent
 DURATION, RATE = 10.0, 100.0
@@ -50,7 +50,7 @@ PLUMBING = ("ftbias_jax.errors", "ftbias_jax.io.atomic", "ftbias_jax.runtime.pro
 
 
 def foreign_imports(source):
-    """Modules of the package, outside the generator and the plumbing, that a source imports anywhere in it."""
+    """Modules of the package and of the scoring, without the plumbing, that a source imports anywhere in it."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):
             names = [f"{node.module}.{alias.name}" for alias in node.names] if node.level == 0 else ["ftbias_jax.up"]
@@ -59,8 +59,8 @@ def foreign_imports(source):
         else:
             continue
         for name in names:
-            inside = f"{name}.".startswith("ftbias_jax.validation.generator.") or name.startswith(PLUMBING)
-            if name.split(".")[0] == "ftbias_jax" and not inside:
+            inside = f"{name}.".startswith("validation.generator.") or name.startswith(PLUMBING)
+            if name.split(".")[0] in ("ftbias_jax", "validation") and not inside:
                 yield name
 
 
@@ -78,14 +78,14 @@ def test_a_shared_module_would_be_seen():
 import ftbias_jax.model.wrench.tool_wrench
 def late():
     from ftbias_jax.model.kinematics import screws
-    from ftbias_jax.validation import rules
+    from validation import rules
     from ftbias_jax.errors import UsageError
-    from ftbias_jax.validation.generator import world
+    from validation.generator import world
 """
     assert sorted(foreign_imports(source)) == [
         "ftbias_jax.model.kinematics.screws",
         "ftbias_jax.model.wrench.tool_wrench",
-        "ftbias_jax.validation.rules",
+        "validation.rules",
     ]
 
 
@@ -150,7 +150,8 @@ def test_a_label_means_to_the_catalogue_what_it_means_to_the_maker(scene, packag
     """The change that the label's parameters make in the package's reading is the change in the maker's."""
     world = scene[0]
     one = drawn(name, OWN_FORMS[name], world)
-    entry = make.truth(world, [one], 1, "sines", recording.noiseless(world, [one]), world.belief.noise_std)
+    timeline = recording.Timeline(None, velocities=True, temperature_every=0)
+    entry, _, _ = make.write_log(tmp_path, "log_000", world, [one], timeline, np.random.SeedSequence(1))
     (tmp_path / "truth.json").write_text(json.dumps({"log_000": entry}))
     label = labels.read_labels(tmp_path, ["log_000"])["log_000"]
     values = labels.true_parameters(label, name)

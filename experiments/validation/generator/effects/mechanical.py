@@ -1,0 +1,139 @@
+"""Effects of the catalogue that change the mechanics: MuJoCo computes their wrench."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from validation.generator.arms import Floats
+from validation.generator.effects.effect import Draw, Effect, Scene
+from validation.generator.effects.sprung import Sprung
+from validation.generator.nominal_model import Tool
+from validation.generator.world import Cable, cable_length, tool_path
+
+
+def tool_mass(form: str, draw: Draw, scene: Scene) -> Effect:
+    """Forms: "denser" (inertia grows alike), "point_at_com" (a compact mass in the centre, inertia unchanged)."""
+    relative = draw.sign() * min(draw.size((0.025, 0.05), (0.07, 0.13), (0.15, 0.25)), 0.4)
+    grown = 1 + relative if form == "denser" else 1.0
+
+    def heavier(tool: Tool) -> Tool:
+        return replace(tool, mass=tool.mass * (1 + relative), inertia=tool.inertia * grown)
+
+    parameters = {"mass": heavier(scene.belief.tool).mass, "relative": relative}
+    return Effect("tool_mass", form, parameters, world=lambda world: replace(world, tool=heavier(world.tool)))
+
+
+def tool_com(form: str, draw: Draw, scene: Scene) -> Effect:
+    """Forms: "any_direction", "sideways" (across the sensor axis)."""
+    direction = draw.direction() * (1, 1, form != "sideways")
+    size = draw.size((0.002, 0.004), (0.006, 0.01), (0.015, 0.03))
+    shift = size * direction / np.linalg.norm(direction)
+    com = scene.belief.tool.com + shift
+    return Effect(
+        "tool_com",
+        form,
+        {"com": com.tolist(), "shift": shift.tolist()},
+        world=lambda world: replace(world, tool=replace(world.tool, com=com)),
+    )
+
+
+def tool_inertia(form: str, draw: Draw, scene: Scene) -> Effect:
+    """Forms: "larger" (every moment alike), "rod" (two masses moved apart along a line)."""
+    nominal = scene.belief.tool.inertia
+    relative = draw.size((0.5, 1.0), (1.2, 2.5), (3.0, 6.0))
+    line = draw.direction()
+    extra = nominal if form == "larger" else np.trace(nominal) / 2 * (np.eye(3) - np.outer(line, line))
+    inertia = nominal + relative * extra
+    parameters = {"inertia": inertia[np.triu_indices(3)].tolist(), "relative": relative}
+    return Effect(
+        "tool_inertia", form, parameters, world=lambda world: replace(world, tool=replace(world.tool, inertia=inertia))
+    )
+
+
+def gravity_tilt(form: str, draw: Draw, scene: Scene) -> Effect:
+    """The base is not level. Forms: "any_direction", "one_axis" (about base x or y; z for a wall mount)."""
+    g = scene.belief.gravity
+    axis = np.eye(3)[draw.rng.choice(np.flatnonzero(g == 0))] if form == "one_axis" else np.cross(g, draw.direction())
+    angle = draw.sign() * np.radians(draw.size((0.5, 0.9), (1.2, 2.5), (3.0, 6.0)))
+    gravity = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).apply(g)
+    parameters = {"gravity": gravity.tolist(), "angle_deg": float(np.degrees(abs(angle)))}
+    return Effect("gravity_tilt", form, parameters, world=lambda world: replace(world, gravity=gravity))
+
+
+def mount_rotation(form: str, draw: Draw, scene: Scene) -> Effect:
+    """Forms: "sensor_axes" (it reads along turned axes), "sensor_and_tool" (both sit turned on the flange)."""
+    angle = np.radians(draw.size((0.6, 1.0), (2.0, 3.5), (4.0, 8.0)))
+    turn = Rotation.from_rotvec(angle * draw.direction())
+    parameters = {"rpy": turn.as_euler("xyz").tolist()}
+    if form == "sensor_axes":
+        return Effect("mount_rotation", form, parameters, world=lambda w: replace(w, sensor_axes=turn.as_matrix()))
+    return Effect(
+        "mount_rotation",
+        form,
+        parameters,
+        world=lambda world: replace(world, mount_rotation=world.mount_rotation @ turn.as_matrix()),
+    )
+
+
+def encoder_offset(form: str, draw: Draw, scene: Scene) -> Effect:
+    """The encoder of one joint reads ``offset`` too much. Forms: "constant", "eccentric" (and a little once a turn)."""
+    n = len(scene.belief.arm.home)
+    column = int(draw.rng.integers(1, n))  # joint 1 of an upright arm shows nothing
+    offset = draw.sign() * np.radians(draw.size((0.4, 0.8), (1.5, 2.5), (4.0, 7.0)))
+    phase = draw.rng.uniform(0, 2 * np.pi)
+    wobble = 0.15 * offset if form == "eccentric" else 0.0
+
+    def error(q: Floats) -> Floats:
+        out = np.zeros_like(q)
+        out[:, column] = offset + wobble * np.sin(q[:, column] + phase)
+        return out
+
+    parameters = {"joint": column + 1, "offset": float(offset)}
+    return Effect("encoder_offset", form, parameters, world=lambda world: replace(world, joint_error=error))
+
+
+def cable(form: str, draw: Draw, scene: Scene) -> Effect:
+    """Forms: anchor on the "forearm" or in the "world"; "stiffening": a second, longer strand takes over later."""
+    arm, rng = scene.belief.arm, draw.rng
+    on_forearm = form != "world"
+    end = scene.belief.tool.com + rng.uniform(-0.04, 0.04, 3)
+    times = np.linspace(0, scene.duration, 200)
+    if on_forearm:
+        anchor = arm.points[arm.forearm] + rng.uniform(-0.08, 0.08, 3)
+    else:
+        anchor = (
+            tool_path(scene.world, scene.motion, times).points(end).mean(0) + rng.uniform(0.3, 0.6) * draw.direction()
+        )
+    stiffness = draw.size((4.0, 8.0), (15.0, 30.0), (40.0, 80.0))
+    strand = Cable(stiffness, 0.0, anchor, on_forearm, end)
+    world = replace(scene.world, cables=(strand,))
+    distance = cable_length(world, scene.motion, times)
+    first = replace(strand, length=float(np.quantile(distance, rng.uniform(0.0, 0.3)) * rng.uniform(0.7, 1.0)))
+    second = replace(first, length=float(np.quantile(distance, 0.6)))
+    strands = (first, second) if form == "stiffening" else (first,)
+    parameters = {"stiffness": stiffness, "length": first.length, "anchor": "forearm" if on_forearm else "world"}
+    parameters |= {"anchor_point": anchor.tolist(), "tool_point": end.tolist()}
+    return Effect("cable", form, parameters, world=lambda world: replace(world, cables=strands))
+
+
+FLEXIBLE = {
+    "lateral_balanced": ("lateral", True),
+    "pivot_balanced": ("pivot", True),
+    "one_hinge_balanced": ("hinge", True),
+    "lateral_sagging": ("lateral", False),
+}
+
+
+def tool_flexibility(form: str, draw: Draw, scene: Scene) -> Effect:
+    """Forms: see FLEXIBLE; the sagging one bends under gravity, too, as it would without a balance."""
+    kind, balanced = FLEXIBLE[form]
+    low, high = (4.0, 14.0) if balanced else (9.0, 25.0)
+    softness = draw.size((0.1, 0.4), (0.4, 0.7), (0.8, 1.0))
+    hz = max(low, high * (low / high) ** softness)
+    zeta = float(draw.rng.uniform(0.01, 0.08))
+    part = Sprung(kind, float(draw.rng.uniform(0.6, 0.95)), hz, zeta, balanced)
+    parameters = {"hz": hz, "zeta": zeta, "share": part.share}
+    return Effect("tool_flexibility", form, parameters, world=lambda world: replace(world, sprung=part))

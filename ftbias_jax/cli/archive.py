@@ -1,0 +1,250 @@
+"""A command over an archive of logs: resumable, by several processes or machines, one result and one line a log."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+from ftbias_jax.cli.terminal import warn
+from ftbias_jax.errors import FtbiasError, UsageError, printable
+from ftbias_jax.fleet.entry import FAILED, LOSS, MISTAKES, OK, Entry, Settings, is_same, settings_of, state_of, with_sum
+from ftbias_jax.fleet.find import Task, find_logs, shard
+from ftbias_jax.fleet.manifest import (
+    Manifest,
+    damaged_in_words,
+    done_before,
+    is_unchanged,
+    manifest_name,
+    read_manifests,
+)
+from ftbias_jax.fleet.table import save_table
+from ftbias_jax.io.atomic import make_folder, make_folder_inside
+from ftbias_jax.io.log import Repairs
+from ftbias_jax.io.outputs import check_outputs, check_replaceable
+from ftbias_jax.io.remote.fetch import forget, shown
+from ftbias_jax.io.remote.outside import check_patterns
+from ftbias_jax.io.write.ours import CHECK, DIAGNOSIS, PAGE, RESULT, SETUP, kind_of
+from ftbias_jax.io.write.provenance import sha256_of
+from ftbias_jax.runtime.progress import Progress
+from ftbias_jax.setup import Setup
+
+VERBS = {
+    "filter": "filtering",
+    "check": "checking",
+    "diagnose": "diagnosing",
+    "identify": "identifying from",
+    "tune": "tuning to",
+}
+KILLED = "its process was killed: too little memory? (give it more, or work on it alone)"
+
+
+class Done(NamedTuple):
+    """What became of a log that did not fail."""
+
+    status: str
+    samples: int
+    remarks: tuple[str, ...]
+    """What was mended or lost, and mistakes of the setup that the log shows."""
+    quality: dict[str, Any]
+    beside: tuple[str, ...] = ()
+    """Paths of files that were written beside the result."""
+
+    @classmethod
+    def of(cls, repairs: Repairs, samples: int, quality: dict[str, Any]) -> Done:
+        """A log of which nothing is remarked but what was mended or left out."""
+        status = LOSS if any(repair.lost for repair in repairs) else OK
+        return cls(status, samples, tuple(repair.what for repair in repairs), quality)
+
+
+Work = Callable[[str, str, Setup, Mapping[str, Any]], Done]
+"""Log, output, setup and what was asked for -> what became of the log; can be pickled."""
+
+
+class Job(NamedTuple):
+    """What a command does with every log; can be pickled."""
+
+    settings: Settings
+    folder: str
+    """Of the results."""
+    work: Work
+    setup: Setup
+    asked: Mapping[str, Any]
+    own: tuple[str, ...] = ()
+    """Files of the user's own effects; every process runs their code itself, because code cannot be sent to it."""
+
+
+def for_each_log(
+    arguments: argparse.Namespace,
+    setup: Setup,
+    work: Work,
+    asked: Mapping[str, Any],
+    suffix: str,
+    *,
+    single: Sequence[str],
+    beside: Sequence[str] = (),
+) -> int:
+    """Do a command's work with every log by itself, into a folder, unless it is done; tell what became of every log.
+
+    Args:
+        arguments: of the command.
+        setup: of all logs.
+        work: what to do with a log.
+        asked: what the results depend on beside the setup, plain numbers and words.
+        suffix: of the results.
+        single: options that are for a single answer.
+        beside: suffixes of what else is written for a log.
+
+    Returns:
+        1 if all logs failed, or the check found mistakes; 3 if some failed or lost samples; else 0.
+
+    Raises:
+        UsageError: an option of a single answer, no log, or two files of one name. LogError: a folder cannot be read,
+            or a manifest is larger than they get. SetupError: [log.files] leads out of the logs' folders. OutputError:
+            the manifest cannot be written.
+    """
+    for option in single:
+        if getattr(arguments, option):
+            name = f"--{option.replace('_', '-')}"
+            raise UsageError("needs a single log and a file for its result", field=name, remedy="leave it out")
+    tasks, path = _find_tasks(arguments, setup, suffix, beside)
+    own = tuple(getattr(arguments, "own_effects", ()))
+    settings = settings_of(arguments.command, setup, asked, own)
+    job = Job(settings, arguments.output, work, setup, asked, own)
+    make_folder(job.folder)
+    contents = read_manifests(job.folder)
+    if contents.damaged:
+        warn(f"{damaged_in_words(contents.damaged)}, their logs are done again")
+    before = done_before(job.folder, contents)
+    entries: dict[str, Entry] = {}
+    sizes: dict[str, int] = {}
+    with Manifest(path) as manifest:
+        if contents.settings.get(settings.key) != settings:
+            manifest.add("settings", settings._asdict())
+        for task in tasks:
+            known, now = before.get(task.output), state_of(task.paths)
+            same = is_same(known.state, now, task.paths) if known and known.settings == settings.key else None
+            if known and same and (not arguments.verify or is_unchanged(job.folder, known)):
+                entry = known._replace(log=shown(task.log), files=tuple(map(shown, task.files)), state=same)
+                entries[task.output] = entry
+                if entry != known:
+                    manifest.add_entry(entry)
+            else:
+                sizes[task.output] = now.bytes
+        waiting = [task for task in tasks if task.output in sizes]
+        manifest.add("run", {"settings": settings.key, "logs": len(tasks), "waiting": len(waiting)})
+        progress, done = Progress(f"{VERBS[settings.job]} {len(waiting)} logs", sum(sizes.values())), 0
+        for entry in run_tasks(job, waiting, arguments.jobs):
+            manifest.add_entry(entry)
+            entries[entry.output], done = entry, done + sizes[entry.output]
+            progress(done)
+    ordered = [entries[task.output] for task in tasks]
+    print(_table(ordered, len(tasks) - len(waiting)))
+    table = f"{os.path.splitext(path)[0]}.parquet"
+    written = save_table(table, ordered, {**contents.settings, settings.key: settings})
+    print(f"wrote {path}{f' and {table}' if written else ''}")
+    statuses = {entry.status for entry in ordered}
+    if statuses == {FAILED} or MISTAKES in statuses:
+        return 1
+    return 3 if statuses & {FAILED, LOSS} else 0
+
+
+def _find_tasks(
+    arguments: argparse.Namespace, setup: Setup, suffix: str, beside: Sequence[str]
+) -> tuple[list[Task], str]:
+    """The logs of this machine's share, and the path of its manifest; nothing would be written over an input."""
+    if not setup.log.allow_outside:
+        check_patterns(setup.log.files, setup.path)  # before anybody asks how large what they name is
+    (index, count), folder, command = arguments.shard, arguments.output, arguments.command
+    every = find_logs(arguments.logs, folder, suffix, setup.log.files)
+    manifest = os.path.join(folder, manifest_name(command, index, count))
+    outputs = {
+        f"the result of {task.log!r}{other and f' ({other})'}": os.path.join(
+            folder, task.output.removesuffix(suffix) + (other or suffix)
+        )
+        for task in every
+        for other in ("", *beside)
+    }
+    inputs = (*(path for task in every for path in task.paths), *setup.files)
+    check_outputs(outputs | {"the manifest": manifest}, inputs)
+    if not arguments.force:
+        _check_replaceable(folder, outputs.values(), CHECK if command == "check" else DIAGNOSIS)
+    return shard(every, index, count), manifest
+
+
+def _check_replaceable(folder: str, outputs: Iterable[str], answer: str) -> None:
+    """Refuse a folder in which an output would replace what is neither in its manifests nor one by its content."""
+    written: set[str] | None = None
+    for path in filter(os.path.isfile, outputs):
+        kind = {".html": PAGE, ".toml": SETUP, ".json": answer}.get(os.path.splitext(path)[1], RESULT)
+        if kind_of(path) == kind:
+            continue
+        if written is None:
+            entries = read_manifests(folder).entries.values()
+            written = {name for entry in entries for name in (entry.output, *entry.sums)}
+        if os.path.relpath(path, folder) not in written:
+            check_replaceable(path, kind)
+
+
+def run_tasks(job: Job, tasks: Iterable[Task], jobs: int) -> Iterator[Entry]:
+    """Entries as they get ready, from this process (``jobs`` = 1) or from so many at a time."""
+    from ftbias_jax.runtime.jax_config import prepare_jax
+    from ftbias_jax.runtime.processes import run_each
+
+    if jobs == 1:
+        prepare_jax()
+    for task, entry in run_each(partial(do_task, job=job), tasks, jobs):
+        killed = printable(f"{shown(task.log)}: {KILLED}")
+        yield entry or _entry(task, job)._replace(error=killed, done=round(time.time(), 3))
+
+
+def do_task(task: Task, job: Job) -> Entry:
+    """Work on one log; what goes wrong is in the entry, because the other logs go on."""
+    started, output = time.perf_counter(), os.path.join(job.folder, task.output)
+    entry = _entry(task, job)
+    try:
+        entry = entry._replace(state=with_sum(state_of(task.paths), task.paths))
+        make_folder_inside(job.folder, os.path.dirname(output))
+        setup = job.setup
+        if job.own:
+            from ftbias_jax.model.own_effects import load_all
+
+            setup = setup.with_effects(load_all(job.own))
+        done = job.work(task.log, output, setup, job.asked)
+        entry = entry._replace(
+            status=done.status,
+            repairs=tuple(map(printable, done.remarks)),
+            samples=done.samples,
+            output_bytes=os.path.getsize(output),
+            quality=done.quality,
+            sums={os.path.relpath(path, job.folder): sha256_of(path) or "" for path in (output, *done.beside)},
+        )
+    except FtbiasError as error:
+        entry = entry._replace(error=str(error))
+    except Exception as error:  # a bug, or no memory: this log's alone
+        entry = entry._replace(error=printable(f"{shown(task.log)}: {type(error).__name__}: {error}"))
+    forget()
+    return entry._replace(seconds=round(time.perf_counter() - started, 4), done=round(time.time(), 3))
+
+
+def _entry(task: Task, job: Job) -> Entry:
+    """Of a log that has failed, unless more is known."""
+    files = tuple(map(shown, task.files))
+    return Entry(shown(task.log), task.output, job.settings.job, FAILED, settings=job.settings.key, files=files)
+
+
+def _table(entries: Sequence[Entry], skipped: int) -> str:
+    """A line for every log that is not whole, and the counts."""
+    troubled = [entry for entry in entries if entry.status != OK]
+    whys = [printable(entry.error or f"{entry.log}: {'; '.join(entry.repairs)}") for entry in troubled]
+    lines = [f"{entry.status:9s}  {why}" for entry, why in zip(troubled, whys, strict=True)]
+    counts = Counter(entry.status for entry in entries)
+    mistakes = f", {counts[MISTAKES]} with mistakes" if counts[MISTAKES] else ""
+    before = f" ({skipped} of all were done before)" if skipped else ""
+    words = f"{counts[OK]} ok{mistakes}, {counts[LOSS]} with data loss, {counts[FAILED]} failed"
+    lines.append(f"{len(entries)} logs: {words}{before}")
+    return "\n".join(lines)

@@ -1,0 +1,45 @@
+"""``ftbias report``: what the logs of a fleet show together, or one result, as one HTML page."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+from ftbias_jax.cli.terminal import warn
+from ftbias_jax.errors import printable
+from ftbias_jax.fleet.alarms import alarms_of
+from ftbias_jax.fleet.history import read_fleet
+from ftbias_jax.fleet.manifest import damaged_in_words
+from ftbias_jax.fleet.page import name, to_page
+from ftbias_jax.fleet.result_page import read_result, result_page
+from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.outputs import check_outputs, check_writable
+from ftbias_jax.io.write.ours import PAGE
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the alarms and write the page."""
+    check_writable(arguments.output, ".html")
+    if len(arguments.folders) == 1 and os.path.isfile(arguments.folders[0]):
+        return _one_result(arguments.folders[0], arguments.output, arguments.force)
+    fleet = read_fleet(arguments.folders)
+    reports = [record.report for record in fleet.records if record.report]
+    check_outputs({"--output": arguments.output}, reports, {"--output": PAGE}, arguments.force)
+    text = to_page(fleet, f"Fleet in {', '.join(arguments.folders)}", os.path.dirname(arguments.output))
+    write_atomic(arguments.output, lambda file: file.write(text.encode()))
+    groups = fleet.by_robot()
+    alarms = [printable(f"{name(group)}: {alarm.text}") for group, some in groups.items() for alarm in alarms_of(some)]
+    print("\n".join([*alarms, f"{len(fleet.records)} logs of {len(groups)} robots, {len(alarms)} alarms"]))
+    if fleet.damaged:
+        warn(damaged_in_words(fleet.damaged))
+    print(f"wrote {arguments.output}")
+    return 0
+
+
+def _one_result(path: str, output: str, force: bool) -> int:
+    """The page of one filtered log."""
+    check_outputs({"--output": output}, [path], {"--output": PAGE}, force)
+    text = result_page(read_result(path), f"Bias of {os.path.basename(path)}")
+    write_atomic(output, lambda file: file.write(text.encode()))
+    print(f"wrote {output}")
+    return 0

@@ -1,1 +1,0 @@
-"""Work on files: one log, an archive of logs, many diagnoses."""

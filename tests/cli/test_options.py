@@ -1,0 +1,45 @@
+"""What options accept, and that they say what else it must be."""
+
+from argparse import ArgumentTypeError
+
+import pytest
+
+from ftbias_jax.cli import options as kinds
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "value"),
+    [
+        (kinds.count, "100000", 100_000),
+        (kinds.restarts, "0", 0),
+        (kinds.seed, "4294967295", 2**32 - 1),
+        (kinds.positive, "1e-3", 1e-3),
+        (kinds.numbers, "20,60.5", (20.0, 60.5)),
+        (kinds.share, "0.9", 0.9),
+        (kinds.gate, "1", 1.0),
+        (kinds.shard, "2/2", (2, 2)),
+        (kinds.process, "host:1234,4,3", ("host:1234", 4, 3)),
+    ],
+)
+def test_good_values_are_read(kind, text, value):
+    assert kind(text) == value
+
+
+@pytest.mark.parametrize(
+    ("kind", "texts", "words"),
+    [
+        (kinds.count, ["0", "100001", "-1", "1.5", "", "many"], "a whole number from 1 to 100000"),
+        (kinds.restarts, ["1025", "-1"], "a whole number from 0 to 1024"),
+        (kinds.seed, ["4294967296", "-1"], "a whole number from 0 to 4294967295"),
+        (kinds.positive, ["0", "-1", "nan", "inf", ""], "a positive number"),
+        (kinds.numbers, ["20,", "20;60", "20,-1"], "a positive number"),
+        (kinds.share, ["-0.1", "0.91", "nan", "half"], "a share from 0 to 0.9"),
+        (kinds.gate, ["0.9"], "1 or more standard deviations"),
+        (kinds.shard, ["0/2", "3/2", "1"], "I/N with I from 1 to N"),
+        (kinds.process, ["host,4,3", "host:1,4,4", "host:1,4", "host:1,a,b"], "HOST:PORT,N,I with I from 0 to N - 1"),
+    ],
+)
+def test_what_else_it_must_be_is_said(kind, texts, words):
+    for text in texts:
+        with pytest.raises(ArgumentTypeError, match=f"must be {words}, not "):
+            kind(text)
