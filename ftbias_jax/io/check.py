@@ -45,9 +45,6 @@ def check_log(
     Returns:
         float64 arrays in the order of their stamps (``put_in_order``): t relative to the first stamp (``start``), the
         wrench on the tool, NaN for what is None.
-
-    Raises:
-        LogError: shapes disagree, the clock was set back, a value is infinite, or there is no motion or no wrench.
     """
     columns = {"q": q, "dq": dq, "wrench": wrench, "temperature": temperature}
     t, (q, dq, wrench, temperature), ordering = put_in_order(t, columns, file=file)
@@ -63,11 +60,7 @@ def check_log(
 
 
 def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> Log:
-    """Samples as recorded, or the part of them from sample ``first`` on, as float64 with the sign of the report.
-
-    Raises:
-        LogError: shapes disagree, or a value is infinite.
-    """
+    """Samples as recorded, or the part of them from sample ``first`` on, as float64 with the sign of the report."""
     length, n = len(log.t), len(setup.robot.joint_names)
     shapes = {"q": (length, n), "dq": (length, n), "wrench": (length, 6), "temperature": (length,)}
     floats = {name: _floats(getattr(log, name), shape, name, file, first) for name, shape in shapes.items()}
@@ -86,9 +79,6 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
         wrench_t: (W,) s, stamps at which any axis of the wrench was.
         setup: names of the joints.
         file: the name in messages.
-
-    Raises:
-        LogError: there is no motion or no wrench, or its rate is implausible.
     """
     for name, measured in zip(setup.robot.joint_names, joints, strict=True):
         if not measured:
@@ -109,9 +99,6 @@ def relative_seconds(t: Array, *, file: str = "") -> tuple[Array, float]:
 
     Returns:
         (T,) float64 s from 0, and the first stamp in s.
-
-    Raises:
-        LogError: the stamps are fewer than two, not a number, or do not increase.
     """
     t = check_stamps(t, file=file)
     if len(t) < 2:

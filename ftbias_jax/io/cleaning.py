@@ -67,18 +67,7 @@ class Facts(NamedTuple):
 
 
 def clean(log: Log, *, clipped: bool = True, stuck: bool = True, held: bool = True, file: str = "") -> Log:
-    """The log without samples of clipped and stuck axes and repeats; ``repairs`` names them, left out or not.
-
-    Args:
-        log: as recorded, or as this function made it.
-        clipped: leave out samples at the end of the sensor's range.
-        stuck: leave out samples of axes that stand still.
-        held: leave out samples that repeat a reading which is held until there is a new one.
-        file: the name in messages.
-
-    Raises:
-        LogError: nothing of the wrench would be left.
-    """
+    """The log without samples of clipped and stuck axes and repeats; ``repairs`` names them, left out or not."""
     return cleaned(log, survey(slices(log)), clipped=clipped, stuck=stuck, held=held, file=file)
 
 
@@ -145,11 +134,7 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: bool 
 
 
 def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None:
-    """Refuse a log of whose wrench nothing is left.
-
-    Raises:
-        LogError: no axis has a sample left.
-    """
+    """Refuse a log of whose wrench nothing is left."""
     if not facts.measured.any():
         remedy = "record the sensor's wrench"
         raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
@@ -236,11 +221,7 @@ def _spans(stretches: Sequence[Still]) -> str:
 
 
 def without_long_pauses(log: Log) -> Log:
-    """The log with every pause, or jump of its clock forward, no longer than LONG_PAUSE, for what judges it.
-
-    Args:
-        log: as ``read_log`` gives it; its stamps increase.
-    """
+    """The log with every pause, or jump of its clock forward, no longer than LONG_PAUSE, for what judges it."""
     steps = np.diff(log.t, prepend=log.t[:1])
     if not (steps > LONG_PAUSE).any():
         return log

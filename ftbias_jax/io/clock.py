@@ -81,11 +81,7 @@ def continue_after_jumps(streams: Sequence[Array], file: str = "") -> tuple[tupl
 
 
 def as_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
-    """The (T,) stamps as float64 (s) or int64 (ns), in the order in which they are.
-
-    Raises:
-        LogError: they are no list of finite numbers.
-    """
+    """The (T,) stamps as float64 (s) or int64 (ns), in the order in which they are."""
     t = np.asarray(t)
     if t.ndim != 1 or t.dtype.kind not in "fiu":
         message = f"has shape {t.shape} and type {t.dtype}"
@@ -120,9 +116,6 @@ def put_in_order(
         samples: what they are, for the repairs.
         file: where the stamps come from, for messages.
         field: where the stamps come from, for messages.
-
-    Raises:
-        LogError: a stamp is no finite number, or is so far behind another that the clock was set back.
     """
     t, columns, astray = _without_astray(as_stamps(t, file=file, field=field), columns, samples, file, field)
     if (t[1:] > t[:-1]).all():

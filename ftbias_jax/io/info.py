@@ -82,9 +82,6 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
         path: the log.
         setup: judge whether the log can be filtered with it; None = take joints as they come.
         salvage: of a damaged recording, read what is whole.
-
-    Raises:
-        LogError: the file cannot be read.
     """
     if is_ros(path):
         return _describe_ros(path, setup, salvage)

@@ -47,9 +47,6 @@ def merge_streams(
 
     Returns:
         a log as recorded: stamps and sign unchanged, for ``check_log``.
-
-    Raises:
-        LogError: stamps do not increase, do not match their arrays, or belong to different clocks.
     """
     joint_t = check_stamps(joint_t, file=file, field="t_joints")
     wrench_t = check_stamps(wrench_t, file=file, field="t_wrench")
@@ -64,15 +61,7 @@ def merge_streams(
 
 
 def merge_parts(parts: Sequence[Part], file: str = "") -> dict[str, Array]:
-    """Streams with stamps of their own on one timeline, by the names of their arrays, and "t".
-
-    Args:
-        parts: all in s, or all in ns; of arrays that two of them have, the first is taken.
-        file: the name in messages.
-
-    Raises:
-        LogError: an array has not one sample a stamp.
-    """
+    """Streams with stamps of their own on one timeline, by the names of their arrays, and "t"."""
     t = np.unique(np.concatenate([times for times, _ in parts]))
     merged = {"t": t}
     for times, arrays in parts:
@@ -84,16 +73,7 @@ def merge_parts(parts: Sequence[Part], file: str = "") -> dict[str, Array]:
 
 
 def on_one_clock(parts: Sequence[Part], offsets: Mapping[str, float], file: str = "") -> list[Part]:
-    """Streams with the offsets of their clocks added; a stream goes by the first of its arrays.
-
-    Args:
-        parts: as for ``merge_parts``.
-        offsets: [log.time_offsets] of the setup, s.
-        file: the name in messages.
-
-    Raises:
-        LogError: there is an offset of something that has no stamps of its own.
-    """
+    """Streams with the offsets of their clocks added; a stream goes by the first of its arrays."""
     owners = [QUANTITIES[next(iter(arrays))] for _, arrays in parts]
     if shared := sorted(offsets.keys() - set(owners)):
         field, remedy = f"log.time_offsets.{shared[0]}", f"state that of {' or '.join(owners)}"
@@ -102,11 +82,7 @@ def on_one_clock(parts: Sequence[Part], offsets: Mapping[str, float], file: str 
 
 
 def check_overlap(joint_t: Array, wrench_t: Array, file: str = "") -> None:
-    """Refuse streams of different clocks.
-
-    Raises:
-        LogError: they have no time in common.
-    """
+    """Refuse streams of different clocks."""
     if not len(joint_t) or not len(wrench_t) or joint_t[-1] < wrench_t[0] or wrench_t[-1] < joint_t[0]:
         message = f"the streams do not overlap in time: joints {_span(joint_t)}, wrench {_span(wrench_t)}"
         raise LogError(message, file=file, field="t_joints, t_wrench", remedy="stamp both with one clock")

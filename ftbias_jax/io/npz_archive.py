@@ -36,9 +36,6 @@ def load_arrays(
         path: the file.
         wanted: read only these, where they are there; None = all.
         max_bytes: refuse files that declare more.
-
-    Raises:
-        LogError: the file cannot be read, is damaged, would fill the memory, or holds Python objects.
     """
     file = os.fspath(path)
     with _opened(file, max_bytes) as archive:
@@ -62,11 +59,7 @@ class StoredArray(NamedTuple):
 
 
 def stored_arrays(path: str | os.PathLike[str], wanted: Set[str]) -> dict[str, StoredArray]:
-    """Those of the wanted arrays that an NPZ file has, without their numbers.
-
-    Raises:
-        LogError: as for ``load_arrays``.
-    """
+    """Those of the wanted arrays that an NPZ file has, without their numbers."""
     file, found = os.fspath(path), {}
     with _opened(file, budget.MAX_BYTES) as archive:
         for name in wanted & _members(archive).keys():

@@ -29,9 +29,6 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
     Returns:
         q and dq (T, 4 or 7). A specific force becomes the velocity that it adds up to, and the position is left open:
         the wrench feels neither, only the acceleration that the filter finds from them.
-
-    Raises:
-        LogError: an array has another width, or a row is no rotation.
     """
     stated = setup.pose
     assert stated is not None

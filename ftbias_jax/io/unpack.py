@@ -17,18 +17,7 @@ class UnpackError(Exception):
 
 
 def unpack(compression: str, packed: bytes, size: int, budget: Budget) -> bytes:
-    """Decompress one chunk.
-
-    Args:
-        compression: "", "none", "bz2", "lz4" or "zstd".
-        packed: the chunk.
-        size: the bytes it declares to unpack to.
-        budget: of the file.
-
-    Raises:
-        UnpackError: it does not, or declares more than a log needs. LogError: the decompressor is not installed, or the
-            budget is spent.
-    """
+    """Decompress one chunk."""
     if compression in ("", "none"):
         unpacked = packed
     elif size > MAX_CHUNK:
@@ -42,11 +31,7 @@ def unpack(compression: str, packed: bytes, size: int, budget: Budget) -> bytes:
 
 
 def unpack_cut(compression: str, packed: bytes, size: int, budget: Budget) -> bytes:
-    """What can be had of a chunk whose end is missing, at most the bytes it declares.
-
-    Raises:
-        UnpackError: nothing can be had. LogError: the decompressor is not installed, or the budget is spent.
-    """
+    """What can be had of a chunk whose end is missing, at most the bytes it declares."""
     if compression in ("", "none"):
         return packed[:size]
     size = min(size, MAX_CHUNK)
@@ -55,11 +40,7 @@ def unpack_cut(compression: str, packed: bytes, size: int, budget: Budget) -> by
 
 
 def unpack_message(data: bytes, budget: Budget) -> bytes:
-    """The message itself, which rosbag2 may have compressed alone without saying so; CDR never starts like zstd.
-
-    Raises:
-        UnpackError, LogError: as for ``unpack``.
-    """
+    """The message itself, which rosbag2 may have compressed alone without saying so; CDR never starts like zstd."""
     if not data.startswith(ZSTD_MAGIC):
         return data
     most = min(MAX_CHUNK, budget.bytes)
@@ -71,11 +52,7 @@ def unpack_message(data: bytes, budget: Budget) -> bytes:
 
 
 def need(module: str, extra: str, file: str = "") -> Any:
-    """An optional dependency, imported.
-
-    Raises:
-        LogError: it is not installed; the remedy names the extra that brings it.
-    """
+    """An optional dependency, imported."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

@@ -30,9 +30,6 @@ def sensor_rotations(t: Array, q: Array, setup: Setup, file: str = "") -> Array:
         q: (T, n) joints or entries of the pose; NaN = not measured.
         setup: the arm, and how the sensor is mounted.
         file: the name in messages.
-
-    Raises:
-        LogError: no row has the joints or the orientation.
     """
     known = np.isfinite(q[:, :4] if setup.pose else q).all(1)
     if not known.any():

@@ -141,10 +141,6 @@ def gyroscope(read: Read) -> Keys:
 def accelerometer(table: Table, read: Read) -> Keys:
     """Unit and axes of an accelerometer, by the direction of gravity.
 
-    Args:
-        table: has the accelerometer.
-        read: reads the log.
-
     Returns:
         {} if what it feels is not gravity.
     """

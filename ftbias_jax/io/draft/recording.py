@@ -35,11 +35,7 @@ class Recorded(NamedTuple):
 
 
 def look_into(path: str) -> Recorded:
-    """What a recording has for a setup.
-
-    Raises:
-        LogError: it cannot be read, or has no joints or no wrench.
-    """
+    """What a recording has for a setup."""
     recording = read_recording(path, salvage=True, wanted=Wanted(poses=True))
     joints = _of_type(recording, JOINT_STATE, "joints", path)
     wrenches = _of_type(recording, WRENCH_STAMPED, "wrench", path)

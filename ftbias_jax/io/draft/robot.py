@@ -20,15 +20,7 @@ FLANGES = ("tool0", "flange", "link_ee", "lbr_link_ee", "link_eef", "panda_link8
 
 
 def built_in(model: str, recorded: Sequence[str] = ()) -> Keys:
-    """Keys of a built-in robot.
-
-    Args:
-        model: its name.
-        recorded: names of joints in a recording, which may have something before the names of the maker's driver.
-
-    Raises:
-        UsageError: there is no such robot, or the recording has other joints.
-    """
+    """Keys of a built-in robot."""
     if model not in BUILT_IN:
         raise UsageError(f"there is no built-in robot {model!r}", field="--robot", remedy=nearest(model, BUILT_IN))
     keys = {"robot.model": Known(model, describe_robot(model))}
@@ -64,9 +56,6 @@ def from_urdf(path: str, base_link: str = "", tip_link: str = "", folder: str = 
         base_link: whose frame is the base frame; "" = the root.
         tip_link: the flange; "" = the first of FLANGES that the file has.
         folder: of the setup, at which a relative path starts.
-
-    Raises:
-        SetupError: the file cannot be read. UsageError: no link has the name of a flange.
     """
     urdf = load_urdf(path)
     shown = os.path.relpath(path, folder or ".")

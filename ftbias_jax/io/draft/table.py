@@ -65,11 +65,7 @@ class Table(NamedTuple):
 
 
 def look(path: str) -> Table:
-    """What a file has.
-
-    Raises:
-        LogError: it cannot be read.
-    """
+    """What a file has."""
     suffix = Path(path).suffix.lower()
     if path.lower().removesuffix(PACKED).endswith(SUFFIXES) or os.path.isdir(path):
         return _of_recording(path)
@@ -193,11 +189,7 @@ def time_unit(t: Array) -> str:
 
 
 def patterns(tables: Sequence[Table]) -> dict[str, str]:
-    """[log.files] of several tables: what their names share at the start is the *.
-
-    Raises:
-        LogError: two of them have the same quantity, or one has none.
-    """
+    """[log.files] of several tables: what their names share at the start is the *."""
     names = [Path(table.path).name for table in tables]
     shared = next(i for i, letters in enumerate(zip(*names, strict=False)) if len(set(letters)) > 1)
     found: dict[str, str] = {}

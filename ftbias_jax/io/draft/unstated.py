@@ -60,9 +60,6 @@ def look_at(path: str, table: Table | None = None) -> Unstated:
     Args:
         path: .csv, .parquet, .npz or .h5.
         table: what ``look`` has found there; None = look.
-
-    Raises:
-        LogError: it cannot be read.
     """
     table = look(path) if table is None else table
     stated = _stated(table)

@@ -16,17 +16,7 @@ GROWTH = 1 << 12
 
 
 def check_chunks(dataset: Any, budget: Budget, file: str, name: str) -> None:
-    """Refuse a dataset of h5py whose chunks unpack to more than their shape has room for.
-
-    Args:
-        dataset: one that is stored in its file.
-        budget: of the file.
-        file: the name in messages.
-        name: of the dataset.
-
-    Raises:
-        LogError: a chunk unpacks to more than it may, or by a filter of which nobody knows how far it unpacks.
-    """
+    """Refuse a dataset of h5py whose chunks unpack to more than their shape has room for."""
     if dataset.chunks is None:
         return
     room = math.prod(dataset.chunks) * dataset.dtype.itemsize

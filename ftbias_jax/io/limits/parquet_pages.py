@@ -64,14 +64,7 @@ class Page(NamedTuple):
 
 
 def row_groups(file: str) -> tuple[RowGroup, ...]:
-    """What the footer of a file says, whose length was checked before.
-
-    Args:
-        file: the path.
-
-    Raises:
-        LogError: it is damaged.
-    """
+    """What the footer of a file says, whose length was checked before."""
     with open(file, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
         try:
             length = int.from_bytes(content[-TAIL : 4 - TAIL], "little")
@@ -95,16 +88,7 @@ def _chunk(fields: dict[int, Any]) -> Chunk:
 
 
 def check_pages(file: str, groups: Sequence[RowGroup], names: Collection[str]) -> None:
-    """Refuse a file whose pages unpack to more than its size allows, whatever the footer says.
-
-    Args:
-        file: the path.
-        groups: of its footer.
-        names: of the columns that are read.
-
-    Raises:
-        LogError: a page is too large, all pages together are, or a header cannot be read.
-    """
+    """Refuse a file whose pages unpack to more than its size allows, whatever the footer says."""
     budget = Budget(file)
     with open(file, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
         for chunk in (chunk for group in groups for chunk in group.chunks if chunk.name in names):
@@ -118,16 +102,7 @@ def check_pages(file: str, groups: Sequence[RowGroup], names: Collection[str]) -
 
 
 def pages_of(content: Any, chunk: Chunk, file: str) -> Iterator[Page]:
-    """The pages of a column in one row group.
-
-    Args:
-        content: bytes of the whole file.
-        chunk: what the footer says of the column.
-        file: the name in messages.
-
-    Raises:
-        LogError: a header is damaged, or reaches out of the column.
-    """
+    """The pages of a column in one row group."""
     at, end = chunk.start, chunk.start + chunk.stored
     whole = 0 <= at <= end <= len(content)
     while whole and at < end:
@@ -144,11 +119,7 @@ def pages_of(content: Any, chunk: Chunk, file: str) -> Iterator[Page]:
 
 
 def page_at(header: bytes) -> Page:
-    """The page whose header these bytes begin with.
-
-    Raises:
-        ValueError, IndexError: it is none, or is longer than these bytes.
-    """
+    """The page whose header these bytes begin with."""
     fields, length = struct_at(header)
     stored, unpacked = fields.get(STORED), fields.get(UNPACKED)
     if not (isinstance(stored, int) and isinstance(unpacked, int) and stored >= 0 and unpacked >= 0):

@@ -16,14 +16,6 @@ def struct_at(data: bytes, at: int = 0, depth: int = 0) -> tuple[dict[int, Any],
     """The fields of the struct that begins at a byte, by their numbers, and the byte at which it ends.
 
     Integers are int, texts bytes, lists lists, structs dictionaries; numbers of other types are left out.
-
-    Args:
-        data: bytes.
-        at: where in them.
-        depth: of structs around it.
-
-    Raises:
-        ValueError, IndexError: it is none, or does not end in these bytes.
     """
     fields: dict[int, Any] = {}
     field = 0

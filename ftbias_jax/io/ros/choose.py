@@ -33,16 +33,7 @@ Chosen = dict[str, tuple[str, Stream]]
 
 
 def refuse_columns(setup: Setup, quantities: Collection[str], file: str = "") -> None:
-    """Refuse [log.columns] for what is read from a recording, which has none.
-
-    Args:
-        setup: whose keys are looked at.
-        quantities: keys that would be for this file.
-        file: the recording, for messages.
-
-    Raises:
-        LogError: one of them is stated.
-    """
+    """Refuse [log.columns] for what is read from a recording, which has none."""
     for key in setup.log.columns:
         if key in quantities:
             remedy = "name fields of messages in [log.topics], or write the log as .npz, .csv or .parquet"
@@ -58,11 +49,7 @@ def wanted_of(setup: Setup) -> Wanted:
 
 
 def choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
-    """Joints or pose.
-
-    Raises:
-        LogError: there is none, or there are several to choose from.
-    """
+    """Joints or pose."""
     if POSITION in setup.log.topics:
         width = len(setup.robot.joint_names) if setup.pose is None else pose_columns(setup.pose)[0]
         return {"q": (POSITION, _by_fields(recording, POSITION, width, setup, file))}
@@ -74,11 +61,7 @@ def choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
 
 
 def choose_rates(recording: Recording, setup: Setup, file: str) -> Chosen:
-    """Velocities of the joints, or what an IMU says, where they are of other messages than the positions; {} if not.
-
-    Raises:
-        LogError: they are needed and not there, or there are several to choose from.
-    """
+    """Velocities of the joints, or what an IMU says, where they are of other messages than the positions; {} if not."""
     if VELOCITY in setup.log.topics:
         width = len(setup.robot.joint_names) if setup.pose is None else pose_columns(setup.pose)[1]
         return {"dq": (VELOCITY, _by_fields(recording, VELOCITY, width, setup, file))}
@@ -87,11 +70,7 @@ def choose_rates(recording: Recording, setup: Setup, file: str) -> Chosen:
 
 
 def choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:
-    """The wrench, and the temperature if there is one.
-
-    Raises:
-        LogError: there is no wrench, or there are several to choose from.
-    """
+    """The wrench, and the temperature if there is one."""
     found = _of_role(recording, WRENCH, setup)
     if not found:
         message = f"no wrench data: no topic has the type {WRENCH_STAMPED}"

@@ -72,11 +72,7 @@ _Key = tuple[str, str, str, tuple[str, ...]]  # topic, type, role, names
 
 
 class Collector:
-    """Takes messages one after the other.
-
-    Args:
-        wanted: see there.
-    """
+    """Takes messages one after the other."""
 
     def __init__(self, wanted: Wanted) -> None:
         self._wanted = wanted
@@ -84,15 +80,7 @@ class Collector:
         self._plans: dict[tuple[str, str, Definition, str], Plan | None] = {}
 
     def add(self, message: RawMessage, place: int) -> None:
-        """Add a message to its streams, if a log is made of its type, or the setup names its topic.
-
-        Args:
-            message: of any type.
-            place: among all messages.
-
-        Raises:
-            MessageError: it is damaged. LogError: it does not have the fields that are wanted.
-        """
+        """Add a message to its streams, if a log is made of its type, or the setup names its topic."""
         for source in SOURCES.get(message.message_type, ()):
             if self._wanted.poses or source.role not in (POSE, TRANSFORM, IMU):
                 self._add_source(message, place, source)

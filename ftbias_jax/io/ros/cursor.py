@@ -62,13 +62,7 @@ class Cursor:
         return struct.unpack_from(f"{self.order}{count}d", self.data, start)
 
     def numbers(self, letter: str, size: int, count: int) -> tuple[float, ...]:
-        """Numbers of one kind.
-
-        Args:
-            letter: of struct.
-            size: bytes of each, to which they are aligned.
-            count: how many; sure to be there, or struct.error.
-        """
+        """Numbers of one kind."""
         if not count:
             return ()
         self.skip(size, count)

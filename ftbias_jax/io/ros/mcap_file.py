@@ -43,11 +43,7 @@ class _Known(NamedTuple):
 
 
 def scan_mcap(data: Buffer, on_damage: OnDamage, budget: Budget) -> Iterator[RawMessage]:
-    """All messages of a file that starts with MAGIC; what is damaged is told to ``on_damage`` and skipped.
-
-    Raises:
-        LogError: a decompressor is not installed, or the budget is spent.
-    """
+    """All messages of a file that starts with MAGIC; what is damaged is told to ``on_damage`` and skipped."""
     known = _Known({0: ("", UNDEFINED)}, {})
     # Schemas and channels stand once more behind the chunks: a first pass over the outermost records finds those.
     for record in _records(data, len(MAGIC), lambda _: None, budget):

@@ -38,11 +38,7 @@ class WrenchStamped(NamedTuple):
 
 
 def joint_state(data: bytes, encoding: str) -> JointState:
-    """Decode a sensor_msgs/JointState; its efforts are not read.
-
-    Raises:
-        MessageError: it is damaged, or has not one name a position.
-    """
+    """Decode a sensor_msgs/JointState; its efforts are not read."""
     try:
         cursor = Cursor(data, encoding)
         stamp, _ = cursor.header()
@@ -56,11 +52,7 @@ def joint_state(data: bytes, encoding: str) -> JointState:
 
 
 def wrench_stamped(data: bytes, encoding: str) -> WrenchStamped:
-    """Decode a geometry_msgs/WrenchStamped.
-
-    Raises:
-        MessageError: it is damaged.
-    """
+    """Decode a geometry_msgs/WrenchStamped."""
     try:
         cursor = Cursor(data, encoding)
         stamp, frame = cursor.header()
@@ -81,11 +73,7 @@ class PoseStamped(NamedTuple):
 
 
 def pose_stamped(data: bytes, encoding: str) -> list[PoseStamped]:
-    """Decode a geometry_msgs/PoseStamped.
-
-    Raises:
-        MessageError: it is damaged.
-    """
+    """Decode a geometry_msgs/PoseStamped."""
     try:
         cursor = Cursor(data, encoding)
         stamp, frame = cursor.header()
@@ -95,11 +83,7 @@ def pose_stamped(data: bytes, encoding: str) -> list[PoseStamped]:
 
 
 def transforms(data: bytes, encoding: str) -> list[PoseStamped]:
-    """Decode a tf2_msgs/TFMessage; frames without the slash that old programs put in front.
-
-    Raises:
-        MessageError: it is damaged.
-    """
+    """Decode a tf2_msgs/TFMessage; frames without the slash that old programs put in front."""
     try:
         cursor = Cursor(data, encoding)
         found = []
@@ -114,11 +98,7 @@ def transforms(data: bytes, encoding: str) -> list[PoseStamped]:
 
 
 def string(data: bytes, encoding: str) -> str:
-    """Decode a std_msgs/String.
-
-    Raises:
-        MessageError: it is damaged.
-    """
+    """Decode a std_msgs/String."""
     try:
         return Cursor(data, encoding).text()
     except (struct.error, UnicodeDecodeError) as error:

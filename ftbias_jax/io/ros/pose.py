@@ -19,11 +19,7 @@ from ftbias_jax.types import Array
 
 
 def pose_streams(recording: Recording, pose: PoseSetup, file: str) -> list[Stream]:
-    """Streams with position (m) and orientation (x, y, z, w), (T, 7), to choose one from.
-
-    Raises:
-        LogError: there is none, or the frames are not connected.
-    """
+    """Streams with position (m) and orientation (x, y, z, w), (T, 7), to choose one from."""
     if pose.frame:
         return [_follow_frames(recording, pose, file)]
     found = [stream for stream in recording.streams if stream.role == POSE]
@@ -112,11 +108,7 @@ def in_setup_order(values: Array, pose: PoseSetup) -> Array:
 
 
 def as_one(streams: Sequence[Stream], file: str) -> Stream:
-    """The only stream of a topic.
-
-    Raises:
-        LogError: its poses are in several frames.
-    """
+    """The only stream of a topic."""
     if len(streams) > 1:
         frames = ", ".join(repr(stream.names[0]) for stream in streams[:8])
         message = f"the poses of {streams[0].topic} are in several frames: {frames}"

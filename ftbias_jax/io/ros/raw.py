@@ -57,19 +57,7 @@ def scan_records(
     on_damage: OnDamage,
     budget: Budget,
 ) -> Iterator[R]:
-    """The records from a position on; what makes no sense is told and skipped.
-
-    Args:
-        data: the whole file.
-        position: byte at which the first record starts.
-        record_at: the record at a position, or None if it makes no sense.
-        next_whole: where, from a position on, the next record starts that holds together, or the end of the data.
-        on_damage: called with what was skipped, and why.
-        budget: of the file.
-
-    Raises:
-        LogError: the budget is spent.
-    """
+    """The records from a position on; what makes no sense is told and skipped."""
     while position < len(data):
         budget.count()
         record = record_at(data, position)

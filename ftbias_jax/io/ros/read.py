@@ -35,9 +35,6 @@ def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
         path: the recording.
         setup: [log.topics] chooses where there are several, [log.clocks] the stamps.
         salvage: skip what is damaged.
-
-    Raises:
-        LogError: it cannot be read, has no or several topics to choose from, or cannot be filtered (``check_log``).
     """
     refuse_columns(setup, setup.log.columns, os.fspath(path))
     return log_of(read_recording(path, salvage=salvage, wanted=wanted_of(setup)), setup, os.fspath(path))
@@ -59,17 +56,7 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Log:
 
 
 def parts_of(chosen: Chosen, setup: Setup, mended: list[Repair], file: str = "") -> list[Part]:
-    """Streams with stamps that can be compared, in order, as arrays of a log; what that took is added to ``mended``.
-
-    Args:
-        chosen: of ``choose``.
-        setup: [log.clocks] may state whose stamps each stream has.
-        mended: repairs.
-        file: the name in messages.
-
-    Raises:
-        LogError: the streams do not agree on how often their clock was set back.
-    """
+    """Streams with stamps that can be compared, in order, as arrays of a log; what that took is added to ``mended``."""
     timed = _stamped(chosen, setup, mended, file)
     known = {name: t != 0 for name, t in timed.items()}
     main = _main(chosen)

@@ -53,11 +53,6 @@ class Recording(NamedTuple):
 def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, wanted: Wanted = NOTHING_ELSE) -> Recording:
     """Read what a log is made of from a ROS 1 bag, a ROS 2 bag (a folder, or its .db3 or .mcap file).
 
-    Args:
-        path: the file or folder.
-        salvage: skip what is damaged, instead of refusing the recording.
-        wanted: beside joints, wrenches and temperatures.
-
     Raises:
         LogError: it cannot be read, is damaged (without salvage), its compression needs a package, or a message does
             not have a field that is wanted.

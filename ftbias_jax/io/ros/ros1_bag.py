@@ -38,11 +38,7 @@ class _Record(NamedTuple):
 
 
 def scan_bag(data: Buffer, on_damage: OnDamage, budget: Budget) -> Iterator[RawMessage]:
-    """All messages of a bag that starts with MAGIC; what is damaged is told to ``on_damage`` and skipped.
-
-    Raises:
-        LogError: a decompressor is not installed, or the budget is spent.
-    """
+    """All messages of a bag that starts with MAGIC; what is damaged is told to ``on_damage`` and skipped."""
     topics: Topics = {}
     # The connections stand once more behind the chunks: a first pass over the outermost records finds those.
     for record in _records(data, len(MAGIC), lambda _: None, budget):

@@ -26,11 +26,7 @@ _DEFINED = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = '
 
 
 def scan_sqlite(path: str | os.PathLike[str], on_damage: OnDamage, budget: Budget) -> Iterator[RawMessage]:
-    """All messages of a bag; what is damaged is told to ``on_damage`` and skipped.
-
-    Raises:
-        LogError: messages are compressed, and the decompressor is not installed, or the budget is spent.
-    """
+    """All messages of a bag; what is damaged is told to ``on_damage`` and skipped."""
     # A recorder that was killed leaves its last messages in a file beside; without that, nothing else may write.
     mode = "ro" if Path(f"{os.fspath(path)}-wal").exists() else "ro&immutable=1"
     try:

@@ -46,9 +46,6 @@ def by_native_names(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
         arrays: of ``wanted_arrays``, by their names in the file.
         setup: [log.columns] names one array (T,) for each joint or channel, or one for time and temperature.
         file: the name in messages.
-
-    Raises:
-        LogError: a name is not there, or not the name of a list.
     """
     found = {name: values for name, values in arrays.items() if name in (*ARRAYS, *POSE_ARRAYS)}
     for key, natives in QUANTITIES.items():
@@ -72,9 +69,6 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
 
     Instead of t, t_joints (J,) may stamp q and dq, and t_wrench (W,) the wrench and the temperature; a setup that
     states log.rate needs no stamps.
-
-    Raises:
-        LogError: an array is missing, or the log cannot be filtered (see ``check_log``).
     """
     if setup.pose is not None:
         arrays = with_pose(arrays, setup.pose, file)
@@ -98,11 +92,7 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
 def log_of_table(
     t: Array, q: Array, wrench: Array, dq: Array | None, temperature: Array | None, setup: Setup, file: str
 ) -> Log:
-    """A log whose samples have one stamp each; of two clocks nevertheless, if the setup states their offsets.
-
-    Raises:
-        LogError: it cannot be filtered (see ``check_log``).
-    """
+    """A log whose samples have one stamp each; of two clocks nevertheless, if the setup states their offsets."""
     if setup.log.time_offsets:
         t = as_stamps(t, file=file)
         return _log_of_two(t, t, q, wrench, dq, temperature, setup, file)
@@ -143,11 +133,7 @@ def with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[s
 
 
 def joined_pose(arrays: Mapping[str, Array], pose: PoseSetup, name: str, file: str) -> Array:
-    """The arrays of a pose side by side as q, or those of its IMU as dq.
-
-    Raises:
-        LogError: one of them is missing, or they have not the same length.
-    """
+    """The arrays of a pose side by side as q, or those of its IMU as dq."""
     parts = _pose_parts(arrays, pose)[name]
     flat = []
     for part in parts:

@@ -36,17 +36,7 @@ _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|na
 
 
 def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
-    """Read a log; lines may have joints only or a wrench only: the log is a merged timeline.
-
-    Args:
-        path: the file, UTF-8, cells separated by commas, semicolons, tabs or spaces; stamps in s, or as [log] states.
-        setup: [log.columns] names the columns, where the header does not use the usual names (see
-            ``conventions.headers``).
-
-    Raises:
-        LogError: the file cannot be read, a column is missing, a cell is not a number (the line is named), or the log
-            cannot be filtered (see ``check_log``).
-    """
+    """Read a log; lines may have joints only or a wrench only: the log is a merged timeline."""
     file = os.fspath(path)
     arrays = csv_arrays(file, setup)
     t, q, wrench = recorded_times(arrays, setup.log), arrays["q"], arrays["wrench"]
@@ -54,25 +44,12 @@ def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
 
 
 def csv_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:
-    """The columns of a log by the names of the native format (``arrays.ARRAYS``).
-
-    Args:
-        file: path of the table.
-        setup: names of columns and units.
-        static: of poses at rest: time is optional, rates are not read.
-
-    Raises:
-        LogError: as for ``read_csv``, but for what makes a log.
-    """
+    """The columns of a log by the names of the native format (``arrays.ARRAYS``)."""
     return named_columns(file, lambda header: choose_columns(header, setup, file, static=static))
 
 
 def named_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
-    """The chosen columns of a file, by the names of the native format.
-
-    Raises:
-        LogError: the file cannot be read, or a cell is not a number.
-    """
+    """The chosen columns of a file, by the names of the native format."""
     budget = Budget(file)
     with _opened(file) as stream:
         header = read_header(stream, file)
@@ -84,11 +61,7 @@ def named_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict
 
 
 def load_csv(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, dict[str, Array]]:
-    """The stamps (T,) of a log, or its rows' numbers if it has none, and further columns (T,) of it.
-
-    Raises:
-        LogError: as ``read_csv``; a column is not there.
-    """
+    """The stamps (T,) of a log, or its rows' numbers if it has none, and further columns (T,) of it."""
     with _opened(file) as stream:
         header = read_header(stream, file)
         time = choose_time(header, setup, file)
@@ -114,11 +87,7 @@ def _opened(file: str) -> Iterator[TextIO | Commas]:
 
 
 def read_header(stream: TextIO | Commas, file: str) -> list[str]:
-    """The names in the first line.
-
-    Raises:
-        LogError: it is far too long for names. csv.Error: its quotes do not end.
-    """
+    """The names in the first line."""
     line = stream.readline(MAX_LINE + 1)
     _check_length(line, 1, file)
     # numpy.savetxt marks its header as a comment.

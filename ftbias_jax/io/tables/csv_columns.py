@@ -51,17 +51,7 @@ def named_arrays(columns: Columns, values: Sequence[Array]) -> dict[str, Array]:
 
 
 def choose_columns(header: Sequence[str], setup: Setup, file: str = "", static: bool = False) -> Columns:
-    """Find the columns of a log.
-
-    Args:
-        header: the names of all columns.
-        setup: names of the joints, and [log.columns], which comes first.
-        file: the name in messages.
-        static: of poses at rest: time is optional, rates are not looked for.
-
-    Raises:
-        LogError: a quantity that every log needs has no columns, or a name is not there or not unique.
-    """
+    """Find the columns of a log."""
     optional = ("velocity", "temperature", "time") if static else ("velocity", "temperature")
     unwanted = {"velocity"} if static else {"time"} if setup.log.rate is not None else set()
     chosen = [
@@ -74,22 +64,14 @@ def choose_columns(header: Sequence[str], setup: Setup, file: str = "", static: 
 
 
 def choose_time(header: Sequence[str], setup: Setup, file: str = "") -> Names:
-    """The column of the stamps; () if the setup states a rate instead.
-
-    Raises:
-        LogError: it is not there.
-    """
+    """The column of the stamps; () if the setup states a rate instead."""
     if setup.log.rate is not None:
         return ()
     return _choose("time", header, setup, (), file)
 
 
 def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, file: str) -> Columns:
-    """The columns of a file that has only some quantities, of which the first must be there.
-
-    Raises:
-        LogError: the first quantity, or the time, has no columns.
-    """
+    """The columns of a file that has only some quantities, of which the first must be there."""
     needed = ["time", *quantities] if setup.log.rate is None else quantities
     optional = ("velocity", "temperature")
     found = {quantity: _choose(quantity, header, setup, optional, file) for quantity in needed}
@@ -99,16 +81,7 @@ def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, 
 
 
 def check_names(names: Sequence[str], header: Sequence[str], file: str = "") -> None:
-    """Refuse further columns that are not there, or not unique.
-
-    Args:
-        names: in the file, as [log.columns] of the setup states.
-        header: the names of all columns.
-        file: the name in messages.
-
-    Raises:
-        LogError: it names the column.
-    """
+    """Refuse further columns that are not there, or not unique."""
     for name in names:
         if name not in header:
             message = "log.columns of the setup names this column, but it is not there"

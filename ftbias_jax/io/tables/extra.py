@@ -28,16 +28,7 @@ ARRAY_FILES = (".npz", ".h5", ".hdf5")
 
 
 def with_extra_columns(log: Log, path: str | os.PathLike[str], setup: Setup) -> Log:
-    """The log with the further columns that the setup names.
-
-    Args:
-        log: as read from the file; its stamps decide where time begins.
-        path: the file: .npz, .h5, .csv or .parquet.
-        setup: [log.columns] NAME = "name in the file".
-
-    Raises:
-        LogError: a column is not there, is no list of numbers, or the format has no columns.
-    """
+    """The log with the further columns that the setup names."""
     wanted = further_columns(setup.log.columns)
     if not wanted:
         return log
@@ -99,9 +90,6 @@ def column_of(stamps: Array, values: Array, start: float, file: str = "", field:
         start: s, stamp of the log's first sample.
         file: where they come from, for messages.
         field: their name, for messages.
-
-    Raises:
-        LogError: they are no list of finite numbers, one a stamp.
     """
     t, values = as_stamps(stamps, file=file), np.asarray(values)
     if values.shape != t.shape or values.dtype.kind not in "fiu":

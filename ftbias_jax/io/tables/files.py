@@ -32,17 +32,7 @@ def setup_of_file(setup: Setup, key: str) -> Setup:
 
 
 def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
-    """Read the files of one log, and put their samples on one timeline, without interpolation.
-
-    Args:
-        path: any of the files.
-        setup: [log.files] names them.
-        salvage: of damaged recordings of ROS, read what is whole.
-
-    Raises:
-        SetupError: [log.files] leads out of the log's folder. LogError: a file is a link that does, cannot be read, or
-            the log cannot be filtered (see ``check_log``).
-    """
+    """Read the files of one log, and put their samples on one timeline, without interpolation."""
     parts: list[Part] = []
     repairs: list[Repair] = []
     unused = {"velocity"} if setup.pose and not pose_columns(setup.pose)[1] else set()

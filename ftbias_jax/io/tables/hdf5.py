@@ -20,31 +20,19 @@ from ftbias_jax.types import Array
 
 
 def read_hdf5(path: str | os.PathLike[str], setup: Setup) -> Log:
-    """Read the arrays of ``log_from_arrays``; other datasets are ignored.
-
-    Raises:
-        LogError: as for ``load_hdf5``, or the log cannot be filtered (see ``check_log``).
-    """
+    """Read the arrays of ``log_from_arrays``; other datasets are ignored."""
     arrays = by_native_names(load_hdf5(path, wanted_arrays(setup)), setup, os.fspath(path))
     return log_from_arrays(arrays, setup, os.fspath(path))
 
 
 def load_hdf5(path: str | os.PathLike[str], names: Sequence[str] = (*ARRAYS, *POSE_ARRAYS)) -> dict[str, Array]:
-    """The datasets of a log by name; those that are not there are left out.
-
-    Raises:
-        LogError: h5py is not installed, the file cannot be read, or a dataset lies outside of it or is too large.
-    """
+    """The datasets of a log by name; those that are not there are left out."""
     with _opened(os.fspath(path), names) as datasets:
         return {name: np.asarray(dataset[()]) for name, dataset in datasets.items()}
 
 
 def dataset_shapes(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
-    """The shapes of the datasets of a log by name.
-
-    Raises:
-        LogError: as for ``load_hdf5``.
-    """
+    """The shapes of the datasets of a log by name."""
     with _opened(os.fspath(path)) as datasets:
         return {name: dataset.shape for name, dataset in datasets.items()}
 

@@ -14,11 +14,7 @@ OURS = ("about", "provenance")
 
 
 def read_npz(path: str | os.PathLike[str], setup: Setup) -> Log:
-    """Read the arrays of ``log_from_arrays``; others are ignored.
-
-    Raises:
-        LogError: the file cannot be read, an array is missing, or the log cannot be filtered (see ``check_log``).
-    """
+    """Read the arrays of ``log_from_arrays``; others are ignored."""
     file = os.fspath(path)
     arrays = load_arrays(file, (*wanted_arrays(setup), *OURS))
     if not arrays.keys() >= set(OURS):

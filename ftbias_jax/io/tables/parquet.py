@@ -30,17 +30,7 @@ MAX_LIST = 100_000
 
 
 def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
-    """Read a log; rows may have joints only or a wrench only: the log is a merged timeline.
-
-    Args:
-        path: the file; time in s if floating point, in ns if integer, or a timestamp of any unit;
-            or as [log] states.
-        setup: [log.columns] names the columns, where they do not have the usual names (see ``csv_columns``).
-
-    Raises:
-        LogError: pyarrow is not installed, the file cannot be read, a column is missing or holds no numbers, or the
-            log cannot be filtered (see ``check_log``).
-    """
+    """Read a log; rows may have joints only or a wrench only: the log is a merged timeline."""
     file = os.fspath(path)
     arrays = parquet_arrays(file, setup)
     t, q, wrench = recorded_times(arrays, setup.log), arrays["q"], arrays["wrench"]
@@ -82,11 +72,7 @@ def parquet_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> di
 
 
 def load_parquet(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, dict[str, Array]]:
-    """The stamps (T,) of a log, or its rows' numbers if it has none, and further columns (T,) of it.
-
-    Raises:
-        LogError: as ``read_parquet``; a column is not there.
-    """
+    """The stamps (T,) of a log, or its rows' numbers if it has none, and further columns (T,) of it."""
     arrow = need("pyarrow", "parquet", file)
     with _opened(file) as (table, budget):
         cells = cells_of(arrow, table, file)
@@ -106,11 +92,7 @@ def load_parquet(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, 
 
 
 def column_names(path: str | os.PathLike[str]) -> list[str]:
-    """The names of all columns, and of the entries of those that hold lists.
-
-    Raises:
-        LogError: pyarrow is not installed, or the file cannot be read.
-    """
+    """The names of all columns, and of the entries of those that hold lists."""
     file = os.fspath(path)
     with _opened(file) as (table, _):
         return [name for name, _ in cells_of(need("pyarrow", "parquet", file), table, file)]

@@ -28,13 +28,7 @@ class Cell(NamedTuple):
 
 
 def cells_of(arrow: Any, table: Any, file: str) -> list[tuple[str, Cell]]:
-    """The names of all numbers in a row, and where each is; lists whose length is not known are one name.
-
-    Args:
-        arrow: the module pyarrow.
-        table: the open ``ParquetFile``.
-        file: its path.
-    """
+    """The names of all numbers in a row, and where each is; lists whose length is not known are one name."""
     schema, stated = table.schema_arrow, None
     cells: list[tuple[str, Cell]] = []
     for column, kind in zip(map(str, schema.names), schema.types, strict=True):

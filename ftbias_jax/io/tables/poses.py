@@ -72,16 +72,7 @@ class Poses(NamedTuple):
 
 
 def read_poses(path: str | os.PathLike[str], setup: Setup) -> Poses:
-    """Read a table of static poses: CSV, Parquet, NPZ or HDF5 with the names of a log, time optional.
-
-    Args:
-        path: the file.
-        setup: gives the number and names of the joints, the sensor's sign, and column names. Of a sensor_pose only the
-            orientation is read.
-
-    Raises:
-        LogError: the file cannot be read, or is no table of 4 to 1000 readings at rest.
-    """
+    """Read a table of static poses: CSV, Parquet, NPZ or HDF5 with the names of a log, time optional."""
     file = os.fspath(path)
     reader = _READERS.get(Path(path).suffix.lower())
     if reader is None:
@@ -90,11 +81,7 @@ def read_poses(path: str | os.PathLike[str], setup: Setup) -> Poses:
 
 
 def poses_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> Poses:
-    """Poses of wrench (N, 6), q (N, n) or orientation, and maybe t (N,); others are ignored.
-
-    Raises:
-        LogError: an array is missing or of the wrong shape, or these are no static poses.
-    """
+    """Poses of wrench (N, 6), q (N, n) or orientation, and maybe t (N,); others are ignored."""
     setup = orientation_alone(setup)
     if setup.pose is not None and "q" not in arrays:
         arrays = with_pose(arrays, setup.pose, file)

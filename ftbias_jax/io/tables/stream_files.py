@@ -42,17 +42,7 @@ STAMPS = {"position": "t_joints", "velocity": "t_joints", "wrench": "t_wrench", 
 def read_stream(
     file: str, quantities: Sequence[str], setup: Setup, *, salvage: bool = False
 ) -> tuple[list[Part], Repairs]:
-    """Stamps in order and arrays of one file by their native names; a recording may have several streams.
-
-    Args:
-        file: .csv, .parquet, .npz, .h5, or a recording of ROS.
-        quantities: what is wanted of it, the first of them at least.
-        setup: how it is recorded.
-        salvage: of a damaged recording, read what is whole.
-
-    Raises:
-        LogError: it cannot be read, or does not have the first quantity.
-    """
+    """Stamps in order and arrays of one file by their native names; a recording may have several streams."""
     if file.lower().removesuffix(PACKED).endswith(SUFFIXES) or Path(file).is_dir():
         return _of_recording(file, quantities, setup, salvage)
     suffix = Path(file).suffix.lower()

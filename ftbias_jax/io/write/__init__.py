@@ -28,11 +28,6 @@ WRITERS: dict[str, Writer] = {
 def save_results(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About | None = None) -> None:
     """Write what a filter computed, in the format that the suffix names.
 
-    Args:
-        path: the file.
-        arrays: ``Filtered._asdict()`` and what was added.
-        about: what is said beside them, and which of them are written.
-
     Raises:
         UsageError: no format has this suffix, or a field is not there. OutputError: the file cannot be written, or a
             package is missing.

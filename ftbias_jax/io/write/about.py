@@ -28,12 +28,7 @@ class About(NamedTuple):
 
 
 def description(names: Iterable[str], about: About) -> dict[str, Any]:
-    """Plain dicts for JSON.
-
-    Args:
-        names: of the arrays that are written.
-        about: the result.
-    """
+    """Plain dicts for JSON."""
     selection = about.selection
     return {
         "schema": SCHEMA,

@@ -28,16 +28,7 @@ def companion(path: str | os.PathLike[str]) -> str:
 
 
 def save_csv(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About | None = None) -> None:
-    """Write a header line and a line a sample, with all digits that a number has; then the metadata beside it.
-
-    Args:
-        path: the file.
-        arrays: as for ``table``.
-        about: what the metadata say.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
+    """Write a header line and a line a sample, with all digits that a number has; then the metadata beside it."""
     columns = table(arrays)
     rows = np.column_stack([column.values for column in columns.values()])
     digits = [DIGITS.get(column.values.dtype.str[1:], "%d") for column in columns.values()]
@@ -50,14 +41,7 @@ def save_csv(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: A
 
 
 def metadata(url: str, columns: Mapping[str, Column], arrays: Mapping[str, Array], about: About) -> dict[str, Any]:
-    """The metadata of a CSV file.
-
-    Args:
-        url: of the file, from the metadata's place.
-        columns: of ``table``.
-        arrays: that they are made of.
-        about: the result.
-    """
+    """The metadata of a CSV file."""
     return {
         "@context": "http://www.w3.org/ns/csvw",
         "url": url,

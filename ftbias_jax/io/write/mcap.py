@@ -49,10 +49,6 @@ def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: 
             of FLAGS.
         about: its frame is that of the headers. What it says is kept in the metadata record ``ftbias`` (``about``,
             ``provenance``); every channel has ``unit``, ``meaning`` and ``sign`` in its own metadata.
-
-    Raises:
-        OutputError: the file cannot be written, the package mcap is not installed, or a stamp is not within 0 and the
-            year 2106.
     """
     about = about or About()
     frame = about.frame or FRAME

@@ -43,9 +43,6 @@ def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: 
         selection: what is asked for.
         smooth: whether the result will be smoothed; None = not known.
         adapt: whether the noise is taken from the log; None = not known.
-
-    Raises:
-        UsageError: a field is unknown or will not be there, or a number is impossible.
     """
     check_fields(selection.fields)
     there = {SMOOTH: smooth, "adapt": adapt}
@@ -65,11 +62,7 @@ def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: 
 
 
 def check_fields(names: Sequence[str]) -> None:
-    """Refuse names that no result has.
-
-    Raises:
-        UsageError: one is none of ``FIELDS``.
-    """
+    """Refuse names that no result has."""
     for name in names:
         if name not in FIELDS:
             near = difflib.get_close_matches(name, FIELDS, 1)
@@ -83,21 +76,13 @@ def selected(arrays: Mapping[str, Array], selection: Selection = ALL) -> dict[st
     Args:
         arrays: by name; (T, ...) with t (T,), or ().
         selection: what is asked for.
-
-    Raises:
-        UsageError: a field is not there.
     """
     (whole,) = selected_parts([arrays], selection)
     return whole
 
 
 def selected_parts(parts: Iterable[Mapping[str, Array]], selection: Selection) -> Iterator[dict[str, Array]]:
-    """The same, part by part of a result; where one part ends makes no difference.
-
-    Args:
-        parts: consecutive.
-        selection: what is asked for.
-    """
+    """The same, part by part of a result; where one part ends makes no difference."""
     check_selection(selection)
     wanted = PRECISIONS[selection.precision]
     count, first, tick = 0, 0.0, -np.inf

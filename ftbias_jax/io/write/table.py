@@ -35,9 +35,6 @@ def table(arrays: Mapping[str, Array]) -> dict[str, Column]:
 
     Args:
         arrays: () or (T,) or (T, k) each; one of them is t (T,).
-
-    Raises:
-        ValueError: an array has another shape.
     """
     length = len(arrays["t"])
     columns: dict[str, Column] = {}
@@ -65,9 +62,6 @@ def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], abou
         arrays: as for ``table``.
         about: kept in the metadata of the schema under ``ftbias`` (provenance) and ``ftbias_about``; every column has
             ``unit`` and ``description`` in its own.
-
-    Raises:
-        OutputError: the file cannot be written, or pyarrow is not installed.
     """
     try:
         arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")

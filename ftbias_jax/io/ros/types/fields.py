@@ -57,11 +57,7 @@ class PathError(Exception):
 
 
 def parse_paths(text: str) -> tuple[Path, ...]:
-    """Paths separated by commas; "" = the message itself.
-
-    Raises:
-        PathError: it is none.
-    """
+    """Paths separated by commas; "" = the message itself."""
     return tuple(tuple(_part(word.strip()) for word in path.split(".") if path.strip()) for path in text.split(","))
 
 
@@ -77,16 +73,7 @@ def _part(word: str) -> Part:
 
 
 def make_plan(types: Types, root: str, text: str) -> Plan:
-    """How to take fields.
-
-    Args:
-        types: of the definition.
-        root: type of the message.
-        text: of the paths.
-
-    Raises:
-        PathError: the type has no such field. MessageError: the definition makes no sense.
-    """
+    """How to take fields."""
     least = smallest(types, root)
     paths = parse_paths(text)
     for path in paths:

@@ -20,15 +20,7 @@ _NAMES = {
 
 
 def parse_idl(text: str, root: str) -> Types:
-    """The types of a definition, by plain name.
-
-    Args:
-        text: of all types, as for ``split_definition``.
-        root: plain name of the first.
-
-    Raises:
-        MessageError: it is none.
-    """
+    """The types of a definition, by plain name."""
     types: dict[str, tuple[Field, ...]] = {}
     for part in split_definition(text, root).values():
         _module(_Tokens(part), types, {}, [])

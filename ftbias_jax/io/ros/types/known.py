@@ -35,16 +35,7 @@ STORES = ("ROS2_HUMBLE", "LATEST")
 
 
 def types_of(message_type: str, encoding: str, definition: Definition) -> Types | None:
-    """The types that a message is made of; None if nobody says.
-
-    Args:
-        message_type: plain name.
-        encoding: of the message, "ros1" or "cdr".
-        definition: what the recording says.
-
-    Raises:
-        MessageError: that makes no sense.
-    """
+    """The types that a message is made of; None if nobody says."""
     ros1 = encoding == "ros1"
     if definition.text.strip():
         if definition.format == "ros2idl":
