@@ -14,8 +14,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.io.health import Extremes, Held, Saturation, Still, extend, hold, limits, mask, stuck
 from ftbias_jax.io.log import Log, Repair, Repairs
-from ftbias_jax.io.rates.held import Repeats, extend_repeats, held_readings
-from ftbias_jax.io.rates.missing import LISTED, missing_readings
+from ftbias_jax.io.rates import LISTED, Repeats, extend_repeats, held_readings, missing_readings
 from ftbias_jax.types import AXES, Array
 
 PART = 1 << 16

@@ -99,27 +99,27 @@ class Ordered(NamedTuple):
 
     t: Array
     """(U,) float64 s or int64 ns, strictly increasing."""
-    columns: tuple[Array | None, ...]
-    """(U, ...) each, or None."""
+    columns: Mapping[str, Array]
+    """(U, ...) each."""
     repairs: Repairs
     """What that took."""
 
 
 def put_in_order(
-    t: Array, columns: Mapping[str, Array | None], samples: str = "samples", *, file: str = "", field: str = "t"
+    t: Array, columns: Mapping[str, Array], samples: str = "samples", *, file: str = "", field: str = "t"
 ) -> Ordered:
     """Sort samples that came a little late, and make one of those that share a stamp, as ``tidy`` does.
 
     Args:
         t: (T,) stamps: floating point in s, or integers in ns.
-        columns: name -> (T, ...) real numbers, NaN = not measured; None = not recorded.
+        columns: name -> (T, ...) real numbers, NaN = not measured.
         samples: what they are, for the repairs.
         file: where the stamps come from, for messages.
         field: where the stamps come from, for messages.
     """
     t, columns, astray = _without_astray(as_stamps(t, file=file, field=field), columns, samples, file, field)
     if (t[1:] > t[:-1]).all():
-        return Ordered(t, tuple(columns.values()), astray)
+        return Ordered(t, columns, astray)
     back = np.flatnonzero(t <= np.maximum.accumulate(t) - (JUMP if t.dtype.kind == "i" else JUMP / SECOND))
     if back.size:
         late = back[0]
@@ -127,18 +127,17 @@ def put_in_order(
         message = f"time does not increase: {field}[{late}] = {t[late]} after {field}[{latest}] = {t[latest]}"
         remedy = "sort the samples, or cut the log where its clock was set back"
         raise LogError(message, file=file, field=field, remedy=remedy)
-    given = {name: _one_a_stamp(values, len(t), name, file) for name, values in columns.items() if values is not None}
+    given = {name: one_a_stamp(values, len(t), name, file) for name, values in columns.items()}
     flat = [values.reshape(len(t), -1) for values in given.values()]
     ordered = tidy(t, np.concatenate(flat, 1))
     parts = np.split(ordered.values, np.cumsum([values.shape[1] for values in flat])[:-1], axis=1)
     placed = {name: part.reshape(-1, *given[name].shape[1:]) for name, part in zip(given, parts, strict=True)}
-    repairs = (*astray, *order_repairs(ordered, samples))
-    return Ordered(ordered.t, tuple(placed.get(name) for name in columns), repairs)
+    return Ordered(ordered.t, placed, (*astray, *order_repairs(ordered, samples)))
 
 
 def _without_astray(
-    t: Array, columns: Mapping[str, Array | None], samples: str, file: str, field: str
-) -> tuple[Array, Mapping[str, Array | None], Repairs]:
+    t: Array, columns: Mapping[str, Array], samples: str, file: str, field: str
+) -> tuple[Array, Mapping[str, Array], Repairs]:
     """The samples whose stamps a clock can have: no more than ASTRAY from the others."""
     if t.dtype.kind != "f" or not len(t):
         return t, columns, ()
@@ -150,7 +149,7 @@ def _without_astray(
     if near.all():
         return t, columns, ()
     kept = {
-        name: values if values is None or np.ndim(values) == 0 or len(values) != len(t) else np.asarray(values)[near]
+        name: values if np.ndim(values) == 0 or len(values) != len(t) else np.asarray(values)[near]
         for name, values in columns.items()
     }
     what = f"{(~near).sum()} of the {samples} left out: their stamps are centuries from the others"
@@ -201,8 +200,8 @@ def tidy(t: Array, values: Array) -> Tidy:
     return Tidy(unique, merged, late, int((~used).any(1).sum()))
 
 
-def _one_a_stamp(values: Array, stamps: int, field: str, file: str) -> Array:
-    """The values as float64, if they are real numbers and as many as the stamps."""
+def one_a_stamp(values: Array, stamps: int, field: str, file: str) -> Array:
+    """The values (T, ...) as float64, if they are real numbers and as many as the stamps."""
     values = np.asarray(values)
     if values.ndim == 0 or len(values) != stamps or values.dtype.kind not in "fiu":
         message = f"has shape {values.shape} and type {values.dtype} for {stamps} stamps"

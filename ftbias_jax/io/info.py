@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,22 +12,15 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io import is_ros, read_recorded
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.draft.table import look
-from ftbias_jax.io.draft.unstated import RawStream, described, pose_keys
+from ftbias_jax.io.draft.unstated import RawStream, is_usual, look_at, pose_keys, robot_of
 from ftbias_jax.io.health import gaps, sample_rate, saturation, stuck_seconds
-from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.log import Log, Repair
-from ftbias_jax.io.npz_archive import stored_arrays
-from ftbias_jax.io.rates.held import find_held
-from ftbias_jax.io.rates.jitter import jitter
+from ftbias_jax.io.rates import find_held, jitter
 from ftbias_jax.io.ros.choose import wanted_of
 from ftbias_jax.io.ros.collect import Stream, Wanted
-from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
+from ftbias_jax.io.ros.messages import JOINT_STATE, JOINTS, POSE, POSITION, TRANSFORM, WRENCH, WRENCH_STAMPED
 from ftbias_jax.io.ros.read import log_of, skew
 from ftbias_jax.io.ros.record import Topic, read_recording
-from ftbias_jax.io.ros.types.roles import JOINTS, POSE, POSITION, TRANSFORM, WRENCH
-from ftbias_jax.io.tables.csv import read_header
-from ftbias_jax.io.tables.delimiters import with_commas
-from ftbias_jax.io.tables.hdf5 import dataset_shapes
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array
@@ -85,12 +76,16 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     """
     if is_ros(path):
         return _describe_ros(path, setup, salvage)
-    names = setup.robot.joint_names if setup else tuple(_joint_names(path))
-    unstated = described(os.fspath(path)) if setup is None else None
-    if unstated is not None:
-        raw = tuple(map(_raw_info, unstated.streams))
-        return LogInfo(raw, (), (), unstated.verdict, False, unstated.keys, unstated.others)
-    log = read_recorded(path, setup or _setup_for(names))
+    if setup is None:
+        table = look(os.fspath(path))
+        if not is_usual(table):
+            unstated = look_at(os.fspath(path), table)
+            raw = tuple(map(_raw_info, unstated.streams))
+            return LogInfo(raw, (), (), unstated.verdict, False, unstated.keys, unstated.others)
+        names = table.joint_names
+    else:
+        names = setup.robot.joint_names
+    log = read_recorded(path, setup or parse_setup(robot_of(names)))
     has_pose = setup is not None and setup.pose is not None
     joints = ~np.isnan(log.q if has_pose else np.column_stack([log.q, log.dq])).all(1)
     shown = ~np.isnan(log.q).all(0) if has_pose else np.full(len(names), True)
@@ -203,38 +198,3 @@ def _stream_info(
     first, last = (start + t[0], start + t[-1]) if len(t) else (np.nan, np.nan)
     found = tuple((at - t[0], length) for at, length in gaps(t))
     return StreamInfo(name, kind, tuple(names), len(t), first, last, sample_rate(t), found, tuple(trouble))
-
-
-def _joint_names(path: str | os.PathLike[str]) -> list[str]:
-    """Names for the joints of a log of a native format, from the log alone."""
-    suffix = Path(path).suffix.lower()
-    if suffix in (".csv", ".parquet"):
-        found = look(os.fspath(path))
-        return list(found.names or (f"q{i}" for i in range(found.joints)))
-    shape: tuple[int, ...] = ()
-    if suffix == ".npz" and (stored := stored_arrays(path, {"q"})):
-        shape = stored["q"].shape
-    elif suffix in (".h5", ".hdf5"):
-        shape = dataset_shapes(path).get("q", ())
-    return [f"q{i}" for i in range(shape[1])] if len(shape) == 2 else []
-
-
-def _header(path: str | os.PathLike[str]) -> list[str]:
-    file = Budget(path).file
-    try:
-        with open(file, encoding="utf-8-sig", errors="replace") as stream:
-            return read_header(with_commas(stream), file)
-    except (OSError, csv.Error):
-        return []  # the reader says it better
-
-
-def _setup_for(joint_names: Sequence[str]) -> Setup:
-    """A setup of that many joints, which reads a log and means nothing else."""
-    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in joint_names or ["q0"]]
-    return parse_setup(
-        {
-            "robot": {"joints": joints, "flange": {"translation": [0, 0, 0]}},
-            "sensor": {"noise_std": 1.0},
-            "tool": {"mass": 1.0, "center_of_mass": [0, 0, 0]},
-        }
-    )

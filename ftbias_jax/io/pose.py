@@ -1,4 +1,7 @@
-"""Recorded poses as what the joint filter follows: quaternions without jumps of sign, positions, rates by an IMU."""
+"""Recorded poses as what the joint filter follows, and the sensor's axes at every stamp.
+
+Quaternions without jumps of sign, positions, rates by an IMU; wrenches that are recorded in the axes of the base.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,10 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
+from ftbias_jax.io.log import Log
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.sensor_pose import ORIENTATION_COLUMNS, pose_columns
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup.types import RobotSetup, SensorSetup, Setup
 from ftbias_jax.types import Array
 
 TOLERANCE = 0.05
@@ -176,3 +180,44 @@ def _columns(values: Array, count: int, field: str, file: str) -> Array:
         message = f"has shape {values.shape} and type {values.dtype}, expected {count} columns of numbers"
         raise LogError(message, file=file, field=field, remedy="record what sensor_pose of the setup says")
     return values.astype(np.float64)
+
+
+def arm_rotations(robot: RobotSetup, sensor: SensorSetup, q: Array) -> Array:
+    """(T, 3, 3) sensor frame in the base frame, of joint positions (T, n)."""
+    rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3))
+    for screw, angle in zip(robot.screws, q.T, strict=True):
+        x, y, z = screw[3:]
+        K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        turn = np.eye(3) + np.sin(angle)[:, None, None] * K + (1 - np.cos(angle))[:, None, None] * (K @ K)
+        rotation = rotation @ turn
+    return rotation @ robot.flange_rotation @ sensor.rotation
+
+
+def sensor_rotations(t: Array, q: Array, setup: Setup, file: str = "") -> Array:
+    """(T, 3, 3) sensor frame in the base frame at all stamps, between the rows that have the joints or the pose.
+
+    Args:
+        t: (T,) s.
+        q: (T, n) joints or entries of the pose; NaN = not measured.
+        setup: the arm, and how the sensor is mounted.
+        file: the name in messages.
+    """
+    known = np.isfinite(q[:, :4] if setup.pose else q).all(1)
+    if not known.any():
+        what = "orientation" if setup.pose else "row with all joints"
+        raise LogError(f"no motion data: there is no {what}", file=file, field="q", remedy="record it")
+    if setup.pose is not None:
+        quaternion = interpolated(q[:, :4], t)
+        columns = [rotate(quaternion, np.tile(axis, (len(t), 1))) for axis in setup.sensor.rotation.T]
+        return np.stack(columns, 2)
+    between = np.stack([np.interp(t, t[known], column[known]) for column in q.T], 1)
+    return arm_rotations(setup.robot, setup.sensor, between)
+
+
+def in_sensor_axes(log: Log, setup: Setup, file: str = "") -> Log:
+    """A log whose wrench is in the sensor's axes, about the same point, whichever the setup says it is recorded in."""
+    if setup.log.wrench_axes == "sensor":
+        return log
+    rotations = sensor_rotations(log.t, log.q, setup, file)
+    parts = [np.einsum("tji,tj->ti", rotations, log.wrench[:, half]) for half in (slice(0, 3), slice(3, 6))]
+    return log._replace(wrench=np.concatenate(parts, 1))

@@ -13,10 +13,10 @@ from ftbias_jax.errors import OutputError
 from ftbias_jax.filtering.quality.plot import new_figure, save_figure
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.write import csv, npz, ours
-from ftbias_jax.io.write.about import About
-from ftbias_jax.io.write.layouts import LAYOUTS
+from ftbias_jax.io.write.mcap import LAYOUTS
 from ftbias_jax.io.write.offsets import dump_offsets
 from ftbias_jax.io.write.provenance import in_words, provenance
+from ftbias_jax.io.write.selection import About
 from ftbias_jax.setup import load_setup
 
 LOG = "log.npz --setup setup.toml"

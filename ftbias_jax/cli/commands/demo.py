@@ -123,8 +123,8 @@ def _filter(setup: Setup, log: Log, path: Path) -> tuple[Filtered, Params]:
     from ftbias_jax.filtering.method.ready import filtered_with
     from ftbias_jax.filtering.result import named_arrays
     from ftbias_jax.io.write import save_results
-    from ftbias_jax.io.write.about import About
     from ftbias_jax.io.write.provenance import provenance, source_of
+    from ftbias_jax.io.write.selection import About
 
     filtered, params = filtered_with(setup, log)
     save_results(path, named_arrays(filtered), About(origin=provenance(setup, [source_of(log)], {})))

@@ -7,7 +7,7 @@ import argparse
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_writable
-from ftbias_jax.io.write.layouts import LAYOUTS
+from ftbias_jax.io.write.mcap import LAYOUTS
 from ftbias_jax.io.write.ours import EXPORT
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.export import export_text

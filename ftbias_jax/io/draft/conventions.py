@@ -9,13 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.conventions.axes import sensor_rotations
 from ftbias_jax.io.conventions.units import STANDARD_GRAVITY, stamps
 from ftbias_jax.io.draft.gravity import Weighed, weigh
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.io.draft.table import Table
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.pose import interpolated
+from ftbias_jax.io.pose import interpolated, sensor_rotations
 from ftbias_jax.setup.keys.template import Known
 from ftbias_jax.setup.rotations import rpy_from_rotation
 from ftbias_jax.setup.types import Setup

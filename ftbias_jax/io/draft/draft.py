@@ -15,17 +15,15 @@ import numpy as np
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import is_ros, read_recorded
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.conventions.axes import sensor_rotations
 from ftbias_jax.io.draft.columns import left_to_choose, stated_columns
 from ftbias_jax.io.draft.conventions import Read, accelerometer, best_reading, gyroscope, position_axes, ways_of
 from ftbias_jax.io.draft.dh_table import DhTable, from_table
-from ftbias_jax.io.draft.gravity import Weighed, weigh
+from ftbias_jax.io.draft.gravity import Weighed, tool_keys, weigh
 from ftbias_jax.io.draft.noise import quietest_noise, scatter_in_motion
-from ftbias_jax.io.draft.recording import look_into, sensor_frame
-from ftbias_jax.io.draft.robot import Keys, built_in, from_urdf, mounting, robots_with
+from ftbias_jax.io.draft.robot import Keys, built_in, from_urdf, look_into, mounting, robots_with, sensor_frame
 from ftbias_jax.io.draft.table import Table, look, patterns, time_unit
-from ftbias_jax.io.draft.tool import tool_keys
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.pose import sensor_rotations
 from ftbias_jax.setup.keys.template import MEASURE, Known, write_template
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup

@@ -1,13 +1,18 @@
-"""What a built-in robot or a URDF says in a setup."""
+"""What a built-in robot, a URDF or a recording of ROS says in a setup: joints, topics, where the sensor is."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.io.pose import rotate
+from ftbias_jax.io.ros.collect import Stream, Wanted
+from ftbias_jax.io.ros.messages import JOINT_STATE, TF, WRENCH_STAMPED
+from ftbias_jax.io.ros.record import Recording, read_recording
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.keys.template import Known
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot, describe_robot
@@ -17,6 +22,8 @@ from ftbias_jax.setup.urdf.read import FIXED, Pose, Urdf, load_urdf
 Keys = dict[str, Known]
 FLANGES = ("tool0", "flange", "link_ee", "lbr_link_ee", "link_eef", "panda_link8", "fr3_link8", "end_effector_link")
 """Names of flanges, the first that a URDF has is meant if nobody says which."""
+CONTROLLER = "_controller"
+"""What UR's driver puts behind the name of a frame that the controller reports."""
 
 
 def built_in(model: str, recorded: Sequence[str] = ()) -> Keys:
@@ -92,3 +99,63 @@ def mounted(pose: Pose, remark: str) -> Keys:
     translation, rpy = pose.translation, rpy_from_rotation(pose.rotation)
     rounded = [[round(float(x), 9) + 0.0 for x in numbers] for numbers in (translation, rpy)]  # + 0.0: no minus zero
     return {"sensor.translation": Known(rounded[0], remark), "sensor.rotation_rpy": Known(rounded[1], remark)}
+
+
+class Recorded(NamedTuple):
+    """What a recording has for a setup."""
+
+    keys: Keys
+    joints: tuple[str, ...]
+    """Names of the joints on the topic with most of them."""
+    description: str
+    """A URDF, or ""."""
+    frame: str
+    """Of the wrench, or ""."""
+    transforms: tuple[Stream, ...]
+    """Of TF."""
+
+
+def look_into(path: str) -> Recorded:
+    """What a recording has for a setup."""
+    recording = read_recording(path, salvage=True, wanted=Wanted(poses=True))
+    joints = _of_type(recording, JOINT_STATE, "joints", path)
+    wrenches = _of_type(recording, WRENCH_STAMPED, "wrench", path)
+    arm, wrench = max(joints, key=lambda x: (len(x.names), len(x.stamps))), max(wrenches, key=lambda x: len(x.stamps))
+    keys = _topic("joints", arm, joints) | _topic("wrench", wrench, wrenches)
+    names = tuple(dict.fromkeys(name for stream in joints if stream.topic == arm.topic for name in stream.names))
+    transforms = tuple(stream for stream in recording.streams if stream.message_type == TF)
+    return Recorded(keys, names, recording.description, wrench.names[0].removeprefix("/"), transforms)
+
+
+def _of_type(recording: Recording, kind: str, what: str, path: str) -> list[Stream]:
+    found = [stream for stream in recording.streams if stream.message_type == kind]
+    if not found:
+        raise LogError(f"there is no topic of the type {kind}", file=path, field=what, remedy="record it")
+    return found
+
+
+def _topic(what: str, chosen: Stream, streams: Sequence[Stream]) -> Keys:
+    """The key that chooses a topic, where there are several."""
+    others = sorted({stream.topic for stream in streams} - {chosen.topic})
+    if not others:
+        return {}
+    return {f"log.topics.{what}": Known(chosen.topic, f"also there: {', '.join(others)}")}
+
+
+def sensor_frame(recorded: Recorded) -> Keys:
+    """The sensor's mounting, by the frame of the wrench and the transforms that never change; {} if they do not say."""
+    frame = recorded.frame.removesuffix(CONTROLLER)
+    if not frame:
+        return {}
+    pose = Pose(np.zeros(3), np.eye(3))
+    parents = {stream.names[1]: stream for stream in recorded.transforms if len(np.unique(stream.values, axis=0)) == 1}
+    link = frame
+    for _ in range(len(parents) + 1):
+        if link in FLANGES:
+            return mounted(pose, f"the wrench is of the frame {recorded.frame}")
+        if link not in parents:
+            return {}
+        position, quaternion = parents[link].values[0, :3], parents[link].values[0, [6, 3, 4, 5]]
+        pose = Pose(position, rotate(np.tile(quaternion, (3, 1)), np.eye(3)).T).then(pose)
+        link = parents[link].names[0]
+    return {}

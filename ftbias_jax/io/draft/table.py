@@ -12,15 +12,11 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
 from ftbias_jax.io.conventions.headers import Match, matches, some
-from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.io.ros.collect import Wanted
+from ftbias_jax.io.ros.messages import JOINTS, POSE, TEMPERATURE, WRENCH
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES, read_recording
-from ftbias_jax.io.ros.types.roles import JOINTS, POSE, TEMPERATURE, WRENCH
-from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS
-from ftbias_jax.io.tables.csv import named_columns
-from ftbias_jax.io.tables.csv_columns import Columns
-from ftbias_jax.io.tables.hdf5 import load_hdf5
-from ftbias_jax.io.tables.parquet import column_names, parquet_columns
+from ftbias_jax.io.tables.arrays import ARRAY_FILES, ARRAYS, COLUMNS, POSE_ARRAYS, suffix_of
+from ftbias_jax.io.tables.columns import Columns
 from ftbias_jax.setup.recorded import TIME_UNITS
 from ftbias_jax.types import Array
 
@@ -63,24 +59,22 @@ class Table(NamedTuple):
     found: Mapping[str, Match] = {}
     """Quantity -> the columns that are most likely it, by their names."""
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """As the file has them, or q0, q1, ..."""
+        return self.names or tuple(f"q{i}" for i in range(self.joints))
+
 
 def look(path: str) -> Table:
     """What a file has."""
-    suffix = Path(path).suffix.lower()
+    suffix = suffix_of(path)
     if path.lower().removesuffix(PACKED).endswith(SUFFIXES) or os.path.isdir(path):
         return _of_recording(path)
-    if suffix == ".npz":
-        return _of_arrays(path, load_arrays(path, (*ARRAYS, *POSE_ARRAYS)))
-    if suffix in (".h5", ".hdf5"):
-        return _of_arrays(path, load_hdf5(path))
-    if suffix == ".parquet":
-        column_names(path)  # what is wrong with the file is said before anything is looked for
-    elif suffix != ".csv":
-        raise LogError(
-            f"unknown format {suffix!r}", file=path, remedy="give .npz .h5 .csv .parquet or a recording of ROS"
-        )
-    elif not os.path.isfile(path):
-        raise LogError("cannot be read: there is no such file", file=path, remedy="check the path")
+    if suffix in ARRAY_FILES:
+        return _of_arrays(path, ARRAY_FILES[suffix](path, (*ARRAYS, *POSE_ARRAYS)))
+    if suffix not in COLUMNS:
+        remedy = "give .npz .h5 .csv .parquet or a recording of ROS"
+        raise LogError(f"unknown format {suffix!r}", file=path, remedy=remedy)
     header: list[str] = []
     found: dict[str, Match] = {}
 
@@ -88,9 +82,9 @@ def look(path: str) -> Table:
         header.extend(names)
         found.update(_find(names))
         time, felt = (found[name].names if name in found else () for name in ("time", "accelerometer"))
-        return Columns(time, (), felt, (), ())
+        return {"t": time, "dq": felt}
 
-    values = (parquet_columns if suffix == ".parquet" else named_columns)(path, choose)
+    values = COLUMNS[suffix](path, choose)
     return _of_columns(path, header, found, values)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,10 +12,10 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.conventions.headers import FIXED
 from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
 from ftbias_jax.io.draft.columns import nested, stated_columns
-from ftbias_jax.io.draft.table import Table, look, time_unit
+from ftbias_jax.io.draft.table import Table, time_unit
+from ftbias_jax.io.ros.messages import IMU, POSE, TRANSFORM
 from ftbias_jax.io.ros.record import Recording
-from ftbias_jax.io.ros.types.roles import IMU, POSE, TRANSFORM
-from ftbias_jax.io.tables.stream_files import read_stream
+from ftbias_jax.io.tables.streams import read_stream
 from ftbias_jax.setup.keys.toml_text import toml_line
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.types import AXES, Array
@@ -54,17 +54,21 @@ class Unstated(NamedTuple):
     verdict: str
 
 
-def look_at(path: str, table: Table | None = None) -> Unstated:
-    """What a file has, by the usual names.
+def is_usual(table: Table) -> bool:
+    """Whether a file has joints and a wrench with their stamps by the usual names, and nothing that must be stated."""
+    odd = table.time is not None and len(table.time) > 1 and time_unit(table.time)
+    whole = table.joints and table.wrench and table.time is not None and not table.orientation
+    return bool(whole and not odd and not stated_columns(table))
 
-    Args:
-        path: .csv, .parquet, .npz or .h5.
-        table: what ``look`` has found there; None = look.
-    """
-    table = look(path) if table is None else table
+
+def look_at(path: str, table: Table) -> Unstated:
+    """What a file, which ``look`` has looked into, has by the usual names."""
     stated = _stated(table)
     read = {**stated, "log": {"rate": 1.0, **stated.get("log", {})}} if table.time is None else stated
-    setup = parse_setup({**_some_robot(table), **read, "sensor": {"noise_std": 1.0}})
+    robot = robot_of(table.joint_names or ["q0"])
+    if table.orientation or _has_imu(table):
+        del robot["robot"]
+    setup = parse_setup({**robot, **read})
     streams = []
     for quantity, there in _quantities(table).items():
         if there:
@@ -123,13 +127,10 @@ def _in_g(accelerometer: Array) -> bool:
     return bool(np.isfinite(lengths).any() and np.nanmedian(lengths) < STANDARD_GRAVITY / 3)
 
 
-def _some_robot(table: Table) -> dict[str, Any]:
-    """A robot of so many joints, which reads a file and means nothing else."""
-    if table.orientation or _has_imu(table):
-        return {}
-    names = table.names or [f"q{i}" for i in range(max(table.joints, 1))]
-    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in names]
-    return {"robot": {"joints": joints, "flange": {"translation": [0, 0, 0]}}}
+def robot_of(joint_names: Sequence[str]) -> dict[str, Any]:
+    """A robot of these joints, in a setup that reads a file and means nothing else."""
+    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in joint_names]
+    return {"robot": {"joints": joints, "flange": {"translation": [0, 0, 0]}}, "sensor": {"noise_std": 1.0}}
 
 
 def _stream(table: Table, quantity: str, t: Array, values: Array) -> RawStream:
@@ -209,15 +210,3 @@ def pose_keys(recording: Recording) -> tuple[str, ...]:
         lines.append(f"frame = ...  # what the sensor is mounted on, of TF's frames {', '.join(frames[:MOST_NAMES])}")
     lines.append(toml_line("linear", "position", 'or "specific_force", by the IMU' if IMU in roles else ""))
     return tuple(lines)
-
-
-def described(path: str) -> Unstated | None:
-    """What a file has, if it is more or less than joints and a wrench with their stamps; None for such a log."""
-    try:
-        table = look(path)
-    except LogError:
-        return None  # its reader says it better
-    known = not stated_columns(table)
-    usual = known and table.joints and table.wrench and table.time is not None and not table.orientation
-    odd = table.time is not None and len(table.time) > 1 and bool(time_unit(table.time))
-    return None if usual and not odd else look_at(path, table)

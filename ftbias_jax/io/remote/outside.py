@@ -14,9 +14,8 @@ from urllib.parse import unquote
 
 from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
+from ftbias_jax.io.tables.arrays import TABLES
 
-TABLES = (".npz", ".csv", ".parquet", ".h5", ".hdf5")
-"""Suffixes of the formats that are no recordings of ROS."""
 WORD = "--allow-outside, or load_setup(..., allow_outside=True), allows it"
 NAMED = 16
 """Characters of a hash that name a copy."""

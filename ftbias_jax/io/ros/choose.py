@@ -8,20 +8,21 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.ros.collect import Field, Stream, Wanted
-from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
-from ftbias_jax.io.ros.pose import as_one, in_setup_order, pose_streams
-from ftbias_jax.io.ros.record import Recording
-from ftbias_jax.io.ros.types.roles import (
+from ftbias_jax.io.ros.messages import (
     BY_FIELD,
     IMU,
+    JOINT_STATE,
     JOINTS,
     POSITION,
     SOURCES,
     TEMPERATURE,
     VELOCITY,
     WRENCH,
+    WRENCH_STAMPED,
     types_with,
 )
+from ftbias_jax.io.ros.pose import as_one, in_setup_order, pose_streams
+from ftbias_jax.io.ros.record import Recording
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.sensor_pose import pose_columns

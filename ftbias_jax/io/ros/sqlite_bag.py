@@ -9,8 +9,8 @@ from contextlib import closing
 from pathlib import Path
 
 from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget
+from ftbias_jax.io.limits.unpack import UnpackError, unpack_message
 from ftbias_jax.io.ros.raw import UNDEFINED, Definition, OnDamage, RawMessage, plain_type
-from ftbias_jax.io.unpack import UnpackError, unpack_message
 
 MAGIC = b"SQLite format 3\x00"
 STEPS, A_RECORD = 1000, 10

@@ -7,12 +7,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.io.write.about import About
-from ftbias_jax.io.write.csv import companion, save_csv
 from ftbias_jax.io.write.mcap import save_mcap
 from ftbias_jax.io.write.npz import save_npz, texts_of
-from ftbias_jax.io.write.selection import selected
-from ftbias_jax.io.write.table import save_parquet
+from ftbias_jax.io.write.selection import About, selected
+from ftbias_jax.io.write.table import companion, save_csv, save_parquet
 from ftbias_jax.types import Array
 
 Writer = Callable[[str | os.PathLike[str], Mapping[str, Array], About], None]

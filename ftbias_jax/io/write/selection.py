@@ -1,15 +1,17 @@
-"""Which arrays of a result are written, how exactly, and at which samples."""
+"""Which arrays of a result are written, how exactly and at which samples; and what a file says about them."""
 
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.io.write.fields import FIELDS, SMOOTH
+from ftbias_jax.io.write.fields import FIELDS, SIGN, SMOOTH
+from ftbias_jax.io.write.provenance import Provenance
 from ftbias_jax.types import Array
 
 PRECISIONS = {"single": np.float32, "double": np.float64}
@@ -18,6 +20,8 @@ ALWAYS_DOUBLE = ("t", "log_likelihood")
 """Seconds since 1970 have sixteen digits."""
 EARLY = 0.1
 """Share of the output's period by which a sample may come before its time, because stamps scatter."""
+SCHEMA = 1
+SENSOR = "the sensor frame of the setup"
 
 
 class Selection(NamedTuple):
@@ -114,3 +118,38 @@ def _check_there(names: Sequence[str], arrays: Mapping[str, Array]) -> None:
         if name not in arrays:
             remedy = "smooth the log" if FIELDS[name].needs == SMOOTH else "filter it without as_stated"
             raise UsageError(f"the result has no {name!r}", field="fields", remedy=remedy)
+
+
+class About(NamedTuple):
+    """What is to be said about a result beside its arrays."""
+
+    frame: str = ""
+    """The sensor's frame, as a recording of ROS names it; "" = not known."""
+    origin: Provenance | None = None
+    """What it was made from."""
+    contacts: Sequence[Mapping[str, Any]] = ()
+    """Intervals of contact, plain numbers."""
+    selection: Selection = ALL
+    """What of the result was written."""
+
+
+def description(names: Iterable[str], about: About) -> dict[str, Any]:
+    """Plain dicts for JSON."""
+    selection = about.selection
+    return {
+        "schema": SCHEMA,
+        "sign": SIGN,
+        "frame": about.frame or SENSOR,
+        "fields": {
+            name: {"unit": FIELDS[name].unit, "meaning": FIELDS[name].meaning} for name in names if name in FIELDS
+        },
+        "precision": selection.precision,
+        "every": selection.every,
+        "rate": selection.rate,
+        "contacts": list(about.contacts),
+    }
+
+
+def description_text(names: Iterable[str], about: About) -> str:
+    """JSON on one line."""
+    return json.dumps(description(names, about), allow_nan=False)

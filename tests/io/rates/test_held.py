@@ -8,7 +8,7 @@ from ftbias_jax.io.cleaning import slices, survey, without_repeats
 from ftbias_jax.io.info import describe
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.parts import open_log
-from ftbias_jax.io.rates.held import LEAST_SAMPLES, Repeats, extend_repeats, find_held, held_readings
+from ftbias_jax.io.rates import LEAST_SAMPLES, Repeats, extend_repeats, find_held, held_readings
 
 
 def arm(samples, rest=300, noise=0.3, step=0.0, speed=0.01, seed=0):

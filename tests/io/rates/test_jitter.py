@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.io.rates.jitter import jitter
+from ftbias_jax.io.rates import jitter
 
 
 @pytest.mark.parametrize("std", [1e-3, 3e-3])

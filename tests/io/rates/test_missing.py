@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.io.rates.missing import missing_readings
+from ftbias_jax.io.rates import missing_readings
 
 T = np.arange(2000) / 100
 

@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ftbias_jax.io.ros.cursor import MessageError
+from ftbias_jax.io.ros.messages import MessageError
 from ftbias_jax.io.ros.raw import plain_type
 
 MAX_TEXT = 1 << 18
