@@ -10,7 +10,7 @@ from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.remote.fetch import opened
 from ftbias_jax.io.ros.read import read_ros
-from ftbias_jax.io.ros.record import PACKED, SUFFIXES
+from ftbias_jax.io.ros.record import SUFFIXES, is_ros
 from ftbias_jax.io.tables.arrays import TABLES, log_from_arrays, read_table, suffix_of
 from ftbias_jax.io.tables.extra import column_of, with_extra_columns
 from ftbias_jax.io.tables.poses import Poses, read_poses
@@ -77,12 +77,6 @@ def _read_one(path: str, setup: Setup, salvage: bool) -> Log:
         remedy = f"give a log that ends in {', '.join(most)} or {last}, or a ROS 2 bag's folder"
         raise LogError(f"unknown format {suffix_of(path)!r}", file=path, remedy=remedy)
     return read_table(path, setup)
-
-
-def is_ros(path: str | os.PathLike[str]) -> bool:
-    """Whether the path names a recording of ROS: a folder, or one of its files."""
-    name = os.fspath(path).lower().removesuffix(PACKED)
-    return name.endswith(SUFFIXES) or os.path.isdir(path)
 
 
 def log_of_arrays(

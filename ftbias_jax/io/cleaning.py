@@ -121,7 +121,8 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: bool 
             found.append(Repair(f"{which} held for up to {stream.samples} samples, {repeats}"))
     if facts.clipped_count.any():
         what = "samples at the end of the sensor's range" + (" left out" if clipped else "")
-        found.append(Repair(f"{what}: {_counted(facts.clipped_count)}", lost=clipped))
+        counts = ", ".join(f"{count} of {axis}" for axis, count in zip(AXES, facts.clipped_count, strict=True) if count)
+        found.append(Repair(f"{what}: {counts}", lost=clipped))
     for axis, stretches, count in zip(AXES, facts.stuck, facts.stuck_count, strict=True):
         if stretches:
             what = f"{axis} stands still {_spans(stretches)}: {count} samples" + (" left out" if stuck else "")
@@ -207,10 +208,6 @@ def slices(*logs: Log) -> Split:
                 yield Log(t, q, dq, wrench, temperature, log.start, columns=log.columns, rezeroed_at=log.rezeroed_at)
 
     return split
-
-
-def _counted(counts: Sequence[int]) -> str:
-    return ", ".join(f"{count} of {axis}" for axis, count in zip(AXES, counts, strict=True) if count)
 
 
 def _spans(stretches: Sequence[Still]) -> str:

@@ -34,9 +34,7 @@ class Clock(NamedTuple):
 def choose_clock(stamps: Sequence[Array], logged: Sequence[Array]) -> Clock:
     """The headers' stamps if all streams have them on one clock, otherwise the times at which they were logged.
 
-    Args:
-        stamps: (T,) int64 ns of the headers for each stream, in the order in which they were stored; 0 = not set.
-        logged: (T,) int64 ns at which each message was recorded, in the same order; 0 = not set.
+    Both are (T,) int64 ns for each stream, in the order in which the messages were stored; 0 = not set.
     """
     if any(np.mean(times == 0) > 0.5 for times in stamps):
         return Clock(tuple(logged), "the headers have no stamps")
@@ -92,6 +90,12 @@ def as_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
         message = f"NaN time: {field}[{bad[0]}] is {t[bad[0]]}"
         raise LogError(message, file=file, field=field, remedy="give every sample a finite stamp")
     return t
+
+
+def since(t: Array, start: float) -> Array:
+    """(T,) s since a stamp in s, of stamps in s if floating point or ns if integer."""
+    # Integers are subtracted as integers: nanoseconds since 1970 do not fit the 53 bits of a float.
+    return (t - round(start * SECOND)) / SECOND if t.dtype.kind == "i" else t - start
 
 
 class Ordered(NamedTuple):
@@ -179,12 +183,7 @@ class Tidy(NamedTuple):
 
 
 def tidy(t: Array, values: Array) -> Tidy:
-    """Sort samples by their stamps; samples of one stamp become one, each column from the first that has it.
-
-    Args:
-        t: (T,) s or ns.
-        values: (T, k), NaN = not measured.
-    """
+    """Sort samples (T, k) by their stamps; those of one stamp become one, each column from the first that has it."""
     late = int((t[1:] < np.maximum.accumulate(t)[:-1]).sum()) if len(t) else 0
     unique, place = np.unique(t, return_inverse=True)
     if len(unique) == len(t) and not late:

@@ -9,43 +9,22 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import is_ros, read_recorded
+from ftbias_jax.io import read_recorded
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.draft.table import look
-from ftbias_jax.io.draft.unstated import RawStream, is_usual, look_at, pose_keys, robot_of
-from ftbias_jax.io.health import gaps, sample_rate, saturation, stuck_seconds
+from ftbias_jax.io.draft.unstated import is_usual, look_at, pose_keys, robot_of
+from ftbias_jax.io.health import StreamInfo, stream_info
 from ftbias_jax.io.log import Log, Repair
-from ftbias_jax.io.rates import find_held, jitter
 from ftbias_jax.io.ros.choose import wanted_of
 from ftbias_jax.io.ros.collect import Stream, Wanted
 from ftbias_jax.io.ros.messages import JOINT_STATE, JOINTS, POSE, POSITION, TRANSFORM, WRENCH, WRENCH_STAMPED
 from ftbias_jax.io.ros.read import log_of, skew
-from ftbias_jax.io.ros.record import Topic, read_recording
+from ftbias_jax.io.ros.record import Topic, is_ros, read_recording
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import AXES, Array
+from ftbias_jax.types import AXES
 
 POSE_LABELS = ("x", "y", "z", "qx", "qy", "qz", "qw")
-
-
-class StreamInfo(NamedTuple):
-    """One stream of samples."""
-
-    name: str
-    """The topic, or "joints" and "wrench"."""
-    kind: str
-    names: tuple[str, ...]
-    """Of the joints; of a wrench, its frame if known."""
-    samples: int
-    first: float
-    """s, as stamped."""
-    last: float
-    rate: float
-    """Hz."""
-    gaps: tuple[tuple[float, float], ...]
-    """Start, in s after the first stamp, and length in s."""
-    trouble: tuple[str, ...]
-    """A line each: stuck, saturated or missing axes; a recorder's clock that is off."""
 
 
 class LogInfo(NamedTuple):
@@ -80,8 +59,7 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
         table = look(os.fspath(path))
         if not is_usual(table):
             unstated = look_at(os.fspath(path), table)
-            raw = tuple(map(_raw_info, unstated.streams))
-            return LogInfo(raw, (), (), unstated.verdict, False, unstated.keys, unstated.others)
+            return LogInfo(unstated.streams, (), (), unstated.verdict, False, unstated.keys, unstated.others)
         names = table.joint_names
     else:
         names = setup.robot.joint_names
@@ -91,8 +69,10 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     shown = ~np.isnan(log.q).all(0) if has_pose else np.full(len(names), True)
     labels = [name for name, there in zip(names, shown, strict=True) if there]
     said = ("pose", "entries that are followed", ()) if has_pose else ("joints", "q, dq", names)
-    motion = _stream_info(*said, log.start, log.t[joints], log.q[joints][:, shown], labels)
-    streams = (motion, _wrench_info(log))
+    motion = stream_info(*said, log.start, log.t[joints], log.q[joints][:, shown], labels)
+    rows = ~np.isnan(log.wrench).all(1)
+    sensed = log.start, log.t[rows], log.wrench[rows], AXES
+    streams = (motion, stream_info("wrench", "N, Nm", (), *sensed, sensor=True))
     verdict = "can be filtered" if setup else f"has {len(names)} joints and a wrench"
     try:
         cleaned = clean(log)
@@ -132,15 +112,6 @@ def _nothing(error: LogError) -> str:
     return f"nothing can be filtered: {error.message} ({error.remedy})"
 
 
-def _raw_info(stream: RawStream) -> StreamInfo:
-    said = (stream.name, stream.kind, (), stream.start, stream.t, stream.values, stream.labels, stream.sensor)
-    info = _stream_info(*said)
-    if stream.timed:
-        return info
-    nowhere = float("nan")
-    return info._replace(first=nowhere, last=nowhere, rate=nowhere, gaps=(), trouble=("it has no stamps",))
-
-
 def _recorded_info(stream: Stream) -> StreamInfo:
     known = stream.stamps != 0
     t = np.sort(stream.stamps[known] if known.any() else stream.logged)
@@ -149,7 +120,7 @@ def _recorded_info(stream: Stream) -> StreamInfo:
     values = stream.values[known if known.any() else slice(None)][order]
     sensor = stream.role == WRENCH and stream.values.shape[1] == len(AXES)
     labels = _labels(stream, sensor)
-    info = _stream_info(stream.topic, stream.message_type, stream.names, start, seconds, values, labels, sensor)
+    info = stream_info(stream.topic, stream.message_type, stream.names, start, seconds, values, labels, sensor)
     return info._replace(trouble=(*info.trouble, skew(stream)))
 
 
@@ -160,41 +131,3 @@ def _labels(stream: Stream, sensor: bool) -> Sequence[str]:
     if stream.role == POSE:
         return POSE_LABELS
     return AXES if sensor else [f"[{i}]" for i in range(stream.values.shape[1])]
-
-
-def _wrench_info(log: Log) -> StreamInfo:
-    rows = ~np.isnan(log.wrench).all(1)
-    return _stream_info("wrench", "N, Nm", (), log.start, log.t[rows], log.wrench[rows], AXES, sensor=True)
-
-
-def _stream_info(
-    name: str,
-    kind: str,
-    names: Sequence[str],
-    start: float,
-    t: Array,
-    values: Array,
-    labels: Sequence[str],
-    sensor: bool = False,
-) -> StreamInfo:
-    """What there is to say about samples (T, k) at t (T,) s after ``start``; only a sensor may not stand still."""
-    trouble = []
-    for label, column in zip(labels, values.T, strict=True):
-        missing = np.isnan(column).mean() if len(column) else 1.0
-        limits = saturation(column)
-        if missing:
-            trouble.append(f"{label}: {100 * missing:.3g} % not measured")
-        if sensor and (seconds := stuck_seconds(t, column)):
-            trouble.append(f"{label}: stuck for {seconds:.3g} s")
-        if sensor and not np.isnan(limits).all():
-            ends = " and ".join(f"{end:.6g}" for end in limits if not np.isnan(end))
-            trouble.append(f"{label}: saturated at {ends}")
-    readings = values[:, : len(names)] if kind == JOINT_STATE else values
-    if (repeated := find_held(readings)) is not None:
-        share = f"{100 * repeated.repeats.mean():.0f} % of the samples repeat the one before"
-        trouble.append(f"held: {share}, one reading for up to {repeated.samples} samples")
-    if scatter := jitter(t):
-        trouble.append(f"stamps scatter by {1e3 * scatter:.3g} ms about a steady clock")
-    first, last = (start + t[0], start + t[-1]) if len(t) else (np.nan, np.nan)
-    found = tuple((at - t[0], length) for at, length in gaps(t))
-    return StreamInfo(name, kind, tuple(names), len(t), first, last, sample_rate(t), found, tuple(trouble))

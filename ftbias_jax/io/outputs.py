@@ -67,10 +67,7 @@ def check_writable(output: Place, suffix: str = "", option: str = "--output") ->
 def output_of_setup(output: str | None, setup: str, in_place: bool) -> tuple[str, list[str]]:
     """Where a command writes the setup that it changes, and the setup as an input, unless it may be replaced.
 
-    Args:
-        output: of ``-o``; None = not given.
-        setup: the file that is read.
-        in_place: whether ``--in-place`` was given.
+    ``output`` is that of ``-o``; None = not given.
 
     Raises:
         UsageError: there is no output, or it is not the setup though the setup shall be replaced.

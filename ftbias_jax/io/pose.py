@@ -156,11 +156,16 @@ def _refuse(bad: Array, what: str, file: str) -> None:
         raise LogError(f"sample {np.flatnonzero(bad)[0]} {what}", file=file, field="orientation", remedy=remedy)
 
 
+def between(t: Array, values: Array, at: Array) -> Array:
+    """Values (A, k) at stamps (A,) on straight lines between the rows of (T, k) at t (T,) that are whole."""
+    known = np.isfinite(values).all(1)
+    return np.stack([np.interp(at, t[known], column[known]) for column in values.T], 1)
+
+
 def interpolated(quaternion: Array, t: Array) -> Array:
     """Quaternions (T, 4) of length one at all stamps (T,), between the measured ones."""
-    known = np.isfinite(quaternion).all(1)
-    between = np.stack([np.interp(t, t[known], column[known]) for column in quaternion.T], 1)
-    return between / np.linalg.norm(between, axis=1, keepdims=True)
+    values = between(t, quaternion, t)
+    return values / np.linalg.norm(values, axis=1, keepdims=True)
 
 
 def _velocity(quaternion: Array, specific_force: Array, t: Array, setup: Setup) -> Array:
@@ -194,13 +199,9 @@ def arm_rotations(robot: RobotSetup, sensor: SensorSetup, q: Array) -> Array:
 
 
 def sensor_rotations(t: Array, q: Array, setup: Setup, file: str = "") -> Array:
-    """(T, 3, 3) sensor frame in the base frame at all stamps, between the rows that have the joints or the pose.
+    """(T, 3, 3) sensor frame in the base frame at all stamps (T,) s, between the rows that have the joints or the pose.
 
-    Args:
-        t: (T,) s.
-        q: (T, n) joints or entries of the pose; NaN = not measured.
-        setup: the arm, and how the sensor is mounted.
-        file: the name in messages.
+    ``q`` (T, n) are joints or entries of the pose; NaN = not measured.
     """
     known = np.isfinite(q[:, :4] if setup.pose else q).all(1)
     if not known.any():
@@ -210,8 +211,7 @@ def sensor_rotations(t: Array, q: Array, setup: Setup, file: str = "") -> Array:
         quaternion = interpolated(q[:, :4], t)
         columns = [rotate(quaternion, np.tile(axis, (len(t), 1))) for axis in setup.sensor.rotation.T]
         return np.stack(columns, 2)
-    between = np.stack([np.interp(t, t[known], column[known]) for column in q.T], 1)
-    return arm_rotations(setup.robot, setup.sensor, between)
+    return arm_rotations(setup.robot, setup.sensor, between(t, q, t))
 
 
 def in_sensor_axes(log: Log, setup: Setup, file: str = "") -> Log:

@@ -135,10 +135,8 @@ def jitter(t: Array) -> float:
 def missing_readings(which: str, t: Array, other_t: Array) -> Repairs:
     """What of a stream is missing, a line each for long stretches and for single rows; () = nothing worth a word.
 
-    Args:
-        which: the stream, with its verb: "the wrench is".
-        t: (W,) s of its readings.
-        other_t: (J,) s of those of the other stream.
+    ``which`` is the stream with its verb, "the wrench is"; t (W,) s are the stamps of its readings, other_t (J,) s
+    those of the other stream.
     """
     if not len(t) or not len(other_t):
         return ()

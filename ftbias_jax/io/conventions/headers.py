@@ -124,10 +124,7 @@ class _Column(NamedTuple):
 def matches(quantity: str, header: Sequence[str], joints: Sequence[str] | None = None) -> list[Match]:
     """All sets of columns that may be a quantity, without those that are commanded.
 
-    Args:
-        quantity: a key of FIXED, COUNTED or BY_JOINT.
-        header: the names of all columns.
-        joints: names of the joints, which decide how many columns there are; None = any.
+    The names of the joints decide how many columns of joints there are; None = any.
     """
     columns = [column for name in header for column in _forms(name, _words_for(quantity))]
     found = [*_fixed(quantity, columns), *_counted(quantity, columns, joints), *_by_joint(quantity, columns, joints)]

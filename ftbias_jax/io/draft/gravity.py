@@ -116,10 +116,8 @@ def _about_means(values: Array, piece: Array) -> Array:
 def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, Array]:
     """(3,) m c of torque = (m c) x support + constant, by least squares with a weak pull to zero; and standard errors.
 
-    Args:
-        support: (T, 3) what carries one kilogram, less its mean.
-        torque: (T, 3) Nm, less its mean.
-        count: how many of the samples are independent.
+    ``support`` (T, 3), what carries one kilogram, and ``torque`` (T, 3) Nm are about their means; ``count`` samples are
+    independent.
     """
     zero = np.zeros(len(support))
     x, y, z = support.T
@@ -132,11 +130,9 @@ def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, A
 
 
 def tool_keys(found: Weighed | None, is_stated: bool) -> tuple[Keys, list[str]]:
-    """Keys, and a line for the person who asked.
+    """Keys, and a line for the person who asked, of the tool as weighed; None = the log does not turn the sensor.
 
-    Args:
-        found: the tool as weighed; None = the log does not turn the sensor.
-        is_stated: whether somebody has stated the tool's mass: then a missing weight is a matter for ``check``.
+    Where somebody has stated the tool's mass, a missing weight is a matter for ``check``.
     """
     if found is None:
         return {}, [NOT_TURNED]

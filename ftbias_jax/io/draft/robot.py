@@ -33,19 +33,14 @@ def built_in(model: str, recorded: Sequence[str] = ()) -> Keys:
     keys = {"robot.model": Known(model, describe_robot(model))}
     theirs = built_in_robot(model).joint_names
     if recorded and not set(theirs) <= set(recorded):
-        names = [_longer(name, recorded) for name in theirs]
-        if "" in names:
+        ending = [[other for other in recorded if other.endswith(name)] for name in theirs]
+        names = [found[0] for found in ending if len(found) == 1]
+        if len(names) < len(theirs):
             remedy = f"name another robot; the joints of {model} are {', '.join(theirs)}"
             message = f"the recording has the joints {', '.join(recorded[:20])}"
             raise UsageError(message, field="--robot", remedy=remedy)
         keys["robot.joint_names"] = Known(names, "as recorded")
     return keys
-
-
-def _longer(name: str, recorded: Iterable[str]) -> str:
-    """The only recorded name that ends in a name; "" = none or several."""
-    found = [other for other in recorded if other.endswith(name)]
-    return found[0] if len(found) == 1 else ""
 
 
 def robots_with(recorded: Iterable[str]) -> list[str]:
@@ -58,11 +53,8 @@ def robots_with(recorded: Iterable[str]) -> list[str]:
 def from_urdf(path: str, base_link: str = "", tip_link: str = "", folder: str = "") -> Keys:
     """Keys of the arm in a URDF.
 
-    Args:
-        path: of the file.
-        base_link: whose frame is the base frame; "" = the root.
-        tip_link: the flange; "" = the first of FLANGES that the file has.
-        folder: of the setup, at which a relative path starts.
+    Without a base link that is the root, without a tip link the first of FLANGES that the file has. ``folder`` is that
+    of the setup, at which a relative path starts.
     """
     urdf = load_urdf(path)
     shown = os.path.relpath(path, folder or ".")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
 from ftbias_jax.io.conventions.headers import Match, matches, some
 from ftbias_jax.io.ros.collect import Wanted
 from ftbias_jax.io.ros.messages import JOINTS, POSE, TEMPERATURE, WRENCH
-from ftbias_jax.io.ros.record import PACKED, SUFFIXES, read_recording
+from ftbias_jax.io.ros.record import is_ros, read_recording
 from ftbias_jax.io.tables.arrays import ARRAY_FILES, ARRAYS, COLUMNS, POSE_ARRAYS, suffix_of
 from ftbias_jax.io.tables.columns import Columns
 from ftbias_jax.setup.recorded import TIME_UNITS
@@ -36,20 +35,20 @@ class Table(NamedTuple):
     """One file."""
 
     path: str
-    time: Array | None
+    time: Array | None = None
     """(T,) stamps as stored; None = none."""
-    joints: int
+    joints: int = 0
     """How many joints have positions."""
-    orientation: str
+    orientation: str = ""
     """One of ORIENTATIONS, or "" = none."""
-    named: bool
+    named: bool = True
     """Whether names of columns say which entry of the orientation is which."""
-    position: bool
-    gyroscope: bool
-    accelerometer: Array | None
+    position: bool = False
+    gyroscope: bool = False
+    accelerometer: Array | None = None
     """(T, 3) as stored; None = none."""
-    wrench: bool
-    temperature: bool
+    wrench: bool = False
+    temperature: bool = False
     others: tuple[str, ...] = ()
     """Names of columns or arrays that nothing is made of."""
     names: tuple[str, ...] = ()
@@ -68,7 +67,7 @@ class Table(NamedTuple):
 def look(path: str) -> Table:
     """What a file has."""
     suffix = suffix_of(path)
-    if path.lower().removesuffix(PACKED).endswith(SUFFIXES) or os.path.isdir(path):
+    if is_ros(path):
         return _of_recording(path)
     if suffix in ARRAY_FILES:
         return _of_arrays(path, ARRAY_FILES[suffix](path, (*ARRAYS, *POSE_ARRAYS)))
@@ -80,7 +79,8 @@ def look(path: str) -> Table:
 
     def choose(names: Sequence[str]) -> Columns:
         header.extend(names)
-        found.update(_find(names))
+        likely = {name: likeliest(matches(name, names)) for name in (*JOINTS_OR_POSE, *ORIENTATIONS)}
+        found.update({name: match for name, match in likely.items() if match})
         time, felt = (found[name].names if name in found else () for name in ("time", "accelerometer"))
         return {"t": time, "dq": felt}
 
@@ -93,12 +93,6 @@ def likeliest(candidates: Sequence[Match]) -> Match | None:
     return next((match for match in candidates if match.native), candidates[0] if candidates else None)
 
 
-def _find(header: Sequence[str]) -> dict[str, Match]:
-    """The likeliest columns of every quantity that has any."""
-    found = {name: likeliest(matches(name, header)) for name in (*JOINTS_OR_POSE, *ORIENTATIONS)}
-    return {name: match for name, match in found.items() if match}
-
-
 def _of_recording(path: str) -> Table:
     """What one of several files has that is a recording of ROS; its stamps need no unit."""
     streams = read_recording(path, salvage=True, wanted=Wanted(poses=True)).streams
@@ -107,13 +101,9 @@ def _of_recording(path: str) -> Table:
     names = () if arm is None else arm.names or tuple(f"q{i}" for i in range(arm.values.shape[1] // 2))
     return Table(
         path=path,
-        time=None,
         joints=len(names),
         orientation="quaternion_xyzw" if POSE in roles and not names else "",
-        named=True,
         position=POSE in roles and not names,
-        gyroscope=False,
-        accelerometer=None,
         wrench=WRENCH in roles,
         temperature=TEMPERATURE in roles,
         names=() if arm is None else arm.names,
@@ -150,7 +140,6 @@ def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], va
         time=values.get("t"),
         joints=len(found["position"].names) if "position" in found else 0,
         orientation=next((kind for kind in ORIENTATIONS if kind in found), ""),
-        named=True,
         position="place" in found,
         gyroscope="gyroscope" in found,
         accelerometer=values.get("dq"),

@@ -21,7 +21,7 @@ from ftbias_jax.io.ros.messages import (
     WRENCH_STAMPED,
     types_with,
 )
-from ftbias_jax.io.ros.pose import as_one, in_setup_order, pose_streams
+from ftbias_jax.io.ros.pose import in_setup_order, pose_streams
 from ftbias_jax.io.ros.record import Recording
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.recorded import PoseSetup
@@ -57,7 +57,8 @@ def choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
     if setup.pose is None:
         streams = _choose(JOINTS, _joint_streams(recording, setup, file), setup, file)
         return {"q": (JOINTS, _joint_positions(streams, setup.robot.joint_names, file))}
-    pose = as_one(_choose("pose", pose_streams(recording, setup.pose, file), setup, file), file)
+    poses = _choose("pose", pose_streams(recording, setup.pose, file), setup, file)
+    pose = _in_one_frame(poses, "poses", "pose", "record one body on a topic", file)
     return {"q": ("pose", pose._replace(values=in_setup_order(pose.values, setup.pose)))}
 
 
@@ -77,12 +78,18 @@ def choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:
         message = f"no wrench data: no topic has the type {WRENCH_STAMPED}"
         raise LogError(message, file=file, field=WRENCH, remedy=_recorded(recording))
     wrenches = _choose(WRENCH, found, setup, file)
-    if len(wrenches) > 1:
-        frames = ", ".join(repr(stream.names[0]) for stream in wrenches[:8])
-        message = f"the wrenches of {wrenches[0].topic} are in several frames: {frames}"
-        raise LogError(message, file=file, field=WRENCH, remedy="record one sensor on a topic")
-    _check_width(wrenches[0], WRENCH, 6, file)
-    return {"wrench": (WRENCH, wrenches[0]), **choose_temperature(recording, setup, file)}
+    wrench = _in_one_frame(wrenches, "wrenches", WRENCH, "record one sensor on a topic", file)
+    _check_width(wrench, WRENCH, 6, file)
+    return {"wrench": (WRENCH, wrench), **choose_temperature(recording, setup, file)}
+
+
+def _in_one_frame(streams: Sequence[Stream], what: str, field: str, remedy: str, file: str) -> Stream:
+    """The only stream of a topic."""
+    if len(streams) > 1:
+        frames = ", ".join(repr(stream.names[0]) for stream in streams[:8])
+        message = f"the {what} of {streams[0].topic} are in several frames: {frames}"
+        raise LogError(message, file=file, field=field, remedy=remedy)
+    return streams[0]
 
 
 def choose_temperature(recording: Recording, setup: Setup, file: str) -> Chosen:

@@ -112,10 +112,7 @@ class Collector:
     def _plan(self, message: RawMessage, fields: str, stated: str = "") -> Plan | None:
         """How to take fields of a message, kept for those that follow; None if nobody defines its type.
 
-        Args:
-            message: the first of its type.
-            fields: paths.
-            stated: the key of the setup that names them; "" = they are those that the type usually has.
+        ``stated`` is the key of the setup that names them; "" = they are those that the type usually has.
         """
         key = (message.message_type, message.encoding, message.definition, fields)
         if key not in self._plans:

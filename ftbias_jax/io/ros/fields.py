@@ -161,7 +161,9 @@ def _walk(plan: Plan, cursor: Cursor, kind: str, wanted: _Wanted) -> None:
         inner = [(path[0].chosen if path else slice(None), path[1:], out) for path, out in some]
         if field.type in TEXTS:
             for _ in range(_count(cursor, field, 4)):
-                _skip_text(cursor, field.type)
+                if field.type == "wstring":
+                    raise MessageError("has a wide string before the fields that are wanted")
+                cursor.skip(1, cursor.count(1))
         elif field.type in PRIMITIVES:
             letter, size = PRIMITIVES[field.type]
             count = _count(cursor, field, size)
@@ -187,12 +189,6 @@ def _count(cursor: Cursor, field: Field, least: int) -> int:
     if count * least > len(cursor.data) - cursor.position:
         raise struct.error(f"{count} of {field.type} in {len(cursor.data)} bytes")
     return count
-
-
-def _skip_text(cursor: Cursor, kind: str) -> None:
-    if kind == "wstring":
-        raise MessageError("has a wide string before the fields that are wanted")
-    cursor.skip(1, cursor.count(1))
 
 
 def types_of(message_type: str, encoding: str, definition: Definition) -> Types | None:

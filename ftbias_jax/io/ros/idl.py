@@ -111,7 +111,12 @@ def _fields(tokens: _Tokens, aliases: dict[str, Field], path: list[str]) -> list
         own = count
         while tokens.peek() == "[":
             tokens.take()
-            own = _times(own, _number(tokens.take()))
+            if own == SEQUENCE:
+                raise MessageError("has a definition with lists of lists")
+            size = tokens.take()
+            if not size.isdecimal() or len(size) > 9:
+                raise MessageError(f"has a definition with an array of {size[:20]!r}")
+            own = int(size) if own is None else own * int(size)
             tokens.take("]")
         fields.append(Field(name, kind, own))
         if tokens.take() == ";":
@@ -144,18 +149,6 @@ def _type(tokens: _Tokens, aliases: dict[str, Field], path: list[str], word: str
     if word in PRIMITIVES:
         return word, None
     return (_plain(word.split("::")) if "::" in word else _plain([*path, word])), None
-
-
-def _times(count: int | None, more: int) -> int:
-    if count == SEQUENCE:
-        raise MessageError("has a definition with lists of lists")
-    return more if count is None else count * more
-
-
-def _number(word: str) -> int:
-    if not word.isdecimal() or len(word) > 9:
-        raise MessageError(f"has a definition with an array of {word[:20]!r}")
-    return int(word)
 
 
 def _plain(names: list[str]) -> str:

@@ -104,12 +104,3 @@ def in_setup_order(values: Array, pose: PoseSetup) -> Array:
     """(T, 7) position and orientation (x, y, z, w) -> the columns of ``pose.pose_entries``."""
     orientation = values[:, 3:] if pose.orientation == "quaternion_xyzw" else values[:, [6, 3, 4, 5]]
     return np.concatenate([orientation, values[:, : 3 * (pose.linear == "position")]], 1)
-
-
-def as_one(streams: Sequence[Stream], file: str) -> Stream:
-    """The only stream of a topic."""
-    if len(streams) > 1:
-        frames = ", ".join(repr(stream.names[0]) for stream in streams[:8])
-        message = f"the poses of {streams[0].topic} are in several frames: {frames}"
-        raise LogError(message, file=file, field="pose", remedy="record one body on a topic")
-    return streams[0]

@@ -30,6 +30,11 @@ MAX_TOLD = 20  # places of damage
 _COPY = 1 << 20
 
 
+def is_ros(path: str | os.PathLike[str]) -> bool:
+    """Whether the path names a recording of ROS: a folder, or one of its files."""
+    return os.fspath(path).lower().removesuffix(PACKED).endswith(SUFFIXES) or os.path.isdir(path)
+
+
 class Topic(NamedTuple):
     """One topic of any type."""
 

@@ -59,10 +59,7 @@ def wanted_arrays(setup: Setup) -> tuple[str, ...]:
 def by_native_names(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> dict[str, Array]:
     """The arrays with those that [log.columns] of the setup names in the places of the native ones.
 
-    Args:
-        arrays: of ``wanted_arrays``, by their names in the file.
-        setup: [log.columns] names one array (T,) for each joint or channel, or one for time and temperature.
-        file: the name in messages.
+    It names one array (T,) for each joint or channel, or one for time and temperature.
     """
     found = {name: values for name, values in arrays.items() if name in (*ARRAYS, *POSE_ARRAYS)}
     for key, natives in QUANTITIES.items():

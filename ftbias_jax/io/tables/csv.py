@@ -22,6 +22,7 @@ MAX_LINE = 1 << 20
 """Characters; the widest table of a robot has some thousand columns."""
 
 _SEMICOLONS = str.maketrans({",": ".", ";": ","})
+_ENDS = re.compile(r"^#?[ \t]+|[ \t]+$", re.MULTILINE)
 _EMPTY = re.compile(r",[ \t]*(?=,|$)", re.MULTILINE)  # all but the first cell of a line, which would cost much more
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|nan|inf(inity)?)\s*", re.I | re.ASCII)
 
@@ -68,7 +69,7 @@ def with_commas(stream: TextIO) -> TextIO | Commas:
     if "\t" in header:
         return Commas(stream, lambda text: text.replace("\t", ","))
     if " " in header.strip().removeprefix("#").strip():
-        return Commas(stream, _from_spaces)
+        return Commas(stream, lambda text: re.sub(r"[ \t]+", ",", _ENDS.sub("", text)))
     return stream
 
 
@@ -85,11 +86,6 @@ class Commas:
     def read(self, size: int = -1) -> str:
         """Whole lines of about so many characters, as one text."""
         return self._convert("".join(self._stream.readlines(size)))
-
-
-def _from_spaces(text: str) -> str:
-    tidy = re.sub(r"^#?[ \t]+|[ \t]+$", "", text, flags=re.MULTILINE)
-    return re.sub(r"[ \t]+", ",", tidy)
 
 
 def read_header(stream: TextIO | Commas, file: str) -> list[str]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clock import SECOND, as_stamps, tidy
+from ftbias_jax.io.clock import as_stamps, since, tidy
 from ftbias_jax.io.conventions.units import later, recorded_times
 from ftbias_jax.io.log import Column, Log
 from ftbias_jax.io.remote.fetch import opened
@@ -57,14 +57,9 @@ def _columns_of(file: str, wanted: Mapping[str, str], start: float, setup: Setup
 
 
 def column_of(stamps: Array, values: Array, start: float, file: str = "", field: str = "") -> Column:
-    """The values that were measured, with stamps since the first sample of the log.
+    """The values (T,) that were measured, with stamps in s since the first sample of the log.
 
-    Args:
-        stamps: (T,) floating point in s, or integers in ns.
-        values: (T,) NaN = not measured.
-        start: s, stamp of the log's first sample.
-        file: where they come from, for messages.
-        field: their name, for messages.
+    The stamps (T,) are floating point in s or integers in ns, as ``start``, that of the first sample, is in s.
     """
     t, values = as_stamps(stamps, file=file), np.asarray(values)
     if values.shape != t.shape or values.dtype.kind not in "fiu":
@@ -76,7 +71,5 @@ def column_of(stamps: Array, values: Array, start: float, file: str = "", field:
     known = np.isfinite(values)
     if not known.any():
         raise LogError("was never measured", file=file, field=field, remedy="leave it out of [log.columns]")
-    # Integers are subtracted as integers: nanoseconds since 1970 do not fit the 53 bits of a float.
-    seconds = (t - round(start * SECOND)) / SECOND if t.dtype.kind == "i" else t - start
-    ordered = tidy(seconds[known], values[known, None])
+    ordered = tidy(since(t, start)[known], values[known, None])
     return Column(ordered.t, ordered.values[:, 0])

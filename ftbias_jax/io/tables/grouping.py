@@ -25,12 +25,7 @@ def files_of(path: str | os.PathLike[str], patterns: Mapping[str, str]) -> dict[
 
 
 def inputs_of(path: str | os.PathLike[str], patterns: Mapping[str, str]) -> tuple[str, ...]:
-    """All files of a log; of one that is a single file, or that fits no pattern, the path itself.
-
-    Args:
-        path: of the log.
-        patterns: [log.files] of the setup; {} = every log is one file.
-    """
+    """All files of a log; of one that is a single file, or that fits no pattern, the path itself."""
     try:
         return tuple(dict.fromkeys(files_of(path, patterns).values())) if patterns else (os.fspath(path),)
     except LogError:

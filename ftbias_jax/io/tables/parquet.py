@@ -49,8 +49,8 @@ def parquet_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> di
         others = {name: names for name, names in columns.items() if name != "t"}
         used = [where[name] for names in others.values() for name in names]
         stored = list(dict.fromkeys([*(where[name].column for name in time), *(cell.column for cell in used)]))
-        _check_numbers(arrow, schema, {cell.column for cell in used}, file)
         kinds = [_time_type(arrow, schema.field(name).type, name, file) for name in time]
+        _check_numbers(arrow, schema, dict.fromkeys(cell.column for cell in used), file)
         rows = check_pages(file, stored, budget)
         budget.hold(8 * rows * (len(time) + len(used)))
         t, numbers = [np.empty(rows, kind) for kind in kinds], np.empty((rows, len(used)))

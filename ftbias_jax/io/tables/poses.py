@@ -66,7 +66,16 @@ class Poses(NamedTuple):
 
 
 def read_poses(path: str | os.PathLike[str], setup: Setup) -> Poses:
-    """Read a table of static poses: CSV, Parquet, NPZ or HDF5 with the names of a log, time optional."""
+    """Read a table of static poses: CSV, Parquet, NPZ or HDF5 with the names of a log, time optional.
+
+    Args:
+        path: the file.
+        setup: gives the number and names of the joints, the sensor's sign, and column names. Of a sensor_pose only the
+            orientation is read.
+
+    Raises:
+        LogError: the file cannot be read, or is no table of 4 to 1000 readings at rest.
+    """
     file = os.fspath(path)
     if suffix_of(file) not in TABLES:
         raise LogError("is no table of poses", file=file, remedy=f"give a file that ends in {', '.join(TABLES)}")

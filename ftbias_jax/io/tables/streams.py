@@ -26,7 +26,7 @@ from ftbias_jax.io.ros.choose import (
     wanted_of,
 )
 from ftbias_jax.io.ros.read import credible, parts_of
-from ftbias_jax.io.ros.record import PACKED, SUFFIXES, read_recording
+from ftbias_jax.io.ros.record import SUFFIXES, is_ros, read_recording
 from ftbias_jax.io.tables.arrays import (
     ARRAY_FILES,
     ARRAYS,
@@ -85,7 +85,7 @@ def read_stream(
     file: str, quantities: Sequence[str], setup: Setup, *, salvage: bool = False
 ) -> tuple[list[Part], Repairs]:
     """Stamps in order and arrays of one file by their native names; a recording may have several streams."""
-    if file.lower().removesuffix(PACKED).endswith(SUFFIXES) or Path(file).is_dir():
+    if is_ros(file):
         return _of_recording(file, quantities, setup, salvage)
     suffix = suffix_of(file)
     if suffix in COLUMNS:

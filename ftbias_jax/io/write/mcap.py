@@ -8,7 +8,6 @@ with a configuration for every panel (configById) and the tree of panels (layout
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import struct
@@ -20,6 +19,7 @@ import numpy as np
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.io.limits.unpack import need
 from ftbias_jax.io.write.fields import FIELDS, SIGN
 from ftbias_jax.io.write.provenance import as_text
 from ftbias_jax.io.write.selection import About, description_text
@@ -62,11 +62,7 @@ def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: 
     """
     about = about or About()
     frame = about.frame or FRAME
-    try:
-        writers = importlib.import_module("mcap.writer")
-    except ImportError as error:
-        remedy = "pip install 'ftbias-jax[ros]'"
-        raise OutputError("writing it needs the package mcap", file=path, remedy=remedy) from error
+    writers = need("mcap.writer", "ros", path, writes=True)
     stamps = np.rint(np.asarray(arrays["t"]) * 1e9).astype(np.int64)
     if not ((stamps >= 0) & (stamps < 2**32 * 10**9)).all():
         message = f"stamps from {stamps.min()} to {stamps.max()} ns do not fit a ROS header"
@@ -107,13 +103,7 @@ def _words(name: str) -> dict[str, str]:
 
 
 def wrench_message(stamp: int, frame: str, wrench: Array) -> bytes:
-    """The bytes (CDR, little endian) of a geometry_msgs/msg/WrenchStamped.
-
-    Args:
-        stamp: ns.
-        frame: its name.
-        wrench: (6,) N, Nm.
-    """
+    """The bytes (CDR, little endian) of a geometry_msgs/msg/WrenchStamped, from ns, frame and wrench (6,) N, Nm."""
     seconds, nanoseconds = divmod(stamp, 10**9)
     name = frame.encode() + b"\x00"
     padding = -(12 + len(name)) % 8  # the numbers are aligned to eight bytes after the first four

@@ -43,10 +43,7 @@ ALL = Selection()
 def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: bool | None = None) -> None:
     """Refuse a selection that means nothing, before minutes are spent on computing.
 
-    Args:
-        selection: what is asked for.
-        smooth: whether the result will be smoothed; None = not known.
-        adapt: whether the noise is taken from the log; None = not known.
+    Whether the result will be smoothed, and the noise taken from the log: None = not known.
     """
     check_fields(selection.fields)
     there = {SMOOTH: smooth, "adapt": adapt}
@@ -75,12 +72,7 @@ def check_fields(names: Sequence[str]) -> None:
 
 
 def selected(arrays: Mapping[str, Array], selection: Selection = ALL) -> dict[str, Array]:
-    """The arrays of a whole result that are written.
-
-    Args:
-        arrays: by name; (T, ...) with t (T,), or ().
-        selection: what is asked for.
-    """
+    """The arrays of a whole result that are written: (T, ...) each with t (T,), or ()."""
     (whole,) = selected_parts([arrays], selection)
     return whole
 
@@ -92,7 +84,9 @@ def selected_parts(parts: Iterable[Mapping[str, Array]], selection: Selection) -
     count, first, tick = 0, 0.0, -np.inf
     for part in parts:
         t = np.asarray(part["t"])
-        _check_there(selection.fields, part)
+        if missing := [name for name in selection.fields if name not in part]:
+            remedy = "smooth the log" if FIELDS[missing[0]].needs == SMOOTH else "filter it without as_stated"
+            raise UsageError(f"the result has no {missing[0]!r}", field="fields", remedy=remedy)
         if count == 0 and len(t):
             first = float(t[0])
         if selection.rate is None:
@@ -111,13 +105,6 @@ def selected_parts(parts: Iterable[Mapping[str, Array]], selection: Selection) -
 
 def _as_precise(name: str, values: Array, wanted: type) -> Array:
     return values if name in ALWAYS_DOUBLE or values.dtype.kind != "f" else values.astype(wanted)
-
-
-def _check_there(names: Sequence[str], arrays: Mapping[str, Array]) -> None:
-    for name in names:
-        if name not in arrays:
-            remedy = "smooth the log" if FIELDS[name].needs == SMOOTH else "filter it without as_stated"
-            raise UsageError(f"the result has no {name!r}", field="fields", remedy=remedy)
 
 
 class About(NamedTuple):

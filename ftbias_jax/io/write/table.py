@@ -6,15 +6,14 @@ the CSV itself would be rows to spreadsheets, PlotJuggler and ``pandas.read_csv`
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections.abc import Mapping
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.errors import OutputError
 from ftbias_jax.io.atomic import write_atomic, write_json
+from ftbias_jax.io.limits.unpack import need
 from ftbias_jax.io.write.fields import FIELDS, unit_of
 from ftbias_jax.io.write.provenance import as_text
 from ftbias_jax.io.write.selection import About, description, description_text
@@ -40,8 +39,7 @@ class Column(NamedTuple):
 def table(arrays: Mapping[str, Array]) -> dict[str, Column]:
     """The columns of a result by name: ``t``, ``bias_fx``, ``q0``; a scalar is repeated in every row.
 
-    Args:
-        arrays: () or (T,) or (T, k) each; one of them is t (T,).
+    The arrays are () or (T,) or (T, k) each; one of them is t (T,).
     """
     length = len(arrays["t"])
     columns: dict[str, Column] = {}
@@ -70,11 +68,7 @@ def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], abou
         about: kept in the metadata of the schema under ``ftbias`` (provenance) and ``ftbias_about``; every column has
             ``unit`` and ``description`` in its own.
     """
-    try:
-        arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError as error:
-        remedy = "pip install 'ftbias-jax[parquet]'"
-        raise OutputError("writing it needs the package pyarrow", file=path, remedy=remedy) from error
+    arrow, parquet = (need(name, "parquet", path, writes=True) for name in ("pyarrow", "pyarrow.parquet"))
     columns, about = table(arrays), about or About()
     made = {name: arrow.array(column.values) for name, column in columns.items()}
     fields = [

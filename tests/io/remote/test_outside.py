@@ -25,6 +25,7 @@ COMMANDS = [
     "tune 1_ft.npz --setup setup.toml -o out.toml",
     "identify 1_ft.npz --setup setup.toml -o out.toml",
     "diagnose 1_ft.npz --setup setup.toml --json out.json",
+    "calibrate 1_ft.npz --setup setup.toml -o out.toml",
     "simulate --motion 1_ft.npz --setup setup.toml -o out.npz",
     *(f"{job} 1_ft.npz --setup setup.toml -o results" for job in ("filter", "check", "diagnose", "identify", "tune")),
 ]
