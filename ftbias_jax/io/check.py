@@ -84,7 +84,11 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
     if not len(wrench_t):
         remedy = "record the sensor's wrench"
         raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
-    _check_rate(wrench_t, file)
+    rate = 1 / np.median(np.diff(wrench_t)) if len(wrench_t) > 1 else LOWEST_RATE
+    if not LOWEST_RATE <= rate <= HIGHEST_RATE:
+        message = f"the wrench has a rate of {rate:.4g} Hz, which is implausible"
+        remedy = "give floating-point time in s, integer time in ns, or state log.time_unit in the setup"
+        raise LogError(message, file=file, field="t", remedy=remedy)
 
 
 def relative_seconds(t: Array, *, file: str = "") -> tuple[Array, float]:
@@ -100,15 +104,6 @@ def relative_seconds(t: Array, *, file: str = "") -> tuple[Array, float]:
     # Integers are subtracted as integers: nanoseconds since 1970 do not fit the 53 bits of a float.
     unit = 1e-9 if t.dtype.kind == "i" else 1.0
     return (t - t[0]) * unit, float(t[0]) * unit
-
-
-def _check_rate(t: Array, file: str) -> None:
-    """Refuse rates that no wrench is recorded at: the unit of the (W,) stamps is wrong then."""
-    rate = 1 / np.median(np.diff(t)) if len(t) > 1 else LOWEST_RATE
-    if not LOWEST_RATE <= rate <= HIGHEST_RATE:
-        message = f"the wrench has a rate of {rate:.4g} Hz, which is implausible"
-        remedy = "give floating-point time in s, integer time in ns, or state log.time_unit in the setup"
-        raise LogError(message, file=file, field="t", remedy=remedy)
 
 
 def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first: int) -> Array:

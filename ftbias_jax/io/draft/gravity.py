@@ -147,10 +147,6 @@ def tool_keys(found: Weighed | None, is_stated: bool) -> tuple[Keys, list[str]]:
     )
     if not found.credible:
         return {}, [f"the weight that the log shows is not credible: {words}"]
-    return _weighed(found), [f"weighed by the log: {words}"]
-
-
-def _weighed(found: Weighed) -> Keys:
     remark = f"by its weight in the log; {MEASURE}"
     keys = {
         "tool.mass": Known(float(f"{abs(found.mass):.4g}"), f"\u00b1 {found.mass_stderr:.2g} {remark}"),
@@ -160,4 +156,4 @@ def _weighed(found: Weighed) -> Keys:
     }
     if found.mass < 0:
         keys["sensor.reports"] = Known("wrench_on_sensor", "because the weight has the opposite sign")
-    return keys
+    return keys, [f"weighed by the log: {words}"]

@@ -12,7 +12,7 @@ from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io.pose import rotate
 from ftbias_jax.io.ros.collect import Stream, Wanted
 from ftbias_jax.io.ros.messages import JOINT_STATE, TF, WRENCH_STAMPED
-from ftbias_jax.io.ros.record import Recording, read_recording
+from ftbias_jax.io.ros.record import read_recording
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.keys.template import Known
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot, describe_robot
@@ -61,17 +61,12 @@ def from_urdf(path: str, base_link: str = "", tip_link: str = "", folder: str = 
     keys = {"robot.urdf": Known(shown)}
     if base_link:
         keys["robot.base_link"] = Known(base_link)
-    keys["robot.tip_link"] = Known(tip_link or _flange(urdf), "" if tip_link else "by its name")
-    return keys
-
-
-def _flange(urdf: Urdf) -> str:
-    found = next((name for name in FLANGES if name in urdf.links), "")
-    if not found:
+    flange = tip_link or next((name for name in FLANGES if name in urdf.links), "")
+    if not flange:
         ends = [link for link in urdf.links if link not in {joint.parent for joint in urdf.joints.values()}]
         remedy = f"name it with --tip; links at which nothing hangs: {', '.join(ends[:12])}"
         raise UsageError("no link has the name of a flange", file=urdf.file, field="--tip", remedy=remedy)
-    return found
+    return keys | {"robot.tip_link": Known(flange, "" if tip_link else "by its name")}
 
 
 def mounting(urdf: Urdf, tip_link: str, frame: str) -> Keys:
@@ -110,28 +105,20 @@ class Recorded(NamedTuple):
 def look_into(path: str) -> Recorded:
     """What a recording has for a setup."""
     recording = read_recording(path, salvage=True, wanted=Wanted(poses=True))
-    joints = _of_type(recording, JOINT_STATE, "joints", path)
-    wrenches = _of_type(recording, WRENCH_STAMPED, "wrench", path)
-    arm, wrench = max(joints, key=lambda x: (len(x.names), len(x.stamps))), max(wrenches, key=lambda x: len(x.stamps))
-    keys = _topic("joints", arm, joints) | _topic("wrench", wrench, wrenches)
-    names = tuple(dict.fromkeys(name for stream in joints if stream.topic == arm.topic for name in stream.names))
+    keys: Keys = {}
+    chosen: dict[str, Stream] = {}
+    for what, kind in (("joints", JOINT_STATE), ("wrench", WRENCH_STAMPED)):
+        streams = [stream for stream in recording.streams if stream.message_type == kind]
+        if not streams:
+            raise LogError(f"there is no topic of the type {kind}", file=path, field=what, remedy="record it")
+        chosen[what] = max(streams, key=lambda stream: (len(stream.names), len(stream.stamps)))
+        if others := sorted({stream.topic for stream in streams} - {chosen[what].topic}):
+            keys[f"log.topics.{what}"] = Known(chosen[what].topic, f"also there: {', '.join(others)}")
+    topic = (chosen["joints"].topic, JOINT_STATE)
+    arm = [stream for stream in recording.streams if (stream.topic, stream.message_type) == topic]
+    names = tuple(dict.fromkeys(name for stream in arm for name in stream.names))
     transforms = tuple(stream for stream in recording.streams if stream.message_type == TF)
-    return Recorded(keys, names, recording.description, wrench.names[0].removeprefix("/"), transforms)
-
-
-def _of_type(recording: Recording, kind: str, what: str, path: str) -> list[Stream]:
-    found = [stream for stream in recording.streams if stream.message_type == kind]
-    if not found:
-        raise LogError(f"there is no topic of the type {kind}", file=path, field=what, remedy="record it")
-    return found
-
-
-def _topic(what: str, chosen: Stream, streams: Sequence[Stream]) -> Keys:
-    """The key that chooses a topic, where there are several."""
-    others = sorted({stream.topic for stream in streams} - {chosen.topic})
-    if not others:
-        return {}
-    return {f"log.topics.{what}": Known(chosen.topic, f"also there: {', '.join(others)}")}
+    return Recorded(keys, names, recording.description, chosen["wrench"].names[0].removeprefix("/"), transforms)
 
 
 def sensor_frame(recorded: Recorded) -> Keys:
