@@ -119,11 +119,10 @@ class Plot(NamedTuple):
     """"force" (N) or "torque" (Nm)."""
     arrays: tuple[str, ...]
 
-    def lines(self) -> Iterator[tuple[str, str]]:
-        """Topic and path of the message's field, by dots."""
+    def lines(self) -> Iterator[tuple[str, ...]]:
+        """Topic and path of the message's field."""
         for name in self.arrays:
-            for axis in "xyz":
-                yield topic(name), f"wrench.{self.part}.{axis}"
+            yield from ((topic(name), "wrench", self.part, axis) for axis in "xyz")
 
 
 def _both(title: str, *arrays: str) -> tuple[Plot, Plot]:
@@ -141,14 +140,19 @@ FLAG_PLOTS = {"Contact": ("in_contact", "used")}
 """Tab -> truth values in a plot of their own."""
 
 
+def _titled(tab: str, plots: Sequence[Plot], between: str) -> list[tuple[str, list[str]]]:
+    """Titles of the plots of a tab, and their lines: topic and field with something between the names."""
+    flags = FLAG_PLOTS.get(tab, ())
+    of_flags = [(", ".join(flags), [between.join((topic(flag), "data")) for flag in flags])] if flags else []
+    return [(plot.title, [between.join(line) for line in plot.lines()]) for plot in plots] + of_flags
+
+
 def foxglove_layout() -> str:
     """JSON for "Import from file"."""
     panels: dict[str, Any] = {}
     tabs = []
     for name, plots in TABS.items():
-        titled = [(plot.title, [f"{t}.{field}" for t, field in plot.lines()]) for plot in plots]
-        if name in FLAG_PLOTS:
-            titled.append((", ".join(FLAG_PLOTS[name]), [f"{topic(flag)}.data" for flag in FLAG_PLOTS[name]]))
+        titled = _titled(name, plots, ".")
         ids = [f"Plot!{name.lower()}{i}" for i in range(len(titled))]
         panels |= {one: _foxglove_plot(*content) for one, content in zip(ids, titled, strict=True)}
         rows = [_split("row", ids[i : i + 2]) for i in range(0, len(ids), 2)]
@@ -189,10 +193,8 @@ def plotjuggler_layout() -> str:
     window = ET.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     for name, plots in TABS.items():
         tab = ET.SubElement(window, "Tab", tab_name=name, containers="1")
-        titled = [(plot.title, [f"{t}/{field.replace('.', '/')}" for t, field in plot.lines()]) for plot in plots]
+        titled = _titled(name, plots, "/")
         rows = [titled[i : i + 2] for i in range(0, len(titled), 2)]
-        if name in FLAG_PLOTS:
-            rows.append([(", ".join(FLAG_PLOTS[name]), [f"{topic(flag)}/data" for flag in FLAG_PLOTS[name]])])
         column = _splitter(ET.SubElement(tab, "Container"), "-", len(rows))
         for row in rows:
             panes = _splitter(column, "|", len(row))
