@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 import ftbias_jax as ft
-from ftbias_jax.io.conventions.axes import arm_rotations
+from ftbias_jax.io.pose import arm_rotations
 
 TRUTH = {
     "robot": {"model": "ur5e"},

@@ -18,10 +18,9 @@ from ftbias_jax.filtering.result import Filtered, join, named_arrays
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write import save_results
-from ftbias_jax.io.write.about import About
 from ftbias_jax.io.write.npz import save_npz_parts
 from ftbias_jax.io.write.provenance import Provenance, provenance
-from ftbias_jax.io.write.selection import ALL, Selection, check_selection, selected_parts
+from ftbias_jax.io.write.selection import ALL, About, Selection, check_selection, selected_parts
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
 

@@ -10,10 +10,10 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.io import READERS
 from ftbias_jax.io.remote.fetch import listed, shown
 from ftbias_jax.io.remote.outside import check_planned, is_url
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
+from ftbias_jax.io.tables.arrays import TABLES
 from ftbias_jax.io.tables.grouping import inputs_of, main_file
 
 BAG_FOLDER = "metadata.yaml"
@@ -152,7 +152,7 @@ def _is_bag(path: str) -> bool:
 
 
 def _is_log(path: str) -> bool:
-    return path.lower().removesuffix(PACKED).endswith((*READERS, *SUFFIXES))
+    return path.lower().removesuffix(PACKED).endswith((*TABLES, *SUFFIXES))
 
 
 def _without_suffix(path: str) -> str:

@@ -4,28 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from pathlib import Path
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.remote.fetch import opened
 from ftbias_jax.io.ros.read import read_ros
-from ftbias_jax.io.ros.record import PACKED, SUFFIXES
-from ftbias_jax.io.tables.arrays import log_from_arrays
-from ftbias_jax.io.tables.csv import read_csv
+from ftbias_jax.io.ros.record import SUFFIXES, is_ros
+from ftbias_jax.io.tables.arrays import TABLES, log_from_arrays, read_table, suffix_of
 from ftbias_jax.io.tables.extra import column_of, with_extra_columns
-from ftbias_jax.io.tables.files import read_files
-from ftbias_jax.io.tables.hdf5 import read_hdf5
-from ftbias_jax.io.tables.npz import read_npz
-from ftbias_jax.io.tables.parquet import read_parquet
 from ftbias_jax.io.tables.poses import Poses, read_poses
+from ftbias_jax.io.tables.streams import read_files
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 _OF_TIME = ("t", "time", "t_joints")
 """Fields that a log without time, or with too little of it, is refused for."""
-READERS = {".npz": read_npz, ".csv": read_csv, ".parquet": read_parquet, ".h5": read_hdf5, ".hdf5": read_hdf5}
 
 
 def read_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False, raw: bool = False) -> Log:
@@ -78,18 +72,11 @@ def _read_one(path: str, setup: Setup, salvage: bool) -> Log:
     """A log that is one file, or a bag's folder."""
     if is_ros(path):
         return read_ros(path, setup, salvage=salvage)
-    reader = READERS.get(Path(path).suffix.lower())
-    if reader is None:
-        *most, last = (*READERS, *SUFFIXES)
+    if suffix_of(path) not in TABLES:
+        *most, last = (*TABLES, *SUFFIXES)
         remedy = f"give a log that ends in {', '.join(most)} or {last}, or a ROS 2 bag's folder"
-        raise LogError(f"unknown format {Path(path).suffix!r}", file=path, remedy=remedy)
-    return reader(path, setup)
-
-
-def is_ros(path: str | os.PathLike[str]) -> bool:
-    """Whether the path names a recording of ROS: a folder, or one of its files."""
-    name = os.fspath(path).lower().removesuffix(PACKED)
-    return name.endswith(SUFFIXES) or os.path.isdir(path)
+        raise LogError(f"unknown format {suffix_of(path)!r}", file=path, remedy=remedy)
+    return read_table(path, setup)
 
 
 def log_of_arrays(

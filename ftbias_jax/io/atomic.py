@@ -36,35 +36,19 @@ def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], objec
 
 
 def write_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None:
-    """Write plain dicts, lists, strings and numbers as JSON.
-
-    Raises:
-        OutputError: the file cannot be written there. ValueError: a number is not finite.
-    """
+    """Write plain dicts, lists, strings and numbers as JSON."""
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     write_atomic(path, lambda file: file.write(text.encode()))
 
 
 def refuse_link(path: str | os.PathLike[str]) -> None:
-    """Refuse an output that is a symbolic link: what it leads to was not named, and may be a recording.
-
-    Raises:
-        OutputError: it is one, even one that leads nowhere.
-    """
+    """Refuse an output that is a symbolic link: what it leads to was not named, and may be a recording."""
     if os.path.islink(path):
         raise OutputError("is a symbolic link", file=path, remedy="remove it, or name the file that it leads to")
 
 
 def make_folder_inside(folder: str, path: str) -> None:
-    """Make the folder of a result in a folder of results; no folder between them may be a link.
-
-    Args:
-        folder: of the results, as the user named it; it may be a link itself.
-        path: of the result's folder, in ``folder``.
-
-    Raises:
-        OutputError: it cannot be made, or a folder on the way is a symbolic link.
-    """
+    """Make the folder of a result in a folder of results; no folder between them may be a link."""
     place = folder
     for part in Path(os.path.relpath(path, folder)).parts:
         place = os.path.join(place, part)
@@ -73,11 +57,7 @@ def make_folder_inside(folder: str, path: str) -> None:
 
 
 def make_folder(path: str | os.PathLike[str]) -> None:
-    """Make a folder for results, if it is not there.
-
-    Raises:
-        OutputError: it cannot be made.
-    """
+    """Make a folder for results, if it is not there."""
     try:
         os.makedirs(path, exist_ok=True)
     except OSError as error:

@@ -6,10 +6,9 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import as_stamps, put_in_order
-from ftbias_jax.io.conventions.axes import in_sensor_axes
 from ftbias_jax.io.conventions.units import angles, wrenches
 from ftbias_jax.io.log import Log, Repairs
-from ftbias_jax.io.pose import pose_entries
+from ftbias_jax.io.pose import in_sensor_axes, pose_entries
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -45,29 +44,24 @@ def check_log(
     Returns:
         float64 arrays in the order of their stamps (``put_in_order``): t relative to the first stamp (``start``), the
         wrench on the tool, NaN for what is None.
-
-    Raises:
-        LogError: shapes disagree, the clock was set back, a value is infinite, or there is no motion or no wrench.
     """
-    columns = {"q": q, "dq": dq, "wrench": wrench, "temperature": temperature}
-    t, (q, dq, wrench, temperature), ordering = put_in_order(t, columns, file=file)
+    given = {"q": q, "dq": dq, "wrench": wrench, "temperature": temperature}
+    recorded = {name: values for name, values in given.items() if values is not None}
+    t, columns, ordering = put_in_order(t, recorded, file=file)
+    q, dq = columns["q"], columns.get("dq")
     t, start = relative_seconds(t, file=file)
     if setup.pose is not None:
         q, dq = pose_entries(q, dq, t, setup, file)
     nothing = np.full(np.shape(q), np.nan) if dq is None else dq
-    unknown = np.full(len(t), np.nan) if temperature is None else temperature
-    log = check_samples(Log(t, q, nothing, wrench, unknown, start, (*repairs, *ordering)), setup, file=file)
+    unknown = columns.get("temperature", np.full(len(t), np.nan))
+    log = check_samples(Log(t, q, nothing, columns["wrench"], unknown, start, (*repairs, *ordering)), setup, file=file)
     log = in_sensor_axes(log, setup, file)
     check_content(~np.isnan(log.q).all(0), t[~np.isnan(log.wrench).all(1)], setup, file=file)
     return log
 
 
 def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> Log:
-    """Samples as recorded, or the part of them from sample ``first`` on, as float64 with the sign of the report.
-
-    Raises:
-        LogError: shapes disagree, or a value is infinite.
-    """
+    """Samples as recorded, or the part of them from sample ``first`` on, as float64 with the sign of the report."""
     length, n = len(log.t), len(setup.robot.joint_names)
     shapes = {"q": (length, n), "dq": (length, n), "wrench": (length, 6), "temperature": (length,)}
     floats = {name: _floats(getattr(log, name), shape, name, file, first) for name, shape in shapes.items()}
@@ -79,16 +73,9 @@ def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> 
 
 
 def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "") -> None:
-    """What a whole log must have.
+    """Refuse a log without motion or wrench, or with an implausible rate.
 
-    Args:
-        joints: (n,) whether each was ever measured.
-        wrench_t: (W,) s, stamps at which any axis of the wrench was.
-        setup: names of the joints.
-        file: the name in messages.
-
-    Raises:
-        LogError: there is no motion or no wrench, or its rate is implausible.
+    ``joints`` (n,) says whether each was ever measured; ``wrench_t`` (W,) s are the stamps at which any axis was.
     """
     for name, measured in zip(setup.robot.joint_names, joints, strict=True):
         if not measured:
@@ -97,48 +84,26 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
     if not len(wrench_t):
         remedy = "record the sensor's wrench"
         raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
-    _check_rate(wrench_t, file)
+    rate = 1 / np.median(np.diff(wrench_t)) if len(wrench_t) > 1 else LOWEST_RATE
+    if not LOWEST_RATE <= rate <= HIGHEST_RATE:
+        message = f"the wrench has a rate of {rate:.4g} Hz, which is implausible"
+        remedy = "give floating-point time in s, integer time in ns, or state log.time_unit in the setup"
+        raise LogError(message, file=file, field="t", remedy=remedy)
 
 
 def relative_seconds(t: Array, *, file: str = "") -> tuple[Array, float]:
-    """Stamps in s since the first, and the first.
-
-    Args:
-        t: (T,) floating point in s, or integers in ns.
-        file: where they come from, for messages.
-
-    Returns:
-        (T,) float64 s from 0, and the first stamp in s.
-
-    Raises:
-        LogError: the stamps are fewer than two, not a number, or do not increase.
-    """
-    t = check_stamps(t, file=file)
+    """(T,) s from 0, of increasing stamps in s if floating point or ns if integer, and the first stamp in s."""
+    t = as_stamps(t, file=file)
+    back = np.flatnonzero(t[1:] <= t[:-1])
+    if back.size:
+        i = back[0] + 1
+        message = f"time does not increase: t[{i}] = {t[i]} after t[{i - 1}] = {t[i - 1]}"
+        raise LogError(message, file=file, field="t", remedy="sort the samples and remove repeated stamps")
     if len(t) < 2:
         raise LogError(f"has {len(t)} samples", file=file, field="t", remedy="a log needs at least 2")
     # Integers are subtracted as integers: nanoseconds since 1970 do not fit the 53 bits of a float.
     unit = 1e-9 if t.dtype.kind == "i" else 1.0
     return (t - t[0]) * unit, float(t[0]) * unit
-
-
-def check_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
-    """The (T,) stamps themselves, as float64 or int64, if they are finite and strictly increasing."""
-    t = as_stamps(t, file=file, field=field)
-    back = np.flatnonzero(t[1:] <= t[:-1])
-    if back.size:
-        i = back[0] + 1
-        message = f"time does not increase: {field}[{i}] = {t[i]} after {field}[{i - 1}] = {t[i - 1]}"
-        raise LogError(message, file=file, field=field, remedy="sort the samples and remove repeated stamps")
-    return t
-
-
-def _check_rate(t: Array, file: str) -> None:
-    """Refuse rates that no wrench is recorded at: the unit of the (W,) stamps is wrong then."""
-    rate = 1 / np.median(np.diff(t)) if len(t) > 1 else LOWEST_RATE
-    if not LOWEST_RATE <= rate <= HIGHEST_RATE:
-        message = f"the wrench has a rate of {rate:.4g} Hz, which is implausible"
-        remedy = "give floating-point time in s, integer time in ns, or state log.time_unit in the setup"
-        raise LogError(message, file=file, field="t", remedy=remedy)
 
 
 def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first: int) -> Array:

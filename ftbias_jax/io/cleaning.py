@@ -5,8 +5,9 @@ A log may come in parts, and is then cleaned as if it were whole.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,12 +15,13 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.io.health import Extremes, Held, Saturation, Still, extend, hold, limits, mask, stuck
 from ftbias_jax.io.log import Log, Repair, Repairs
-from ftbias_jax.io.rates.held import Repeats, extend_repeats, held_readings
-from ftbias_jax.io.rates.missing import LISTED, missing_readings
+from ftbias_jax.io.rates import LISTED, Repeats, extend_repeats, held_readings, missing_readings
 from ftbias_jax.types import AXES, Array
 
 PART = 1 << 16
 """Samples looked at together."""
+STREAMS = {"wrench": "the wrench is", "q": "the joints are", "dq": "the velocities are"}
+"""Array of a log -> how lines about it begin; dq may be what an IMU says."""
 CLEANED = ("left out", "is used once")  # ends of lines
 
 Split = Callable[[int], Iterator[Log]]
@@ -29,15 +31,12 @@ Split = Callable[[int], Iterator[Log]]
 class HeldStream(NamedTuple):
     """The samples of a stream that repeat a reading taken before (``rates.held``)."""
 
-    samples: int = 1
+    samples: int
     """For how many samples one reading is held, at most."""
-    of: int = 0
+    of: int
     """Samples of the whole stream."""
-    t: Array = np.zeros(0)
+    t: Array
     """(R,) s, stamps of the repeats."""
-
-
-NOT_HELD = HeldStream()
 
 
 class Facts(NamedTuple):
@@ -57,28 +56,14 @@ class Facts(NamedTuple):
     """Of every axis, when it stood still for too long."""
     stuck_count: Array
     """(6,) samples of those stretches."""
-    held_wrench: HeldStream = NOT_HELD
-    """Readings that the sensor published more than once."""
-    held_joints: HeldStream = NOT_HELD
-    held_rates: HeldStream = NOT_HELD
-    """Of the joints' velocities, or what an IMU says, which may have a clock of their own."""
+    held: Mapping[str, HeldStream] = MappingProxyType({})
+    """Array of the log -> its readings that were published more than once; joints and rates may have own clocks."""
     missing: Repairs = ()
     """Readings of the wrench or the joints that are missing while the others go on."""
 
 
 def clean(log: Log, *, clipped: bool = True, stuck: bool = True, held: bool = True, file: str = "") -> Log:
-    """The log without samples of clipped and stuck axes and repeats; ``repairs`` names them, left out or not.
-
-    Args:
-        log: as recorded, or as this function made it.
-        clipped: leave out samples at the end of the sensor's range.
-        stuck: leave out samples of axes that stand still.
-        held: leave out samples that repeat a reading which is held until there is a new one.
-        file: the name in messages.
-
-    Raises:
-        LogError: nothing of the wrench would be left.
-    """
+    """The log without samples of clipped and stuck axes and repeats; ``repairs`` names them, left out or not."""
     return cleaned(log, survey(slices(log)), clipped=clipped, stuck=stuck, held=held, file=file)
 
 
@@ -97,17 +82,11 @@ def cleaned(
 
 def without_repeats(log: Log, facts: Facts) -> Log:
     """A log, or a part of it, in which samples that repeat a held reading are not measured."""
-    return log._replace(
-        wrench=_without(facts.held_wrench, log.t, log.wrench),
-        q=_without(facts.held_joints, log.t, log.q),
-        dq=_without(facts.held_rates, log.t, log.dq),
-    )
-
-
-def _without(stream: HeldStream, t: Array, values: Array) -> Array:
-    """The samples (T, k) at t (T,) s of a stream, NaN where they repeat."""
-    repeats = np.isin(t, stream.t, assume_unique=True)
-    return np.where(repeats[:, None], np.nan, values) if repeats.any() else values
+    found: dict[str, Any] = {}
+    for name, stream in facts.held.items():
+        repeats = np.isin(log.t, stream.t, assume_unique=True)
+        found[name] = np.where(repeats[:, None], np.nan, getattr(log, name))
+    return log._replace(**found)
 
 
 def cleaned_wrench(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True) -> Array:
@@ -121,19 +100,14 @@ def cleaned_wrench(log: Log, facts: Facts, clipped: bool = True, stuck: bool = T
 def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: bool = True) -> Repairs:
     """What is wrong with the axes of the wrench and with the rates, one line a fault; see ``clean``."""
     found = []
-    streams = {
-        "the wrench is": facts.held_wrench,
-        "the joints are": facts.held_joints,
-        "the velocities are": facts.held_rates,
-    }
-    for which, stream in streams.items():
-        if len(stream.t):
-            used = ": each reading is used once" if held else ""
-            repeats = f"{len(stream.t)} of {stream.of} repeat{used}"
-            found.append(Repair(f"{which} held for up to {stream.samples} samples, {repeats}"))
+    for name, stream in facts.held.items():
+        used = ": each reading is used once" if held else ""
+        repeats = f"{len(stream.t)} of {stream.of} repeat{used}"
+        found.append(Repair(f"{STREAMS[name]} held for up to {stream.samples} samples, {repeats}"))
     if facts.clipped_count.any():
         what = "samples at the end of the sensor's range" + (" left out" if clipped else "")
-        found.append(Repair(f"{what}: {_counted(facts.clipped_count)}", lost=clipped))
+        counts = ", ".join(f"{count} of {axis}" for axis, count in zip(AXES, facts.clipped_count, strict=True) if count)
+        found.append(Repair(f"{what}: {counts}", lost=clipped))
     for axis, stretches, count in zip(AXES, facts.stuck, facts.stuck_count, strict=True):
         if stretches:
             what = f"{axis} stands still {_spans(stretches)}: {count} samples" + (" left out" if stuck else "")
@@ -145,11 +119,7 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: bool 
 
 
 def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None:
-    """Refuse a log of whose wrench nothing is left.
-
-    Raises:
-        LogError: no axis has a sample left.
-    """
+    """Refuse a log of whose wrench nothing is left."""
     if not facts.measured.any():
         remedy = "record the sensor's wrench"
         raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
@@ -162,31 +132,29 @@ def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None
 def survey(split: Split) -> Facts:
     """Read a log for what must be known of all of it: once, and again if readings are held."""
     facts = _survey(split)
-    if not any(len(stream.t) for stream in (facts.held_wrench, facts.held_joints, facts.held_rates)):
+    if not facts.held:
         return facts
 
     def once(size: int) -> Iterator[Log]:
         return (without_repeats(part, facts) for part in split(size))
 
-    again = _survey(once)
-    return facts._replace(**{name: getattr(again, name) for name in Facts._fields[:7]})
+    return _survey(once)._replace(held=facts.held, missing=facts.missing)
 
 
 def _survey(split: Split) -> Facts:
-    axes, helds, stamps = [Extremes()] * 6, [Held()] * 6, []
+    axes, stills_of = [Extremes()] * 6, [Held()] * 6
+    repeats, stamps = dict.fromkeys(STREAMS, Repeats()), {name: [np.zeros(0)] for name in STREAMS}
     first_q: Array = np.nan
-    repeats, joint_t, rate_t = [Repeats()] * 3, [], []
     for part in split(PART):
         seen = ~np.isnan(part.q)
         first = np.where(seen.any(0), np.take_along_axis(part.q, seen.argmax(0)[None], 0)[0], np.nan)
         first_q = np.where(np.isnan(first_q), first, first_q)
-        stamps.append(part.t[~np.isnan(part.wrench).all(1)])
-        joint_t.append(part.t[seen.any(1)])
-        rate_t.append(part.t[~np.isnan(part.dq).all(1)])
-        readings = (part.wrench, part.q, part.dq)
-        repeats = [extend_repeats(one, values) for one, values in zip(repeats, readings, strict=True)]
+        for name in STREAMS:
+            values = getattr(part, name)
+            stamps[name].append(part.t[~np.isnan(values).all(1)])
+            repeats[name] = extend_repeats(repeats[name], values)
         axes = [extend(axis, values) for axis, values in zip(axes, part.wrench.T, strict=True)]
-        helds = [hold(held, part.t, values) for held, values in zip(helds, part.wrench.T, strict=True)]
+        stills_of = [hold(still, part.t, values) for still, values in zip(stills_of, part.wrench.T, strict=True)]
     clipped = tuple(map(limits, axes))
     ends = [
         (low == axis.low) * axis.low_count + (high == axis.high) * axis.high_count
@@ -194,23 +162,20 @@ def _survey(split: Split) -> Facts:
     ]
     stills = tuple(
         tuple(still for still in stuck(held) if still.value not in axis)
-        for held, axis in zip(helds, clipped, strict=True)
+        for held, axis in zip(stills_of, clipped, strict=True)
     )
     counts = [sum(still.samples for still in stretches) for stretches in stills]
-    measured = np.array([held.samples for held in helds])
-    every_t = [np.concatenate(kept) for kept in (stamps, joint_t, rate_t)]
-    wrench, joints, rates = (_held_stream(one, t) for one, t in zip(repeats, every_t, strict=True))
-    of_joints = missing_readings("the joints are", every_t[1], every_t[0])  # that they are slower is usual
-    missing = *missing_readings("the wrench is", *every_t[:2]), *(one for one in of_joints if one.lost)
-    return Facts(
-        first_q, every_t[0], measured, clipped, np.array(ends), stills, np.array(counts), wrench, joints, rates, missing
-    )
-
-
-def _held_stream(seen: Repeats, t: Array) -> HeldStream:
-    """Where a stream, measured at t (W,) s, repeats itself."""
-    found = held_readings(seen)
-    return NOT_HELD if found is None else HeldStream(found.samples, len(t), t[found.repeats])
+    measured = np.array([held.samples for held in stills_of])
+    every_t = {name: np.concatenate(kept) for name, kept in stamps.items()}
+    helds = {}
+    for name, t in every_t.items():
+        found = held_readings(repeats[name])
+        if found is not None and found.repeats.any():
+            helds[name] = HeldStream(found.samples, len(t), t[found.repeats])
+    wrench_t, joint_t = every_t["wrench"], every_t["q"]
+    of_joints = missing_readings(STREAMS["q"], joint_t, wrench_t)  # that they are slower is usual
+    missing = *missing_readings(STREAMS["wrench"], wrench_t, joint_t), *(one for one in of_joints if one.lost)
+    return Facts(first_q, wrench_t, measured, clipped, np.array(ends), stills, np.array(counts), helds, missing)
 
 
 def slices(*logs: Log) -> Split:
@@ -225,10 +190,6 @@ def slices(*logs: Log) -> Split:
     return split
 
 
-def _counted(counts: Sequence[int]) -> str:
-    return ", ".join(f"{count} of {axis}" for axis, count in zip(AXES, counts, strict=True) if count)
-
-
 def _spans(stretches: Sequence[Still]) -> str:
     words = [f"from {still.first:.1f} s to {still.last:.1f} s" for still in stretches]
     more = len(words) - LISTED
@@ -236,11 +197,7 @@ def _spans(stretches: Sequence[Still]) -> str:
 
 
 def without_long_pauses(log: Log) -> Log:
-    """The log with every pause, or jump of its clock forward, no longer than LONG_PAUSE, for what judges it.
-
-    Args:
-        log: as ``read_log`` gives it; its stamps increase.
-    """
+    """The log with every pause, or jump of its clock forward, no longer than LONG_PAUSE, for what judges it."""
     steps = np.diff(log.t, prepend=log.t[:1])
     if not (steps > LONG_PAUSE).any():
         return log

@@ -34,9 +34,7 @@ class Clock(NamedTuple):
 def choose_clock(stamps: Sequence[Array], logged: Sequence[Array]) -> Clock:
     """The headers' stamps if all streams have them on one clock, otherwise the times at which they were logged.
 
-    Args:
-        stamps: (T,) int64 ns of the headers for each stream, in the order in which they were stored; 0 = not set.
-        logged: (T,) int64 ns at which each message was recorded, in the same order; 0 = not set.
+    Both are (T,) int64 ns for each stream, in the order in which the messages were stored; 0 = not set.
     """
     if any(np.mean(times == 0) > 0.5 for times in stamps):
         return Clock(tuple(logged), "the headers have no stamps")
@@ -81,11 +79,7 @@ def continue_after_jumps(streams: Sequence[Array], file: str = "") -> tuple[tupl
 
 
 def as_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
-    """The (T,) stamps as float64 (s) or int64 (ns), in the order in which they are.
-
-    Raises:
-        LogError: they are no list of finite numbers.
-    """
+    """The (T,) stamps as float64 (s) or int64 (ns), in the order in which they are."""
     t = np.asarray(t)
     if t.ndim != 1 or t.dtype.kind not in "fiu":
         message = f"has shape {t.shape} and type {t.dtype}"
@@ -98,35 +92,38 @@ def as_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
     return t
 
 
+def since(t: Array, start: float) -> Array:
+    """(T,) s since a stamp in s, of stamps in s if floating point or ns if integer."""
+    # Integers are subtracted as integers: nanoseconds since 1970 do not fit the 53 bits of a float.
+    return (t - round(start * SECOND)) / SECOND if t.dtype.kind == "i" else t - start
+
+
 class Ordered(NamedTuple):
     """Samples in the order of their stamps."""
 
     t: Array
     """(U,) float64 s or int64 ns, strictly increasing."""
-    columns: tuple[Array | None, ...]
-    """(U, ...) each, or None."""
+    columns: Mapping[str, Array]
+    """(U, ...) each."""
     repairs: Repairs
     """What that took."""
 
 
 def put_in_order(
-    t: Array, columns: Mapping[str, Array | None], samples: str = "samples", *, file: str = "", field: str = "t"
+    t: Array, columns: Mapping[str, Array], samples: str = "samples", *, file: str = "", field: str = "t"
 ) -> Ordered:
     """Sort samples that came a little late, and make one of those that share a stamp, as ``tidy`` does.
 
     Args:
         t: (T,) stamps: floating point in s, or integers in ns.
-        columns: name -> (T, ...) real numbers, NaN = not measured; None = not recorded.
+        columns: name -> (T, ...) real numbers, NaN = not measured.
         samples: what they are, for the repairs.
         file: where the stamps come from, for messages.
         field: where the stamps come from, for messages.
-
-    Raises:
-        LogError: a stamp is no finite number, or is so far behind another that the clock was set back.
     """
     t, columns, astray = _without_astray(as_stamps(t, file=file, field=field), columns, samples, file, field)
     if (t[1:] > t[:-1]).all():
-        return Ordered(t, tuple(columns.values()), astray)
+        return Ordered(t, columns, astray)
     back = np.flatnonzero(t <= np.maximum.accumulate(t) - (JUMP if t.dtype.kind == "i" else JUMP / SECOND))
     if back.size:
         late = back[0]
@@ -134,18 +131,17 @@ def put_in_order(
         message = f"time does not increase: {field}[{late}] = {t[late]} after {field}[{latest}] = {t[latest]}"
         remedy = "sort the samples, or cut the log where its clock was set back"
         raise LogError(message, file=file, field=field, remedy=remedy)
-    given = {name: _one_a_stamp(values, len(t), name, file) for name, values in columns.items() if values is not None}
+    given = {name: one_a_stamp(values, len(t), name, file) for name, values in columns.items()}
     flat = [values.reshape(len(t), -1) for values in given.values()]
     ordered = tidy(t, np.concatenate(flat, 1))
     parts = np.split(ordered.values, np.cumsum([values.shape[1] for values in flat])[:-1], axis=1)
     placed = {name: part.reshape(-1, *given[name].shape[1:]) for name, part in zip(given, parts, strict=True)}
-    repairs = (*astray, *order_repairs(ordered, samples))
-    return Ordered(ordered.t, tuple(placed.get(name) for name in columns), repairs)
+    return Ordered(ordered.t, placed, (*astray, *order_repairs(ordered, samples)))
 
 
 def _without_astray(
-    t: Array, columns: Mapping[str, Array | None], samples: str, file: str, field: str
-) -> tuple[Array, Mapping[str, Array | None], Repairs]:
+    t: Array, columns: Mapping[str, Array], samples: str, file: str, field: str
+) -> tuple[Array, Mapping[str, Array], Repairs]:
     """The samples whose stamps a clock can have: no more than ASTRAY from the others."""
     if t.dtype.kind != "f" or not len(t):
         return t, columns, ()
@@ -157,7 +153,7 @@ def _without_astray(
     if near.all():
         return t, columns, ()
     kept = {
-        name: values if values is None or np.ndim(values) == 0 or len(values) != len(t) else np.asarray(values)[near]
+        name: values if np.ndim(values) == 0 or len(values) != len(t) else np.asarray(values)[near]
         for name, values in columns.items()
     }
     what = f"{(~near).sum()} of the {samples} left out: their stamps are centuries from the others"
@@ -187,12 +183,7 @@ class Tidy(NamedTuple):
 
 
 def tidy(t: Array, values: Array) -> Tidy:
-    """Sort samples by their stamps; samples of one stamp become one, each column from the first that has it.
-
-    Args:
-        t: (T,) s or ns.
-        values: (T, k), NaN = not measured.
-    """
+    """Sort samples (T, k) by their stamps; those of one stamp become one, each column from the first that has it."""
     late = int((t[1:] < np.maximum.accumulate(t)[:-1]).sum()) if len(t) else 0
     unique, place = np.unique(t, return_inverse=True)
     if len(unique) == len(t) and not late:
@@ -208,8 +199,8 @@ def tidy(t: Array, values: Array) -> Tidy:
     return Tidy(unique, merged, late, int((~used).any(1).sum()))
 
 
-def _one_a_stamp(values: Array, stamps: int, field: str, file: str) -> Array:
-    """The values as float64, if they are real numbers and as many as the stamps."""
+def one_a_stamp(values: Array, stamps: int, field: str, file: str) -> Array:
+    """The values (T, ...) as float64, if they are real numbers and as many as the stamps."""
     values = np.asarray(values)
     if values.ndim == 0 or len(values) != stamps or values.dtype.kind not in "fiu":
         message = f"has shape {values.shape} and type {values.dtype} for {stamps} stamps"

@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.io.rates import find_held, jitter
+from ftbias_jax.io.ros.messages import JOINT_STATE
 from ftbias_jax.types import Array
 
 GAP = 10.0
@@ -70,13 +72,7 @@ class Held(NamedTuple):
 
 
 def hold(seen: Held, t: Array, values: Array) -> Held:
-    """Take in the next samples of an axis; the same however a log is cut into parts.
-
-    Args:
-        seen: of the samples before.
-        t: (T,) s.
-        values: (T,), NaN = not measured.
-    """
+    """Take in the next samples (T,) of an axis at t (T,) s, NaN = not measured; the log may be cut anywhere."""
     measured = ~np.isnan(values)
     t, values = t[measured], values[measured]
     if not len(values):
@@ -107,12 +103,7 @@ def stuck(seen: Held) -> tuple[Still, ...]:
 
 
 def stuck_seconds(t: Array, values: Array) -> float:
-    """The longest time in s for which one axis is stuck; 0 if it is not.
-
-    Args:
-        t: (T,) s.
-        values: (T,), NaN = not measured.
-    """
+    """The longest time in s for which one axis (T,) at t (T,) s is stuck; 0 if it is not."""
     return max((still.last - still.first for still in stuck(hold(Held(), t, values))), default=0.0)
 
 
@@ -194,3 +185,61 @@ def _runs(values: Array) -> tuple[Array, Array]:
     """First index and length of every stretch of equal values."""
     starts = np.flatnonzero(np.r_[True, values[1:] != values[:-1]]) if len(values) else np.zeros(0, int)
     return starts, np.diff(np.r_[starts, len(values)])
+
+
+class StreamInfo(NamedTuple):
+    """One stream of samples."""
+
+    name: str
+    """The topic, or "joints" and "wrench"."""
+    kind: str
+    names: tuple[str, ...]
+    """Of the joints; of a wrench, its frame if known."""
+    samples: int
+    first: float
+    """s, as stamped."""
+    last: float
+    rate: float
+    """Hz."""
+    gaps: tuple[tuple[float, float], ...]
+    """Start, in s after the first stamp, and length in s."""
+    trouble: tuple[str, ...]
+    """A line each: stuck, saturated or missing axes; a recorder's clock that is off."""
+
+    def without_stamps(self) -> StreamInfo:
+        """Of rows that were only counted."""
+        nowhere = float("nan")
+        return self._replace(first=nowhere, last=nowhere, rate=nowhere, gaps=(), trouble=("it has no stamps",))
+
+
+def stream_info(
+    name: str,
+    kind: str,
+    names: Sequence[str],
+    start: float,
+    t: Array,
+    values: Array,
+    labels: Sequence[str],
+    sensor: bool = False,
+) -> StreamInfo:
+    """What there is to say about samples (T, k) at t (T,) s after ``start``; only a sensor may not stand still."""
+    trouble = []
+    for label, column in zip(labels, values.T, strict=True):
+        missing = np.isnan(column).mean() if len(column) else 1.0
+        limits = saturation(column)
+        if missing:
+            trouble.append(f"{label}: {100 * missing:.3g} % not measured")
+        if sensor and (seconds := stuck_seconds(t, column)):
+            trouble.append(f"{label}: stuck for {seconds:.3g} s")
+        if sensor and not np.isnan(limits).all():
+            ends = " and ".join(f"{end:.6g}" for end in limits if not np.isnan(end))
+            trouble.append(f"{label}: saturated at {ends}")
+    readings = values[:, : len(names)] if kind == JOINT_STATE else values
+    if (repeated := find_held(readings)) is not None:
+        share = f"{100 * repeated.repeats.mean():.0f} % of the samples repeat the one before"
+        trouble.append(f"held: {share}, one reading for up to {repeated.samples} samples")
+    if scatter := jitter(t):
+        trouble.append(f"stamps scatter by {1e3 * scatter:.3g} ms about a steady clock")
+    first, last = (start + t[0], start + t[-1]) if len(t) else (np.nan, np.nan)
+    found = tuple((at - t[0], length) for at, length in gaps(t))
+    return StreamInfo(name, kind, tuple(names), len(t), first, last, sample_rate(t), found, tuple(trouble))

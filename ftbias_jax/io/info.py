@@ -2,59 +2,29 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import is_ros, read_recorded
+from ftbias_jax.io import read_recorded
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.draft.table import look
-from ftbias_jax.io.draft.unstated import RawStream, described, pose_keys
-from ftbias_jax.io.health import gaps, sample_rate, saturation, stuck_seconds
-from ftbias_jax.io.limits.budget import Budget
+from ftbias_jax.io.draft.unstated import is_usual, look_at, pose_keys, robot_of
+from ftbias_jax.io.health import StreamInfo, stream_info
 from ftbias_jax.io.log import Log, Repair
-from ftbias_jax.io.npz_archive import stored_arrays
-from ftbias_jax.io.rates.held import find_held
-from ftbias_jax.io.rates.jitter import jitter
 from ftbias_jax.io.ros.choose import wanted_of
 from ftbias_jax.io.ros.collect import Stream, Wanted
-from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
+from ftbias_jax.io.ros.messages import JOINT_STATE, JOINTS, POSE, POSITION, TRANSFORM, WRENCH, WRENCH_STAMPED
 from ftbias_jax.io.ros.read import log_of, skew
-from ftbias_jax.io.ros.record import Topic, read_recording
-from ftbias_jax.io.ros.types.roles import JOINTS, POSE, POSITION, TRANSFORM, WRENCH
-from ftbias_jax.io.tables.csv import read_header
-from ftbias_jax.io.tables.delimiters import with_commas
-from ftbias_jax.io.tables.hdf5 import dataset_shapes
+from ftbias_jax.io.ros.record import Topic, is_ros, read_recording
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import AXES, Array
+from ftbias_jax.types import AXES
 
 POSE_LABELS = ("x", "y", "z", "qx", "qy", "qz", "qw")
-
-
-class StreamInfo(NamedTuple):
-    """One stream of samples."""
-
-    name: str
-    """The topic, or "joints" and "wrench"."""
-    kind: str
-    names: tuple[str, ...]
-    """Of the joints; of a wrench, its frame if known."""
-    samples: int
-    first: float
-    """s, as stamped."""
-    last: float
-    rate: float
-    """Hz."""
-    gaps: tuple[tuple[float, float], ...]
-    """Start, in s after the first stamp, and length in s."""
-    trouble: tuple[str, ...]
-    """A line each: stuck, saturated or missing axes; a recorder's clock that is off."""
 
 
 class LogInfo(NamedTuple):
@@ -82,25 +52,27 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
         path: the log.
         setup: judge whether the log can be filtered with it; None = take joints as they come.
         salvage: of a damaged recording, read what is whole.
-
-    Raises:
-        LogError: the file cannot be read.
     """
     if is_ros(path):
         return _describe_ros(path, setup, salvage)
-    names = setup.robot.joint_names if setup else tuple(_joint_names(path))
-    unstated = described(os.fspath(path)) if setup is None else None
-    if unstated is not None:
-        raw = tuple(map(_raw_info, unstated.streams))
-        return LogInfo(raw, (), (), unstated.verdict, False, unstated.keys, unstated.others)
-    log = read_recorded(path, setup or _setup_for(names))
+    if setup is None:
+        table = look(os.fspath(path))
+        if not is_usual(table):
+            unstated = look_at(os.fspath(path), table)
+            return LogInfo(unstated.streams, (), (), unstated.verdict, False, unstated.keys, unstated.others)
+        names = table.joint_names
+    else:
+        names = setup.robot.joint_names
+    log = read_recorded(path, setup or parse_setup(robot_of(names)))
     has_pose = setup is not None and setup.pose is not None
     joints = ~np.isnan(log.q if has_pose else np.column_stack([log.q, log.dq])).all(1)
     shown = ~np.isnan(log.q).all(0) if has_pose else np.full(len(names), True)
     labels = [name for name, there in zip(names, shown, strict=True) if there]
     said = ("pose", "entries that are followed", ()) if has_pose else ("joints", "q, dq", names)
-    motion = _stream_info(*said, log.start, log.t[joints], log.q[joints][:, shown], labels)
-    streams = (motion, _wrench_info(log))
+    motion = stream_info(*said, log.start, log.t[joints], log.q[joints][:, shown], labels)
+    rows = ~np.isnan(log.wrench).all(1)
+    sensed = log.start, log.t[rows], log.wrench[rows], AXES
+    streams = (motion, stream_info("wrench", "N, Nm", (), *sensed, sensor=True))
     verdict = "can be filtered" if setup else f"has {len(names)} joints and a wrench"
     try:
         cleaned = clean(log)
@@ -140,15 +112,6 @@ def _nothing(error: LogError) -> str:
     return f"nothing can be filtered: {error.message} ({error.remedy})"
 
 
-def _raw_info(stream: RawStream) -> StreamInfo:
-    said = (stream.name, stream.kind, (), stream.start, stream.t, stream.values, stream.labels, stream.sensor)
-    info = _stream_info(*said)
-    if stream.timed:
-        return info
-    nowhere = float("nan")
-    return info._replace(first=nowhere, last=nowhere, rate=nowhere, gaps=(), trouble=("it has no stamps",))
-
-
 def _recorded_info(stream: Stream) -> StreamInfo:
     known = stream.stamps != 0
     t = np.sort(stream.stamps[known] if known.any() else stream.logged)
@@ -157,7 +120,7 @@ def _recorded_info(stream: Stream) -> StreamInfo:
     values = stream.values[known if known.any() else slice(None)][order]
     sensor = stream.role == WRENCH and stream.values.shape[1] == len(AXES)
     labels = _labels(stream, sensor)
-    info = _stream_info(stream.topic, stream.message_type, stream.names, start, seconds, values, labels, sensor)
+    info = stream_info(stream.topic, stream.message_type, stream.names, start, seconds, values, labels, sensor)
     return info._replace(trouble=(*info.trouble, skew(stream)))
 
 
@@ -168,76 +131,3 @@ def _labels(stream: Stream, sensor: bool) -> Sequence[str]:
     if stream.role == POSE:
         return POSE_LABELS
     return AXES if sensor else [f"[{i}]" for i in range(stream.values.shape[1])]
-
-
-def _wrench_info(log: Log) -> StreamInfo:
-    rows = ~np.isnan(log.wrench).all(1)
-    return _stream_info("wrench", "N, Nm", (), log.start, log.t[rows], log.wrench[rows], AXES, sensor=True)
-
-
-def _stream_info(
-    name: str,
-    kind: str,
-    names: Sequence[str],
-    start: float,
-    t: Array,
-    values: Array,
-    labels: Sequence[str],
-    sensor: bool = False,
-) -> StreamInfo:
-    """What there is to say about samples (T, k) at t (T,) s after ``start``; only a sensor may not stand still."""
-    trouble = []
-    for label, column in zip(labels, values.T, strict=True):
-        missing = np.isnan(column).mean() if len(column) else 1.0
-        limits = saturation(column)
-        if missing:
-            trouble.append(f"{label}: {100 * missing:.3g} % not measured")
-        if sensor and (seconds := stuck_seconds(t, column)):
-            trouble.append(f"{label}: stuck for {seconds:.3g} s")
-        if sensor and not np.isnan(limits).all():
-            ends = " and ".join(f"{end:.6g}" for end in limits if not np.isnan(end))
-            trouble.append(f"{label}: saturated at {ends}")
-    readings = values[:, : len(names)] if kind == JOINT_STATE else values
-    if (repeated := find_held(readings)) is not None:
-        share = f"{100 * repeated.repeats.mean():.0f} % of the samples repeat the one before"
-        trouble.append(f"held: {share}, one reading for up to {repeated.samples} samples")
-    if scatter := jitter(t):
-        trouble.append(f"stamps scatter by {1e3 * scatter:.3g} ms about a steady clock")
-    first, last = (start + t[0], start + t[-1]) if len(t) else (np.nan, np.nan)
-    found = tuple((at - t[0], length) for at, length in gaps(t))
-    return StreamInfo(name, kind, tuple(names), len(t), first, last, sample_rate(t), found, tuple(trouble))
-
-
-def _joint_names(path: str | os.PathLike[str]) -> list[str]:
-    """Names for the joints of a log of a native format, from the log alone."""
-    suffix = Path(path).suffix.lower()
-    if suffix in (".csv", ".parquet"):
-        found = look(os.fspath(path))
-        return list(found.names or (f"q{i}" for i in range(found.joints)))
-    shape: tuple[int, ...] = ()
-    if suffix == ".npz" and (stored := stored_arrays(path, {"q"})):
-        shape = stored["q"].shape
-    elif suffix in (".h5", ".hdf5"):
-        shape = dataset_shapes(path).get("q", ())
-    return [f"q{i}" for i in range(shape[1])] if len(shape) == 2 else []
-
-
-def _header(path: str | os.PathLike[str]) -> list[str]:
-    file = Budget(path).file
-    try:
-        with open(file, encoding="utf-8-sig", errors="replace") as stream:
-            return read_header(with_commas(stream), file)
-    except (OSError, csv.Error):
-        return []  # the reader says it better
-
-
-def _setup_for(joint_names: Sequence[str]) -> Setup:
-    """A setup of that many joints, which reads a log and means nothing else."""
-    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in joint_names or ["q0"]]
-    return parse_setup(
-        {
-            "robot": {"joints": joints, "flange": {"translation": [0, 0, 0]}},
-            "sensor": {"noise_std": 1.0},
-            "tool": {"mass": 1.0, "center_of_mass": [0, 0, 0]},
-        }
-    )

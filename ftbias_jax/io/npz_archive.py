@@ -27,21 +27,13 @@ _DAMAGE = (
 )
 
 
-def load_arrays(
-    path: str | os.PathLike[str], wanted: Collection[str] | None = None, *, max_bytes: int = budget.MAX_BYTES
-) -> dict[str, Array]:
-    """The arrays of an NPZ file by name.
+def load_arrays(path: str | os.PathLike[str], wanted: Collection[str] | None = None) -> dict[str, Array]:
+    """The arrays of an NPZ file by name: only those that are wanted, where they are there; None = all.
 
-    Args:
-        path: the file.
-        wanted: read only these, where they are there; None = all.
-        max_bytes: refuse files that declare more.
-
-    Raises:
-        LogError: the file cannot be read, is damaged, would fill the memory, or holds Python objects.
+    Refused is a file that is damaged, would fill the memory, or holds Python objects.
     """
     file = os.fspath(path)
-    with _opened(file, max_bytes) as archive:
+    with _opened(file) as archive:
         members = _members(archive)
         if wanted is not None:
             budget.refuse_held(sum(member.file_size for name, member in members.items() if name in wanted), file)
@@ -62,13 +54,9 @@ class StoredArray(NamedTuple):
 
 
 def stored_arrays(path: str | os.PathLike[str], wanted: Set[str]) -> dict[str, StoredArray]:
-    """Those of the wanted arrays that an NPZ file has, without their numbers.
-
-    Raises:
-        LogError: as for ``load_arrays``.
-    """
+    """Those of the wanted arrays that an NPZ file has, without their numbers."""
     file, found = os.fspath(path), {}
-    with _opened(file, budget.MAX_BYTES) as archive:
+    with _opened(file) as archive:
         for name in wanted & _members(archive).keys():
             member = _members(archive)[name]
             with archive.open(member) as stream:
@@ -78,7 +66,7 @@ def stored_arrays(path: str | os.PathLike[str], wanted: Set[str]) -> dict[str, S
 
 
 def _parts(file: str, name: str, rows: int) -> Iterator[Array]:
-    with _opened(file, budget.MAX_BYTES) as archive:
+    with _opened(file) as archive:
         member = _members(archive)[name]
         with archive.open(member) as stream:
             shape, in_columns, dtype = _check_header(stream, member, name, file)
@@ -94,12 +82,12 @@ def _parts(file: str, name: str, rows: int) -> Iterator[Array]:
 
 
 @contextmanager
-def _opened(file: str, max_bytes: int) -> Iterator[zipfile.ZipFile]:
+def _opened(file: str) -> Iterator[zipfile.ZipFile]:
     """The archive, its directory checked; what its parts raise as errors of ours."""
     allowed = Budget(file)
     try:
         with zipfile.ZipFile(file) as archive:
-            _check_directory(archive.infolist(), allowed, max_bytes, file)
+            _check_directory(archive.infolist(), allowed, file)
             yield archive
     except zipfile.BadZipFile as error:
         raise LogError(f"is not an NPZ file, or is cut short: {error}", file=file, remedy=_WRITE_AGAIN) from error
@@ -109,14 +97,10 @@ def _opened(file: str, max_bytes: int) -> Iterator[zipfile.ZipFile]:
 
 
 def _members(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    return {_array_name(member): member for member in archive.infolist()}
+    return {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
 
 
-def _array_name(member: zipfile.ZipInfo) -> str:
-    return member.filename.removesuffix(".npy")
-
-
-def _check_directory(members: list[zipfile.ZipInfo], allowed: Budget, max_bytes: int, file: str) -> None:
+def _check_directory(members: list[zipfile.ZipInfo], allowed: Budget, file: str) -> None:
     """Refuse hostile or damaged directories from what they declare, before anything is unpacked."""
     for member in members:
         name = member.filename
@@ -130,7 +114,7 @@ def _check_directory(members: list[zipfile.ZipInfo], allowed: Budget, max_bytes:
     if len({member.filename for member in members}) < len(members):
         raise LogError("has two arrays of one name", file=file, remedy=_WRITE_AGAIN)
     total = sum(member.file_size for member in members)
-    limit = min(max_bytes, allowed.limit)
+    limit = min(budget.MAX_BYTES, allowed.limit)
     if total > limit:
         remedy = f"the limit is {limit} bytes; split the log"
         raise LogError(f"declares {total} bytes of arrays", file=file, remedy=remedy)

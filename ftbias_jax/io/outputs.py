@@ -32,9 +32,6 @@ def check_outputs(
         inputs: files and folders that are read; None or "" = none.
         kinds: option -> what is written (``write.ours``): a file that is there is replaced only if it is one of these.
         force: replace files of any kind, but no inputs.
-
-    Raises:
-        UsageError: two of them are one file. OutputError: a file is there that this program did not write as the same.
     """
     taken = {_identity(file): f"the input {os.fspath(file)!r}" for name in inputs if name for file in _files_of(name)}
     for option, output in outputs.items():
@@ -49,15 +46,7 @@ def check_outputs(
 
 
 def check_replaceable(output: Place, kind: str) -> None:
-    """Refuse to replace a file that this program did not write as the same kind of output.
-
-    Args:
-        output: the file, which need not be there.
-        kind: one of ``write.ours``.
-
-    Raises:
-        OutputError: it is another file.
-    """
+    """Refuse to replace a file that this program did not write as the same kind of output."""
     if os.path.isfile(output) and (there := kind_of(output)) != kind:
         what = f"is {there}, not {kind}" if there else f"is not {kind} of ftbias"
         remedy = "name another file, or add --force to replace it"
@@ -65,16 +54,7 @@ def check_replaceable(output: Place, kind: str) -> None:
 
 
 def check_writable(output: Place, suffix: str = "", option: str = "--output") -> None:
-    """Refuse an output that cannot be written before minutes are spent on computing it.
-
-    Args:
-        output: the file.
-        suffix: with which its name must end.
-        option: what names it on the command line.
-
-    Raises:
-        UsageError: it has another suffix. OutputError: its folder does not exist, or it is a FIFO or a device.
-    """
+    """Refuse an output that cannot be written before minutes are spent on computing it."""
     if not os.fspath(output).endswith(suffix):
         raise UsageError(f"cannot write {os.fspath(output)!r}", field=option, remedy=f"end the name in {suffix}")
     if not Path(output).absolute().parent.is_dir():
@@ -87,10 +67,7 @@ def check_writable(output: Place, suffix: str = "", option: str = "--output") ->
 def output_of_setup(output: str | None, setup: str, in_place: bool) -> str:
     """Where a command writes the setup that it changes.
 
-    Args:
-        output: of ``-o``; None = not given.
-        setup: the file that is read.
-        in_place: whether ``--in-place`` was given.
+    ``output`` is that of ``-o``; None = not given.
 
     Raises:
         UsageError: there is no output, or it is not the setup though the setup shall be replaced.
@@ -133,10 +110,6 @@ def _files_of(path: Place) -> Iterable[Place]:
 
 
 def refuse_existing(path: str) -> None:
-    """A setup that somebody has worked on is not replaced by a draft.
-
-    Raises:
-        OutputError: there is a file of that name.
-    """
+    """A setup that somebody has worked on is not replaced by a draft."""
     if os.path.lexists(path):
         raise OutputError("is there already", file=path, remedy="name another file, or remove it")

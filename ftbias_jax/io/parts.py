@@ -48,16 +48,7 @@ class OpenLog(NamedTuple):
 
 
 def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> OpenLog:
-    """Open a log of any format; samples at the end of the sensor's range or of a stuck axis are left out, and counted.
-
-    Args:
-        path: as for ``read_log``.
-        setup: as for ``read_log``.
-        salvage: as for ``read_log``.
-
-    Raises:
-        LogError: it cannot be read, or cannot be filtered (``check_log``).
-    """
+    """Open a log of any format; samples of clipped and stuck axes are left out and counted. Errors as ``read_log``."""
     file = os.fspath(path)
     usual = not setup.pose and setup.log.time_unit is None and setup.log.rate is None and not setup.log.time_offsets
     usual = usual and setup.log.wrench_axes == "sensor" and not setup.log.files and not is_url(file)

@@ -1,4 +1,7 @@
-"""Recorded poses as what the joint filter follows: quaternions without jumps of sign, positions, rates by an IMU."""
+"""Recorded poses as what the joint filter follows, and the sensor's axes at every stamp.
+
+Quaternions without jumps of sign, positions, rates by an IMU; wrenches that are recorded in the axes of the base.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,10 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
+from ftbias_jax.io.log import Log
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.sensor_pose import ORIENTATION_COLUMNS, pose_columns
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup.types import RobotSetup, SensorSetup, Setup
 from ftbias_jax.types import Array
 
 TOLERANCE = 0.05
@@ -29,9 +33,6 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
     Returns:
         q and dq (T, 4 or 7). A specific force becomes the velocity that it adds up to, and the position is left open:
         the wrench feels neither, only the acceleration that the filter finds from them.
-
-    Raises:
-        LogError: an array has another width, or a row is no rotation.
     """
     stated = setup.pose
     assert stated is not None
@@ -155,11 +156,16 @@ def _refuse(bad: Array, what: str, file: str) -> None:
         raise LogError(f"sample {np.flatnonzero(bad)[0]} {what}", file=file, field="orientation", remedy=remedy)
 
 
+def between(t: Array, values: Array, at: Array) -> Array:
+    """Values (A, k) at stamps (A,) on straight lines between the rows of (T, k) at t (T,) that are whole."""
+    known = np.isfinite(values).all(1)
+    return np.stack([np.interp(at, t[known], column[known]) for column in values.T], 1)
+
+
 def interpolated(quaternion: Array, t: Array) -> Array:
     """Quaternions (T, 4) of length one at all stamps (T,), between the measured ones."""
-    known = np.isfinite(quaternion).all(1)
-    between = np.stack([np.interp(t, t[known], column[known]) for column in quaternion.T], 1)
-    return between / np.linalg.norm(between, axis=1, keepdims=True)
+    values = between(t, quaternion, t)
+    return values / np.linalg.norm(values, axis=1, keepdims=True)
 
 
 def _velocity(quaternion: Array, specific_force: Array, t: Array, setup: Setup) -> Array:
@@ -179,3 +185,39 @@ def _columns(values: Array, count: int, field: str, file: str) -> Array:
         message = f"has shape {values.shape} and type {values.dtype}, expected {count} columns of numbers"
         raise LogError(message, file=file, field=field, remedy="record what sensor_pose of the setup says")
     return values.astype(np.float64)
+
+
+def arm_rotations(robot: RobotSetup, sensor: SensorSetup, q: Array) -> Array:
+    """(T, 3, 3) sensor frame in the base frame, of joint positions (T, n)."""
+    rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3))
+    for screw, angle in zip(robot.screws, q.T, strict=True):
+        x, y, z = screw[3:]
+        K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        turn = np.eye(3) + np.sin(angle)[:, None, None] * K + (1 - np.cos(angle))[:, None, None] * (K @ K)
+        rotation = rotation @ turn
+    return rotation @ robot.flange_rotation @ sensor.rotation
+
+
+def sensor_rotations(t: Array, q: Array, setup: Setup, file: str = "") -> Array:
+    """(T, 3, 3) sensor frame in the base frame at all stamps (T,) s, between the rows that have the joints or the pose.
+
+    ``q`` (T, n) are joints or entries of the pose; NaN = not measured.
+    """
+    known = np.isfinite(q[:, :4] if setup.pose else q).all(1)
+    if not known.any():
+        what = "orientation" if setup.pose else "row with all joints"
+        raise LogError(f"no motion data: there is no {what}", file=file, field="q", remedy="record it")
+    if setup.pose is not None:
+        quaternion = interpolated(q[:, :4], t)
+        columns = [rotate(quaternion, np.tile(axis, (len(t), 1))) for axis in setup.sensor.rotation.T]
+        return np.stack(columns, 2)
+    return arm_rotations(setup.robot, setup.sensor, between(t, q, t))
+
+
+def in_sensor_axes(log: Log, setup: Setup, file: str = "") -> Log:
+    """A log whose wrench is in the sensor's axes, about the same point, whichever the setup says it is recorded in."""
+    if setup.log.wrench_axes == "sensor":
+        return log
+    rotations = sensor_rotations(log.t, log.q, setup, file)
+    parts = [np.einsum("tji,tj->ti", rotations, log.wrench[:, half]) for half in (slice(0, 3), slice(3, 6))]
+    return log._replace(wrench=np.concatenate(parts, 1))

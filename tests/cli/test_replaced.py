@@ -12,11 +12,11 @@ from ftbias_jax.cli.main import build_parser, main
 from ftbias_jax.errors import OutputError
 from ftbias_jax.filtering.quality.plot import new_figure, save_figure
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.write import csv, npz, ours
-from ftbias_jax.io.write.about import About
-from ftbias_jax.io.write.layouts import LAYOUTS
+from ftbias_jax.io.write import npz, ours, table
+from ftbias_jax.io.write.mcap import LAYOUTS
 from ftbias_jax.io.write.offsets import dump_offsets
 from ftbias_jax.io.write.provenance import in_words, provenance
+from ftbias_jax.io.write.selection import About
 from ftbias_jax.setup import load_setup
 
 LOG = "log.npz --setup setup.toml"
@@ -115,7 +115,7 @@ def test_every_kind_is_known_again_and_told_from_others(folder, make_diagnosis):
     rows = {"t": np.arange(3.0), "bias": np.zeros((3, 6))}
     about = About(origin=origin)
     npz.save_npz("result.npz", rows | npz.texts_of(rows, about))
-    csv.save_csv("result.csv", rows, about)
+    table.save_csv("result.csv", rows, about)
     made = {"t": np.arange(3.0), "wrench": np.zeros((3, 6))}
     npz.save_npz("log_made.npz", made | npz.texts_of_log(made, "wrench_on_tool", origin))
     make_diagnosis().to_json("diagnosis.json")

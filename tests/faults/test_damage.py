@@ -13,8 +13,8 @@ import recordings
 from recordings import START, Joints, Wrench
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import read_log, unpack
-from ftbias_jax.io.limits import budget
+from ftbias_jax.io import read_log
+from ftbias_jax.io.limits import budget, unpack
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.ros import record
 

@@ -83,19 +83,18 @@ def test_samples_out_of_order_are_sorted_and_those_of_one_stamp_merged(unit):
     t = t if unit < 1 else t.astype(int)
     q = np.array([0.0, 2, 1, 3, np.nan, 4])
     wrench = np.array([0.0, 2, 1, np.nan, 3, 4])[:, None] * np.ones(6)
-    ordered = put_in_order(t, {"q": q, "dq": None, "wrench": wrench}, "samples of a test")
+    ordered = put_in_order(t, {"q": q, "wrench": wrench}, "samples of a test")
     assert ordered.t.dtype == t.dtype
     np.testing.assert_array_equal(ordered.t, np.unique(t))
-    np.testing.assert_array_equal(ordered.columns[0], np.arange(5))
-    assert ordered.columns[1] is None
-    np.testing.assert_array_equal(ordered.columns[2], np.arange(5)[:, None] * np.ones(6))
+    np.testing.assert_array_equal(ordered.columns["q"], np.arange(5))
+    np.testing.assert_array_equal(ordered.columns["wrench"], np.arange(5)[:, None] * np.ones(6))
     assert [repair.what for repair in ordered.repairs] == ["1 of the samples of a test came late: put in order"]
 
 
 def test_samples_in_order_are_not_touched():
     q = np.arange(20)
     ordered = put_in_order(steady(), {"q": q})
-    assert ordered.columns == (q,)
+    assert ordered.columns == {"q": q}
     assert ordered.repairs == ()
 
 

@@ -10,7 +10,8 @@ from datetime import UTC, datetime
 from ftbias_jax.errors import LONGEST, cut, printable
 from ftbias_jax.filtering.quality.at_rest import rest_in_words
 from ftbias_jax.io.cleaning import slices
-from ftbias_jax.io.info import LogInfo, StreamInfo, describe
+from ftbias_jax.io.health import StreamInfo
+from ftbias_jax.io.info import LogInfo, describe
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.require import has_no_tool, is_draft
 from ftbias_jax.setup.types import Setup

@@ -13,7 +13,7 @@ from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.draft.dh_table import DhTable
 from ftbias_jax.io.draft.draft import Request, urdf_beside
 from ftbias_jax.io.outputs import check_outputs, check_writable, refuse_existing
-from ftbias_jax.io.write.layouts import LAYOUTS
+from ftbias_jax.io.write.mcap import LAYOUTS
 from ftbias_jax.io.write.ours import EXPORT
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.export import export_text

@@ -14,8 +14,8 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.cleaning import slices
-from ftbias_jax.io.conventions.axes import sensor_rotations
 from ftbias_jax.io.log import Log, Repair, Repairs
+from ftbias_jax.io.pose import sensor_rotations
 from ftbias_jax.setup.require import has_no_tool, require_tool, with_guessed_tool
 from ftbias_jax.setup.types import COMPENSATED, Setup
 from ftbias_jax.types import Array

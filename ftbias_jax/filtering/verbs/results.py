@@ -18,9 +18,8 @@ from ftbias_jax.filtering.quality.summary import Summary, format_summary
 from ftbias_jax.filtering.verbs.forecast import Forecast, forecast
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write import save_results
-from ftbias_jax.io.write.about import About
 from ftbias_jax.io.write.provenance import Provenance
-from ftbias_jax.io.write.selection import Selection
+from ftbias_jax.io.write.selection import About, Selection
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array

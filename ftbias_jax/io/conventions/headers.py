@@ -10,8 +10,41 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from ftbias_jax.io.conventions.unit_words import DIMENSIONS, UNITS
 
+def _words(text: str) -> dict[str, str]:
+    """Word -> value, of lines "value: word, word, ..."."""
+    lines = (line.split(":") for line in text.split(";"))
+    return {word.strip(): value.strip() for value, words in lines for word in words.split(",")}
+
+
+UNITS: Mapping[str, tuple[str, Mapping[str, str]]] = {
+    "time": (
+        "log.time_unit",
+        _words("s: s, sec, secs, seconds; ms: ms, msec, milliseconds; us: us, usec, µs, microseconds; ns: ns, nsec, "
+               "nanoseconds"),
+    ),
+    "angle": ("log.angle_unit", _words("rad: rad, radians, rad/s, radps; deg: deg, degrees, °, deg/s, °/s, dps")),
+    "acceleration": ("log.acceleration_unit", _words("m/s^2: m/s^2, m/s2, m/s²; g: g")),
+    "force": ("log.force_unit", _words("N: n; kN: kn; mN: mn; lbf: lbf; kgf: kgf")),
+    "torque": (
+        "log.torque_unit",
+        _words("Nm: nm, n m, n*m, n.m, n-m, n·m; Nmm: nmm, n mm, n-mm, mnm; Ncm: ncm, n-cm; lbf-in: lbf-in, lbf in, "
+               "lbf.in, in-lbf; lbf-ft: lbf-ft, lbf ft, ft-lbf"),
+    ),
+    "temperature": ("", _words(": c, °c, degc, celsius, k, kelvin")),
+    "length": ("", {"m": ""}),
+}  # fmt: skip
+"""Dimension -> the key of a setup that states the unit, and words for units -> its values."""
+DIMENSIONS: Mapping[str, str] = {
+    "time": "time",
+    "temperature": "temperature",
+    "position": "angle",
+    "velocity": "angle",
+    "gyroscope": "angle",
+    "accelerometer": "acceleration",
+    "place": "length",
+}
+"""Quantity -> dimension; a wrench has two, and orientations none."""
 Names = tuple[str, ...]
 
 FORCES, TORQUES = tuple(f"force_{x}" for x in "xyz"), tuple(f"torque_{x}" for x in "xyz")
@@ -91,10 +124,7 @@ class _Column(NamedTuple):
 def matches(quantity: str, header: Sequence[str], joints: Sequence[str] | None = None) -> list[Match]:
     """All sets of columns that may be a quantity, without those that are commanded.
 
-    Args:
-        quantity: a key of FIXED, COUNTED or BY_JOINT.
-        header: the names of all columns.
-        joints: names of the joints, which decide how many columns there are; None = any.
+    The names of the joints decide how many columns of joints there are; None = any.
     """
     columns = [column for name in header for column in _forms(name, _words_for(quantity))]
     found = [*_fixed(quantity, columns), *_counted(quantity, columns, joints), *_by_joint(quantity, columns, joints)]

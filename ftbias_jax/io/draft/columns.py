@@ -18,9 +18,7 @@ MOST_LISTED = 60
 def stated_columns(table: Table, joints: Sequence[str] | None = None) -> dict[str, Known]:
     """Keys of a setup that the names of columns give: those of [log.columns] that are not the usual ones, and units.
 
-    Args:
-        table: what ``look`` has found.
-        joints: names of the joints, for the order of the columns; None = as the header has them.
+    The names of the joints give the order of the columns; None = as the header has them.
     """
     keys: dict[str, Known] = {}
     for quantity in (*QUANTITIES, "gyroscope", "accelerometer", "place"):
@@ -30,7 +28,9 @@ def stated_columns(table: Table, joints: Sequence[str] | None = None) -> dict[st
             continue
         for key, value in match.facts.items():
             keys[key] = Known(value, f"by the name of the column {match.names[0]}")
-        if quantity in QUANTITIES and not match.native and not _of_pose(quantity, table):
+        if quantity in QUANTITIES and not match.native:
+            if table.orientation and quantity in ("position", "velocity"):
+                continue  # they are made of a pose and an IMU, whose columns the reader finds by [sensor_pose]
             names = match.names[0] if quantity in ("time", "temperature") else list(match.names)
             keys[f"log.columns.{quantity}"] = Known(names, _remark(match, candidates, joints))
     return keys
@@ -39,9 +39,7 @@ def stated_columns(table: Table, joints: Sequence[str] | None = None) -> dict[st
 def left_to_choose(tables: Sequence[Table], rate: float | None = None) -> dict[str, Known]:
     """Keys of [log.columns] without a value, for what no table shows by its names, with the columns to choose from.
 
-    Args:
-        tables: all files of a log.
-        rate: Hz, which somebody states instead of stamps.
+    With a rate, Hz, that somebody states, no stamps are missed.
     """
     tables_of_columns = [table for table in tables if table.header]
     found = {
@@ -61,11 +59,6 @@ def _candidates(quantity: str, table: Table, joints: Sequence[str] | None) -> li
     if found or joints is None or quantity not in ("position", "velocity"):
         return found
     return [match for match in matches(quantity, table.header) if len(match.names) == len(joints)]
-
-
-def _of_pose(quantity: str, table: Table) -> bool:
-    """Whether a quantity is made of a pose and an IMU there, whose columns the reader finds by [sensor_pose]."""
-    return bool(table.orientation) and quantity in ("position", "velocity")
 
 
 def _remark(match: Match, candidates: Sequence[Match], joints: Sequence[str] | None) -> str:

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.conventions.axes import sensor_rotations
+from ftbias_jax.io.clock import since
 from ftbias_jax.io.conventions.units import STANDARD_GRAVITY, stamps
 from ftbias_jax.io.draft.gravity import Weighed, weigh
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.io.draft.table import Table
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.pose import interpolated
+from ftbias_jax.io.pose import between, interpolated, sensor_rotations
 from ftbias_jax.setup.keys.template import Known
 from ftbias_jax.setup.rotations import rpy_from_rotation
 from ftbias_jax.setup.types import Setup
@@ -48,8 +48,7 @@ class Reading(NamedTuple):
 def best_reading(ways: Iterator[Keys], read: Read) -> Reading | None:
     """The way that leaves least of the forces; the first one, unless another leaves much less.
 
-    Returns:
-        None, if the motion shows nothing of gravity in any way.
+    None, if the motion shows nothing of gravity in any way.
     """
     best: Reading | None = None
     for keys in ways:
@@ -80,9 +79,7 @@ def ways_of(table: Table) -> Iterator[Keys]:
 def position_axes(read: Read, mass: float) -> Keys:
     """In whose axes the position is: the tool's inertia explains a part of the forces by it, or it is not used.
 
-    Args:
-        read: reads the log.
-        mass: kg, negative if the sensor reports the opposite sign.
+    ``mass`` is in kg, negative if the sensor reports the opposite sign.
     """
     at_rest, base = _left_by_inertia(read, "base", mass)
     _, body = _left_by_inertia(read, "body", mass)
@@ -98,7 +95,7 @@ def _left_by_inertia(read: Read, axes: str, mass: float) -> tuple[float, float]:
     """N, rms of what weight and a constant leave of the forces, without and with the acceleration of the position."""
     setup, log = read({"sensor_pose.linear": Known("position"), "sensor_pose.position_axes": Known(axes)})
     rotations = sensor_rotations(log.t, log.q, setup).reshape(-1, 9)
-    t, means = _slowly(log.t, np.column_stack([_between(log.t, log.q[:, 4:]), log.wrench[:, :3], rotations]))
+    t, means = _slowly(log.t, np.column_stack([between(log.t, log.q[:, 4:], log.t), log.wrench[:, :3], rotations]))
     if len(t) < FEWEST:
         return 1.0, 1.0
     position, force, turned = means[:, :3], means[:, 3:6], means[:, 6:].reshape(-1, 3, 3)
@@ -109,12 +106,6 @@ def _left_by_inertia(read: Read, axes: str, mass: float) -> tuple[float, float]:
         error = error - np.median(error, 0)
         left.append(float(np.sqrt((error[2:-2] ** 2).sum(1).mean())))
     return left[0], left[1]
-
-
-def _between(t: Array, values: Array) -> Array:
-    """Values at all stamps, between the measured ones."""
-    known = np.isfinite(values).all(1)
-    return np.stack([np.interp(t, t[known], column[known]) for column in values.T], 1)
 
 
 def gyroscope(read: Read) -> Keys:
@@ -139,25 +130,16 @@ def gyroscope(read: Read) -> Keys:
 
 
 def accelerometer(table: Table, read: Read) -> Keys:
-    """Unit and axes of an accelerometer, by the direction of gravity.
-
-    Args:
-        table: has the accelerometer.
-        read: reads the log.
-
-    Returns:
-        {} if what it feels is not gravity.
-    """
+    """Unit and axes of an accelerometer, by the direction of gravity; {} if what it feels is not gravity."""
     setup, log = read({"sensor_pose.linear": Known("none")})
     assert table.accelerometer is not None
     felt = table.accelerometer
-    t = log.t if table.time is None else _since(table.time, log, setup)
+    t = log.t if table.time is None else since(stamps(table.time, setup.log), log.start)
     if len(t) != len(felt):
         return {}
     known = np.isfinite(log.q[:, :4]).all(1)
     inside = (t >= log.t[known][0]) & (t <= log.t[known][-1]) & np.isfinite(felt).all(1)
-    between = np.stack([np.interp(t, log.t, column) for column in interpolated(log.q[:, :4], log.t).T], 1)
-    rotations = sensor_rotations(t, between, setup)
+    rotations = sensor_rotations(t, between(log.t, interpolated(log.q[:, :4], log.t), t), setup)
     expected = -np.einsum("tji,j->ti", rotations, setup.robot.gravity)[inside]
     felt = felt[inside]
     if len(felt) < FEWEST:
@@ -176,14 +158,6 @@ def accelerometer(table: Table, read: Read) -> Keys:
     if max(map(abs, angles)) > 0.02:
         keys["sensor_pose.imu_rotation_rpy"] = Known(angles, f"by gravity, which leaves {left:.2g} m/s^2")
     return keys
-
-
-def _since(stored: Array, log: Log, setup: Setup) -> Array:
-    """(T,) s since the start of a log, of stamps as they are stored."""
-    t = stamps(stored, setup.log)
-    if t.dtype.kind == "i":
-        return (t - round(log.start * 1e9)) * 1e-9
-    return t - log.start
 
 
 def _slowly(t: Array, values: Array) -> tuple[Array, Array]:

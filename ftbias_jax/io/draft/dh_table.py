@@ -62,12 +62,7 @@ class DhTable(NamedTuple):
 
 
 def from_table(table: DhTable) -> Keys:
-    """Keys of the arm in a table.
-
-    Raises:
-        UsageError: the convention is not stated. SetupError: the file is no such table or not that of an arm, or units
-            are not stated, or in two ways.
-    """
+    """Keys of the arm in a table."""
     path, convention, units = table
     if not convention:
         remedy = f"say {' or '.join(CONVENTIONS)}, as the source of the table does: the same numbers mean two robots"

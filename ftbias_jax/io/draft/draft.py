@@ -13,19 +13,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.io import is_ros, read_recorded
+from ftbias_jax.io import read_recorded
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.conventions.axes import sensor_rotations
 from ftbias_jax.io.draft.columns import left_to_choose, stated_columns
 from ftbias_jax.io.draft.conventions import Read, accelerometer, best_reading, gyroscope, position_axes, ways_of
 from ftbias_jax.io.draft.dh_table import DhTable, from_table
-from ftbias_jax.io.draft.gravity import Weighed, weigh
+from ftbias_jax.io.draft.gravity import Weighed, tool_keys, weigh
 from ftbias_jax.io.draft.noise import quietest_noise, scatter_in_motion
-from ftbias_jax.io.draft.recording import look_into, sensor_frame
-from ftbias_jax.io.draft.robot import Keys, built_in, from_urdf, mounting, robots_with
+from ftbias_jax.io.draft.robot import Keys, built_in, from_urdf, look_into, mounting, robots_with, sensor_frame
 from ftbias_jax.io.draft.table import Table, look, patterns, time_unit
-from ftbias_jax.io.draft.tool import tool_keys
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.pose import sensor_rotations
+from ftbias_jax.io.ros.record import is_ros
 from ftbias_jax.setup.keys.template import MEASURE, Known, write_template
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
@@ -97,7 +96,9 @@ def draft(request: Request) -> Draft:
             found, notes, log = _of_log(stated, request.logs[0], tables, file)
             mine = {f"{key}_std" for key in keys}  # a value that somebody states has not the error of the one found
             stated = {"sensor.noise_std": GUESS} | {key: x for key, x in found.items() if key not in mine} | keys
-        text = write_template(stated, _about(request))
+        source = f" from {', '.join(Path(log).name for log in request.logs)}" if request.logs else ""
+        about = ABOUT.format(source=source, measure=MEASURE, file=Path(request.output).name)
+        text = write_template(stated, about)
         setup = parse_setup(tomllib.loads(text), file)
     if request.robot and not any(key.startswith("robot.") for key in stated):
         notes = ["--robot is not needed: the log has the sensor's pose, and no joints", *notes]
@@ -158,11 +159,6 @@ def _named(request: Request, recorded: Sequence[str]) -> str:
         return found[0]
     words = f"the joints are those of {', '.join(found)}" if found else "which robot is it?"
     raise UsageError(words, field="--robot", remedy="name a built-in robot, or give --urdf or --dh FILE")
-
-
-def _about(request: Request) -> str:
-    source = f" from {', '.join(Path(log).name for log in request.logs)}" if request.logs else ""
-    return ABOUT.format(source=source, measure=MEASURE, file=Path(request.output).name)
 
 
 def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tuple[Keys, list[str], Log | None]:

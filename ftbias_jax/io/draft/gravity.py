@@ -1,4 +1,4 @@
-"""What gravity alone shows of a tool: its mass and centre of mass, and the sign in which the sensor reports."""
+"""What gravity alone shows of a tool: mass and centre of mass, the sign of the reports, and keys of a setup."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.io.draft.robot import Keys
+from ftbias_jax.setup.keys.template import MEASURE, Known
 from ftbias_jax.types import Array
 
 MOST_SAMPLES = 5000
@@ -19,6 +21,10 @@ LIGHT = 0.1
 """kg: tools are heavier, with what holds them, so that a log which shows less has lost the weight on the way."""
 CREDIBLE = 0.5
 """Standard error of the mass, as a share of it, up to which the fit is worth writing down."""
+NOT_TURNED = (
+    "the sensor is not turned in this log, so its weight shows nothing of the tool: ftbias filter takes an unknown "
+    "weight as part of the bias of such a log"
+)
 
 
 class Weighed(NamedTuple):
@@ -110,10 +116,8 @@ def _about_means(values: Array, piece: Array) -> Array:
 def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, Array]:
     """(3,) m c of torque = (m c) x support + constant, by least squares with a weak pull to zero; and standard errors.
 
-    Args:
-        support: (T, 3) what carries one kilogram, less its mean.
-        torque: (T, 3) Nm, less its mean.
-        count: how many of the samples are independent.
+    ``support`` (T, 3), what carries one kilogram, and ``torque`` (T, 3) Nm are about their means; ``count`` samples are
+    independent.
     """
     zero = np.zeros(len(support))
     x, y, z = support.T
@@ -123,3 +127,33 @@ def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, A
     moment = np.linalg.solve(columns.T @ columns + pull, columns.T @ target)
     variance = ((target - columns @ moment) ** 2).mean() * len(support) / count
     return moment, np.sqrt(variance * np.diag(np.linalg.inv(columns.T @ columns + pull)))
+
+
+def tool_keys(found: Weighed | None, is_stated: bool) -> tuple[Keys, list[str]]:
+    """Keys, and a line for the person who asked, of the tool as weighed; None = the log does not turn the sensor.
+
+    Where somebody has stated the tool's mass, a missing weight is a matter for ``check``.
+    """
+    if found is None:
+        return {}, [NOT_TURNED]
+    if found.absent and not is_stated:
+        why = (
+            f"the sensor turns by {np.degrees(found.turn):.0f} degrees, and the forces show at most "
+            f"{found.heaviest:.2g} kg: the controller subtracts the payload, or there is no tool"
+        )
+        return {"sensor.compensated": Known("tool", why)}, [why]
+    words = (
+        f"{abs(found.mass):.3g} \u00b1 {found.mass_stderr:.2g} kg, which leaves {found.residual:.2g} N of the forces"
+    )
+    if not found.credible:
+        return {}, [f"the weight that the log shows is not credible: {words}"]
+    remark = f"by its weight in the log; {MEASURE}"
+    keys = {
+        "tool.mass": Known(float(f"{abs(found.mass):.4g}"), f"\u00b1 {found.mass_stderr:.2g} {remark}"),
+        "tool.center_of_mass": Known([round(float(x), 4) for x in found.center_of_mass], remark),
+        "tool.mass_std": Known(float(f"{found.mass_stderr:.2g}"), "for the error bars"),
+        "tool.center_of_mass_std": Known([float(f"{x:.2g}") for x in found.center_stderr], "for the error bars"),
+    }
+    if found.mass < 0:
+        keys["sensor.reports"] = Known("wrench_on_sensor", "because the weight has the opposite sign")
+    return keys, [f"weighed by the log: {words}"]

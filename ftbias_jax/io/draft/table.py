@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -12,15 +11,11 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
 from ftbias_jax.io.conventions.headers import Match, matches, some
-from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.io.ros.collect import Wanted
-from ftbias_jax.io.ros.record import PACKED, SUFFIXES, read_recording
-from ftbias_jax.io.ros.types.roles import JOINTS, POSE, TEMPERATURE, WRENCH
-from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS
-from ftbias_jax.io.tables.csv import named_columns
-from ftbias_jax.io.tables.csv_columns import Columns
-from ftbias_jax.io.tables.hdf5 import load_hdf5
-from ftbias_jax.io.tables.parquet import column_names, parquet_columns
+from ftbias_jax.io.ros.messages import JOINTS, POSE, TEMPERATURE, WRENCH
+from ftbias_jax.io.ros.record import is_ros, read_recording
+from ftbias_jax.io.tables.arrays import ARRAY_FILES, ARRAYS, COLUMNS, POSE_ARRAYS, suffix_of
+from ftbias_jax.io.tables.columns import Columns
 from ftbias_jax.setup.recorded import TIME_UNITS
 from ftbias_jax.types import Array
 
@@ -40,20 +35,20 @@ class Table(NamedTuple):
     """One file."""
 
     path: str
-    time: Array | None
+    time: Array | None = None
     """(T,) stamps as stored; None = none."""
-    joints: int
+    joints: int = 0
     """How many joints have positions."""
-    orientation: str
+    orientation: str = ""
     """One of ORIENTATIONS, or "" = none."""
-    named: bool
+    named: bool = True
     """Whether names of columns say which entry of the orientation is which."""
-    position: bool
-    gyroscope: bool
-    accelerometer: Array | None
+    position: bool = False
+    gyroscope: bool = False
+    accelerometer: Array | None = None
     """(T, 3) as stored; None = none."""
-    wrench: bool
-    temperature: bool
+    wrench: bool = False
+    temperature: bool = False
     others: tuple[str, ...] = ()
     """Names of columns or arrays that nothing is made of."""
     names: tuple[str, ...] = ()
@@ -63,50 +58,39 @@ class Table(NamedTuple):
     found: Mapping[str, Match] = {}
     """Quantity -> the columns that are most likely it, by their names."""
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """As the file has them, or q0, q1, ..."""
+        return self.names or tuple(f"q{i}" for i in range(self.joints))
+
 
 def look(path: str) -> Table:
-    """What a file has.
-
-    Raises:
-        LogError: it cannot be read.
-    """
-    suffix = Path(path).suffix.lower()
-    if path.lower().removesuffix(PACKED).endswith(SUFFIXES) or os.path.isdir(path):
+    """What a file has."""
+    suffix = suffix_of(path)
+    if is_ros(path):
         return _of_recording(path)
-    if suffix == ".npz":
-        return _of_arrays(path, load_arrays(path, (*ARRAYS, *POSE_ARRAYS)))
-    if suffix in (".h5", ".hdf5"):
-        return _of_arrays(path, load_hdf5(path))
-    if suffix == ".parquet":
-        column_names(path)  # what is wrong with the file is said before anything is looked for
-    elif suffix != ".csv":
-        raise LogError(
-            f"unknown format {suffix!r}", file=path, remedy="give .npz .h5 .csv .parquet or a recording of ROS"
-        )
-    elif not os.path.isfile(path):
-        raise LogError("cannot be read: there is no such file", file=path, remedy="check the path")
+    if suffix in ARRAY_FILES:
+        return _of_arrays(path, ARRAY_FILES[suffix](path, (*ARRAYS, *POSE_ARRAYS)))
+    if suffix not in COLUMNS:
+        remedy = "give .npz .h5 .csv .parquet or a recording of ROS"
+        raise LogError(f"unknown format {suffix!r}", file=path, remedy=remedy)
     header: list[str] = []
     found: dict[str, Match] = {}
 
     def choose(names: Sequence[str]) -> Columns:
         header.extend(names)
-        found.update(_find(names))
+        likely = {name: likeliest(matches(name, names)) for name in (*JOINTS_OR_POSE, *ORIENTATIONS)}
+        found.update({name: match for name, match in likely.items() if match})
         time, felt = (found[name].names if name in found else () for name in ("time", "accelerometer"))
-        return Columns(time, (), felt, (), ())
+        return {"t": time, "dq": felt}
 
-    values = (parquet_columns if suffix == ".parquet" else named_columns)(path, choose)
+    values = COLUMNS[suffix](path, choose)
     return _of_columns(path, header, found, values)
 
 
 def likeliest(candidates: Sequence[Match]) -> Match | None:
     """Of sets of columns that may be a quantity, the one with the usual names to the letter, or else the first."""
     return next((match for match in candidates if match.native), candidates[0] if candidates else None)
-
-
-def _find(header: Sequence[str]) -> dict[str, Match]:
-    """The likeliest columns of every quantity that has any."""
-    found = {name: likeliest(matches(name, header)) for name in (*JOINTS_OR_POSE, *ORIENTATIONS)}
-    return {name: match for name, match in found.items() if match}
 
 
 def _of_recording(path: str) -> Table:
@@ -117,13 +101,9 @@ def _of_recording(path: str) -> Table:
     names = () if arm is None else arm.names or tuple(f"q{i}" for i in range(arm.values.shape[1] // 2))
     return Table(
         path=path,
-        time=None,
         joints=len(names),
         orientation="quaternion_xyzw" if POSE in roles and not names else "",
-        named=True,
         position=POSE in roles and not names,
-        gyroscope=False,
-        accelerometer=None,
         wrench=WRENCH in roles,
         temperature=TEMPERATURE in roles,
         names=() if arm is None else arm.names,
@@ -160,7 +140,6 @@ def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], va
         time=values.get("t"),
         joints=len(found["position"].names) if "position" in found else 0,
         orientation=next((kind for kind in ORIENTATIONS if kind in found), ""),
-        named=True,
         position="place" in found,
         gyroscope="gyroscope" in found,
         accelerometer=values.get("dq"),
@@ -193,11 +172,7 @@ def time_unit(t: Array) -> str:
 
 
 def patterns(tables: Sequence[Table]) -> dict[str, str]:
-    """[log.files] of several tables: what their names share at the start is the *.
-
-    Raises:
-        LogError: two of them have the same quantity, or one has none.
-    """
+    """[log.files] of several tables: what their names share at the start is the *."""
     names = [Path(table.path).name for table in tables]
     shared = next(i for i, letters in enumerate(zip(*names, strict=False)) if len(set(letters)) > 1)
     found: dict[str, str] = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,41 +12,23 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.conventions.headers import FIXED
 from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
 from ftbias_jax.io.draft.columns import nested, stated_columns
-from ftbias_jax.io.draft.table import Table, look, time_unit
+from ftbias_jax.io.draft.table import Table, time_unit
+from ftbias_jax.io.health import StreamInfo, stream_info
+from ftbias_jax.io.ros.messages import IMU, POSE, TRANSFORM
 from ftbias_jax.io.ros.record import Recording
-from ftbias_jax.io.ros.types.roles import IMU, POSE, TRANSFORM
-from ftbias_jax.io.tables.stream_files import read_stream
+from ftbias_jax.io.tables.streams import read_stream
 from ftbias_jax.setup.keys.toml_text import toml_line
 from ftbias_jax.setup.parse import parse_setup
-from ftbias_jax.types import AXES, Array
+from ftbias_jax.types import AXES
 
 MOST_NAMES = 40
 """Columns that are listed."""
 
 
-class RawStream(NamedTuple):
-    """One stream as it is stored, without a look at its units."""
-
-    name: str
-    kind: str
-    labels: tuple[str, ...]
-    """Of the columns."""
-    start: float
-    """s, stamp of the first sample."""
-    t: Array
-    """(T,) s since then."""
-    values: Array
-    """(T, k)."""
-    sensor: bool
-    """Whether noise is to be expected."""
-    timed: bool
-    """Whether it has stamps; otherwise they are rows."""
-
-
 class Unstated(NamedTuple):
     """A whole file."""
 
-    streams: tuple[RawStream, ...]
+    streams: tuple[StreamInfo, ...]
     others: tuple[str, ...]
     """Columns that nothing was made of."""
     keys: tuple[str, ...]
@@ -54,35 +36,41 @@ class Unstated(NamedTuple):
     verdict: str
 
 
-def look_at(path: str, table: Table | None = None) -> Unstated:
-    """What a file has, by the usual names.
+def is_usual(table: Table) -> bool:
+    """Whether a file has joints and a wrench with their stamps by the usual names, and nothing that must be stated."""
+    odd = table.time is not None and len(table.time) > 1 and time_unit(table.time)
+    whole = table.joints and table.wrench and table.time is not None and not table.orientation
+    return bool(whole and not odd and not stated_columns(table))
 
-    Args:
-        path: .csv, .parquet, .npz or .h5.
-        table: what ``look`` has found there; None = look.
 
-    Raises:
-        LogError: it cannot be read.
-    """
-    table = look(path) if table is None else table
+def look_at(path: str, table: Table) -> Unstated:
+    """What a file, which ``look`` has looked into, has by the usual names."""
     stated = _stated(table)
     read = {**stated, "log": {"rate": 1.0, **stated.get("log", {})}} if table.time is None else stated
-    setup = parse_setup({**_some_robot(table), **read, "sensor": {"noise_std": 1.0}})
+    robot = robot_of(table.joint_names or ["q0"])
+    if table.orientation or _has_imu(table):
+        del robot["robot"]
+    setup = parse_setup({**robot, **read})
     streams = []
     for quantity, there in _quantities(table).items():
         if there:
             ((t, arrays),), _ = read_stream(path, (quantity,), setup)
-            ((name, values),) = arrays.items()
+            ((array, values),) = arrays.items()
             if values.ndim == 0 or len(values) != len(t) or values.dtype.kind not in "fiu":
                 message = f"has shape {values.shape} and type {values.dtype} for {len(t)} stamps"
-                raise LogError(message, file=path, field=name, remedy="give one sample of real numbers per stamp")
+                raise LogError(message, file=path, field=array, remedy="give one sample of real numbers per stamp")
             values = values.reshape(len(t), -1)
             rows = np.isfinite(values).any(1)
-            stream = _stream(table, quantity, t[rows], values[rows])
-            if len(stream.labels) != values.shape[1]:
-                message = f"has {values.shape[1]} numbers a sample, not {len(stream.labels)}"
-                raise LogError(message, file=path, field=name, remedy="store what its name says")
-            streams.append(stream)
+            name, kind, labels = _said_of(table, quantity, values.shape[1])
+            if len(labels) != values.shape[1]:
+                message = f"has {values.shape[1]} numbers a sample, not {len(labels)}"
+                raise LogError(message, file=path, field=array, remedy="store what its name says")
+            unit = 1e-9 if t.dtype.kind == "i" else 1.0
+            start = t[rows][0] if rows.any() else 0
+            seconds = (t[rows] - start) * unit
+            sensor = quantity == "wrench"
+            info = stream_info(name, kind, (), float(start) * unit, seconds, values[rows], labels, sensor)
+            streams.append(info if table.time is not None else info.without_stamps())
     return Unstated(tuple(streams), table.others[:MOST_NAMES], tuple(_lines(stated, table)), _verdict(path, table))
 
 
@@ -115,35 +103,30 @@ def _stated(table: Table) -> dict[str, Any]:
     log: dict[str, Any] = {}
     if table.time is not None and len(table.time) > 1 and (unit := time_unit(table.time)):
         log["time_unit"] = unit
-    if table.accelerometer is not None and _in_g(table.accelerometer):
-        log["acceleration_unit"] = "g"
+    if table.accelerometer is not None:
+        lengths = np.linalg.norm(table.accelerometer, axis=1)
+        if np.isfinite(lengths).any() and np.nanmedian(lengths) < STANDARD_GRAVITY / 3:
+            log["acceleration_unit"] = "g"
     log |= nested(stated_columns(table)).get("log", {})
     return stated | ({"log": log} if log else {})
 
 
-def _in_g(accelerometer: Array) -> bool:
-    lengths = np.linalg.norm(accelerometer, axis=1)
-    return bool(np.isfinite(lengths).any() and np.nanmedian(lengths) < STANDARD_GRAVITY / 3)
+def robot_of(joint_names: Sequence[str]) -> dict[str, Any]:
+    """A robot of these joints, in a setup that reads a file and means nothing else."""
+    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in joint_names]
+    return {"robot": {"joints": joints, "flange": {"translation": [0, 0, 0]}}, "sensor": {"noise_std": 1.0}}
 
 
-def _some_robot(table: Table) -> dict[str, Any]:
-    """A robot of so many joints, which reads a file and means nothing else."""
-    if table.orientation or _has_imu(table):
-        return {}
-    names = table.names or [f"q{i}" for i in range(max(table.joints, 1))]
-    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in names]
-    return {"robot": {"joints": joints, "flange": {"translation": [0, 0, 0]}}}
-
-
-def _stream(table: Table, quantity: str, t: Array, values: Array) -> RawStream:
-    name, kind, labels = quantity, "", tuple(f"{quantity} {i}" for i in range(values.shape[1]))
+def _said_of(table: Table, quantity: str, width: int) -> tuple[str, str, tuple[str, ...]]:
+    """Name and kind of a stream of so many numbers, and names for its columns."""
+    name, kind, labels = quantity, "", tuple(f"{quantity} {i}" for i in range(width))
     if quantity == "position":
-        name, kind, labels = "joints", "q", tuple(f"q{i}" for i in range(values.shape[1]))
+        name, kind, labels = "joints", "q", tuple(f"q{i}" for i in range(width))
         if table.orientation:
             name, kind, labels = "pose", table.orientation, FIXED[table.orientation][0]
             if not table.named:
                 kind = "quaternion_xyzw or quaternion_wxyz"
-            if values.shape[1] > len(labels):
+            if width > len(labels):
                 kind, labels = f"{kind} and position", (*labels, "x", "y", "z")
     elif quantity == "velocity":
         parts = {"angular velocity": ("wx", "wy", "wz")} if table.gyroscope else {}
@@ -151,10 +134,7 @@ def _stream(table: Table, quantity: str, t: Array, values: Array) -> RawStream:
         name, kind, labels = "imu", " and ".join(parts), sum(parts.values(), ())
     elif quantity == "wrench":
         kind, labels = "N, Nm", AXES
-    start = t[0] if len(t) else 0
-    seconds = (t - start) * (1e-9 if t.dtype.kind == "i" else 1.0)
-    first = float(start) * (1e-9 if t.dtype.kind == "i" else 1.0)
-    return RawStream(name, kind, labels, first, seconds, values, quantity == "wrench", table.time is not None)
+    return name, kind, labels
 
 
 def _lines(stated: Mapping[str, Mapping[str, Any]], table: Table) -> list[str]:
@@ -171,14 +151,11 @@ def _lines(stated: Mapping[str, Mapping[str, Any]], table: Table) -> list[str]:
         for key, value in values.items():
             if key == "rate":
                 lines.append("rate = ...  # Hz: there are no stamps (t)")
-            else:
-                lines.append(toml_line(key, value, _remark(key, table)))
+                continue
+            either = key == "orientation" and table.orientation and not table.named
+            lines.append(toml_line(key, value, 'or "quaternion_wxyz"' if either else ""))
         lines += ["[log.columns]", *(toml_line(key, value) for key, value in columns.items())] if columns else []
     return lines
-
-
-def _remark(key: str, table: Table) -> str:
-    return 'or "quaternion_wxyz"' if key == "orientation" and not table.named and table.orientation else ""
 
 
 def _verdict(path: str, table: Table) -> str:
@@ -212,15 +189,3 @@ def pose_keys(recording: Recording) -> tuple[str, ...]:
         lines.append(f"frame = ...  # what the sensor is mounted on, of TF's frames {', '.join(frames[:MOST_NAMES])}")
     lines.append(toml_line("linear", "position", 'or "specific_force", by the IMU' if IMU in roles else ""))
     return tuple(lines)
-
-
-def described(path: str) -> Unstated | None:
-    """What a file has, if it is more or less than joints and a wrench with their stamps; None for such a log."""
-    try:
-        table = look(path)
-    except LogError:
-        return None  # its reader says it better
-    known = not stated_columns(table)
-    usual = known and table.joints and table.wrench and table.time is not None and not table.orientation
-    odd = table.time is not None and len(table.time) > 1 and bool(time_unit(table.time))
-    return None if usual and not odd else look_at(path, table)

@@ -35,11 +35,7 @@ _SECTOR = 512
 
 
 def most_held() -> int:
-    """Bytes of numbers that a log held in memory may have, for the stated memory to suffice.
-
-    Raises:
-        UsageError: the variable is no positive number.
-    """
+    """Bytes of numbers that a log held in memory may have, for the stated memory to suffice."""
     stated = os.environ.get(MEMORY_VARIABLE, str(MEMORY))
     try:
         gibibytes = float(stated)
@@ -51,15 +47,7 @@ def most_held() -> int:
 
 
 def refuse_held(count: int, file: str) -> None:
-    """Refuse numbers that would take more than the stated memory.
-
-    Args:
-        count: bytes of a log's numbers as float64.
-        file: the log.
-
-    Raises:
-        LogError: they would.
-    """
+    """Refuse numbers that would take more than the stated memory."""
     if count > (most := most_held()):
         message = (
             f"has {count >> 20} MiB of numbers, and {COPIES * most / 2**30:.3g} GiB of memory are for {most >> 20} MiB"
@@ -71,15 +59,7 @@ def refuse_held(count: int, file: str) -> None:
 
 
 class Budget:
-    """What is left for one file; every method raises a LogError when there is not enough.
-
-    Args:
-        file: a regular file.
-        small: unpacked bytes that it may have whatever is stored.
-
-    Raises:
-        LogError: the file is no regular one, cannot be read, or is almost nothing but a hole.
-    """
+    """What is left for one file; every method raises a LogError when there is not enough."""
 
     def __init__(self, file: str | os.PathLike[str], small: int | None = None) -> None:
         self.file = os.fspath(file)

@@ -1,156 +1,134 @@
 """What the columns of a Parquet file unpack to, before a library takes memory for them.
 
 The footer of a file says how large its columns are, and each page says so again in a header of its own, by which the
-memory is taken.
+memory is taken. pyarrow ends the process where some footers are damaged and it is asked for a column's sizes, so both
+are read here: structs of Thrift's compact protocol.
 """
 
 from __future__ import annotations
 
 import mmap
-from collections.abc import Collection, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Collection
+from typing import Any
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget
-from ftbias_jax.io.limits.thrift import struct_at
 
+MAX_DEPTH = 16
 MAX_HEADER = 1 << 16
 """Bytes: of numbers it takes about 50."""
 TAIL = 8
 """Bytes at the end of a file: the length of its footer, and its mark."""
-ROW_GROUPS = 4
-"""Field of the footer."""
-COLUMNS, TOTAL_BYTES, ROWS = 1, 2, 3
-"""Fields of a row group."""
-META_DATA = 3
-"""Field of a column."""
-PATH, TOTAL_UNPACKED, TOTAL_STORED, DATA_PAGE, DICTIONARY_PAGE = 3, 6, 7, 9, 11
-"""Fields of its metadata."""
-UNPACKED, STORED = 2, 3
-"""Fields of a page's header."""
+TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
+"""Types of the compact protocol."""
+DAMAGE = (IndexError, KeyError, TypeError, ValueError, AttributeError)
 
 
-class Chunk(NamedTuple):
-    """A column in one row group, as the footer says."""
+class Thrift:
+    """Values one after the other; ValueError or IndexError if they are none, or do not end in these bytes."""
 
-    name: str
-    """Of the column; of a nested one that of the outermost."""
-    start: int
-    """The byte at which its pages begin."""
-    stored: int
-    """Bytes."""
-    unpacked: int
-    """Bytes that these become."""
+    def __init__(self, data: bytes) -> None:
+        self.data, self.at = data, 0
+
+    def struct(self, depth: int = 0) -> dict[int, Any]:
+        """Fields by number: int, bytes, lists and structs; None for numbers of other types, truth is left out."""
+        fields: dict[int, Any] = {}
+        number = 0
+        while head := self._byte():
+            number = number + (head >> 4) if head >> 4 else self._integer()
+            if head & 15 not in (TRUE, FALSE):  # a field of truth has its value in its type
+                fields[number] = self._value(head & 15, depth + 1)
+        return fields
+
+    def _value(self, kind: int, depth: int) -> Any:
+        if depth > MAX_DEPTH:
+            raise ValueError("too deep")
+        if kind in (I16, I32, I64):
+            return self._integer()
+        if kind == STRUCT:
+            return self.struct(depth)
+        if kind in (LIST, SET):
+            head = self._byte()
+            count = head >> 4 if head >> 4 < 15 else self._varint()
+            if count > len(self.data) - self.at:  # every value takes a byte at least
+                raise ValueError("longer than its struct")
+            return [self._value(head & 15, depth) for _ in range(count)]
+        if kind not in (TRUE, FALSE, BYTE, DOUBLE, BINARY):
+            raise ValueError("unknown type")  # Parquet has no maps
+        size = self._varint() if kind == BINARY else 8 if kind == DOUBLE else 1
+        self.at += size
+        if self.at > len(self.data):
+            raise ValueError("reaches out of its struct")
+        return self.data[self.at - size : self.at] if kind == BINARY else None
+
+    def _byte(self) -> int:
+        self.at += 1
+        return self.data[self.at - 1]
+
+    def _varint(self) -> int:
+        value = 0
+        for shift in range(0, 64, 7):
+            byte = self._byte()
+            value |= (byte & 127) << shift
+            if byte < 128:
+                return value
+        raise ValueError("too long")
+
+    def _integer(self) -> int:
+        """Of zigzag: 0, -1, 1, -2, 2 are 0, 1, 2, 3, 4."""
+        value = self._varint()
+        return (value >> 1) ^ -(value & 1)
 
 
-class RowGroup(NamedTuple):
-    """A part of the rows, as the footer says."""
-
-    rows: int
-    unpacked: int
-    """Bytes."""
-    chunks: tuple[Chunk, ...]
-
-
-class Page(NamedTuple):
-    """One page of a column, as its header says."""
-
-    header: int
-    """Bytes of the header itself."""
-    stored: int
-    """Bytes behind it."""
-    unpacked: int
-    """Bytes that these become."""
-
-
-def row_groups(file: str) -> tuple[RowGroup, ...]:
-    """What the footer of a file says, whose length was checked before.
-
-    Args:
-        file: the path.
-
-    Raises:
-        LogError: it is damaged.
-    """
+def check_pages(file: str, names: Collection[str], budget: Budget) -> int:
+    """The rows of a file, whose columns of these names unpack to no more than its size allows, whatever it says."""
     with open(file, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        length = int.from_bytes(content[-TAIL : 4 - TAIL], "little")  # was checked before
         try:
-            length = int.from_bytes(content[-TAIL : 4 - TAIL], "little")
-            footer, _ = struct_at(content[-TAIL - length : -TAIL])
-            return tuple(map(_row_group, footer[ROW_GROUPS]))
-        except (IndexError, KeyError, TypeError, ValueError, AttributeError) as error:
+            groups = Thrift(content[-TAIL - length : -TAIL]).struct()[4]
+            chunks = [[_chunk(column[3]) for column in group[1]] for group in groups]
+            rows = sum(int(group[3]) for group in groups)
+            for group, parts in zip(groups, chunks, strict=True):
+                budget.unpack(max(group[2], sum(max(unpacked, 0) for *_, unpacked in parts), 0))
+        except DAMAGE as error:
             raise LogError("is damaged: its footer cannot be read", file=file, remedy="write it again") from error
+        if rows <= 0:
+            raise LogError("has no rows", file=file, remedy="record a log, and export it whole")
+        pages = Budget(file)
+        for name, start, stored, _ in (chunk for parts in chunks for chunk in parts if chunk[0] in names):
+            _check_column(content, start, start + stored, name, pages)
+    return rows
 
 
-def _row_group(fields: dict[int, Any]) -> RowGroup:
-    chunks = tuple(_chunk(column[META_DATA]) for column in fields[COLUMNS])
-    return RowGroup(fields[ROWS], fields[TOTAL_BYTES], chunks)
+def _chunk(fields: dict[int, Any]) -> tuple[str, int, int, int]:
+    """Of a column in a row group its name, where its pages begin, and their bytes as stored and as unpacked."""
+    dictionary = fields.get(11, 0)
+    start = min(fields[9], dictionary) if dictionary > 0 else fields[9]
+    return fields[3][0].decode("utf-8", "replace"), start, fields[7], fields[6]
 
 
-def _chunk(fields: dict[int, Any]) -> Chunk:
-    starts = [fields[DATA_PAGE]]
-    if fields.get(DICTIONARY_PAGE, 0) > 0:
-        starts.append(fields[DICTIONARY_PAGE])
-    name = fields[PATH][0].decode("utf-8", "replace")
-    return Chunk(name, min(starts), fields[TOTAL_STORED], fields[TOTAL_UNPACKED])
-
-
-def check_pages(file: str, groups: Sequence[RowGroup], names: Collection[str]) -> None:
-    """Refuse a file whose pages unpack to more than its size allows, whatever the footer says.
-
-    Args:
-        file: the path.
-        groups: of its footer.
-        names: of the columns that are read.
-
-    Raises:
-        LogError: a page is too large, all pages together are, or a header cannot be read.
-    """
-    budget = Budget(file)
-    with open(file, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        for chunk in (chunk for group in groups for chunk in group.chunks if chunk.name in names):
-            for page in pages_of(content, chunk, file):
-                budget.count()
-                if page.unpacked > MAX_CHUNK:
-                    message = f"has a page that unpacks to {page.unpacked} bytes"
-                    remedy = f"the limit is {MAX_CHUNK}; write it again with smaller pages"
-                    raise LogError(message, file=file, field=chunk.name, remedy=remedy)
-                budget.unpack(page.unpacked)
-
-
-def pages_of(content: Any, chunk: Chunk, file: str) -> Iterator[Page]:
-    """The pages of a column in one row group.
-
-    Args:
-        content: bytes of the whole file.
-        chunk: what the footer says of the column.
-        file: the name in messages.
-
-    Raises:
-        LogError: a header is damaged, or reaches out of the column.
-    """
-    at, end = chunk.start, chunk.start + chunk.stored
-    whole = 0 <= at <= end <= len(content)
-    while whole and at < end:
+def _check_column(content: Any, at: int, end: int, name: str, budget: Budget) -> None:
+    """Refuse pages that are too large, one or all together, or that do not fill their column."""
+    damaged = LogError(
+        "is damaged: its pages do not fill their column", file=budget.file, field=name, remedy="write it again"
+    )
+    if not 0 <= at <= end <= len(content):
+        raise damaged
+    while at < end:
+        budget.count()
+        header = Thrift(content[at : min(end, at + MAX_HEADER)])
         try:
-            page = page_at(content[at : min(end, at + MAX_HEADER)])
-        except (IndexError, ValueError):
-            whole = False
-            break
-        yield page
-        at += page.header + page.stored
-    if not whole or at != end:
-        message, remedy = "is damaged: its pages do not fill their column", "write it again"
-        raise LogError(message, file=file, field=chunk.name, remedy=remedy)
-
-
-def page_at(header: bytes) -> Page:
-    """The page whose header these bytes begin with.
-
-    Raises:
-        ValueError, IndexError: it is none, or is longer than these bytes.
-    """
-    fields, length = struct_at(header)
-    stored, unpacked = fields.get(STORED), fields.get(UNPACKED)
-    if not (isinstance(stored, int) and isinstance(unpacked, int) and stored >= 0 and unpacked >= 0):
-        raise ValueError("no sizes")
-    return Page(length, stored, unpacked)
+            fields = header.struct()
+            unpacked, stored = fields[2], fields[3]
+            if unpacked < 0 or stored < 0:
+                raise ValueError("no sizes")
+        except DAMAGE as error:
+            raise damaged from error
+        if unpacked > MAX_CHUNK:
+            message = f"has a page that unpacks to {unpacked} bytes"
+            remedy = f"the limit is {MAX_CHUNK}; write it again with smaller pages"
+            raise LogError(message, file=budget.file, field=name, remedy=remedy)
+        budget.unpack(unpacked)
+        at += header.at + stored
+    if at != end:
+        raise damaged

@@ -17,8 +17,8 @@ from urllib.parse import unquote
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.files import keep_temporary_folder, remove_temporary_folder
+from ftbias_jax.io.limits.unpack import need
 from ftbias_jax.io.remote.outside import copy_name, is_below, is_url
-from ftbias_jax.io.unpack import need
 
 MOST_BYTES = 16 << 30
 """Of one file: as much as the numbers of a log may have (``limits.budget``)."""
@@ -49,11 +49,7 @@ def shown(path: str | os.PathLike[str]) -> str:
 
 @contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[str]:
-    """The file itself, or a copy of what a URL names; errors about the copy name the URL.
-
-    Raises:
-        LogError: the URL cannot be read, has too many bytes, or fsspec is not installed.
-    """
+    """The file itself, or a copy of what a URL names; errors about the copy name the URL."""
     name = os.fspath(path)
     if not is_url(name):
         yield name
@@ -68,11 +64,7 @@ def opened(path: str | os.PathLike[str]) -> Iterator[str]:
 
 
 def local_copy(url: str) -> str:
-    """Path of a copy of what a URL names, made once; the process removes it at its end.
-
-    Raises:
-        LogError: as for ``opened``.
-    """
+    """Path of a copy of what a URL names, made once; the process removes it at its end."""
     name = copy_name(shown(url))
     if url not in _kept:
         while len(_kept) >= MOST_KEPT:
@@ -88,11 +80,7 @@ def local_copy(url: str) -> str:
 
 
 def sum_of(url: str) -> str:
-    """SHA-256 of what a URL names.
-
-    Raises:
-        LogError: as for ``opened``.
-    """
+    """SHA-256 of what a URL names."""
     if url not in _sums:
         local_copy(url)
     return _sums[url]
@@ -111,11 +99,7 @@ def size_and_time(url: str) -> tuple[int, int]:
 
 
 def listed(url: str) -> list[str]:
-    """URLs of the files that fit a pattern with *, or that are in and below a folder; otherwise the URL itself.
-
-    Raises:
-        LogError: the store cannot be asked, or fsspec is not installed.
-    """
+    """URLs of the files that fit a pattern with *, or that are in and below a folder; otherwise the URL itself."""
     with _told(url):
         system, path = need("fsspec", "remote", shown(url)).core.url_to_fs(url)
         if "*" not in path and not system.isdir(path):

@@ -14,9 +14,8 @@ from urllib.parse import unquote
 
 from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
+from ftbias_jax.io.tables.arrays import TABLES
 
-TABLES = (".npz", ".csv", ".parquet", ".h5", ".hdf5")
-"""Suffixes of the formats that are no recordings of ROS."""
 WORD = "--allow-outside, or load_setup(..., allow_outside=True), allows it"
 NAMED = 16
 """Characters of a hash that name a copy."""
@@ -28,15 +27,7 @@ def is_url(path: str | os.PathLike[str]) -> bool:
 
 
 def check_patterns(patterns: Mapping[str, str], file: str = "") -> None:
-    """Refuse [log.files] of a setup that name anything but files in the log's folder or below.
-
-    Args:
-        patterns: by quantity, with * for what the names share.
-        file: the setup, for messages.
-
-    Raises:
-        SetupError: one is an address, an absolute path or leads upward.
-    """
+    """Refuse [log.files] of a setup that name anything but files in the log's folder or below."""
     for key, pattern in patterns.items():
         what = "is an address" if _is_chain(pattern) else "leads out of the log's folder" if _is_upward(pattern) else ""
         if os.path.isabs(pattern) or re.match(r"[A-Za-z]:[/\\]|[/\\~]", pattern):
@@ -50,13 +41,6 @@ def check_links(files: Mapping[str, str], named: str) -> None:
     """Refuse files of a log that are links out of its folder.
 
     That holds for the named one, too: commands name a log by the file of its wrench, whichever the user has given.
-
-    Args:
-        files: by quantity, as [log.files] of the setup gives them.
-        named: the path that the user gave.
-
-    Raises:
-        LogError: one leads outside.
     """
     for key, file in files.items():
         if is_url(named):  # what the * stands for comes from a listing
@@ -70,11 +54,7 @@ def check_links(files: Mapping[str, str], named: str) -> None:
 
 
 def copy_name(url: str) -> str:
-    """The name for the copy of what a URL names: a hash of it, and its suffix if a log may have it.
-
-    Raises:
-        LogError: no log has this suffix.
-    """
+    """The name for the copy of what a URL names: a hash of it, and its suffix if a log may have it."""
     known = tuple(suffix + packed for suffix in (*SUFFIXES, *TABLES) for packed in ("", PACKED))
     # What follows a ? is a query, or of an object store part of a name.
     name, *whole = re.split(r"[?#]", url)[0], *([] if url.startswith("http") else [url])
@@ -87,12 +67,7 @@ def copy_name(url: str) -> str:
 
 
 def is_below(name: str, folder: str) -> bool:
-    """Whether a name in a server's listing is that of what was asked for, or below it.
-
-    Args:
-        name: as the store gives it.
-        folder: what was asked for, in the same form; with a *, below all folders before it.
-    """
+    """Whether a name in a server's listing is that of what was asked for, or below it."""
     top = folder.partition("*")[0].rpartition("/")[0] if "*" in folder else folder.rstrip("/")
     if name != folder and not name.startswith(f"{top}/"):
         return False
@@ -110,15 +85,7 @@ def _is_chain(name: str) -> bool:
 
 
 def check_planned(output: str, log: str) -> None:
-    """Refuse a result that would be written outside of the folder of results.
-
-    Args:
-        output: its path from that folder.
-        log: what it is the result of, for messages.
-
-    Raises:
-        LogError: it leads outside.
-    """
+    """Refuse a result that would be written outside of the folder of results."""
     if os.path.isabs(output) or ".." in output.split(os.sep):
         remedy = "give the logs one by one"
         raise LogError(f"its result would be written to {output!r}", file=log, remedy=remedy)

@@ -8,20 +8,21 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.ros.collect import Field, Stream, Wanted
-from ftbias_jax.io.ros.messages import JOINT_STATE, WRENCH_STAMPED
-from ftbias_jax.io.ros.pose import as_one, in_setup_order, pose_streams
-from ftbias_jax.io.ros.record import Recording
-from ftbias_jax.io.ros.types.roles import (
+from ftbias_jax.io.ros.messages import (
     BY_FIELD,
     IMU,
+    JOINT_STATE,
     JOINTS,
     POSITION,
     SOURCES,
     TEMPERATURE,
     VELOCITY,
     WRENCH,
+    WRENCH_STAMPED,
     types_with,
 )
+from ftbias_jax.io.ros.pose import in_setup_order, pose_streams
+from ftbias_jax.io.ros.record import Recording
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.sensor_pose import pose_columns
@@ -33,16 +34,7 @@ Chosen = dict[str, tuple[str, Stream]]
 
 
 def refuse_columns(setup: Setup, quantities: Collection[str], file: str = "") -> None:
-    """Refuse [log.columns] for what is read from a recording, which has none.
-
-    Args:
-        setup: whose keys are looked at.
-        quantities: keys that would be for this file.
-        file: the recording, for messages.
-
-    Raises:
-        LogError: one of them is stated.
-    """
+    """Refuse [log.columns] for what is read from a recording, which has none."""
     for key in setup.log.columns:
         if key in quantities:
             remedy = "name fields of messages in [log.topics], or write the log as .npz, .csv or .parquet"
@@ -58,27 +50,20 @@ def wanted_of(setup: Setup) -> Wanted:
 
 
 def choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
-    """Joints or pose.
-
-    Raises:
-        LogError: there is none, or there are several to choose from.
-    """
+    """Joints or pose."""
     if POSITION in setup.log.topics:
         width = len(setup.robot.joint_names) if setup.pose is None else pose_columns(setup.pose)[0]
         return {"q": (POSITION, _by_fields(recording, POSITION, width, setup, file))}
     if setup.pose is None:
         streams = _choose(JOINTS, _joint_streams(recording, setup, file), setup, file)
         return {"q": (JOINTS, _joint_positions(streams, setup.robot.joint_names, file))}
-    pose = as_one(_choose("pose", pose_streams(recording, setup.pose, file), setup, file), file)
+    poses = _choose("pose", pose_streams(recording, setup.pose, file), setup, file)
+    pose = _in_one_frame(poses, "poses", "pose", "record one body on a topic", file)
     return {"q": ("pose", pose._replace(values=in_setup_order(pose.values, setup.pose)))}
 
 
 def choose_rates(recording: Recording, setup: Setup, file: str) -> Chosen:
-    """Velocities of the joints, or what an IMU says, where they are of other messages than the positions; {} if not.
-
-    Raises:
-        LogError: they are needed and not there, or there are several to choose from.
-    """
+    """Velocities of the joints, or what an IMU says, where they are of other messages than the positions; {} if not."""
     if VELOCITY in setup.log.topics:
         width = len(setup.robot.joint_names) if setup.pose is None else pose_columns(setup.pose)[1]
         return {"dq": (VELOCITY, _by_fields(recording, VELOCITY, width, setup, file))}
@@ -87,22 +72,24 @@ def choose_rates(recording: Recording, setup: Setup, file: str) -> Chosen:
 
 
 def choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:
-    """The wrench, and the temperature if there is one.
-
-    Raises:
-        LogError: there is no wrench, or there are several to choose from.
-    """
+    """The wrench, and the temperature if there is one."""
     found = _of_role(recording, WRENCH, setup)
     if not found:
         message = f"no wrench data: no topic has the type {WRENCH_STAMPED}"
         raise LogError(message, file=file, field=WRENCH, remedy=_recorded(recording))
     wrenches = _choose(WRENCH, found, setup, file)
-    if len(wrenches) > 1:
-        frames = ", ".join(repr(stream.names[0]) for stream in wrenches[:8])
-        message = f"the wrenches of {wrenches[0].topic} are in several frames: {frames}"
-        raise LogError(message, file=file, field=WRENCH, remedy="record one sensor on a topic")
-    _check_width(wrenches[0], WRENCH, 6, file)
-    return {"wrench": (WRENCH, wrenches[0]), **choose_temperature(recording, setup, file)}
+    wrench = _in_one_frame(wrenches, "wrenches", WRENCH, "record one sensor on a topic", file)
+    _check_width(wrench, WRENCH, 6, file)
+    return {"wrench": (WRENCH, wrench), **choose_temperature(recording, setup, file)}
+
+
+def _in_one_frame(streams: Sequence[Stream], what: str, field: str, remedy: str, file: str) -> Stream:
+    """The only stream of a topic."""
+    if len(streams) > 1:
+        frames = ", ".join(repr(stream.names[0]) for stream in streams[:8])
+        message = f"the {what} of {streams[0].topic} are in several frames: {frames}"
+        raise LogError(message, file=file, field=field, remedy=remedy)
+    return streams[0]
 
 
 def choose_temperature(recording: Recording, setup: Setup, file: str) -> Chosen:

@@ -8,12 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.ros.cursor import MessageError
-from ftbias_jax.io.ros.messages import JOINT_STATE, TF, joint_state, pose_stamped, transforms, wrench_stamped
+from ftbias_jax.io.ros.fields import PathError, Plan, make_plan, take, types_of
+from ftbias_jax.io.ros.messages import IMU, JOINTS, POSE, SOURCES, TRANSFORM, MessageError, Source, read_message
 from ftbias_jax.io.ros.raw import Definition, RawMessage
-from ftbias_jax.io.ros.types.fields import PathError, Plan, make_plan, take
-from ftbias_jax.io.ros.types.known import types_of
-from ftbias_jax.io.ros.types.roles import IMU, JOINTS, POSE, SOURCES, TRANSFORM, WRENCH, Source
 from ftbias_jax.types import Array
 
 
@@ -24,7 +21,7 @@ class Stream(NamedTuple):
     """Behind it, after a colon, the fields that the setup names."""
     message_type: str
     role: str
-    """What it is to a log, one of those in ``types.roles``."""
+    """What it is to a log, one of those in ``messages``."""
     names: tuple[str, ...]
     """Of the joints, () = in the order of the setup; of a transform, its frame and child; else its frame."""
     stamps: Array
@@ -72,11 +69,7 @@ _Key = tuple[str, str, str, tuple[str, ...]]  # topic, type, role, names
 
 
 class Collector:
-    """Takes messages one after the other.
-
-    Args:
-        wanted: see there.
-    """
+    """Takes messages one after the other."""
 
     def __init__(self, wanted: Wanted) -> None:
         self._wanted = wanted
@@ -84,15 +77,7 @@ class Collector:
         self._plans: dict[tuple[str, str, Definition, str], Plan | None] = {}
 
     def add(self, message: RawMessage, place: int) -> None:
-        """Add a message to its streams, if a log is made of its type, or the setup names its topic.
-
-        Args:
-            message: of any type.
-            place: among all messages.
-
-        Raises:
-            MessageError: it is damaged. LogError: it does not have the fields that are wanted.
-        """
+        """Add a message to its streams, if a log is made of its type, or the setup names its topic."""
         for source in SOURCES.get(message.message_type, ()):
             if self._wanted.poses or source.role not in (POSE, TRANSFORM, IMU):
                 self._add_source(message, place, source)
@@ -104,42 +89,30 @@ class Collector:
                     remedy = "convert it to MCAP where the type is known: ros2 bag convert; or pip install rosbags"
                     raise LogError(what, field=f"log.topics.{role}", remedy=remedy)
                 stamp, frame, values = take(plan, message.data, message.encoding)
-                self._append(message, place, f"{topic}:{fields}", role, (frame,), stamp, values)
+                self._append(message, place, f"{topic}:{fields}", role, stamp, (frame,), values)
 
     def finish(self) -> tuple[Stream, ...]:
         """All streams, in the order in which they start."""
-        return tuple(_finish(key, growing) for key, growing in self._growing.items())
+        found = []
+        for key, growing in self._growing.items():
+            stamps, logged, order = (np.array(numbers, np.int64) for numbers in growing[1:4])
+            values = np.array(growing.values, np.float64).reshape(len(stamps), growing.width)
+            found.append(Stream(*key, stamps, logged, order, values))
+        return tuple(found)
 
     def _add_source(self, message: RawMessage, place: int, source: Source) -> None:
-        names: tuple[str, ...]
-        values: tuple[float, ...]
-        if source.fields:
-            plan = self._plan(message, source.fields)
-            if plan is None:
-                return
+        if not source.fields:
+            for reading in read_message(message.message_type, message.data, message.encoding):
+                self._append(message, place, message.topic, source.role, *reading)
+        elif plan := self._plan(message, source.fields):
             stamp, frame, values = take(plan, message.data, message.encoding)
             names = () if source.role == JOINTS else (frame,)
-        elif message.message_type == JOINT_STATE:
-            stamp, names, position, velocity = joint_state(message.data, message.encoding)
-            missing = (float("nan"),) * len(names)
-            values = (position or missing) + (velocity or missing)
-        elif source.role == WRENCH:
-            stamp, frame, values = wrench_stamped(message.data, message.encoding)
-            names = (frame,)
-        else:
-            decode = transforms if message.message_type == TF else pose_stamped
-            for stamp, names, values in decode(message.data, message.encoding):
-                self._append(message, place, message.topic, source.role, names, stamp, values)
-            return
-        self._append(message, place, message.topic, source.role, names, stamp, values)
+            self._append(message, place, message.topic, source.role, stamp, names, values)
 
     def _plan(self, message: RawMessage, fields: str, stated: str = "") -> Plan | None:
         """How to take fields of a message, kept for those that follow; None if nobody defines its type.
 
-        Args:
-            message: the first of its type.
-            fields: paths.
-            stated: the key of the setup that names them; "" = they are those that the type usually has.
+        ``stated`` is the key of the setup that names them; "" = they are those that the type usually has.
         """
         key = (message.message_type, message.encoding, message.definition, fields)
         if key not in self._plans:
@@ -160,8 +133,8 @@ class Collector:
         place: int,
         topic: str,
         role: str,
-        names: tuple[str, ...],
         stamp: int,
+        names: tuple[str, ...],
         values: tuple[float, ...],
     ) -> None:
         if not abs(message.logged) < 2**63:
@@ -177,9 +150,3 @@ class Collector:
         stream.logged.append(message.logged)
         stream.order.append(place)
         stream.values.extend(values)
-
-
-def _finish(key: _Key, growing: _Growing) -> Stream:
-    stamps, logged, order = (np.array(numbers, np.int64) for numbers in growing[1:4])
-    values = np.array(growing.values, np.float64).reshape(len(stamps), growing.width)
-    return Stream(*key, stamps, logged, order, values)

@@ -10,20 +10,15 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.pose import product, rotate
 from ftbias_jax.io.ros.collect import Stream
-from ftbias_jax.io.ros.messages import POSE_STAMPED
+from ftbias_jax.io.ros.messages import POSE, POSE_STAMPED, TRANSFORM
 from ftbias_jax.io.ros.record import Recording
-from ftbias_jax.io.ros.types.roles import POSE, TRANSFORM
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.types import Array
 
 
 def pose_streams(recording: Recording, pose: PoseSetup, file: str) -> list[Stream]:
-    """Streams with position (m) and orientation (x, y, z, w), (T, 7), to choose one from.
-
-    Raises:
-        LogError: there is none, or the frames are not connected.
-    """
+    """Streams with position (m) and orientation (x, y, z, w), (T, 7), to choose one from."""
     if pose.frame:
         return [_follow_frames(recording, pose, file)]
     found = [stream for stream in recording.streams if stream.role == POSE]
@@ -109,16 +104,3 @@ def in_setup_order(values: Array, pose: PoseSetup) -> Array:
     """(T, 7) position and orientation (x, y, z, w) -> the columns of ``pose.pose_entries``."""
     orientation = values[:, 3:] if pose.orientation == "quaternion_xyzw" else values[:, [6, 3, 4, 5]]
     return np.concatenate([orientation, values[:, : 3 * (pose.linear == "position")]], 1)
-
-
-def as_one(streams: Sequence[Stream], file: str) -> Stream:
-    """The only stream of a topic.
-
-    Raises:
-        LogError: its poses are in several frames.
-    """
-    if len(streams) > 1:
-        frames = ", ".join(repr(stream.names[0]) for stream in streams[:8])
-        message = f"the poses of {streams[0].topic} are in several frames: {frames}"
-        raise LogError(message, file=file, field="pose", remedy="record one body on a topic")
-    return streams[0]

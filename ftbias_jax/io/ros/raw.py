@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import struct
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
 from mmap import mmap
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, NamedTuple
 
 from ftbias_jax.io.limits.budget import Budget
+from ftbias_jax.io.limits.unpack import UnpackError
 
 Buffer = bytes | mmap
 OnDamage = Callable[[str], None]
 """Called with one line about what could not be read, before it is skipped; it may raise to stop instead."""
-
-
-class FilePiece(Protocol):
-    """A piece of a file that says itself where it ends."""
-
-    @property
-    def end(self) -> int:
-        """Position after it."""
-
-
-R = TypeVar("R", bound=FilePiece)
 
 
 class Definition(NamedTuple):
@@ -49,37 +41,120 @@ class RawMessage(NamedTuple):
     definition: Definition = UNDEFINED
 
 
-def scan_records(
-    data: Buffer,
-    position: int,
-    record_at: Callable[[Buffer, int], R | None],
-    next_whole: Callable[[Buffer, int, Budget], int],
-    on_damage: OnDamage,
-    budget: Budget,
-) -> Iterator[R]:
-    """The records from a position on; what makes no sense is told and skipped.
+class Record(NamedTuple):
+    """A piece of a file that says itself where it ends."""
 
-    Args:
-        data: the whole file.
-        position: byte at which the first record starts.
-        record_at: the record at a position, or None if it makes no sense.
-        next_whole: where, from a position on, the next record starts that holds together, or the end of the data.
-        on_damage: called with what was skipped, and why.
-        budget: of the file.
+    kind: int
+    start: int
+    """Of its content."""
+    end: int
+    whole: bool = True
+    """False for a chunk whose end is missing, and of which a part can be had nevertheless."""
+    header: Mapping[bytes, bytes] = {}
+    """Of ROS 1."""
 
-    Raises:
-        LogError: the budget is spent.
+
+class ChunkedFile(ABC):
+    """A list of records, some of which are chunks of records, read from front to back.
+
+    No index is needed, so files that are cut or were never finished are read as well. What is damaged is told to
+    ``on_damage`` and skipped; LogError: a decompressor is not installed, or the budget is spent.
     """
-    while position < len(data):
-        budget.count()
-        record = record_at(data, position)
-        if record is None:
-            following = next_whole(data, position + 1, budget)
-            on_damage(f"no whole record at byte {position}: {following - position} bytes skipped")
-            position = following
-        else:
+
+    MAGIC: ClassVar[bytes]
+    CHUNK: ClassVar[int]
+    MESSAGE: ClassVar[int]
+    DEFINING: ClassVar[Mapping[int, str]]
+    """Kinds of records that define types or topics, and what messages call them."""
+    LAST: ClassVar[int | None] = None
+    """Kind of the record behind which nothing is read."""
+    DAMAGED: ClassVar[str] = "is damaged"
+
+    def __init__(self, data: Buffer, on_damage: OnDamage, budget: Budget) -> None:
+        self.data, self.on_damage, self.budget = data, on_damage, budget
+
+    @abstractmethod
+    def _record_at(self, data: Buffer, position: int) -> Record | None:
+        """The record at a position, or None if it makes no sense there."""
+
+    @abstractmethod
+    def _next_whole(self, data: Buffer, position: int) -> int:
+        """Where, from a position on, the next record starts that holds together, or the end of the data."""
+
+    @abstractmethod
+    def _chunk(self, record: Record) -> bytes:
+        """The records of a chunk."""
+
+    @abstractmethod
+    def _learn(self, record: Record, content: bytes) -> None:
+        """Keep what a record defines."""
+
+    @abstractmethod
+    def _message(self, record: Record, content: bytes) -> RawMessage:
+        """The message in a record."""
+
+    def _note(self, record: Record) -> None:  # noqa: B027
+        """Look at any record of the file but its chunks."""
+
+    def scan(self) -> Iterator[RawMessage]:
+        """All messages."""
+        # Definitions stand once more behind the chunks: a first pass over the outermost records finds those.
+        for record in self._records(self.data, len(self.MAGIC), _ignore):
+            if record.kind in self.DEFINING:
+                self._try(self._learn, record, self.data, _ignore)
+        for record in self._records(self.data, len(self.MAGIC), self.on_damage):
+            if record.kind != self.CHUNK:
+                self._note(record)
+                yield from self._messages(self.data, record)
+                continue
+            try:
+                chunk = self._chunk(record)
+            except (UnpackError, *DAMAGE) as error:
+                self.on_damage(f"the chunk at byte {record.start} {self._clause(error)}")
+                continue
+            if not record.whole:
+                self.on_damage(f"the chunk at byte {record.start} is cut short")
+            for inner in self._records(chunk, 0, self.on_damage):
+                yield from self._messages(chunk, inner)
+
+    def _records(self, data: Buffer, position: int, on_damage: OnDamage) -> Iterator[Record]:
+        """The records from a position on; what makes no sense is told and skipped."""
+        while position < len(data):
+            self.budget.count()
+            record = self._record_at(data, position)
+            if record is None:
+                following = self._next_whole(data, position + 1)
+                on_damage(f"no whole record at byte {position}: {following - position} bytes skipped")
+                position = following
+                continue
             yield record
+            if record.kind == self.LAST:
+                return
             position = record.end
+
+    def _messages(self, data: Buffer, record: Record) -> Iterator[RawMessage]:
+        if record.kind in self.DEFINING:
+            self._try(self._learn, record, data, self.on_damage)
+        elif record.kind == self.MESSAGE:
+            message = self._try(self._message, record, data, self.on_damage)
+            if message is not None:
+                yield message
+
+    def _try(self, read: Callable[[Record, bytes], Any], record: Record, data: Buffer, on_damage: OnDamage) -> Any:
+        try:
+            return read(record, data[record.start : record.end])
+        except DAMAGE as error:
+            on_damage(f"{self.DEFINING.get(record.kind, 'a message')} {self._clause(error)}")
+
+    def _clause(self, error: Exception) -> str:
+        return str(error) if isinstance(error, UnpackError) else f"{self.DAMAGED}: {error}"
+
+
+DAMAGE = (KeyError, struct.error, UnicodeDecodeError)
+
+
+def _ignore(what: str) -> None:
+    """Damage is told in the second pass."""
 
 
 def plain_type(message_type: str) -> str:

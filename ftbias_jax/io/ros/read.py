@@ -7,14 +7,13 @@ import os
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.check import check_log
 from ftbias_jax.io.clock import choose_clock, continue_after_jumps, jumps, order_repairs, tidy
 from ftbias_jax.io.log import Log, Repair
-from ftbias_jax.io.merge import Part, check_overlap, merge_parts, on_one_clock
+from ftbias_jax.io.merge import Part, log_of_parts, on_one_clock
 from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_rates, choose_readings, refuse_columns, wanted_of
 from ftbias_jax.io.ros.collect import Stream
+from ftbias_jax.io.ros.messages import JOINTS, WRENCH
 from ftbias_jax.io.ros.record import Recording, read_recording
-from ftbias_jax.io.ros.types.roles import JOINTS, WRENCH
 from ftbias_jax.setup.recorded import HEADER, RECEIPT
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -28,16 +27,13 @@ def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
 
     If the setup has a sensor_pose, it comes from a topic of geometry_msgs/PoseStamped, or from TF. Otherwise the joints
     come from all publishers of one topic of sensor_msgs/JointState, the wrench from one topic of
-    geometry_msgs/WrenchStamped; messages about other joints, such as a gripper's, are ignored. ``types.roles`` lists
+    geometry_msgs/WrenchStamped; messages about other joints, such as a gripper's, are ignored. ``messages`` lists
     the other types that are known, and [log.topics] may name any field of any type.
 
     Args:
         path: the recording.
         setup: [log.topics] chooses where there are several, [log.clocks] the stamps.
         salvage: skip what is damaged.
-
-    Raises:
-        LogError: it cannot be read, has no or several topics to choose from, or cannot be filtered (``check_log``).
     """
     refuse_columns(setup, setup.log.columns, os.fspath(path))
     return log_of(read_recording(path, salvage=salvage, wanted=wanted_of(setup)), setup, os.fspath(path))
@@ -50,26 +46,12 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Log:
     chosen = choose_motion(recording, setup, file) | choose_rates(recording, setup, file)
     chosen |= choose_readings(recording, setup, file)
     parts = on_one_clock(parts_of(chosen, setup, mended, file), setup.log.time_offsets, file)
-    by_array = {name: t for t, arrays in parts for name in arrays}
-    check_overlap(by_array["q"], by_array["wrench"], file)
-    merged = merge_parts(parts, file)
-    t, q, wrench = merged.pop("t"), merged.pop("q"), merged.pop("wrench")
-    log = check_log(t, q, wrench, **merged, setup=setup, file=file, repairs=tuple(mended))
+    log = log_of_parts(parts, setup, tuple(mended), file)
     return log._replace(frame=chosen["wrench"][1].names[0])
 
 
 def parts_of(chosen: Chosen, setup: Setup, mended: list[Repair], file: str = "") -> list[Part]:
-    """Streams with stamps that can be compared, in order, as arrays of a log; what that took is added to ``mended``.
-
-    Args:
-        chosen: of ``choose``.
-        setup: [log.clocks] may state whose stamps each stream has.
-        mended: repairs.
-        file: the name in messages.
-
-    Raises:
-        LogError: the streams do not agree on how often their clock was set back.
-    """
+    """Streams with stamps that can be compared, in order, as arrays of a log; what that took is added to ``mended``."""
     timed = _stamped(chosen, setup, mended, file)
     known = {name: t != 0 for name, t in timed.items()}
     main = _main(chosen)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mmap
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
@@ -12,12 +12,13 @@ from typing import NamedTuple
 from ftbias_jax.errors import LogError
 from ftbias_jax.files import temporary_folder
 from ftbias_jax.io.limits.budget import SMALL_RECORDING, Budget
-from ftbias_jax.io.ros import mcap_file, ros1_bag, sqlite_bag
+from ftbias_jax.io.limits.unpack import need
+from ftbias_jax.io.ros import sqlite_bag
 from ftbias_jax.io.ros.collect import NOTHING_ELSE, Collector, Stream, Wanted
-from ftbias_jax.io.ros.cursor import MessageError
-from ftbias_jax.io.ros.messages import STRING, string
+from ftbias_jax.io.ros.mcap_file import McapFile
+from ftbias_jax.io.ros.messages import STRING, MessageError, read_message
 from ftbias_jax.io.ros.raw import OnDamage, RawMessage
-from ftbias_jax.io.unpack import need
+from ftbias_jax.io.ros.ros1_bag import Ros1Bag
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 PACKED = ".zstd"  # a file that rosbag2 compressed as a whole
@@ -27,6 +28,11 @@ DESCRIPTION = "robot_description"
 MAX_TOLD = 20  # places of damage
 
 _COPY = 1 << 20
+
+
+def is_ros(path: str | os.PathLike[str]) -> bool:
+    """Whether the path names a recording of ROS: a folder, or one of its files."""
+    return os.fspath(path).lower().removesuffix(PACKED).endswith(SUFFIXES) or os.path.isdir(path)
 
 
 class Topic(NamedTuple):
@@ -52,11 +58,6 @@ class Recording(NamedTuple):
 
 def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, wanted: Wanted = NOTHING_ELSE) -> Recording:
     """Read what a log is made of from a ROS 1 bag, a ROS 2 bag (a folder, or its .db3 or .mcap file).
-
-    Args:
-        path: the file or folder.
-        salvage: skip what is damaged, instead of refusing the recording.
-        wanted: beside joints, wrenches and temperatures.
 
     Raises:
         LogError: it cannot be read, is damaged (without salvage), its compression needs a package, or a message does
@@ -85,7 +86,8 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, wante
             try:
                 streams.add(message, place)
                 if wanted.poses and message.message_type == STRING and message.topic.endswith(DESCRIPTION):
-                    description = string(message.data, message.encoding)
+                    (said,) = read_message(STRING, message.data, message.encoding)
+                    (description,) = said.names
             except MessageError as error:
                 on_damage(f"message {counts[topic]} of {message.topic} {error}")
     except OSError as error:
@@ -120,20 +122,16 @@ def _messages(path: Path, on_damage: OnDamage) -> Iterator[RawMessage]:
         return
     budget = Budget(path, SMALL_RECORDING)
     with open(path, "rb") as stream:
-        start = stream.read(max(map(len, (ros1_bag.MAGIC, sqlite_bag.MAGIC, mcap_file.MAGIC))))
+        start = stream.read(20)
         if start.startswith(sqlite_bag.MAGIC):
             yield from sqlite_bag.scan_sqlite(path, on_damage, budget)
             return
-        scanners: dict[bytes, Callable[[mmap.mmap, OnDamage, Budget], Iterator[RawMessage]]] = {
-            ros1_bag.MAGIC: ros1_bag.scan_bag,
-            mcap_file.MAGIC: mcap_file.scan_mcap,
-        }
-        scan = next((scanners[magic] for magic in scanners if start.startswith(magic)), None)
-        if scan is None:
+        kind = next((kind for kind in (Ros1Bag, McapFile) if start.startswith(kind.MAGIC)), None)
+        if kind is None:
             message = f"is no recording of ROS: it starts with {start[:13]!r}" if start else "is empty"
             raise LogError(message, file=path, remedy="give a ROS 1 bag (format 2.0), or an .mcap or .db3 of ROS 2")
         with closing(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)) as data:
-            yield from scan(data, on_damage, budget)
+            yield from kind(data, on_damage, budget).scan()
 
 
 def _unpack_file(path: Path, target: Path, on_damage: OnDamage) -> None:

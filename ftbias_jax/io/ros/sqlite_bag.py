@@ -9,8 +9,8 @@ from contextlib import closing
 from pathlib import Path
 
 from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget
+from ftbias_jax.io.limits.unpack import UnpackError, unpack_message
 from ftbias_jax.io.ros.raw import UNDEFINED, Definition, OnDamage, RawMessage, plain_type
-from ftbias_jax.io.unpack import UnpackError, unpack_message
 
 MAGIC = b"SQLite format 3\x00"
 STEPS, A_RECORD = 1000, 10
@@ -26,11 +26,7 @@ _DEFINED = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = '
 
 
 def scan_sqlite(path: str | os.PathLike[str], on_damage: OnDamage, budget: Budget) -> Iterator[RawMessage]:
-    """All messages of a bag; what is damaged is told to ``on_damage`` and skipped.
-
-    Raises:
-        LogError: messages are compressed, and the decompressor is not installed, or the budget is spent.
-    """
+    """All messages of a bag; what is damaged is told to ``on_damage`` and skipped."""
     # A recorder that was killed leaves its last messages in a file beside; without that, nothing else may write.
     mode = "ro" if Path(f"{os.fspath(path)}-wal").exists() else "ro&immutable=1"
     try:

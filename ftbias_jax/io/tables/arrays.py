@@ -1,8 +1,9 @@
-"""Logs as named arrays, whatever file they come from: the names of the native format."""
+"""Logs as named arrays, whatever file they come from: names, readers by suffix, and what is made of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -10,14 +11,20 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_log
 from ftbias_jax.io.clock import as_stamps, put_in_order
 from ftbias_jax.io.conventions.units import rows_at_rate, stamps
-from ftbias_jax.io.log import Log
-from ftbias_jax.io.merge import merge_streams
+from ftbias_jax.io.log import Log, Repairs
+from ftbias_jax.io.merge import Part, log_of_parts, on_one_clock
+from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.tables.columns import Columns, check_names, choose_columns, choose_some
+from ftbias_jax.io.tables.csv import csv_columns
+from ftbias_jax.io.tables.hdf5 import load_hdf5
+from ftbias_jax.io.tables.parquet import parquet_columns
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 STAMPS = ("t", "t_joints", "t_wrench")
-ARRAYS = ("t", "t_joints", "t_wrench", "q", "dq", "wrench", "temperature")
+MEASURED = ("q", "dq", "wrench", "temperature")
+ARRAYS = (*STAMPS, *MEASURED)
 POSE_ARRAYS = ("orientation", "position", "angular_velocity", "specific_force")
 """Instead of q and dq, where the setup has a sensor_pose."""
 
@@ -30,6 +37,16 @@ QUANTITIES = {
     "temperature": ("temperature",),
 }
 """Key of [log.columns] -> the array that its columns are, and others that would be read in its place."""
+COLUMNS: dict[str, Callable[[str, Callable[[Sequence[str]], Columns]], dict[str, Array]]]
+COLUMNS = {".csv": csv_columns, ".parquet": parquet_columns}
+"""Suffix -> what reads the columns that are chosen from a header."""
+ARRAY_FILES: dict[str, Callable[[str, Sequence[str]], dict[str, Array]]]
+ARRAY_FILES = {".npz": load_arrays, ".h5": load_hdf5, ".hdf5": load_hdf5}
+"""Suffix -> what reads the arrays of these names that are there."""
+TABLES = (".npz", *COLUMNS, ".h5", ".hdf5")
+"""Suffixes of all of them; recordings of ROS have their own (``io.ros``)."""
+OURS = ("about", "provenance")
+"""Arrays of a log that this program wrote: it has the native names, whatever [log.columns] says of recordings."""
 
 
 def wanted_arrays(setup: Setup) -> tuple[str, ...]:
@@ -42,13 +59,7 @@ def wanted_arrays(setup: Setup) -> tuple[str, ...]:
 def by_native_names(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> dict[str, Array]:
     """The arrays with those that [log.columns] of the setup names in the places of the native ones.
 
-    Args:
-        arrays: of ``wanted_arrays``, by their names in the file.
-        setup: [log.columns] names one array (T,) for each joint or channel, or one for time and temperature.
-        file: the name in messages.
-
-    Raises:
-        LogError: a name is not there, or not the name of a list.
+    It names one array (T,) for each joint or channel, or one for time and temperature.
     """
     found = {name: values for name, values in arrays.items() if name in (*ARRAYS, *POSE_ARRAYS)}
     for key, natives in QUANTITIES.items():
@@ -72,64 +83,33 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
 
     Instead of t, t_joints (J,) may stamp q and dq, and t_wrench (W,) the wrench and the temperature; a setup that
     states log.rate needs no stamps.
-
-    Raises:
-        LogError: an array is missing, or the log cannot be filtered (see ``check_log``).
     """
     if setup.pose is not None:
         arrays = with_pose(arrays, setup.pose, file)
-    q = _get(arrays, "q", "no motion data: there is no array q (T, n) rad", file)
+    _get(arrays, "q", "no motion data: there is no array q (T, n) rad", file)
     wrench = _get(arrays, "wrench", "no wrench data: there is no array wrench (T, 6) N, Nm", file)
-    dq, temperature = arrays.get("dq"), arrays.get("temperature")
     counted = rows_at_rate(wrench, setup.log)
-    if counted is not None:
-        return log_of_table(counted, q, wrench, dq, temperature, setup, file)
-    arrays = {name: stamps(values, setup.log) if name in STAMPS else values for name, values in arrays.items()}
-    if "t" in arrays:
-        if {"t_joints", "t_wrench"} & arrays.keys():
+    times = {name: stamps(arrays[name], setup.log) for name in STAMPS if name in arrays} if counted is None else {}
+    if counted is not None or "t" in times:
+        if len(times) > 1:
             message = "stands beside t_joints or t_wrench"
             raise LogError(message, file=file, field="t", remedy="keep t, or the stamps of the two streams")
-        return log_of_table(arrays["t"], q, wrench, dq, temperature, setup, file)
-    t_joints = _get(arrays, "t_joints", "there is no time: neither t (T,) s, nor t_joints with t_wrench", file)
-    t_wrench = _get(arrays, "t_wrench", "there is t_joints, but no t_wrench", file)
-    return _log_of_two(t_joints, t_wrench, q, wrench, dq, temperature, setup, file)
-
-
-def log_of_table(
-    t: Array, q: Array, wrench: Array, dq: Array | None, temperature: Array | None, setup: Setup, file: str
-) -> Log:
-    """A log whose samples have one stamp each; of two clocks nevertheless, if the setup states their offsets.
-
-    Raises:
-        LogError: it cannot be filtered (see ``check_log``).
-    """
-    if setup.log.time_offsets:
-        t = as_stamps(t, file=file)
-        return _log_of_two(t, t, q, wrench, dq, temperature, setup, file)
-    return check_log(t, q, wrench, dq, temperature, setup=setup, file=file)
-
-
-def _log_of_two(
-    t_joints: Array,
-    t_wrench: Array,
-    q: Array,
-    wrench: Array,
-    dq: Array | None,
-    temperature: Array | None,
-    setup: Setup,
-    file: str,
-) -> Log:
-    """A log of two streams."""
-    joints = put_in_order(t_joints, {"q": q, "dq": dq}, "samples of the joints", file=file, field="t_joints")
-    readings = {"wrench": wrench, "temperature": temperature}
-    sensor = put_in_order(t_wrench, readings, "samples of the wrench", file=file, field="t_wrench")
-    (q, dq), (wrench, temperature) = joints.columns, sensor.columns
-    offsets = setup.log.time_offsets
-    merged = merge_streams(joints.t, q, sensor.t, wrench, dq, temperature, offsets=offsets, file=file)
-    repairs = (*joints.repairs, *sensor.repairs)
-    return check_log(
-        *(merged.t, merged.q, merged.wrench, merged.dq, merged.temperature), setup=setup, file=file, repairs=repairs
-    )
+        t = times["t"] if counted is None else counted
+        if not setup.log.time_offsets:
+            return check_log(
+                t, arrays["q"], wrench, arrays.get("dq"), arrays.get("temperature"), setup=setup, file=file
+            )
+        times = dict.fromkeys(STAMPS[1:], as_stamps(t, file=file))
+    t_joints = _get(times, "t_joints", "there is no time: neither t (T,) s, nor t_joints with t_wrench", file)
+    t_wrench = _get(times, "t_wrench", "there is t_joints, but no t_wrench", file)
+    parts: list[Part] = []
+    repairs: Repairs = ()
+    for t, names, which in ((t_joints, MEASURED[:2], "joints"), (t_wrench, MEASURED[2:], "wrench")):
+        columns = {name: arrays[name] for name in names if name in arrays}
+        ordered = put_in_order(t, columns, f"samples of the {which}", file=file, field=f"t_{which}")
+        parts.append((ordered.t, ordered.columns))
+        repairs += ordered.repairs
+    return log_of_parts(on_one_clock(parts, setup.log.time_offsets, file), setup, repairs, file)
 
 
 def with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[str, Array]:
@@ -143,11 +123,7 @@ def with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[s
 
 
 def joined_pose(arrays: Mapping[str, Array], pose: PoseSetup, name: str, file: str) -> Array:
-    """The arrays of a pose side by side as q, or those of its IMU as dq.
-
-    Raises:
-        LogError: one of them is missing, or they have not the same length.
-    """
+    """The arrays of a pose side by side as q, or those of its IMU as dq."""
     parts = _pose_parts(arrays, pose)[name]
     flat = []
     for part in parts:
@@ -171,3 +147,43 @@ def _get(arrays: Mapping[str, Array], name: str, message: str, file: str) -> Arr
     if name not in arrays:
         raise LogError(message, file=file, field=name, remedy=f"name the arrays of a log {', '.join(ARRAYS)}")
     return arrays[name]
+
+
+def suffix_of(file: str) -> str:
+    """By which the reader is found."""
+    return Path(file).suffix.lower()
+
+
+def read_table(file: str, setup: Setup) -> Log:
+    """A log; rows of columns may have joints only or a wrench only: it is a merged timeline."""
+    return log_from_arrays(native_arrays(file, setup), setup, file)
+
+
+def native_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:
+    """The arrays of a log, or of static poses, by the names of the native format (``arrays.ARRAYS``)."""
+    suffix = suffix_of(file)
+    if suffix in COLUMNS:
+        return COLUMNS[suffix](file, lambda header: choose_columns(header, setup, file, static))
+    arrays = ARRAY_FILES[suffix](file, (*wanted_arrays(setup), *(OURS if suffix == ".npz" else ())))
+    return arrays if arrays.keys() >= set(OURS) else by_native_names(arrays, setup, file)
+
+
+def further_columns(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, Mapping[str, Array]]:
+    """Stamps, or numbers of the rows if there are none, and columns or arrays (T,) by their names in the file."""
+    suffix = suffix_of(file)
+    if suffix in COLUMNS:
+
+        def choose(header: Sequence[str]) -> Columns:
+            check_names(names, header, file)
+            return choose_some(header, (), setup, file) | {f"={name}": (name,) for name in names}
+
+        found = COLUMNS[suffix](file, choose)
+        arrays = {name: found[f"={name}"] for name in names}
+        stamps = found.get("t")
+    else:
+        stated = setup.log.columns.get("time")
+        clocks = (*([stated] if isinstance(stated, str) else []), "t", "t_wrench", "t_joints")
+        arrays = ARRAY_FILES[suffix](file, (*names, *clocks))
+        check_names(names, list(arrays), file)
+        stamps = next((arrays[clock] for clock in clocks if clock in arrays), None)
+    return np.arange(np.size(arrays[names[0]])) if stamps is None else stamps, arrays

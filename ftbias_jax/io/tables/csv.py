@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,91 +11,34 @@ from typing import TextIO
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.conventions.units import recorded_times
 from ftbias_jax.io.limits.budget import Budget
-from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.arrays import log_of_table
-from ftbias_jax.io.tables.csv_columns import (
-    Columns,
-    check_names,
-    choose_columns,
-    choose_time,
-    named_arrays,
-)
-from ftbias_jax.io.tables.delimiters import Commas, with_commas
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.io.tables.columns import Columns, split
 from ftbias_jax.types import Array
 
 BLOCK = 1 << 22  # characters read at once: large enough to be fast, small beside the numbers of a log
+LONGEST = 1 << 16
+"""Characters of the first line by which the delimiter is told."""
 MAX_LINE = 1 << 20
 """Characters; the widest table of a robot has some thousand columns."""
 
+_SEMICOLONS = str.maketrans({",": ".", ";": ","})
+_ENDS = re.compile(r"^#?[ \t]+|[ \t]+$", re.MULTILINE)
 _EMPTY = re.compile(r",[ \t]*(?=,|$)", re.MULTILINE)  # all but the first cell of a line, which would cost much more
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|nan|inf(inity)?)\s*", re.I | re.ASCII)
 
 
-def read_csv(path: str | os.PathLike[str], setup: Setup) -> Log:
-    """Read a log; lines may have joints only or a wrench only: the log is a merged timeline.
+def csv_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
+    """The columns that ``choose`` takes of a header, as arrays by the names that it gives them.
 
-    Args:
-        path: the file, UTF-8, cells separated by commas, semicolons, tabs or spaces; stamps in s, or as [log] states.
-        setup: [log.columns] names the columns, where the header does not use the usual names (see
-            ``conventions.headers``).
-
-    Raises:
-        LogError: the file cannot be read, a column is missing, a cell is not a number (the line is named), or the log
-            cannot be filtered (see ``check_log``).
-    """
-    file = os.fspath(path)
-    arrays = csv_arrays(file, setup)
-    t, q, wrench = recorded_times(arrays, setup.log), arrays["q"], arrays["wrench"]
-    return log_of_table(t, q, wrench, arrays.get("dq"), arrays.get("temperature"), setup, file)
-
-
-def csv_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:
-    """The columns of a log by the names of the native format (``arrays.ARRAYS``).
-
-    Args:
-        file: path of the table.
-        setup: names of columns and units.
-        static: of poses at rest: time is optional, rates are not read.
-
-    Raises:
-        LogError: as for ``read_csv``, but for what makes a log.
-    """
-    return named_columns(file, lambda header: choose_columns(header, setup, file, static=static))
-
-
-def named_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
-    """The chosen columns of a file, by the names of the native format.
-
-    Raises:
-        LogError: the file cannot be read, or a cell is not a number.
+    The file is UTF-8 with cells separated by commas, semicolons, tabs or spaces; a line may have joints only, or a
+    wrench only.
     """
     budget = Budget(file)
     with _opened(file) as stream:
         header = read_header(stream, file)
         columns = choose(header)
-        used = [header.index(name) for names in columns for name in names]
-        values = _read_numbers(stream, header, used, budget)
-    ends = np.cumsum([len(names) for names in columns])
-    return named_arrays(columns, np.split(values, ends[:-1], axis=1))
-
-
-def load_csv(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, dict[str, Array]]:
-    """The stamps (T,) of a log, or its rows' numbers if it has none, and further columns (T,) of it.
-
-    Raises:
-        LogError: as ``read_csv``; a column is not there.
-    """
-    with _opened(file) as stream:
-        header = read_header(stream, file)
-        time = choose_time(header, setup, file)
-        check_names(names, header, file)
-        used = [header.index(name) for name in (*time, *names)]
-        values = _read_numbers(stream, header, used, Budget(file))
-    t = values[:, 0] if time else np.arange(len(values))
-    return t, dict(zip(names, values.T[len(time) :], strict=True))
+        used = [header.index(name) for names in columns.values() for name in names]
+        return split(columns, _read_numbers(stream, header, used, budget))
 
 
 @contextmanager
@@ -113,12 +55,41 @@ def _opened(file: str) -> Iterator[TextIO | Commas]:
         raise LogError(f"is not CSV text: {error}", file=file, remedy="give a CSV file") from error
 
 
-def read_header(stream: TextIO | Commas, file: str) -> list[str]:
-    """The names in the first line.
+def with_commas(stream: TextIO) -> TextIO | Commas:
+    """A text with cells separated by commas, semicolons, tabs or spaces, by what stands in its first line.
 
-    Raises:
-        LogError: it is far too long for names. csv.Error: its quotes do not end.
+    Between semicolons a comma is the decimal one.
     """
+    header = stream.readline(LONGEST)
+    stream.seek(0)
+    if "," in header:
+        return stream
+    if ";" in header:
+        return Commas(stream, lambda text: text.translate(_SEMICOLONS))
+    if "\t" in header:
+        return Commas(stream, lambda text: text.replace("\t", ","))
+    if " " in header.strip().removeprefix("#").strip():
+        return Commas(stream, lambda text: re.sub(r"[ \t]+", ",", _ENDS.sub("", text)))
+    return stream
+
+
+class Commas:
+    """A text stream that is converted line by line."""
+
+    def __init__(self, stream: TextIO, convert: Callable[[str], str]) -> None:
+        self._stream, self._convert = stream, convert
+
+    def readline(self, limit: int = -1) -> str:
+        """The next line."""
+        return self._convert(self._stream.readline(limit))
+
+    def read(self, size: int = -1) -> str:
+        """Whole lines of about so many characters, as one text."""
+        return self._convert("".join(self._stream.readlines(size)))
+
+
+def read_header(stream: TextIO | Commas, file: str) -> list[str]:
+    """The names in the first line."""
     line = stream.readline(MAX_LINE + 1)
     _check_length(line, 1, file)
     # numpy.savetxt marks its header as a comment.

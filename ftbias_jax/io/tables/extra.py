@@ -4,40 +4,25 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clock import SECOND, as_stamps, tidy
+from ftbias_jax.io.clock import as_stamps, since, tidy
 from ftbias_jax.io.conventions.units import later, recorded_times
 from ftbias_jax.io.log import Column, Log
-from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.io.remote.fetch import opened
-from ftbias_jax.io.tables.csv import load_csv
-from ftbias_jax.io.tables.csv_columns import check_names
-from ftbias_jax.io.tables.files import setup_of_file
+from ftbias_jax.io.tables import arrays
+from ftbias_jax.io.tables.arrays import TABLES, suffix_of
 from ftbias_jax.io.tables.grouping import files_of
-from ftbias_jax.io.tables.hdf5 import load_hdf5
-from ftbias_jax.io.tables.parquet import load_parquet
+from ftbias_jax.io.tables.streams import setup_of_file
 from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
-ARRAY_FILES = (".npz", ".h5", ".hdf5")
-
 
 def with_extra_columns(log: Log, path: str | os.PathLike[str], setup: Setup) -> Log:
-    """The log with the further columns that the setup names.
-
-    Args:
-        log: as read from the file; its stamps decide where time begins.
-        path: the file: .npz, .h5, .csv or .parquet.
-        setup: [log.columns] NAME = "name in the file".
-
-    Raises:
-        LogError: a column is not there, is no list of numbers, or the format has no columns.
-    """
+    """The log with the further columns that the setup names."""
     wanted = further_columns(setup.log.columns)
     if not wanted:
         return log
@@ -62,46 +47,19 @@ def _in_one_of(files: Mapping[str, str], name: str, there: str, start: float, se
 
 def _columns_of(file: str, wanted: Mapping[str, str], start: float, setup: Setup, clock: str) -> dict[str, Column]:
     """Columns of one file; ``clock`` is the stream of which [log.time_offsets] holds."""
-    suffix = Path(file).suffix.lower()
-    if suffix in ARRAY_FILES:
-        stamps, found = _of_arrays(file, suffix, wanted, setup)
-    elif suffix in (".csv", ".parquet"):
-        load = load_csv if suffix == ".csv" else load_parquet
-        stamps, found = load(file, setup, tuple(wanted.values()))
-    else:
-        raise LogError(
-            f"[log.columns] of the setup names {next(iter(wanted))}, but a recording of ROS has no columns",
-            file=file,
-            remedy="write the log as .npz, .csv or .parquet",
-        )
+    if suffix_of(file) not in TABLES:
+        message = f"[log.columns] of the setup names {next(iter(wanted))}, but a recording of ROS has no columns"
+        raise LogError(message, file=file, remedy="write the log as .npz, .csv or .parquet")
+    stamps, found = arrays.further_columns(file, setup, tuple(wanted.values()))
     times = as_stamps(recorded_times({"t": stamps, "wrench": stamps}, setup.log), file=file)
     times = later(times, setup.log.time_offsets.get(clock, 0.0))
     return {name: column_of(times, found[there], start, file, there) for name, there in wanted.items()}
 
 
-def _of_arrays(file: str, suffix: str, wanted: Mapping[str, str], setup: Setup) -> tuple[Array, dict[str, Array]]:
-    stated = setup.log.columns.get("time")
-    clocks = (*([stated] if isinstance(stated, str) else []), "t", "t_wrench", "t_joints")
-    names = (*wanted.values(), *clocks)
-    arrays = load_arrays(file, names) if suffix == ".npz" else load_hdf5(file, names)
-    check_names(tuple(wanted.values()), list(arrays), file)
-    first = arrays[next(iter(wanted.values()))]
-    stamps = next((arrays[clock] for clock in clocks if clock in arrays), np.arange(np.size(first)))
-    return stamps, dict(arrays)
-
-
 def column_of(stamps: Array, values: Array, start: float, file: str = "", field: str = "") -> Column:
-    """The values that were measured, with stamps since the first sample of the log.
+    """The values (T,) that were measured, with stamps in s since the first sample of the log.
 
-    Args:
-        stamps: (T,) floating point in s, or integers in ns.
-        values: (T,) NaN = not measured.
-        start: s, stamp of the log's first sample.
-        file: where they come from, for messages.
-        field: their name, for messages.
-
-    Raises:
-        LogError: they are no list of finite numbers, one a stamp.
+    The stamps (T,) are floating point in s or integers in ns, as ``start``, that of the first sample, is in s.
     """
     t, values = as_stamps(stamps, file=file), np.asarray(values)
     if values.shape != t.shape or values.dtype.kind not in "fiu":
@@ -113,7 +71,5 @@ def column_of(stamps: Array, values: Array, start: float, file: str = "", field:
     known = np.isfinite(values)
     if not known.any():
         raise LogError("was never measured", file=file, field=field, remedy="leave it out of [log.columns]")
-    # Integers are subtracted as integers: nanoseconds since 1970 do not fit the 53 bits of a float.
-    seconds = (t - round(start * SECOND)) / SECOND if t.dtype.kind == "i" else t - start
-    ordered = tidy(seconds[known], values[known, None])
+    ordered = tidy(since(t, start)[known], values[known, None])
     return Column(ordered.t, ordered.values[:, 0])

@@ -15,15 +15,7 @@ MAIN = "wrench"
 
 
 def files_of(path: str | os.PathLike[str], patterns: Mapping[str, str]) -> dict[str, str]:
-    """The files that make up one log, by quantity.
-
-    Args:
-        path: any of the files; what the * of its pattern stands for is that of the others.
-        patterns: [log.files] of the setup.
-
-    Raises:
-        LogError: the name fits no pattern.
-    """
+    """The files that make up one log, by quantity."""
     found = list(_readings(os.fspath(path).rstrip("/" + os.sep), patterns))
     if not found:
         remedy = f"give a log whose name fits one of {', '.join(patterns.values())}"
@@ -33,12 +25,7 @@ def files_of(path: str | os.PathLike[str], patterns: Mapping[str, str]) -> dict[
 
 
 def inputs_of(path: str | os.PathLike[str], patterns: Mapping[str, str]) -> tuple[str, ...]:
-    """All files of a log; of one that is a single file, or that fits no pattern, the path itself.
-
-    Args:
-        path: of the log.
-        patterns: [log.files] of the setup; {} = every log is one file.
-    """
+    """All files of a log; of one that is a single file, or that fits no pattern, the path itself."""
     try:
         return tuple(dict.fromkeys(files_of(path, patterns).values())) if patterns else (os.fspath(path),)
     except LogError:

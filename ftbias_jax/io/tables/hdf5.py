@@ -2,56 +2,26 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import math
+import zlib
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.limits.budget import Budget
-from ftbias_jax.io.limits.hdf5_chunks import check_chunks
-from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, by_native_names, log_from_arrays, wanted_arrays
-from ftbias_jax.io.unpack import need
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget
+from ftbias_jax.io.limits.unpack import need
 from ftbias_jax.types import Array
 
-
-def read_hdf5(path: str | os.PathLike[str], setup: Setup) -> Log:
-    """Read the arrays of ``log_from_arrays``; other datasets are ignored.
-
-    Raises:
-        LogError: as for ``load_hdf5``, or the log cannot be filtered (see ``check_log``).
-    """
-    arrays = by_native_names(load_hdf5(path, wanted_arrays(setup)), setup, os.fspath(path))
-    return log_from_arrays(arrays, setup, os.fspath(path))
+GZIP, SHUFFLE, CHECKSUM, LZF = 1, 2, 3, 32000
+"""Numbers of HDF5's filters."""
+GROWTH = 1 << 12
+"""Bytes that a chunk may be longer stored than unpacked: noise does not compress, and filters add a little."""
 
 
-def load_hdf5(path: str | os.PathLike[str], names: Sequence[str] = (*ARRAYS, *POSE_ARRAYS)) -> dict[str, Array]:
-    """The datasets of a log by name; those that are not there are left out.
-
-    Raises:
-        LogError: h5py is not installed, the file cannot be read, or a dataset lies outside of it or is too large.
-    """
-    with _opened(os.fspath(path), names) as datasets:
-        return {name: np.asarray(dataset[()]) for name, dataset in datasets.items()}
-
-
-def dataset_shapes(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
-    """The shapes of the datasets of a log by name.
-
-    Raises:
-        LogError: as for ``load_hdf5``.
-    """
-    with _opened(os.fspath(path)) as datasets:
-        return {name: dataset.shape for name, dataset in datasets.items()}
-
-
-@contextmanager
-def _opened(file: str, names: Sequence[str] = (*ARRAYS, *POSE_ARRAYS)) -> Iterator[dict[str, Any]]:
-    """The datasets of a log, none of which takes more than it may; what h5py raises as errors of ours."""
+def load_hdf5(file: str, names: Sequence[str]) -> dict[str, Array]:
+    """The datasets of these names that are there, none of which takes more than it may."""
     h5py = need("h5py", "hdf5", file)
     budget = Budget(file)
     try:
@@ -62,8 +32,8 @@ def _opened(file: str, names: Sequence[str] = (*ARRAYS, *POSE_ARRAYS)) -> Iterat
             for name, dataset in datasets.items():
                 budget.hold(dataset.size * 8, name)
             for name, dataset in datasets.items():
-                check_chunks(dataset, budget, file, name)
-            yield datasets
+                _check_chunks(dataset, budget, file, name)
+            return {name: np.asarray(dataset[()]) for name, dataset in datasets.items()}
     except LogError:
         raise
     except OSError as error:
@@ -83,3 +53,38 @@ def _dataset(h5py: Any, root: Any, name: str, file: str) -> Any:
     if dataset.is_virtual or dataset.external:
         raise LogError("is stored in another file", file=file, field=name, remedy="store the dataset itself")
     return dataset
+
+
+def _check_chunks(dataset: Any, budget: Budget, file: str, name: str) -> None:
+    """Refuse a dataset of h5py whose chunks unpack to more than their shape has room for."""
+    if dataset.chunks is None:
+        return
+    room = math.prod(dataset.chunks) * dataset.dtype.itemsize
+    if room > MAX_CHUNK:
+        remedy = f"the limit is {MAX_CHUNK}; write it again with smaller ones"
+        raise LogError(f"has chunks of {room} bytes", file=file, field=name, remedy=remedy)
+    properties = dataset.id.get_create_plist()
+    filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
+    packed = [kind for kind in filters if kind not in (SHUFFLE, CHECKSUM)]
+    if packed not in ([], [GZIP], [LZF]):
+        remedy = "write it again with gzip, lzf or without compression"
+        raise LogError(f"is compressed by the filters {packed}", file=file, field=name, remedy=remedy)
+    chunks: list[Any] = []
+    dataset.id.chunk_iter(chunks.append)
+    for stored in chunks:
+        budget.count()
+        budget.unpack(room)
+        if stored.size > room + GROWTH or (packed == [GZIP] and _grows(dataset, stored.chunk_offset, room)):
+            message = f"has a chunk of {stored.size} bytes that unpacks to more than the {room} of its shape"
+            raise LogError(message, file=file, field=name, remedy="it is damaged, or a decompression bomb")
+
+
+def _grows(dataset: Any, offset: tuple[int, ...], room: int) -> bool:
+    """Whether a chunk of gzip unpacks to more than its room."""
+    mask, packed = dataset.id.read_direct_chunk(offset)
+    if mask:  # some filters were left out: what is left cannot be more than the chunk as it is stored
+        return len(packed) > room + GROWTH
+    try:
+        return len(zlib.decompressobj().decompress(packed, room + GROWTH + 1)) > room + GROWTH
+    except zlib.error:
+        return False  # the library says so when it reads it

@@ -1,24 +1,24 @@
-"""Logs as Parquet files: the columns of a CSV log, typed; null or NaN = not measured."""
+"""Logs as Parquet files: the columns of a CSV log, typed; null or NaN = not measured.
+
+A column may hold a list in every row, such as the state of a LeRobot data set. Its entry ``i`` is called ``column/i``,
+or ``column/name`` where ``meta/info.json`` of the data set names it.
+"""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.conventions.units import recorded_times
 from ftbias_jax.io.limits.budget import Budget
-from ftbias_jax.io.limits.parquet_pages import RowGroup, check_pages, row_groups
-from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.arrays import log_of_table
-from ftbias_jax.io.tables.csv_columns import Columns, check_names, choose_columns, choose_time, named_arrays
-from ftbias_jax.io.tables.parquet_lists import cells_of, number_type, values_of
-from ftbias_jax.io.unpack import need
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.io.limits.parquet_pages import check_pages
+from ftbias_jax.io.limits.unpack import need
+from ftbias_jax.io.tables.columns import Columns, split
 from ftbias_jax.types import Array
 
 BATCH = 1 << 16
@@ -27,93 +27,44 @@ MAX_FOOTER = 8 << 20
 """Bytes of the description of columns and row groups, which takes a hundredfold in memory."""
 MAX_LIST = 100_000
 """Columns or row groups."""
-
-
-def read_parquet(path: str | os.PathLike[str], setup: Setup) -> Log:
-    """Read a log; rows may have joints only or a wrench only: the log is a merged timeline.
-
-    Args:
-        path: the file; time in s if floating point, in ns if integer, or a timestamp of any unit;
-            or as [log] states.
-        setup: [log.columns] names the columns, where they do not have the usual names (see ``csv_columns``).
-
-    Raises:
-        LogError: pyarrow is not installed, the file cannot be read, a column is missing or holds no numbers, or the
-            log cannot be filtered (see ``check_log``).
-    """
-    file = os.fspath(path)
-    arrays = parquet_arrays(file, setup)
-    t, q, wrench = recorded_times(arrays, setup.log), arrays["q"], arrays["wrench"]
-    return log_of_table(t, q, wrench, arrays.get("dq"), arrays.get("temperature"), setup, file)
-
-
-def parquet_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:
-    """The columns of a log by the names of the native format; arguments and errors as for ``csv.csv_arrays``."""
-    return parquet_columns(file, lambda header: choose_columns(header, setup, file, static=static))
+MOST_ENTRIES = 1000
+"""Of one list: the state of a robot has some dozens."""
+MOST_BYTES = 1 << 20
+"""Of meta/info.json."""
+LEVELS = 4
+"""Folders above a file in which the data set's meta may be: data/chunk-000/episode_000000.parquet."""
 
 
 def parquet_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
-    """The chosen columns of a file, by the names of the native format; errors as for ``csv.named_columns``."""
-    arrow = need("pyarrow", "parquet", file)
+    """The columns that ``choose`` takes of their names, as arrays by the names that it gives them.
+
+    "t" is in s if floating point, in ns if integer or a timestamp of any unit. A row may have joints only, or a wrench
+    only.
+    """
+    arrow, compute = need("pyarrow", "parquet", file), need("pyarrow.compute", "parquet", file)
     with _opened(file) as (table, budget):
         schema, cells = table.schema_arrow, cells_of(arrow, table, file)
         columns, where = choose([name for name, _ in cells]), dict(cells)
-        used = [name for names in columns for name in names]
-        stored = list(dict.fromkeys(where[name].column for name in used))
-        groups = row_groups(file)
-        others, rows = used[len(columns.time) :], _rows(groups, budget, file)
-        t = [np.empty(rows, _time_type(arrow, schema.field(name).type, name, file)) for name in columns.time]
-        _check_numbers(arrow, schema, {where[name].column for name in others}, file)
-        budget.hold(sum(x.nbytes for x in t) + 8 * rows * len(others))
-        check_pages(file, groups, set(stored))
-        numbers = np.empty((rows, len(others)))
-        first, compute = 0, need("pyarrow.compute", "parquet", file)
+        time = columns.get("t", ())
+        others = {name: names for name, names in columns.items() if name != "t"}
+        used = [where[name] for names in others.values() for name in names]
+        stored = list(dict.fromkeys([*(where[name].column for name in time), *(cell.column for cell in used)]))
+        kinds = [_time_type(arrow, schema.field(name).type, name, file) for name in time]
+        _check_numbers(arrow, schema, dict.fromkeys(cell.column for cell in used), file)
+        rows = check_pages(file, stored, budget)
+        budget.hold(8 * rows * (len(time) + len(used)))
+        t, numbers = [np.empty(rows, kind) for kind in kinds], np.empty((rows, len(used)))
+        first = 0
         for batch in table.iter_batches(BATCH, columns=stored, use_threads=False):
             here = slice(first, first + batch.num_rows)
-            for times, name in zip(t, columns.time, strict=True):
+            for times, name in zip(t, time, strict=True):
                 times[here] = _times(arrow, batch.column(name), name, file)
-            for i, name in enumerate(others):
-                values = values_of(compute, batch.column(where[name].column), where[name].entry)
-                numbers[here, i] = values.to_numpy(zero_copy_only=False)
+            for i, (column, entry) in enumerate(used):
+                values = batch.column(column) if entry is None else compute.list_element(batch.column(column), entry)
+                numbers[here, i] = values.cast("float64").to_numpy(zero_copy_only=False)
             first = here.stop
-    ends = np.cumsum([len(names) for names in columns[1:]])
-    times = np.stack(t, 1)[:first] if t else numbers[:first, :0]
-    return named_arrays(columns, [times, *np.split(numbers[:first], ends[:-1], axis=1)])
-
-
-def load_parquet(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, dict[str, Array]]:
-    """The stamps (T,) of a log, or its rows' numbers if it has none, and further columns (T,) of it.
-
-    Raises:
-        LogError: as ``read_parquet``; a column is not there.
-    """
-    arrow = need("pyarrow", "parquet", file)
-    with _opened(file) as (table, budget):
-        cells = cells_of(arrow, table, file)
-        header, where = [name for name, _ in cells], dict(cells)
-        time = choose_time(header, setup, file)
-        check_names(names, header, file)
-        stored = list(dict.fromkeys(where[name].column for name in (*time, *names)))
-        _check_numbers(arrow, table.schema_arrow, {where[name].column for name in names}, file)
-        groups = row_groups(file)
-        budget.hold(8 * _rows(groups, budget, file) * (1 + len(names)))
-        check_pages(file, groups, set(stored))
-        content, compute = table.read(columns=stored, use_threads=False), need("pyarrow.compute", "parquet", file)
-        columns = {name: content.column(where[name].column) for name in names}
-        found = {name: values_of(compute, columns[name], where[name].entry).to_numpy() for name in names}
-        rows = np.arange(content.num_rows)
-        return (_times(arrow, content.column(time[0]), time[0], file) if time else rows), found
-
-
-def column_names(path: str | os.PathLike[str]) -> list[str]:
-    """The names of all columns, and of the entries of those that hold lists.
-
-    Raises:
-        LogError: pyarrow is not installed, or the file cannot be read.
-    """
-    file = os.fspath(path)
-    with _opened(file) as (table, _):
-        return [name for name, _ in cells_of(need("pyarrow", "parquet", file), table, file)]
+    found = split(others, numbers[:first])
+    return {"t": t[0][:first]} | found if t else found
 
 
 @contextmanager
@@ -147,16 +98,6 @@ def _check_footer(source: Any, file: str) -> None:
         source.seek(0)
 
 
-def _rows(groups: Sequence[RowGroup], budget: Budget, file: str) -> int:
-    """The rows that all parts of the file declare, whose pages may unpack to what the budget allows."""
-    for group in groups:
-        budget.unpack(max(group.unpacked, sum(max(chunk.unpacked, 0) for chunk in group.chunks), 0))
-    rows = sum(group.rows for group in groups)
-    if rows <= 0:
-        raise LogError("has no rows", file=file, remedy="record a log, and export it whole")
-    return rows
-
-
 def _time_type(arrow: Any, kind: Any, name: str, file: str) -> type[np.generic]:
     if arrow.types.is_timestamp(kind) or arrow.types.is_integer(kind):
         return np.int64
@@ -177,7 +118,69 @@ def _times(arrow: Any, column: Any, name: str, file: str) -> Array:
 def _check_numbers(arrow: Any, schema: Any, names: Iterable[str], file: str) -> None:
     """Refuse columns that are no numbers before any is read: a text may be repeated a million times."""
     for name in names:
-        kind = number_type(arrow, schema.field(name).type)
+        kind = _number_type(arrow, schema.field(name).type)
         if not (arrow.types.is_floating(kind) or arrow.types.is_integer(kind) or arrow.types.is_null(kind)):
             remedy = "store real numbers, null where not measured"
             raise LogError(f"has the type {kind}", file=file, field=name, remedy=remedy)
+
+
+class Cell(NamedTuple):
+    """Where the numbers of a name are."""
+
+    column: str
+    """Of the file."""
+    entry: int | None = None
+    """Of its lists; None = it holds numbers."""
+
+
+def cells_of(arrow: Any, table: Any, file: str) -> list[tuple[str, Cell]]:
+    """The names of all numbers in a row, and where each is; lists whose length is not known are one name."""
+    schema, stated = table.schema_arrow, None
+    cells: list[tuple[str, Cell]] = []
+    for column, kind in zip(map(str, schema.names), schema.types, strict=True):
+        if not (arrow.types.is_list(kind) or arrow.types.is_fixed_size_list(kind)):
+            cells.append((column, Cell(column)))
+            continue
+        stated = _features(file) if stated is None else stated
+        names = _entry_names(stated.get(column))
+        width = kind.list_size if arrow.types.is_fixed_size_list(kind) else len(names)
+        if not 0 < width <= MOST_ENTRIES:
+            cells.append((column, Cell(column)))
+            continue
+        names = names if len(names) == width else [str(i) for i in range(width)]
+        cells += [(f"{column}/{name}", Cell(column, i)) for i, name in enumerate(names)]
+    return cells
+
+
+def _number_type(arrow: Any, kind: Any) -> Any:
+    """The type of the numbers in a column of this type."""
+    listed = arrow.types.is_list(kind) or arrow.types.is_fixed_size_list(kind)
+    return kind.value_type if listed else kind
+
+
+def _features(file: str) -> Mapping[str, Any]:
+    """What the data set of a file says of its columns; {} if it belongs to none, or says nothing that can be read."""
+    for folder in list(Path(file).absolute().parents)[:LEVELS]:
+        try:
+            with open(folder / "meta" / "info.json", "rb") as stream:
+                found = json.loads(stream.read(MOST_BYTES))
+        except (OSError, ValueError, RecursionError):
+            continue
+        features = found.get("features") if isinstance(found, dict) else None
+        return features if isinstance(features, dict) else {}
+    return {}
+
+
+def _entry_names(feature: Any) -> list[str]:
+    """Names of a list's entries, or their numbers by its shape; [] if neither is stated."""
+    if not isinstance(feature, dict):
+        return []
+    names, shape = feature.get("names"), feature.get("shape")
+    if isinstance(names, dict) and len(names) == 1:  # {"motors": [...]}
+        (names,) = names.values()
+    if isinstance(names, list) and all(isinstance(name, str) for name in names) and len({*names}) == len(names):
+        return names[:MOST_ENTRIES]
+    match shape:
+        case [int(width)] if 0 < width <= MOST_ENTRIES:
+            return [str(i) for i in range(width)]
+    return []

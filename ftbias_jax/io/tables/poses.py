@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import LOWEST_RATE, check_samples
-from ftbias_jax.io.conventions.axes import in_sensor_axes
 from ftbias_jax.io.conventions.units import stamps
 from ftbias_jax.io.log import Log, Repair, Repairs
-from ftbias_jax.io.npz_archive import load_arrays
-from ftbias_jax.io.pose import pose_entries
-from ftbias_jax.io.tables.arrays import by_native_names, wanted_arrays, with_pose
-from ftbias_jax.io.tables.csv import csv_arrays
-from ftbias_jax.io.tables.hdf5 import load_hdf5
-from ftbias_jax.io.tables.parquet import parquet_arrays
+from ftbias_jax.io.pose import in_sensor_axes, pose_entries
+from ftbias_jax.io.tables.arrays import TABLES, native_arrays, suffix_of, with_pose
 from ftbias_jax.setup.sensor_pose import orientation_alone
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -83,18 +77,14 @@ def read_poses(path: str | os.PathLike[str], setup: Setup) -> Poses:
         LogError: the file cannot be read, or is no table of 4 to 1000 readings at rest.
     """
     file = os.fspath(path)
-    reader = _READERS.get(Path(path).suffix.lower())
-    if reader is None:
-        raise LogError("is no table of poses", file=file, remedy=f"give a file that ends in {', '.join(_READERS)}")
-    return poses_from_arrays(reader(file, orientation_alone(setup)), setup, file)
+    if suffix_of(file) not in TABLES:
+        raise LogError("is no table of poses", file=file, remedy=f"give a file that ends in {', '.join(TABLES)}")
+    setup = orientation_alone(setup)
+    return poses_from_arrays(native_arrays(file, setup, static=True), setup, file)
 
 
 def poses_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> Poses:
-    """Poses of wrench (N, 6), q (N, n) or orientation, and maybe t (N,); others are ignored.
-
-    Raises:
-        LogError: an array is missing or of the wrong shape, or these are no static poses.
-    """
+    """Poses of wrench (N, 6), q (N, n) or orientation, and maybe t (N,); others are ignored."""
     setup = orientation_alone(setup)
     if setup.pose is not None and "q" not in arrays:
         arrays = with_pose(arrays, setup.pose, file)
@@ -129,12 +119,3 @@ def _check(t: Array, file: str) -> None:
     if 1 / np.median(steps) > LOWEST_RATE:
         message = f"has a rate of {1 / np.median(steps):.3g} Hz, which is no series of static poses"
         raise LogError(message, file=file, field="t", remedy="read it as a log, or give one reading a pose")
-
-
-_READERS: dict[str, Callable[[str, Setup], Mapping[str, Array]]] = {
-    ".csv": lambda file, setup: csv_arrays(file, setup, static=True),
-    ".parquet": lambda file, setup: parquet_arrays(file, setup, static=True),
-    ".npz": lambda file, setup: by_native_names(load_arrays(file, wanted_arrays(setup)), setup, file),
-    ".h5": lambda file, setup: by_native_names(load_hdf5(file, wanted_arrays(setup)), setup, file),
-    ".hdf5": lambda file, setup: by_native_names(load_hdf5(file, wanted_arrays(setup)), setup, file),
-}

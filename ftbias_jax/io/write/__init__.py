@@ -7,12 +7,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.io.write.about import About
-from ftbias_jax.io.write.csv import companion, save_csv
 from ftbias_jax.io.write.mcap import save_mcap
 from ftbias_jax.io.write.npz import save_npz, texts_of
-from ftbias_jax.io.write.selection import selected
-from ftbias_jax.io.write.table import save_parquet
+from ftbias_jax.io.write.selection import About, selected
+from ftbias_jax.io.write.table import companion, save_csv, save_parquet
 from ftbias_jax.types import Array
 
 Writer = Callable[[str | os.PathLike[str], Mapping[str, Array], About], None]
@@ -27,11 +25,6 @@ WRITERS: dict[str, Writer] = {
 
 def save_results(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About | None = None) -> None:
     """Write what a filter computed, in the format that the suffix names.
-
-    Args:
-        path: the file.
-        arrays: ``Filtered._asdict()`` and what was added.
-        about: what is said beside them, and which of them are written.
 
     Raises:
         UsageError: no format has this suffix, or a field is not there. OutputError: the file cannot be written, or a

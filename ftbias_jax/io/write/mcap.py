@@ -1,20 +1,28 @@
-"""Results as MCAP files of geometry_msgs/msg/WrenchStamped, which Foxglove and PlotJuggler plot without any setting."""
+"""Results as MCAP files of geometry_msgs/msg/WrenchStamped, and layouts of viewers for their topics.
+
+Foxglove and PlotJuggler plot the files without any setting; in a layout, what a file lacks stays empty. Foxglove: JSON
+with a configuration for every panel (configById) and the tree of panels (layout), as its "Import from file" reads it
+(foxglove/studio, packages/studio-base). PlotJuggler: XML of tabs, splitters and plots, as "Load layout" reads it
+(facontidavide/PlotJuggler, plotjuggler_app).
+"""
 
 from __future__ import annotations
 
-import importlib
+import json
 import os
 import struct
-from collections.abc import Mapping
-from typing import BinaryIO
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.write.about import About, description_text
+from ftbias_jax.io.limits.unpack import need
 from ftbias_jax.io.write.fields import FIELDS, SIGN
 from ftbias_jax.io.write.provenance import as_text
+from ftbias_jax.io.write.selection import About, description_text
 from ftbias_jax.types import Array
 
 TOPICS = (
@@ -38,6 +46,8 @@ SCHEMA = _SEPARATOR.join(
     ]
 )
 FLAG_SCHEMA = "bool data\n"
+COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf")
+"""In the order of the lines of a plot."""
 
 
 def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About | None = None) -> None:
@@ -49,18 +59,10 @@ def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: 
             of FLAGS.
         about: its frame is that of the headers. What it says is kept in the metadata record ``ftbias`` (``about``,
             ``provenance``); every channel has ``unit``, ``meaning`` and ``sign`` in its own metadata.
-
-    Raises:
-        OutputError: the file cannot be written, the package mcap is not installed, or a stamp is not within 0 and the
-            year 2106.
     """
     about = about or About()
     frame = about.frame or FRAME
-    try:
-        writers = importlib.import_module("mcap.writer")
-    except ImportError as error:
-        remedy = "pip install 'ftbias-jax[ros]'"
-        raise OutputError("writing it needs the package mcap", file=path, remedy=remedy) from error
+    writers = need("mcap.writer", "ros", path, writes=True)
     stamps = np.rint(np.asarray(arrays["t"]) * 1e9).astype(np.int64)
     if not ((stamps >= 0) & (stamps < 2**32 * 10**9)).all():
         message = f"stamps from {stamps.min()} to {stamps.max()} ns do not fit a ROS header"
@@ -101,15 +103,122 @@ def _words(name: str) -> dict[str, str]:
 
 
 def wrench_message(stamp: int, frame: str, wrench: Array) -> bytes:
-    """The bytes (CDR, little endian) of a geometry_msgs/msg/WrenchStamped.
-
-    Args:
-        stamp: ns.
-        frame: its name.
-        wrench: (6,) N, Nm.
-    """
+    """The bytes (CDR, little endian) of a geometry_msgs/msg/WrenchStamped, from ns, frame and wrench (6,) N, Nm."""
     seconds, nanoseconds = divmod(stamp, 10**9)
     name = frame.encode() + b"\x00"
     padding = -(12 + len(name)) % 8  # the numbers are aligned to eight bytes after the first four
     body = struct.pack(f"<III{len(name)}s{padding}x6d", seconds, nanoseconds, len(name), name, *wrench)
     return b"\x00\x01\x00\x00" + body
+
+
+class Plot(NamedTuple):
+    """Lines over time."""
+
+    title: str
+    part: str
+    """"force" (N) or "torque" (Nm)."""
+    arrays: tuple[str, ...]
+
+    def lines(self) -> Iterator[tuple[str, ...]]:
+        """Topic and path of the message's field."""
+        for name in self.arrays:
+            yield from ((topic(name), "wrench", self.part, axis) for axis in "xyz")
+
+
+def _both(title: str, *arrays: str) -> tuple[Plot, Plot]:
+    return Plot(f"{title}, force [N]", "force", arrays), Plot(f"{title}, torque [Nm]", "torque", arrays)
+
+
+TABS: dict[str, tuple[Plot, ...]] = {
+    "Bias": (*_both("bias", "bias"), *_both("standard deviation of the bias", "bias_std")),
+    "Wrench": (*_both("corrected wrench", "wrench_unbiased"), *_both("wrench of the tool", "wrench_tool")),
+    "Contact": (*_both("contact wrench", "contact_wrench"), *_both("its standard deviation", "contact_wrench_std")),
+    "Innovation": _both("innovation", "innovation"),
+}
+"""Tab -> its plots, the force left of the torque."""
+FLAG_PLOTS = {"Contact": ("in_contact", "used")}
+"""Tab -> truth values in a plot of their own."""
+
+
+def _titled(tab: str, plots: Sequence[Plot], between: str) -> list[tuple[str, list[str]]]:
+    """Titles of the plots of a tab, and their lines: topic and field with something between the names."""
+    flags = FLAG_PLOTS.get(tab, ())
+    of_flags = [(", ".join(flags), [between.join((topic(flag), "data")) for flag in flags])] if flags else []
+    return [(plot.title, [between.join(line) for line in plot.lines()]) for plot in plots] + of_flags
+
+
+def foxglove_layout() -> str:
+    """JSON for "Import from file"."""
+    panels: dict[str, Any] = {}
+    tabs = []
+    for name, plots in TABS.items():
+        titled = _titled(name, plots, ".")
+        ids = [f"Plot!{name.lower()}{i}" for i in range(len(titled))]
+        panels |= {one: _foxglove_plot(*content) for one, content in zip(ids, titled, strict=True)}
+        rows = [_split("row", ids[i : i + 2]) for i in range(0, len(ids), 2)]
+        tabs.append({"title": name, "layout": _split("column", rows)})
+    panels["Tab!ftbias"] = {"activeTabIdx": 0, "tabs": tabs}
+    layout = {
+        "configById": panels,
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": {"speed": 1},
+        "layout": "Tab!ftbias",
+    }
+    return json.dumps(layout, indent=1) + "\n"
+
+
+def _foxglove_plot(title: str, values: Sequence[str]) -> dict[str, Any]:
+    paths = [
+        {"value": value, "enabled": True, "timestampMethod": "headerStamp" if "wrench." in value else "receiveTime"}
+        | {"color": colour, "label": value.rpartition(".")[2] if "wrench." in value else value}
+        for value, colour in zip(values, COLOURS, strict=False)
+    ]
+    shown = {"showXAxisLabels": True, "showYAxisLabels": True, "showLegend": True, "legendDisplay": "floating"}
+    return {"title": title, "paths": paths, "isSynced": True, "xAxisVal": "timestamp", "sidebarDimension": 240, **shown}
+
+
+def _split(direction: str, panes: Sequence[Any]) -> Any:
+    """Panes side by side ("row") or one above the other ("column"), of equal size: a binary tree."""
+    if len(panes) == 1:
+        return panes[0]
+    share = 100 / len(panes)
+    rest = _split(direction, panes[1:])
+    return {"direction": direction, "first": panes[0], "second": rest, "splitPercentage": share}
+
+
+def plotjuggler_layout() -> str:
+    """XML for "Load layout"."""
+    root = ET.Element("root")
+    window = ET.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
+    for name, plots in TABS.items():
+        tab = ET.SubElement(window, "Tab", tab_name=name, containers="1")
+        titled = _titled(name, plots, "/")
+        rows = [titled[i : i + 2] for i in range(0, len(titled), 2)]
+        column = _splitter(ET.SubElement(tab, "Container"), "-", len(rows))
+        for row in rows:
+            panes = _splitter(column, "|", len(row))
+            for title, curves in row:
+                _plotjuggler_plot(panes, title, curves)
+    ET.SubElement(window, "currentTabIndex", index="0")
+    ET.SubElement(root, "use_relative_time_offset", enabled="1")
+    ET.indent(root, " ")
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _splitter(above: ET.Element, orientation: str, count: int) -> ET.Element:
+    """Room for so many panes; "-" = one above the other, "|" = side by side."""
+    sizes = ";".join([f"{1 / count:.6f}"] * count)
+    return ET.SubElement(above, "DockSplitter", orientation=orientation, sizes=sizes, count=str(count))
+
+
+def _plotjuggler_plot(panes: ET.Element, title: str, curves: Sequence[str]) -> None:
+    area = ET.SubElement(panes, "DockArea", name=title)
+    plot = ET.SubElement(area, "plot", style="Lines", mode="TimeSeries", flip_x="false", flip_y="false")
+    ET.SubElement(plot, "limitY")
+    for name, colour in zip(curves, COLOURS, strict=False):
+        ET.SubElement(plot, "curve", name=name, color=colour)
+
+
+LAYOUTS: dict[str, Callable[[], str]] = {"foxglove": foxglove_layout, "plotjuggler": plotjuggler_layout}
+"""Program -> what writes its layout."""

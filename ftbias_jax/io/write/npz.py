@@ -16,9 +16,9 @@ import numpy as np
 
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.npz_archive import load_arrays
-from ftbias_jax.io.write.about import About, description_text
 from ftbias_jax.io.write.fields import LOG_UNITS
 from ftbias_jax.io.write.provenance import Provenance, as_text
+from ftbias_jax.io.write.selection import About, description_text
 from ftbias_jax.types import Array
 
 COPY = 1 << 20
@@ -26,15 +26,7 @@ COPY = 1 << 20
 
 
 def save_npz(path: str | os.PathLike[str], arrays: Mapping[str, Array]) -> None:
-    """Write named arrays; the same arrays give the same bytes.
-
-    Args:
-        path: the file.
-        arrays: numbers, and texts of ``texts_of``.
-
-    Raises:
-        OutputError: the file cannot be written. ValueError: an array holds Python objects.
-    """
+    """Write named arrays; the same arrays give the same bytes."""
     plain = {name: np.asarray(array) for name, array in arrays.items()}
     objects = [name for name, array in plain.items() if array.dtype.hasobject]
     if objects:
@@ -58,9 +50,6 @@ def save_npz_parts(
         path: the file.
         parts: at least one, with the same names, types and shapes behind the first axis.
         about: called when the last part has come, for what is said beside the arrays.
-
-    Raises:
-        OutputError: the file cannot be written. What ``parts`` raises passes through.
     """
 
     folder = os.path.dirname(os.path.realpath(path))
@@ -90,24 +79,13 @@ def save_npz_parts(
 
 
 def texts_of(names: Iterable[str], about: About) -> dict[str, Array]:
-    """Arrays of one text each, JSON: ``about`` with units, sign and frame, and ``provenance`` if it is known.
-
-    Args:
-        names: of the arrays beside which they stand.
-        about: the result.
-    """
+    """Arrays of one text each, JSON: ``about`` with units, sign and frame, and ``provenance`` if it is known."""
     texts = {"about": np.array(description_text(names, about))}
     return texts if about.origin is None else texts | {"provenance": np.array(as_text(about.origin))}
 
 
 def texts_of_log(names: Iterable[str], reports: str, origin: Provenance) -> dict[str, Array]:
-    """The same for a log, or the truth about one.
-
-    Args:
-        names: of the arrays beside which they stand.
-        reports: one of REPORTS, the sign of its wrenches.
-        origin: what it was made from.
-    """
+    """The same for a log, or the truth about one."""
     units = {name: LOG_UNITS[name] for name in names if name in LOG_UNITS}
     about = {"reports": reports, "frame": "sensor", "units": units}
     return {"about": np.array(json.dumps(about)), "provenance": np.array(as_text(origin))}
@@ -126,9 +104,5 @@ def _write_array(member: IO[bytes], like: Array, total: Array, rows: IO[bytes]) 
 
 
 def load_npz(path: str | os.PathLike[str]) -> dict[str, Array]:
-    """Read what ``save_npz`` wrote.
-
-    Raises:
-        LogError: the file cannot be read.
-    """
+    """Read what ``save_npz`` wrote."""
     return load_arrays(path)

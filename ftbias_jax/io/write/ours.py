@@ -9,8 +9,8 @@ from typing import Any
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.npz_archive import load_arrays
-from ftbias_jax.io.write.csv import companion
 from ftbias_jax.io.write.fields import SIGN
+from ftbias_jax.io.write.table import companion
 from ftbias_jax.setup.save import WRITTEN_BY
 
 RESULT, LOG, SETUP, PAGE, FIGURE, EXPORT = "a result", "a log", "a setup", "a page", "a figure", "an export"

@@ -1,15 +1,17 @@
-"""Which arrays of a result are written, how exactly, and at which samples."""
+"""Which arrays of a result are written, how exactly and at which samples; and what a file says about them."""
 
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.io.write.fields import FIELDS, SMOOTH
+from ftbias_jax.io.write.fields import FIELDS, SIGN, SMOOTH
+from ftbias_jax.io.write.provenance import Provenance
 from ftbias_jax.types import Array
 
 PRECISIONS = {"single": np.float32, "double": np.float64}
@@ -18,6 +20,8 @@ ALWAYS_DOUBLE = ("t", "log_likelihood")
 """Seconds since 1970 have sixteen digits."""
 EARLY = 0.1
 """Share of the output's period by which a sample may come before its time, because stamps scatter."""
+SCHEMA = 1
+SENSOR = "the sensor frame of the setup"
 
 
 class Selection(NamedTuple):
@@ -39,13 +43,7 @@ ALL = Selection()
 def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: bool | None = None) -> None:
     """Refuse a selection that means nothing, before minutes are spent on computing.
 
-    Args:
-        selection: what is asked for.
-        smooth: whether the result will be smoothed; None = not known.
-        adapt: whether the noise is taken from the log; None = not known.
-
-    Raises:
-        UsageError: a field is unknown or will not be there, or a number is impossible.
+    Whether the result will be smoothed, and the noise taken from the log: None = not known.
     """
     check_fields(selection.fields)
     there = {SMOOTH: smooth, "adapt": adapt}
@@ -65,11 +63,7 @@ def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: 
 
 
 def check_fields(names: Sequence[str]) -> None:
-    """Refuse names that no result has.
-
-    Raises:
-        UsageError: one is none of ``FIELDS``.
-    """
+    """Refuse names that no result has."""
     for name in names:
         if name not in FIELDS:
             near = difflib.get_close_matches(name, FIELDS, 1)
@@ -78,32 +72,21 @@ def check_fields(names: Sequence[str]) -> None:
 
 
 def selected(arrays: Mapping[str, Array], selection: Selection = ALL) -> dict[str, Array]:
-    """The arrays of a whole result that are written.
-
-    Args:
-        arrays: by name; (T, ...) with t (T,), or ().
-        selection: what is asked for.
-
-    Raises:
-        UsageError: a field is not there.
-    """
+    """The arrays of a whole result that are written: (T, ...) each with t (T,), or ()."""
     (whole,) = selected_parts([arrays], selection)
     return whole
 
 
 def selected_parts(parts: Iterable[Mapping[str, Array]], selection: Selection) -> Iterator[dict[str, Array]]:
-    """The same, part by part of a result; where one part ends makes no difference.
-
-    Args:
-        parts: consecutive.
-        selection: what is asked for.
-    """
+    """The same, part by part of a result; where one part ends makes no difference."""
     check_selection(selection)
     wanted = PRECISIONS[selection.precision]
     count, first, tick = 0, 0.0, -np.inf
     for part in parts:
         t = np.asarray(part["t"])
-        _check_there(selection.fields, part)
+        if missing := [name for name in selection.fields if name not in part]:
+            remedy = "smooth the log" if FIELDS[missing[0]].needs == SMOOTH else "filter it without as_stated"
+            raise UsageError(f"the result has no {missing[0]!r}", field="fields", remedy=remedy)
         if count == 0 and len(t):
             first = float(t[0])
         if selection.rate is None:
@@ -124,8 +107,36 @@ def _as_precise(name: str, values: Array, wanted: type) -> Array:
     return values if name in ALWAYS_DOUBLE or values.dtype.kind != "f" else values.astype(wanted)
 
 
-def _check_there(names: Sequence[str], arrays: Mapping[str, Array]) -> None:
-    for name in names:
-        if name not in arrays:
-            remedy = "smooth the log" if FIELDS[name].needs == SMOOTH else "filter it without as_stated"
-            raise UsageError(f"the result has no {name!r}", field="fields", remedy=remedy)
+class About(NamedTuple):
+    """What is to be said about a result beside its arrays."""
+
+    frame: str = ""
+    """The sensor's frame, as a recording of ROS names it; "" = not known."""
+    origin: Provenance | None = None
+    """What it was made from."""
+    contacts: Sequence[Mapping[str, Any]] = ()
+    """Intervals of contact, plain numbers."""
+    selection: Selection = ALL
+    """What of the result was written."""
+
+
+def description(names: Iterable[str], about: About) -> dict[str, Any]:
+    """Plain dicts for JSON."""
+    selection = about.selection
+    return {
+        "schema": SCHEMA,
+        "sign": SIGN,
+        "frame": about.frame or SENSOR,
+        "fields": {
+            name: {"unit": FIELDS[name].unit, "meaning": FIELDS[name].meaning} for name in names if name in FIELDS
+        },
+        "precision": selection.precision,
+        "every": selection.every,
+        "rate": selection.rate,
+        "contacts": list(about.contacts),
+    }
+
+
+def description_text(names: Iterable[str], about: About) -> str:
+    """JSON on one line."""
+    return json.dumps(description(names, about), allow_nan=False)

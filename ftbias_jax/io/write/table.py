@@ -1,23 +1,29 @@
-"""Results as tables: one row a wrench sample, one column a number; and Parquet."""
+"""Results as tables, one row a wrench sample, one column a number: Parquet, and CSV with metadata beside it.
+
+"Metadata Vocabulary for Tabular Data" (W3C Recommendation, 2015) names that file NAME.csv-metadata.json. Comments in
+the CSV itself would be rows to spreadsheets, PlotJuggler and ``pandas.read_csv``.
+"""
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.errors import OutputError
-from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.write.about import About, description_text
+from ftbias_jax.io.atomic import write_atomic, write_json
+from ftbias_jax.io.limits.unpack import need
 from ftbias_jax.io.write.fields import FIELDS, unit_of
 from ftbias_jax.io.write.provenance import as_text
+from ftbias_jax.io.write.selection import About, description, description_text
 from ftbias_jax.types import AXES, Array
 
 JOINT_ARRAYS = ("q", "dq", "ddq", "ddq_std")
 """Arrays with a column a joint; all others of two dimensions have a column an axis of the wrench."""
+DIGITS = {"f4": "%.9g", "f8": "%.17g"}
+"""All that a number of this type has."""
+DATATYPES = {"f4": "float", "f8": "double", "b1": "integer"}
 
 
 class Column(NamedTuple):
@@ -33,11 +39,7 @@ class Column(NamedTuple):
 def table(arrays: Mapping[str, Array]) -> dict[str, Column]:
     """The columns of a result by name: ``t``, ``bias_fx``, ``q0``; a scalar is repeated in every row.
 
-    Args:
-        arrays: () or (T,) or (T, k) each; one of them is t (T,).
-
-    Raises:
-        ValueError: an array has another shape.
+    The arrays are () or (T,) or (T, k) each; one of them is t (T,).
     """
     length = len(arrays["t"])
     columns: dict[str, Column] = {}
@@ -65,15 +67,8 @@ def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], abou
         arrays: as for ``table``.
         about: kept in the metadata of the schema under ``ftbias`` (provenance) and ``ftbias_about``; every column has
             ``unit`` and ``description`` in its own.
-
-    Raises:
-        OutputError: the file cannot be written, or pyarrow is not installed.
     """
-    try:
-        arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError as error:
-        remedy = "pip install 'ftbias-jax[parquet]'"
-        raise OutputError("writing it needs the package pyarrow", file=path, remedy=remedy) from error
+    arrow, parquet = (need(name, "parquet", path, writes=True) for name in ("pyarrow", "pyarrow.parquet"))
     columns, about = table(arrays), about or About()
     made = {name: arrow.array(column.values) for name, column in columns.items()}
     fields = [
@@ -88,3 +83,42 @@ def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], abou
     floats = [name for name, column in columns.items() if column.values.dtype.kind == "f"]
     encoding = {"use_dictionary": sorted(columns.keys() - floats), "use_byte_stream_split": floats}
     write_atomic(path, lambda file: parquet.write_table(content, file, compression="zstd", **encoding))
+
+
+def companion(path: str | os.PathLike[str]) -> str:
+    """The file that says what is in a CSV file."""
+    return f"{os.fspath(path)}-metadata.json"
+
+
+def save_csv(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About | None = None) -> None:
+    """Write a header line and a line a sample, with all digits that a number has; then the metadata beside it."""
+    columns = table(arrays)
+    rows = np.column_stack([column.values for column in columns.values()])
+    digits = [DIGITS.get(column.values.dtype.str[1:], "%d") for column in columns.values()]
+
+    def write(file: BinaryIO) -> None:
+        np.savetxt(file, rows, digits, ",", header=",".join(columns), comments="")
+
+    write_atomic(path, write)
+    write_json(companion(path), metadata(os.path.basename(path), columns, arrays, about or About()))
+
+
+def metadata(url: str, columns: Mapping[str, Column], arrays: Mapping[str, Array], about: About) -> dict[str, Any]:
+    """The metadata of a CSV file."""
+    return {
+        "@context": "http://www.w3.org/ns/csvw",
+        "url": url,
+        "dialect": {"delimiter": ",", "header": True},
+        "tableSchema": {
+            "columns": [
+                {
+                    "titles": name,
+                    "datatype": DATATYPES.get(column.values.dtype.str[1:], "double"),
+                    "schema:unitText": column.unit,
+                    "dc:description": column.meaning,
+                }
+                for name, column in columns.items()
+            ]
+        },
+        "notes": [{"about": description(arrays, about), "provenance": about.origin}],
+    }

@@ -2,8 +2,8 @@ import made_weights as made
 import numpy as np
 import pytest
 
-from ftbias_jax.io.conventions.axes import arm_rotations
 from ftbias_jax.io.draft.gravity import weigh
+from ftbias_jax.io.pose import arm_rotations
 from ftbias_jax.setup import parse_setup
 
 SETUP = parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": [0.1, 0.004]}})

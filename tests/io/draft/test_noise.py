@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.io.conventions.axes import arm_rotations
 from ftbias_jax.io.draft.noise import quietest_noise, scatter_in_motion
+from ftbias_jax.io.pose import arm_rotations
 from ftbias_jax.setup import parse_setup
 
 SETUP = parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": [0.1, 0.004]}})

@@ -176,7 +176,7 @@ def test_files_that_do_not_go_together_are_refused(tmp_path):
     write(tmp_path / "1-other.csv", ["x1"], T, T)
     with pytest.raises(LogError, match="has neither joints, pose, wrench nor an IMU"):
         patterns([look(str(files[0])), look(str(tmp_path / "1-other.csv"))])
-    with pytest.raises(LogError, match="no such file"):
+    with pytest.raises(LogError, match="No such file"):
         look(str(tmp_path / "none.csv"))
     with pytest.raises(UsageError, match="which robot is it"):
         drafted(tmp_path, files[0])

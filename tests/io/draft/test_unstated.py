@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from ftbias_jax.cli.main import main
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
-from ftbias_jax.io.draft.unstated import described, look_at
+from ftbias_jax.io.draft.table import look
+from ftbias_jax.io.draft.unstated import is_usual, look_at
 from ftbias_jax.io.info import describe
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.setup.robots import built_in_robot
@@ -119,9 +120,9 @@ def test_a_parquet_file_is_looked_at_like_a_csv_file(tmp_path):
 
 def test_the_usual_log_needs_no_guess(tmp_path):
     np.savez(tmp_path / "log.npz", t=T, q=Q, wrench=WRENCH)
-    assert described(str(tmp_path / "log.npz")) is None
-    assert look_at(str(tmp_path / "log.npz")).keys == ()
-    assert described(str(tmp_path / "none.npz")) is None
+    table = look(str(tmp_path / "log.npz"))
+    assert is_usual(table)
+    assert look_at(str(tmp_path / "log.npz"), table).keys == ()
 
 
 def test_a_recording_with_poses_names_the_section_that_reads_it(tmp_path):

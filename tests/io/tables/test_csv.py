@@ -7,7 +7,7 @@ from hypothesis.extra.numpy import arrays
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.tables import csv as csv_log
-from ftbias_jax.io.tables.csv_columns import choose_columns
+from ftbias_jax.io.tables.columns import choose_columns
 
 HEADER = "t,q0,q1,dq0,dq1,fx,fy,fz,tx,ty,tz,temperature"
 LINE = "0.{i},1,2,3,4,5,6,7,8,9,10,25"
@@ -181,8 +181,8 @@ def test_a_declared_column_that_is_not_there_names_the_nearest(tmp_path, make_se
 
 def test_counted_joints_go_on_without_being_mistaken(setup):
     columns = choose_columns(["t", "q1", "q2", "fx", "fy", "fz", "tx", "ty", "tz"], setup)
-    assert columns.position == ("q1", "q2")
-    assert columns.velocity == ()
+    assert columns["q"] == ("q1", "q2")
+    assert columns["dq"] == ()
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,7 @@ import xml.etree.ElementTree as ET
 import pytest
 
 from ftbias_jax.cli.main import main
-from ftbias_jax.io.write.layouts import foxglove_layout, plotjuggler_layout
-from ftbias_jax.io.write.mcap import FLAGS, TOPICS
+from ftbias_jax.io.write.mcap import FLAGS, TOPICS, foxglove_layout, plotjuggler_layout
 
 WRENCH = re.compile(r"/ftbias/(\w+)\.wrench\.(force|torque)\.[xyz]")
 

@@ -11,10 +11,10 @@ from ftbias_jax import __version__
 from ftbias_jax.cli.main import main
 from ftbias_jax.io import read_log
 from ftbias_jax.io.write import save_results
-from ftbias_jax.io.write.about import About
 from ftbias_jax.io.write.fields import FIELDS, SIGN
 from ftbias_jax.io.write.npz import load_npz, save_npz_parts
 from ftbias_jax.io.write.provenance import provenance, sha256_of, source_of
+from ftbias_jax.io.write.selection import About
 from ftbias_jax.setup import dump_setup, load_setup
 
 NAMED = """

@@ -11,10 +11,9 @@ from hypothesis import given
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.io.write import save_results
-from ftbias_jax.io.write.about import About
 from ftbias_jax.io.write.fields import FIELDS, unit_of
 from ftbias_jax.io.write.npz import load_npz
-from ftbias_jax.io.write.selection import Selection, check_selection, selected, selected_parts
+from ftbias_jax.io.write.selection import About, Selection, check_selection, selected, selected_parts
 
 T = 50
 

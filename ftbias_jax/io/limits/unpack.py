@@ -6,7 +6,7 @@ import bz2
 import importlib
 from typing import Any
 
-from ftbias_jax.errors import LogError
+from ftbias_jax.errors import LogError, OutputError
 from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -17,18 +17,7 @@ class UnpackError(Exception):
 
 
 def unpack(compression: str, packed: bytes, size: int, budget: Budget) -> bytes:
-    """Decompress one chunk.
-
-    Args:
-        compression: "", "none", "bz2", "lz4" or "zstd".
-        packed: the chunk.
-        size: the bytes it declares to unpack to.
-        budget: of the file.
-
-    Raises:
-        UnpackError: it does not, or declares more than a log needs. LogError: the decompressor is not installed, or the
-            budget is spent.
-    """
+    """Decompress one chunk."""
     if compression in ("", "none"):
         unpacked = packed
     elif size > MAX_CHUNK:
@@ -37,16 +26,13 @@ def unpack(compression: str, packed: bytes, size: int, budget: Budget) -> bytes:
         budget.unpack(size)
         unpacked = _bounded(compression, packed, size + 1)
     if len(unpacked) != size:
-        raise UnpackError(f"unpacks to {_count(len(unpacked), size)} bytes, but declares {size}")
+        count = f"more than {size}" if len(unpacked) > size else len(unpacked)
+        raise UnpackError(f"unpacks to {count} bytes, but declares {size}")
     return unpacked
 
 
 def unpack_cut(compression: str, packed: bytes, size: int, budget: Budget) -> bytes:
-    """What can be had of a chunk whose end is missing, at most the bytes it declares.
-
-    Raises:
-        UnpackError: nothing can be had. LogError: the decompressor is not installed, or the budget is spent.
-    """
+    """What can be had of a chunk whose end is missing, at most the bytes it declares."""
     if compression in ("", "none"):
         return packed[:size]
     size = min(size, MAX_CHUNK)
@@ -55,11 +41,7 @@ def unpack_cut(compression: str, packed: bytes, size: int, budget: Budget) -> by
 
 
 def unpack_message(data: bytes, budget: Budget) -> bytes:
-    """The message itself, which rosbag2 may have compressed alone without saying so; CDR never starts like zstd.
-
-    Raises:
-        UnpackError, LogError: as for ``unpack``.
-    """
+    """The message itself, which rosbag2 may have compressed alone without saying so; CDR never starts like zstd."""
     if not data.startswith(ZSTD_MAGIC):
         return data
     most = min(MAX_CHUNK, budget.bytes)
@@ -70,17 +52,14 @@ def unpack_message(data: bytes, budget: Budget) -> bytes:
     return message
 
 
-def need(module: str, extra: str, file: str = "") -> Any:
-    """An optional dependency, imported.
-
-    Raises:
-        LogError: it is not installed; the remedy names the extra that brings it.
-    """
+def need(module: str, extra: str, file: object = "", *, writes: bool = False) -> Any:
+    """An optional dependency, imported; if it is not installed, the remedy names the extra that brings it."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        message = f"reading it needs the package {module.partition('.')[0]}"
-        raise LogError(message, file=file, remedy=f"pip install 'ftbias-jax[{extra}]'") from error
+        message = f"{'writing' if writes else 'reading'} it needs the package {module.partition('.')[0]}"
+        remedy = f"pip install 'ftbias-jax[{extra}]'"
+        raise (OutputError if writes else LogError)(message, file=file, remedy=remedy) from error
 
 
 def _bounded(compression: str, packed: bytes, limit: int) -> bytes:
@@ -97,7 +76,3 @@ def _bounded(compression: str, packed: bytes, limit: int) -> bytes:
     except Exception as error:  # the three packages have an exception each, and lz4 raises plain RuntimeError
         raise UnpackError(f"cannot be unpacked: {error}") from error
     raise UnpackError(f"has the unknown compression {compression[:40]!r}")
-
-
-def _count(count: int, size: int) -> str:
-    return f"more than {size}" if count > size else str(count)

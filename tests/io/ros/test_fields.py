@@ -7,10 +7,9 @@ import pytest
 import recordings  # noqa: F401  skips without rosbags
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ftbias_jax.io.ros.cursor import MessageError
+from ftbias_jax.io.ros.fields import COMMON, PathError, make_plan, parse_paths, take, types_of
+from ftbias_jax.io.ros.messages import MessageError
 from ftbias_jax.io.ros.raw import Definition
-from ftbias_jax.io.ros.types.fields import PathError, make_plan, parse_paths, take
-from ftbias_jax.io.ros.types.known import COMMON, types_of
 
 STATE = """# the state of an arm
 std_msgs/Header header

@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ftbias_jax.io.ros.cursor import MessageError
+from ftbias_jax.io.ros.messages import MessageError
 from ftbias_jax.io.ros.raw import plain_type
 
 MAX_TEXT = 1 << 18
@@ -56,15 +56,7 @@ _HEADER = (Field("stamp", _CLOCK["time"]), Field("frame_id", "string"))
 
 
 def split_definition(text: str, root: str) -> dict[str, str]:
-    """Plain name -> text of every type.
-
-    Args:
-        text: all of it.
-        root: name of the first one.
-
-    Raises:
-        MessageError: it is far too long, or has a part without a name.
-    """
+    """Plain name -> text of every type."""
     if len(text) > MAX_TEXT:
         raise MessageError(f"has a definition of {len(text)} characters")
     found: dict[str, str] = {}
@@ -78,16 +70,7 @@ def split_definition(text: str, root: str) -> dict[str, str]:
 
 
 def parse_msg(text: str, root: str, ros1: bool) -> Types:
-    """The types of a definition in the language of .msg files.
-
-    Args:
-        text: of all types.
-        root: plain name of the first.
-        ros1: whether time and duration are types of their own, and Header is short for std_msgs/Header.
-
-    Raises:
-        MessageError: a line is no field and no constant.
-    """
+    """The types of a definition in the language of .msg files."""
     types = {}
     for name, part in split_definition(text, root).items():
         fields = []
@@ -117,17 +100,7 @@ def with_common(types: Mapping[str, tuple[Field, ...]], ros1: bool) -> Types:
 
 
 def smallest(types: Types, name: str, known: dict[str, int] | None = None, depth: int = 0) -> dict[str, int]:
-    """The least bytes that a type and all that it is made of take, by name; all types are there, and none has itself.
-
-    Args:
-        types: by name.
-        name: of the outermost.
-        known: those found so far.
-        depth: of types that led here.
-
-    Raises:
-        MessageError: a type is not defined, or types are within types without end.
-    """
+    """The least bytes that a type and all that it is made of take, by name; types within themselves are refused."""
     known = {} if known is None else known
     if name in known:
         return known

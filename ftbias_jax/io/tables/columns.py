@@ -1,10 +1,11 @@
-"""Which column of a CSV log is which quantity: as the setup names them, or by the usual names in the header."""
+"""Which column of a table is which quantity: as the setup names them, or by the usual names in the header."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import product
-from typing import NamedTuple
+
+import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.conventions.headers import FIXED, Match, Names, matches, some
@@ -21,94 +22,49 @@ EXAMPLES = {
     "wrench": "fx fy fz tx ty tz, force_x ... torque_z, or ft_0 ... ft_5",
 }
 """Names that are looked for, as messages say it."""
+NAMES = {"time": "t", "position": "q", "velocity": "dq", "wrench": "wrench", "temperature": "temperature"}
+"""Quantity -> the array of a log that its columns are."""
+WIDE = ("q", "dq", "wrench")
+"""Arrays with several numbers a sample."""
+OPTIONAL = frozenset(("velocity", "temperature"))
 
 
-class Columns(NamedTuple):
-    """Column names of every quantity; () = the log does not have it."""
-
-    time: Names
-    """1, or 0 if the setup states the rate."""
-    position: Names
-    """n, in the order of the setup's joints."""
-    velocity: Names
-    """n or 0."""
-    wrench: Names
-    """6."""
-    temperature: Names
-    """1 or 0."""
+Columns = dict[str, Names]
+"""Name of an array of a log, or of a further column -> the columns that it is; () = the log does not have it."""
 
 
-def named_arrays(columns: Columns, values: Sequence[Array]) -> dict[str, Array]:
-    """What was found, by the names of the native format.
-
-    Args:
-        columns: of ``choose_columns``.
-        values: (T, k) of each quantity, with as many columns as it has names.
-    """
-    names = ("t", "q", "dq", "wrench", "temperature")
-    found = {name: x for name, x in zip(names, values, strict=True) if x.shape[1]}
-    return {name: x[:, 0] if name in ("t", "temperature") else x for name, x in found.items()}
+def split(columns: Columns, values: Array) -> dict[str, Array]:
+    """Arrays by their names, of the values (T, K) of all their columns in order: (T,) of those of one number."""
+    ends = np.cumsum([len(names) for names in columns.values()])
+    parts = zip(columns, np.split(values, ends[:-1], axis=1), strict=True)
+    return {name: x if name in WIDE else x[:, 0] for name, x in parts if x.shape[1]}
 
 
 def choose_columns(header: Sequence[str], setup: Setup, file: str = "", static: bool = False) -> Columns:
-    """Find the columns of a log.
-
-    Args:
-        header: the names of all columns.
-        setup: names of the joints, and [log.columns], which comes first.
-        file: the name in messages.
-        static: of poses at rest: time is optional, rates are not looked for.
-
-    Raises:
-        LogError: a quantity that every log needs has no columns, or a name is not there or not unique.
-    """
-    optional = ("velocity", "temperature", "time") if static else ("velocity", "temperature")
+    """The columns of a log; of static poses time is optional, and rates are not looked for."""
+    optional = {"velocity", "temperature", *(["time"] if static else [])}
     unwanted = {"velocity"} if static else {"time"} if setup.log.rate is not None else set()
-    chosen = [
-        () if quantity in unwanted else _choose(quantity, header, setup, optional, file) for quantity in Columns._fields
-    ]
-    for name in sum(chosen, ()):
+    chosen = {
+        name: () if quantity in unwanted else _choose(quantity, header, setup, optional, file)
+        for quantity, name in NAMES.items()
+    }
+    for name in sum(chosen.values(), ()):
         if header.count(name) > 1:
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
-    return Columns(*chosen)
+    return chosen
 
 
-def choose_time(header: Sequence[str], setup: Setup, file: str = "") -> Names:
-    """The column of the stamps; () if the setup states a rate instead.
-
-    Raises:
-        LogError: it is not there.
-    """
-    if setup.log.rate is not None:
-        return ()
-    return _choose("time", header, setup, (), file)
-
-
-def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, file: str) -> Columns:
-    """The columns of a file that has only some quantities, of which the first must be there.
-
-    Raises:
-        LogError: the first quantity, or the time, has no columns.
-    """
+def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, file: str = "") -> Columns:
+    """The columns of a file that has only some quantities, of which the first must be there, and of its stamps."""
     needed = ["time", *quantities] if setup.log.rate is None else quantities
-    optional = ("velocity", "temperature")
-    found = {quantity: _choose(quantity, header, setup, optional, file) for quantity in needed}
-    if not found[quantities[0]]:
+    found = {quantity: _choose(quantity, header, setup, OPTIONAL, file) for quantity in needed}
+    if quantities and not found[quantities[0]]:
         raise _not_found(quantities[0], header, setup, file)
-    return Columns(*(found.get(quantity, ()) for quantity in Columns._fields))
+    return {NAMES[quantity]: names for quantity, names in found.items()}
 
 
 def check_names(names: Sequence[str], header: Sequence[str], file: str = "") -> None:
-    """Refuse further columns that are not there, or not unique.
-
-    Args:
-        names: in the file, as [log.columns] of the setup states.
-        header: the names of all columns.
-        file: the name in messages.
-
-    Raises:
-        LogError: it names the column.
-    """
+    """Refuse further columns that are not there, or not unique."""
     for name in names:
         if name not in header:
             message = "log.columns of the setup names this column, but it is not there"
@@ -117,7 +73,7 @@ def check_names(names: Sequence[str], header: Sequence[str], file: str = "") -> 
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
 
 
-def _choose(quantity: str, header: Sequence[str], setup: Setup, optional: Names, file: str) -> Names:
+def _choose(quantity: str, header: Sequence[str], setup: Setup, optional: Collection[str], file: str) -> Names:
     declared = setup.log.columns.get(quantity, ())
     names = (declared,) if isinstance(declared, str) else declared
     for name in names:
@@ -178,7 +134,7 @@ def _check_facts(match: Match, setup: Setup, file: str) -> None:
 
 
 def _name(quantity: str) -> str:
-    example = '"..."' if quantity in ("time", "temperature") else '["...", ...]'
+    example = '["...", ...]' if NAMES[quantity] in WIDE else '"..."'
     return f"name them in the setup: [log.columns] {quantity} = {example}"
 
 

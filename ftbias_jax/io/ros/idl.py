@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Iterator
 
-from ftbias_jax.io.ros.cursor import MessageError
-from ftbias_jax.io.ros.types.definition import PRIMITIVES, SEQUENCE, TEXTS, Field, Types, split_definition, with_common
+from ftbias_jax.io.ros.definition import PRIMITIVES, SEQUENCE, TEXTS, Field, Types, split_definition, with_common
+from ftbias_jax.io.ros.messages import MessageError
 
 _TOKEN = re.compile(
     r"""\s+|//[^\n]*|\#[^\n]*|(?P<comment>/\*)  # spaces, comments, #include
@@ -20,15 +21,7 @@ _NAMES = {
 
 
 def parse_idl(text: str, root: str) -> Types:
-    """The types of a definition, by plain name.
-
-    Args:
-        text: of all types, as for ``split_definition``.
-        root: plain name of the first.
-
-    Raises:
-        MessageError: it is none.
-    """
+    """The types of a definition, by plain name."""
     types: dict[str, tuple[Field, ...]] = {}
     for part in split_definition(text, root).values():
         _module(_Tokens(part), types, {}, [])
@@ -36,31 +29,14 @@ def parse_idl(text: str, root: str) -> Types:
 
 
 class _Tokens:
-    """Words and marks one after the other, without comments and annotations."""
+    """Words and marks one after the other, without comments."""
 
     def __init__(self, text: str) -> None:
-        self._rest = self._all(text)
-        self._ahead: list[str] = []
-
-    @staticmethod
-    def _all(text: str) -> Iterator[str]:
-        position = 0
-        while match := _TOKEN.match(text, position):
-            position = match.end()
-            if match["comment"]:
-                end = text.find("*/", position)
-                position = len(text) if end < 0 else end + 2
-            if match["mark"] == '"':  # looking for its end again and again would take forever
-                raise MessageError("has a definition with a text that does not end")
-            token = match["text"] or match["word"] or match["mark"]
-            if token:
-                yield token
+        self._left = deque(_words(text))
 
     def peek(self) -> str:
         """The next one; "" at the end."""
-        if not self._ahead:
-            self._ahead = [next(self._rest, "")]
-        return self._ahead[0]
+        return self._left[0] if self._left else ""
 
     def take(self, wanted: str = "") -> str:
         """The next one, which must be there, and be the wanted one; annotations before it are skipped."""
@@ -76,11 +52,22 @@ class _Tokens:
         return token
 
     def _next(self) -> str:
-        token = self.peek()
-        self._ahead = []
-        if not token:
+        if not self._left:
             raise MessageError("has a definition that ends too early")
-        return token
+        return self._left.popleft()
+
+
+def _words(text: str) -> Iterator[str]:
+    position = 0
+    while match := _TOKEN.match(text, position):
+        position = match.end()
+        if match["comment"]:
+            end = text.find("*/", position)
+            position = len(text) if end < 0 else end + 2
+        if match["mark"] == '"':  # looking for its end again and again would take forever
+            raise MessageError("has a definition with a text that does not end")
+        if token := match["text"] or match["word"] or match["mark"]:
+            yield token
 
 
 def _module(
@@ -124,7 +111,12 @@ def _fields(tokens: _Tokens, aliases: dict[str, Field], path: list[str]) -> list
         own = count
         while tokens.peek() == "[":
             tokens.take()
-            own = _times(own, _number(tokens.take()))
+            if own == SEQUENCE:
+                raise MessageError("has a definition with lists of lists")
+            size = tokens.take()
+            if not size.isdecimal() or len(size) > 9:
+                raise MessageError(f"has a definition with an array of {size[:20]!r}")
+            own = int(size) if own is None else own * int(size)
             tokens.take("]")
         fields.append(Field(name, kind, own))
         if tokens.take() == ";":
@@ -157,18 +149,6 @@ def _type(tokens: _Tokens, aliases: dict[str, Field], path: list[str], word: str
     if word in PRIMITIVES:
         return word, None
     return (_plain(word.split("::")) if "::" in word else _plain([*path, word])), None
-
-
-def _times(count: int | None, more: int) -> int:
-    if count == SEQUENCE:
-        raise MessageError("has a definition with lists of lists")
-    return more if count is None else count * more
-
-
-def _number(word: str) -> int:
-    if not word.isdecimal() or len(word) > 9:
-        raise MessageError(f"has a definition with an array of {word[:20]!r}")
-    return int(word)
 
 
 def _plain(names: list[str]) -> str:

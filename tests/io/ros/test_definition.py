@@ -5,9 +5,9 @@ from contextlib import suppress
 
 import pytest
 
-from ftbias_jax.io.ros.cursor import MessageError
-from ftbias_jax.io.ros.types.definition import MAX_TEXT, SEQUENCE, Field, parse_msg, smallest
-from ftbias_jax.io.ros.types.idl import parse_idl
+from ftbias_jax.io.ros.definition import MAX_TEXT, SEQUENCE, Field, parse_msg, smallest
+from ftbias_jax.io.ros.idl import parse_idl
+from ftbias_jax.io.ros.messages import MessageError
 
 RULE = "\n" + "=" * 80 + "\n"
 IDL = """IDL: my_msgs/msg/State

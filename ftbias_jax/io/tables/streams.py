@@ -1,7 +1,8 @@
-"""One file of a log whose streams are in several: what it has of some quantities, with its own stamps."""
+"""Logs of which every stream is a file of its own, with stamps of its own."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +11,11 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import put_in_order
-from ftbias_jax.io.conventions.units import rows_at_rate, stamps
-from ftbias_jax.io.log import Repair, Repairs
-from ftbias_jax.io.merge import Part
-from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.conventions.units import later, rows_at_rate, stamps
+from ftbias_jax.io.log import Log, Repair, Repairs
+from ftbias_jax.io.merge import Part, log_of_parts
+from ftbias_jax.io.remote.fetch import opened
+from ftbias_jax.io.remote.outside import check_links, check_patterns
 from ftbias_jax.io.ros.choose import (
     Chosen,
     choose_motion,
@@ -24,45 +26,72 @@ from ftbias_jax.io.ros.choose import (
     wanted_of,
 )
 from ftbias_jax.io.ros.read import credible, parts_of
-from ftbias_jax.io.ros.record import PACKED, SUFFIXES, read_recording
-from ftbias_jax.io.tables.arrays import ARRAYS, POSE_ARRAYS, by_native_names, joined_pose, wanted_arrays
-from ftbias_jax.io.tables.csv import named_columns
-from ftbias_jax.io.tables.csv_columns import choose_some
-from ftbias_jax.io.tables.hdf5 import load_hdf5
-from ftbias_jax.io.tables.parquet import parquet_columns
+from ftbias_jax.io.ros.record import SUFFIXES, is_ros, read_recording
+from ftbias_jax.io.tables.arrays import (
+    ARRAY_FILES,
+    ARRAYS,
+    COLUMNS,
+    POSE_ARRAYS,
+    by_native_names,
+    joined_pose,
+    suffix_of,
+    wanted_arrays,
+)
+from ftbias_jax.io.tables.columns import NAMES, choose_some
+from ftbias_jax.io.tables.grouping import files_of
+from ftbias_jax.setup.sensor_pose import pose_columns
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
-NAMES = {"position": "q", "velocity": "dq", "wrench": "wrench", "temperature": "temperature"}
-"""Quantity -> name of its array."""
+QUANTITIES = {
+    "position": ("position", "velocity", "temperature"),
+    "velocity": ("velocity",),
+    "wrench": ("wrench", "temperature"),
+    "temperature": ("temperature",),
+}
+"""Key of [log.files] -> what its file has, the first of it at least."""
 STAMPS = {"position": "t_joints", "velocity": "t_joints", "wrench": "t_wrench", "temperature": "t_wrench"}
 """Quantity -> name of its stamps, where a file of arrays has not one clock."""
+
+
+def setup_of_file(setup: Setup, key: str) -> Setup:
+    """The setup with the unit of the stamps of one of the files."""
+    unit = setup.log.time_units.get(key, setup.log.time_unit)
+    return replace(setup, log=replace(setup.log, time_unit=unit))
+
+
+def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
+    """Read the files of one log, and put their samples on one timeline, without interpolation."""
+    parts: list[Part] = []
+    repairs: list[Repair] = []
+    unused = {"velocity"} if setup.pose and not pose_columns(setup.pose)[1] else set()
+    files = files_of(path, setup.log.files)
+    if not setup.log.allow_outside:
+        check_patterns(setup.log.files, setup.path)
+        check_links(files, os.fspath(path))
+    for key, file in files.items():
+        if key not in unused:
+            quantities = [name for name in QUANTITIES[key] if name == key or name not in setup.log.files]
+            with opened(file) as there:
+                found, mended = read_stream(there, quantities, setup_of_file(setup, key), salvage=salvage)
+            parts += [(later(t, setup.log.time_offsets.get(key, 0.0)), arrays) for t, arrays in found]
+            repairs += mended
+    if len({t.dtype.kind for t, _ in parts}) > 1:
+        parts = [(t * 1e-9 if t.dtype.kind == "i" else t, arrays) for t, arrays in parts]
+    return log_of_parts(parts, setup, tuple(repairs), os.fspath(path))
 
 
 def read_stream(
     file: str, quantities: Sequence[str], setup: Setup, *, salvage: bool = False
 ) -> tuple[list[Part], Repairs]:
-    """Stamps in order and arrays of one file by their native names; a recording may have several streams.
-
-    Args:
-        file: .csv, .parquet, .npz, .h5, or a recording of ROS.
-        quantities: what is wanted of it, the first of them at least.
-        setup: how it is recorded.
-        salvage: of a damaged recording, read what is whole.
-
-    Raises:
-        LogError: it cannot be read, or does not have the first quantity.
-    """
-    if file.lower().removesuffix(PACKED).endswith(SUFFIXES) or Path(file).is_dir():
+    """Stamps in order and arrays of one file by their native names; a recording may have several streams."""
+    if is_ros(file):
         return _of_recording(file, quantities, setup, salvage)
-    suffix = Path(file).suffix.lower()
-    if suffix in (".csv", ".parquet"):
-        read = named_columns if suffix == ".csv" else parquet_columns
-        found = read(file, lambda header: choose_some(header, quantities, setup, file))
-    elif suffix == ".npz":
-        found = _of_arrays(load_arrays(file, wanted_arrays(setup)), quantities, setup, file)
-    elif suffix in (".h5", ".hdf5"):
-        found = _of_arrays(load_hdf5(file, wanted_arrays(setup)), quantities, setup, file)
+    suffix = suffix_of(file)
+    if suffix in COLUMNS:
+        found = COLUMNS[suffix](file, lambda header: choose_some(header, quantities, setup, file))
+    elif suffix in ARRAY_FILES:
+        found = _of_arrays(ARRAY_FILES[suffix](file, wanted_arrays(setup)), quantities, setup, file)
     else:
         remedy = f"give .csv, .parquet, .npz, .h5, {', '.join(SUFFIXES)} or a ROS 2 bag's folder"
         raise LogError(f"unknown format {suffix!r}", file=file, remedy=remedy)
@@ -70,11 +99,7 @@ def read_stream(
     recorded = found.pop("t", None)
     t = stamps(recorded, setup.log) if counted is None else counted
     ordered = put_in_order(t, found, f"samples of {Path(file).name}", file=file)
-    return [(ordered.t, _named(found, ordered.columns))], ordered.repairs
-
-
-def _named(found: Mapping[str, Array], columns: Sequence[Array | None]) -> dict[str, Array]:
-    return {name: np.asarray(values) for name, values in zip(found, columns, strict=True)}
+    return [(ordered.t, {name: np.asarray(values) for name, values in ordered.columns.items()})], ordered.repairs
 
 
 def _of_arrays(arrays: Mapping[str, Array], quantities: Sequence[str], setup: Setup, file: str) -> dict[str, Array]:

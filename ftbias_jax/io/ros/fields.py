@@ -1,19 +1,46 @@
-"""Numbers of a message by the path of their field, such as ``wrench.force`` or ``tau[0:6]``."""
+"""Numbers of a message of any type by the path of their field, such as ``wrench.force`` or ``tau[0:6]``."""
 
 from __future__ import annotations
 
+import importlib
 import re
 import struct
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from ftbias_jax.io.ros.cursor import Cursor, MessageError
-from ftbias_jax.io.ros.types.definition import HEADER, PRIMITIVES, SEQUENCE, TEXTS, Field, Types, smallest
+from ftbias_jax.io.ros.definition import HEADER, PRIMITIVES, SEQUENCE, TEXTS, Field, Types, parse_msg, smallest
+from ftbias_jax.io.ros.idl import parse_idl
+from ftbias_jax.io.ros.messages import Cursor, MessageError
+from ftbias_jax.io.ros.raw import Definition
 from ftbias_jax.setup.fields import nearest
 
 MAX_VALUES = 1000
 """Numbers that are taken of one message."""
 _PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d{1,6})?(:)?(\d{1,6})?\])?")
+_VECTOR = "float64 x\nfloat64 y\nfloat64 z"
+COMMON = {
+    "geometry_msgs/Vector3": _VECTOR,
+    "geometry_msgs/Quaternion": f"{_VECTOR}\nfloat64 w",
+    "geometry_msgs/Wrench": "Vector3 force\nVector3 torque",
+    "geometry_msgs/WrenchStamped": "std_msgs/Header header\nWrench wrench",
+    "geometry_msgs/Accel": "Vector3 linear\nVector3 angular",
+    "geometry_msgs/AccelStamped": "std_msgs/Header header\nAccel accel",
+    "geometry_msgs/AccelWithCovariance": "Accel accel\nfloat64[36] covariance",
+    "geometry_msgs/AccelWithCovarianceStamped": "std_msgs/Header header\nAccelWithCovariance accel",
+    "sensor_msgs/Temperature": "std_msgs/Header header\nfloat64 temperature\nfloat64 variance",
+    "sensor_msgs/Imu": "std_msgs/Header header\ngeometry_msgs/Quaternion orientation\n"
+    "float64[9] orientation_covariance\ngeometry_msgs/Vector3 angular_velocity\n"
+    "float64[9] angular_velocity_covariance\ngeometry_msgs/Vector3 linear_acceleration\n"
+    "float64[9] linear_acceleration_covariance",
+    "sensor_msgs/JointState": "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n"
+    "float64[] effort",
+    "std_msgs/Float64": "float64 data",
+    "std_msgs/Float32": "float32 data",
+}
+"""Definitions, where a recording brings none: SQLite bags do so since ROS 2 Iron."""
+_RULE = "\n" + "=" * 80 + "\n"
+STORES = ("ROS2_HUMBLE", "LATEST")
+"""Of the package rosbags, which is asked for types of ROS 2 that are not common, if it is installed."""
 
 
 class Part(NamedTuple):
@@ -57,11 +84,7 @@ class PathError(Exception):
 
 
 def parse_paths(text: str) -> tuple[Path, ...]:
-    """Paths separated by commas; "" = the message itself.
-
-    Raises:
-        PathError: it is none.
-    """
+    """Paths separated by commas; "" = the message itself."""
     return tuple(tuple(_part(word.strip()) for word in path.split(".") if path.strip()) for path in text.split(","))
 
 
@@ -77,16 +100,7 @@ def _part(word: str) -> Part:
 
 
 def make_plan(types: Types, root: str, text: str) -> Plan:
-    """How to take fields.
-
-    Args:
-        types: of the definition.
-        root: type of the message.
-        text: of the paths.
-
-    Raises:
-        PathError: the type has no such field. MessageError: the definition makes no sense.
-    """
+    """How to take fields."""
     least = smallest(types, root)
     paths = parse_paths(text)
     for path in paths:
@@ -147,7 +161,9 @@ def _walk(plan: Plan, cursor: Cursor, kind: str, wanted: _Wanted) -> None:
         inner = [(path[0].chosen if path else slice(None), path[1:], out) for path, out in some]
         if field.type in TEXTS:
             for _ in range(_count(cursor, field, 4)):
-                _skip_text(cursor, field.type)
+                if field.type == "wstring":
+                    raise MessageError("has a wide string before the fields that are wanted")
+                cursor.skip(1, cursor.count(1))
         elif field.type in PRIMITIVES:
             letter, size = PRIMITIVES[field.type]
             count = _count(cursor, field, size)
@@ -175,7 +191,30 @@ def _count(cursor: Cursor, field: Field, least: int) -> int:
     return count
 
 
-def _skip_text(cursor: Cursor, kind: str) -> None:
-    if kind == "wstring":
-        raise MessageError("has a wide string before the fields that are wanted")
-    cursor.skip(1, cursor.count(1))
+def types_of(message_type: str, encoding: str, definition: Definition) -> Types | None:
+    """The types that a message is made of; None if nobody says."""
+    ros1 = encoding == "ros1"
+    if definition.text.strip():
+        if definition.format == "ros2idl":
+            return parse_idl(definition.text, message_type)
+        return parse_msg(definition.text, message_type, ros1)
+    if message_type in COMMON:
+        others = [f"MSG: {name}\n{text}" for name, text in COMMON.items() if name != message_type]
+        return parse_msg(_RULE.join([COMMON[message_type], *others]), message_type, ros1)
+    return None if ros1 else _by_rosbags(message_type)
+
+
+def _by_rosbags(message_type: str) -> Types | None:
+    """The definition that the package rosbags has of a type of ROS 2; None without the package, or the type."""
+    try:
+        typesys: Any = importlib.import_module("rosbags.typesys")
+    except ImportError:
+        return None
+    package, _, name = message_type.rpartition("/")
+    for store in STORES:
+        known = typesys.get_typestore(typesys.Stores[store])
+        full = f"{package}/msg/{name}"
+        if full in known.types:
+            text, _ = known.generate_msgdef(full, ros_version=2)
+            return parse_msg(text, message_type, ros1=False)
+    return None

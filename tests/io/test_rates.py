@@ -1,4 +1,4 @@
-"""Held readings are found and used once; a coarse sensor at rest, which repeats itself too, is left alone."""
+"""Held readings are found and used once, those of a coarse sensor at rest are not held; jitter and gaps are told."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,17 @@ from ftbias_jax.io.cleaning import slices, survey, without_repeats
 from ftbias_jax.io.info import describe
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.parts import open_log
-from ftbias_jax.io.rates.held import LEAST_SAMPLES, Repeats, extend_repeats, find_held, held_readings
+from ftbias_jax.io.rates import (
+    LEAST_SAMPLES,
+    Repeats,
+    extend_repeats,
+    find_held,
+    held_readings,
+    jitter,
+    missing_readings,
+)
+
+T = np.arange(2000) / 100
 
 
 def arm(samples, rest=300, noise=0.3, step=0.0, speed=0.01, seed=0):
@@ -134,3 +144,62 @@ def test_info_tells_of_held_readings_and_of_stamps_that_scatter(tmp_path):
     arrays["t"] = arrays["t"] + 5e-4 * np.random.default_rng(0).uniform(-1, 1, 6000)
     np.savez(tmp_path / "log.npz", **arrays)
     assert any("stamps scatter by 0." in trouble for trouble in describe(tmp_path / "log.npz").streams[1].trouble)
+
+
+@pytest.mark.parametrize("std", [1e-3, 3e-3])
+def test_the_standard_deviation_of_the_stamps_is_found(std):
+    t = np.arange(20_000) * 0.01 + std * np.random.default_rng(0).normal(size=20_000)
+    assert jitter(np.sort(t)) == pytest.approx(std, rel=0.1)
+
+
+def test_a_steady_clock_with_gaps_does_not_jitter():
+    t = np.arange(5000) * 0.002
+    t[2000:] += 30.0
+    t[4000:] += 0.5
+    assert jitter(t) == 0
+    assert jitter(t + 1e-5 * np.random.default_rng(0).normal(size=5000)) == 0
+
+
+def test_a_few_stamps_say_nothing():
+    assert jitter(np.array([0.0, 1.0, 1.5])) == 0
+
+
+def told(kept, t=T):
+    return missing_readings("the wrench is", t[kept], T)
+
+
+def test_a_stream_without_gaps_is_not_told():
+    assert told(T >= 0) == ()
+    assert told(np.arange(2000) % 50 != 7) == ()  # a row now and then
+    slow = np.arange(2000) % 4 == 0
+    assert missing_readings("the joints are", (T + 1e-3)[slow], T) == ()  # of its own clock, as a merge has it
+    assert missing_readings("the wrench is", T[:0], T) == ()
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "words"),
+    [(10, 20, "10.0 to 20.0 s"), (-1, 5, "0.0 to 5.0 s"), (3, 9.5, "3.0 to 9.5 s")],
+)
+def test_a_stretch_without_readings_is_told_with_its_times(begin, end, words):
+    (repair,) = told((begin > T) | (end < T))
+    assert repair.lost
+    assert words in repair.what
+
+
+def test_of_many_stretches_the_first_are_told_one_by_one():
+    (repair,) = told(T % 4 < 2)
+    assert repair.what.endswith("2.0 to 4.0 s, 6.0 to 8.0 s, 10.0 to 12.0 s, 2 times more")
+
+
+def test_rows_without_a_reading_are_lost_where_no_slower_sensor_explains_them():
+    (slower,) = told(np.arange(2000) % 2 == 0)
+    assert slower.what == "the wrench is measured in 1000 of 2000 rows: taken as a stream of 50 Hz"
+    assert not slower.lost
+    (lost,) = told(np.random.default_rng(0).random(2000) < 0.5)
+    assert "the others are missing" in lost.what
+    assert lost.lost
+
+
+def test_a_pause_of_both_streams_is_no_gap():
+    pause = (T < 5) | (T > 15)
+    assert missing_readings("the wrench is", T[pause], T[pause]) == ()

@@ -1,1 +1,0 @@
-"""Messages of any type: their definitions, as a recording brings them, and fields by path."""
