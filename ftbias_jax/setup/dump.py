@@ -160,7 +160,7 @@ def _sections(setup: Setup) -> Iterable[Line]:
 def _log(log: LogSetup) -> Iterable[Line]:
     """How to read a log, where it is not the usual way."""
     usual = LogSetup()
-    for key in ("time_unit", "rate", "angle_unit", "acceleration_unit", "wrench_axes"):
+    for key in ("time_unit", "rate", "angle_unit", "acceleration_unit", "force_unit", "torque_unit", "wrench_axes"):
         if getattr(log, key) != getattr(usual, key):
             yield Line("[log]", key, getattr(log, key))
     for name in ("columns", "topics", "clocks", "files", "time_units", "time_offsets"):
