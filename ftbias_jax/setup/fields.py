@@ -75,6 +75,19 @@ def check_keys(section: Section, known: Collection[str]) -> Section:
     return section
 
 
+def refuse(section: Section, keys: Iterable[str], why: str, remedy: str = "remove one of the two") -> None:
+    """Refuse keys that do not go with others that are there."""
+    for key in keys:
+        if key in section.values:
+            raise section.error(key, why, remedy)
+
+
+def read_only(array: Array) -> Array:
+    """The array itself, of which no entry can be set any more."""
+    array.setflags(write=False)
+    return array
+
+
 def subsection(parent: Section, key: str, known: Collection[str], *, required: bool = False) -> Section:
     """The table at a key with only known keys; an absent optional one is empty."""
     if required and key not in parent.values:
@@ -166,9 +179,7 @@ def vector(
         raise section.error(key, f"got {show(value)}", remedy)
     if np.abs(numbers).max() > LARGEST:
         raise section.error(key, f"got {show(value)}", "check the number and its unit: nothing here is so large")
-    result = np.array(np.repeat(numbers, size // len(flat)))
-    result.setflags(write=False)
-    return result
+    return read_only(np.array(np.repeat(numbers, size // len(flat))))
 
 
 def scalar(section: Section, key: str, default: float | None = None, *, within: Range = ANY) -> float:

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ftbias_jax.setup.fields import Section, require, subsection
-from ftbias_jax.setup.keys.read import open_section, read
-from ftbias_jax.setup.recorded import POSE, PoseSetup
+from ftbias_jax.setup.fields import Section, read_only, refuse, require
+from ftbias_jax.setup.keys.table import open_section, read
+from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.rotations import rotation_from_rpy
-from ftbias_jax.setup.types import RobotSetup, Setup
+from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 ORIENTATION_COLUMNS = {"matrix": 9, "axis_angle": 3}
@@ -24,10 +24,10 @@ def parse_pose(top: Section) -> PoseSetup | None:
         return None
     section = open_section(top, "sensor_pose")
     linear = read(section, "linear")
-    if "acceleration_std" in section.values and linear != "none":
-        raise section.error("acceleration_std", f"excluded by linear = {linear!r}", "remove one of the two")
-    if "frame" in section.values and section.values.get("orientation") in ("matrix", "axis_angle"):
-        raise section.error("frame", "TF has quaternions", "leave orientation out")
+    if linear != "none":
+        refuse(section, ("acceleration_std",), f"excluded by linear = {linear!r}")
+    if section.values.get("orientation") in ("matrix", "axis_angle"):
+        refuse(section, ("frame",), "TF has quaternions", "leave orientation out")
     if "base" in section.values:
         require(section, "frame", "name the frame of TF that the sensor is mounted on")
     orientation_std, position_std, turn_std, slide_std = (
@@ -69,17 +69,5 @@ def orientation_alone(setup: Setup) -> Setup:
     return replace(setup, pose=still, robot=robot, joints=joints, log=replace(setup.log, columns=columns))
 
 
-def pose_robot(top: Section, pose: PoseSetup) -> RobotSetup:
-    """A robot without joints: the entries of the pose take their place."""
-    section = subsection(top, "robot", ("gravity",))
-    count = 4 if pose.linear == "none" else 7
-    arrays = (np.zeros((count, 6)), np.zeros(3), np.eye(3))
-    for array in arrays:
-        array.setflags(write=False)
-    return RobotSetup(arrays[0], NAMES[:count], *arrays[1:], read(section, "gravity"), POSE)
-
-
 def _entries(turn: float, slide: float, linear: str) -> Array:
-    values = np.array([turn] * 4 + [slide] * (0 if linear == "none" else 3))
-    values.setflags(write=False)
-    return values
+    return read_only(np.array([turn] * 4 + [slide] * (0 if linear == "none" else 3)))

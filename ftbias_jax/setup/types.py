@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.setup.fields import read_only
 from ftbias_jax.setup.recorded import LogSetup, PoseSetup
 from ftbias_jax.types import Array
 
@@ -106,10 +107,7 @@ class ToolSetup:
 
 def unknown_tool() -> ToolSetup:
     """A tool of which nothing is known."""
-    center, inertia = np.full(3, np.nan), np.zeros(6)
-    center.setflags(write=False)
-    inertia.setflags(write=False)
-    return ToolSetup(np.nan, center, inertia)
+    return ToolSetup(np.nan, read_only(np.full(3, np.nan)), read_only(np.zeros(6)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.setup.keys.key import PER_JOINT, SEVERAL, Key, Kind
-from ftbias_jax.setup.keys.table import EFFECTS, SECTIONS
+from ftbias_jax.setup.keys.table import EFFECTS, PER_JOINT, SECTIONS, SEVERAL, Key, Kind
 
 
 def json_schema() -> dict[str, Any]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ftbias_jax.setup.keys.key import Key, Kind
-from ftbias_jax.setup.keys.table import SECTIONS
+from ftbias_jax.setup.keys.table import SECTIONS, Key, Kind
 from ftbias_jax.setup.keys.toml_text import toml_comment, toml_line
 
 MEASURE = "measure me"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ftbias_jax.setup.chains import prismatic_screw, revolute_screw
-from ftbias_jax.setup.fields import nearest
+from ftbias_jax.setup.fields import nearest, read_only
 from ftbias_jax.setup.types import RobotSetup, ToolSetup
 from ftbias_jax.setup.urdf.read import FIXED, SLIDING, TURNING, Joint, Pose, Urdf, numbers_of, origin_of
 from ftbias_jax.types import Array
@@ -42,19 +42,14 @@ def urdf_robot(urdf: Urdf, base_link: str, tip_link: str, gravity: Array) -> Rob
     if not screws:
         remedy = "choose links with an arm between them"
         raise urdf.error("tip_link", f"no joint moves between {base_link!r} and {tip_link!r}", remedy)
-    limits = np.array([(joint.lower, joint.upper) for joint in moving])
-    speeds = np.array([joint.velocity for joint in moving])
-    arrays = (np.stack(screws), pose.translation, pose.rotation, limits, speeds)
-    for array in arrays:
-        array.setflags(write=False)
     return RobotSetup(
-        screws=arrays[0],
+        screws=read_only(np.stack(screws)),
         joint_names=tuple(joint.name for joint in moving),
-        flange_translation=pose.translation,
-        flange_rotation=pose.rotation,
+        flange_translation=read_only(pose.translation),
+        flange_rotation=read_only(pose.rotation),
         gravity=gravity,
-        position_limits=limits,
-        velocity_limits=speeds,
+        position_limits=read_only(np.array([(joint.lower, joint.upper) for joint in moving])),
+        velocity_limits=read_only(np.array([joint.velocity for joint in moving])),
     )
 
 
@@ -92,9 +87,7 @@ def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: Pose) -> ToolSetup:
     values = [0.0] * 6 if moments is None else [numbers_of(moments, k, 1, (0.0,), urdf, field)[0] for k in names]
     xx, xy, xz, yy, yz, zz = values
     inertia = (turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)[np.triu_indices(3)]
-    center.setflags(write=False)
-    inertia.setflags(write=False)
-    return ToolSetup(float(kilograms), center, inertia)
+    return ToolSetup(float(kilograms), read_only(center), read_only(inertia))
 
 
 def _chain(urdf: Urdf, base_link: str, tip_link: str) -> list[Joint]:
