@@ -151,6 +151,6 @@ def _effects(setup: Setup) -> Iterable[Line]:
     for name, values in setup.effects.items():
         several = isinstance(values, (list, tuple))  # [[effects.term]]
         section = f"[[effects.{toml_key(name)}]]" if several else f"[effects.{toml_key(name)}]"
-        for number, entry in enumerate(values if several else [values], 1):
-            yield Line(section, "", number if several else None)  # an effect without parameters is still an effect
+        for entry in values if several else [values]:
+            yield Line(section, "", "")  # an effect without parameters is still an effect
             yield from (Line(section, key, value) for key, value in entry.items())

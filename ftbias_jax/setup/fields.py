@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import SetupError
+from ftbias_jax.files import no_regular_file
 from ftbias_jax.types import Array
 
 
@@ -75,6 +76,27 @@ def check_keys(section: Section, known: Collection[str]) -> Section:
     return section
 
 
+def read_file(file: str, most: int, remedy: str, instead: str) -> bytes:
+    """The content of a file of at most ``most`` bytes.
+
+    Raises:
+        SetupError: it cannot be read, with the ``remedy``, or is larger, with what to do ``instead``.
+    """
+    try:
+        if kind := no_regular_file(file):
+            raise SetupError(kind, file=file, remedy=remedy)
+        with open(file, "rb") as stream:
+            content = stream.read(most + 1)
+    except (OSError, ValueError) as error:  # the latter: a zero byte in the name
+        words = getattr(error, "strerror", None) or error
+        raise SetupError(
+            f"cannot be read: {words}", file=file or "the setup with an empty name", remedy=remedy
+        ) from error
+    if len(content) > most:
+        raise SetupError(f"is larger than {most >> 20} MiB", file=file, remedy=instead)
+    return content
+
+
 def refuse(section: Section, keys: Iterable[str], why: str, remedy: str = "remove one of the two") -> None:
     """Refuse keys that do not go with others that are there."""
     for key in keys:
@@ -108,14 +130,6 @@ def require(section: Section, key: str, remedy: str) -> Any:
     if key not in section.values:
         raise section.error(key, "missing key", remedy)
     return section.values[key]
-
-
-def flag(section: Section, key: str, default: bool) -> bool:
-    """True or false."""
-    value = section.values.get(key, default)
-    if not isinstance(value, bool):
-        raise section.error(key, f"expected true or false, got {show(value)}", "write it without quotes")
-    return value
 
 
 def text(section: Section, key: str, default: str, choices: Collection[str] = ()) -> str:
@@ -180,13 +194,6 @@ def vector(
     if np.abs(numbers).max() > LARGEST:
         raise section.error(key, f"got {show(value)}", "check the number and its unit: nothing here is so large")
     return read_only(np.array(np.repeat(numbers, size // len(flat))))
-
-
-def scalar(section: Section, key: str, default: float | None = None, *, within: Range = ANY) -> float:
-    """One number; it must be there if there is no default."""
-    if isinstance(section.values.get(key), list):
-        raise section.error(key, f"expected one number, got {show(section.values[key])}", "write it without brackets")
-    return float(vector(section, key, 1, default, within=within)[0])
 
 
 def _floats(items: Iterable[float]) -> Array:

@@ -29,6 +29,7 @@ from ftbias_jax.setup.types import (
     SensorSetup,
     Setup,
     ToolSetup,
+    inertia_matrix,
     unknown_tool,
 )
 from ftbias_jax.setup.urdf.read import Pose, load_urdf
@@ -102,8 +103,7 @@ def _urdf_tool(section: Section, robot: Section, sensor: SensorSetup) -> ToolSet
 
 
 def _check_inertia(inertia: Array, section: Section, key: str) -> None:
-    xx, xy, xz, yy, yz, zz = inertia
-    moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments = np.linalg.eigvalsh(inertia_matrix(inertia))
     # The largest moment may not exceed the sum of the others; that also makes all three non-negative.
     if moments[2] - moments[1] - moments[0] > max(INERTIA_TOLERANCE * np.abs(moments).max(), NO_INERTIA):
         shown = ", ".join(f"{moment:.4g}" for moment in moments)

@@ -105,6 +105,11 @@ class ToolSetup:
         return tuple(key for key, is_stated in stated.items() if not is_stated)
 
 
+def inertia_matrix(inertia: Array) -> Array:
+    """(3, 3) kg m^2 of (6,): Ixx Ixy Ixz Iyy Iyz Izz."""
+    return np.asarray(inertia)[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+
+
 def unknown_tool() -> ToolSetup:
     """A tool of which nothing is known."""
     return ToolSetup(np.nan, read_only(np.full(3, np.nan)), read_only(np.zeros(6)))

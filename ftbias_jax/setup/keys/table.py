@@ -9,21 +9,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ftbias_jax.setup import recorded
+from ftbias_jax.setup import fields, recorded
 from ftbias_jax.setup.chains import CONVENTIONS, FIXED, UNITS
-from ftbias_jax.setup.fields import (
-    ANY,
-    Range,
-    Section,
-    check_keys,
-    flag,
-    names,
-    rows,
-    scalar,
-    subsection,
-    text,
-    vector,
-)
+from ftbias_jax.setup.fields import Range, Section
 from ftbias_jax.setup.robots import BUILT_IN
 from ftbias_jax.setup.types import COMPENSATED, JOINT_MODELS, REPORTS
 
@@ -56,7 +44,7 @@ class Key(NamedTuple):
     size: int = 1
     """How many numbers or names, or PER_JOINT, or SEVERAL."""
     expand: bool = False
-    within: Range = ANY
+    within: Range = fields.ANY
     """What every number may be."""
     default: Any = None
     """None = it has none."""
@@ -166,12 +154,12 @@ def key_of(full_name: str) -> Key | None:
 def open_section(parent: Section, key: str, *, required: bool = False) -> Section:
     """The table at a key, all of whose keys are known; an absent one that is not required is empty."""
     known = section_keys(parent.path(key))
-    return subsection(parent, key, known.keys, required=required or known.required)
+    return fields.subsection(parent, key, known.keys, required=required or known.required)
 
 
 def check_section(section: Section) -> Section:
     """The section itself, if all its keys are known."""
-    return check_keys(section, section_keys(section.name).keys)
+    return fields.check_keys(section, section_keys(section.name).keys)
 
 
 def read(section: Section, key: str, size: int | None = None, default: Any = None) -> Any:
@@ -194,20 +182,24 @@ def read(section: Section, key: str, size: int | None = None, default: Any = Non
     if key not in section.values and default is None and not known.required:
         return None
     count = known.size if size is None else size
+    value = section.values.get(key, default)
     if count == SEVERAL:
-        value = section.values.get(key)
         count = max(len(value), 1) if isinstance(value, list) else 1
     match known.kind:
+        case Kind.NUMBER if isinstance(value, list):
+            raise section.error(key, f"expected one number, got {fields.show(value)}", "write it without brackets")
         case Kind.NUMBER:
-            return scalar(section, key, default, within=known.within)
+            return float(fields.vector(section, key, 1, default, within=known.within)[0])
         case Kind.NUMBERS:
-            return vector(section, key, count, default, within=known.within, expand=known.expand)
+            return fields.vector(section, key, count, default, within=known.within, expand=known.expand)
         case Kind.TEXT:
-            return text(section, key, default, known.choices)
+            return fields.text(section, key, default, known.choices)
+        case Kind.FLAG if not isinstance(value, bool):
+            raise section.error(key, f"expected true or false, got {fields.show(value)}", "write it without quotes")
         case Kind.FLAG:
-            return flag(section, key, default)
+            return value
         case Kind.NAMES:
-            return names(section, key, count)
+            return fields.names(section, key, count)
         case Kind.ROWS:
-            return rows(section, key, count)
-    raise TypeError(f"{section.path(key)} is {known.kind.value}, which has no single value")
+            return fields.rows(section, key, count)
+    raise TypeError(f"{section.path(key)} is a {known.kind.value}, which has no single value")

@@ -14,8 +14,7 @@ from xml.parsers import expat
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.files import no_regular_file
-from ftbias_jax.setup.fields import nearest
+from ftbias_jax.setup.fields import nearest, read_file
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.types import Array
 
@@ -77,17 +76,7 @@ def load_urdf(path: str | os.PathLike[str]) -> Urdf:
         SetupError: it cannot be read, is larger than MAX_BYTES, no URDF, or contradicts itself.
     """
     file = os.fspath(path)
-    remedy = "give the path of a URDF"
-    try:
-        if kind := no_regular_file(file):
-            raise SetupError(kind, file=file, remedy=remedy)
-        with open(file, "rb") as stream:
-            content = stream.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # the latter: a zero byte in the name
-        words = getattr(error, "strerror", None) or error
-        raise SetupError(f"cannot be read: {words}", file=file, remedy=remedy) from error
-    if len(content) > MAX_BYTES:
-        raise SetupError(f"is larger than {MAX_BYTES >> 20} MiB", file=file, remedy="give a URDF, not a mesh")
+    content = read_file(file, MAX_BYTES, "give the path of a URDF", "give a URDF, not a mesh")
     root = _parse(content, file)
     if root.tag != "robot":
         raise SetupError(f"is no URDF: it is a <{root.tag}>", file=file, remedy="give a file with a <robot>")

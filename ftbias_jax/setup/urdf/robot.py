@@ -6,7 +6,7 @@ import numpy as np
 
 from ftbias_jax.setup.chains import prismatic_screw, revolute_screw
 from ftbias_jax.setup.fields import nearest, read_only
-from ftbias_jax.setup.types import RobotSetup, ToolSetup
+from ftbias_jax.setup.types import RobotSetup, ToolSetup, inertia_matrix
 from ftbias_jax.setup.urdf.read import FIXED, SLIDING, TURNING, Joint, Pose, Urdf, numbers_of, origin_of
 from ftbias_jax.types import Array
 
@@ -85,8 +85,7 @@ def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: Pose) -> ToolSetup:
     moments = inertial.find("inertia")
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     values = [0.0] * 6 if moments is None else [numbers_of(moments, k, 1, (0.0,), urdf, field)[0] for k in names]
-    xx, xy, xz, yy, yz, zz = values
-    inertia = (turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)[np.triu_indices(3)]
+    inertia = (turn @ inertia_matrix(np.array(values)) @ turn.T)[np.triu_indices(3)]
     return ToolSetup(float(kilograms), read_only(center), read_only(inertia))
 
 
