@@ -78,10 +78,7 @@ class Fleet(NamedTuple):
 
 
 def read_fleet(folders: Sequence[str]) -> Fleet:
-    """What all manifests in folders and below them say.
-
-    Args:
-        folders: of results.
+    """What all manifests in folders of results and below them say.
 
     Raises:
         UsageError: there is no manifest. LogError: one is larger than manifests get.
