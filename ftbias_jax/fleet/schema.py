@@ -45,6 +45,12 @@ def _checked(content: Mapping[str, Any], checks: Mapping[str, Callable[[Any], An
     return {name: checks[name](value) for name, value in content.items()}
 
 
+def seconds_of(date: str) -> float:
+    """s since 1970 of a date in ISO 8601."""
+    parsed = datetime.fromisoformat(date)
+    return ((parsed if parsed.tzinfo else parsed.replace(tzinfo=UTC)) - datetime.fromtimestamp(0, UTC)).total_seconds()
+
+
 def _need(holds: bool) -> None:
     if not holds:
         raise ValueError("not what the program writes")
@@ -100,9 +106,7 @@ def _quality(value: Any) -> dict[str, Any]:
 
 def _quantity(name: str, value: Any) -> None:
     if name == "date":
-        date = datetime.fromisoformat(_text(value))
-        date = date if date.tzinfo else date.replace(tzinfo=UTC)
-        _need(FIRST_DATE - 1 < (date - datetime.fromtimestamp(0, UTC)).total_seconds() < LAST_DATE + 1)
+        _need(FIRST_DATE - 1 < seconds_of(_text(value)) < LAST_DATE + 1)
     elif name in VECTORS:
         _need(isinstance(value, list) and len(value) == VECTORS[name])
         for number in value:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.setup.chains import Pose
 from ftbias_jax.setup.fields import Section, check_keys, read_only, refuse, show, subsection, table, text
 from ftbias_jax.setup.keys.table import SECTIONS, open_section, read, top_sections
 from ftbias_jax.setup.parse_robot import robot_section, urdf_path
@@ -32,7 +33,7 @@ from ftbias_jax.setup.types import (
     inertia_matrix,
     unknown_tool,
 )
-from ftbias_jax.setup.urdf.read import Pose, load_urdf
+from ftbias_jax.setup.urdf.read import load_urdf
 from ftbias_jax.setup.urdf.robot import urdf_tool
 from ftbias_jax.types import Array
 

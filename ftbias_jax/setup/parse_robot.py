@@ -74,8 +74,8 @@ def _dh_robot(section: Section, gravity: Array) -> RobotSetup:
     require(section, "dh_convention", f"say which, as the table's source does: {' or '.join(CONVENTIONS)}")
     convention = read(section, "dh_convention")
     table, joint_names = read_dh(section, "dh", convention, read(section, "dh_units"))
-    screws, translation, rotation = map(read_only, dh_chain(table, convention))
-    return RobotSetup(screws, joint_names, translation, rotation, gravity)
+    screws, flange = dh_chain(table, convention)
+    return RobotSetup(read_only(screws), joint_names, read_only(flange.translation), read_only(flange.rotation), gravity)
 
 
 def _screw_robot(section: Section, gravity: Array) -> RobotSetup:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.setup.chains import dh_chain, moved, read_dh, revolute_screw
+from ftbias_jax.setup.chains import Pose, dh_chain, pose_at, read_dh, revolute_screw
 from ftbias_jax.setup.fields import Section, read_only
 from ftbias_jax.setup.types import RobotSetup
 from ftbias_jax.types import Array
@@ -53,33 +53,27 @@ def _arm(model: str) -> dict[str, Any]:
     if "dh" in data:
         table = Section(data | {"joint_names": _names(data)}, model, "arms.toml")
         rows, names = read_dh(table, "dh", data["convention"], "m,deg")
-        screws, position, rotation = dh_chain(rows, data["convention"])
+        screws, flange = dh_chain(rows, data["convention"])
     else:
-        joints = data["joints"]
-        screws, position, rotation = _of_joints(joints, data["flange"])
+        joints, pose, axes = data["joints"], pose_at(), []
+        for joint in joints:  # each stands on the one before it, as in a URDF
+            pose = pose.then(_place(joint))
+            axes.append(revolute_screw(pose.rotation @ _axis(joint.get("axis", "z")), pose.translation))
+        screws, flange = np.stack(axes), pose.then(_place(data["flange"]))
         names = tuple(joint["name"] for joint in joints)
         travel = [joint.get("range", (-np.inf, np.inf)) for joint in joints]
         limits = {"position_limits": travel, "velocity_limits": [joint["speed"] for joint in joints]}
     return {
         "screws": read_only(screws),
         "joint_names": names,
-        "flange_translation": read_only(position),
-        "flange_rotation": read_only(rotation),
+        "flange_translation": read_only(flange.translation),
+        "flange_rotation": read_only(flange.rotation),
         **{name: read_only(np.radians(degrees)) for name, degrees in limits.items()},
     }
 
 
-def _of_joints(joints: list[Mapping[str, Any]], flange: Mapping[str, Any]) -> tuple[Array, Array, Array]:
-    """Screws and flange of joints that stand one on the other as in a URDF."""
-    frame, screws = (np.zeros(3), np.eye(3)), []
-    for joint in joints:
-        frame = _placed(frame, joint)
-        screws.append(revolute_screw(frame[1] @ _axis(joint.get("axis", "z")), frame[0]))
-    return np.stack(screws), *_placed(frame, flange)
-
-
-def _placed(frame: tuple[Array, Array], place: Mapping[str, Any]) -> tuple[Array, Array]:
-    return moved(*frame, place["xyz"], np.radians(place.get("rpy", (0.0, 0.0, 0.0))))
+def _place(place: Mapping[str, Any]) -> Pose:
+    return pose_at(place["xyz"], np.radians(place.get("rpy", (0.0, 0.0, 0.0))))
 
 
 def _names(data: Mapping[str, Any]) -> list[str]:
