@@ -80,8 +80,8 @@ def dh_chain(table: Sequence[Row], convention: str) -> tuple[Array, Pose]:
     return np.array(screws).reshape(-1, 6), pose
 
 
-def read_dh(section: Section, key: str, convention: str, units: str) -> tuple[tuple[Row, ...], tuple[str, ...]]:
-    """A Denavit-Hartenberg table with its joints' names, if it can be that of an arm.
+def read_dh(section: Section, key: str, convention: str, units: str) -> tuple[Array, Pose, tuple[str, ...]]:
+    """Screws, flange and names of the joints of a Denavit-Hartenberg table, if it can be that of an arm.
 
     The section has the table, rows of a, alpha, d, theta, and perhaps "fixed", and perhaps ``joint_names``; convention
     and units are of CONVENTIONS and UNITS.
@@ -109,9 +109,9 @@ def read_dh(section: Section, key: str, convention: str, units: str) -> tuple[tu
         numbers[:, [0, 2]] /= 1e3
     if angle == "deg":
         numbers[:, [1, 3]] = np.radians(numbers[:, [1, 3]])
-    table = tuple(Row(a, alpha, d, theta, i in joints) for i, (a, alpha, d, theta) in enumerate(numbers.tolist()))
+    table = [Row(a, alpha, d, theta, i in joints) for i, (a, alpha, d, theta) in enumerate(numbers.tolist())]
     _check_reach(section, key, table, convention, length)
-    return table, labels
+    return *dh_chain(table, convention), labels
 
 
 def _check_angles(section: Section, key: str, angles: Array, unit: str) -> None:

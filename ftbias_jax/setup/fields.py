@@ -32,12 +32,17 @@ class Section(NamedTuple):
 
 
 class Range(NamedTuple):
-    """What a number may be, in words for the message and as a bound."""
+    """What a number may be."""
 
-    words: str
     lowest: float = -np.inf
     open: bool = False
     """The bound itself is outside."""
+
+    @property
+    def words(self) -> str:
+        """For messages."""
+        bounded = f"greater than {self.lowest:g}" if self.open else f"{self.lowest:g} or more"
+        return bounded if np.isfinite(self.lowest) else "finite"
 
     def holds(self, values: Array) -> bool:
         """Whether all values lie inside."""
@@ -45,9 +50,7 @@ class Range(NamedTuple):
 
 
 LARGEST = 1e30  # in size: far above every quantity of a setup, and squares of it are still finite
-ANY = Range("finite")
-NOT_NEGATIVE = Range("0 or more", 0.0)
-POSITIVE = Range("greater than 0", 0.0, open=True)
+ANY = Range()
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -88,10 +91,8 @@ def read_file(file: str, most: int, remedy: str, instead: str) -> bytes:
         with open(file, "rb") as stream:
             content = stream.read(most + 1)
     except (OSError, ValueError) as error:  # the latter: a zero byte in the name
-        words = getattr(error, "strerror", None) or error
-        raise SetupError(
-            f"cannot be read: {words}", file=file or "the setup with an empty name", remedy=remedy
-        ) from error
+        message = f"cannot be read: {getattr(error, 'strerror', None) or error}"
+        raise SetupError(message, file=file or "the setup with an empty name", remedy=remedy) from error
     if len(content) > most:
         raise SetupError(f"is larger than {most >> 20} MiB", file=file, remedy=instead)
     return content
@@ -180,7 +181,7 @@ def vector(
         within: the range of every number.
         expand: one number stands for all; of six, two stand for three forces and three torques.
     """
-    sizes = {size} | ({1} if expand or size == 1 else set()) | ({2} if expand and size == 6 else set())
+    sizes = sizes_of(size, expand)
     remedy = f"give {_spell(sizes)}, each {within.words}"
     value = require(section, key, remedy) if default is None else section.values.get(key, default)
     flat = value if isinstance(value, list | tuple | np.ndarray) else [value]
@@ -196,6 +197,11 @@ def vector(
     return read_only(np.array(np.repeat(numbers, size // len(flat))))
 
 
+def sizes_of(size: int, expand: bool) -> list[int]:
+    """How many numbers may be written for ``size`` of them."""
+    return sorted({size} | ({1} if expand else set()) | ({2} if expand and size == 6 else set()))
+
+
 def _floats(items: Iterable[float]) -> Array:
     try:
         return np.array([float(item) for item in items])
@@ -203,6 +209,6 @@ def _floats(items: Iterable[float]) -> Array:
         return np.array([np.inf])
 
 
-def _spell(sizes: set[int]) -> str:
+def _spell(sizes: Iterable[int]) -> str:
     words = {1: "one number", 2: "two (force, torque)"}
-    return " or ".join(words.get(size, f"{size} numbers") for size in sorted(sizes))
+    return " or ".join(words.get(size, f"{size} numbers") for size in sizes)

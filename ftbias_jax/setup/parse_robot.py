@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ftbias_jax.setup.chains import CONVENTIONS, dh_chain, prismatic_screw, read_dh, revolute_screw
+from ftbias_jax.setup.chains import CONVENTIONS, prismatic_screw, read_dh, revolute_screw
 from ftbias_jax.setup.fields import Section, read_only, refuse, require, show, subsection
 from ftbias_jax.setup.keys.table import check_section, open_section, read
 from ftbias_jax.setup.recorded import POSE, PoseSetup
@@ -73,9 +73,9 @@ def _dh_robot(section: Section, gravity: Array) -> RobotSetup:
     refuse(section, ("model", "joints", "flange"), "excluded by robot.dh")
     require(section, "dh_convention", f"say which, as the table's source does: {' or '.join(CONVENTIONS)}")
     convention = read(section, "dh_convention")
-    table, joint_names = read_dh(section, "dh", convention, read(section, "dh_units"))
-    screws, flange = dh_chain(table, convention)
-    return RobotSetup(read_only(screws), joint_names, read_only(flange.translation), read_only(flange.rotation), gravity)
+    screws, flange, joint_names = read_dh(section, "dh", convention, read(section, "dh_units"))
+    translation, rotation = map(read_only, flange)
+    return RobotSetup(read_only(screws), joint_names, translation, rotation, gravity)
 
 
 def _screw_robot(section: Section, gravity: Array) -> RobotSetup:

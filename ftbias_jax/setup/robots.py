@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.setup.chains import Pose, dh_chain, pose_at, read_dh, revolute_screw
+from ftbias_jax.setup.chains import Pose, pose_at, read_dh, revolute_screw
 from ftbias_jax.setup.fields import Section, read_only
 from ftbias_jax.setup.types import RobotSetup
 from ftbias_jax.types import Array
@@ -52,8 +52,7 @@ def _arm(model: str) -> dict[str, Any]:
     limits = {}
     if "dh" in data:
         table = Section(data | {"joint_names": _names(data)}, model, "arms.toml")
-        rows, names = read_dh(table, "dh", data["convention"], "m,deg")
-        screws, flange = dh_chain(rows, data["convention"])
+        screws, flange, names = read_dh(table, "dh", data["convention"], "m,deg")
     else:
         joints, pose, axes = data["joints"], pose_at(), []
         for joint in joints:  # each stands on the one before it, as in a URDF

@@ -104,9 +104,9 @@ def _key(name: str, entry: dict[str, Any]) -> Key:
     (kind,) = (kind for kind in Kind if kind.value in entry)
     meaning = entry.pop(kind.value)
     if "above" in entry:
-        entry["within"] = Range(f"greater than {entry['above']:g}", entry.pop("above"), open=True)
+        entry["within"] = Range(entry.pop("above"), open=True)
     if "least" in entry:
-        entry["within"] = Range(f"{entry['least']:g} or more", entry.pop("least"))
+        entry["within"] = Range(entry.pop("least"))
     entry["size"] = {"joints": PER_JOINT, "events": SEVERAL}.get(entry.get("size", 1), entry.get("size", 1))
     choices = _CHOICES.get(name, _CHOICES.get(name.rpartition(".")[0], ())) if kind in (Kind.TEXT, Kind.ROWS) else ()
     return Key(kind, meaning, choices=tuple(choices), **{word: _fixed(value) for word, value in entry.items()})
