@@ -71,16 +71,11 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def edited_text(setup: Setup, target: str = "") -> str:
-    """The text of a setup for a file.
+    """The text of a setup for a file, the ``target``, whose folder a relative ``robot.urdf`` starts at.
 
-    Args:
-        setup: with the text that it was read from, or without; what it says may have changed since.
-        target: the file to write, whose folder a relative ``robot.urdf`` starts at.
-
-    Returns:
-        the old text with the changed values, new keys at the end of their sections, and ``setup.comments`` on the
-        lines of what changed; the whole setup written anew, if it was not read from a text, or if a list of screws
-        changed.
+    It is the text that the setup was read from with the changed values, new keys at the end of their sections, and
+    ``setup.comments`` on the lines of what changed; the whole setup written anew, if it was not read from a text, or
+    if a list of screws changed.
     """
     if not setup.source:
         return dump_setup(setup)

@@ -131,11 +131,7 @@ def top_sections() -> tuple[str, ...]:
 
 
 def further_columns(columns: Mapping[str, str | tuple[str, ...]]) -> dict[str, str]:
-    """Columns that effects see by a name of the owner's choice: their name in the file.
-
-    Args:
-        columns: [log.columns] of a setup.
-    """
+    """Of [log.columns] those that effects see by a name of the owner's choice: their names in the file."""
     known = SECTIONS["log.columns"].keys
     return {key: name for key, name in columns.items() if key not in known and isinstance(name, str)}
 

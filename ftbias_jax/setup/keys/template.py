@@ -24,12 +24,9 @@ class Known(NamedTuple):
 
 
 def write_template(known: Mapping[str, Known], about: str = "") -> str:
-    """The text of a setup.
+    """The text of a setup: what is known of full keys such as ``sensor.noise_std``, below lines on what it is about.
 
-    Args:
-        known: full key such as ``sensor.noise_std`` -> its value. The other keys of the sections become comments; those
-            of TO_MEASURE say so.
-        about: lines at the top.
+    The other keys of the sections become comments; those of TO_MEASURE say so.
     """
     parts = ["".join(f"#{toml_comment(line)[3:]}\n" if line else "#\n" for line in about.splitlines())]
     for name in SECTIONS:
