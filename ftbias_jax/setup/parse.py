@@ -16,7 +16,7 @@ import numpy as np
 
 from ftbias_jax.setup.chains import Pose
 from ftbias_jax.setup.fields import Section, check_keys, read_only, refuse, show, subsection, table, text
-from ftbias_jax.setup.keys.table import SECTIONS, open_section, read, top_sections
+from ftbias_jax.setup.keys.table import SECTIONS, open_section, read, read_all, top_sections
 from ftbias_jax.setup.parse_robot import robot_section, urdf_path
 from ftbias_jax.setup.recorded import LogSetup, PoseSetup
 from ftbias_jax.setup.rotations import rotation_from_rpy
@@ -58,14 +58,9 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
     robot = robot_section(top, pose)
     n = len(robot.joint_names)
     sensor, joints, log = _sensor(top), _joints(top, n, pose), _log(top, n, pose)
-    tool, bias, data_noise = _tool(top, sensor), BiasSetup(**_values(open_section(top, "bias"))), _data_noise(top)
+    tool, bias, data_noise = _tool(top, sensor), BiasSetup(**read_all(open_section(top, "bias"))), _data_noise(top)
     urdf = urdf_path(table(top, "robot"))
     return Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, file, urdf)
-
-
-def _values(section: Section, apart: Collection[str] = ()) -> dict[str, Any]:
-    """All values of a section, but for some keys."""
-    return {key: read(section, key) for key in SECTIONS[section.name].keys if key not in apart}
 
 
 def _sensor(top: Section) -> SensorSetup:
@@ -76,7 +71,7 @@ def _sensor(top: Section) -> SensorSetup:
     if isinstance(whole := section.values.get("compensated"), bool):  # true is all of the tool's wrench
         section = section._replace(values={**section.values, "compensated": COMPENSATED[2 if whole else 0]})
     times = read(section, "rezeroed_at")
-    values = _values(section, ("rezeroed_at",))
+    values = read_all(section, ("rezeroed_at",))
     rezeroed_at = () if times is None else tuple(map(float, np.sort(times)))
     rotation = read_only(rotation_from_rpy(read(section, "rotation_rpy")))
     return SensorSetup(rotation=rotation, rezeroed_at=rezeroed_at, **values)
@@ -86,7 +81,7 @@ def _tool(top: Section, sensor: SensorSetup) -> ToolSetup:
     section = open_section(top, "tool")
     if "from_urdf_link" in section.values:
         return _urdf_tool(section, table(top, "robot"), sensor)
-    values = _values(section, ("from_urdf_link",))
+    values = read_all(section, ("from_urdf_link",))
     _check_inertia(values["inertia"], section, "inertia")
     unknown = unknown_tool()
     return ToolSetup(**{key: getattr(unknown, key) if value is None else value for key, value in values.items()})
@@ -117,7 +112,7 @@ def _joints(top: Section, n: int, pose: PoseSetup | None) -> JointSetup:
     """[joints]: of n of them, or of the entries of a recorded pose, which has defaults of its own."""
     section = open_section(top, "joints")
     noise = {key: read(section, key, n, getattr(pose, key, None)) for key in PER_JOINT}
-    return JointSetup(**noise, **_values(section, PER_JOINT))
+    return JointSetup(**noise, **read_all(section, PER_JOINT))
 
 
 def _data_noise(top: Section) -> DataNoiseSetup | None:
@@ -150,7 +145,7 @@ def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
         raise log.error("time_offsets", f"names {', '.join(others)}, which has no file in log.files", remedy)
     part = subsection(log, "columns", _column_keys(log, known))
     columns = {key: read(part, key, sizes.get(key)) if key in known else text(part, key, "") for key in part.values}
-    stated = {**tables, **_values(log, ("columns", *tables))}
+    stated = {**tables, **read_all(log, ("columns", *tables))}
     return LogSetup(columns, **stated)
 
 

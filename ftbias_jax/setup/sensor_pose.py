@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ftbias_jax.setup.fields import Section, read_only, refuse, require
-from ftbias_jax.setup.keys.table import open_section, read
+from ftbias_jax.setup.keys.table import open_section, read, read_all
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.types import Setup
@@ -30,23 +30,16 @@ def parse_pose(top: Section) -> PoseSetup | None:
         refuse(section, ("frame",), "TF has quaternions", "leave orientation out")
     if "base" in section.values:
         require(section, "frame", "name the frame of TF that the sensor is mounted on")
-    orientation_std, position_std, turn_std, slide_std = (
-        read(section, f"{name}_noise_std")
-        for name in ("orientation", "position", "angular_velocity", "linear_velocity")
-    )
+    names = ("orientation", "position", "angular_velocity", "linear_velocity")
+    orientation, position, turn, slide = (read(section, f"{name}_noise_std") for name in names)
+    values = read_all(section, ("imu_rotation_rpy", *(f"{name}_noise_std" for name in names)))
+    values |= {key: values[key] or "" for key in ("frame", "base")}
     # An angle moves the quaternion by half of it.
     return PoseSetup(
-        orientation=read(section, "orientation"),
-        linear=linear,
-        position_noise_std=_entries(orientation_std / 2, position_std, linear),
-        velocity_noise_std=_entries(turn_std / 2, slide_std, linear),
-        acceleration_std=read(section, "acceleration_std"),
-        frame=read(section, "frame") or "",
-        base=read(section, "base") or "",
-        conjugate=read(section, "conjugate"),
-        position_axes=read(section, "position_axes"),
-        gyroscope=read(section, "gyroscope"),
+        position_noise_std=_entries(orientation / 2, position, linear),
+        velocity_noise_std=_entries(turn / 2, slide, linear),
         imu_rotation=rotation_from_rpy(read(section, "imu_rotation_rpy")),
+        **values,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from enum import Enum
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -199,3 +199,8 @@ def read(section: Section, key: str, size: int | None = None, default: Any = Non
         case Kind.ROWS:
             return fields.rows(section, key, count)
     raise TypeError(f"{section.path(key)} is a {known.kind.value}, which has no single value")
+
+
+def read_all(section: Section, apart: Collection[str] = ()) -> dict[str, Any]:
+    """All values of a section by their keys, but for some."""
+    return {key: read(section, key) for key in section_keys(section.name).keys if key not in apart}
