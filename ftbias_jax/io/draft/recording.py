@@ -13,8 +13,8 @@ from ftbias_jax.io.pose import rotate
 from ftbias_jax.io.ros.collect import Stream, Wanted
 from ftbias_jax.io.ros.messages import JOINT_STATE, TF, WRENCH_STAMPED
 from ftbias_jax.io.ros.record import Recording, read_recording
-from ftbias_jax.setup.chains import Pose
 from ftbias_jax.setup.keys.template import Known
+from ftbias_jax.setup.urdf.read import Pose
 
 CONTROLLER = "_controller"
 """What UR's driver puts behind the name of a frame that the controller reports."""

@@ -8,12 +8,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.setup.chains import Pose
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.keys.template import Known
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot, describe_robot
 from ftbias_jax.setup.rotations import rpy_from_rotation
-from ftbias_jax.setup.urdf.read import FIXED, Urdf, load_urdf
+from ftbias_jax.setup.urdf.read import FIXED, Pose, Urdf, load_urdf
 
 Keys = dict[str, Known]
 FLANGES = ("tool0", "flange", "link_ee", "lbr_link_ee", "link_eef", "panda_link8", "fr3_link8", "end_effector_link")

@@ -14,7 +14,8 @@ from xml.parsers import expat
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.setup.chains import Pose, pose_at
+from ftbias_jax.setup.chains import Pose as Pose
+from ftbias_jax.setup.chains import pose_at
 from ftbias_jax.setup.fields import nearest, read_file
 from ftbias_jax.types import Array
 
