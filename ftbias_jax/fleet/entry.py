@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -92,14 +91,7 @@ class Entry(NamedTuple):
 
 
 def settings_of(job: str, setup: Setup, choices: Mapping[str, Any], own: Iterable[str] = ()) -> Settings:
-    """What a run works with; the setup is hashed here, once for all logs.
-
-    Args:
-        job: the command.
-        setup: of all logs.
-        choices: what was asked for beside it, plain numbers and words.
-        own: files or packages with effects of one's own.
-    """
+    """What a run works with, plain ``choices`` and ``own`` effects in files; the setup is hashed once for all logs."""
     sums = {f"effects {path}": sha256_of(path) for path in own if Path(path).is_file()}
     setup_sha256 = hashlib.sha256(dump_setup(setup).encode()).hexdigest()
     robot = setup.robot.name or f"{setup.robot.model} ({setup.path})"
@@ -109,18 +101,15 @@ def settings_of(job: str, setup: Setup, choices: Mapping[str, Any], own: Iterabl
 def state_of(paths: Sequence[str]) -> LogState:
     """Size and times of the files of a log together, without their sum; a folder stands for its files."""
     there = [size_and_time(path) for path in paths if is_url(path)]
-    files = [file for path in paths if not is_url(path) for file in _files_in(path)]
-    states = [file.stat() for file in files if file.exists()]
+    local = [Path(path) for path in paths if not is_url(path)]
+    files = [file for path in local for file in (path.rglob("*") if path.is_dir() else [path])]
+    states = [file.stat() for file in files if file.is_file()]
     return LogState(
         sum(state.st_size for state in states) + sum(size for size, _ in there),
         min(max((*(state.st_mtime_ns for state in states), *(at for _, at in there)), default=0), LATEST_NS),
         max((state.st_ctime_ns for state in states), default=0),
         "",
     )
-
-
-def _files_in(path: str) -> list[Path]:
-    return sorted(file for file in Path(path).rglob("*") if file.is_file()) if os.path.isdir(path) else [Path(path)]
 
 
 def with_sum(state: LogState, paths: Sequence[str]) -> LogState:
@@ -133,16 +122,10 @@ def is_same(before: LogState, now: LogState, paths: Sequence[str]) -> LogState |
 
     Nobody can change a file and keep the operating system's time of change, so a log with the same times is not read.
     With others it is: a copy or a restored backup has other times and the same content.
-
-    Args:
-        before: as the manifest has it.
-        now: as ``state_of`` gives it.
-        paths: its files.
     """
-    times_agree = now.modified_ns == before.modified_ns and now.changed_ns == before.changed_ns
     if now.bytes != before.bytes:
         return None
-    if times_agree:
+    if (now.modified_ns, now.changed_ns) == (before.modified_ns, before.changed_ns):
         return before
     if not before.sha256:  # of a manifest without sums
         return before if now.modified_ns == before.modified_ns and not before.changed_ns else None

@@ -47,10 +47,6 @@ def is_folder(output: str) -> bool:
 def expand(arguments: Sequence[str], patterns: Patterns = ONE_FILE) -> list[str]:
     """The logs that arguments name, in their order: folders and patterns become what is in them.
 
-    Args:
-        arguments: as given to the command.
-        patterns: [log.files] of the setup.
-
     Raises:
         UsageError: an argument names no log. LogError: a folder cannot be read.
     """
@@ -66,23 +62,16 @@ def inputs(logs: Sequence[str], patterns: Patterns) -> list[str]:
 def find_logs(arguments: Sequence[str], folder: str, suffix: str, patterns: Patterns = ONE_FILE) -> list[Task]:
     """The logs that paths, folders and patterns name, sorted; each has its own result.
 
-    Args:
-        arguments: as given to the command.
-        folder: of the results, which is not searched.
-        suffix: of the results.
-        patterns: [log.files] of the setup; the file of the wrench names the log and its result.
+    The folder of the results, which have a suffix of their own, is not searched. With patterns, [log.files] of the
+    setup, the file of the wrench names the log and its result.
 
     Raises:
         UsageError: an argument names no log, or two logs would have one result. LogError: a folder cannot be read, or
             a result would not be in the folder.
     """
-    found: dict[str, str] = {}
-    roots = []
-    for argument in arguments:
-        root, logs = _named_by(argument, os.path.realpath(folder), patterns)
-        roots.append(root)
-        found |= {os.path.abspath(log): log for log in logs}
-    base = os.path.commonpath([os.path.abspath(root) for root in roots])
+    named = [_named_by(argument, os.path.realpath(folder), patterns) for argument in arguments]
+    found = {os.path.abspath(log): log for _, logs in named for log in logs}
+    base = os.path.commonpath([os.path.abspath(root) for root, _ in named])
     tasks: dict[str, Task] = {}
     for path, log in sorted(found.items()):
         place = os.path.abspath(shown(log)) if is_url(log) else path

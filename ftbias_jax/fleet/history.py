@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ import numpy as np
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.entry import FAILED, LOSS, OK, Entry, Settings
 from ftbias_jax.fleet.manifest import read_manifests
+from ftbias_jax.fleet.schema import seconds_of
 from ftbias_jax.types import Array
 
 UNKNOWN = "not named"
@@ -78,10 +78,7 @@ class Fleet(NamedTuple):
 
 
 def read_fleet(folders: Sequence[str]) -> Fleet:
-    """What all manifests in folders and below them say.
-
-    Args:
-        folders: of results.
+    """What all manifests in folders of results and below them say.
 
     Raises:
         UsageError: there is no manifest. LogError: one is larger than manifests get.
@@ -122,16 +119,10 @@ def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Fl
         log=every[-1].log,
         robot=robot or UNKNOWN,
         sensor=sensor,
-        date=every[-1].state.modified_ns / 1e9 if date is None else _seconds(date),
+        date=every[-1].state.modified_ns / 1e9 if date is None else seconds_of(date),
         dated=date is not None,
         status=FAILED if FAILED in statuses else LOSS if LOSS in statuses else OK,
         troubles=tuple(dict.fromkeys(x for e in every for x in ((e.error,) if e.error else e.repairs))),
         quality=quality,
         report=next((path for path in reversed(reports) if os.path.isfile(path)), ""),
     )
-
-
-def _seconds(date: str) -> float:
-    """s since 1970 of a date in ISO 8601."""
-    parsed = datetime.fromisoformat(date)
-    return (parsed if parsed.tzinfo else parsed.replace(tzinfo=UTC)).timestamp()

@@ -11,8 +11,8 @@ import json
 import os
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 from ftbias_jax.errors import LogError, OutputError
@@ -26,6 +26,8 @@ SYNC_SECONDS = 1.0
 """Lines are flushed to disk at least so often; logs done since are done again if the machine loses its power."""
 LONGEST_LINE = 2**20
 """Bytes; a line of one log has about a thousand."""
+DAMAGED = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
+"""What is raised over a line that the program does not write."""
 MOST_BYTES, MOST_OLD_BYTES = 128 * 2**20, 16 * 2**20
 """Of a manifest, about 120,000 logs, which take 0.6 GB of memory; of one of schema 1, which is read as a whole."""
 
@@ -55,29 +57,20 @@ class Manifest:
         self.path = path
         self._synced = time.monotonic()
         refuse_link(path)
-        try:
+        with _errors_of(path):
             self._file = open_to_append(path)
             if _ends_in_the_middle(path):
                 self._file.write(b"\n")
-        except OSError as error:
-            raise self._failed(error) from error
 
     def add(self, kind: str, content: Mapping[str, Any]) -> None:
-        """Add a line.
-
-        Args:
-            kind: "log", "settings" or "run".
-            content: plain numbers, words, lists and dicts.
-        """
+        """Add a line of the kind "log", "settings" or "run": plain numbers, words, lists and dicts."""
         line = json.dumps({kind: content}, allow_nan=False, separators=(",", ":")) + "\n"
-        try:
+        with _errors_of(self.path):
             self._file.write(line.encode())
             self._file.flush()
             if time.monotonic() > self._synced + SYNC_SECONDS:
                 os.fsync(self._file.fileno())
                 self._synced = time.monotonic()
-        except OSError as error:
-            raise self._failed(error) from error
 
     def add_entry(self, entry: Entry) -> None:
         """Add what became of a log."""
@@ -86,18 +79,19 @@ class Manifest:
     def __enter__(self) -> Manifest:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        # After another failure that one is told.
+        with _errors_of(self.path) if error is None else suppress(OSError):
             self._file.close()
-        except OSError as failed:
-            if error is None:  # else the first failure is the one to tell
-                raise self._failed(failed) from failed
 
-    def _failed(self, error: OSError) -> OutputError:
+
+@contextmanager
+def _errors_of(path: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
         remedy = "check that the folder exists, may be written to and has room"
-        return OutputError(f"cannot be written: {error.strerror or error}", file=self.path, remedy=remedy)
+        raise OutputError(f"cannot be written: {error.strerror or error}", file=path, remedy=remedy) from error
 
 
 def manifest_name(job: str, index: int, count: int) -> str:
@@ -136,24 +130,19 @@ def damaged_in_words(count: int) -> str:
 
 def done_before(folder: str, contents: Contents) -> dict[str, Entry]:
     """The entries whose results are there, by the paths of the results."""
-    return {output: entry for output, entry in contents.entries.items() if _is_there(Path(folder, output), entry)}
-
-
-def _is_there(output: Path, entry: Entry) -> bool:
-    return entry.status in DONE and output.is_file() and output.stat().st_size == entry.output_bytes
+    done = {path: entry for path, entry in contents.entries.items() if entry.status in DONE}
+    sizes = {path: Path(folder, path).stat().st_size for path in done if Path(folder, path).is_file()}
+    return {path: entry for path, entry in done.items() if sizes.get(path) == entry.output_bytes}
 
 
 def is_unchanged(folder: str, entry: Entry) -> bool:
     """Whether all files that were written for a log still have the content that they had then; they are read.
 
-    Args:
-        folder: of the results.
-        entry: of the log; without sums, as earlier versions wrote it, nothing is known of its files.
+    Of an entry without sums, as earlier versions wrote it, nothing is known of its files.
     """
     files = {os.path.join(folder, name): expected for name, expected in entry.sums.items()}
-    return entry.output in entry.sums and all(
-        os.path.isfile(path) and sha256_of(path) == expected for path, expected in files.items()
-    )
+    same = (os.path.isfile(path) and sha256_of(path) == expected for path, expected in files.items())
+    return entry.output in entry.sums and all(same)
 
 
 def read_lines(path: Path) -> Iterator[Entry | Settings | None]:
@@ -171,7 +160,7 @@ def read_lines(path: Path) -> Iterator[Entry | Settings | None]:
                 yield read_settings(content)
             elif kind == "log":
                 yield read_entry(content)
-        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
+        except DAMAGED:
             yield None
 
 
@@ -210,14 +199,15 @@ def _read_old(path: Path) -> Iterator[Entry | Settings | None]:
             made_from = fields["made_from"]
             names = ("log", "output", "status", "error", "repairs", "samples", "output_bytes")
             state = LogState(made_from["log_bytes"], made_from["log_modified_ns"], 0, "")
-            used = Settings("filter", made_from["setup_sha256"], made_from["choices"], made_from["version"])
-            settings = read_settings(used._asdict())
-            known = {name: fields[name] for name in names}
+            used = {name: made_from[name] for name in ("setup_sha256", "choices", "version")}
+            settings = read_settings({"job": "filter", **used})
             yield settings
-            yield read_entry({**known, "state": state._asdict(), "settings": settings.key})
+            yield read_entry(
+                {name: fields[name] for name in names} | {"state": state._asdict(), "settings": settings.key}
+            )
     except OSError:
         return
-    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
+    except DAMAGED:
         yield None
 
 

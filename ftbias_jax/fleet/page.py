@@ -42,13 +42,7 @@ Group = tuple[str, str]
 
 
 def to_page(fleet: Fleet, title: str, folder: str) -> str:
-    """The page.
-
-    Args:
-        fleet: what to show.
-        title: any text.
-        folder: in which the page will be, for links to reports of single logs.
-    """
+    """The page; ``folder`` is where it will be, for links to reports of single logs."""
     groups = fleet.by_robot()
     alarms = {group: alarms_of(records) for group, records in groups.items()}
     gaps = sorted((r for r in fleet.records if r.has_gap), key=lambda r: -np.nan_to_num(r.numbers("gap_sigmas", 1)[0]))
@@ -81,17 +75,17 @@ def _header(fleet: Fleet, alarms: Mapping[Group, Sequence[Alarm]], title: str) -
     records, count = fleet.records, sum(map(len, alarms.values()))
     verdicts = Counter(record.verdict for record in records if record.verdict)
     robots = f"{len(alarms)} robot{'s' if len(alarms) > 1 else ''}"
+    statuses, gaps = Counter(record.status for record in records), sum(record.has_gap for record in records)
     numbers = [
         ("logs", f"{len(records)} of {robots}"),
         ("from", _days(records)),
-        ("failed", str(sum(record.status == FAILED for record in records))),
-        ("lost samples", str(sum(record.status == LOSS for record in records))),
-        ("diagnosed", str(sum(verdicts.values()))),
-        *((verdict_words(verdict), str(times)) for verdict, times in verdicts.most_common()),
+        ("failed", statuses[FAILED]),
+        ("lost samples", statuses[LOSS]),
+        ("diagnosed", verdicts.total()),
+        *((verdict_words(verdict), times) for verdict, times in verdicts.most_common()),
     ]
     items = "".join(f"<div><dt>{escape(term)}</dt><dd>{escape(value)}</dd></div>" for term, value in numbers)
-    failed, gaps = (sum(flags) for flags in zip(*((r.status == FAILED, r.has_gap) for r in records), strict=True))
-    kinds = ((count, "alarm", ""), (failed, "log", " failed"), (gaps, "log", " with a gap"))
+    kinds = ((count, "alarm", ""), (statuses[FAILED], "log", " failed"), (gaps, "log", " with a gap"))
     said = [f"{times} {kind}{'s' if times > 1 else ''}{what}" for times, kind, what in kinds if times]
     words = ", ".join(said) or ("No alarm" if verdicts else "No alarm; no log was diagnosed")
     quiet = "" if said else " class='quiet'"
@@ -107,12 +101,9 @@ def _days(records: Sequence[FleetLog]) -> str:
 
 
 def _alarms(alarms: Mapping[Group, Sequence[Alarm]]) -> str:
-    items = [
-        f"<li><b>{escape(name(group))}</b>: {escape(alarm.text)}</li>"
-        for group, some in alarms.items()
-        for alarm in some
-    ]
-    return f"<ul class='alarms'>{''.join(items)}</ul>" if items else ""
+    every = [(name(group), alarm.text) for group, some in alarms.items() for alarm in some]
+    items = "".join(f"<li><b>{escape(group)}</b>: {escape(text)}</li>" for group, text in every)
+    return f"<ul class='alarms'>{items}</ul>" if items else ""
 
 
 def _overview(groups: Mapping[Group, Sequence[FleetLog]], alarms: Mapping[Group, Sequence[Alarm]]) -> str:
@@ -122,19 +113,11 @@ def _overview(groups: Mapping[Group, Sequence[FleetLog]], alarms: Mapping[Group,
         diagnosed = [record for record in records if record.verdict]
         causes = Counter(cause for record in diagnosed for cause in record.words("causes"))
         with_gap = f"{sum(record.has_gap for record in diagnosed)} of {len(diagnosed)}" if diagnosed else ""
-        rows.append(
-            (
-                name(group),
-                str(len(records)),
-                _days(records),
-                _median(scalars_of(records, "nis")),
-                f"{_median(force)} N, {_median(torque)} Nm" if np.isfinite(force).any() else "",
-                _median(100 * scalars_of(records, "gated_share"), " %"),
-                with_gap,
-                ", ".join(f"{cause} ({times})" for cause, times in causes.most_common(3)),
-                str(len(alarms[group]) or ""),
-            )
-        )
+        ahead = f"{_median(force)} N, {_median(torque)} Nm" if np.isfinite(force).any() else ""
+        gated = _median(100 * scalars_of(records, "gated_share"), " %")
+        found = ", ".join(f"{cause} ({times})" for cause, times in causes.most_common(3))
+        first = (name(group), str(len(records)), _days(records), _median(scalars_of(records, "nis")))
+        rows.append((*first, ahead, gated, with_gap, found, str(len(alarms[group]) or "")))
     head = ("robot", "logs", "dates", "NIS", "error 1 s ahead", "gated", "with a gap", "causes", "alarms")
     return html_table(head, rows)
 
@@ -163,16 +146,17 @@ def _gaps(records: Sequence[FleetLog], folder: str) -> str:
             log = f'<a href="{escape(path)}">{log}</a>'
         rows.append(f'<tr><th scope="row">{log}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in cells)}</tr>')
     head = ("log", "robot", "date", "verdict", "found", "gap [noise sigmas]", "shrinks by")
-    columns = "".join(f'<th scope="col">{column}</th>' for column in head)
-
-    def table(some: Sequence[str]) -> str:
-        content = f"<table><thead><tr>{columns}</tr></thead><tbody>{''.join(some)}</tbody></table>"
-        return f'<div class="scroll" tabindex="0">{content}</div>' if some else ""
-
-    rest = table(rows[FIRST_ROWS:])
-    folded = f"<details><summary>{len(rows) - FIRST_ROWS} more</summary>{rest}</details>" if rest else ""
+    rest = len(rows) - FIRST_ROWS
+    folded = f"<details><summary>{rest} more</summary>{_table(head, rows[FIRST_ROWS:])}</details>" if rest > 0 else ""
     more = _left_out(len(records) - MOST_ROWS, "logs with smaller gaps are in the manifest")
-    return table(rows[:FIRST_ROWS]) + folded + more
+    return _table(head, rows[:FIRST_ROWS]) + folded + more
+
+
+def _table(head: Sequence[str], rows: Sequence[str]) -> str:
+    """As ``html_table``, of rows that are HTML already."""
+    columns = "".join(f'<th scope="col">{column}</th>' for column in head)
+    table = f"<table><thead><tr>{columns}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+    return f'<div class="scroll" tabindex="0">{table}</div>' if rows else ""
 
 
 def _plots(number: int, records: Sequence[FleetLog]) -> str:

@@ -21,17 +21,18 @@ from ftbias_jax.diagnosis.report.svg import (
     tick_words,
     ticks,
 )
-from ftbias_jax.fleet.alarms import day
-from ftbias_jax.fleet.trends import MOST_BINS, Trend
+from ftbias_jax.fleet.alarms import MOST_BINS, Trend, day
 from ftbias_jax.types import Array
 
-MINUTE, HOUR, DAY, YEAR = 60, 3600, 86400, 365.25 * 86400
+SECONDS = {"m": 60.0, "h": 3600.0, "D": 86400.0, "M": 365.25 * 86400 / 12}
+"""Of NumPy's units of time."""
 STEPS = (
-    (MINUTE, "%H:%M"), (5 * MINUTE, "%H:%M"), (15 * MINUTE, "%H:%M"), (HOUR, "%H:%M"), (4 * HOUR, "%d. %H:%M"),
-    (12 * HOUR, "%d. %H:%M"), (DAY, "%m-%d"), (2 * DAY, "%m-%d"), (7 * DAY, "%m-%d"), (14 * DAY, "%m-%d"),
+    (1, "m", "%H:%M"), (5, "m", "%H:%M"), (15, "m", "%H:%M"), (1, "h", "%H:%M"), (4, "h", "%d. %H:%M"),
+    (12, "h", "%d. %H:%M"), (1, "D", "%m-%d"), (2, "D", "%m-%d"), (7, "D", "%m-%d"), (14, "D", "%m-%d"),
+    (1, "M", "%Y-%m"), (2, "M", "%Y-%m"), (3, "M", "%Y-%m"), (6, "M", "%Y-%m"),
+    (12, "M", "%Y"), (24, "M", "%Y"), (60, "M", "%Y"), (120, "M", "%Y"),
 )  # fmt: skip
-"""s between ticks, and how they are written."""
-MONTHS = (1, 2, 3, 6, 12, 24, 60, 120)
+"""Between ticks, and how they are written."""
 WITH_BARS = 80
 """Logs up to which each has an error bar."""
 MOST_DOTS = 400
@@ -43,13 +44,8 @@ def plot_history(
 ) -> str:
     """A quantity of every log against its date: dots with error bars, or dots and medians where there are many.
 
-    Args:
-        name: unique in the page.
-        title: with the unit.
-        t: (N,) s since 1970.
-        y: (N,), NaN = not known.
-        error: (N,) its standard deviation; None = not known.
-        line_of: drawn dashed.
+    The name is unique in the page, the title has the unit, dates (N,) are s since 1970, values (N,) may be NaN, not
+    known, like the standard deviation of each; a trend is drawn dashed.
     """
     seen = np.isfinite(y)
     t, y = t[seen], y[seen]
@@ -72,14 +68,7 @@ def plot_history(
 
 
 def plot_marks(name: str, title: str, t: Array, rows: Sequence[tuple[str, Array]]) -> str:
-    """In which logs something was found: a row each, with a mark at the date of every log that has it.
-
-    Args:
-        name: unique in the page.
-        title: of the drawing.
-        t: (N,) s since 1970.
-        rows: names, and (N,) whether the log has it.
-    """
+    """What was found when, in logs of dates (N,), s since 1970: rows of a name and (N,) flags, drawn as marks."""
     axes = Axes(_span(t), (0.0, 1.0), left=130, top=4, width=WIDTH - 130 - 10, height=MARK_ROW * len(rows))
     parts = [_dates(axes)]
     for number, (words, flags) in enumerate(rows):
@@ -94,19 +83,13 @@ def plot_marks(name: str, title: str, t: Array, rows: Sequence[tuple[str, Array]
 
 def date_ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
     """At most about so many round dates from low to high, s since 1970, and how they are written (UTC)."""
-    for step, form in STEPS:
-        if (high - low) / step <= most:
-            stamps = step * np.arange(np.ceil(low / step), np.floor(high / step) + 1)
-            return [(float(stamp), datetime.fromtimestamp(stamp, UTC).strftime(form)) for stamp in stamps]
-    months = next((x for x in MONTHS if (high - low) / (x * YEAR / 12) <= most), MONTHS[-1])
-    found = []
-    first = datetime.fromtimestamp(low, UTC)
-    for number in range(12 * first.year, 12 * first.year + 12 * int((high - low) / YEAR + 2)):
-        if number % months == 0:
-            date = datetime(number // 12, number % 12 + 1, 1, tzinfo=UTC)
-            if low <= date.timestamp() <= high:
-                found.append((date.timestamp(), date.strftime("%Y" if months >= 12 else "%Y-%m")))
-    return found
+    fitting = (step for step in STEPS if (high - low) / (step[0] * SECONDS[step[1]]) <= most)
+    count, unit, form = next(fitting, STEPS[-1])
+    first, last = (int(np.datetime64(int(stamp), "s").astype(f"M8[{unit}]").astype(int)) for stamp in (low, high))
+    dates = count * np.arange(first // count, last // count + 1)
+    stamps = dates.astype(f"M8[{unit}]").astype("M8[s]").astype(int).tolist()
+    shown = (stamp for stamp in stamps if low <= stamp <= high)
+    return [(float(stamp), datetime.fromtimestamp(stamp, UTC).strftime(form)) for stamp in shown]
 
 
 def _frame(axes: Axes, title: str) -> str:
@@ -133,6 +116,6 @@ def _dates(axes: Axes) -> str:
 def _span(t: Array) -> tuple[float, float]:
     """Of dates, with a margin; a day around a single one."""
     if not len(t):
-        return 0.0, float(DAY)
-    margin = 0.03 * (t[-1] - t[0]) or DAY / 2
+        return 0.0, SECONDS["D"]
+    margin = 0.03 * (t[-1] - t[0]) or SECONDS["D"] / 2
     return float(t[0] - margin), float(t[-1] + margin)

@@ -21,89 +21,73 @@ DIGITS = 6
 
 
 def of_filter(summary: Summary, check: Check, origin: Provenance) -> dict[str, Any]:
-    """What filtering a log shows.
-
-    Args:
-        summary: of the whole log.
-        check: of the setup; without findings if nobody looked.
-        origin: of the result.
-    """
-    found = {
-        **_of_origin(origin),
-        "nis": summary.mean_nis,
-        "one_second_error": summary.one_second_rms,
-        "residual_std": summary.residual_std,
-        "raw_std": summary.raw_std,
-        "bias": summary.bias,
-        "bias_std": summary.bias_std,
-        "drift": summary.drift,
-        "drift_std": summary.drift_std,
-        "gated_share": summary.gated / summary.samples,
-        "findings": [finding.mistake for finding in check.findings],
-    }
-    return plain(found)
+    """What filtering a log shows; a check without findings if nobody looked."""
+    return _quality(
+        origin,
+        nis=summary.mean_nis,
+        one_second_error=summary.one_second_rms,
+        residual_std=summary.residual_std,
+        raw_std=summary.raw_std,
+        bias=summary.bias,
+        bias_std=summary.bias_std,
+        drift=summary.drift,
+        drift_std=summary.drift_std,
+        gated_share=summary.gated / summary.samples,
+        findings=[finding.mistake for finding in check.findings],
+    )
 
 
 def of_check(check: Check, origin: Provenance) -> dict[str, Any]:
     """What the check of a setup on a log shows."""
-    return plain({**_of_origin(origin), "findings": [finding.mistake for finding in check.findings]})
+    return _quality(origin, findings=[finding.mistake for finding in check.findings])
 
 
 def of_diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:
     """What the diagnosis of a log says."""
     gap = diagnosis.gap
-    found = {
-        **_of_origin(diagnosis.provenance or {}),
-        "verdict": diagnosis.verdict,
-        "causes": [cause.effect for cause in diagnosis.causes],
-        "doubtful": [cause.effect for cause in diagnosis.causes if cause.doubt],
-        "terms": [term.text for term in diagnosis.terms],
-        "gap_sigmas": gap.before_sigmas,
-        "gap_sigmas_after": gap.after_sigmas,
-        "shrink": gap.shrink,
-        "shrink_stderr": gap.shrink_stderr,
-        "sentence": diagnosis.sentence,
-    }
-    return plain(found)
+    return _quality(
+        diagnosis.provenance or {},
+        verdict=diagnosis.verdict,
+        causes=[cause.effect for cause in diagnosis.causes],
+        doubtful=[cause.effect for cause in diagnosis.causes if cause.doubt],
+        terms=[term.text for term in diagnosis.terms],
+        gap_sigmas=gap.before_sigmas,
+        gap_sigmas_after=gap.after_sigmas,
+        shrink=gap.shrink,
+        shrink_stderr=gap.shrink_stderr,
+        sentence=diagnosis.sentence,
+    )
 
 
 def of_identified(result: IdentifyResult, origin: Provenance) -> dict[str, Any]:
     """What the identification of a tool from a log gives; kg, m, sensor frame."""
     tool = result.tool
-    found = {
-        **_of_origin(origin),
-        "mass": tool.values[0],
-        "mass_std": tool.stderr[0],
-        "center_of_mass": tool.values[1:4],
-        "center_of_mass_std": tool.stderr[1:4],
-        "bias": tool.bias,
-        "bias_std": tool.bias_stderr,
-    }
-    return plain(found)
+    return _quality(
+        origin,
+        mass=tool.values[0],
+        mass_std=tool.stderr[0],
+        center_of_mass=tool.values[1:4],
+        center_of_mass_std=tool.stderr[1:4],
+        bias=tool.bias,
+        bias_std=tool.bias_stderr,
+    )
 
 
 def of_tuned(result: TuneResult, origin: Provenance) -> dict[str, Any]:
     """What tuning the noise to a log gives: its noise, and scores on the part that was held out, nats/s."""
-    found = {
-        **_of_origin(origin),
-        "noise_density": result.setup.bias.noise_density,
-        "noise_std": result.setup.sensor.noise_std,
-        **{f"{score.part}_score_gained": score.after - score.before for score in result.held_out},
-    }
-    return plain(found)
+    gained = {f"{score.part}_score_gained": score.after - score.before for score in result.held_out}
+    noise = result.setup.bias.noise_density
+    return _quality(origin, noise_density=noise, noise_std=result.setup.sensor.noise_std, **gained)
 
 
-def _of_origin(origin: Mapping[str, Any]) -> dict[str, Any]:
-    """When a log began, by its own stamps, how long it is, and its rate; s, Hz."""
-    return {name: origin.get(name) for name in ("date", "duration", "rate")}
-
-
-def plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """What JSON can hold: numbers of a few digits, None where there is none."""
-    return {name: _plain(value) for name, value in values.items()}
+def _quality(origin: Mapping[str, Any], **found: Any) -> dict[str, Any]:
+    """When a log began, by its own stamps, how long it is, s, its rate, Hz, and what was found."""
+    known = {name: origin.get(name) for name in ("date", "duration", "rate")}
+    return {name: _plain(value) for name, value in (known | found).items()}
 
 
 def _plain(value: Any) -> Any:
+    """What JSON can hold: numbers of a few digits, None where there is none."""
     if value is None or isinstance(value, str | bool):
         return value
     if isinstance(value, Iterable):

@@ -38,12 +38,7 @@ def read_result(path: str) -> dict[str, Array]:
 
 
 def result_page(arrays: Mapping[str, Array], title: str) -> str:
-    """The page.
-
-    Args:
-        arrays: of ``read_result``.
-        title: any text.
-    """
+    """The page of the arrays of ``read_result``."""
     t, bias, std = (np.asarray(arrays[name], float) for name in ("t", "bias", "bias_std"))
     left = np.asarray(arrays["wrench_unbiased"], float) - np.asarray(arrays["wrench_tool"], float)
     used = np.asarray(arrays.get("used", np.ones(len(t))), bool)

@@ -1,6 +1,7 @@
 """What a line of a manifest may say, checked at one place: a manifest can be damaged, edited or made by somebody else.
 
-Whatever passes here can be compared, drawn, written as a table and shown as a date without further checks.
+Whatever passes here can be compared, drawn, written as a table and shown as a date without further checks. A check
+raises ValueError, TypeError, KeyError, AttributeError or OverflowError on a line that the program does not write.
 """
 
 from __future__ import annotations
@@ -29,82 +30,30 @@ LISTS = ("findings", "causes", "doubtful", "terms")
 """Quantities that are lists of words; all others but the date are numbers."""
 
 
-class BadLine(ValueError):
-    """A line is not what the program writes."""
-
-
 def read_entry(content: Mapping[str, Any]) -> Entry:
-    """An entry from plain dicts, lists, numbers and words.
-
-    Args:
-        content: fields by name; a field that later versions brought may be missing.
-
-    Raises:
-        BadLine: a field is unknown, or its value is not of its kind. TypeError: a required field is missing.
-    """
-    lists = {name: tuple(_list(content.get(name, []), _text)) for name in ("repairs", "files")}
-    state = LogState(**_table(content["state"]))
-    _all(state[:3], _count)
-    _text(state.sha256)
-    entry = Entry(**{**content, **lists, "state": state})
-    _all((entry.log, entry.job, entry.error, entry.settings), _text)
-    _all((entry.samples, entry.output_bytes), _count)
-    _all((entry.seconds, entry.done), _number)
-    _need(entry.status in (OK, LOSS, MISTAKES, FAILED))
-    _all((entry.output, *_table(entry.sums)), _place)
-    _all(entry.sums.values(), _text)
-    for name, value in _table(entry.quality).items():
-        _need(value is None or _fits(name, value))
-    return entry._replace(seconds=float(entry.seconds), done=float(entry.done))
+    """An entry from plain dicts, lists, numbers and words; a field that later versions brought may be missing."""
+    _need("state" in content)
+    return Entry(**_checked(content, _ENTRY))
 
 
 def read_settings(content: Mapping[str, Any]) -> Settings:
-    """Settings from plain dicts, lists, numbers and words.
-
-    Raises:
-        BadLine: a field is unknown, or its value is not of its kind. TypeError: a required field is missing.
-    """
-    settings = Settings(**content)
-    _all((value for name, value in settings._asdict().items() if name != "choices"), _text)
-    for value in _table(settings.choices).values():
-        _all(value if isinstance(value, list) else [value], _plain)
-    return settings
+    """Settings from plain dicts, lists, numbers and words."""
+    return Settings(**_checked(content, _SETTINGS))
 
 
-def _fits(name: str, value: Any) -> bool:
-    """Whether a quantity of the quality is of its kind."""
-    if name == "date":
-        date = datetime.fromisoformat(_text(value))
-        date = date if date.tzinfo else date.replace(tzinfo=UTC)
-        return FIRST_DATE - 1 < (date - datetime.fromtimestamp(0, UTC)).total_seconds() < LAST_DATE + 1
-    if name in VECTORS:
-        return len(_list(value, _number_or_none)) == VECTORS[name]
-    if name in LISTS:
-        return bool(_list(value, _text)) or value == []
-    return isinstance(value, str) if name in WORDS else _number(value) is not None
+def _checked(content: Mapping[str, Any], checks: Mapping[str, Callable[[Any], Any]]) -> dict[str, Any]:
+    return {name: checks[name](value) for name, value in content.items()}
+
+
+def seconds_of(date: str) -> float:
+    """s since 1970 of a date in ISO 8601."""
+    parsed = datetime.fromisoformat(date)
+    return ((parsed if parsed.tzinfo else parsed.replace(tzinfo=UTC)) - datetime.fromtimestamp(0, UTC)).total_seconds()
 
 
 def _need(holds: bool) -> None:
     if not holds:
-        raise BadLine
-
-
-def _all(values: Any, check: Callable[[Any], Any]) -> None:
-    for value in values:
-        check(value)
-
-
-def _list(value: Any, check: Callable[[Any], Any]) -> list[Any]:
-    _need(isinstance(value, list))
-    _all(value, check)
-    found: list[Any] = value
-    return found
-
-
-def _table(value: Any) -> dict[str, Any]:
-    _need(isinstance(value, dict))
-    found: dict[str, Any] = value
-    return found
+        raise ValueError("not what the program writes")
 
 
 def _text(value: Any) -> str:
@@ -112,14 +61,21 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _place(value: Any) -> None:
+def _texts(value: Any) -> tuple[str, ...]:
+    _need(isinstance(value, list))
+    return tuple(map(_text, value))
+
+
+def _place(value: Any) -> str:
     """A path that stays inside the folder of results."""
     path = PurePath(_text(value))
     _need(not path.is_absolute() and ".." not in path.parts and "\0" not in value)
+    return str(value)
 
 
-def _count(value: Any) -> None:
+def _count(value: Any) -> int:
     _need(type(value) is int and abs(value) <= LATEST_NS)
+    return int(value)
 
 
 def _number(value: Any) -> float:
@@ -127,11 +83,55 @@ def _number(value: Any) -> float:
     return float(value)
 
 
-def _number_or_none(value: Any) -> None:
-    if value is not None:
-        _number(value)
+def _status(value: Any) -> str:
+    _need(value in (OK, LOSS, MISTAKES, FAILED))
+    return str(value)
 
 
-def _plain(value: Any) -> None:
-    if not (value is None or isinstance(value, bool | str)):
-        _number(value)
+def _state(value: Any) -> LogState:
+    return LogState(**_checked(value, {**dict.fromkeys(LogState._fields, _count), "sha256": _text}))
+
+
+def _sums(value: Any) -> dict[str, str]:
+    return {_place(name): _text(item) for name, item in value.items()}
+
+
+def _quality(value: Any) -> dict[str, Any]:
+    for name, item in value.items():
+        if item is not None:
+            _quantity(name, item)
+    found: dict[str, Any] = value
+    return found
+
+
+def _quantity(name: str, value: Any) -> None:
+    if name == "date":
+        _need(FIRST_DATE - 1 < seconds_of(_text(value)) < LAST_DATE + 1)
+    elif name in VECTORS:
+        _need(isinstance(value, list) and len(value) == VECTORS[name])
+        for number in value:
+            _need(number is None or math.isfinite(_number(number)))
+    else:
+        (_texts if name in LISTS else _text if name in WORDS else _number)(value)
+
+
+def _choices(value: Any) -> dict[str, Any]:
+    for choice in value.values():
+        for item in choice if isinstance(choice, list) else [choice]:
+            _need(item is None or isinstance(item, bool | str) or math.isfinite(_number(item)))
+    found: dict[str, Any] = value
+    return found
+
+
+_SETTINGS: dict[str, Callable[[Any], Any]] = {**dict.fromkeys(Settings._fields, _text), "choices": _choices}
+_ENTRY: dict[str, Callable[[Any], Any]] = {
+    **dict.fromkeys(("log", "job", "error", "settings"), _text),
+    **dict.fromkeys(("samples", "output_bytes"), _count),
+    **dict.fromkeys(("seconds", "done"), _number),
+    **dict.fromkeys(("repairs", "files"), _texts),
+    "output": _place,
+    "status": _status,
+    "state": _state,
+    "quality": _quality,
+    "sums": _sums,
+}

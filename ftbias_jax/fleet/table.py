@@ -15,12 +15,7 @@ from ftbias_jax.types import AXES
 
 
 def columns(entries: Sequence[Entry], settings: Mapping[str, Settings]) -> dict[str, list[Any]]:
-    """Columns by name; (6,) numbers have a column an axis, words that are listed are separated by ``; ``.
-
-    Args:
-        entries: a row each.
-        settings: by their keys.
-    """
+    """Columns by name, a row an entry; (6,) numbers have a column an axis, words of a list are separated by ``; ``."""
     rows = [_row(entry, settings.get(entry.settings)) for entry in entries]
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
@@ -28,11 +23,6 @@ def columns(entries: Sequence[Entry], settings: Mapping[str, Settings]) -> dict[
 
 def save_table(path: str, entries: Sequence[Entry], settings: Mapping[str, Settings]) -> bool:
     """Write the table as Parquet, whole or not at all; False if there is no pyarrow (extra ``parquet``).
-
-    Args:
-        path: the file.
-        entries: a row each.
-        settings: by their keys.
 
     Raises:
         OutputError: the file cannot be written.

@@ -10,9 +10,9 @@ from dataclasses import replace
 from typing import Any
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.files import no_regular_file
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.export import save_export
+from ftbias_jax.setup.fields import read_file
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.recorded import LogSetup
 from ftbias_jax.setup.require import require_tool
@@ -56,18 +56,7 @@ def load_setup(
         SetupError: the file cannot be read, is not TOML, or says something impossible (see ``parse_setup``).
     """
     file = os.fspath(path)
-    remedy = "give the path of a setup.toml"
-    try:
-        if kind := no_regular_file(file):
-            raise SetupError(kind, file=file, remedy=remedy)
-        with open(file, "rb") as stream:
-            content = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        shown = file or "the setup with an empty name"
-        raise SetupError(f"cannot be read: {error.strerror}", file=shown, remedy=remedy) from error
-    if len(content) > MAX_BYTES:
-        remedy = "give a setup.toml, not a log"
-        raise SetupError(f"is larger than {MAX_BYTES >> 20} MiB", file=file, remedy=remedy)
+    content = read_file(file, MAX_BYTES, "give the path of a setup.toml", "give a setup.toml, not a log")
     try:
         source = content.decode()
         if _longest_key(source) > MOST_PARTS:

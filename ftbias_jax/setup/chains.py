@@ -45,49 +45,46 @@ def prismatic_screw(axis: Array) -> Array:
     return np.concatenate([axis, np.zeros(3)])
 
 
-def moved(position: Array, rotation: Array, xyz: Sequence[float], rpy: Sequence[float]) -> tuple[Array, Array]:
-    """The frame that stands at a place in another one.
+class Pose(NamedTuple):
+    """A frame in another."""
 
-    Args:
-        position: (3,) m, of the other frame.
-        rotation: (3, 3), of the other frame.
-        xyz: (3,) m, in the other frame.
-        rpy: (3,) rad, turns about the other frame's fixed x, y, z.
-    """
-    inner = rotation_from_rpy(np.asarray(rpy))
-    whole = np.rint(inner)
-    inner = np.where(np.abs(inner - whole) < 1e-15, whole, inner)  # right angles turn axes into axes
-    return position + rotation @ np.asarray(xyz), rotation @ inner
+    translation: Array
+    """(3,) m."""
+    rotation: Array
+    """(3, 3)."""
+
+    def then(self, inner: Pose) -> Pose:
+        """The frame that ``inner`` gives in this one."""
+        return Pose(self.translation + self.rotation @ inner.translation, self.rotation @ inner.rotation)
 
 
-def dh_chain(table: Sequence[Row], convention: str) -> tuple[Array, Array, Array]:
-    """Screws (n, 6), flange position (3,) m and rotation (3, 3) at q = 0 of a Denavit-Hartenberg table.
+def pose_at(xyz: Sequence[float] = (0.0, 0.0, 0.0), rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> Pose:
+    """A frame at xyz (3,) m, turned by rpy (3,) rad about the other frame's fixed x, y, z."""
+    rotation = rotation_from_rpy(np.asarray(rpy))
+    whole = np.rint(rotation)  # right angles turn axes into axes
+    return Pose(np.array(xyz, float), np.where(np.abs(rotation - whole) < 1e-15, whole, rotation))
 
-    Args:
-        table: rows from the base to the flange, the frame of the last row.
-        convention: one of CONVENTIONS.
-    """
-    position, rotation, screws = np.zeros(3), np.eye(3), []
+
+def dh_chain(table: Sequence[Row], convention: str) -> tuple[Array, Pose]:
+    """Screws (n, 6) at q = 0, and the flange, the frame of the last row, of a Denavit-Hartenberg table."""
+    pose, screws = pose_at(), []
     for row in table:
-        link, joint = ((row.a, 0, 0), (row.alpha, 0, 0)), ((0, 0, row.d), (0, 0, row.theta))
+        link, joint = pose_at((row.a, 0, 0), (row.alpha, 0, 0)), pose_at((0, 0, row.d), (0, 0, row.theta))
         if convention == "modified":
-            position, rotation = moved(position, rotation, *link)
+            pose = pose.then(link)
         if row.turns:
-            screws.append(revolute_screw(rotation[:, 2], position))
-        position, rotation = moved(position, rotation, *joint)
+            screws.append(revolute_screw(pose.rotation[:, 2], pose.translation))
+        pose = pose.then(joint)
         if convention == "standard":
-            position, rotation = moved(position, rotation, *link)
-    return np.array(screws).reshape(-1, 6), position, rotation
+            pose = pose.then(link)
+    return np.array(screws).reshape(-1, 6), pose
 
 
-def read_dh(section: Section, key: str, convention: str, units: str) -> tuple[tuple[Row, ...], tuple[str, ...]]:
-    """A Denavit-Hartenberg table with its joints' names, if it can be that of an arm.
+def read_dh(section: Section, key: str, convention: str, units: str) -> tuple[Array, Pose, tuple[str, ...]]:
+    """Screws, flange and names of the joints of a Denavit-Hartenberg table, if it can be that of an arm.
 
-    Args:
-        section: with the table, and perhaps ``joint_names``.
-        key: of the table: rows of a, alpha, d, theta, and perhaps "fixed".
-        convention: one of CONVENTIONS.
-        units: one of UNITS.
+    The section has the table, rows of a, alpha, d, theta, and perhaps "fixed", and perhaps ``joint_names``; convention
+    and units are of CONVENTIONS and UNITS.
 
     Raises:
         SetupError: a row is no such row, a joint is prismatic, or the numbers cannot have these units.
@@ -112,9 +109,9 @@ def read_dh(section: Section, key: str, convention: str, units: str) -> tuple[tu
         numbers[:, [0, 2]] /= 1e3
     if angle == "deg":
         numbers[:, [1, 3]] = np.radians(numbers[:, [1, 3]])
-    table = tuple(Row(a, alpha, d, theta, i in joints) for i, (a, alpha, d, theta) in enumerate(numbers.tolist()))
+    table = [Row(a, alpha, d, theta, i in joints) for i, (a, alpha, d, theta) in enumerate(numbers.tolist())]
     _check_reach(section, key, table, convention, length)
-    return table, labels
+    return *dh_chain(table, convention), labels
 
 
 def _check_angles(section: Section, key: str, angles: Array, unit: str) -> None:
@@ -131,7 +128,7 @@ def _check_angles(section: Section, key: str, angles: Array, unit: str) -> None:
 def _check_reach(section: Section, key: str, table: Sequence[Row], convention: str, unit: str) -> None:
     """The flange in three poses, because single lengths of a calibrated table may be huge and cancel."""
     poses = ([row._replace(theta=row.theta + row.turns * q) for row in table] for q in (0.0, 1.0, -1.0))
-    reach = max(float(np.linalg.norm(dh_chain(pose, convention)[1])) for pose in poses)
+    reach = max(float(np.linalg.norm(dh_chain(pose, convention)[1].translation)) for pose in poses)
     if not SHORTEST <= reach <= LONGEST:
         other = "m" if unit == "mm" else "mm"
         remedy = f'check the unit of a and d; {other} are dh_units = "{other},rad" or "{other},deg"'

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import SetupError
+from ftbias_jax.files import no_regular_file
 from ftbias_jax.types import Array
 
 
@@ -31,12 +32,17 @@ class Section(NamedTuple):
 
 
 class Range(NamedTuple):
-    """What a number may be, in words for the message and as a bound."""
+    """What a number may be."""
 
-    words: str
     lowest: float = -np.inf
     open: bool = False
     """The bound itself is outside."""
+
+    @property
+    def words(self) -> str:
+        """For messages."""
+        bounded = f"greater than {self.lowest:g}" if self.open else f"{self.lowest:g} or more"
+        return bounded if np.isfinite(self.lowest) else "finite"
 
     def holds(self, values: Array) -> bool:
         """Whether all values lie inside."""
@@ -44,9 +50,7 @@ class Range(NamedTuple):
 
 
 LARGEST = 1e30  # in size: far above every quantity of a setup, and squares of it are still finite
-ANY = Range("finite")
-NOT_NEGATIVE = Range("0 or more", 0.0)
-POSITIVE = Range("greater than 0", 0.0, open=True)
+ANY = Range()
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -75,6 +79,38 @@ def check_keys(section: Section, known: Collection[str]) -> Section:
     return section
 
 
+def read_file(file: str, most: int, remedy: str, instead: str) -> bytes:
+    """The content of a file of at most ``most`` bytes.
+
+    Raises:
+        SetupError: it cannot be read, with the ``remedy``, or is larger, with what to do ``instead``.
+    """
+    try:
+        if kind := no_regular_file(file):
+            raise SetupError(kind, file=file, remedy=remedy)
+        with open(file, "rb") as stream:
+            content = stream.read(most + 1)
+    except (OSError, ValueError) as error:  # the latter: a zero byte in the name
+        message = f"cannot be read: {getattr(error, 'strerror', None) or error}"
+        raise SetupError(message, file=file or "the setup with an empty name", remedy=remedy) from error
+    if len(content) > most:
+        raise SetupError(f"is larger than {most >> 20} MiB", file=file, remedy=instead)
+    return content
+
+
+def refuse(section: Section, keys: Iterable[str], why: str, remedy: str = "remove one of the two") -> None:
+    """Refuse keys that do not go with others that are there."""
+    for key in keys:
+        if key in section.values:
+            raise section.error(key, why, remedy)
+
+
+def read_only(array: Array) -> Array:
+    """The array itself, of which no entry can be set any more."""
+    array.setflags(write=False)
+    return array
+
+
 def subsection(parent: Section, key: str, known: Collection[str], *, required: bool = False) -> Section:
     """The table at a key with only known keys; an absent optional one is empty."""
     if required and key not in parent.values:
@@ -95,14 +131,6 @@ def require(section: Section, key: str, remedy: str) -> Any:
     if key not in section.values:
         raise section.error(key, "missing key", remedy)
     return section.values[key]
-
-
-def flag(section: Section, key: str, default: bool) -> bool:
-    """True or false."""
-    value = section.values.get(key, default)
-    if not isinstance(value, bool):
-        raise section.error(key, f"expected true or false, got {show(value)}", "write it without quotes")
-    return value
 
 
 def text(section: Section, key: str, default: str, choices: Collection[str] = ()) -> str:
@@ -153,7 +181,7 @@ def vector(
         within: the range of every number.
         expand: one number stands for all; of six, two stand for three forces and three torques.
     """
-    sizes = {size} | ({1} if expand or size == 1 else set()) | ({2} if expand and size == 6 else set())
+    sizes = sizes_of(size, expand)
     remedy = f"give {_spell(sizes)}, each {within.words}"
     value = require(section, key, remedy) if default is None else section.values.get(key, default)
     flat = value if isinstance(value, list | tuple | np.ndarray) else [value]
@@ -166,16 +194,12 @@ def vector(
         raise section.error(key, f"got {show(value)}", remedy)
     if np.abs(numbers).max() > LARGEST:
         raise section.error(key, f"got {show(value)}", "check the number and its unit: nothing here is so large")
-    result = np.array(np.repeat(numbers, size // len(flat)))
-    result.setflags(write=False)
-    return result
+    return read_only(np.array(np.repeat(numbers, size // len(flat))))
 
 
-def scalar(section: Section, key: str, default: float | None = None, *, within: Range = ANY) -> float:
-    """One number; it must be there if there is no default."""
-    if isinstance(section.values.get(key), list):
-        raise section.error(key, f"expected one number, got {show(section.values[key])}", "write it without brackets")
-    return float(vector(section, key, 1, default, within=within)[0])
+def sizes_of(size: int, expand: bool) -> list[int]:
+    """How many numbers may be written for ``size`` of them."""
+    return sorted({size} | ({1} if expand else set()) | ({2} if expand and size == 6 else set()))
 
 
 def _floats(items: Iterable[float]) -> Array:
@@ -185,6 +209,6 @@ def _floats(items: Iterable[float]) -> Array:
         return np.array([np.inf])
 
 
-def _spell(sizes: set[int]) -> str:
+def _spell(sizes: Iterable[int]) -> str:
     words = {1: "one number", 2: "two (force, torque)"}
-    return " or ".join(words.get(size, f"{size} numbers") for size in sorted(sizes))
+    return " or ".join(words.get(size, f"{size} numbers") for size in sizes)

@@ -57,11 +57,8 @@ def with_guessed_tool(setup: Setup) -> Setup:
 def guessed_parameters(given: ToolSetup, remarks: Sequence[str]) -> tuple[bool, ...]:
     """(10,) whether a parameter was neither stated nor found, and so is the guess of where to begin; () = none is.
 
-    A centre of mass is written as a whole or not at all, and none without a mass.
-
-    Args:
-        given: what the setup stated.
-        remarks: (10,) why each parameter was not found; "" = it was.
+    A centre of mass is written as a whole or not at all, and none without a mass. The (10,) remarks say why a parameter
+    of the given tool was not found; "" = it was.
     """
     mass = "mass" in given.unknown and bool(remarks[0])
     center = "center_of_mass" in given.unknown and (mass or any(remarks[1:4]))

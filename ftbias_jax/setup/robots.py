@@ -1,4 +1,4 @@
-"""Built-in robots, in NumPy float64."""
+"""Built-in robots from arms.toml, in NumPy float64."""
 
 from __future__ import annotations
 
@@ -10,112 +10,69 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.setup.chains import dh_chain, moved, read_dh, revolute_screw
-from ftbias_jax.setup.fields import Section
+from ftbias_jax.setup.chains import Pose, pose_at, read_dh, revolute_screw
+from ftbias_jax.setup.fields import Section, read_only
 from ftbias_jax.setup.types import RobotSetup
 from ftbias_jax.types import Array
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # m/s^2, base frame
 
-# (axis s, point r in m) of each joint, base frame, q = 0: the report's nominal values, the same for Panda and FR3.
-_FRANKA_JOINTS = (
-    ((0, 0, 1), (0, 0, 0)),
-    ((0, 1, 0), (0, 0, 0.333)),
-    ((0, 0, 1), (0, 0, 0.649)),
-    ((0, -1, 0), (0.0825, 0, 0.649)),
-    ((0, 0, 1), (0, 0, 1.033)),
-    ((0, -1, 0), (0, 0, 1.033)),
-    ((0, 0, -1), (0.088, 0, 0.926)),
-)
-_FRANKA_FLANGE = (0.088, 0.0, 0.926 - 0.107)  # m: the manufacturer's flange, and 107 mm below it the report's frame
-_OF_THE_REPORT = {"panda": "panda_link8", "fr3": "fr3_link8"}
-"""Robots with the report's frame -> the same arm with the manufacturer's flange."""
-
-
-def _published() -> dict[str, Any]:
-    with open(Path(__file__).with_name("arms.toml"), "rb") as stream:
-        return tomllib.load(stream)
-
-
-_ARMS = _published()
-BUILT_IN = (*_OF_THE_REPORT, *_ARMS)
+_ARMS: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("arms.toml").read_text(encoding="utf-8"))
+BUILT_IN = tuple(_ARMS)
 
 
 def describe_robot(model: str) -> str:
     """One line that says which robot and which flange a name of ``BUILT_IN`` stands for."""
-    if model in _OF_THE_REPORT:
-        link = _OF_THE_REPORT[model]
-        return f"{_ARMS[link]['about'].split(',')[0]}, a frame 107 mm beyond the manufacturer's flange, {link}"
     return str(_ARMS[model]["about"])
 
 
-def built_in_robot(model: str, gravity: Array = STANDARD_GRAVITY, joint_names: tuple[str, ...] = ()) -> RobotSetup:
+def with_makers_flange(model: str) -> str:
+    """The name of the same arm with its manufacturer's flange; of most that is its own name."""
+    return str(_ARMS[model].get("like", model))
+
+
+def built_in_robot(model: str, gravity: Array = STANDARD_GRAVITY) -> RobotSetup:
     """A robot of ``BUILT_IN``.
 
     Args:
         model: its name.
         gravity: (3,) m/s^2, base frame.
-        joint_names: one a joint, or none for those of the manufacturer's ROS driver.
 
     Raises:
         KeyError: there is no robot of this name.
     """
-    if model not in BUILT_IN:
-        raise KeyError(model)
-    arm = _arm(_OF_THE_REPORT.get(model, model))
-    if model in _OF_THE_REPORT:
-        screws = np.stack([revolute_screw(np.array(s, float), np.array(r, float)) for s, r in _FRANKA_JOINTS])
-        arm = arm | {"screws": screws, "translation": np.array(_FRANKA_FLANGE), "rotation": np.diag([1.0, -1.0, -1.0])}
-    numbers = np.array(gravity, float)
-    for array in (arm["screws"], arm["translation"], arm["rotation"], numbers):
-        array.setflags(write=False)
-    return RobotSetup(
-        screws=arm["screws"],
-        joint_names=joint_names or arm["names"],
-        flange_translation=arm["translation"],
-        flange_rotation=arm["rotation"],
-        gravity=numbers,
-        model=model,
-        position_limits=arm["range"],
-        velocity_limits=arm["speed"],
-    )
+    return RobotSetup(gravity=read_only(np.array(gravity, float)), model=model, **_arm(model))
 
 
 @cache
 def _arm(model: str) -> dict[str, Any]:
-    """Screws, flange and limits of a robot of arms.toml, from its joints or its Denavit-Hartenberg table."""
+    """Screws, flange, names and limits, from the arm's joints or its Denavit-Hartenberg table."""
     data = _ARMS[model]
+    data = _ARMS.get(data.get("like", ""), {}) | data
+    limits = {}
     if "dh" in data:
         table = Section(data | {"joint_names": _names(data)}, model, "arms.toml")
-        rows, names = read_dh(table, "dh", data["convention"], "m,deg")
-        screws, position, rotation = dh_chain(rows, data["convention"])
-        limits: dict[str, Array | None] = {"range": None, "speed": None}
+        screws, flange, names = read_dh(table, "dh", data["convention"], "m,deg")
     else:
-        screws, position, rotation = _of_joints(data)
-        names = tuple(joint["name"] for joint in data["joints"])
-        endless = [-np.inf, np.inf]
-        limits = {
-            "range": np.radians([joint.get("range", endless) for joint in data["joints"]]),
-            "speed": np.radians([joint["speed"] for joint in data["joints"]]),
-        }
-    arrays = {"screws": screws, "translation": position, "rotation": rotation, **limits}
-    for array in arrays.values():
-        if array is not None:
-            array.setflags(write=False)
-    return {"names": names, **arrays}
+        joints, pose, axes = data["joints"], pose_at(), []
+        for joint in joints:  # each stands on the one before it, as in a URDF
+            pose = pose.then(_place(joint))
+            axes.append(revolute_screw(pose.rotation @ _axis(joint.get("axis", "z")), pose.translation))
+        screws, flange = np.stack(axes), pose.then(_place(data["flange"]))
+        names = tuple(joint["name"] for joint in joints)
+        travel = [joint.get("range", (-np.inf, np.inf)) for joint in joints]
+        limits = {"position_limits": travel, "velocity_limits": [joint["speed"] for joint in joints]}
+    return {
+        "screws": read_only(screws),
+        "joint_names": names,
+        "flange_translation": read_only(flange.translation),
+        "flange_rotation": read_only(flange.rotation),
+        **{name: read_only(np.radians(degrees)) for name, degrees in limits.items()},
+    }
 
 
-def _of_joints(data: Mapping[str, Any]) -> tuple[Array, Array, Array]:
-    """Screws and flange of joints that stand one on the other as in a URDF."""
-    position, rotation, screws = np.zeros(3), np.eye(3), []
-    for joint in data["joints"]:
-        position, rotation = _placed(position, rotation, joint)
-        screws.append(revolute_screw(rotation @ _axis(joint.get("axis", "z")), position))
-    return np.stack(screws), *_placed(position, rotation, data["flange"])
-
-
-def _placed(position: Array, rotation: Array, place: Mapping[str, Any]) -> tuple[Array, Array]:
-    return moved(position, rotation, place["xyz"], np.radians(place.get("rpy", (0.0, 0.0, 0.0))))
+def _place(place: Mapping[str, Any]) -> Pose:
+    return pose_at(place["xyz"], np.radians(place.get("rpy", (0.0, 0.0, 0.0))))
 
 
 def _names(data: Mapping[str, Any]) -> list[str]:

@@ -8,13 +8,9 @@ from ftbias_jax.types import Array
 
 
 def rotation_from_rpy(rpy: Array) -> Array:
-    """R = Rz(yaw) Ry(pitch) Rx(roll): turns about the fixed x, then y, then z axis.
+    """R = Rz(yaw) Ry(pitch) Rx(roll) of (3,) rad: turns about the fixed x, then y, then z axis.
 
-    Args:
-        rpy: (3,) rad.
-
-    Returns:
-        (3, 3); its columns are the axes of the turned frame in the fixed one.
+    The columns of the (3, 3) are the axes of the turned frame in the fixed one.
     """
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
@@ -27,13 +23,9 @@ def rotation_from_rpy(rpy: Array) -> Array:
 
 
 def rpy_from_rotation(rotation: Array) -> Array:
-    """Roll, pitch and yaw whose ``rotation_from_rpy`` is the given rotation, to round-off at any pitch.
+    """Roll, pitch and yaw (3,) rad whose ``rotation_from_rpy`` is the given (3, 3), to round-off at any pitch.
 
-    Args:
-        rotation: (3, 3), orthogonal with determinant 1.
-
-    Returns:
-        (3,) rad, pitch within +-pi/2, roll and yaw in (-pi, pi].
+    Pitch is within +-pi/2, roll and yaw in (-pi, pi].
     """
     R = rotation
     yaw = np.arctan2(R[1, 0], R[0, 0])

@@ -6,16 +6,15 @@ import errno
 import os
 import re
 import tomllib
-from collections.abc import MutableMapping
+from collections.abc import Iterable, Mapping, MutableMapping, Sequence
 from typing import Any
 
-import numpy as np
 import tomlkit
 from tomlkit.items import Item, Table
 
 from ftbias_jax.errors import OutputError, SetupError
 from ftbias_jax.files import replace_whole
-from ftbias_jax.setup.dump import Line, dump_setup, lines_of
+from ftbias_jax.setup.dump import Line, dump_setup, lines_of, same_screws
 from ftbias_jax.setup.keys.template import MEASURE
 from ftbias_jax.setup.keys.toml_text import toml_comment, toml_line, toml_value
 from ftbias_jax.setup.parse import parse_setup
@@ -52,11 +51,19 @@ def save_setup(setup: Setup, path: str | os.PathLike[str], by: str = "") -> None
         remedy = "state values that a body can have, or record a motion that determines them"
         message = f"nothing is written, because no command could read it: {error.message}"
         raise SetupError(message, file=os.fspath(path), field=error.field, remedy=remedy) from error
-    content = (f"{WRITTEN_BY}{by}, which may replace it\n{text}" if by else text).encode()
+    write_text(path, f"{WRITTEN_BY}{by}, which may replace it\n{text}" if by else text)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file whole or not at all.
+
+    Raises:
+        OutputError: it cannot be written there, or the path is a symbolic link.
+    """
     try:
         if os.path.islink(path):
             raise OSError(errno.ELOOP, "is a symbolic link")
-        replace_whole(os.path.abspath(path), lambda file: file.write(content))
+        replace_whole(os.path.abspath(path), lambda file: file.write(text.encode()))
     except OSError as error:
         remedy = "check that the folder exists, may be written to and has room"
         message = f"cannot be written: {error.strerror or error}"
@@ -64,16 +71,11 @@ def save_setup(setup: Setup, path: str | os.PathLike[str], by: str = "") -> None
 
 
 def edited_text(setup: Setup, target: str = "") -> str:
-    """The text of a setup for a file.
+    """The text of a setup for a file, the ``target``, whose folder a relative ``robot.urdf`` starts at.
 
-    Args:
-        setup: with the text that it was read from, or without; what it says may have changed since.
-        target: the file to write, whose folder a relative ``robot.urdf`` starts at.
-
-    Returns:
-        the old text with the changed values, new keys at the end of their sections, and ``setup.comments`` on the
-        lines of what changed; the whole setup written anew, if it was not read from a text, or if a list of screws
-        changed.
+    It is the text that the setup was read from with the changed values, new keys at the end of their sections, and
+    ``setup.comments`` on the lines of what changed; the whole setup written anew, if it was not read from a text, or
+    if a list of screws changed.
     """
     if not setup.source:
         return dump_setup(setup)
@@ -81,20 +83,20 @@ def edited_text(setup: Setup, target: str = "") -> str:
     if not _same_arm(read.robot, setup.robot):
         return dump_setup(setup)
     text = _edited(setup, _said(read), _said(setup), target)
-    if _terms(read) != _terms(setup):
-        text = _with_terms(text, setup)
+    if toml_value(_terms(read)) != toml_value(_terms(setup)):
+        text = _with_terms(text, _terms(setup))
     try:
         written = parse_setup(tomllib.loads(text), target)
     except (SetupError, tomllib.TOMLDecodeError):  # an odd way to write TOML: better all anew than wrong
         return dump_setup(setup)
-    same = _same_arm(written.robot, setup.robot) and _values(_said(written)) == _values(_said(setup))
-    return text if same and _terms(written) == _terms(setup) else dump_setup(setup)
+    return text if _values(written) == _values(setup) and _same_arm(written.robot, setup.robot) else dump_setup(setup)
 
 
 def _edited(setup: Setup, before: _Said, after: _Said, target: str) -> str:
     document = tomlkit.parse(setup.source)
     _move_urdf(document, setup, target)
-    changed = [place for place, line in after.items() if place not in before or _value(before[place]) != _value(line)]
+    stated = {place: toml_value(line.value) for place, line in before.items()}
+    changed = [place for place, line in after.items() if stated.get(place) != toml_value(line.value)]
     tool = document.get("tool", {})
     if "from_urdf_link" in tool and any(section == "[tool]" for section, _ in changed):
         del tool["from_urdf_link"]
@@ -124,24 +126,17 @@ def _edited(setup: Setup, before: _Said, after: _Said, target: str) -> str:
     return written
 
 
-def _with_terms(text: str, setup: Setup) -> str:
-    """The text with the terms of the setup at its end, in place of those it has."""
+def _with_terms(text: str, terms: Iterable[Mapping[str, Any]]) -> str:
+    """The text with these terms at its end, in place of those it has."""
     document = tomlkit.parse(text)
-    if "term" in document.get("effects", {}):
-        del document["effects"]["term"]
-    sections = "".join(f"\n{section}" for section in _terms(setup))
-    return f"{tomlkit.dumps(document).rstrip()}\n{sections}"
+    document.get("effects", {}).pop("term", None)
+    lines = ("".join(f"{toml_line(key, value)}\n" for key, value in term.items()) for term in terms)
+    return f"{tomlkit.dumps(document).rstrip()}\n" + "".join(f"\n{TERMS}\n{some}" for some in lines)
 
 
-def _terms(setup: Setup) -> list[str]:
-    """The sections of a setup's terms as text."""
-    texts: list[str] = []
-    for line in lines_of(setup):
-        if line.section == TERMS and not line.key:
-            texts.append(f"{TERMS}\n")
-        elif line.section == TERMS:
-            texts[-1] += toml_line(line.key, line.value, line.comment("")) + "\n"
-    return texts
+def _terms(setup: Setup) -> Sequence[Mapping[str, Any]]:
+    terms = setup.effects.get("term", ())
+    return terms if isinstance(terms, list | tuple) else ()  # else an effect of that name, which does not exist
 
 
 def _put(table: MutableMapping[str, Any], line: Line, remark: str) -> None:
@@ -153,9 +148,7 @@ def _put(table: MutableMapping[str, Any], line: Line, remark: str) -> None:
             setattr(item.trivia, name, getattr(old.trivia, name))
         if remark:
             _comment(item, _without_ours(old.trivia.comment.lstrip("# ")), remark, line)
-        table[line.key] = item
-        return
-    if not isinstance(table, Table):  # written in braces, where no comment can stand
+    if isinstance(old, Item) or not isinstance(table, Table):  # the latter: in braces, where no comment can stand
         table[line.key] = item
         return
     _comment(item, "", remark, line)
@@ -168,9 +161,7 @@ def _put(table: MutableMapping[str, Any], line: Line, remark: str) -> None:
 
 
 def _comment(item: Item, old: str, remark: str, line: Line) -> None:
-    words = f"{old}; {remark}" if old else line.comment(remark)
-    comment = toml_comment(words)
-    if comment:
+    if comment := toml_comment(f"{old}; {remark}" if old else line.comment(remark)):
         item.trivia.comment_ws, item.trivia.comment = "  ", comment.strip()
 
 
@@ -197,17 +188,11 @@ def _said(setup: Setup) -> _Said:
 
 
 def _same_arm(one: RobotSetup, two: RobotSetup) -> bool:
-    arrays = ("screws", "flange_translation", "flange_rotation")
-    same = all(np.array_equal(getattr(one, name), getattr(two, name)) for name in arrays)
-    return same and (one.joint_names, one.model) == (two.joint_names, two.model)
+    return same_screws(one, two) and (one.joint_names, one.model) == (two.joint_names, two.model)
 
 
-def _values(said: _Said) -> dict[tuple[str, str], str]:
-    return {place: _value(line) for place, line in said.items()}
-
-
-def _value(line: Line) -> str:
-    return toml_value(line.value) if line.key else ""
+def _values(setup: Setup) -> tuple[str, dict[tuple[str, str], str]]:
+    return toml_value(_terms(setup)), {place: toml_value(line.value) for place, line in _said(setup).items()}
 
 
 def _table(document: MutableMapping[str, Any], section: str) -> MutableMapping[str, Any] | None:

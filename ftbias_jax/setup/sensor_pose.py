@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ftbias_jax.setup.fields import Section, require, subsection
-from ftbias_jax.setup.keys.read import open_section, read
-from ftbias_jax.setup.recorded import POSE, PoseSetup
+from ftbias_jax.setup.fields import Section, read_only, refuse, require
+from ftbias_jax.setup.keys.table import open_section, read, read_all
+from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.rotations import rotation_from_rpy
-from ftbias_jax.setup.types import RobotSetup, Setup
+from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 ORIENTATION_COLUMNS = {"matrix": 9, "axis_angle": 3}
@@ -24,29 +24,22 @@ def parse_pose(top: Section) -> PoseSetup | None:
         return None
     section = open_section(top, "sensor_pose")
     linear = read(section, "linear")
-    if "acceleration_std" in section.values and linear != "none":
-        raise section.error("acceleration_std", f"excluded by linear = {linear!r}", "remove one of the two")
-    if "frame" in section.values and section.values.get("orientation") in ("matrix", "axis_angle"):
-        raise section.error("frame", "TF has quaternions", "leave orientation out")
+    if linear != "none":
+        refuse(section, ("acceleration_std",), f"excluded by linear = {linear!r}")
+    if section.values.get("orientation") in ("matrix", "axis_angle"):
+        refuse(section, ("frame",), "TF has quaternions", "leave orientation out")
     if "base" in section.values:
         require(section, "frame", "name the frame of TF that the sensor is mounted on")
-    orientation_std, position_std, turn_std, slide_std = (
-        read(section, f"{name}_noise_std")
-        for name in ("orientation", "position", "angular_velocity", "linear_velocity")
-    )
+    names = ("orientation", "position", "angular_velocity", "linear_velocity")
+    orientation, position, turn, slide = (read(section, f"{name}_noise_std") for name in names)
+    values = read_all(section, ("imu_rotation_rpy", *(f"{name}_noise_std" for name in names)))
+    values |= {key: values[key] or "" for key in ("frame", "base")}
     # An angle moves the quaternion by half of it.
     return PoseSetup(
-        orientation=read(section, "orientation"),
-        linear=linear,
-        position_noise_std=_entries(orientation_std / 2, position_std, linear),
-        velocity_noise_std=_entries(turn_std / 2, slide_std, linear),
-        acceleration_std=read(section, "acceleration_std"),
-        frame=read(section, "frame") or "",
-        base=read(section, "base") or "",
-        conjugate=read(section, "conjugate"),
-        position_axes=read(section, "position_axes"),
-        gyroscope=read(section, "gyroscope"),
+        position_noise_std=_entries(orientation / 2, position, linear),
+        velocity_noise_std=_entries(turn / 2, slide, linear),
         imu_rotation=rotation_from_rpy(read(section, "imu_rotation_rpy")),
+        **values,
     )
 
 
@@ -69,17 +62,5 @@ def orientation_alone(setup: Setup) -> Setup:
     return replace(setup, pose=still, robot=robot, joints=joints, log=replace(setup.log, columns=columns))
 
 
-def pose_robot(top: Section, pose: PoseSetup) -> RobotSetup:
-    """A robot without joints: the entries of the pose take their place."""
-    section = subsection(top, "robot", ("gravity",))
-    count = 4 if pose.linear == "none" else 7
-    arrays = (np.zeros((count, 6)), np.zeros(3), np.eye(3))
-    for array in arrays:
-        array.setflags(write=False)
-    return RobotSetup(arrays[0], NAMES[:count], *arrays[1:], read(section, "gravity"), POSE)
-
-
 def _entries(turn: float, slide: float, linear: str) -> Array:
-    values = np.array([turn] * 4 + [slide] * (0 if linear == "none" else 3))
-    values.setflags(write=False)
-    return values
+    return read_only(np.array([turn] * 4 + [slide] * (0 if linear == "none" else 3)))

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.setup.fields import read_only
 from ftbias_jax.setup.recorded import LogSetup, PoseSetup
 from ftbias_jax.types import Array
 
@@ -104,12 +105,14 @@ class ToolSetup:
         return tuple(key for key, is_stated in stated.items() if not is_stated)
 
 
+def inertia_matrix(inertia: Array) -> Array:
+    """(3, 3) kg m^2 of (6,): Ixx Ixy Ixz Iyy Iyz Izz."""
+    return np.asarray(inertia)[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+
+
 def unknown_tool() -> ToolSetup:
     """A tool of which nothing is known."""
-    center, inertia = np.full(3, np.nan), np.zeros(6)
-    center.setflags(write=False)
-    inertia.setflags(write=False)
-    return ToolSetup(np.nan, center, inertia)
+    return ToolSetup(np.nan, read_only(np.full(3, np.nan)), read_only(np.zeros(6)))
 
 
 @dataclass(frozen=True, eq=False)

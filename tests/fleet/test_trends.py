@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.fleet.trends import appears, trend
+from ftbias_jax.fleet.alarms import appears, trend
 
 DAY = 86400.0
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import errno
 import os
 from collections.abc import Callable
 from typing import Any
 
-from ftbias_jax.errors import OutputError, UsageError
-from ftbias_jax.files import replace_whole
+from ftbias_jax.errors import UsageError
 from ftbias_jax.setup.export.options import DEFAULT, ExportOptions
-from ftbias_jax.setup.export.robots import franka_text, ur_text
+from ftbias_jax.setup.export.payload import franka_text, ur_text
 from ftbias_jax.setup.export.ros import ft_calib_text, ros_text
+from ftbias_jax.setup.save import write_text
 from ftbias_jax.setup.types import Setup
 
 FORMATS: dict[str, Callable[[Setup, ExportOptions], str]] = {
@@ -55,13 +54,4 @@ def save_export(setup: Setup, path: str | os.PathLike[str], format: str, **optio
     Raises:
         OutputError: the file cannot be written. UsageError, SetupError: as for ``export_text``.
     """
-    content = export_text(setup, format, ExportOptions(**options)).encode()
-    try:
-        if os.path.islink(path):
-            raise OSError(errno.ELOOP, "is a symbolic link")
-        replace_whole(os.path.abspath(path), lambda file: file.write(content))
-    except OSError as error:
-        remedy = "check that the folder exists, may be written to and has room"
-        raise OutputError(
-            f"cannot be written: {error.strerror or error}", file=os.fspath(path), remedy=remedy
-        ) from error
+    write_text(path, export_text(setup, format, ExportOptions(**options)))

@@ -1,18 +1,19 @@
-"""The tool as a robot's controller sees it: in the frame of the robot's own tool flange."""
+"""The tool as the payload of a controller of Universal Robots or Franka: in the frame of the robot's own flange."""
 
 from __future__ import annotations
 
+import json
 import tomllib
 from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.setup.export.options import ExportOptions
+from ftbias_jax.setup.export.options import ExportOptions, heading, number, numbers, plain
 from ftbias_jax.setup.recorded import POSE
 from ftbias_jax.setup.require import require_tool
-from ftbias_jax.setup.robots import built_in_robot
-from ftbias_jax.setup.types import SCREWS, Setup
+from ftbias_jax.setup.robots import built_in_robot, with_makers_flange
+from ftbias_jax.setup.types import SCREWS, Setup, inertia_matrix
 from ftbias_jax.types import Array
 
 
@@ -22,14 +23,52 @@ class Maker(NamedTuple):
     name: str
     models: tuple[str, ...]
     """Beginnings of the names of built-in robots."""
-    flanges: dict[str, str]
-    """Built-in robots whose frame is not the maker's flange -> the same arm with the maker's."""
-    links: tuple[str, ...]
-    """Ends of the names of links of URDFs that are the flange."""
+    link: str
+    """End of the name of the link of a URDF that is the flange."""
 
 
-UR = Maker("Universal Robots", ("ur",), {}, ("tool0",))
-FRANKA = Maker("Franka", ("panda", "fr3"), {"panda": "panda_link8", "fr3": "fr3_link8"}, ("link8",))
+UR = Maker("Universal Robots", ("ur",), "tool0")
+FRANKA = Maker("Franka", ("panda", "fr3"), "link8")
+
+
+def ur_text(setup: Setup, options: ExportOptions) -> str:
+    """URScript that sets the payload.
+
+    ``set_target_payload(m, cog, inertia)`` of the script manual (SW 5.11 and newer): kg; m from the tool mount, in the
+    tool flange frame; [Ixx, Iyy, Izz, Ixy, Ixz, Iyz] kg m^2 about the centre of gravity, axes of the flange.
+    https://www.universal-robots.com/manuals/EN/HTML/SW10_6/Content/prod-scriptmanual/G5/set_target_payload.htm
+    """
+    mass, center, inertia = payload_of(setup, UR, options)
+    cog = numbers(center)
+    six = numbers([inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))])
+    between = ", and what was given between flange and sensor" if options.sensor_mass else ""
+    lines = [
+        *heading(setup),
+        "kg; m in the tool flange frame; kg m^2 about the centre of gravity, axes of the flange: xx yy zz xy xz yz",
+        f"everything distal of the sensor{between}",
+        "the robot zeroes its own force-torque reading when it runs this",
+        f"older software: set_payload({number(mass)}, {cog})",
+    ]
+    return "".join(f"# {line}\n" for line in lines) + f"set_target_payload({number(mass)}, {cog}, {six})\n"
+
+
+def franka_text(setup: Setup, options: ExportOptions) -> str:
+    """JSON (which is YAML, too) with the arguments of ``setLoad``.
+
+    ``franka::Robot::setLoad(load_mass, F_x_Cload, load_inertia)`` of libfranka: kg; centre of mass in the flange frame
+    (link 8), m; inertia about the centre of mass, kg m^2, 3 x 3, column by column (frankaemika/libfranka, robot.h and
+    robot_state.h). The request of franka_msgs/SetLoad has the same numbers under names of its own
+    (https://docs.ros.org/en/humble/p/franka_msgs/srv/SetLoad.html).
+    """
+    mass, center, inertia = payload_of(setup, FRANKA, options)
+    load = {"mass": plain([mass])[0], "F_x_Cload": plain(center), "load_inertia": plain(inertia.ravel(order="F"))}
+    words = [
+        *heading(setup),
+        "kg; m in the flange frame (link 8); kg m^2 about the centre of mass, column by column",
+        "the load comes on top of the end effector that Desk is set to: set none there",
+    ]
+    request = {"mass": load["mass"], "center_of_mass": load["F_x_Cload"], "load_inertia": load["load_inertia"]}
+    return json.dumps({"about": words, "setLoad": load, "franka_msgs/SetLoad": request}, indent=1) + "\n"
 
 
 class Payload(NamedTuple):
@@ -49,11 +88,6 @@ def payload_of(setup: Setup, maker: Maker, options: ExportOptions) -> Payload:
     v_flange = R v_sensor turns vectors; a point c of the sensor frame is at R c + p, and the inertia about the centre
     of mass becomes R I R'. Two bodies are joined by the parallel axis theorem.
 
-    Args:
-        setup: with the tool in the sensor frame.
-        maker: of the robot.
-        options: of the export.
-
     Raises:
         SetupError: the setup does not state the tool, its robot is another maker's, or a transform is not known.
     """
@@ -63,8 +97,7 @@ def payload_of(setup: Setup, maker: Maker, options: ExportOptions) -> Payload:
     turned, moved = _flange(setup, maker, options)
     sensor = setup.sensor
     rotation, position = turned @ sensor.rotation, turned @ sensor.translation + moved
-    xx, xy, xz, yy, yz, zz = tool.inertia
-    inertia = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ rotation.T
+    inertia = rotation @ inertia_matrix(tool.inertia) @ rotation.T
     payload = Payload(tool.mass, rotation @ tool.center_of_mass + position, inertia)
     if options.sensor_mass is None:
         return payload
@@ -76,12 +109,11 @@ def joined(one: Payload, other: Payload) -> Payload:
     """Two bodies as one."""
     mass = one.mass + other.mass
     center = (one.mass * one.center + other.mass * other.center) / mass
-    inertia = sum(body.inertia + _of_point(body.mass, body.center - center) for body in (one, other))
+    inertia = np.zeros((3, 3))
+    for body in (one, other):
+        arm = body.center - center
+        inertia += body.inertia + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return Payload(mass, center, inertia)
-
-
-def _of_point(mass: float, place: Array) -> Array:
-    return mass * (place @ place * np.eye(3) - np.outer(place, place))
 
 
 def _check_mounting(setup: Setup) -> None:
@@ -101,7 +133,7 @@ def _flange(setup: Setup, maker: Maker, options: ExportOptions) -> tuple[Array, 
         raise SetupError("a recorded pose has no flange", file=setup.path, field="sensor_pose", remedy=remedy)
     if model == SCREWS:
         tip = str(_said(setup, "robot").get("tip_link", ""))
-        if tip.endswith(maker.links) or options.frames_as_stated:
+        if tip.endswith(maker.link) or options.frames_as_stated:
             return here
         remedy = "if the flange of the setup is that of its controller, say so: --frames-as-stated"
         message = f"the tool flange of {maker.name} is not known in this setup"
@@ -110,9 +142,9 @@ def _flange(setup: Setup, maker: Maker, options: ExportOptions) -> tuple[Array, 
     if not model.startswith(maker.models):
         remedy = f"use a robot of {maker.name}, or the formats ros and ft_calib"
         raise SetupError(f"{model!r} is no robot of {maker.name}", file=setup.path, field="robot.model", remedy=remedy)
-    if model not in maker.flanges:
+    if with_makers_flange(model) == model:
         return here
-    own, its = built_in_robot(model), built_in_robot(maker.flanges[model])
+    own, its = built_in_robot(model), built_in_robot(with_makers_flange(model))
     back = its.flange_rotation.T
     return back @ own.flange_rotation, back @ (own.flange_translation - its.flange_translation)
 

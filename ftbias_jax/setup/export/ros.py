@@ -25,9 +25,7 @@ def ros_text(setup: Setup, options: ExportOptions) -> str:
     admittance_controller/test/test_params.yaml.) A sensor that reports the wrench on the tool reads the opposite of the
     weight, so its gravity_field points up.
 
-    Args:
-        setup: with the tool, and with the bias as ``identify --bias`` writes it.
-        options: of the export.
+    The setup has the tool, and the bias as ``identify --bias`` writes it.
 
     Raises:
         SetupError: the tool is not stated, or the reading has been compensated already.
@@ -65,9 +63,7 @@ def ft_calib_text(setup: Setup, options: ExportOptions) -> str:
     and the torque of that at the centre of mass. So ``bias`` is the usual offset, minus the bias of this package, and
     the sign of ``imu`` must be that of the sensor.
 
-    Args:
-        setup: with the tool, and with the bias as ``identify --bias`` writes it.
-        options: of the export.
+    The setup has the tool, and the bias as ``identify --bias`` writes it.
 
     Raises:
         SetupError: the tool is not stated, or the reading has been compensated already.

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.setup.keys.key import PER_JOINT, SEVERAL, Key, Kind
-from ftbias_jax.setup.keys.table import EFFECTS, SECTIONS
+from ftbias_jax.setup.fields import sizes_of
+from ftbias_jax.setup.keys.table import EFFECTS, PER_JOINT, SECTIONS, SEVERAL, Key, Kind
 
 
 def json_schema() -> dict[str, Any]:
@@ -53,7 +53,8 @@ def _type(name: str, key: Key) -> dict[str, Any]:
         case Kind.NUMBER:
             return _number(key)
         case Kind.NUMBERS:
-            lists = [_list(_number(key), size) for size in _sizes(key)]
+            several = key.size in (PER_JOINT, SEVERAL)
+            lists = [_list(_number(key), size) for size in ([key.size] if several else sizes_of(key.size, key.expand))]
             choices = [_number(key), *lists] if key.expand else lists
             return choices[0] if len(choices) == 1 else {"anyOf": choices}
         case Kind.TEXT:
@@ -75,13 +76,6 @@ def _number(key: Key) -> dict[str, Any]:
     if np.isinf(key.within.lowest):
         return {"type": "number"}
     return {"type": "number", "exclusiveMinimum" if key.within.open else "minimum": key.within.lowest}
-
-
-def _sizes(key: Key) -> list[int]:
-    """How many numbers a list may have; PER_JOINT or SEVERAL = any."""
-    if key.size in (PER_JOINT, SEVERAL):
-        return [key.size]
-    return sorted({key.size} | ({1} if key.expand else set()) | ({2} if key.expand and key.size == 6 else set()))
 
 
 def _list(items: dict[str, Any], size: int) -> dict[str, Any]:

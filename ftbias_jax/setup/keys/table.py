@@ -1,34 +1,126 @@
-"""Every key of a setup, section by section."""
+"""Every key of a setup, section by section, as keys.toml states it: read here, and read by it."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Collection, Mapping
+from enum import Enum
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from ftbias_jax.setup.keys.bodies import FLANGE, JOINT, ROBOT, SENSOR, SENSOR_POSE, TOOL
-from ftbias_jax.setup.keys.key import Key, SectionKeys
-from ftbias_jax.setup.keys.noise import BIAS, DATA_NOISE, JOINTS
-from ftbias_jax.setup.keys.recording import CLOCKS, COLUMNS, FILES, LOG, TIME_OFFSETS, TIME_UNITS_OF_FILES, TOPICS
+from ftbias_jax.setup import fields, recorded
+from ftbias_jax.setup.chains import CONVENTIONS, FIXED, UNITS
+from ftbias_jax.setup.fields import Range, Section
+from ftbias_jax.setup.robots import BUILT_IN
+from ftbias_jax.setup.types import COMPENSATED, JOINT_MODELS, REPORTS
+
+
+class Kind(Enum):
+    """What stands on the right of a key."""
+
+    NUMBER = "number"
+    NUMBERS = "numbers"
+    TEXT = "text"
+    FLAG = "flag"
+    NAMES = "names"
+    ROWS = "rows"
+    TABLE = "table"
+    TABLES = "tables"
+
+
+PER_JOINT = 0
+"""Size of a key that has an entry for every joint, or for every entry of a recorded pose."""
+SEVERAL = -1
+"""Size of a key that has as many numbers as there are events."""
+
+
+class Key(NamedTuple):
+    """One key of a section; what the fields mean stands in keys.toml."""
+
+    kind: Kind
+    meaning: str
+    unit: str = ""
+    size: int = 1
+    """How many numbers or names, or PER_JOINT, or SEVERAL."""
+    expand: bool = False
+    within: Range = fields.ANY
+    """What every number may be."""
+    default: Any = None
+    """None = it has none."""
+    required: bool = False
+    quiet: bool = False
+    choices: tuple[str, ...] = ()
+    absent: str = ""
+    example: Any = None
+
+    @property
+    def has_value(self) -> bool:
+        """Whether one value stands on the right, not a table."""
+        return self.kind not in (Kind.TABLE, Kind.TABLES)
+
+
+class SectionKeys(NamedTuple):
+    """One section."""
+
+    about: str
+    keys: Mapping[str, Key]
+    required: bool = False
+    further: str = ""
+    """What any other key means, whose value is text; "" = there is no other key."""
+
+
+_CHOICES = {
+    "robot.model": BUILT_IN,
+    "robot.dh": ("revolute", FIXED),
+    "robot.dh_convention": CONVENTIONS,
+    "robot.dh_units": UNITS,
+    "robot.joints.type": ("revolute", "prismatic"),
+    "sensor.reports": REPORTS,
+    "sensor.compensated": COMPENSATED,
+    "sensor_pose.orientation": recorded.ORIENTATIONS,
+    "sensor_pose.linear": recorded.LINEAR,
+    "sensor_pose.position_axes": recorded.POSITION_AXES,
+    "joints.model": JOINT_MODELS,
+    "log.time_unit": recorded.TIME_UNITS,
+    "log.angle_unit": recorded.ANGLE_UNITS,
+    "log.acceleration_unit": recorded.ACCELERATION_UNITS,
+    "log.force_unit": recorded.FORCE_UNITS,
+    "log.torque_unit": recorded.TORQUE_UNITS,
+    "log.wrench_axes": recorded.WRENCH_AXES,
+    "log.clocks": recorded.CLOCKS,
+    "log.time_units": recorded.TIME_UNITS,
+}
+"""What a text, or an entry behind the numbers of a row, may be: by the key, or by the section for all its keys."""
+
+
+def _section(name: str, stated: Mapping[str, Any]) -> SectionKeys:
+    keys = {key: _key(f"{name}.{key}", dict(entry)) for key, entry in stated["keys"].items()}
+    return SectionKeys(**{**stated, "keys": keys})
+
+
+def _key(name: str, entry: dict[str, Any]) -> Key:
+    entry |= entry.pop("is", {})
+    (kind,) = (kind for kind in Kind if kind.value in entry)
+    meaning = entry.pop(kind.value)
+    if "above" in entry:
+        entry["within"] = Range(entry.pop("above"), open=True)
+    if "least" in entry:
+        entry["within"] = Range(entry.pop("least"))
+    entry["size"] = {"joints": PER_JOINT, "events": SEVERAL}.get(entry.get("size", 1), entry.get("size", 1))
+    choices = _CHOICES.get(name, _CHOICES.get(name.rpartition(".")[0], ())) if kind in (Kind.TEXT, Kind.ROWS) else ()
+    return Key(kind, meaning, choices=tuple(choices), **{word: _fixed(value) for word, value in entry.items()})
+
+
+def _fixed(value: Any) -> Any:
+    return tuple(map(_fixed, value)) if isinstance(value, list) else value
+
 
 SECTIONS: Mapping[str, SectionKeys] = {
-    "robot": ROBOT,
-    "robot.joints": JOINT,
-    "robot.flange": FLANGE,
-    "sensor": SENSOR,
-    "sensor_pose": SENSOR_POSE,
-    "tool": TOOL,
-    "bias": BIAS,
-    "joints": JOINTS,
-    "data_noise": DATA_NOISE,
-    "log": LOG,
-    "log.columns": COLUMNS,
-    "log.topics": TOPICS,
-    "log.clocks": CLOCKS,
-    "log.files": FILES,
-    "log.time_units": TIME_UNITS_OF_FILES,
-    "log.time_offsets": TIME_OFFSETS,
+    name: _section(name, stated)
+    for name, stated in tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8")).items()
 }
-"""By the full name of the section. [effects.NAME] is not here: its keys are those of the catalogue of effects."""
+"""By the full name of the section."""
 EFFECTS = "effects"
 """The section whose keys are those of the catalogue of effects."""
 
@@ -39,13 +131,9 @@ def top_sections() -> tuple[str, ...]:
 
 
 def further_columns(columns: Mapping[str, str | tuple[str, ...]]) -> dict[str, str]:
-    """Columns that effects see by a name of the owner's choice: their name in the file.
-
-    Args:
-        columns: [log.columns] of a setup.
-    """
-    named = {key: name for key, name in columns.items() if key not in COLUMNS.keys}
-    return {key: name for key, name in named.items() if isinstance(name, str)}
+    """Of [log.columns] those that effects see by a name of the owner's choice: their names in the file."""
+    known = SECTIONS["log.columns"].keys
+    return {key: name for key, name in columns.items() if key not in known and isinstance(name, str)}
 
 
 def section_keys(name: str) -> SectionKeys:
@@ -56,5 +144,63 @@ def section_keys(name: str) -> SectionKeys:
 def key_of(full_name: str) -> Key | None:
     """The key of a full name such as ``tool.mass``; None if the table does not have it."""
     section, _, key = full_name.rpartition(".")
-    keys = SECTIONS.get(re.sub(r"\[\d+\]", "", section))
-    return keys.keys.get(key) if keys else None
+    return section_keys(section).keys.get(key) if section in SECTIONS else None
+
+
+def open_section(parent: Section, key: str, *, required: bool = False) -> Section:
+    """The table at a key, all of whose keys are known; an absent one that is not required is empty."""
+    known = section_keys(parent.path(key))
+    return fields.subsection(parent, key, known.keys, required=required or known.required)
+
+
+def check_section(section: Section) -> Section:
+    """The section itself, if all its keys are known."""
+    return fields.check_keys(section, section_keys(section.name).keys)
+
+
+def read(section: Section, key: str, size: int | None = None, default: Any = None) -> Any:
+    """The value at a key: an array, a number, text, True or False, or a tuple of names.
+
+    Args:
+        section: where it stands.
+        key: one of the table's.
+        size: how many numbers or names, where the table leaves it to the robot.
+        default: what holds if the key is absent, where the table leaves it to other keys.
+
+    Returns:
+        None, if the key is absent and has no default.
+
+    Raises:
+        SetupError: the value has the wrong type, shape or range, or is absent and required.
+    """
+    known = section_keys(section.name).keys[key]
+    default = known.default if default is None else default
+    if key not in section.values and default is None and not known.required:
+        return None
+    count = known.size if size is None else size
+    value = section.values.get(key, default)
+    if count == SEVERAL:
+        count = max(len(value), 1) if isinstance(value, list) else 1
+    match known.kind:
+        case Kind.NUMBER if isinstance(value, list):
+            raise section.error(key, f"expected one number, got {fields.show(value)}", "write it without brackets")
+        case Kind.NUMBER:
+            return float(fields.vector(section, key, 1, default, within=known.within)[0])
+        case Kind.NUMBERS:
+            return fields.vector(section, key, count, default, within=known.within, expand=known.expand)
+        case Kind.TEXT:
+            return fields.text(section, key, default, known.choices)
+        case Kind.FLAG if not isinstance(value, bool):
+            raise section.error(key, f"expected true or false, got {fields.show(value)}", "write it without quotes")
+        case Kind.FLAG:
+            return value
+        case Kind.NAMES:
+            return fields.names(section, key, count)
+        case Kind.ROWS:
+            return fields.rows(section, key, count)
+    raise TypeError(f"{section.path(key)} is a {known.kind.value}, which has no single value")
+
+
+def read_all(section: Section, apart: Collection[str] = ()) -> dict[str, Any]:
+    """All values of a section by their keys, but for some."""
+    return {key: read(section, key) for key in section_keys(section.name).keys if key not in apart}

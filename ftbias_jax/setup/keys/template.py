@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ftbias_jax.setup.keys.key import Key, Kind
-from ftbias_jax.setup.keys.table import SECTIONS
+from ftbias_jax.setup.keys.table import SECTIONS, Kind
 from ftbias_jax.setup.keys.toml_text import toml_comment, toml_line
 
 MEASURE = "measure me"
@@ -25,12 +24,9 @@ class Known(NamedTuple):
 
 
 def write_template(known: Mapping[str, Known], about: str = "") -> str:
-    """The text of a setup.
+    """The text of a setup: what is known of full keys such as ``sensor.noise_std``, below lines on what it is about.
 
-    Args:
-        known: full key such as ``sensor.noise_std`` -> its value. The other keys of the sections become comments; those
-            of TO_MEASURE say so.
-        about: lines at the top.
+    The other keys of the sections become comments; those of TO_MEASURE say so.
     """
     parts = ["".join(f"#{toml_comment(line)[3:]}\n" if line else "#\n" for line in about.splitlines())]
     for name in SECTIONS:
@@ -46,31 +42,18 @@ def _section(name: str, known: Mapping[str, Known], everything: Mapping[str, Kno
     elsewhere = name == "robot" and "sensor_pose.orientation" in everything
     lines = [f"[{name}]  # {section.about}"]
     for key, spec in section.keys.items():
-        if key in known and known[key].value is None:
-            lines.append(f"# {key} = ...  # {spec.meaning}; {toml_comment(known[key].remark)[4:]}")
+        value, remark = known.get(key, ("", ""))
+        shown = spec.example if spec.default is None else spec.default
+        if value is None:
+            lines.append(f"# {key} = ...  # {spec.meaning}; {toml_comment(remark)[4:]}")
         elif key in known:
-            comment = "; ".join(part for part in (spec.unit, known[key].remark) if part)
-            lines.append(toml_line(key, known[key].value, comment))
-        elif (
-            spec.kind not in (Kind.TABLE, Kind.TABLES, Kind.ROWS)
-            and _has_value(spec)
-            and not (elsewhere and key != "gravity")
-        ):
-            lines.append(f"# {toml_line(key, _example(spec), _words(name, key, spec))}")
+            lines.append(toml_line(key, value, _joined(spec.unit, remark)))
+        elif shown is not None and spec.kind is not Kind.ROWS and not (elsewhere and key != "gravity"):
+            absent = f"default: {spec.absent}" if spec.absent else ""
+            words = (MEASURE,) if f"{name}.{key}" in TO_MEASURE else (spec.meaning, absent)
+            lines.append(f"# {toml_line(key, shown, _joined(spec.unit, *words))}")
     return "\n".join(lines) + "\n"
 
 
-def _has_value(spec: Key) -> bool:
-    tables = (Kind.TABLE, Kind.TABLES, Kind.ROWS)
-    return spec.kind not in tables and (spec.default is not None or spec.example is not None)
-
-
-def _example(spec: Key) -> Any:
-    return spec.example if spec.default is None else spec.default
-
-
-def _words(name: str, key: str, spec: Key) -> str:
-    if f"{name}.{key}" in TO_MEASURE:
-        return f"{spec.unit}; {MEASURE}"
-    absent = f"default: {spec.absent}" if spec.absent else ""
-    return "; ".join(part for part in (spec.unit, spec.meaning, absent) if part)
+def _joined(*words: str) -> str:
+    return "; ".join(filter(None, words))

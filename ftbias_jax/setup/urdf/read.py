@@ -14,27 +14,14 @@ from xml.parsers import expat
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.files import no_regular_file
-from ftbias_jax.setup.fields import nearest
-from ftbias_jax.setup.rotations import rotation_from_rpy
+from ftbias_jax.setup.chains import Pose as Pose
+from ftbias_jax.setup.chains import pose_at
+from ftbias_jax.setup.fields import nearest, read_file
 from ftbias_jax.types import Array
 
 MAX_BYTES = 4 << 20
 MAX_DEPTH = 32  # of nested elements; a URDF needs six
 TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)
-
-
-class Pose(NamedTuple):
-    """A frame in another."""
-
-    translation: Array
-    """(3,) m."""
-    rotation: Array
-    """(3, 3)."""
-
-    def then(self, inner: Pose) -> Pose:
-        """The frame that ``inner`` gives in this one."""
-        return Pose(self.translation + self.rotation @ inner.translation, self.rotation @ inner.rotation)
 
 
 class Joint(NamedTuple):
@@ -77,17 +64,7 @@ def load_urdf(path: str | os.PathLike[str]) -> Urdf:
         SetupError: it cannot be read, is larger than MAX_BYTES, no URDF, or contradicts itself.
     """
     file = os.fspath(path)
-    remedy = "give the path of a URDF"
-    try:
-        if kind := no_regular_file(file):
-            raise SetupError(kind, file=file, remedy=remedy)
-        with open(file, "rb") as stream:
-            content = stream.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # the latter: a zero byte in the name
-        words = getattr(error, "strerror", None) or error
-        raise SetupError(f"cannot be read: {words}", file=file, remedy=remedy) from error
-    if len(content) > MAX_BYTES:
-        raise SetupError(f"is larger than {MAX_BYTES >> 20} MiB", file=file, remedy="give a URDF, not a mesh")
+    content = read_file(file, MAX_BYTES, "give the path of a URDF", "give a URDF, not a mesh")
     root = _parse(content, file)
     if root.tag != "robot":
         raise SetupError(f"is no URDF: it is a <{root.tag}>", file=file, remedy="give a file with a <robot>")
@@ -136,8 +113,7 @@ def _joints(root: ET.Element, urdf: Urdf) -> dict[str, Joint]:
         if child in joints:
             remedy = "a serial arm has no loops: give every link one parent"
             raise urdf.error(field, f"is the second that the link {child!r} hangs on", remedy)
-        given = element.find("axis")
-        axis = np.array([1.0, 0, 0]) if given is None else numbers_of(given, "xyz", 3, (1.0, 0, 0), urdf, field)
+        axis = numbers_of(element.find("axis"), "xyz", (1.0, 0.0, 0.0), urdf, field)
         length = np.linalg.norm(axis)
         if not 1e-6 < length < 1e6 and element.get("type") not in FIXED:
             raise urdf.error(field, f"has an axis of length {length:g}", "scale it to length 1")
@@ -169,35 +145,28 @@ def _number(text: str | None) -> float:
 
 def origin_of(element: ET.Element, urdf: Urdf, field: str) -> Pose:
     """The pose in an element's <origin>."""
-    origin = element.find("origin")
-    if origin is None:
-        return Pose(np.zeros(3), np.eye(3))
-    zero = (0.0, 0.0, 0.0)
-    rotation = rotation_from_rpy(numbers_of(origin, "rpy", 3, zero, urdf, field))
-    return Pose(numbers_of(origin, "xyz", 3, zero, urdf, field), rotation)
+    zero, origin = (0.0, 0.0, 0.0), element.find("origin")
+    return pose_at(*(numbers_of(origin, name, zero, urdf, field) for name in ("xyz", "rpy")))
 
 
 def _attribute(element: ET.Element | None, name: str) -> str:
     return "" if element is None else element.get(name, "")
 
 
-def numbers_of(
-    element: ET.Element, name: str, count: int, default: tuple[float, ...] | None, urdf: Urdf, field: str
-) -> Array:
-    """The (count,) numbers of an attribute.
+def numbers_of(element: ET.Element | None, name: str, default: tuple[float, ...], urdf: Urdf, field: str) -> Array:
+    """The numbers of an attribute, as many as the default has; NaN as default = it must be there.
 
     Raises:
         SetupError: they are not that many, or not finite.
     """
-    text = element.get(name)
-    if text is None and default is not None:
+    if element is None:
         return np.array(default)
+    text = element.get(name)
     try:
-        numbers = np.array([float(word) for word in (text or "").split()])
+        numbers = np.array(default if text is None else [float(word) for word in text.split()])
     except ValueError:
         numbers = np.array([np.nan])
-    if len(numbers) != count or not np.isfinite(numbers).all() or np.abs(numbers).max() > 1e9:
+    if len(numbers) != len(default) or not np.isfinite(numbers).all() or np.abs(numbers).max() > 1e9:
         shown = repr((text or "")[:40])
-        remedy = f"give {count} finite numbers"
-        raise urdf.error(field, f"<{element.tag} {name}={shown}>", remedy)
+        raise urdf.error(field, f"<{element.tag} {name}={shown}>", f"give {len(default)} finite numbers")
     return numbers

@@ -4,27 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from ftbias_jax.setup.chains import prismatic_screw, revolute_screw
-from ftbias_jax.setup.fields import nearest
-from ftbias_jax.setup.types import RobotSetup, ToolSetup
-from ftbias_jax.setup.urdf.read import FIXED, SLIDING, TURNING, Joint, Pose, Urdf, numbers_of, origin_of
+from ftbias_jax.setup.chains import Pose, pose_at, prismatic_screw, revolute_screw
+from ftbias_jax.setup.fields import nearest, read_only
+from ftbias_jax.setup.types import RobotSetup, ToolSetup, inertia_matrix
+from ftbias_jax.setup.urdf.read import FIXED, SLIDING, TURNING, Joint, Urdf, numbers_of, origin_of
 from ftbias_jax.types import Array
 
 
 def urdf_robot(urdf: Urdf, base_link: str, tip_link: str, gravity: Array) -> RobotSetup:
-    """The serial arm between two links.
-
-    Args:
-        urdf: the file.
-        base_link: whose frame is the base frame; "" = the link that hangs on no joint.
-        tip_link: whose frame is the flange.
-        gravity: (3,) m/s^2, base frame.
+    """The serial arm between two links, whose frames are base frame and flange; base "" = that hangs on no joint.
 
     Raises:
         SetupError: a link is not there, does not hang on the base, or a joint of the chain cannot be modelled.
     """
     base_link = base_link or _root(urdf)
-    pose, screws, moving = Pose(np.zeros(3), np.eye(3)), list[Array](), list[Joint]()
+    pose, screws, moving = pose_at(), list[Array](), list[Joint]()
     for joint in _chain(urdf, base_link, tip_link):
         pose = pose.then(joint.origin)
         if joint.kind in FIXED:
@@ -42,35 +36,24 @@ def urdf_robot(urdf: Urdf, base_link: str, tip_link: str, gravity: Array) -> Rob
     if not screws:
         remedy = "choose links with an arm between them"
         raise urdf.error("tip_link", f"no joint moves between {base_link!r} and {tip_link!r}", remedy)
-    limits = np.array([(joint.lower, joint.upper) for joint in moving])
-    speeds = np.array([joint.velocity for joint in moving])
-    arrays = (np.stack(screws), pose.translation, pose.rotation, limits, speeds)
-    for array in arrays:
-        array.setflags(write=False)
     return RobotSetup(
-        screws=arrays[0],
+        screws=read_only(np.stack(screws)),
         joint_names=tuple(joint.name for joint in moving),
-        flange_translation=pose.translation,
-        flange_rotation=pose.rotation,
+        flange_translation=read_only(pose.translation),
+        flange_rotation=read_only(pose.rotation),
         gravity=gravity,
-        position_limits=limits,
-        velocity_limits=speeds,
+        position_limits=read_only(np.array([(joint.lower, joint.upper) for joint in moving])),
+        velocity_limits=read_only(np.array([joint.velocity for joint in moving])),
     )
 
 
 def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: Pose) -> ToolSetup:
-    """The mass and inertia of one link that is fixed to the tip.
-
-    Args:
-        urdf: the file.
-        tip_link: the flange.
-        link: the tool.
-        sensor: the sensor in the flange's frame.
+    """The mass and inertia of one link that is fixed to the tip, the flange, in the frame of the sensor.
 
     Raises:
         SetupError: the link is not there, moves against the tip, or has no mass.
     """
-    pose = Pose(np.zeros(3), np.eye(3))
+    pose = pose_at()
     for joint in _chain(urdf, tip_link, link):
         if joint.kind not in FIXED:
             message = f"moves against {tip_link!r} by the joint {joint.name!r}"
@@ -81,20 +64,16 @@ def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: Pose) -> ToolSetup:
     mass = None if inertial is None else inertial.find("mass")
     if inertial is None or mass is None:
         raise urdf.error(field, "has no mass", "give tool.mass, center_of_mass and inertia")
-    (kilograms,) = numbers_of(mass, "value", 1, None, urdf, field)
+    (kilograms,) = numbers_of(mass, "value", (np.nan,), urdf, field)
     if kilograms <= 0:
         raise urdf.error(field, f"has the mass {kilograms:g} kg", "give tool.mass, center_of_mass and inertia")
     pose = pose.then(origin_of(inertial, urdf, field))
     center = sensor.rotation.T @ (pose.translation - sensor.translation)
     turn = sensor.rotation.T @ pose.rotation
-    moments = inertial.find("inertia")
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    values = [0.0] * 6 if moments is None else [numbers_of(moments, k, 1, (0.0,), urdf, field)[0] for k in names]
-    xx, xy, xz, yy, yz, zz = values
-    inertia = (turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)[np.triu_indices(3)]
-    center.setflags(write=False)
-    inertia.setflags(write=False)
-    return ToolSetup(float(kilograms), center, inertia)
+    moments = [numbers_of(inertial.find("inertia"), name, (0.0,), urdf, field) for name in names]
+    inertia = (turn @ inertia_matrix(np.concatenate(moments)) @ turn.T)[np.triu_indices(3)]
+    return ToolSetup(float(kilograms), read_only(center), read_only(inertia))
 
 
 def _chain(urdf: Urdf, base_link: str, tip_link: str) -> list[Joint]:

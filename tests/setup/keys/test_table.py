@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.setup import parse_setup
+from ftbias_jax.setup import dump_setup, parse_setup
 from ftbias_jax.setup.fields import Section
-from ftbias_jax.setup.keys.key import PER_JOINT, Kind
-from ftbias_jax.setup.keys.read import read
 from ftbias_jax.setup.keys.schema import json_schema
-from ftbias_jax.setup.keys.table import EFFECTS, SECTIONS, key_of, top_sections
+from ftbias_jax.setup.keys.table import EFFECTS, PER_JOINT, SECTIONS, Kind, key_of, read, top_sections
 from ftbias_jax.setup.keys.template import MEASURE, Known, write_template
 
 ARM = {"joints": [{"axis": [0, 0, 1], "point": [0, 0, 0.3]}], "flange": {"translation": [0, 0, 1.0]}}
@@ -80,6 +78,29 @@ def test_every_key_is_accepted_with_the_value_that_the_table_shows(section, key)
     if name in OF_FILES:
         pytest.skip("names what is in a URDF")
     parse(with_value(section, key, good_value(section, key)))
+
+
+WRITTEN = [(section, key) for section, key in VALUES if section.split(".")[0] != "robot" and "noise_std" not in key]
+"""Arms are written as screws, the noise of a pose in [joints]."""
+
+
+def other_value(section, key):
+    """One that is not the default."""
+    spec = key_of(f"{section}.{key}")
+    if spec.choices or spec.kind is Kind.FLAG:
+        return spec.choices[-1] if spec.choices else not spec.default
+    if spec.default is None or key == "inertia":
+        return good_value(section, key)
+    return 1.5 if spec.kind is Kind.NUMBER else [1.5] * (spec.size or JOINTS)
+
+
+@pytest.mark.parametrize(("section", "key"), WRITTEN)
+def test_every_key_with_another_value_than_its_default_is_written_and_comes_back(section, key):
+    if f"{section}.{key}" in OF_FILES:
+        pytest.skip("is replaced by what the URDF says")
+    text = dump_setup(parse(with_value(section, key, other_value(section, key))))
+    assert f"\n{key} = " in text
+    assert dump_setup(parse(tomllib.loads(text))) == text
 
 
 @pytest.mark.parametrize(("section", "key"), VALUES)
