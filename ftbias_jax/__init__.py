@@ -48,8 +48,7 @@ if TYPE_CHECKING:
     from ftbias_jax.filtering.pipeline import Options, options_from_setup
     from ftbias_jax.filtering.samples import samples_from_log
     from ftbias_jax.filtering.verbs.from_setup import filter_log, params_for_log
-    from ftbias_jax.filtering.verbs.many import FilterResults
-    from ftbias_jax.filtering.verbs.results import FilterResult
+    from ftbias_jax.filtering.verbs.results import FilterResult, FilterResults
     from ftbias_jax.filtering.verbs.setup_with import setup_with
     from ftbias_jax.io import read_log
     from ftbias_jax.io.log import Log, Repair

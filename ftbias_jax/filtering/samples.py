@@ -79,6 +79,19 @@ def without_unsettled(samples: Sample, t: Array, params: Params) -> Sample:
     return samples._replace(wrench=np.where(unsettled[:, None], np.nan, samples.wrench)) if unsettled.any() else samples
 
 
+def samples_of(params: Params, log: Log) -> Sample:
+    """A whole log as the method's input, padded so that logs of similar length share a program; NumPy arrays."""
+    samples = without_unsettled(arrays_from_log(log, params.theta.dtype), log.t, params)
+    samples = samples if params.effects is not None else samples._replace(temperature=None, columns=None)
+    return pad(samples, room_for(len(log.t)))
+
+
+def room_for(length: int, least: int = 512) -> int:
+    """Rows of the shortest program that takes so many: by default 512, 768, 1024, 1536 and so on."""
+    half = 1 << max(0, (length - 1).bit_length() - 1)
+    return max(least, half + half // 2 if length <= half + half // 2 else 2 * half)
+
+
 def first_position(q: Array) -> Array:
     """First finite position of every joint; (T, n) -> (n,) rad, NaN if there is none: ``first_measured`` in numpy."""
     q = np.asarray(q)

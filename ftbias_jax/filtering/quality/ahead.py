@@ -1,15 +1,52 @@
-"""What later readings should be, by the state of a filter: the one definition of a forecast's mean."""
+"""What a filtered log expects of its later readings: bias and drift that go on, slow errors that are forgotten."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
+    from ftbias_jax.filtering.verbs.results import FilterResult
     from ftbias_jax.model.params import BiasNoise
+
+SOONER = 2.0
+"""A log of a few correlation times may show one this many times too long, and the standard deviation allows that. On
+recorded logs without it 87 % of readings were in their 95 % intervals 10 s ahead."""
+
+
+class Forecast(NamedTuple):
+    """What wrench_tool - reading should be some seconds after each sample, in free motion."""
+
+    mean: Array
+    """(T, 6) N, Nm."""
+    std: Array
+    """(T, 6) N, Nm: standard deviation of a single reading about it, with all its noise."""
+
+
+def forecast(result: FilterResult, seconds: float) -> Forecast:
+    """Expect the bias with its drift, and of the slow error of now the share exp(-seconds / correlation time).
+
+    A reading tells the sum of bias and slow error to within white noise, but hardly what of it is which: their errors
+    are opposite and equally large. So what is not known of the bias matters as far as the slow error is forgotten.
+
+    Args:
+        result: of a filter.
+        seconds: how far ahead, 0 or more.
+    """
+    noise = result.params.bias
+    mean = expected_ahead(result.bias, result.drift, result.slow_error, noise, seconds)
+    of_drift = (_moved_by_drift(noise.drift_time, seconds) * result.drift_std) ** 2
+    white = (result.innovation_std if result.reading_std is None else result.reading_std) ** 2
+    if result.slow_error is None or noise.correlated_std is None or noise.correlated_time is None:
+        return Forecast(mean, np.sqrt(result.bias_std**2 + of_drift + white))
+    kept = np.exp(-seconds / np.asarray(noise.correlated_time, float))
+    slow = np.broadcast_to(np.asarray(noise.correlated_std, float) ** 2, result.bias.shape)
+    known = np.where(slow > 0, kept**SOONER, 0.0)  # without slow errors all that is not known of the bias stays
+    variance = ((1 - known) * result.bias_std) ** 2 + of_drift + white - known**2 * slow
+    return Forecast(mean, np.sqrt(variance))
 
 
 def expected_ahead(
@@ -36,19 +73,14 @@ def expected_with(
     seconds: float | Array,
 ) -> Array:
     """The same for times in which drift and slow error are forgotten, s, in any shape that broadcasts; None = never."""
-    mean = bias + moved_by_drift(drift_time, seconds) * drift
+    mean = bias + _moved_by_drift(drift_time, seconds) * drift
     if slow_error is None or correlated_time is None:
         return mean
     return mean + np.exp(-seconds / np.asarray(correlated_time, float)) * slow_error
 
 
-def moved_by_drift(drift_time: Array | None, seconds: float | Array) -> float | Array:
-    """s by which a drift moves the bias: fewer than have passed, where it reverts to zero.
-
-    Args:
-        drift_time: s in which it does; inf, or None for all, = never.
-        seconds: that pass.
-    """
+def _moved_by_drift(drift_time: Array | None, seconds: float | Array) -> float | Array:
+    """s by which a drift moves the bias: fewer than have passed, where it reverts to zero; a time of inf = never."""
     if drift_time is None:
         return seconds
     times = np.asarray(drift_time, float)

@@ -6,7 +6,8 @@ and does not average out. Nobody knows how much of it the bias has taken up at a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -20,14 +21,10 @@ NAMES = ("bias_std", "contact_wrench_std", "bias_smooth_std")
 
 
 def error_of_tool(wrench_tool: Array, tool: ToolSetup) -> Array:
-    """(T, 6) N, Nm, standard deviation of the tool's wrench by the standard errors that the setup states.
+    """(T, 6) N, Nm, standard deviation of the tool's wrench (T, 6) by the standard errors that the setup states.
 
     An error of the mass scales the wrench, with centre and inertia for each kg as stated; an error c of the centre adds
     c x f to the torque.
-
-    Args:
-        wrench_tool: (T, 6) N, Nm, as predicted.
-        tool: of the setup.
     """
     variance = np.zeros(np.shape(wrench_tool))
     if tool.mass_std is not None:
@@ -40,22 +37,12 @@ def error_of_tool(wrench_tool: Array, tool: ToolSetup) -> Array:
 
 
 def with_error_of_tool(filtered: Filtered, tool: ToolSetup) -> Filtered:
-    """A result whose error bars contain the standard errors of the tool.
-
-    Args:
-        filtered: as the filter gives it, which takes the tool as known.
-        tool: of the setup.
-    """
-    named = {name: value for name in NAMES if (value := getattr(filtered, name, None)) is not None}
-    return filtered._replace(**arrays_with_error_of_tool(named, filtered.wrench_tool, tool))
-
-
-def arrays_with_error_of_tool(arrays: Mapping[str, Array], wrench_tool: Array, tool: ToolSetup) -> dict[str, Array]:
-    """The same for arrays by name, of which those in NAMES contain it."""
+    """A result whose error bars contain the standard errors of the tool, which the filter takes as known."""
     if tool.mass_std is None and tool.center_of_mass_std is None:
-        return dict(arrays)
-    error = error_of_tool(wrench_tool, tool)
-    return {name: np.hypot(value, error) if name in NAMES else value for name, value in arrays.items()}
+        return filtered
+    error = error_of_tool(filtered.wrench_tool, tool)
+    known: dict[str, Any] = {name: x for name in NAMES if (x := getattr(filtered, name)) is not None}
+    return replace(filtered, **{name: np.hypot(std, error) for name, std in known.items()})
 
 
 def remark_of_tool(tool: ToolSetup) -> Repairs:

@@ -1,0 +1,138 @@
+"""A log as far as the passes of the method know it, and what the method gives of it: its states and its infos."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax.numpy as jnp
+
+from ftbias_jax.filtering.noise.blocks import Blocks, Layout
+from ftbias_jax.filtering.noise.fit_noise import Noise
+from ftbias_jax.filtering.step import Options, State
+from ftbias_jax.model.params import Params
+from ftbias_jax.types import Array, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
+
+LATER: Any = None
+"""Not there before a pass has found it."""
+
+
+class Joints(NamedTuple):
+    """Position, velocity and acceleration of the joints at every sample, and what follows from them."""
+
+    mean: tuple[Float[Array, "T n"], Float[Array, "T n"], Float[Array, "T n"]]
+    """rad, rad/s, rad/s^2."""
+    ddq_std: Float[Array, "T n"]
+    """rad/s^2."""
+    wrench_tool: Float[Array, "T 6"]
+    """N, Nm; with the known effects, if there are any."""
+    variance: Float[Array, "T 6"]
+    """N^2, Nm^2, diagonal of R as the setup states it."""
+    known_bias: Float[Array, "T 6"] | None
+    """N, Nm, what known effects add to the bias; None = there are none."""
+    log_likelihood: Float[Array, ""]
+    """nats of the joints' measurements."""
+
+
+class Bias(NamedTuple):
+    """Bias and drift at every sample, and what the filter learned there; N, Nm and per s."""
+
+    bias: Float[Array, "T 6"]
+    drift: Float[Array, "T 6"]
+    bias_std: Float[Array, "T 6"]
+    drift_std: Float[Array, "T 6"]
+    slow_error: Float[Array, "T 6"]
+    """Of wrench_tool - reading what is correlated noise, not bias."""
+    innovation: Float[Array, "T 6"]
+    """NaN = not used."""
+    predicted: Float[Array, "T 6"]
+    """N^2, Nm^2, variance of the innovation without the noise of the sample itself."""
+    log_likelihood: Float[Array, ""]
+    """nats."""
+
+    @property
+    def used(self) -> Bool[Array, " T"]:
+        """Whether the sample passed the gate, and nothing touched the tool."""
+        return jnp.isfinite(self.innovation).any(1)
+
+
+class Work(NamedTuple):
+    """A log as far as it is known; every pass of the method adds to it."""
+
+    params: Params
+    start: State
+    """Before the first sample; its bias is None where it begins with the prior."""
+    samples: Sample
+    t: Float[Array, " T"]
+    """s, since the log began."""
+    length: Array
+    """Samples at the start that count; after them comes padding, or what the next part begins with."""
+    layout: Layout
+    options: Options
+    seen: Array | None = None
+    """Samples that are not padding, some of which may be of the next part of the log; None = those that count."""
+    joints: Joints = LATER
+    stated: Params | None = None
+    """Parameters before the log's noise was added to them."""
+    noise: Noise | None = None
+    blocks: Blocks = LATER
+    touched: Bool[Array, " T"] | None = None
+    """Samples in contact or near it, which are left out."""
+    bias: Bias = LATER
+    smoothed: tuple[Array, Array] | None = None
+    end: State = LATER
+    """After the last sample that counts."""
+
+
+class States(NamedTuple):
+    """A log at every sample; the joints given past and future (as stated: past alone), the bias given the past."""
+
+    q: Float[Array, "T n"]
+    """rad (m)."""
+    dq: Float[Array, "T n"]
+    """rad/s."""
+    ddq: Float[Array, "T n"]
+    """rad/s^2."""
+    ddq_std: Float[Array, "T n"]
+    """rad/s^2."""
+    bias: Float[Array, "T 6"]
+    """N, Nm; the corrected wrench is the reading plus this."""
+    drift: Float[Array, "T 6"]
+    """N/s, Nm/s."""
+    bias_std: Float[Array, "T 6"]
+    """N, Nm."""
+    drift_std: Float[Array, "T 6"]
+    """N/s, Nm/s."""
+    slow_error: Float[Array, "T 6"]
+    """N, Nm: of wrench_tool - reading what is correlated noise, not bias."""
+    bias_smooth: Float[Array, "T 2 6"] | None = None
+    """N, Nm and per s: bias and drift given past and future; None = not asked for."""
+    bias_smooth_std: Float[Array, "T 2 6"] | None = None
+    """Its standard deviation."""
+
+
+class Infos(NamedTuple):
+    """What the method learned at every sample and of the log."""
+
+    wrench_tool: Float[Array, "T 6"]
+    """N, Nm, sensor frame: what the tool causes."""
+    wrench_unbiased: Float[Array, "T 6"]
+    """N, Nm: the reading plus the bias; NaN = not measured."""
+    innovation: Float[Array, "T 6"]
+    """N, Nm; NaN = not used."""
+    innovation_std: Float[Array, "T 6"]
+    """N, Nm."""
+    nis: Float[Array, " T"]
+    """Normalised innovation squared, summed over the axes that were used."""
+    used: Bool[Array, " T"]
+    """Whether the sample passed the gate, and nothing touched the tool."""
+    reading_std: Float[Array, "T 6"]
+    """N, Nm: how far a reading is off wrench_tool - bias by all its noise."""
+    log_likelihood: Float[Array, ""]
+    """nats, of joints and wrench."""
+    noise: Noise | None
+    """What the log shows of its noise; None = the method was not to look, or the log is too short."""
+    kept_out: Float[Array, ""]
+    """Share of the free samples that the gate keeps out."""
