@@ -34,18 +34,11 @@ def likeliest_density(
     *,
     model: str = "integrated_jerk",
 ) -> Float[Array, " n"]:
-    """Process noise density of every joint that makes its measurements likeliest: (n,), noise.process_density unused.
+    """Process noise density of every joint that makes its measurements likeliest; noise.process_density is not used.
 
     How fast a robot's acceleration changes differs by orders of magnitude between motions, and nobody knows the
     number. The likelihood of one joint has a single broad maximum: a coarse grid is searched, then a fine one between
     the neighbours of its best point, and the polynomial through the fine one's points.
-
-    Args:
-        noise: measurement noise and prior.
-        dt: (T,) s.
-        q: (T, n) rad, NaN = not measured.
-        dq: (T, n) rad/s, NaN = not measured.
-        model: key of process_models.JOINT_MODELS.
     """
     grid, fine = jnp.linspace(-8, 12, POINTS, dtype=q.dtype), jnp.linspace(-1, 1, POINTS, dtype=q.dtype)
     fine = fine[:, None] * (grid[1] - grid[0])
@@ -54,21 +47,12 @@ def likeliest_density(
     middle = grid[jnp.argmax(score, 0)]
     score = _score_densities(noise, dt, q, dq, 2 ** (middle[None] + fine), model)
     best = jnp.argmax(score, 0)
-    between, weights = _interpolation(POINTS, PARTS)
+    between = np.linspace(-1, 1, (POINTS - 1) * PARTS + 1)
+    weights = np.vander(between, POINTS) @ np.linalg.inv(np.vander(np.linspace(-1, 1, POINTS)))
     far = jnp.abs(jnp.arange(len(between))[:, None] - PARTS * best[None]) > PARTS
     curve = jnp.matmul(jnp.asarray(weights, q.dtype), score - score.max(0)[None], precision="highest")
     place = jnp.asarray(between, q.dtype)[jnp.argmax(jnp.where(far, -jnp.inf, curve), 0)]
     return 2 ** (middle + place * (grid[1] - grid[0]))
-
-
-def _interpolation(points: int, parts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places (m,) between points in [-1, 1], so many in each interval, and (m, points) the weights that a polynomial
-    through the points gives them (Lagrange's)."""
-    x = np.linspace(-1, 1, points)
-    places = np.linspace(-1, 1, (points - 1) * parts + 1)
-    of_others = ~np.eye(points, dtype=bool)
-    weights = [np.prod((places[:, None] - x[o]) / (x[i] - x[o]), axis=1) for i, o in enumerate(of_others)]
-    return places, np.stack(weights, 1)
 
 
 def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densities: Array, model: str) -> Array:

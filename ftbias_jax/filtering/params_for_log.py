@@ -58,19 +58,11 @@ def stated_params(setup: Setup, first_q: Float[Array, " n"], dtype: jnp.dtype | 
         dtype: of all arrays; None = JAX's default.
     """
     params = params_from_setup(setup, dtype)
-    return zeroed_at_first(params, first_q) if setup.sensor.rezeroed else params
-
-
-def zeroed_at_first(params: Params, first_q: Float[Array, " n"]) -> Params:
-    """The bias expected of a sensor that was set to zero in the first pose, at rest: what the tool makes it read there.
-
-    Args:
-        params: with the bias that the setup expects beside that.
-        first_q: (n,) rad, the first measured position of every joint.
-    """
+    if not setup.sensor.rezeroed:
+        return params
+    # Of a sensor that was set to zero in the first pose, at rest, is expected what the tool makes it read there.
     q = jnp.asarray(first_q, params.theta.dtype)
-    still = jnp.zeros_like(q)
-    _, weight = predict_wrench(params, jnp.stack([q, still, still], 1))
+    _, weight = predict_wrench(params, jnp.stack([q, jnp.zeros_like(q), jnp.zeros_like(q)], 1))
     mean = params.bias.prior_mean.at[:6].add(weight)
     return params._replace(bias=params.bias._replace(prior_mean=mean))
 

@@ -46,7 +46,7 @@ def filter_joints(work: Work) -> Work:
 
 
 def smooth_joints(work: Work) -> Work:
-    """The same given past and future; with the likeliest process noise, because smoothing needs no guard against lag."""
+    """The same given past and future; smoothing has no lag, so the process noise is not guarded."""
     model, samples = JOINT_MODELS[work.options.joint_model], work.samples
     seen = work.length if work.seen is None else work.seen
     inputs = joint_inputs(work.params, work.start, samples)

@@ -55,12 +55,7 @@ class Noise(NamedTuple):
 def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNoise, Noise]:
     """The noise of the filter for this log: what the setup states, and what the log shows where that is left open.
 
-    Gradients pass through what is stated; what the log shows counts as constant.
-
-    Args:
-        stated: of the setup.
-        blocks: of the whole log, for ``stated``.
-        layout: of the blocks.
+    Gradients pass through what is stated; what the log shows counts as constant. The blocks are of the whole log.
     """
     found = noise_of_log(*jax.lax.stop_gradient((stated, blocks)), layout)
     return with_noise(stated, found), found
@@ -77,7 +72,10 @@ def noise_of_log(stated: BiasNoise, blocks: Blocks, layout: Layout) -> Noise:
     prior_std = prior_with(stated, offset).reshape(2, 6)
 
     def innovations(slow: SlowNoise) -> Array:
-        return standard_innovations(means, slow, prior_std, stated.density)
+        """(N, 6) of blocks, in their standard deviations."""
+        grid = Grid(jnp.ones((1, 6), means.y.dtype), slow.std[None], slow.time[None])
+        found = filter_blocks(*means, grid, prior_std, stated.density)
+        return found.innovation[:, 0] / jnp.sqrt(found.variance[:, 0])
 
     if stated.correlated_std is None or stated.correlated_time is None:
         zero = jnp.zeros(6, means.y.dtype)
@@ -103,15 +101,6 @@ def means_of(blocks: Blocks, layout: Layout, stated: BiasNoise, vibration: Vibra
     y = jnp.where(free[:, None] & calm, blocks.mean - expected(blocks.t, stated), jnp.nan)
     variance = jnp.where(jnp.isfinite(y), white / jnp.maximum(blocks.count, 1), jnp.nan)
     return coarser(Means(jnp.asarray(layout.seconds, y.dtype), blocks.t, y, variance), blocks.number)
-
-
-def standard_innovations(
-    means: Means, slow: SlowNoise, prior_std: Float[Array, "2 6"], density: Float[Array, " 6"]
-) -> Float[Array, "N 6"]:
-    """Innovations of blocks in their standard deviations."""
-    grid = Grid(jnp.ones((1, 6), means.y.dtype), slow.std[None], slow.time[None])
-    found = filter_blocks(*means, grid, prior_std, density)
-    return found.innovation[:, 0] / jnp.sqrt(found.variance[:, 0])
 
 
 def is_white(innovation: Float[Array, "N 6"]) -> Bool[Array, ""]:
@@ -152,9 +141,7 @@ def prior_with(stated: BiasNoise, offset: Float[Array, " 6"]) -> Float[Array, " 
 def inflation(t: Float[Array, " N"], white: Float[Array, "N 6"]) -> Float[Array, " 6"]:
     """By how much means of innovations scatter more than the filter says; 1 where chance explains it.
 
-    Args:
-        t: (N,) s.
-        white: (N, 6) innovations in their standard deviations; NaN = not measured.
+    Of innovations ``white`` in their standard deviations at the times t, in s; NaN = not measured.
     """
     seen = jnp.isfinite(white) & (t - t[0] >= SETTLED)[:, None]
     values = jnp.stack([jnp.where(seen, white, 0), seen.astype(white.dtype)], 1)
@@ -185,13 +172,7 @@ def with_noise(stated: BiasNoise, noise: Noise) -> BiasNoise:
 
 
 def from_median(noise: BiasNoise, found: Noise, blocks: Blocks) -> BiasNoise:
-    """The noise of a filter whose bias begins at the median of the log's free blocks, as uncertain as these scatter.
-
-    Args:
-        noise: of the filter.
-        found: in the log.
-        blocks: of the log.
-    """
+    """The noise of a filter whose bias begins at the median of the log's free blocks, as uncertain as these scatter."""
     measured = jnp.where(found.contacts.inside[:, None], jnp.nan, blocks.mean)
     median = nan_median(measured)
     scatter, seen = MAD * nan_median(jnp.abs(measured - median[None])), jnp.isfinite(median)

@@ -106,8 +106,8 @@ class FilterResult(Filtered):
 
 def format_joint_noise(params: Params, joint_model: str) -> str:
     """One line with the process noise of the joints, or of the pose, that the filter took."""
-    density, what = np.asarray(params.joint.process_density), "pose" if isinstance(params.arm, FreeBody) else "joint"
-    return f"{what} process noise ({joint_model}): {' '.join(f'{x:.3g}' for x in density)}"
+    what, density = "pose" if isinstance(params.arm, FreeBody) else "joint", params.joint.process_density
+    return f"{what} process noise ({joint_model}): {' '.join(f'{float(x):.3g}' for x in density)}"
 
 
 def require_fields(names: Sequence[str]) -> None:

@@ -100,11 +100,8 @@ def _require_noise(name: str, stated: Params, value: Any) -> None:
     if value is None:
         return
     joints = len(stated.joint.process_density)
-    shapes = dict.fromkeys(JOINTS, (joints,)) | {
-        "data_variance": (36,),
-        "vibration": (joints, 6),
-        "vibration_speed": (),
-    }
+    shapes = dict.fromkeys(JOINTS, (joints,))
+    shapes |= {"data_variance": (36,), "vibration": (joints, 6), "vibration_speed": ()}
     if (shape := np.shape(value)) != (wanted := shapes.get(name, (6,))):
         remedy = "give the parameters of one setup, not those of each log"
         raise UsageError(f"has shape {shape} instead of {wanted}", field=f"params.{name}", remedy=remedy)
@@ -121,16 +118,12 @@ def _keys(names: dict[str, str], noise: dict[str, Array | None]) -> dict[str, An
 def _data_noise(variance: Array | None) -> DataNoiseSetup | None:
     if variance is None:
         return None
-    none = np.zeros(3)
-    return DataNoiseSetup(none, none, none, none, np.sqrt(variance))
+    return DataNoiseSetup(*np.zeros((4, 3)), np.sqrt(variance))
 
 
 def _with_vibration(setup: Setup, fields: dict[str, Any]) -> dict[str, Any]:
     """The effects of the setup with the noise that grows with the motion."""
+    stated = {key: x for name, key in VIBRATION.items() if (x := fields[name]) is not None}
+    values = {"vibration": {key: np.asarray(x, float).tolist() for key, x in stated.items()}}
     others = {name: x for name, x in setup.effects.items() if name != "vibration"}
-    if fields["vibration"] is None:
-        return others
-    values = {
-        key: np.asarray(fields[name], float).tolist() for name, key in VIBRATION.items() if fields[name] is not None
-    }
-    return {**others, "vibration": values}
+    return others if fields["vibration"] is None else others | values

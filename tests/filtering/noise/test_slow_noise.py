@@ -8,7 +8,7 @@ from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.filtering.noise import slow_noise
 from ftbias_jax.filtering.noise.block_filter import Grid, averaged, filter_blocks, filter_series
-from ftbias_jax.filtering.noise.slow_noise import Means, coarser, fit_slow_noise, log_likelihoods
+from ftbias_jax.filtering.noise.slow_noise import Means, coarser, fit_slow_noise, nats_of
 
 PRIOR = np.concatenate([20 * STD, 0.05 * STD])
 DENSITY = 0.01 * STD
@@ -79,7 +79,8 @@ def textbook(linear_gaussian, short, g, axis):
 
 
 def test_likelihoods_are_those_of_the_one_normal_distribution_of_all_blocks(linear_gaussian, short):
-    nats = log_likelihoods(*short, PRIOR.reshape(2, 6), DENSITY)
+    means, grid = short
+    nats = nats_of(*filter_blocks(*means, grid, PRIOR.reshape(2, 6), DENSITY)[:2])
     for g in range(3):
         for axis in range(6):
             y = short[0].y[:, axis]
