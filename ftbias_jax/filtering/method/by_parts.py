@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering import bias_filter, pipeline
-from ftbias_jax.filtering.joint_noise import MOST_SAMPLES, likeliest_density
 from ftbias_jax.filtering.method.filter_samples import PASSES
 from ftbias_jax.filtering.method.look import blocks_in, noise_in
 from ftbias_jax.filtering.method.passes import filter_bias, summarise, with_noise
@@ -19,7 +18,7 @@ from ftbias_jax.filtering.method.work import Infos, States, Work
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, layout_of
 from ftbias_jax.filtering.noise.contact import in_contact, listed
 from ftbias_jax.filtering.noise.fit_noise import Noise
-from ftbias_jax.filtering.params_for_log import guard_against_lag
+from ftbias_jax.filtering.params_for_log import MOST_SAMPLES, guard_against_lag, likeliest_density
 from ftbias_jax.filtering.pipeline import Options, State
 from ftbias_jax.filtering.samples import arrays_from_log, pad
 from ftbias_jax.io.log import Log

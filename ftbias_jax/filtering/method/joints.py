@@ -11,9 +11,8 @@ from ftbias_jax.filtering.fast.rts import smooth_back
 from ftbias_jax.filtering.fast.scan import Packed
 from ftbias_jax.filtering.fast.stages import joint_inputs, joint_states, predict_wrenches, signals_of
 from ftbias_jax.filtering.fast.sums import States, filter_sums
-from ftbias_jax.filtering.joint_noise import MOST_SAMPLES, likeliest_density
 from ftbias_jax.filtering.method.work import Joints, Work
-from ftbias_jax.filtering.params_for_log import guard_against_lag
+from ftbias_jax.filtering.params_for_log import MOST_SAMPLES, guard_against_lag, likeliest_density
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.model.effects import compose
 from ftbias_jax.runtime.lanes import upper

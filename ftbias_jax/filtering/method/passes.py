@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.scan import Smoothed, filter_scan
 from ftbias_jax.filtering.fast.stages import add_noise, bias_inputs, bias_state, gated
-from ftbias_jax.filtering.method.work import Bias, Infos, States, Work
+from ftbias_jax.filtering.method.work import Infos, States, Work
 from ftbias_jax.filtering.noise.blocks import Blocks, in_blocks, jumps_in, to_samples, without_jumps
 from ftbias_jax.filtering.noise.fit_noise import Noise, fit_noise, from_median
 from ftbias_jax.filtering.noise.vibration import shown_variance, stated_shaking, taken_variance
@@ -53,7 +53,7 @@ def filter_bias(work: Work) -> Work:
     params, joints, variance = work.params, work.joints, _variances(work)[0]
     state = work.start if work.start.bias is not None else work.start._replace(bias=bias_filter.init(params.bias))
 
-    def filtered(before: Gaussian, piece: tuple[Sample, tuple[Array, ...]]) -> tuple[Gaussian, Bias]:
+    def filtered(before: Gaussian, piece: tuple[Sample, tuple[Array, ...]]) -> tuple[Gaussian, tuple[Array, ...]]:
         samples, (wrench_tool, variance, velocity) = piece
         inputs = bias_inputs(params, state._replace(bias=before), samples, wrench_tool, variance, velocity)
         track = filter_scan(gated(inputs, work.options), inputs)
@@ -65,22 +65,17 @@ def filter_bias(work: Work) -> Work:
         if x.shape[1] == 3:  # the first state is bias and slow error together
             bias, slow = bias - x[:, 2], x[:, 2]
             variance_of_bias = variance_of_bias - 2 * P[:, 0, 2] + P[:, 2, 2]
-        found = Bias(
-            bias,
-            x[:, 1],
-            jnp.sqrt(variance_of_bias),
-            jnp.sqrt(P[:, 1, 1]),
-            slow,
-            jnp.where(used, track.innovation[:, 0], jnp.nan),
-            track.innovation_variance[:, 0] - variance,
-            track.log_likelihood.sum()[None],
-        )
-        return bias_state(Smoothed(*add_noise(x[-1], P[-1], -1))), found
+        innovation = jnp.where(used, track.innovation[:, 0], jnp.nan)
+        predicted = track.innovation_variance[:, 0] - variance
+        found = (bias, x[:, 1], jnp.sqrt(variance_of_bias), jnp.sqrt(P[:, 1, 1]), slow)
+        last = bias_state(Smoothed(*add_noise(x[-1], P[-1], -1)))
+        return last, (*found, innovation, predicted, track.log_likelihood.sum()[None])
 
     known = (joints.wrench_tool, variance, joints.mean[1])
     last, found = over_pieces(filtered, state.bias, (_without_contact(work), known), work.length)
-    found = found._replace(log_likelihood=found.log_likelihood.sum())
-    return work._replace(bias=found, end=work.end._replace(bias=last))
+    *found, innovation, predicted, nats = found
+    work = work._replace(states=States(*joints.mean, joints.ddq_std, *found), end=work.end._replace(bias=last))
+    return work._replace(innovation=innovation, predicted=predicted, log_likelihood=nats.sum())
 
 
 def begin_at_median(work: Work) -> Work:
@@ -96,39 +91,39 @@ def begin_at_median(work: Work) -> Work:
 def smooth_bias(work: Work) -> Work:
     """Bias and drift given past and future, from the samples that the filter used: means and standard deviations."""
     start = work.start._replace(bias=bias_filter.init(work.params.bias))
-    passed = jnp.where(jnp.isfinite(work.bias.innovation), work.samples.wrench, jnp.nan)
+    passed = jnp.where(jnp.isfinite(work.innovation), work.samples.wrench, jnp.nan)
     known = (work.joints.wrench_tool, _variances(work)[0], work.joints.mean[1])
     inputs = bias_inputs(work.params, start, work.samples._replace(wrench=passed), *known)
-    return work._replace(smoothed=smooth_axes(inputs))
+    mean, std = smooth_axes(inputs)
+    return work._replace(states=work.states._replace(bias_smooth=mean, bias_smooth_std=std))
 
 
 def summarise(work: Work) -> tuple[Params, States, Infos]:
     """Parameters of the log, its states and its infos."""
-    known, found, noise = work.joints, work.bias, work.noise
+    known, states, noise, innovation = work.joints, work.states, work.noise, work.innovation
     taken, shown = _variances(work)
-    innovation_std = _root(_innovation_variance(found, taken, shown))
-    passed = jnp.isfinite(found.innovation)
-    standard = jnp.where(passed, found.innovation, 0) / jnp.where(passed, innovation_std, 1)
-    inflation = jnp.ones(6, found.bias.dtype) if noise is None else noise.inflation
+    innovation_std = _root(_innovation_variance(work.predicted, taken, shown))
+    passed = jnp.isfinite(innovation)
+    standard = jnp.where(passed, innovation, 0) / jnp.where(passed, innovation_std, 1)
+    inflation = jnp.ones(6, innovation.dtype) if noise is None else noise.inflation
     added = 0 if known.known_bias is None else known.known_bias
-    errors = (found.bias_std * inflation[None], found.drift_std * inflation[None])
-    states = States(*known.mean, known.ddq_std, found.bias + added, found.drift, *errors, found.slow_error)
-    if work.smoothed is not None:
-        smooth, smooth_std = work.smoothed
-        smooth = smooth.at[:, 0].add(added)
-        states = states._replace(bias_smooth=smooth, bias_smooth_std=smooth_std * inflation[None, None])
-    free = jnp.isfinite(_without_contact(work).wrench).any(1).sum()
+    errors = {"bias_std": states.bias_std * inflation[None], "drift_std": states.drift_std * inflation[None]}
+    states = states._replace(bias=states.bias + added, **errors)
+    if states.bias_smooth is not None and states.bias_smooth_std is not None:
+        smooth_std = states.bias_smooth_std * inflation[None, None]
+        states = states._replace(bias_smooth=states.bias_smooth.at[:, 0].add(added), bias_smooth_std=smooth_std)
+    used, free = passed.any(1), jnp.isfinite(_without_contact(work).wrench).any(1)
     infos = Infos(
         wrench_tool=known.wrench_tool + added,
         wrench_unbiased=work.samples.wrench + states.bias,
-        innovation=found.innovation,
+        innovation=innovation,
         innovation_std=innovation_std,
         nis=(standard**2).sum(1),
-        used=found.used,
+        used=used,
         reading_std=_root(_reading_variance(work.params.bias, shown, known.mean[1])),
-        log_likelihood=found.log_likelihood + known.log_likelihood,
+        log_likelihood=work.log_likelihood + known.log_likelihood,
         noise=noise,
-        kept_out=1 - found.used.sum() / jnp.maximum(free, 1),
+        kept_out=1 - used.sum() / jnp.maximum(free.sum(), 1),
     )
     return work.params, states, infos
 
@@ -149,13 +144,13 @@ def _variances(work: Work) -> tuple[Array, Array]:
     return taken_variance(*found), shown_variance(*found)
 
 
-def _innovation_variance(bias: Bias, taken: Float[Array, "T 6"], shown: Float[Array, "T 6"]) -> Float[Array, "T 6"]:
+def _innovation_variance(predicted: Array, taken: Float[Array, "T 6"], shown: Float[Array, "T 6"]) -> Array:
     """Variance of innovations if the noise of samples is ``shown``, and the filter took ``taken``; N^2, Nm^2.
 
     The filter's own variance of what it predicts is noise of past samples for a half and process for the other, as in
     the steady state of a random walk: the first half is as much smaller, or larger, as the noise is.
     """
-    return bias.predicted * (1 + shown / jnp.where(taken > 0, taken, 1)) / 2 + shown
+    return predicted * (1 + shown / jnp.where(taken > 0, taken, 1)) / 2 + shown
 
 
 def _reading_variance(noise: BiasNoise, shown: Float[Array, "T 6"], velocity: Float[Array, "T n"]) -> Array:

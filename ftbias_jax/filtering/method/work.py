@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jax.numpy as jnp
-
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout
 from ftbias_jax.filtering.noise.fit_noise import Noise
 from ftbias_jax.filtering.step import Options, State
@@ -36,56 +34,6 @@ class Joints(NamedTuple):
     """nats of the joints' measurements."""
 
 
-class Bias(NamedTuple):
-    """Bias and drift at every sample, and what the filter learned there; N, Nm and per s."""
-
-    bias: Float[Array, "T 6"]
-    drift: Float[Array, "T 6"]
-    bias_std: Float[Array, "T 6"]
-    drift_std: Float[Array, "T 6"]
-    slow_error: Float[Array, "T 6"]
-    """Of wrench_tool - reading what is correlated noise, not bias."""
-    innovation: Float[Array, "T 6"]
-    """NaN = not used."""
-    predicted: Float[Array, "T 6"]
-    """N^2, Nm^2, variance of the innovation without the noise of the sample itself."""
-    log_likelihood: Float[Array, ""]
-    """nats."""
-
-    @property
-    def used(self) -> Bool[Array, " T"]:
-        """Whether the sample passed the gate, and nothing touched the tool."""
-        return jnp.isfinite(self.innovation).any(1)
-
-
-class Work(NamedTuple):
-    """A log as far as it is known; every pass of the method adds to it."""
-
-    params: Params
-    start: State
-    """Before the first sample; its bias is None where it begins with the prior."""
-    samples: Sample
-    t: Float[Array, " T"]
-    """s, since the log began."""
-    length: Array
-    """Samples at the start that count; after them comes padding, or what the next part begins with."""
-    layout: Layout
-    options: Options
-    seen: Array | None = None
-    """Samples that are not padding, some of which may be of the next part of the log; None = those that count."""
-    joints: Joints = LATER
-    stated: Params | None = None
-    """Parameters before the log's noise was added to them."""
-    noise: Noise | None = None
-    blocks: Blocks = LATER
-    touched: Bool[Array, " T"] | None = None
-    """Samples in contact or near it, which are left out."""
-    bias: Bias = LATER
-    smoothed: tuple[Array, Array] | None = None
-    end: State = LATER
-    """After the last sample that counts."""
-
-
 class States(NamedTuple):
     """A log at every sample; the joints given past and future (as stated: past alone), the bias given the past."""
 
@@ -111,6 +59,40 @@ class States(NamedTuple):
     """N, Nm and per s: bias and drift given past and future; None = not asked for."""
     bias_smooth_std: Float[Array, "T 2 6"] | None = None
     """Its standard deviation."""
+
+
+class Work(NamedTuple):
+    """A log as far as it is known; every pass of the method adds to it."""
+
+    params: Params
+    start: State
+    """Before the first sample; its bias is None where it begins with the prior."""
+    samples: Sample
+    t: Float[Array, " T"]
+    """s, since the log began."""
+    length: Array
+    """Samples at the start that count; after them comes padding, or what the next part begins with."""
+    layout: Layout
+    options: Options
+    seen: Array | None = None
+    """Samples that are not padding, some of which may be of the next part of the log; None = those that count."""
+    joints: Joints = LATER
+    stated: Params | None = None
+    """Parameters before the log's noise was added to them."""
+    noise: Noise | None = None
+    blocks: Blocks = LATER
+    touched: Bool[Array, " T"] | None = None
+    """Samples in contact or near it, which are left out."""
+    states: States = LATER
+    """As the filter of the bias gives them."""
+    innovation: Float[Array, "T 6"] = LATER
+    """N, Nm; NaN = not used."""
+    predicted: Float[Array, "T 6"] = LATER
+    """N^2, Nm^2, variance of the innovation without the noise of the sample itself."""
+    log_likelihood: Float[Array, ""] = LATER
+    """nats of the wrench."""
+    end: State = LATER
+    """After the last sample that counts."""
 
 
 class Infos(NamedTuple):
