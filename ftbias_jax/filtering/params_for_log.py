@@ -89,6 +89,13 @@ def likeliest_density(
     How fast a robot's acceleration changes differs by orders of magnitude between motions, and nobody knows the
     number. The likelihood of one joint has a single broad maximum: a coarse grid is searched, then a fine one between
     the neighbours of its best point, and the polynomial through the fine one's points.
+
+    Args:
+        noise: measurement noise and prior.
+        dt: (T,) s.
+        q: (T, n) rad, NaN = not measured.
+        dq: (T, n) rad/s, NaN = not measured.
+        model: key of process_models.JOINT_MODELS.
     """
     grid, fine = jnp.linspace(-8, 12, POINTS, dtype=q.dtype), jnp.linspace(-1, 1, POINTS, dtype=q.dtype)
     fine = fine[:, None] * (grid[1] - grid[0])

@@ -14,8 +14,8 @@ from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.noise.log_noise import LogNoise, remark_of_gate
 from ftbias_jax.filtering.quality import contacts, observability, summary
 from ftbias_jax.filtering.quality.at_rest import weight_in_bias
+from ftbias_jax.filtering.quality.observability import remark_of_tool, with_error_of_tool
 from ftbias_jax.filtering.quality.summary import Summary
-from ftbias_jax.filtering.quality.tool_error import remark_of_tool, with_error_of_tool
 from ftbias_jax.filtering.result import Filtered, join, named_arrays
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog

@@ -16,8 +16,8 @@ from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
 from ftbias_jax.filtering.quality.at_rest import weight_in_bias
 from ftbias_jax.filtering.quality.contacts import contact_intervals
+from ftbias_jax.filtering.quality.observability import remark_of_tool, with_error_of_tool
 from ftbias_jax.filtering.quality.summary import summarise
-from ftbias_jax.filtering.quality.tool_error import remark_of_tool, with_error_of_tool
 from ftbias_jax.filtering.result import join, named_arrays
 from ftbias_jax.filtering.samples import first_position, samples_from_log
 from ftbias_jax.filtering.verbs.results import FilterResult, FilterResults, only, require_fields

@@ -8,7 +8,7 @@ from small_checks import TABLES
 
 from ftbias_jax.check.motion import arm_motion, data_matrices
 from ftbias_jax.check.regression import stated_tool
-from ftbias_jax.filtering.quality.tool_error import error_of_tool, remark_of_tool, with_error_of_tool
+from ftbias_jax.filtering.quality.observability import error_of_tool, remark_of_tool, with_error_of_tool
 from ftbias_jax.filtering.result import ARRAYS, Filtered
 from ftbias_jax.setup import dump_setup, parse_setup
 
