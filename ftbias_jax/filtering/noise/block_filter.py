@@ -22,6 +22,19 @@ SHORTEST = 1e-5
 """Length of a block in correlation times, below which it is a point, as far as numbers can tell."""
 
 
+class Means(NamedTuple):
+    """Means of N blocks, what is left of a log for its slow noise."""
+
+    seconds: Float[Array, ""]
+    """s, length of a block."""
+    t: Float[Array, " N"]
+    """s, middles of blocks."""
+    y: Float[Array, "N 6"]
+    """N, Nm, of the measured bias; NaN = not measured, or in contact."""
+    variance: Float[Array, "N 6"]
+    """N^2, Nm^2 of those means if the noise is white."""
+
+
 class Grid(NamedTuple):
     """Parameters of G filters for each of six axes; (G, 6)."""
 
@@ -59,32 +72,22 @@ class Averaged(NamedTuple):
 
 
 def filter_blocks(
-    seconds: float | Array,
-    t: Float[Array, " N"],
-    y: Float[Array, "N 6"],
-    variance: Float[Array, "N 6"],
-    grid: Grid,
-    prior_std: Float[Array, "2 6"],
-    density: Array,
-    drift_rate: Array | None = None,
+    means: Means, grid: Grid, prior_std: Float[Array, "2 6"], density: Array, drift_rate: Array | None = None
 ) -> Filtered:
-    """Filter the means of blocks y (N, 6), NaN = not measured.
+    """Filter the means of blocks.
 
     The Kalman filter of (bias, drift, slow error at the end of the block), over all sets at once. What is measured is
     the mean of the slow error over the block, which is smoother than the error itself (``Averaged``); the bias hardly
     curves within a block, so its mean is its value in the middle.
 
     Args:
-        seconds: length of a block.
-        t: (N,) s, middles of blocks.
-        y: (N, 6).
-        variance: (N, 6).
+        means: of the blocks.
         grid: the sets.
         prior_std: (2, 6) of bias and drift.
         density: (6,) or (G, 6) sigma_Q.
         drift_rate: 1/s at which the drift reverts to zero, (G, 6); None = never.
     """
-    shape = grid.std.shape
+    (seconds, t, y, variance), shape = means, grid.std.shape
     sets = (grid, averaged(seconds / grid.time), BiasStrength(density, drift_rate), tuple(prior_std))
     sets = jax.tree.map(lambda x: jnp.broadcast_to(x, shape).reshape(-1), sets)
     h = jnp.diff(t, prepend=t[:1])[:, None]
@@ -100,10 +103,10 @@ def filter_series(
     count = len(t)
     more = room_for(count, 64) - count
     seconds = np.asarray(np.median(np.diff(t)) if count > 1 else 1.0)
-    t = np.cumsum(np.minimum(np.diff(t, prepend=t[:1]), LONG_PAUSE))
+    t = np.pad(np.cumsum(np.minimum(np.diff(t, prepend=t[:1]), LONG_PAUSE)), (0, more), mode="edge")
     y, variance = (np.pad(x, [(0, more), (0, 0)], constant_values=np.nan) for x in (y, variance))
     rate = None if rate is None else np.broadcast_to(rate, grid.std.shape)
-    found = _program(seconds, np.pad(t, (0, more), mode="edge"), y, variance, grid, prior_std, density, rate)
+    found = _program(Means(seconds, t, y, variance), grid, prior_std, density, rate)
     return Filtered(*(np.asarray(x)[:count] for x in found))
 
 

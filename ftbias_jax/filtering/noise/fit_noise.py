@@ -57,24 +57,24 @@ def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNo
 
     Gradients pass through what is stated; what the log shows counts as constant. The blocks are of the whole log.
     """
-    found = noise_of_log(*jax.lax.stop_gradient((stated, blocks)), layout)
-    return with_noise(stated, found), found
-
-
-def noise_of_log(stated: BiasNoise, blocks: Blocks, layout: Layout) -> Noise:
-    """Contact, vibration and slow errors of a log; what is stated of them already is kept."""
+    given, (stated, blocks) = stated, jax.lax.stop_gradient((stated, blocks))
     slowly = slow_std(blocks, layout)
     contacts, offset = find_contacts(blocks, layout, slowly), offset_of(blocks, slowly, stated)
     free = ~contacts.near & (jnp.arange(len(blocks.t)) < blocks.number)
     sensor = jnp.maximum(stated.wrench_variance, TINY)
     vibration = fit_vibration(blocks, layout, free, sensor, taken=stated.vibration is None)
-    means = means_of(blocks, layout, stated, vibration, free)
+    # The means of the blocks that are free of contact, less what the prior expects of them.
+    variance = vibration.variance(blocks, stated.wrench_variance)
+    calm = ~(blocks.scatter > HEAVY * variance)  # a spike moves the mean of its block as well
+    y = jnp.where(free[:, None] & calm, blocks.mean - expected(blocks.t, stated), jnp.nan)
+    variance = jnp.where(jnp.isfinite(y), variance / jnp.maximum(blocks.count, 1), jnp.nan)
+    means = coarser(Means(jnp.asarray(layout.seconds, y.dtype), blocks.t, y, variance), blocks.number)
     prior_std = prior_with(stated, offset).reshape(2, 6)
 
     def innovations(slow: SlowNoise) -> Array:
         """(N, 6) of blocks, in their standard deviations."""
         grid = Grid(jnp.ones((1, 6), means.y.dtype), slow.std[None], slow.time[None])
-        found = filter_blocks(*means, grid, prior_std, stated.density)
+        found = filter_blocks(means, grid, prior_std, stated.density)
         return found.innovation[:, 0] / jnp.sqrt(found.variance[:, 0])
 
     if stated.correlated_std is None or stated.correlated_time is None:
@@ -91,16 +91,8 @@ def noise_of_log(stated: BiasNoise, blocks: Blocks, layout: Layout) -> Noise:
     else:
         slow = SlowNoise(stated.correlated_std, stated.correlated_time, jnp.zeros(6, means.y.dtype))
         factor = inflation(means.t, innovations(slow))
-    return Noise(contacts, vibration, slow, offset, factor, blocks.t)
-
-
-def means_of(blocks: Blocks, layout: Layout, stated: BiasNoise, vibration: Vibration, free: Bool[Array, " N"]) -> Means:
-    """The means of the blocks that are free of contact, less what the prior expects of them."""
-    white = vibration.variance(blocks, stated.wrench_variance)
-    calm = ~(blocks.scatter > HEAVY * white)  # a spike moves the mean of its block as well
-    y = jnp.where(free[:, None] & calm, blocks.mean - expected(blocks.t, stated), jnp.nan)
-    variance = jnp.where(jnp.isfinite(y), white / jnp.maximum(blocks.count, 1), jnp.nan)
-    return coarser(Means(jnp.asarray(layout.seconds, y.dtype), blocks.t, y, variance), blocks.number)
+    noise = Noise(contacts, vibration, slow, offset, factor, blocks.t)
+    return with_noise(given, noise), noise
 
 
 def is_white(innovation: Float[Array, "N 6"]) -> Bool[Array, ""]:

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering.noise.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_blocks
 from ftbias_jax.filtering.noise.blocks import nan_median
 from ftbias_jax.types import Array
 
@@ -45,19 +45,6 @@ class SlowNoise(NamedTuple):
     """nats over white noise."""
 
 
-class Means(NamedTuple):
-    """Means of N blocks, what is left of a log for its slow noise."""
-
-    seconds: Float[Array, ""]
-    """s, length of a block."""
-    t: Float[Array, " N"]
-    """s, middles of blocks."""
-    y: Float[Array, "N 6"]
-    """N, Nm, of the measured bias; NaN = not measured, or in contact."""
-    variance: Float[Array, "N 6"]
-    """N^2, Nm^2 of those means if the noise is white."""
-
-
 def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[Array, "2 6"]) -> SlowNoise:
     """Search a grid, then a finer one around its best point, and a finer one around the best of that.
 
@@ -86,7 +73,7 @@ def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[A
 
     def refine(slow: Grid, spread: Array) -> tuple[Grid, tuple[Grid, Array, Array]]:
         grid = Grid(*map(jnp.concatenate, zip(slow, plain, strict=True)))
-        nats = nats_of(*filter_blocks(*means, grid, prior_std, density)[:2])
+        nats = nats_of(*filter_blocks(means, grid, prior_std, density)[:2])
         best = nats[:number].argmax(0)
         at = Grid(*(x[best, axes] for x in slow))
         a, b, c = jnp.exp(spread * jnp.asarray(steps, unit.dtype))[:, :, None]

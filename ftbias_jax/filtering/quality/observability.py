@@ -28,7 +28,7 @@ from ftbias_jax.types import Array
 POSES = 64
 """Poses that are looked at in each part of a log."""
 NAMES = ("bias_std", "contact_wrench_std", "bias_smooth_std")
-"""Arrays that contain it."""
+"""Arrays of a result that contain the error of the tool."""
 
 
 class Turning(NamedTuple):
