@@ -46,7 +46,7 @@ def look_at(params: Params, log: Log, options: Options) -> tuple[Blocks, LogNois
     blocks, fitted = jax.tree.map(np.asarray, noise_in(params.bias, blocks, jumps, layout=layout, enough=enough))
     stated = params.bias.correlated_std is not None
     noise = nothing() if fitted is None else told(fitted[1], layout, slow_is_stated=stated)
-    return Blocks(*(x[: int(blocks.number)] for x in blocks[:-1]), number=blocks.number), noise
+    return Blocks(*(x[: int(blocks.number)] for x in blocks[:-1]), blocks.number), noise
 
 
 @keep_program("options", "layout")

@@ -61,11 +61,14 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
     if variance is not None:  # a log of poses without accelerations has the variance of these in it
         unknown = np.asarray(stated.bias.wrench_variance) - setup.sensor.noise_std**2
         noise["wrench_variance"] = np.sqrt(np.maximum(variance - unknown, 0))
+    joints, bias, sensor = (
+        {key: noise[name] for name, key in keys.items() if name in noise} for keys in (JOINTS, BIAS, SENSOR)
+    )
     return replace(
         setup,
-        joints=replace(setup.joints, **_keys(JOINTS, noise)),
-        bias=replace(setup.bias, **_keys(BIAS, noise)),
-        sensor=replace(setup.sensor, **_keys(SENSOR, noise)),
+        joints=replace(setup.joints, **joints),
+        bias=replace(setup.bias, **bias),
+        sensor=replace(setup.sensor, **sensor),
         data_noise=_data_noise(noise["data_variance"]) if "data_variance" in noise else setup.data_noise,
         effects=_with_vibration(setup, after) if noise.keys() & VIBRATION.keys() else setup.effects,
     )
@@ -100,7 +103,7 @@ def _require_noise(name: str, stated: Params, value: Any) -> None:
     if value is None:
         return
     joints = len(stated.joint.process_density)
-    shapes = dict.fromkeys(JOINTS, (joints,))
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(JOINTS, (joints,))
     shapes |= {"data_variance": (36,), "vibration": (joints, 6), "vibration_speed": ()}
     if (shape := np.shape(value)) != (wanted := shapes.get(name, (6,))):
         remedy = "give the parameters of one setup, not those of each log"
@@ -110,15 +113,11 @@ def _require_noise(name: str, stated: Params, value: Any) -> None:
         raise UsageError(f"has {np.asarray(value).ravel()}", field=f"params.{name}", remedy=remedy)
 
 
-def _keys(names: dict[str, str], noise: dict[str, Array | None]) -> dict[str, Any]:
-    """Key of a section -> value, of those that changed."""
-    return {key: noise[name] for name, key in names.items() if name in noise}
-
-
 def _data_noise(variance: Array | None) -> DataNoiseSetup | None:
     if variance is None:
         return None
-    return DataNoiseSetup(*np.zeros((4, 3)), np.sqrt(variance))
+    none = np.zeros(3)
+    return DataNoiseSetup(none, none, none, none, np.sqrt(variance))
 
 
 def _with_vibration(setup: Setup, fields: dict[str, Any]) -> dict[str, Any]:
