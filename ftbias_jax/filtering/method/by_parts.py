@@ -59,37 +59,34 @@ def filter_parts(params: Params, parts: Parts, first_q: Array, options: Options,
     nothing: Any = None
     start = pipeline.init(params, Sample(nothing, np.asarray(first_q, dtype)[None], nothing, nothing))
     joints = "smooth_joints" if "smooth_joints" in method else "filter_joints"
-    if "fit_noise" not in method:
-        return params, None, layout, _results(params, None, start, parts, options, joints, layout)
-    blocks, jumps, state = [], [], start
-    for _, sizes, t, samples in _padded(parts, dtype):
+    noise = _fitted(params, parts, start, options, layout) if "fit_noise" in method else None
+    contacts = [] if noise is None else listed(noise[1].contacts, noise[1].block_times, layout)
+
+    def results(state: State) -> Iterator[tuple[Log, States, Infos]]:
+        for part, sizes, t, samples in _padded(parts, dtype):
+            given = (params, noise, state, samples, (t, in_contact(t, contacts, layout.seconds)), sizes)
+            state, states, infos = _filter(*given, options=options, joints=joints, layout=layout)
+            yield part, *jax.tree.map(np.asarray, (states, infos))
+
+    if noise is None:
+        return params, None, layout, results(start)
+    found = results(start._replace(bias=bias_filter.init(noise[0])))
+    return params._replace(bias=noise[0]), noise[1], layout, found
+
+
+def _fitted(params: Params, parts: Parts, state: State, options: Options, layout: Layout) -> tuple[BiasNoise, Noise]:
+    """The noise of the filter, and what the whole log shows of it."""
+    blocks, jumps = [], []
+    for _, sizes, t, samples in _padded(parts, params.theta.dtype):
         state, found, jumped = blocks_in(params, state, samples, t, sizes, options=options, layout=layout)
         number = int(found.number)
         blocks.append(jax.tree.map(lambda x, n=number: np.asarray(x)[:n], found._replace(number=np.zeros(number))))
         jumps.append(np.asarray(jumped)[:number])
     whole = Blocks(*map(np.concatenate, zip(*blocks, strict=True)))
     whole = whole._replace(number=np.asarray(len(whole.t)))
-    _, found = noise_in(params.bias, whole, np.concatenate(jumps), layout=layout, enough=True)
-    noise, shown = jax.tree.map(np.asarray, found)
-    start = start._replace(bias=bias_filter.init(noise))
-    results = _results(params, (noise, shown), start, parts, options, joints, layout)
-    return params._replace(bias=noise), shown, layout, results
-
-
-def _results(
-    params: Params,
-    noise: tuple[BiasNoise, Noise] | None,
-    state: State,
-    parts: Parts,
-    options: Options,
-    joints: str,
-    layout: Layout,
-) -> Iterator[tuple[Log, States, Infos]]:
-    contacts = [] if noise is None else listed(noise[1].contacts, noise[1].block_times, layout)
-    for part, sizes, t, samples in _padded(parts, params.theta.dtype):
-        given = (params, noise, state, samples, (t, in_contact(t, contacts, layout.seconds)), sizes)
-        state, states, infos = _filter(*given, options=options, joints=joints, layout=layout)
-        yield part, *jax.tree.map(np.asarray, (states, infos))
+    _, fitted = noise_in(params.bias, whole, np.concatenate(jumps), layout=layout, enough=True)
+    noise: tuple[BiasNoise, Noise] = jax.tree.map(np.asarray, fitted)
+    return noise
 
 
 def _padded(parts: Parts, dtype: Any) -> Iterator[tuple[Log, tuple[Array, Array], Array, Sample]]:

@@ -12,7 +12,7 @@ error bars.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -31,35 +31,23 @@ NAMES = ("bias_std", "contact_wrench_std", "bias_smooth_std")
 """Arrays of a result that contain the error of the tool."""
 
 
-class Turning(NamedTuple):
-    """Sums over the direction of gravity in the sensor's frame."""
-
-    poses: int
-    total: Array
-    """(3,)."""
-    squares: Array
-    """(3, 3)."""
+def start() -> Array:
+    """Before the first part: (0, 3) unit vectors along gravity, sensor frame."""
+    return np.empty((0, 3))
 
 
-def start() -> Turning:
-    """Before the first part."""
-    return Turning(0, np.zeros(3), np.zeros((3, 3)))
-
-
-def add(turning: Turning, params: Params, part: Filtered) -> Turning:
+def add(down: Array, params: Params, part: Filtered) -> Array:
     """Take in poses of the next part."""
     if not len(part.t) or not (np.any(params.gravity) and np.any(params.theta)):  # no weight is in the reading
-        return turning
+        return down
     rows = np.linspace(0, len(part.t) - 1, POSES).astype(int)
     joints = np.stack([part.q[rows], part.dq[rows], part.ddq[rows]], 2)
-    down = np.asarray(_down(params, joints), np.float64)
-    return Turning(turning.poses + POSES, turning.total + down.sum(0), turning.squares + down.T @ down)
+    return np.concatenate([down, np.asarray(_down(params, joints), np.float64)])
 
 
-def unobservable(turning: Turning) -> list[str]:
+def unobservable(down: Array) -> list[str]:
     """What of the tool is indistinguishable from the bias, in words; [] if the sensor turns about two axes."""
-    mean = turning.total / turning.poses
-    spread = turning.squares / turning.poses - np.outer(mean, mean)
+    spread = np.cov(down.T, bias=True)
     if np.trace(spread) < LEAST_TURN**2:
         return ["mass", "center_of_mass"]
     variance, directions = np.linalg.eigh(spread)
@@ -69,9 +57,9 @@ def unobservable(turning: Turning) -> list[str]:
     return []
 
 
-def remarks(turning: Turning) -> Repairs:
+def remarks(down: Array) -> Repairs:
     """What the owner of a log should know of its motion; () if it shows enough."""
-    if turning.poses and (hidden := unobservable(turning)):
+    if len(down) and (hidden := unobservable(down)):
         what = f"the sensor turns too little: errors of the tool's {' and '.join(hidden)} would look like bias"
         return (Repair(what),)
     return ()

@@ -129,21 +129,10 @@ def finish(tally: Tally) -> Summary:
     with np.errstate(invalid="ignore"):
         raw_std, residual_std = (np.sqrt(x.squares / x.count) for x in (tally.raw, tally.residual))
         one_second_rms = np.sqrt(tally.ahead.squares / tally.ahead.count + tally.ahead.mean**2)
-    bias, bias_std, drift, drift_std = (x[-1] for x in (last.bias, last.bias_std, last.drift, last.drift_std))
-    return Summary(
-        samples=tally.samples,
-        gated=tally.gated,
-        far=tally.far,
-        seconds=float(last.t[-1]) - tally.first,
-        bias=bias,
-        bias_std=bias_std,
-        drift=drift,
-        drift_std=drift_std,
-        raw_std=raw_std,
-        residual_std=residual_std,
-        one_second_rms=one_second_rms,
-        mean_nis=tally.nis / tally.used if tally.used else np.nan,
-    )
+    at_end = (x[-1] for x in (last.bias, last.bias_std, last.drift, last.drift_std))
+    counts, seconds = (tally.samples, tally.gated, tally.far), float(last.t[-1]) - tally.first
+    mean_nis = tally.nis / tally.used if tally.used else np.nan
+    return Summary(*counts, seconds, *at_end, raw_std, residual_std, one_second_rms, mean_nis)
 
 
 def summarise(filtered: Filtered, noise: BiasNoise) -> Summary:
@@ -152,16 +141,9 @@ def summarise(filtered: Filtered, noise: BiasNoise) -> Summary:
 
 
 def worse_than_raw(summary: Summary) -> bool:
-    """Whether correcting the wrench has made it worse: force or torque lie farther off the tool model than they vary.
-
-    Args:
-        summary: of the whole log.
-    """
-    for axes in (slice(0, 3), slice(3, 6)):
-        raw, residual = (np.sqrt(np.nansum(x[axes] ** 2)) for x in (summary.raw_std, summary.residual_std))
-        if residual > WORSE * raw:
-            return True
-    return False
+    """Whether correcting the wrench has made it worse: force or torque lie farther off the tool model than they vary."""
+    raw, residual = (np.nansum(x.reshape(2, 3) ** 2, axis=1) for x in (summary.raw_std, summary.residual_std))
+    return bool((residual > WORSE**2 * raw).any())
 
 
 def format_summary(summary: Summary) -> str:
