@@ -11,9 +11,9 @@ import numpy as np
 from ftbias_jax.filtering.fast.scan import Inputs
 from ftbias_jax.filtering.joint_filter import first_measured, init
 from ftbias_jax.filtering.likelihood import measured_length, nats_in_pieces
-from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, predict_wrench
+from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, options_from_setup, predict_wrench
 from ftbias_jax.filtering.process_models import JOINT_MODELS
-from ftbias_jax.filtering.samples import first_position, pad
+from ftbias_jax.filtering.samples import first_position, pad, samples_from_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model
@@ -36,9 +36,22 @@ POINTS, PARTS = 8, 64
 """Of each grid, and of the interval between two points of the fine one: 1 % of the density."""
 
 
-def params_for_log(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
-    """Parameters to filter a log with: those of ``likeliest_params``, with the joints' process noise guarded."""
-    return guard_against_lag(likeliest_params(setup, samples, options))
+def params_for_log(setup: Setup, log: Log | Sample, *, guarded: bool = True) -> Params:
+    """Parameters that the verbs filter a log with, as arrays of JAX: for programs of your own.
+
+    Args:
+        setup: robot, sensor, tool and noise.
+        log: what ``read_log`` gives, or ``samples_from_log`` of it; a joint process noise that the setup leaves open
+            is the likeliest of this log.
+        guarded: whether the joints' process noise is that of a filter, LAG_GUARD times as large. False for
+            ``filter_samples``, which smooths the joints.
+
+    Returns:
+        a pytree in JAX's own precision (float32, unless ``jax_enable_x64`` is set).
+    """
+    samples = samples_from_log(log) if isinstance(log, Log) else log
+    params = likeliest_params(setup, samples, options_from_setup(setup))
+    return guard_against_lag(params) if guarded else params
 
 
 def guard_against_lag(params: Params) -> Params:
@@ -52,7 +65,7 @@ def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_O
     if setup.joints.process_noise_density is not None:
         return params
     part = jax.tree.map(lambda x: x[:MOST_SAMPLES], samples)
-    part = pad(part, _power_of_two(part.dt.shape[0]))
+    part = pad(part, padded_length(part.dt.shape[0]))
     likeliest = likeliest_density(params.joint, part.dt, part.q, part.dq, model=options.joint_model)
     return params._replace(joint=params.joint._replace(process_density=likeliest))
 
@@ -140,8 +153,5 @@ def rows_of(log: Log, first: int, count: int) -> dict[str, Array]:
 
 def padded_length(length: int) -> int:
     """Length to pad to, so that logs of similar length share one program: a power of two, or several of the largest."""
-    return _power_of_two(length) * -(-length // _power_of_two(length))
-
-
-def _power_of_two(length: int) -> int:
-    return min(MOST_SAMPLES, 1 << (length - 1).bit_length())
+    power = min(MOST_SAMPLES, 1 << (length - 1).bit_length())
+    return power * -(-length // power)

@@ -141,7 +141,7 @@ def summarise(filtered: Filtered, noise: BiasNoise) -> Summary:
 
 
 def worse_than_raw(summary: Summary) -> bool:
-    """Whether correcting the wrench has made it worse: force or torque lie farther off the tool model than they vary."""
+    """Whether force or torque, once corrected, lie farther off the tool model than they vary as read."""
     raw, residual = (np.nansum(x.reshape(2, 3) ** 2, axis=1) for x in (summary.raw_std, summary.residual_std))
     return bool((residual > WORSE**2 * raw).any())
 

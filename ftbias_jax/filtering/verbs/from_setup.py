@@ -1,4 +1,4 @@
-"""The verbs of filtering: everything they need is in a setup and a log."""
+"""The verb of filtering: everything it needs is in a setup and a log."""
 
 from __future__ import annotations
 
@@ -9,27 +9,23 @@ from typing import overload
 
 from ftbias_jax.check.check_setup import check_setup
 from ftbias_jax.errors import FtbiasError, UsageError
-from ftbias_jax.filtering import params_for_log as of_log
 from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.noise.log_noise import remark_of_gate
-from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
 from ftbias_jax.filtering.quality.at_rest import weight_in_bias
 from ftbias_jax.filtering.quality.contacts import contact_intervals
 from ftbias_jax.filtering.quality.observability import remark_of_tool, with_error_of_tool
 from ftbias_jax.filtering.quality.summary import summarise
 from ftbias_jax.filtering.result import join, named_arrays
-from ftbias_jax.filtering.samples import first_position, samples_from_log
+from ftbias_jax.filtering.samples import first_position
 from ftbias_jax.filtering.verbs.results import FilterResult, FilterResults, only, require_fields
 from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.types import Effect
-from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Sample
 
 
 def _nobody(done: int) -> None:
@@ -161,21 +157,3 @@ def _filter(
         frame=log.frame,
         provenance=provenance(setup, [source_of(log)], {"smooth": smooth, "gate": bias.gate, "adapt": bias.adapt}),
     )
-
-
-def params_for_log(setup: Setup, log: Log | Sample, *, guarded: bool = True) -> Params:
-    """Parameters that the verbs filter a log with, as arrays of JAX: for programs of your own.
-
-    Args:
-        setup: robot, sensor, tool and noise.
-        log: what ``read_log`` gives, or ``samples_from_log`` of it; a joint process noise that the setup leaves open
-            is the likeliest of this log.
-        guarded: whether the joints' process noise is that of a filter, LAG_GUARD times as large. False for
-            ``filter_samples``, which smooths the joints.
-
-    Returns:
-        a pytree in JAX's own precision (float32, unless ``jax_enable_x64`` is set).
-    """
-    samples = samples_from_log(log) if isinstance(log, Log) else log
-    params = of_log.likeliest_params(setup, samples, options_from_setup(setup))
-    return of_log.guard_against_lag(params) if guarded else params
