@@ -46,7 +46,9 @@ def look_at(params: Params, log: Log, options: Options) -> tuple[Blocks, LogNois
     blocks, fitted = jax.tree.map(np.asarray, noise_in(params.bias, blocks, jumps, layout=layout, enough=enough))
     stated = params.bias.correlated_std is not None
     noise = nothing() if fitted is None else told(fitted[1], layout, slow_is_stated=stated)
-    return Blocks(*(x[: int(blocks.number)] for x in blocks[:-1]), blocks.number), noise
+    number = int(blocks.number)
+    trimmed: Blocks = jax.tree.map(lambda x: x[:number], blocks._replace(number=blocks.t))
+    return trimmed._replace(number=blocks.number), noise
 
 
 @keep_program("options", "layout")

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ftbias_jax.filtering.noise.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_blocks
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
 from ftbias_jax.filtering.noise.contact import Contacts, find_contacts, slow_std
 from ftbias_jax.filtering.noise.scatter import HEAVY
-from ftbias_jax.filtering.noise.slow_noise import Means, SlowNoise, coarser, fit_slow_noise
+from ftbias_jax.filtering.noise.slow_noise import SlowNoise, coarser, fit_slow_noise
 from ftbias_jax.filtering.noise.vibration import Vibration, fit_vibration, taken_level
 from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.runtime.compiled_loops import running_sum

@@ -33,7 +33,7 @@ class Tally(NamedTuple):
     """Sums over the samples so far."""
 
     moments: tuple[Moments, ...]
-    """Of the wrench as read, the corrected wrench minus the tool model, and the error of predicting the reading AHEAD."""
+    """Of the wrench as read, of the corrected one minus the tool model, and of the error of predicting it AHEAD."""
     counts: Array
     """(5,) sum of the NIS, measured axes of all samples that the filter took in, samples, those of which it took in
     nothing, and those with an axis FAR off its prediction that it did take in."""
@@ -113,10 +113,11 @@ def finish(tally: Tally) -> Summary:
     with np.errstate(invalid="ignore"):
         raw_std, residual_std, ahead_std = (np.sqrt(x.squares / x.count) for x in tally.moments)
     one_second_rms = np.hypot(ahead_std, tally.moments[2].mean)
-    at_end = (x[-1] for x in (last.bias, last.bias_std, last.drift, last.drift_std))
-    nis, used, *samples = tally.counts.tolist()
+    bias, bias_std, drift, drift_std = (x[-1] for x in (last.bias, last.bias_std, last.drift, last.drift_std))
+    nis, used, samples, gated, far = tally.counts.tolist()
     seconds, mean_nis = float(last.t[-1]) - tally.first, nis / used if used else np.nan
-    return Summary(*map(int, samples), seconds, *at_end, raw_std, residual_std, one_second_rms, mean_nis)
+    at_end = (bias, bias_std, drift, drift_std, raw_std, residual_std, one_second_rms)
+    return Summary(int(samples), int(gated), int(far), seconds, *at_end, mean_nis)
 
 
 def summarise(filtered: Filtered, noise: BiasNoise) -> Summary:

@@ -56,7 +56,7 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
     changed = [name for name, was in before.items() if not _same(was, after[name], precision, name in NOISE)]
     for name in changed:
         _require_noise(name, stated, after[name])
-    noise = {name: None if after[name] is None else np.asarray(after[name], float) for name in changed}
+    noise: dict[str, Any] = {name: None if after[name] is None else np.asarray(after[name], float) for name in changed}
     variance = noise.get("wrench_variance")
     if variance is not None:  # a log of poses without accelerations has the variance of these in it
         unknown = np.asarray(stated.bias.wrench_variance) - setup.sensor.noise_std**2

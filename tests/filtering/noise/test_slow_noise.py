@@ -7,8 +7,8 @@ import pytest
 from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.filtering.noise import slow_noise
-from ftbias_jax.filtering.noise.block_filter import Grid, averaged, filter_blocks, filter_series
-from ftbias_jax.filtering.noise.slow_noise import Means, coarser, fit_slow_noise, nats_of
+from ftbias_jax.filtering.noise.block_filter import Grid, Means, averaged, filter_blocks, filter_series
+from ftbias_jax.filtering.noise.slow_noise import coarser, fit_slow_noise, nats_of
 
 PRIOR = np.concatenate([20 * STD, 0.05 * STD])
 DENSITY = 0.01 * STD
