@@ -23,16 +23,9 @@ from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes, running_su
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Sample
 
-PASSES: dict[str, Callable[[Work], Work]] = {
-    "fit_joint_noise": joints.fit_joint_noise,
-    "guard_joints": joints.guard_joints,
-    "smooth_joints": joints.smooth_joints,
-    "filter_joints": joints.filter_joints,
-    "fit_noise": passes.fit_log_noise,
-    "filter_bias": passes.filter_bias,
-    "begin_at_median": passes.begin_at_median,
-    "smooth_bias": passes.smooth_bias,
-}
+OF_JOINTS = (joints.fit_joint_noise, joints.guard_joints, joints.smooth_joints, joints.filter_joints)
+OF_BIAS = (passes.fit_noise, passes.filter_bias, passes.begin_at_median, passes.smooth_bias)
+PASSES: dict[str, Callable[[Work], Work]] = {function.__name__: function for function in (*OF_JOINTS, *OF_BIAS)}
 METHOD = ("smooth_joints", "fit_noise", "filter_bias")
 """The passes over a recorded log, before ``summarise``."""
 AS_STATED = ("filter_joints", "filter_bias")

@@ -11,7 +11,8 @@ from ftbias_jax.filtering.fast.scan import Smoothed, filter_scan
 from ftbias_jax.filtering.fast.stages import add_noise, bias_inputs, bias_state, gated
 from ftbias_jax.filtering.method.work import Infos, States, Work
 from ftbias_jax.filtering.noise.blocks import Blocks, in_blocks, jumps_in, to_samples, without_jumps
-from ftbias_jax.filtering.noise.fit_noise import Noise, fit_noise, from_median
+from ftbias_jax.filtering.noise.fit_noise import Noise, from_median
+from ftbias_jax.filtering.noise.fit_noise import fit_noise as noise_of_log
 from ftbias_jax.filtering.noise.vibration import shown_variance, stated_shaking, taken_variance
 from ftbias_jax.filtering.smoother import smooth_axes
 from ftbias_jax.model.params import BiasNoise, Params
@@ -25,12 +26,12 @@ GATE = 6.0
 """Standard deviations: with the noise of the log, spikes and short contacts are off by more, and nothing else is."""
 
 
-def fit_log_noise(work: Work) -> Work:
+def fit_noise(work: Work) -> Work:
     """Contact, noise in motion and slow errors where the setup leaves them open, by the blocks of the log."""
     blocks, rezeroed = blocks_of(work), work.samples.rezeroed
     if rezeroed is not None:
         blocks = without_jumps(blocks, jumps_in(work.layout, rezeroed))
-    noise, found = fit_noise(work.params.bias, blocks, work.layout)
+    noise, found = noise_of_log(work.params.bias, blocks, work.layout)
     touched = to_samples(work.layout, found.contacts.near, len(work.t))
     return with_noise(work, noise, found)._replace(blocks=blocks, touched=touched)
 

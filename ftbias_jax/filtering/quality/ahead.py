@@ -10,8 +10,8 @@ from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
     from ftbias_jax.filtering.verbs.results import FilterResult
-    from ftbias_jax.model.params import BiasNoise
 
+Times = tuple[Array | None, Array | None]
 SOONER = 2.0
 """A log of a few correlation times may show one this many times too long, and the standard deviation allows that. On
 recorded logs without it 87 % of readings were in their 95 % intervals 10 s ahead."""
@@ -37,7 +37,8 @@ def forecast(result: FilterResult, seconds: float) -> Forecast:
         seconds: how far ahead, 0 or more.
     """
     noise = result.params.bias
-    mean = expected_ahead(result.bias, result.drift, result.slow_error, noise, seconds)
+    times = (noise.drift_time, noise.correlated_time)
+    mean = expected_ahead(result.bias, result.drift, result.slow_error, times, seconds)
     of_drift = (_moved_by_drift(noise.drift_time, seconds) * result.drift_std) ** 2
     white = (result.innovation_std if result.reading_std is None else result.reading_std) ** 2
     if result.slow_error is None or noise.correlated_std is None or noise.correlated_time is None:
@@ -49,30 +50,17 @@ def forecast(result: FilterResult, seconds: float) -> Forecast:
     return Forecast(mean, np.sqrt(variance))
 
 
-def expected_ahead(
-    bias: Array, drift: Array, slow_error: Array | None, noise: BiasNoise, seconds: float | Array
-) -> Array:
+def expected_ahead(bias: Array, drift: Array, slow_error: Array | None, times: Times, seconds: float | Array) -> Array:
     """What wrench_tool - reading should be later: (T, 6) N, Nm.
 
     Args:
         bias: (T, 6) N, Nm.
         drift: (T, 6) N/s, Nm/s.
         slow_error: (T, 6) N, Nm; None = none was told from the bias.
-        noise: that the filter took.
+        times: in which the filter's drift and slow error are forgotten, s, in any shape that broadcasts; None = never.
         seconds: how far ahead, () or (T, 1).
     """
-    return expected_with(bias, drift, slow_error, noise.drift_time, noise.correlated_time, seconds)
-
-
-def expected_with(
-    bias: Array,
-    drift: Array,
-    slow_error: Array | None,
-    drift_time: Array | None,
-    correlated_time: Array | None,
-    seconds: float | Array,
-) -> Array:
-    """The same for times in which drift and slow error are forgotten, s, in any shape that broadcasts; None = never."""
+    drift_time, correlated_time = times
     mean = bias + _moved_by_drift(drift_time, seconds) * drift
     if slow_error is None or correlated_time is None:
         return mean

@@ -95,7 +95,8 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
     known = slice(int(np.searchsorted(past, 0)), None)  # they increase
     past = past[known]
     elapsed = (part.t[known] - t[past])[:, None]
-    predicted = part.wrench_tool[known] - expected_ahead(bias[past], drift[past], slow[past], noise, elapsed)
+    times = (noise.drift_time, noise.correlated_time)
+    predicted = part.wrench_tool[known] - expected_ahead(bias[past], drift[past], slow[past], times, elapsed)
     far = np.abs(part.innovation) > FAR * part.innovation_std
     keep = max(np.searchsorted(t, part.t[-1] - AHEAD, side="right") - 1, 0)
     values = (raw, part.wrench_unbiased - part.wrench_tool, raw[known] - predicted)
