@@ -9,17 +9,19 @@ import numpy as np
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.likelihood import measured_length
 from ftbias_jax.filtering.method import passes
-from ftbias_jax.filtering.method.passes import Work
-from ftbias_jax.filtering.method.ready import result_of, samples_of
+from ftbias_jax.filtering.method.joints import smooth_joints
+from ftbias_jax.filtering.method.ready import result_of
+from ftbias_jax.filtering.method.work import Work
 from ftbias_jax.filtering.noise.blocks import jumps_in, layout_of, to_samples, without_jumps
 from ftbias_jax.filtering.noise.fit_noise import fit_noise
 from ftbias_jax.filtering.noise.log_noise import told
+from ftbias_jax.filtering.samples import samples_of
 
 
 @partial(jax.jit, static_argnames=("options", "layout"))
 def blocks_of(params, samples, options, layout):
     """The log in blocks, with its joints smoothed."""
-    blocks = passes.blocks_of(passes.smooth_joints(_work(params, samples, options, layout)))
+    blocks = passes.blocks_of(smooth_joints(_work(params, samples, options, layout)))
     return blocks if samples.rezeroed is None else without_jumps(blocks, jumps_in(layout, samples.rezeroed))
 
 
@@ -28,7 +30,7 @@ find = jax.jit(fit_noise, static_argnums=2)
 
 @partial(jax.jit, static_argnames=("options", "layout"))
 def _filter(params, samples, noise, options, layout):
-    work = passes.smooth_joints(_work(params, samples, options, layout))
+    work = smooth_joints(_work(params, samples, options, layout))
     if noise is not None:
         touched = to_samples(layout, noise[1].contacts.near, len(work.t))
         work = passes.with_noise(work, *noise)._replace(touched=touched)

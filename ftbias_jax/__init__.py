@@ -45,11 +45,11 @@ if TYPE_CHECKING:
     from ftbias_jax.filtering.likelihood import log_likelihood
     from ftbias_jax.filtering.method.filter_samples import filter_samples
     from ftbias_jax.filtering.noise.blocks import layout_of
+    from ftbias_jax.filtering.params_for_log import params_for_log
     from ftbias_jax.filtering.pipeline import Options, options_from_setup
     from ftbias_jax.filtering.samples import samples_from_log
-    from ftbias_jax.filtering.verbs.from_setup import filter_log, params_for_log
-    from ftbias_jax.filtering.verbs.many import FilterResults
-    from ftbias_jax.filtering.verbs.results import FilterResult
+    from ftbias_jax.filtering.verbs.from_setup import filter_log
+    from ftbias_jax.filtering.verbs.results import FilterResult, FilterResults
     from ftbias_jax.filtering.verbs.setup_with import setup_with
     from ftbias_jax.io import read_log
     from ftbias_jax.io.log import Log, Repair
@@ -134,11 +134,11 @@ _MODULES = {
     "filtering.likelihood": "log_likelihood",
     "filtering.method.filter_samples": "filter_samples",
     "filtering.noise.blocks": "layout_of",
+    "filtering.params_for_log": "params_for_log",
     "filtering.pipeline": "Options options_from_setup",
     "filtering.samples": "samples_from_log",
-    "filtering.verbs.from_setup": "filter_log params_for_log",
-    "filtering.verbs.many": "FilterResults",
-    "filtering.verbs.results": "FilterResult",
+    "filtering.verbs.from_setup": "filter_log",
+    "filtering.verbs.results": "FilterResult FilterResults",
     "filtering.verbs.setup_with": "setup_with",
     "io": "read_log",
     "io.log": "Log Repair",

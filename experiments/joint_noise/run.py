@@ -13,7 +13,7 @@ from common import MOTIONS, PARAMS, keep, rounded, simulate_logs
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan
-from ftbias_jax.filtering.joint_noise import likeliest_density
+from ftbias_jax.filtering.params_for_log import likeliest_density
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS
 from ftbias_jax.filtering.process_models import drift_noise
 

@@ -200,7 +200,8 @@ def prediction_errors(result: Filtered | FilterResult, noise: BiasNoise, ahead: 
     """
     past = np.searchsorted(result.t, result.t - ahead, side="right") - 1
     reading = result.wrench_unbiased - result.bias
-    later = expected_ahead(result.bias, result.drift, result.slow_error, noise, ahead)
+    times = (noise.drift_time, noise.correlated_time)
+    later = expected_ahead(result.bias, result.drift, result.slow_error, times, ahead)
     errors = np.where((past >= 0)[:, None], reading - (result.wrench_tool - later[past]), np.nan)
     return _of_used(result, errors)
 

@@ -22,13 +22,13 @@ from ftbias_jax.calibration.tune import TIES, Fit, WrenchLogs, fit_wrench
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.method.look import look_at
-from ftbias_jax.filtering.noise.block_filter import Grid, filter_series
+from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_series
 from ftbias_jax.filtering.noise.blocks import Blocks
 from ftbias_jax.filtering.noise.contact import in_contact
 from ftbias_jax.filtering.noise.fit_noise import expected, prior_with
 from ftbias_jax.filtering.noise.log_noise import LogNoise
 from ftbias_jax.filtering.noise.scatter import HEAVY
-from ftbias_jax.filtering.noise.slow_noise import Means, coarseness, coarser, nats_of
+from ftbias_jax.filtering.noise.slow_noise import coarseness, coarser, nats_of
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params

@@ -14,7 +14,7 @@ import numpy as np
 
 from ftbias_jax.filtering.noise.block_filter import Grid, filter_series
 from ftbias_jax.filtering.noise.slow_noise import nats_of
-from ftbias_jax.filtering.quality.ahead import expected_with
+from ftbias_jax.filtering.quality.ahead import expected_ahead
 from ftbias_jax.types import Array
 
 TIMES = (np.inf, 300.0, 100.0, 30.0, 10.0)
@@ -110,7 +110,7 @@ def score(logs: Sequence[Series], slow: tuple[Array, Array], drifts: Drift) -> S
             rows = past >= 0
             then = past[rows]
             states = found.bias[then], found.drift[then], slow_error[then]
-            expected = expected_with(*states, drifts.time, grid.time, ahead)
+            expected = expected_ahead(*states, (drifts.time, grid.time), ahead)
             errors = y[rows, None] - expected
             squares[i] += np.nansum(errors**2, axis=0)
             counts[i, 0] += np.isfinite(y[rows]).sum(0)

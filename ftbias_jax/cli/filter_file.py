@@ -12,8 +12,8 @@ from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.noise.log_noise import LogNoise, remark_of_gate
 from ftbias_jax.filtering.quality import contacts, observability, summary
 from ftbias_jax.filtering.quality.at_rest import weight_in_bias
+from ftbias_jax.filtering.quality.observability import remark_of_tool, with_error_of_tool
 from ftbias_jax.filtering.quality.summary import Summary
-from ftbias_jax.filtering.quality.tool_error import arrays_with_error_of_tool, remark_of_tool, with_error_of_tool
 from ftbias_jax.filtering.result import Filtered, join, named_arrays
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.parts import OpenLog
@@ -104,10 +104,7 @@ def filter_file(
 
     if keep or smooth or not os.fspath(output).lower().endswith(".npz"):
         filtered = join(list(results()))
-        arrays = named_arrays(filtered)
-        if smooth:
-            arrays |= arrays_with_error_of_tool(ready.smoothed, filtered.wrench_tool, setup.tool)
-        save_results(output, arrays, about())
+        save_results(output, named_arrays(filtered), about())
     else:
         save_npz_parts(output, selected_parts(map(named_arrays, results()), selection), about)
         assert tally.last is not None  # no log is empty

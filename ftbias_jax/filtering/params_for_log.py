@@ -8,13 +8,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering.joint_noise import MOST_SAMPLES, likeliest_density
-from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, predict_wrench
-from ftbias_jax.filtering.samples import first_position, pad
+from ftbias_jax.filtering.fast.scan import Inputs
+from ftbias_jax.filtering.joint_filter import first_measured, init
+from ftbias_jax.filtering.likelihood import measured_length, nats_in_pieces
+from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, options_from_setup, predict_wrench
+from ftbias_jax.filtering.process_models import JOINT_MODELS
+from ftbias_jax.filtering.samples import first_position, pad, samples_from_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model
-from ftbias_jax.model.params import Params, params_from_setup
+from ftbias_jax.model.params import JointNoise, Params, params_from_setup
+from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
 
@@ -26,11 +30,28 @@ LAG_GUARD = 8.0
 likelihood trades noise of the acceleration against its lag at par, but the bias filter averages noise out and keeps the
 lag, which moves with the motion. On simulated logs the bias errors are smallest and the error bars hold around 8
 (experiments/joint_noise)."""
+MOST_SAMPLES = 1 << 14
+"""At the start of a log that the noise is fitted to."""
+POINTS, PARTS = 8, 64
+"""Of each grid, and of the interval between two points of the fine one: 1 % of the density."""
 
 
-def params_for_log(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
-    """Parameters to filter a log with: those of ``likeliest_params``, with the joints' process noise guarded."""
-    return guard_against_lag(likeliest_params(setup, samples, options))
+def params_for_log(setup: Setup, log: Log | Sample, *, guarded: bool = True) -> Params:
+    """Parameters that the verbs filter a log with, as arrays of JAX: for programs of your own.
+
+    Args:
+        setup: robot, sensor, tool and noise.
+        log: what ``read_log`` gives, or ``samples_from_log`` of it; a joint process noise that the setup leaves open
+            is the likeliest of this log.
+        guarded: whether the joints' process noise is that of a filter, LAG_GUARD times as large. False for
+            ``filter_samples``, which smooths the joints.
+
+    Returns:
+        a pytree in JAX's own precision (float32, unless ``jax_enable_x64`` is set).
+    """
+    samples = samples_from_log(log) if isinstance(log, Log) else log
+    params = likeliest_params(setup, samples, options_from_setup(setup))
+    return guard_against_lag(params) if guarded else params
 
 
 def guard_against_lag(params: Params) -> Params:
@@ -44,7 +65,7 @@ def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_O
     if setup.joints.process_noise_density is not None:
         return params
     part = jax.tree.map(lambda x: x[:MOST_SAMPLES], samples)
-    part = pad(part, _power_of_two(part.dt.shape[0]))
+    part = pad(part, padded_length(part.dt.shape[0]))
     likeliest = likeliest_density(params.joint, part.dt, part.q, part.dq, model=options.joint_model)
     return params._replace(joint=params.joint._replace(process_density=likeliest))
 
@@ -58,21 +79,63 @@ def stated_params(setup: Setup, first_q: Float[Array, " n"], dtype: jnp.dtype | 
         dtype: of all arrays; None = JAX's default.
     """
     params = params_from_setup(setup, dtype)
-    return zeroed_at_first(params, first_q) if setup.sensor.rezeroed else params
-
-
-def zeroed_at_first(params: Params, first_q: Float[Array, " n"]) -> Params:
-    """The bias expected of a sensor that was set to zero in the first pose, at rest: what the tool makes it read there.
-
-    Args:
-        params: with the bias that the setup expects beside that.
-        first_q: (n,) rad, the first measured position of every joint.
-    """
+    if not setup.sensor.rezeroed:
+        return params
+    # Of a sensor that was set to zero in the first pose, at rest, is expected what the tool makes it read there.
     q = jnp.asarray(first_q, params.theta.dtype)
-    still = jnp.zeros_like(q)
-    _, weight = predict_wrench(params, jnp.stack([q, still, still], 1))
+    _, weight = predict_wrench(params, jnp.stack([q, jnp.zeros_like(q), jnp.zeros_like(q)], 1))
     mean = params.bias.prior_mean.at[:6].add(weight)
     return params._replace(bias=params.bias._replace(prior_mean=mean))
+
+
+@keep_program("model")
+def likeliest_density(
+    noise: JointNoise,
+    dt: Float[Array, " T"],
+    q: Float[Array, "T n"],
+    dq: Float[Array, "T n"],
+    *,
+    model: str = "integrated_jerk",
+) -> Float[Array, " n"]:
+    """Process noise density of every joint that makes its measurements likeliest; noise.process_density is not used.
+
+    How fast a robot's acceleration changes differs by orders of magnitude between motions, and nobody knows the
+    number. The likelihood of one joint has a single broad maximum: a coarse grid is searched, then a fine one between
+    the neighbours of its best point, and the polynomial through the fine one's points.
+
+    Args:
+        noise: measurement noise and prior.
+        dt: (T,) s.
+        q: (T, n) rad, NaN = not measured.
+        dq: (T, n) rad/s, NaN = not measured.
+        model: key of process_models.JOINT_MODELS.
+    """
+    grid, fine = jnp.linspace(-8, 12, POINTS, dtype=q.dtype), jnp.linspace(-1, 1, POINTS, dtype=q.dtype)
+    fine = fine[:, None] * (grid[1] - grid[0])
+    densities = 2 ** jnp.broadcast_to(grid[:, None], (POINTS, q.shape[1]))
+    score = _score_densities(noise, dt, q, dq, densities, model)
+    middle = grid[jnp.argmax(score, 0)]
+    score = _score_densities(noise, dt, q, dq, 2 ** (middle[None] + fine), model)
+    best = jnp.argmax(score, 0)
+    between = np.linspace(-1, 1, (POINTS - 1) * PARTS + 1)
+    weights = np.vander(between, POINTS) @ np.linalg.inv(np.vander(np.linspace(-1, 1, POINTS)))
+    far = jnp.abs(jnp.arange(len(between))[:, None] - PARTS * best[None]) > PARTS
+    curve = jnp.matmul(jnp.asarray(weights, q.dtype), score - score.max(0)[None], precision="highest")
+    place = jnp.asarray(between, q.dtype)[jnp.argmax(jnp.where(far, -jnp.inf, curve), 0)]
+    return 2 ** (middle + place * (grid[1] - grid[0]))
+
+
+def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densities: Array, model: str) -> Array:
+    """Log-likelihood (G, n) of each joint's measurements for each density of its grid (G, n), all in one recursion."""
+    start, y = init(noise, first_measured(q)), jnp.stack([q, dq], 1)
+    variance = jnp.broadcast_to((jnp.stack([noise.position_std, noise.velocity_std]) ** 2)[None], y.shape)
+    restart = jnp.broadcast_to((noise.prior_std**2)[:, None], start.mean.T.shape)
+    joints = (y, variance, start.mean.T, jnp.moveaxis(start.covariance, 0, -1), restart)
+    lanes = (jnp.concatenate([x] * len(densities), -1) for x in joints)
+    inputs, nothing = Inputs(dt, densities.reshape(-1), *lanes), jnp.full((len(dt), 0), jnp.nan)
+    length = measured_length(Sample(dt, q, dq, nothing))
+    nats = nats_in_pieces(JOINT_MODELS[model], inputs, jnp.ones_like(dt), length)
+    return nats.reshape(densities.shape)
 
 
 def without_useless(log: Log, params: Params) -> Log:
@@ -90,8 +153,5 @@ def rows_of(log: Log, first: int, count: int) -> dict[str, Array]:
 
 def padded_length(length: int) -> int:
     """Length to pad to, so that logs of similar length share one program: a power of two, or several of the largest."""
-    return _power_of_two(length) * -(-length // _power_of_two(length))
-
-
-def _power_of_two(length: int) -> int:
-    return min(MOST_SAMPLES, 1 << (length - 1).bit_length())
+    power = min(MOST_SAMPLES, 1 << (length - 1).bit_length())
+    return power * -(-length // power)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,58 +14,81 @@ if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
 
-class Filtered(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Filtered:
     """Result of filtering a log, at the stamps where any wrench axis was measured. Signs as in the report.
 
-    numpy arrays with leading axis T; the fields are those of the output file, with the same names. Effects that the
-    setup knows of are in wrench_tool, those of the bias (warming up, temperature) in bias.
+    numpy arrays; the fields are those of the output file, with the same names. Wrenches are in the sensor frame and act
+    on the tool: unbiased = measured + bias. Effects that the setup states are in wrench_tool, those of the bias
+    (warming up, temperature) in bias.
     """
 
     t: Float[Array, " T"]
+    """s, as recorded."""
     bias: Float[Array, "T 6"]
+    """N, Nm."""
     drift: Float[Array, "T 6"]
+    """N/s, Nm/s, the bias's rate of change."""
     bias_std: Float[Array, "T 6"]
+    """N, Nm, standard deviation."""
     drift_std: Float[Array, "T 6"]
+    """N/s, Nm/s, standard deviation."""
     wrench_unbiased: Float[Array, "T 6"]
+    """N, Nm, measured + bias; NaN = not measured."""
     q: Float[Array, "T n"]
+    """rad (m for prismatic joints), filtered joint positions."""
     dq: Float[Array, "T n"]
+    """rad/s (m/s)."""
     ddq: Float[Array, "T n"]
+    """rad/s^2 (m/s^2)."""
     ddq_std: Float[Array, "T n"]
+    """rad/s^2 (m/s^2), standard deviation."""
     wrench_tool: Float[Array, "T 6"]
+    """N, Nm, what the tool must cause by its weight and motion."""
     innovation: Float[Array, "T 6"]
+    """N, Nm, the tool's wrench minus the corrected reading, predicted; NaN = not used."""
     nis: Float[Array, " T"]
+    """Normalised innovation squared, summed over the axes that were used."""
     log_likelihood: Float[Array, ""]
+    """nats, of joints and wrench."""
     innovation_std: Float[Array, "T 6"]
+    """N, Nm, standard deviation: the filter's, with the noise of samples that the log shows."""
     used: Bool[Array, " T"] | None = None
     """Whether the sample passed the gate, and nothing touched the tool."""
     reading_std: Float[Array, "T 6"] | None = None
     """N, Nm: how far a reading is off wrench_tool - bias by all its noise, white and correlated. With bias_std it tells
     how well a later reading can be predicted."""
     slow_error: Float[Array, "T 6"] | None = None
-    """N, Nm: of wrench_tool - reading what is correlated noise, not bias."""
+    """N, Nm: of wrench_tool - reading what is correlated noise, not bias; None if filtered as stated."""
     contact_wrench: Float[Array, "T 6"] | None = None
-    """N, Nm, sensor frame: what the environment exerts on the tool, wrench_tool - wrench_unbiased."""
+    """N, Nm: what the environment exerts on the tool, wrench_tool - wrench_unbiased; None if filtered as stated."""
     contact_wrench_std: Float[Array, "T 6"] | None = None
-    """N, Nm: its standard deviation, of bias and reading together."""
+    """N, Nm, standard deviation: of bias and reading together."""
     in_contact: Bool[Array, " T"] | None = None
     """Whether the sample is in an interval in which something touches the tool, found in the whole log."""
+    bias_smooth: Float[Array, "T 6"] | None = None
+    """N, Nm, bias given the whole log, past and future; None if not asked for."""
+    drift_smooth: Float[Array, "T 6"] | None = None
+    """N/s, Nm/s."""
+    bias_smooth_std: Float[Array, "T 6"] | None = None
+    """N, Nm, standard deviation."""
+    drift_smooth_std: Float[Array, "T 6"] | None = None
+    """N/s, Nm/s, standard deviation."""
+
+
+ARRAYS = tuple(field.name for field in fields(Filtered))
+"""Names of the arrays, t first, as they stand in a file."""
 
 
 def join(parts: Sequence[Filtered]) -> Filtered:
     """The results of consecutive parts as one."""
-
-    def joined(values: Sequence[Array | None]) -> Array | None:
-        present = [x for x in values if x is not None]
-        if not present:
-            return None
-        return present[0] if present[0].ndim == 0 else np.concatenate(present)
-
     if len(parts) == 1:
         return parts[0]
-    whole = Filtered(*(joined(x) for x in zip(*parts, strict=True)))
-    return whole._replace(log_likelihood=np.sum([part.log_likelihood for part in parts]))
+    named = {name: [getattr(part, name) for part in parts] for name in named_arrays(parts[0])}
+    joined = {name: np.concatenate(x) for name, x in named.items() if name != "log_likelihood"}
+    return Filtered(**joined, log_likelihood=np.sum(named["log_likelihood"]))
 
 
 def named_arrays(filtered: Filtered) -> dict[str, Array]:
     """The arrays (T, ...) that there are, as they stand in a file: s, rad, N, Nm."""
-    return {name: x for name, x in filtered._asdict().items() if x is not None}
+    return {name: x for name in ARRAYS if (x := getattr(filtered, name)) is not None}

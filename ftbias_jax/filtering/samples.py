@@ -79,6 +79,19 @@ def without_unsettled(samples: Sample, t: Array, params: Params) -> Sample:
     return samples._replace(wrench=np.where(unsettled[:, None], np.nan, samples.wrench)) if unsettled.any() else samples
 
 
+def samples_of(params: Params, log: Log) -> Sample:
+    """A whole log as the method's input, padded so that logs of similar length share a program; NumPy arrays."""
+    samples = without_unsettled(arrays_from_log(log, params.theta.dtype), log.t, params)
+    samples = samples if params.effects is not None else samples._replace(temperature=None, columns=None)
+    return pad(samples, room_for(len(log.t)))
+
+
+def room_for(length: int, least: int = 512) -> int:
+    """Rows of the shortest program that takes so many: by default 512, 768, 1024, 1536 and so on."""
+    half = 1 << max(0, (length - 1).bit_length() - 1)
+    return max(least, half + half // 2 if length <= half + half // 2 else 2 * half)
+
+
 def first_position(q: Array) -> Array:
     """First finite position of every joint; (T, n) -> (n,) rad, NaN if there is none: ``first_measured`` in numpy."""
     q = np.asarray(q)
@@ -91,19 +104,13 @@ def pad(samples: Sample, length: int) -> Sample:
 
     Where it is of numpy arrays it stays so: of every other length JAX would compile a program of its own.
     """
-    if samples.dt.shape[0] > length:
-        raise ValueError(f"cannot pad {samples.dt.shape[0]} samples to {length}")
-    return _pad(np, samples, length) if isinstance(samples.dt, np.ndarray) else _pad_by_jax(samples, length)
-
-
-@partial(jax.jit, static_argnames="length")
-def _pad_by_jax(samples: Sample, length: int) -> Sample:
-    return _pad(jnp, samples, length)
-
-
-def _pad(xp: Any, samples: Sample, length: int) -> Sample:
     missing = length - samples.dt.shape[0]
+    if missing < 0:
+        raise ValueError(f"cannot pad {samples.dt.shape[0]} samples to {length}")
+    return _pad(np, samples, missing) if isinstance(samples.dt, np.ndarray) else _pad_by_jax(samples, missing)
 
+
+def _pad(xp: Any, samples: Sample, missing: int) -> Sample:
     def lengthen(x: Array, value: float) -> Array:
         return xp.concatenate([x, xp.full((missing, *x.shape[1:]), value, x.dtype)])
 
@@ -111,3 +118,6 @@ def _pad(xp: Any, samples: Sample, length: int) -> Sample:
     temperature, columns = jax.tree.map(lambda x: xp.pad(x, (0, missing), mode="edge"), samples[4:6])
     rezeroed = None if samples.rezeroed is None else lengthen(samples.rezeroed, 0.0)
     return Sample(lengthen(samples.dt, 0.0), q, dq, wrench, temperature, columns, rezeroed)
+
+
+_pad_by_jax = jax.jit(partial(_pad, jnp), static_argnames="missing")

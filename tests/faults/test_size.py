@@ -10,6 +10,7 @@ from ftbias_jax.filtering.method.by_parts import PART, filter_parts
 from ftbias_jax.filtering.method.filter_samples import AS_STATED
 from ftbias_jax.filtering.method.ready import result_of
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS
+from ftbias_jax.filtering.result import named_arrays
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
@@ -48,7 +49,7 @@ def worst(samples, dtype):
     found = filter_parts(params, partial(parts, samples), np.zeros(1), DEFAULT_OPTIONS, AS_STATED)
     for part in (result_of(*each, None) for each in found[-1]):
         assert part.bias.dtype == dtype
-        assert all(np.isfinite(x).all() for x in part if x is not None)
+        assert all(np.isfinite(x).all() for x in named_arrays(part).values())
         error = np.abs(part.bias - bias_at(part.t)) / part.bias_std
         largest = max(largest, error[part.t > 1].max(initial=0))
     return largest, part.bias_std[-1]

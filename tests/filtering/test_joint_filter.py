@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.filtering import joint_filter
-from ftbias_jax.filtering.joint_noise import likeliest_density
+from ftbias_jax.filtering.params_for_log import likeliest_density
 from ftbias_jax.filtering.process_models import JOINT_MODELS, matrix
 from ftbias_jax.model.params import JointNoise
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from itertools import chain, pairwise
 from typing import Any
 
 import jax
@@ -10,14 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering import bias_filter, pipeline
-from ftbias_jax.filtering.joint_noise import MOST_SAMPLES, likeliest_density
 from ftbias_jax.filtering.method.filter_samples import PASSES
-from ftbias_jax.filtering.method.passes import Work, blocks_of, summarise, with_noise
-from ftbias_jax.filtering.method.results import Infos, States
-from ftbias_jax.filtering.noise.blocks import Blocks, Layout, jumps_in, layout_of, without_jumps
+from ftbias_jax.filtering.method.look import blocks_in, noise_in
+from ftbias_jax.filtering.method.passes import filter_bias, summarise, with_noise
+from ftbias_jax.filtering.method.work import Infos, States, Work
+from ftbias_jax.filtering.noise.blocks import Blocks, Layout, layout_of
 from ftbias_jax.filtering.noise.contact import in_contact, listed
-from ftbias_jax.filtering.noise.fit_noise import Noise, fit_noise
-from ftbias_jax.filtering.params_for_log import guard_against_lag
+from ftbias_jax.filtering.noise.fit_noise import Noise
+from ftbias_jax.filtering.params_for_log import MOST_SAMPLES, guard_against_lag, likeliest_density
 from ftbias_jax.filtering.pipeline import Options, State
 from ftbias_jax.filtering.samples import arrays_from_log, pad
 from ftbias_jax.io.log import Log
@@ -57,50 +58,47 @@ def filter_parts(params: Params, parts: Parts, first_q: Array, options: Options,
         params = guard_against_lag(params)
     nothing: Any = None
     start = pipeline.init(params, Sample(nothing, np.asarray(first_q, dtype)[None], nothing, nothing))
-    if "fit_noise" not in method:
-        passes = tuple(name for name in method if name in ("smooth_joints", "filter_joints", "filter_bias"))
-        return params, None, layout, _results(params, None, start, parts, (options, passes, layout))
-    blocks, jumps, state = [], [], start
-    for _, sizes, t, samples in _padded(parts, dtype):
-        state, found, jumped = _look(params, state, samples, t, sizes, options=options, layout=layout)
+    joints = "smooth_joints" if "smooth_joints" in method else "filter_joints"
+    noise = _fitted(params, parts, start, options, layout) if "fit_noise" in method else None
+    contacts = [] if noise is None else listed(noise[1].contacts, noise[1].block_times, layout)
+
+    def results(state: State) -> Iterator[tuple[Log, States, Infos]]:
+        for part, sizes, t, samples in _padded(parts, dtype):
+            given = (params, noise, state, samples, (t, in_contact(t, contacts, layout.seconds)), sizes)
+            state, states, infos = _filter(*given, options=options, joints=joints, layout=layout)
+            yield part, *jax.tree.map(np.asarray, (states, infos))
+
+    if noise is None:
+        return params, None, layout, results(start)
+    found = results(start._replace(bias=bias_filter.init(noise[0])))
+    return params._replace(bias=noise[0]), noise[1], layout, found
+
+
+def _fitted(params: Params, parts: Parts, state: State, options: Options, layout: Layout) -> tuple[BiasNoise, Noise]:
+    """The noise of the filter, and what the whole log shows of it."""
+    blocks, jumps = [], []
+    for _, sizes, t, samples in _padded(parts, params.theta.dtype):
+        state, found, jumped = blocks_in(params, state, samples, t, sizes, options=options, layout=layout)
         number = int(found.number)
         blocks.append(jax.tree.map(lambda x, n=number: np.asarray(x)[:n], found._replace(number=np.zeros(number))))
         jumps.append(np.asarray(jumped)[:number])
-    whole = Blocks(*(np.concatenate(x) for x in zip(*blocks, strict=True)))
+    whole = Blocks(*map(np.concatenate, zip(*blocks, strict=True)))
     whole = whole._replace(number=np.asarray(len(whole.t)))
-    noise, shown = jax.tree.map(np.asarray, _fit(params.bias, whole, np.concatenate(jumps), layout=layout))
-    start = start._replace(bias=bias_filter.init(noise))
-    program = (options, ("smooth_joints", "filter_bias"), layout)
-    return params._replace(bias=noise), shown, layout, _results(params, (noise, shown), start, parts, program)
-
-
-def _results(
-    params: Params,
-    noise: tuple[BiasNoise, Noise] | None,
-    state: State,
-    parts: Parts,
-    program: tuple[Options, tuple[str, ...], Layout],
-) -> Iterator[tuple[Log, States, Infos]]:
-    options, method, layout = program
-    contacts = [] if noise is None else listed(noise[1].contacts, noise[1].block_times, layout)
-    for part, sizes, t, samples in _padded(parts, params.theta.dtype):
-        touched = in_contact(t, contacts, layout.seconds)
-        state, states, infos = _filter(
-            params, noise, state, samples, (t, touched), sizes, options=options, method=method, layout=layout
-        )
-        yield part, *jax.tree.map(np.asarray, (states, infos))
+    _, fitted = noise_in(params.bias, whole, np.concatenate(jumps), layout=layout, enough=True)
+    noise: tuple[BiasNoise, Noise] = jax.tree.map(np.asarray, fitted)
+    return noise
 
 
 def _padded(parts: Parts, dtype: Any) -> Iterator[tuple[Log, tuple[Array, Array], Array, Sample]]:
     """Every part, its samples and those that are there with the first ones of the next part, stamps and samples."""
     before = None
-    for part, following in _with_next(parts(PART)):
+    for part, following in pairwise(chain(parts(PART), [None])):
+        assert part is not None
         samples = arrays_from_log(part, dtype, before)._replace(temperature=None, columns=None)
         count = len(part.t)
         if following is not None:
             after = arrays_from_log(following, dtype, part.t[-1])._replace(temperature=None, columns=None)
-            more = jax.tree.map(lambda x: x[:LOOKAHEAD], after)
-            samples = jax.tree.map(lambda x, y: np.concatenate([x, y]), samples, more)
+            samples = jax.tree.map(lambda x, y: np.concatenate([x, y[:LOOKAHEAD]]), samples, after)
         there = len(samples.dt)
         samples = pad(samples, PART + LOOKAHEAD)
         t = (part.t[0] - samples.dt[0] + np.cumsum(samples.dt, dtype=float)).astype(samples.dt.dtype)
@@ -108,41 +106,7 @@ def _padded(parts: Parts, dtype: Any) -> Iterator[tuple[Log, tuple[Array, Array]
         before = part.t[-1]
 
 
-def _with_next(parts: Iterator[Log]) -> Iterator[tuple[Log, Log | None]]:
-    """Every part with the one after it."""
-    here = next(parts)
-    for following in parts:
-        yield here, following
-        here = following
-    yield here, None
-
-
-@keep_program("options", "layout")
-def _look(
-    params: Params,
-    state: State,
-    samples: Sample,
-    t: Array,
-    sizes: tuple[Array, Array],
-    *,
-    options: Options,
-    layout: Layout,
-) -> tuple[State, Blocks, Array]:
-    """The joints after a part, and its blocks."""
-    length, seen = sizes
-    work = PASSES["smooth_joints"](Work(params, state, samples, t, length, layout, options, seen))
-    assert work.end is not None
-    blocks = blocks_of(work)
-    jumps = blocks.t * 0 if samples.rezeroed is None else jumps_in(layout, samples.rezeroed)
-    return work.end, blocks, jumps
-
-
-@keep_program("layout")
-def _fit(stated: BiasNoise, blocks: Blocks, jumps: Array, *, layout: Layout) -> tuple[BiasNoise, Noise]:
-    return fit_noise(stated, without_jumps(blocks, jumps), layout)
-
-
-@keep_program("options", "method", "layout")
+@keep_program("options", "joints", "layout")
 def _filter(
     params: Params,
     noise: tuple[BiasNoise, Noise] | None,
@@ -152,24 +116,17 @@ def _filter(
     sizes: tuple[Array, Array],
     *,
     options: Options,
-    method: tuple[str, ...],
+    joints: str,
     layout: Layout,
 ) -> tuple[State, States, Infos]:
     """A part, and the state after it."""
     (length, seen), (t, touched) = sizes, at
-    work = Work(params, state, samples, t, length, layout, options, seen)
-    for name in method:
-        if name == "filter_bias":
-            work = work._replace(samples=_without_rest(samples, length))
-            work = work if noise is None else with_noise(work, *noise)._replace(touched=touched)
-        work = PASSES[name](work)
-    assert work.end is not None
-    return work.end, *summarise(work)[1:]
-
-
-def _without_rest(samples: Sample, length: Array) -> Sample:
-    """The samples of a part, with nothing happening at those of the next part."""
+    work = PASSES[joints](Work(params, state, samples, t, length, layout, options, seen))
+    # Nothing happens at the samples of the next part.
     here = jnp.arange(len(samples.dt)) < length
     wrench = jnp.where(here[:, None], samples.wrench, jnp.nan)
     rezeroed = None if samples.rezeroed is None else jnp.where(here, samples.rezeroed, 0)
-    return samples._replace(dt=jnp.where(here, samples.dt, 0), wrench=wrench, rezeroed=rezeroed)
+    here_alone = samples._replace(dt=jnp.where(here, samples.dt, 0), wrench=wrench, rezeroed=rezeroed)
+    work = work._replace(samples=here_alone)
+    work = filter_bias(work if noise is None else with_noise(work, *noise)._replace(touched=touched))
+    return work.end, *summarise(work)[1:]

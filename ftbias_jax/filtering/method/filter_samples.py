@@ -14,9 +14,8 @@ import numpy as np
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.likelihood import measured_length
-from ftbias_jax.filtering.method import passes
-from ftbias_jax.filtering.method.passes import Work, summarise
-from ftbias_jax.filtering.method.results import Infos, States
+from ftbias_jax.filtering.method import joints, passes
+from ftbias_jax.filtering.method.work import Infos, States, Work
 from ftbias_jax.filtering.noise.blocks import LEAST_BLOCKS, Layout, layout_of
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
 from ftbias_jax.model.params import Params
@@ -24,16 +23,9 @@ from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes, running_su
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Sample
 
-PASSES: dict[str, Callable[[Work], Work]] = {
-    "fit_joint_noise": passes.fit_joint_noise,
-    "guard_joints": passes.guard_joints,
-    "smooth_joints": passes.smooth_joints,
-    "filter_joints": passes.filter_joints,
-    "fit_noise": passes.fit_log_noise,
-    "filter_bias": passes.filter_bias,
-    "begin_at_median": passes.begin_at_median,
-    "smooth_bias": passes.smooth_bias,
-}
+OF_JOINTS = (joints.fit_joint_noise, joints.guard_joints, joints.smooth_joints, joints.filter_joints)
+OF_BIAS = (passes.fit_noise, passes.filter_bias, passes.begin_at_median, passes.smooth_bias)
+PASSES: dict[str, Callable[[Work], Work]] = {function.__name__: function for function in (*OF_JOINTS, *OF_BIAS)}
 METHOD = ("smooth_joints", "fit_noise", "filter_bias")
 """The passes over a recorded log, before ``summarise``."""
 AS_STATED = ("filter_joints", "filter_bias")
@@ -86,7 +78,7 @@ def _filter(
         work = Work(params, start, samples, running_sum(samples.dt), measured_length(samples), layout, options)
         for name in method:
             work = PASSES[name](work)
-        return summarise(work)
+        return passes.summarise(work)
 
     found: tuple[Params, States, Infos] = log_by_log_with_slopes(one)(params, samples)
     return found

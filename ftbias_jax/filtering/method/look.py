@@ -8,8 +8,9 @@ import jax
 import numpy as np
 
 from ftbias_jax.filtering import pipeline
-from ftbias_jax.filtering.method.passes import Work, blocks_of, smooth_joints
-from ftbias_jax.filtering.method.ready import room_for, samples_of
+from ftbias_jax.filtering.method.joints import smooth_joints
+from ftbias_jax.filtering.method.passes import blocks_of
+from ftbias_jax.filtering.method.work import Work
 from ftbias_jax.filtering.noise.blocks import (
     LEAST_BLOCKS,
     Blocks,
@@ -20,13 +21,13 @@ from ftbias_jax.filtering.noise.blocks import (
     without_jumps,
 )
 from ftbias_jax.filtering.noise.contact import Contact, Contacts, find_contacts, listed, slow_std
-from ftbias_jax.filtering.noise.fit_noise import Noise, noise_of_log
+from ftbias_jax.filtering.noise.fit_noise import Noise, fit_noise
 from ftbias_jax.filtering.noise.log_noise import LogNoise, nothing, told
 from ftbias_jax.filtering.params_for_log import without_useless
-from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.pipeline import Options, State
+from ftbias_jax.filtering.samples import room_for, samples_of
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.params import Params
-from ftbias_jax.runtime.compiled_loops import running_sum
+from ftbias_jax.model.params import BiasNoise, Params
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array, Sample
 
@@ -35,38 +36,46 @@ if TYPE_CHECKING:
 
 
 def look_at(params: Params, log: Log, options: Options) -> tuple[Blocks, LogNoise]:
-    """Blocks and noise of a log, with its joints smoothed; of NumPy arrays.
-
-    Args:
-        params: with the likeliest noise of the joints.
-        log: of the robot.
-        options: of the pipeline.
-    """
+    """Blocks and noise of a log, with its joints smoothed by their likeliest noise; of NumPy arrays."""
     log = without_useless(log, params)
     samples = samples_of(params, log)
     layout, length = layout_of(samples.dt), np.asarray(len(log.t))
+    given = (params, pipeline.init(params, samples), samples, np.cumsum(samples.dt), (length, length))
+    _, blocks, jumps = blocks_in(*given, options=options, layout=layout)
     enough = len(log.t) // layout.size >= LEAST_BLOCKS
-    blocks, found = jax.tree.map(
-        np.asarray, _look(params, samples, length, options=options, layout=layout, enough=enough)
-    )
-    noise = nothing()
-    if found is not None:
-        noise = told(found, layout, slow_is_stated=params.bias.correlated_std is not None)
+    blocks, fitted = jax.tree.map(np.asarray, noise_in(params.bias, blocks, jumps, layout=layout, enough=enough))
+    stated = params.bias.correlated_std is not None
+    noise = nothing() if fitted is None else told(fitted[1], layout, slow_is_stated=stated)
     number = int(blocks.number)
-    trimmed = {name: getattr(blocks, name)[:number] for name in Blocks._fields[:-1]}
-    return Blocks(**trimmed, number=blocks.number), noise
+    trimmed: Blocks = jax.tree.map(lambda x: x[:number], blocks._replace(number=blocks.t))
+    return trimmed._replace(number=blocks.number), noise
 
 
-@keep_program("options", "layout", "enough")
-def _look(
-    params: Params, samples: Sample, length: Array, *, options: Options, layout: Layout, enough: bool
-) -> tuple[Blocks, Noise | None]:
-    start = pipeline.init(params, samples)
-    work = smooth_joints(Work(params, start, samples, running_sum(samples.dt), length, layout, options))
+@keep_program("options", "layout")
+def blocks_in(
+    params: Params,
+    state: State,
+    samples: Sample,
+    t: Array,
+    sizes: tuple[Array, Array],
+    *,
+    options: Options,
+    layout: Layout,
+) -> tuple[State, Blocks, Array]:
+    """A log, or a part of one: the joints after it, its blocks, and in which of them the sensor was set to zero."""
+    length, seen = sizes
+    work = smooth_joints(Work(params, state, samples, t, length, layout, options, seen))
     blocks = blocks_of(work)
-    if samples.rezeroed is not None:
-        blocks = without_jumps(blocks, jumps_in(layout, samples.rezeroed))
-    return blocks, noise_of_log(params.bias, blocks, layout) if enough else None
+    return work.end, blocks, blocks.t * 0 if samples.rezeroed is None else jumps_in(layout, samples.rezeroed)
+
+
+@keep_program("layout", "enough")
+def noise_in(
+    stated: BiasNoise, blocks: Blocks, jumps: Array, *, layout: Layout, enough: bool
+) -> tuple[Blocks, tuple[BiasNoise, Noise] | None]:
+    """The blocks of a whole log without jumps, and what ``fit_noise`` finds in them if they are enough."""
+    blocks = without_jumps(blocks, jumps)
+    return blocks, fit_noise(stated, blocks, layout) if enough else None
 
 
 def contacts_in(

@@ -1,104 +1,46 @@
-"""The passes of the method: each takes a log as far as it is known, and adds to that."""
+"""The passes over noise and bias of a log whose joints are known: each takes a log as far as it is known, and adds."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-import jax
 import jax.numpy as jnp
 
 from ftbias_jax.filtering import bias_filter
-from ftbias_jax.filtering.joint_noise import MOST_SAMPLES, likeliest_density
-from ftbias_jax.filtering.method import bias, joints
-from ftbias_jax.filtering.method.bias import Bias, innovation_variance, reading_variance
-from ftbias_jax.filtering.method.joints import Joints
-from ftbias_jax.filtering.method.results import Infos, States
-from ftbias_jax.filtering.noise.blocks import Blocks, Layout, in_blocks, jumps_in, to_samples, without_jumps
-from ftbias_jax.filtering.noise.fit_noise import Noise, fit_noise, from_median
+from ftbias_jax.filtering.fast.scan import Smoothed, filter_scan
+from ftbias_jax.filtering.fast.stages import add_noise, bias_inputs, bias_state, gated
+from ftbias_jax.filtering.method.work import Infos, States, Work
+from ftbias_jax.filtering.noise.blocks import Blocks, in_blocks, jumps_in, to_samples, without_jumps
+from ftbias_jax.filtering.noise.fit_noise import Noise, from_median
+from ftbias_jax.filtering.noise.fit_noise import fit_noise as noise_of_log
 from ftbias_jax.filtering.noise.vibration import shown_variance, stated_shaking, taken_variance
-from ftbias_jax.filtering.params_for_log import guard_against_lag
-from ftbias_jax.filtering.pipeline import Options, State
+from ftbias_jax.filtering.smoother import smooth_axes
 from ftbias_jax.model.params import BiasNoise, Params
-from ftbias_jax.types import Array, Sample
+from ftbias_jax.runtime.pieces import over_pieces
+from ftbias_jax.types import Array, Gaussian, Sample
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
+    from jaxtyping import Float
 
 GATE = 6.0
 """Standard deviations: with the noise of the log, spikes and short contacts are off by more, and nothing else is."""
 
 
-class Work(NamedTuple):
-    """A log as far as it is known; every pass of the method adds to it."""
-
-    params: Params
-    start: State
-    """Before the first sample; its bias is None where it begins with the prior."""
-    samples: Sample
-    t: Float[Array, " T"]
-    """s, since the log began."""
-    length: Array
-    """Samples at the start that count."""
-    layout: Layout
-    options: Options
-    seen: Array | None = None
-    """Samples that are not padding, some of which may be of the next part of the log; None = those that count."""
-    joints: Joints | None = None
-    stated: Params | None = None
-    """Parameters before the log's noise was added to them."""
-    noise: Noise | None = None
-    blocks: Blocks | None = None
-    touched: Bool[Array, " T"] | None = None
-    """Samples in contact or near it, which are left out."""
-    bias: Bias | None = None
-    smoothed: tuple[Array, Array] | None = None
-    end: State | None = None
-    """After the last sample that counts."""
-
-
-def fit_joint_noise(work: Work) -> Work:
-    """The joints' process noise of maximum likelihood, of the first samples of the log."""
-    params, (dt, q, dq, *_) = work.params, jax.tree.map(lambda x: x[:MOST_SAMPLES], work.samples)
-    measured = jax.lax.stop_gradient((params.joint, dt, q, dq))
-    density = likeliest_density(*measured, model=work.options.joint_model)
-    return work._replace(params=params._replace(joint=params.joint._replace(process_density=density)))
-
-
-def guard_joints(work: Work) -> Work:
-    """The joints' process noise guarded against the lag of a filter."""
-    return work._replace(params=guard_against_lag(work.params))
-
-
-def smooth_joints(work: Work) -> Work:
-    """Joints given past and future, and the wrench that the tool must cause."""
-    log = (work.params, work.start, work.samples, work.length, work.options)
-    end, found = joints.smooth_joints(*log, work.seen)
-    return work._replace(joints=found, end=end)
-
-
-def filter_joints(work: Work) -> Work:
-    """The same from the past alone."""
-    end, found = joints.filter_joints(work.params, work.start, work.samples, work.length, work.options)
-    return work._replace(joints=found, end=end)
-
-
-def fit_log_noise(work: Work) -> Work:
+def fit_noise(work: Work) -> Work:
     """Contact, noise in motion and slow errors where the setup leaves them open, by the blocks of the log."""
     blocks, rezeroed = blocks_of(work), work.samples.rezeroed
     if rezeroed is not None:
         blocks = without_jumps(blocks, jumps_in(work.layout, rezeroed))
-    noise, found = fit_noise(work.params.bias, blocks, work.layout)
+    noise, found = noise_of_log(work.params.bias, blocks, work.layout)
     touched = to_samples(work.layout, found.contacts.near, len(work.t))
     return with_noise(work, noise, found)._replace(blocks=blocks, touched=touched)
 
 
 def blocks_of(work: Work) -> Blocks:
     """The log in blocks, with jumps where the sensor was set to zero."""
-    known = work.joints
-    assert known is not None
-    velocity, y = known.mean[1], known.wrench_tool - work.samples.wrench
+    velocity, y = work.joints.mean[1], work.joints.wrench_tool - work.samples.wrench
     shaking = stated_shaking(work.params.bias, velocity)
-    return in_blocks(work.layout, work.t, y, velocity, known.variance, shaking, work.length)
+    return in_blocks(work.layout, work.t, y, velocity, work.joints.variance, shaking, work.length)
 
 
 def with_noise(work: Work, noise: BiasNoise, found: Noise) -> Work:
@@ -109,20 +51,32 @@ def with_noise(work: Work, noise: BiasNoise, found: Noise) -> Work:
 
 def filter_bias(work: Work) -> Work:
     """The bias sample by sample: at each what the wrench so far says."""
-    assert work.end is not None
-    assert work.joints is not None
-    prior, free = bias_filter.init(work.params.bias), without_contact(work)
-    state = work.start if work.start.bias is not None else work.start._replace(bias=prior)
-    variance = _variances(work)[0]
-    end, found = bias.filter_bias(work.params, state, free, work.joints, variance, work.length, work.options)
-    return work._replace(bias=found, end=work.end._replace(bias=end.bias))
+    params, joints, variance = work.params, work.joints, _variances(work)[0]
+    state = work.start if work.start.bias is not None else work.start._replace(bias=bias_filter.init(params.bias))
 
+    def filtered(before: Gaussian, piece: tuple[Sample, tuple[Array, ...]]) -> tuple[Gaussian, tuple[Array, ...]]:
+        samples, (wrench_tool, variance, velocity) = piece
+        inputs = bias_inputs(params, state._replace(bias=before), samples, wrench_tool, variance, velocity)
+        track = filter_scan(gated(inputs, work.options), inputs)
+        # What was not measured, or did not pass the gate, has no share in the likelihood: exactly zero.
+        used = jnp.isfinite(samples.wrench) & (track.log_likelihood != 0)
+        x, P = track.mean, track.covariance
+        slow = jnp.zeros_like(wrench_tool)
+        bias, variance_of_bias = x[:, 0], P[:, 0, 0]
+        if x.shape[1] == 3:  # the first state is bias and slow error together
+            bias, slow = bias - x[:, 2], x[:, 2]
+            variance_of_bias = variance_of_bias - 2 * P[:, 0, 2] + P[:, 2, 2]
+        innovation = jnp.where(used, track.innovation[:, 0], jnp.nan)
+        predicted = track.innovation_variance[:, 0] - variance
+        found = (bias, x[:, 1], jnp.sqrt(variance_of_bias), jnp.sqrt(P[:, 1, 1]), slow)
+        last = bias_state(Smoothed(*add_noise(x[-1], P[-1], -1)))
+        return last, (*found, innovation, predicted, track.log_likelihood.sum()[None])
 
-def without_contact(work: Work) -> Sample:
-    """The samples without those in contact."""
-    if work.touched is None:
-        return work.samples
-    return work.samples._replace(wrench=jnp.where(work.touched[:, None], jnp.nan, work.samples.wrench))
+    known = (joints.wrench_tool, variance, joints.mean[1])
+    last, found = over_pieces(filtered, state.bias, (_without_contact(work), known), work.length)
+    *found, innovation, predicted, nats = found
+    work = work._replace(states=States(*joints.mean, joints.ddq_std, *found), end=work.end._replace(bias=last))
+    return work._replace(innovation=innovation, predicted=predicted, log_likelihood=nats.sum())
 
 
 def begin_at_median(work: Work) -> Work:
@@ -132,61 +86,58 @@ def begin_at_median(work: Work) -> Work:
     with little noise a few odd ones at the start keep it shut for the rest of a short log.
     """
     assert work.noise is not None
-    assert work.blocks is not None
     return work._replace(params=work.params._replace(bias=from_median(work.params.bias, work.noise, work.blocks)))
 
 
 def smooth_bias(work: Work) -> Work:
-    """The bias given past and future, from the samples that the filter used."""
-    assert work.joints is not None
-    assert work.bias is not None
+    """Bias and drift given past and future, from the samples that the filter used: means and standard deviations."""
     start = work.start._replace(bias=bias_filter.init(work.params.bias))
-    found = bias.smooth_bias(work.params, start, work.samples, work.joints, _variances(work)[0], work.bias)
-    return work._replace(smoothed=found)
+    passed = jnp.where(jnp.isfinite(work.innovation), work.samples.wrench, jnp.nan)
+    known = (work.joints.wrench_tool, _variances(work)[0], work.joints.mean[1])
+    inputs = bias_inputs(work.params, start, work.samples._replace(wrench=passed), *known)
+    mean, std = smooth_axes(inputs)
+    return work._replace(states=work.states._replace(bias_smooth=mean, bias_smooth_std=std))
 
 
 def summarise(work: Work) -> tuple[Params, States, Infos]:
     """Parameters of the log, its states and its infos."""
-    known, found, noise = work.joints, work.bias, work.noise
-    assert known is not None
-    assert found is not None
+    known, states, noise, innovation = work.joints, work.states, work.noise, work.innovation
     taken, shown = _variances(work)
-    innovation_std = _root(innovation_variance(found, taken, shown))
-    passed = jnp.isfinite(found.innovation)
-    standard = jnp.where(passed, found.innovation, 0) / jnp.where(passed, innovation_std, 1)
-    inflation = jnp.ones(6, found.bias.dtype) if noise is None else noise.inflation
+    innovation_std = _root(_innovation_variance(work.predicted, taken, shown))
+    passed = jnp.isfinite(innovation)
+    standard = jnp.where(passed, innovation, 0) / jnp.where(passed, innovation_std, 1)
+    inflation = jnp.ones(6, innovation.dtype) if noise is None else noise.inflation
     added = 0 if known.known_bias is None else known.known_bias
-    q, dq, ddq = known.mean
-    errors = (found.bias_std * inflation[None], found.drift_std * inflation[None])
-    states = States(q, dq, ddq, known.ddq_std, found.bias + added, found.drift, *errors, found.slow_error)
-    if work.smoothed is not None:
-        smooth, smooth_std = work.smoothed
-        smooth = smooth.at[:, 0].add(added)
-        states = states._replace(bias_smooth=smooth, bias_smooth_std=smooth_std * inflation[None, None])
+    errors = {"bias_std": states.bias_std * inflation[None], "drift_std": states.drift_std * inflation[None]}
+    states = states._replace(bias=states.bias + added, **errors)
+    if states.bias_smooth is not None and states.bias_smooth_std is not None:
+        smooth_std = states.bias_smooth_std * inflation[None, None]
+        states = states._replace(bias_smooth=states.bias_smooth.at[:, 0].add(added), bias_smooth_std=smooth_std)
+    used, free = passed.any(1), jnp.isfinite(_without_contact(work).wrench).any(1)
     infos = Infos(
         wrench_tool=known.wrench_tool + added,
         wrench_unbiased=work.samples.wrench + states.bias,
-        innovation=found.innovation,
+        innovation=innovation,
         innovation_std=innovation_std,
         nis=(standard**2).sum(1),
-        used=found.used,
-        reading_std=_root(reading_variance(work.params, shown, dq)),
-        log_likelihood=found.log_likelihood + known.log_likelihood,
+        used=used,
+        reading_std=_root(_reading_variance(work.params.bias, shown, known.mean[1])),
+        log_likelihood=work.log_likelihood + known.log_likelihood,
         noise=noise,
-        kept_out=1 - found.used.sum() / jnp.maximum(_free(work), 1),
+        kept_out=1 - used.sum() / jnp.maximum(free.sum(), 1),
     )
     return work.params, states, infos
 
 
-def _root(variance: Array) -> Array:
-    """Square root with a finite slope at 0, where padding is."""
-    there = variance > 0
-    return jnp.where(there, jnp.sqrt(jnp.where(there, variance, 1)), 0)
+def _without_contact(work: Work) -> Sample:
+    """The samples without those in contact."""
+    if work.touched is None:
+        return work.samples
+    return work.samples._replace(wrench=jnp.where(work.touched[:, None], jnp.nan, work.samples.wrench))
 
 
 def _variances(work: Work) -> tuple[Array, Array]:
     """(T, 6) N^2, Nm^2: noise of single samples that the filter takes, and that the log shows."""
-    assert work.joints is not None
     stated = work.joints.variance
     if work.noise is None or work.stated is None:
         return stated, stated
@@ -194,6 +145,24 @@ def _variances(work: Work) -> tuple[Array, Array]:
     return taken_variance(*found), shown_variance(*found)
 
 
-def _free(work: Work) -> Array:
-    """() how many samples there are to be used."""
-    return jnp.isfinite(without_contact(work).wrench).any(1).sum()
+def _innovation_variance(predicted: Array, taken: Float[Array, "T 6"], shown: Float[Array, "T 6"]) -> Array:
+    """Variance of innovations if the noise of samples is ``shown``, and the filter took ``taken``; N^2, Nm^2.
+
+    The filter's own variance of what it predicts is noise of past samples for a half and process for the other, as in
+    the steady state of a random walk: the first half is as much smaller, or larger, as the noise is.
+    """
+    return predicted * (1 + shown / jnp.where(taken > 0, taken, 1)) / 2 + shown
+
+
+def _reading_variance(noise: BiasNoise, shown: Float[Array, "T 6"], velocity: Float[Array, "T n"]) -> Array:
+    """(T, 6) N^2, Nm^2: how far a reading is off wrench_tool - bias by all its noise, white and correlated."""
+    if noise.correlated_std is None:
+        return shown
+    more = bias_filter.correlated_variance(noise, bias_filter.vibration(noise, velocity))
+    return shown + jnp.broadcast_to(more, shown.shape)
+
+
+def _root(variance: Array) -> Array:
+    """Square root with a finite slope at 0, where padding is."""
+    there = variance > 0
+    return jnp.where(there, jnp.sqrt(jnp.where(there, variance, 1)), 0)

@@ -2,45 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering.method.bias import LEAST_USED
 from ftbias_jax.filtering.method.by_parts import filter_parts
 from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, filter_samples
-from ftbias_jax.filtering.method.results import Infos, States
+from ftbias_jax.filtering.method.work import Infos, States
 from ftbias_jax.filtering.noise.blocks import layout_of
 from ftbias_jax.filtering.noise.contact import Contact, in_contact
 from ftbias_jax.filtering.noise.fit_noise import without_nothing
 from ftbias_jax.filtering.noise.log_noise import LogNoise, nothing, told
 from ftbias_jax.filtering.params_for_log import stated_params, without_useless
 from ftbias_jax.filtering.pipeline import options_from_setup
-from ftbias_jax.filtering.result import Filtered
-from ftbias_jax.filtering.samples import arrays_from_log, first_position, pad, without_unsettled
+from ftbias_jax.filtering.result import ARRAYS, Filtered
+from ftbias_jax.filtering.samples import first_position, samples_of
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array, Sample
+from ftbias_jax.types import Array
 
+LEAST_USED = 0.5
+"""Share of the samples free of contact that the gate must let through; contacts are found before, and do not count."""
 MOST = 1 << 19
 """Samples of a log that are worked on at once; a longer one passes in parts, so that memory does not grow with it."""
 
 
 class Ready(NamedTuple):
-    """What a log was filtered with, and its results part by part."""
+    """What a log was filtered with, and its results part by part; a whole log is one part."""
 
     params: Params
     """With the noise of the log."""
     noise: LogNoise
     results: Iterable[Filtered]
-    smoothed: Mapping[str, Array] = MappingProxyType({})
-    """The bias given past and future, by the names of the output file, if it was asked for."""
 
 
 def ready_to_filter(
@@ -87,12 +85,11 @@ def ready_to_filter(
                 taken, states, infos = again
             kept_out = float(infos.kept_out) if infos.kept_out > 1 - LEAST_USED else 0.0
             noise = noise._replace(begun_again=bool(better), kept_out=kept_out)
-    smoothed = states
     if smooth and not adapt:  # smoothed joints have no lag, so their process noise is not guarded
         smoothed = run((*first, "smooth_joints", "filter_bias", "smooth_bias"))[1]
+        states = states._replace(bias_smooth=smoothed.bias_smooth, bias_smooth_std=smoothed.bias_smooth_std)
     noise = noise._replace(contacts=in_log_time(noise.contacts, samples.dt, log.t))
-    result = result_of(log, states, infos, noise.contacts if adapt else None)
-    return Ready(as_stated(taken), noise, [result], _smoothed(smoothed, log))
+    return Ready(as_stated(taken), noise, [result_of(log, states, infos, noise.contacts if adapt else None)])
 
 
 def as_stated(params: Params) -> Params:
@@ -108,19 +105,6 @@ def in_log_time(contacts: Sequence[Contact], dt: Array, t: Array) -> tuple[Conta
     return tuple(x._replace(start=x.start + by[0], end=x.end + by[1]) for x, by in zip(contacts, late, strict=True))
 
 
-def samples_of(params: Params, log: Log) -> Sample:
-    """A whole log as the method's input, padded so that logs of similar length share a program; NumPy arrays."""
-    samples = without_unsettled(arrays_from_log(log, params.theta.dtype), log.t, params)
-    samples = samples if params.effects is not None else samples._replace(temperature=None, columns=None)
-    return pad(samples, room_for(len(log.t)))
-
-
-def room_for(length: int) -> int:
-    """Samples of the shortest program that takes so many: 512, 768, 1024, 1536 and so on."""
-    half = 1 << max(0, (length - 1).bit_length() - 1)
-    return max(512, half + half // 2 if length <= half + half // 2 else 2 * half)
-
-
 def result_of(log: Log, states: States, infos: Infos, contacts: Sequence[Contact] | None) -> Filtered:
     """The result of a log or of a part of one, at the stamps of its wrench.
 
@@ -132,49 +116,18 @@ def result_of(log: Log, states: States, infos: Infos, contacts: Sequence[Contact
     """
     rows = np.isfinite(log.wrench).any(1)
     at: slice | Array = slice(len(rows)) if rows.all() else np.flatnonzero(rows)
-    wrench_unbiased, bias_std, reading_std = infos.wrench_unbiased[at], states.bias_std[at], infos.reading_std[at]
-    wrench_tool = infos.wrench_tool[at]
-    filtered = Filtered(
-        t=log.t[at] + log.start,
-        bias=states.bias[at],
-        drift=states.drift[at],
-        bias_std=bias_std,
-        drift_std=states.drift_std[at],
-        wrench_unbiased=wrench_unbiased,
-        q=states.q[at],
-        dq=states.dq[at],
-        ddq=states.ddq[at],
-        ddq_std=states.ddq_std[at],
-        wrench_tool=wrench_tool,
-        innovation=infos.innovation[at],
-        nis=infos.nis[at],
-        log_likelihood=np.float64(infos.log_likelihood),
-        innovation_std=infos.innovation_std[at],
-    )
+    given = {**states._asdict(), **infos._asdict(), "t": log.t + log.start}
+    if states.bias_smooth is not None and states.bias_smooth_std is not None:
+        for std, x in (("", states.bias_smooth), ("_std", states.bias_smooth_std)):
+            given |= {f"bias_smooth{std}": x[:, 0], f"drift_smooth{std}": x[:, 1]}
+    found = {name: given[name][at] for name in ARRAYS if np.ndim(given.get(name, 0))}
     if contacts is None:
-        return filtered
-    return filtered._replace(
-        used=infos.used[at],
-        reading_std=reading_std,
-        slow_error=states.slow_error[at],
-        contact_wrench=wrench_tool - wrench_unbiased,
-        contact_wrench_std=np.hypot(bias_std, reading_std),
-        in_contact=in_contact(log.t, contacts)[at],
-    )
-
-
-def _smoothed(states: States, log: Log) -> dict[str, Array]:
-    """The bias given past and future, by the names of the output file; none if it was not asked for."""
-    if states.bias_smooth is None or states.bias_smooth_std is None:
-        return {}
-    rows = np.flatnonzero(np.isfinite(log.wrench).any(1))
-    mean, std = states.bias_smooth[rows], states.bias_smooth_std[rows]
-    return {
-        "bias_smooth": mean[:, 0],
-        "drift_smooth": mean[:, 1],
-        "bias_smooth_std": std[:, 0],
-        "drift_smooth_std": std[:, 1],
-    }
+        found |= {"used": None, "reading_std": None, "slow_error": None}
+    else:
+        found["contact_wrench"] = found["wrench_tool"] - found["wrench_unbiased"]
+        found["contact_wrench_std"] = np.hypot(found["bias_std"], found["reading_std"])
+        found["in_contact"] = in_contact(log.t, contacts)[at]
+    return Filtered(**found, log_likelihood=np.float64(infos.log_likelihood))
 
 
 def filtered_with(setup: Setup, log: Log) -> tuple[Filtered, Params]:

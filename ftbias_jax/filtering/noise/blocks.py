@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.model.motion_noise import effective_speed_squared
 from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
@@ -16,8 +15,6 @@ if TYPE_CHECKING:
 
 BLOCK_SECONDS = 0.05
 """Vibration of arms and tools, 10 Hz and above, averages out in a block; what moves the bias does not."""
-SPEEDS = (np.inf, *(0.5 * 2.0**-k for k in range(7)))
-"""rad/s from which vibration may grow with the speed and no longer with its square; inf = never."""
 FEWEST = 10
 """Samples of a block: the scatter of fewer about a line tells neighbours apart more than it tells noise."""
 LEAST_BLOCKS = 40
@@ -73,16 +70,9 @@ def in_blocks(
     shaking: Float[Array, "T 6"] | None = None,
     length: int | Array | None = None,
 ) -> Blocks:
-    """Cut a log into blocks.
+    """A log in blocks: of y = D theta - W, NaN = not measured, and of the diagonal of R, with the vibration in it.
 
-    Args:
-        layout: of the blocks.
-        t: (T,) s.
-        y: (T, 6) N, Nm, D theta - W; NaN = not measured.
-        velocity: (T, n) rad/s.
-        variance: (T, 6) N^2, Nm^2, diagonal of R.
-        shaking: (T, 6) N^2, Nm^2, the part of it that is vibration; None = none.
-        length: samples at the start that are of the log; None = all.
+    The first ``length`` samples are of the log, None = all.
     """
     size = layout.size
     room = len(t) // size
@@ -111,18 +101,10 @@ def in_blocks(
     return Blocks(times.mean(1), mean, count, scatter, (cut(velocity) ** 2).mean(1), stated, shaken, number)
 
 
-def motion_by_speed(blocks: Blocks) -> Float[Array, "S N n"]:
-    """(rad/s)^2: ``effective_speed_squared`` of the joints for each of SPEEDS; the speed hardly changes in a block."""
-    speed = jnp.sqrt(blocks.motion)
-    return jnp.stack([effective_speed_squared(speed, most) for most in SPEEDS])
-
-
 def without_jumps(blocks: Blocks, jumps: Float[Array, " N"]) -> Blocks:
-    """The blocks as if the sensor had never been set to zero: what its noise is does not change by that.
+    """The blocks of a whole log as if the sensor had never been set to zero, as in those where ``jumps`` is not 0.
 
-    Args:
-        blocks: of the whole log.
-        jumps: (N,) not 0 where the sensor was set to zero within the block.
+    What the noise is does not change by that.
     """
     nothing = jnp.full((BESIDE, 6), jnp.nan, blocks.mean.dtype)
     ahead = jnp.concatenate([blocks.mean, nothing])

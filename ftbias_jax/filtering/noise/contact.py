@@ -80,13 +80,7 @@ class Contacts(NamedTuple):
 def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> Contacts:
     """Stretches in which the measured bias departs from its level by more than noise does, on an axis of force.
 
-    Args:
-        blocks: of the whole log.
-        layout: of the blocks.
-        slow: (6,) N, Nm, of ``slow_std``.
-
-    Returns:
-        the contacts; none if they would take more than MOST of the log.
+    None if they would take more than MOST of the log. Its blocks vary slowly by ``slow``, N, Nm, of ``slow_std``.
     """
     index = jnp.arange(len(blocks.t))
     there = index < blocks.number
@@ -114,13 +108,12 @@ def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> C
         carry = jax.tree.map(lambda new, old: jnp.where(seen, new, old), (level_after, after, left), carry)
         return carry, (jnp.where(seen, departure, 0), jnp.where(seen & closes, first, -1))
 
-    start = (_first_level(blocks), jnp.asarray(-1), jnp.zeros(6, bool))
+    measured = jnp.isfinite(blocks.mean).any(1).argmax()
+    rows = jax.lax.dynamic_slice(blocks.mean, (measured, 0), (min(FIRST, len(blocks.mean)), 6))
+    start = (jnp.nan_to_num(nan_median(rows)), jnp.asarray(-1), jnp.zeros(6, bool))
     inputs = (index, blocks.mean, begin, _on_one_level(blocks.mean, sigma, settled_after))
 
-    @compile_whole
-    def follow(start: Any, inputs: Any, most: Array) -> Any:
-        return jax.lax.scan(partial(step, most), start, inputs)
-
+    follow = compile_whole(lambda start, inputs, most: jax.lax.scan(partial(step, most), start, inputs))
     (_, open_since, _), (departure, first) = follow(start, inputs, most)
     first = jnp.where((index == blocks.number - 1) & (open_since >= 0), open_since, first)
     first = _taken_back(first, departure / white_std(blocks), round(FOLLOW / layout.seconds))
@@ -129,13 +122,6 @@ def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> C
     ends = (first >= 0).astype(int)
     begun = jnp.zeros(len(first) + 1, int).at[jnp.where(first >= 0, first, len(first))].add(1)[:-1]
     return Contacts(first, running_sum(begun - ends) > 0, departure)
-
-
-def _first_level(blocks: Blocks) -> Array:
-    """(6,) N, Nm: median of the blocks from the first one on that was measured."""
-    k = jnp.isfinite(blocks.mean).any(1).argmax()
-    rows = jax.lax.dynamic_slice(blocks.mean, (k, 0), (min(FIRST, len(blocks.mean)), 6))
-    return jnp.nan_to_num(nan_median(rows))
 
 
 def _on_one_level(mean: Array, sigma: Array, count: int) -> Array:
@@ -214,13 +200,7 @@ def _shortest(windows: Float[Array, "W S 6"]) -> Float[Array, "W 6"]:
 
 
 def listed(contacts: Contacts, t: np.ndarray, layout: Layout) -> tuple[Contact, ...]:
-    """The contacts one by one, in the order of time.
-
-    Args:
-        contacts: of a log.
-        t: (N,) s, middles of its blocks.
-        layout: of the blocks.
-    """
+    """The contacts of a log one by one, in the order of time; t (N,) s, middles of its blocks."""
     first, _, departure = (np.asarray(x) for x in contacts)
     found, half = [], layout.seconds / 2
     for last in np.flatnonzero(first >= 0):

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ftbias_jax.filtering.noise.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_blocks
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
 from ftbias_jax.filtering.noise.contact import Contacts, find_contacts, slow_std
 from ftbias_jax.filtering.noise.scatter import HEAVY
-from ftbias_jax.filtering.noise.slow_noise import Means, SlowNoise, coarser, fit_slow_noise
+from ftbias_jax.filtering.noise.slow_noise import SlowNoise, coarser, fit_slow_noise
 from ftbias_jax.filtering.noise.vibration import Vibration, fit_vibration, taken_level
 from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.runtime.compiled_loops import running_sum
@@ -55,29 +55,27 @@ class Noise(NamedTuple):
 def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNoise, Noise]:
     """The noise of the filter for this log: what the setup states, and what the log shows where that is left open.
 
-    Gradients pass through what is stated; what the log shows counts as constant.
-
-    Args:
-        stated: of the setup.
-        blocks: of the whole log, for ``stated``.
-        layout: of the blocks.
+    Gradients pass through what is stated; what the log shows counts as constant. The blocks are of the whole log.
     """
-    found = noise_of_log(*jax.lax.stop_gradient((stated, blocks)), layout)
-    return with_noise(stated, found), found
-
-
-def noise_of_log(stated: BiasNoise, blocks: Blocks, layout: Layout) -> Noise:
-    """Contact, vibration and slow errors of a log; what is stated of them already is kept."""
+    given, (stated, blocks) = stated, jax.lax.stop_gradient((stated, blocks))
     slowly = slow_std(blocks, layout)
     contacts, offset = find_contacts(blocks, layout, slowly), offset_of(blocks, slowly, stated)
     free = ~contacts.near & (jnp.arange(len(blocks.t)) < blocks.number)
     sensor = jnp.maximum(stated.wrench_variance, TINY)
     vibration = fit_vibration(blocks, layout, free, sensor, taken=stated.vibration is None)
-    means = means_of(blocks, layout, stated, vibration, free)
+    # The means of the blocks that are free of contact, less what the prior expects of them.
+    variance = vibration.variance(blocks, stated.wrench_variance)
+    calm = ~(blocks.scatter > HEAVY * variance)  # a spike moves the mean of its block as well
+    y = jnp.where(free[:, None] & calm, blocks.mean - expected(blocks.t, stated), jnp.nan)
+    variance = jnp.where(jnp.isfinite(y), variance / jnp.maximum(blocks.count, 1), jnp.nan)
+    means = coarser(Means(jnp.asarray(layout.seconds, y.dtype), blocks.t, y, variance), blocks.number)
     prior_std = prior_with(stated, offset).reshape(2, 6)
 
     def innovations(slow: SlowNoise) -> Array:
-        return standard_innovations(means, slow, prior_std, stated.density)
+        """(N, 6) of blocks, in their standard deviations."""
+        grid = Grid(jnp.ones((1, 6), means.y.dtype), slow.std[None], slow.time[None])
+        found = filter_blocks(means, grid, prior_std, stated.density)
+        return found.innovation[:, 0] / jnp.sqrt(found.variance[:, 0])
 
     if stated.correlated_std is None or stated.correlated_time is None:
         zero = jnp.zeros(6, means.y.dtype)
@@ -93,25 +91,8 @@ def noise_of_log(stated: BiasNoise, blocks: Blocks, layout: Layout) -> Noise:
     else:
         slow = SlowNoise(stated.correlated_std, stated.correlated_time, jnp.zeros(6, means.y.dtype))
         factor = inflation(means.t, innovations(slow))
-    return Noise(contacts, vibration, slow, offset, factor, blocks.t)
-
-
-def means_of(blocks: Blocks, layout: Layout, stated: BiasNoise, vibration: Vibration, free: Bool[Array, " N"]) -> Means:
-    """The means of the blocks that are free of contact, less what the prior expects of them."""
-    white = vibration.variance(blocks, stated.wrench_variance)
-    calm = ~(blocks.scatter > HEAVY * white)  # a spike moves the mean of its block as well
-    y = jnp.where(free[:, None] & calm, blocks.mean - expected(blocks.t, stated), jnp.nan)
-    variance = jnp.where(jnp.isfinite(y), white / jnp.maximum(blocks.count, 1), jnp.nan)
-    return coarser(Means(jnp.asarray(layout.seconds, y.dtype), blocks.t, y, variance), blocks.number)
-
-
-def standard_innovations(
-    means: Means, slow: SlowNoise, prior_std: Float[Array, "2 6"], density: Float[Array, " 6"]
-) -> Float[Array, "N 6"]:
-    """Innovations of blocks in their standard deviations."""
-    grid = Grid(jnp.ones((1, 6), means.y.dtype), slow.std[None], slow.time[None])
-    found = filter_blocks(*means, grid, prior_std, density)
-    return found.innovation[:, 0] / jnp.sqrt(found.variance[:, 0])
+    noise = Noise(contacts, vibration, slow, offset, factor, blocks.t)
+    return with_noise(given, noise), noise
 
 
 def is_white(innovation: Float[Array, "N 6"]) -> Bool[Array, ""]:
@@ -152,9 +133,7 @@ def prior_with(stated: BiasNoise, offset: Float[Array, " 6"]) -> Float[Array, " 
 def inflation(t: Float[Array, " N"], white: Float[Array, "N 6"]) -> Float[Array, " 6"]:
     """By how much means of innovations scatter more than the filter says; 1 where chance explains it.
 
-    Args:
-        t: (N,) s.
-        white: (N, 6) innovations in their standard deviations; NaN = not measured.
+    Of innovations ``white`` in their standard deviations at the times t, in s; NaN = not measured.
     """
     seen = jnp.isfinite(white) & (t - t[0] >= SETTLED)[:, None]
     values = jnp.stack([jnp.where(seen, white, 0), seen.astype(white.dtype)], 1)
@@ -185,13 +164,7 @@ def with_noise(stated: BiasNoise, noise: Noise) -> BiasNoise:
 
 
 def from_median(noise: BiasNoise, found: Noise, blocks: Blocks) -> BiasNoise:
-    """The noise of a filter whose bias begins at the median of the log's free blocks, as uncertain as these scatter.
-
-    Args:
-        noise: of the filter.
-        found: in the log.
-        blocks: of the log.
-    """
+    """The noise of a filter whose bias begins at the median of the log's free blocks, as uncertain as these scatter."""
     measured = jnp.where(found.contacts.inside[:, None], jnp.nan, blocks.mean)
     median = nan_median(measured)
     scatter, seen = MAD * nan_median(jnp.abs(measured - median[None])), jnp.isfinite(median)

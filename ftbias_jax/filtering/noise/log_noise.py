@@ -43,13 +43,7 @@ def nothing() -> LogNoise:
 
 
 def told(found: Noise, layout: Layout, *, slow_is_stated: bool) -> LogNoise:
-    """What was found, of NumPy arrays.
-
-    Args:
-        found: in a log.
-        layout: of its blocks.
-        slow_is_stated: whether the setup states the slow errors.
-    """
+    """What was found in a log, of NumPy arrays; slow errors that the setup states are none that were found."""
     contacts, slow = listed(found.contacts, found.block_times, layout), None if slow_is_stated else found.slow
     speed = np.inf if found.vibration.speed is None else float(found.vibration.speed)
     vibration = found.vibration._replace(speed=speed if np.isfinite(speed) else None)
@@ -60,7 +54,7 @@ def describe(noise: LogNoise) -> list[str]:
     """Lines that tell a reader what the log shows beyond its setup; none if nothing."""
     lines = []
     if noise.offset.any():
-        words = " ".join(f"{name} {x:.4g}" for name, x in zip(AXES, noise.offset, strict=True) if x)
+        words = _by_axis(noise.offset, noise.offset != 0, 4)
         lines.append(f"the bias at the start is far from what the setup expects, by N, Nm: {words}")
     if noise.begun_again:
         lines.append(BEGUN_AGAIN)
@@ -70,21 +64,21 @@ def describe(noise: LogNoise) -> list[str]:
     if noise.vibration is not None and noise.vibration.taken and noise.vibration.per_speed.any():
         lines.append("the noise grows with the speed of the joints; the filter takes what the scatter of the log shows")
     if noise.vibration is not None and (noise.vibration.level != 1).any():
-        levels = zip(AXES, np.sqrt(noise.vibration.level), strict=True)
-        words = " ".join(f"{name} {x:.2g}" for name, x in levels if x != 1)
+        words = _by_axis(np.sqrt(noise.vibration.level), noise.vibration.level != 1)
         kept = "; where it is less, the filter keeps the stated one" if (noise.vibration.level < 1).any() else ""
         lines.append(f"scatter of single readings at rest, per stated noise_std: {words}{kept}")
     if noise.slow is not None and noise.slow.std.any():
-        words = ", ".join(
-            f"{name} {std:.2g} over {time:.2g} s"
-            for name, std, time in zip(AXES, noise.slow.std, noise.slow.time, strict=True)
-            if std > 0
-        )
+        of_axes = zip(AXES, noise.slow.std, noise.slow.time, strict=True)
+        words = ", ".join(f"{name} {std:.2g} over {time:.2g} s" for name, std, time in of_axes if std > 0)
         lines.append(f"errors that vary slowly (N, Nm and correlation time): {words}")
     if (noise.inflation > 1).any():
-        words = " ".join(f"{name} {x:.2g}" for name, x in zip(AXES, noise.inflation, strict=True) if x > 1)
+        words = _by_axis(noise.inflation, noise.inflation > 1)
         lines.append(f"standard deviations of the bias are enlarged, by what the innovations still contradict: {words}")
     return lines
+
+
+def _by_axis(values: Array, shown: Array, digits: int = 2) -> str:
+    return " ".join(f"{name} {x:.{digits}g}" for name, x, is_shown in zip(AXES, values, shown, strict=True) if is_shown)
 
 
 def remark_of_gate(noise: LogNoise) -> Repairs:

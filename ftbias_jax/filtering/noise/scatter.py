@@ -38,7 +38,6 @@ class Scatter(NamedTuple):
     """Parts of the stated variance, of which the scatter may show any share."""
     motion: Float[Array, "S N n"]
     """(rad/s)^2."""
-
     usual: Float[Array, " 6"]
     """N^2, Nm^2, median of ``value``."""
 
@@ -71,12 +70,7 @@ def log_likelihood(data: Scatter, mu: Float[Array, "S F N 6"]) -> Float[Array, "
 
 
 def maximise(data: Scatter, rounds: int) -> Coefficients:
-    """Coefficients that are likeliest; 0 for what does not occur, as motion at rest.
-
-    Args:
-        data: scatter of blocks.
-        rounds: steps of scoring.
-    """
+    """Coefficients that are likeliest, by so many steps of scoring; 0 for what does not occur, as motion at rest."""
     stated, joints = jnp.stack(data.stated), data.motion.shape[2]
     first, second = np.triu_indices(joints)
     place = np.zeros((joints, joints), int)
@@ -119,12 +113,9 @@ def _start(data: Scatter) -> Coefficients:
 
 
 def _non_negative(matrix: Array, right: Array, start: Array) -> Array:
-    """Least squares with coefficients that are not negative, one coefficient after the other, many fits at once.
+    """Least squares with coefficients (K, ...) that are not negative, one after the other, many fits at once.
 
-    Args:
-        matrix: (K, K, ...) normal matrices of the fits.
-        right: (K, ...) right-hand sides.
-        start: (K, ...) coefficients.
+    Of the normal matrices (K, K, ...), the right-hand sides (K, ...) and the coefficients at the start.
     """
 
     @compile_whole

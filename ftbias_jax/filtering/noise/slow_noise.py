@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering.noise.block_filter import Grid, filter_blocks
+from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_blocks
 from ftbias_jax.filtering.noise.blocks import nan_median
 from ftbias_jax.types import Array
 
@@ -45,26 +45,10 @@ class SlowNoise(NamedTuple):
     """nats over white noise."""
 
 
-class Means(NamedTuple):
-    """Means of N blocks, what is left of a log for its slow noise."""
-
-    seconds: Float[Array, ""]
-    """s, length of a block."""
-    t: Float[Array, " N"]
-    """s, middles of blocks."""
-    y: Float[Array, "N 6"]
-    """N, Nm, of the measured bias; NaN = not measured, or in contact."""
-    variance: Float[Array, "N 6"]
-    """N^2, Nm^2 of those means if the noise is white."""
-
-
 def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[Array, "2 6"]) -> SlowNoise:
     """Search a grid, then a finer one around its best point, and a finer one around the best of that.
 
-    Args:
-        means: of the log.
-        density: (6,) sigma_Q of the bias.
-        prior_std: (2, 6) square root of P_0, of bias and drift.
+    With the density sigma_Q of the bias, and the square root of P_0, of bias and drift.
     """
     span, step, axes = means.t[-1] - means.t[0], means.seconds, jnp.arange(6)
     unit = jnp.nan_to_num(jnp.sqrt(nan_median(jnp.where(jnp.isfinite(means.y), means.variance, jnp.nan))))
@@ -88,7 +72,8 @@ def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[A
     steps = np.pad(steps, [(0, 0), (0, number - steps.shape[1])])  # points that are missing are the middle once more
 
     def refine(slow: Grid, spread: Array) -> tuple[Grid, tuple[Grid, Array, Array]]:
-        nats = log_likelihoods(means, Grid(*map(jnp.concatenate, zip(slow, plain, strict=True))), prior_std, density)
+        grid = Grid(*map(jnp.concatenate, zip(slow, plain, strict=True)))
+        nats = nats_of(*filter_blocks(means, grid, prior_std, density)[:2])
         best = nats[:number].argmax(0)
         at = Grid(*(x[best, axes] for x in slow))
         a, b, c = jnp.exp(spread * jnp.asarray(steps, unit.dtype))[:, :, None]
@@ -101,12 +86,6 @@ def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[A
     return SlowNoise(jnp.where(slower, at.std, 0), jnp.where(slower, jnp.clip(at.time, step, span), 1.0), gain)
 
 
-def log_likelihoods(means: Means, grid: Grid, prior_std: Array, density: Array) -> Float[Array, "G 6"]:
-    """Nats of the means of blocks, for every set of parameters; arguments as for ``filter_blocks``."""
-    found = filter_blocks(*means, grid, prior_std, density)
-    return nats_of(found.innovation, found.variance)
-
-
 def nats_of(v: Float[Array, "N G 6"], s: Float[Array, "N G 6"]) -> Float[Array, "G 6"]:
     """Nats of innovations N, Nm, NaN = not measured, with these variances."""
     seen = jnp.isfinite(v)
@@ -114,12 +93,7 @@ def nats_of(v: Float[Array, "N G 6"], s: Float[Array, "N G 6"]) -> Float[Array, 
 
 
 def coarser(means: Means, number: Array) -> Means:
-    """Neighbouring blocks joined until there are at most MOST_BLOCKS.
-
-    Args:
-        means: of blocks.
-        number: () how many of them are of the log.
-    """
+    """Neighbouring blocks joined until there are at most MOST_BLOCKS; ``number`` () of them are of the log."""
     if len(means.t) <= MOST_BLOCKS:
         return means
     join = coarseness(number)

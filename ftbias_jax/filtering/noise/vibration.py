@@ -6,17 +6,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ftbias_jax.filtering.bias_filter import vibration, white_share
-from ftbias_jax.filtering.noise.blocks import SPEEDS, Blocks, Layout, motion_by_speed, nan_median
-from ftbias_jax.filtering.noise.scatter import (
-    LEAST_LEVEL,
-    Coefficients,
-    Scatter,
-    log_likelihood,
-    maximise,
-    variance_of,
-)
+from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
+from ftbias_jax.filtering.noise.scatter import LEAST_LEVEL, Scatter, log_likelihood, maximise, variance_of
 from ftbias_jax.model.motion_noise import MotionNoise, effective_speed_squared
 from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.types import Array
@@ -24,6 +18,8 @@ from ftbias_jax.types import Array
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+SPEEDS = (np.inf, *(0.5 * 2.0**-k for k in range(7)))
+"""rad/s from which vibration may grow with the speed and no longer with its square; inf = never."""
 ROUNDS, ROUNDS_TO_COMPARE = 10, 5
 """Of the fit, and of those that only choose between forms."""
 FOLD_SECONDS = 5.0
@@ -74,14 +70,9 @@ def fit_vibration(
 ) -> Vibration:
     """Variance of samples by maximum likelihood: the scatter of a block is Gamma distributed about the model.
 
-    Whether motion matters, and from which speed on it does less, is judged on stretches that were not fitted.
-
-    Args:
-        blocks: of the log.
-        layout: of the blocks.
-        free: (N,) blocks in which nothing touches.
-        sensor: (6,) N^2, Nm^2, variance that is stated of the sensor alone, without the joints' share.
-        taken: by the filter, too; not where the setup states the noise in motion.
+    Whether motion matters, and from which speed on it does less, is judged on stretches that were not fitted. Only
+    blocks count in which nothing touches (``free``). ``sensor`` is stated of the sensor alone, N^2, Nm^2, and the
+    filter takes what is found (``taken``) unless the setup states the noise in motion.
     """
     blocks, free, every = _thinned(blocks, free)
     dof, value = blocks.count - 2.0, blocks.scatter
@@ -90,7 +81,8 @@ def fit_vibration(
     calm = jnp.where(usable, blocks.stated - blocks.shaking, sensor[None])
     middle = nan_median(jnp.where(usable[:, None], jnp.stack([value, calm], 1), jnp.nan))
     usual, stated = jnp.nan_to_num(middle[0], nan=1.0), jnp.nan_to_num(middle[1])
-    speeds = motion_by_speed(blocks)
+    speed = jnp.sqrt(blocks.motion)  # it hardly changes in a block
+    speeds = jnp.stack([effective_speed_squared(speed, most) for most in SPEEDS])
     fold = (jnp.arange(len(blocks.t)) // jnp.maximum(1, jnp.round(FOLD_SECONDS / layout.seconds / every))) % 2
     sides = jnp.stack([fold == 0, fold == 1])[:, :, None]
     # The form is chosen, and the level read, in what is stated as a whole: its parts are told apart less surely.
@@ -106,20 +98,16 @@ def fit_vibration(
     sensors = jnp.broadcast_to(sensor[None], calm.shape)
     columns = jnp.stack([jnp.stack([calm, sensors]), jnp.stack([jnp.zeros_like(calm), jnp.maximum(calm - sensors, 0)])])
 
-    def fit(column: tuple[Array, Array]) -> Coefficients:
-        found = maximise(Scatter(value, dof[None], column, motion, usual), ROUNDS)
-        return Coefficients(found.shares[0, 0], found.per_speed[0, 0])
-
-    both = jax.lax.map(fit, tuple(columns))
-    whole, parts = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
+    both = jax.lax.map(lambda x: maximise(Scatter(value, dof[None], x, motion, usual), ROUNDS), tuple(columns))
+    shares, (_, parts) = both.shares[:, 0, 0], both.per_speed[:, 0, 0]
     seen, used = (dof > 0).any(0), dof > 0
-    share = whole.shares[:, 0]
+    share = shares[0, :, 0]
     level = jnp.where(seen & taken, _sensor_level(share, stated, sensor), 1)
     as_stated = ~seen | (jnp.abs(share - 1) < LEVEL_WITHIN)
     usual = jnp.where(used, calm, 0).sum(0) / jnp.maximum(used.sum(0), 1)
-    per_speed = parts.per_speed.T
+    per_speed = parts.T
     noticed = per_speed * motion[0].mean(0)[:, None] > 1e-3 * usual[None]
-    shown = [jnp.where(as_stated, 1, jnp.maximum(parts.shares[:, k], LEAST_LEVEL)) for k in (0, 1)]
+    shown = [jnp.where(as_stated, 1, jnp.maximum(shares[1, :, k], LEAST_LEVEL)) for k in (0, 1)]
     speed = jnp.where(moves, jnp.asarray(SPEEDS, calm.dtype)[best], jnp.inf)
     return Vibration(
         level, jnp.where(seen[None] & noticed & moves, per_speed, 0), speed, gain, Shares(*shown), jnp.asarray(taken)
@@ -162,11 +150,7 @@ def taken_variance(
 ) -> Float[Array, "T 6"]:
     """Diagonal of R that the filter takes, N^2, Nm^2, without correlated noise; never less than is stated.
 
-    Args:
-        stated: noise that ``found`` was found with.
-        found: noise of the log.
-        variance: diagonal of R for ``stated``.
-        velocity: rad/s.
+    ``found`` was found in the log with the stated noise, of which ``variance`` is the diagonal of R.
     """
     more = ((taken_level(found) - 1) * stated.wrench_variance)[None] + _growth(stated, found, velocity)
     return variance + jnp.where(found.taken, more, 0)

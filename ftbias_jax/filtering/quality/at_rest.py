@@ -52,13 +52,8 @@ class RangeOfMotion(NamedTuple):
 def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple[Setup, Repairs]:
     """A setup to filter a log with whose tool is not known, and what its owner should know; stated tools stay.
 
-    Args:
-        setup: with or without mass and centre of mass.
-        parts: samples at once -> the log, read in parts.
-
-    Returns:
-        the setup itself and () if it states the tool. Otherwise one that predicts nothing of the tool, and whose bias
-        may be as large as a weight: the bias of the result is then that of the sensor less the tool's weight.
+    Without mass or centre of mass it predicts nothing of the tool, and its bias may be as large as a weight: the bias
+    of the result is then that of the sensor less the tool's weight. ``parts``: samples at once -> the log in parts.
 
     Raises:
         SetupError: the log turns the sensor, so that the tool must be known.
@@ -69,19 +64,16 @@ def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple
     if motion.turn > LEAST_TURN:
         require_tool(setup)
     keys = " and ".join(f"tool.{key}" for key in setup.tool.unknown)
-    what = (
-        f"{keys} not stated, but the sensor turns by only {_degrees(motion.turn)} degrees: the tool's weight is "
-        "taken as part of the bias"
-    )
-    what += (
-        f", and each kilogram leaves up to {motion.most:.2g} N in the corrected wrench" if motion.most > TOLD else ""
-    )
+    what = f"{keys} not stated, but the sensor turns by only {_degrees(motion.turn)} degrees: "
+    what += "the tool's weight is taken as part of the bias"
+    if motion.most > TOLD:
+        what += f", and each kilogram leaves up to {motion.most:.2g} N in the corrected wrench"
     moves = "; so do its accelerations" if motion.travel > RESTS else ""
     wide = np.hypot(setup.bias.initial_std, np.repeat(HEAVIEST, 3))
     guessed = with_guessed_tool(setup)
-    guessed = replace(guessed, tool=replace(guessed.tool, mass_std=None, center_of_mass_std=None))
     changed = replace(
         guessed,
+        tool=replace(guessed.tool, mass_std=None, center_of_mass_std=None),
         sensor=replace(setup.sensor, compensated=COMPENSATED[2]),
         bias=replace(setup.bias, initial_std=wide),
     )
@@ -89,12 +81,7 @@ def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple
 
 
 def rest_in_words(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> str:
-    """What a log can show that does not turn the sensor; "" if it does.
-
-    Args:
-        setup: of the log.
-        parts: as for ``weight_in_bias``.
-    """
+    """What a log can show that does not turn the sensor; "" if it does. Arguments as for ``weight_in_bias``."""
     motion = motion_of(setup, parts)
     if motion.rests:
         return f"at rest: bias and noise show, nothing else ({TURN_IT})"

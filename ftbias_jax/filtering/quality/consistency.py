@@ -60,13 +60,6 @@ def chi_square_quantile(probability: float, dof: float) -> float:
     return float(dof * (1 - spread + NormalDist().inv_cdf(probability) * spread**0.5) ** 3)
 
 
-def nees(error: Array, covariance: Array) -> np.ndarray:
-    """Normalised estimation error squared e^T P^-1 e; (N, k) and (N, k, k) -> (N,)."""
-    solved = np.linalg.solve(np.asarray(covariance), np.asarray(error)[..., None])[..., 0]
-    squares: np.ndarray = np.einsum("nk,nk->n", np.asarray(error), solved)
-    return squares
-
-
 def check(innovation: Array, nis_of_axes: Array) -> Consistency:
     """Consistency of a filtered log.
 

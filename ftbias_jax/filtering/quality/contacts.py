@@ -33,85 +33,51 @@ class ContactInterval(NamedTuple):
         return {name: _plain(value) for name, value in self._asdict().items()}
 
 
-class Tally(NamedTuple):
-    """Sums over the samples of one contact so far."""
-
-    start: float
-    end: float
-    samples: int
-    count: Array
-    """(6,) measured."""
-    total: Array
-    squares: Array
-    """Of the standard deviation."""
-    peak: Array
+Sums = tuple[tuple[float, float], int, Array, Array, Array, Array]
+"""Of the samples of a contact in one part: stamps of the first and the last, how many, and by axis how many were
+measured, their sum, the sum of squared standard deviations, and the largest."""
 
 
-def start(contacts: Sequence[Contact]) -> list[Tally]:
-    """Before the first part.
-
-    Args:
-        contacts: that were found in the log.
-    """
-    return [Tally(np.nan, np.nan, 0, *np.zeros((4, 6))) for _ in contacts]
+def start(contacts: Sequence[Contact]) -> list[list[Sums]]:
+    """Before the first part, for contacts that were found in the log."""
+    return [[] for _ in contacts]
 
 
-def add(tallies: Sequence[Tally], contacts: Sequence[Contact], part: Filtered, log_start: float) -> list[Tally]:
-    """Take in the next part.
-
-    Args:
-        tallies: so far.
-        contacts: in s of the log's own time.
-        part: of the result, in s as recorded.
-        log_start: s between the two.
-    """
-    if not contacts or part.contact_wrench is None or part.contact_wrench_std is None:
-        return list(tallies)
-    t, added = part.t - log_start, []
-    for tally, contact in zip(tallies, contacts, strict=True):
-        rows = slice(*np.searchsorted(t, [contact.start, contact.end]))
-        added.append(_with_rows(tally, part.t[rows], part.contact_wrench[rows], part.contact_wrench_std[rows]))
-    return added
+def add(tallies: list[list[Sums]], contacts: Sequence[Contact], part: Filtered, log_start: float) -> list[list[Sums]]:
+    """Take in the next part of the result, in s as recorded, ``log_start`` s after the own time of log and contacts."""
+    wrench, std = part.contact_wrench, part.contact_wrench_std
+    if not contacts or wrench is None or std is None:
+        return tallies
+    edges = np.searchsorted(part.t - log_start, [(contact.start, contact.end) for contact in contacts])
+    rows = [slice(*both) for both in edges]
+    return [[*sums, *_sums(part.t[at], wrench[at], std[at])] for sums, at in zip(tallies, rows, strict=True)]
 
 
-def _with_rows(tally: Tally, t: Array, wrench: Array, std: Array) -> Tally:
-    """A contact with more of its samples: t (R,), wrench and std (R, 6)."""
+def _sums(t: Array, wrench: Array, std: Array) -> list[Sums]:
     if not len(t):
-        return tally
+        return []
     seen = np.isfinite(wrench)
     wrench = np.where(seen, wrench, 0.0)
-    farthest = wrench[np.abs(wrench).argmax(0), np.arange(6)]
-    return Tally(
-        start=tally.start if tally.samples else float(t[0]),
-        end=float(t[-1]),
-        samples=tally.samples + len(t),
-        count=tally.count + seen.sum(0),
-        total=tally.total + wrench.sum(0),
-        squares=tally.squares + np.where(seen, std**2, 0.0).sum(0),
-        peak=np.where(np.abs(farthest) > np.abs(tally.peak), farthest, tally.peak),
-    )
+    largest = wrench[np.abs(wrench).argmax(0), np.arange(6)]
+    squares = np.where(seen, std**2, 0.0).sum(0)
+    return [((float(t[0]), float(t[-1])), len(t), seen.sum(0), wrench.sum(0), squares, largest)]
 
 
-def finish(tallies: Sequence[Tally]) -> tuple[ContactInterval, ...]:
+def finish(tallies: Sequence[Sequence[Sums]]) -> tuple[ContactInterval, ...]:
     """The intervals in which there are samples."""
     found = []
-    for tally in tallies:
-        if tally.samples:
-            count = np.where(tally.count, tally.count, np.nan)
-            mean, std = tally.total / count, np.sqrt(tally.squares / count)
-            peak = np.where(tally.count, tally.peak, np.nan)
-            found.append(ContactInterval(tally.start, tally.end, tally.samples, mean, std, peak))
+    for times, samples, *of_axes in (zip(*sums, strict=True) for sums in tallies if sums):
+        measured, total, squares, largest = map(np.array, of_axes)
+        count = measured.sum(0)
+        count = np.where(count, count, np.nan)
+        peak = np.where(np.isnan(count), np.nan, largest[np.abs(largest).argmax(0), np.arange(6)])
+        mean, std = total.sum(0) / count, np.sqrt(squares.sum(0) / count)
+        found.append(ContactInterval(times[0][0], times[-1][1], sum(samples), mean, std, peak))
     return tuple(found)
 
 
 def contact_intervals(filtered: Filtered, contacts: Sequence[Contact], log_start: float) -> tuple[ContactInterval, ...]:
-    """The intervals of a result that is whole.
-
-    Args:
-        filtered: as recorded.
-        contacts: in s of the log's own time.
-        log_start: s between the two.
-    """
+    """The intervals of a result that is whole; arguments as for ``add``."""
     return finish(add(start(contacts), contacts, filtered, log_start))
 
 

@@ -1,13 +1,18 @@
-"""What a log cannot tell from the bias: errors of the tool's weight, where gravity does not turn in the sensor's frame.
+"""What a log cannot tell from the bias: errors of the tool.
 
 The weight reads m g and m c x g. What of that is constant looks like a bias, so an error of the stated mass m or centre
 of mass c shows only as far as g turns, as seen from the sensor: mass by any turning, c along a direction n by that part
 of it which is perpendicular to n.
+
+A tool that is stated wrongly by d theta shifts the reading by D d theta, and the bias takes that up: it is no noise,
+and does not average out. Nobody knows how much of it the bias has taken up at a sample, so all of it counts in the
+error bars.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,41 +22,32 @@ from ftbias_jax.filtering.quality.at_rest import LEAST_TURN
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.model.params import Params
+from ftbias_jax.setup.types import ToolSetup
 from ftbias_jax.types import Array
 
 POSES = 64
 """Poses that are looked at in each part of a log."""
+NAMES = ("bias_std", "contact_wrench_std", "bias_smooth_std")
+"""Arrays of a result that contain the error of the tool."""
 
 
-class Turning(NamedTuple):
-    """Sums over the direction of gravity in the sensor's frame."""
-
-    poses: int
-    total: Array
-    """(3,)."""
-    squares: Array
-    """(3, 3)."""
+def start() -> Array:
+    """Before the first part: (0, 3) unit vectors along gravity, sensor frame."""
+    return np.empty((0, 3))
 
 
-def start() -> Turning:
-    """Before the first part."""
-    return Turning(0, np.zeros(3), np.zeros((3, 3)))
-
-
-def add(turning: Turning, params: Params, part: Filtered) -> Turning:
+def add(down: Array, params: Params, part: Filtered) -> Array:
     """Take in poses of the next part."""
     if not len(part.t) or not (np.any(params.gravity) and np.any(params.theta)):  # no weight is in the reading
-        return turning
+        return down
     rows = np.linspace(0, len(part.t) - 1, POSES).astype(int)
     joints = np.stack([part.q[rows], part.dq[rows], part.ddq[rows]], 2)
-    down = np.asarray(_down(params, joints), np.float64)
-    return Turning(turning.poses + POSES, turning.total + down.sum(0), turning.squares + down.T @ down)
+    return np.concatenate([down, np.asarray(_down(params, joints), np.float64)])
 
 
-def unobservable(turning: Turning) -> list[str]:
+def unobservable(down: Array) -> list[str]:
     """What of the tool is indistinguishable from the bias, in words; [] if the sensor turns about two axes."""
-    mean = turning.total / turning.poses
-    spread = turning.squares / turning.poses - np.outer(mean, mean)
+    spread = np.cov(down.T, bias=True)
     if np.trace(spread) < LEAST_TURN**2:
         return ["mass", "center_of_mass"]
     variance, directions = np.linalg.eigh(spread)
@@ -61,9 +57,9 @@ def unobservable(turning: Turning) -> list[str]:
     return []
 
 
-def remarks(turning: Turning) -> Repairs:
+def remarks(down: Array) -> Repairs:
     """What the owner of a log should know of its motion; () if it shows enough."""
-    if turning.poses and (hidden := unobservable(turning)):
+    if len(down) and (hidden := unobservable(down)):
         what = f"the sensor turns too little: errors of the tool's {' and '.join(hidden)} would look like bias"
         return (Repair(what),)
     return ()
@@ -79,3 +75,39 @@ def _down(params: Params, joints: Array) -> Array:
 
     down = jax.vmap(one)(joints)
     return down / jax.numpy.linalg.norm(params.gravity)
+
+
+def error_of_tool(wrench_tool: Array, tool: ToolSetup) -> Array:
+    """(T, 6) N, Nm, standard deviation of the tool's wrench (T, 6) by the standard errors that the setup states.
+
+    An error of the mass scales the wrench, with centre and inertia for each kg as stated; an error c of the centre adds
+    c x f to the torque.
+    """
+    variance = np.zeros(np.shape(wrench_tool))
+    if tool.mass_std is not None:
+        variance += (wrench_tool * (tool.mass_std / tool.mass)) ** 2
+    if tool.center_of_mass_std is not None:
+        x, y, z = np.square(tool.center_of_mass_std)
+        fx, fy, fz = np.square(wrench_tool[:, :3]).T
+        variance[:, 3:] += np.stack([y * fz + z * fy, z * fx + x * fz, x * fy + y * fx], 1)
+    return np.sqrt(variance)
+
+
+def with_error_of_tool(filtered: Filtered, tool: ToolSetup) -> Filtered:
+    """A result whose error bars contain the standard errors of the tool, which the filter takes as known."""
+    if tool.mass_std is None and tool.center_of_mass_std is None:
+        return filtered
+    error = error_of_tool(filtered.wrench_tool, tool)
+    known: dict[str, Any] = {name: x for name in NAMES if (x := getattr(filtered, name)) is not None}
+    return replace(filtered, **{name: np.hypot(std, error) for name, std in known.items()})
+
+
+def remark_of_tool(tool: ToolSetup) -> Repairs:
+    """What the owner should know about error bars that contain the tool's; () where the setup states none."""
+    stated = [f"{tool.mass_std:.2g} kg"] if tool.mass_std is not None else []
+    if tool.center_of_mass_std is not None:
+        stated.append(f"{' '.join(f'{1e3 * x:.2g}' for x in tool.center_of_mass_std)} mm")
+    if not stated:
+        return ()
+    what = f"the error bars contain what is not known of the tool: standard errors of {' and '.join(stated)}"
+    return (Repair(what),)

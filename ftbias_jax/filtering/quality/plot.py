@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ftbias_jax.errors import OutputError
+from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
@@ -30,12 +31,7 @@ def plot_filtered(filtered: Filtered | FilterResult, title: str, true_bias: Arra
     """A panel an axis: the bias with its 2 sigma band, and below it what the corrected wrench leaves of the tool model.
 
     The band of what is left is what noise and the bias's own error fill in 95 % of the samples; samples not used
-    (gated, or something touched the tool) are marked.
-
-    Args:
-        filtered: what ``filter_with_params`` or ``filter_log`` gives.
-        title: above the figure.
-        true_bias: (T, 6) N, Nm if it is known.
+    (gated, or something touched the tool) are marked. The true bias is (T, 6) N, Nm if it is known.
     """
     figure = new_figure()
     axes = figure.subplots(4, 3, sharex=True)
@@ -79,8 +75,6 @@ def plot_filtered(filtered: Filtered | FilterResult, title: str, true_bias: Arra
 
 def save_figure(path: str, figure: Figure) -> None:
     """Write a figure atomically, in the format that its suffix names."""
-    from ftbias_jax.io.atomic import write_atomic
-
     suffix = figure_format(path)
     origin = {"Software" if suffix == "png" else "Creator": "ftbias_jax"}
     write_atomic(path, lambda file: figure.savefig(file, format=suffix, dpi=150, metadata=origin))

@@ -45,14 +45,10 @@ class Line(NamedTuple):
 
 
 def find_lines(t: Array, innovation: Array) -> list[Line]:
-    """Peaks of Welch's spectrum (1967) above the noise beside them, strongest first.
+    """Peaks of Welch's spectrum (1967) above the noise beside them, strongest first; none for a log of less than 2 s.
 
-    Args:
-        t: (T,) s, stamps; short gaps count as zeros.
-        innovation: (T, 6) N, Nm; NaN = not used.
-
-    Returns:
-        the peaks that white noise would show in one log of a thousand; none for a log of less than 2 s.
+    As high as white noise would show them in one log of a thousand. Of innovations (T, 6) N, Nm, NaN = not used, at the
+    stamps t (T,) s; short gaps count as zeros.
     """
     if len(t) < 2:
         return []
@@ -77,16 +73,12 @@ def find_lines(t: Array, innovation: Array) -> list[Line]:
     usable = seen.mean(0) > LEAST_SEEN
     ratio = np.where(usable & (noise > 0), spectrum / np.where(noise > 0, noise, 1), 0)
     ratio[:2] = 0  # the bias is there
-    lines = [_line(piece, spectrum - noise, ratio, df, rate, threshold) for piece in _pieces(ratio.max(1) > threshold)]
-    size_of_axes = innovation_size(innovation)
+    edges = np.flatnonzero(np.diff(np.r_[False, ratio.max(1) > threshold, False].astype(int)))
+    pieces = [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+    lines = [_line(piece, spectrum - noise, ratio, df, rate, threshold) for piece in pieces]
+    rms = np.sqrt(np.nansum(innovation**2, axis=0) / np.maximum(seen.sum(0), 1))
+    size_of_axes = np.where(rms > 0, rms, 1)
     return sorted(lines, key=lambda line: -float(np.max(line.amplitude / size_of_axes)))
-
-
-def innovation_size(innovation: Array) -> Array:
-    """(6,) N, Nm, rms of the innovations of each axis; 1 where there is none."""
-    squares, seen = np.where(np.isfinite(innovation), innovation, 0) ** 2, np.isfinite(innovation)
-    rms = np.sqrt(squares.sum(0) / np.maximum(seen.sum(0), 1))
-    return np.where(rms > 0, rms, 1)
 
 
 def format_lines(lines: list[Line]) -> str:
@@ -96,9 +88,8 @@ def format_lines(lines: list[Line]) -> str:
         sizes = zip(AXES, line.amplitude, strict=True)
         words = ", ".join(f"{name} {x:.2g} {'N' if name[0] == 'f' else 'Nm'}" for name, x in sizes if x)
         what = "tone" if line.sharp else f"resonance or moving tone, {line.width:.2g} Hz wide"
-        hum = f": a multiple of {line.mains:.0f} Hz, as mains hum is, or joint readings at that rate"
-        cause = hum if line.mains else ""
-        text.append(f"{what} at {line.frequency:.1f} Hz ({words}){cause}")
+        cause = f": a multiple of {line.mains:.0f} Hz, as mains hum is, or joint readings at that rate"
+        text.append(f"{what} at {line.frequency:.1f} Hz ({words}){cause if line.mains else ''}")
     if len(lines) > MOST_TOLD:
         text.append(f"and {len(lines) - MOST_TOLD} weaker ones")
     return "\n".join(text)
@@ -122,12 +113,6 @@ def _baseline(spectrum: Array, reach: int) -> Array:
     padded = np.pad(spectrum, [(reach, reach), (0, 0)], mode="reflect")
     found: Array = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0), axis=-1)
     return found
-
-
-def _pieces(above: Array) -> list[slice]:
-    """Runs of frequencies that are above the threshold."""
-    edges = np.flatnonzero(np.diff(np.r_[False, above, False].astype(int)))
-    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _line(piece: slice, excess: Array, ratio: Array, df: float, rate: float, threshold: float) -> Line:

@@ -32,20 +32,11 @@ class Moments(NamedTuple):
 class Tally(NamedTuple):
     """Sums over the samples so far."""
 
-    raw: Moments
-    """Of the wrench as read."""
-    residual: Moments
-    """Of the corrected wrench minus the tool model."""
-    ahead: Moments
-    """Of the error of predicting the reading AHEAD."""
-    nis: float
-    used: int
-    """Measured axes of all samples that the filter took in."""
-    samples: int
-    gated: int
-    """Samples of which the filter took in nothing."""
-    far: int
-    """Samples with an axis FAR off its prediction that it did take in."""
+    moments: tuple[Moments, ...]
+    """Of the wrench as read, of the corrected one minus the tool model, and of the error of predicting it AHEAD."""
+    counts: Array
+    """(5,) sum of the NIS, measured axes of all samples that the filter took in, samples, those of which it took in
+    nothing, and those with an axis FAR off its prediction that it did take in."""
     first: float
     """s, the first stamp."""
     recent: tuple[Array, ...] | None
@@ -82,7 +73,7 @@ class Summary(NamedTuple):
 def start() -> Tally:
     """Before the first part."""
     nothing = Moments(np.zeros(6), np.zeros(6), np.zeros(6))
-    return Tally(nothing, nothing, nothing, 0.0, 0, 0, 0, 0, np.nan, None, None)
+    return Tally((nothing, nothing, nothing), np.zeros(5), np.nan, None, None)
 
 
 def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
@@ -104,22 +95,16 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
     known = slice(int(np.searchsorted(past, 0)), None)  # they increase
     past = past[known]
     elapsed = (part.t[known] - t[past])[:, None]
-    predicted = part.wrench_tool[known] - expected_ahead(bias[past], drift[past], slow[past], noise, elapsed)
+    times = (noise.drift_time, noise.correlated_time)
+    predicted = part.wrench_tool[known] - expected_ahead(bias[past], drift[past], slow[past], times, elapsed)
     far = np.abs(part.innovation) > FAR * part.innovation_std
     keep = max(np.searchsorted(t, part.t[-1] - AHEAD, side="right") - 1, 0)
-    return Tally(
-        _merge(tally.raw, raw),
-        _merge(tally.residual, part.wrench_unbiased - part.wrench_tool),
-        _merge(tally.ahead, raw[known] - predicted),
-        tally.nis + float(part.nis.sum()),
-        tally.used + int(np.count_nonzero(measured)),
-        tally.samples + len(part.t),
-        tally.gated + int(np.count_nonzero(~used)),
-        tally.far + (int(far.any(1).sum()) if far.any() else 0),
-        float(part.t[0]) if tally.recent is None else tally.first,
-        tuple(x[keep:] for x in (t, bias, drift, slow)),
-        part,
-    )
+    values = (raw, part.wrench_unbiased - part.wrench_tool, raw[known] - predicted)
+    moments = tuple(map(_merge, tally.moments, values))
+    taken, left_out = np.count_nonzero(measured), np.count_nonzero(~used)
+    counts = [float(part.nis.sum()), taken, len(part.t), left_out, far.any(1).sum() if far.any() else 0]
+    first = float(part.t[0]) if tally.recent is None else tally.first
+    return Tally(moments, tally.counts + counts, first, tuple(x[keep:] for x in (t, bias, drift, slow)), part)
 
 
 def finish(tally: Tally) -> Summary:
@@ -127,23 +112,13 @@ def finish(tally: Tally) -> Summary:
     last = tally.last
     assert last is not None
     with np.errstate(invalid="ignore"):
-        raw_std, residual_std = (np.sqrt(x.squares / x.count) for x in (tally.raw, tally.residual))
-        one_second_rms = np.sqrt(tally.ahead.squares / tally.ahead.count + tally.ahead.mean**2)
+        raw_std, residual_std, ahead_std = (np.sqrt(x.squares / x.count) for x in tally.moments)
+    one_second_rms = np.hypot(ahead_std, tally.moments[2].mean)
     bias, bias_std, drift, drift_std = (x[-1] for x in (last.bias, last.bias_std, last.drift, last.drift_std))
-    return Summary(
-        samples=tally.samples,
-        gated=tally.gated,
-        far=tally.far,
-        seconds=float(last.t[-1]) - tally.first,
-        bias=bias,
-        bias_std=bias_std,
-        drift=drift,
-        drift_std=drift_std,
-        raw_std=raw_std,
-        residual_std=residual_std,
-        one_second_rms=one_second_rms,
-        mean_nis=tally.nis / tally.used if tally.used else np.nan,
-    )
+    nis, used, samples, gated, far = tally.counts.tolist()
+    seconds, mean_nis = float(last.t[-1]) - tally.first, nis / used if used else np.nan
+    at_end = (bias, bias_std, drift, drift_std, raw_std, residual_std, one_second_rms)
+    return Summary(int(samples), int(gated), int(far), seconds, *at_end, mean_nis)
 
 
 def summarise(filtered: Filtered, noise: BiasNoise) -> Summary:
@@ -152,16 +127,9 @@ def summarise(filtered: Filtered, noise: BiasNoise) -> Summary:
 
 
 def worse_than_raw(summary: Summary) -> bool:
-    """Whether correcting the wrench has made it worse: force or torque lie farther off the tool model than they vary.
-
-    Args:
-        summary: of the whole log.
-    """
-    for axes in (slice(0, 3), slice(3, 6)):
-        raw, residual = (np.sqrt(np.nansum(x[axes] ** 2)) for x in (summary.raw_std, summary.residual_std))
-        if residual > WORSE * raw:
-            return True
-    return False
+    """Whether force or torque, once corrected, lie farther off the tool model than they vary as read."""
+    raw, residual = (np.nansum(x.reshape(2, 3) ** 2, axis=1) for x in (summary.raw_std, summary.residual_std))
+    return bool((residual > WORSE**2 * raw).any())
 
 
 def format_summary(summary: Summary) -> str:

@@ -1,4 +1,4 @@
-"""The verbs of filtering: everything they need is in a setup and a log."""
+"""The verb of filtering: everything it needs is in a setup and a log."""
 
 from __future__ import annotations
 
@@ -8,32 +8,24 @@ from dataclasses import replace
 from typing import overload
 
 from ftbias_jax.check.check_setup import check_setup
-from ftbias_jax.filtering import params_for_log as of_log
+from ftbias_jax.errors import FtbiasError, UsageError
 from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.noise.log_noise import remark_of_gate
-from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.quality import observability
 from ftbias_jax.filtering.quality.at_rest import weight_in_bias
 from ftbias_jax.filtering.quality.contacts import contact_intervals
+from ftbias_jax.filtering.quality.observability import remark_of_tool, with_error_of_tool
 from ftbias_jax.filtering.quality.summary import summarise
-from ftbias_jax.filtering.quality.tool_error import (
-    arrays_with_error_of_tool,
-    remark_of_tool,
-    with_error_of_tool,
-)
-from ftbias_jax.filtering.result import join
-from ftbias_jax.filtering.samples import first_position, samples_from_log
-from ftbias_jax.filtering.verbs.many import FilterResults, filter_each
-from ftbias_jax.filtering.verbs.results import FilterResult, only, require_fields
+from ftbias_jax.filtering.result import join, named_arrays
+from ftbias_jax.filtering.samples import first_position
+from ftbias_jax.filtering.verbs.results import FilterResult, FilterResults, only, require_fields
 from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.types import Effect
-from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Sample
 
 
 def _nobody(done: int) -> None:
@@ -109,35 +101,29 @@ def filter_log(
             filtered.
     """
     require_fields(fields)
-    setup, done = setup.with_effects(effects), Counted(progress)
+    setup, done = setup.with_effects(effects), 0
 
     def one(source: Source) -> FilterResult:
-        log = source if isinstance(source, Log) else read_log(source, setup)
-        result = _filter(setup, log, smooth=smooth, as_stated=as_stated, unchecked=unchecked, progress=done.of_one)
-        done.end()
+        nonlocal done
+        log, before = source if isinstance(source, Log) else read_log(source, setup), done
+        choices = {"smooth": smooth, "as_stated": as_stated, "unchecked": unchecked}
+        result = _filter(setup, log, **choices, progress=lambda samples: progress(before + samples))
+        done = before + len(result.t)
         return only(result, fields)
 
-    return one(log) if isinstance(log, Log | str | os.PathLike) else filter_each(log, one)
-
-
-class Counted:
-    """Adds up the samples of one log after the other.
-
-    Args:
-        report: called with the sum.
-    """
-
-    def __init__(self, report: Callable[[int], None]) -> None:
-        self._report, self._before, self._last = report, 0, 0
-
-    def of_one(self, samples: int) -> None:
-        """So many of the log at hand are done."""
-        self._last = samples
-        self._report(self._before + samples)
-
-    def end(self) -> None:
-        """The log at hand is done."""
-        self._before, self._last = self._before + self._last, 0
+    if isinstance(log, Log | str | os.PathLike):
+        return one(log)
+    results: list[FilterResult | None] = []
+    errors: dict[int, FtbiasError] = {}
+    for i, source in enumerate(log):
+        try:
+            results.append(one(source))
+        except FtbiasError as error:
+            results.append(None)
+            errors[i] = error
+    if not results:
+        raise UsageError("there is no log to filter", field="log", remedy="give at least one")
+    return FilterResults(tuple(results), errors)
 
 
 def _filter(
@@ -157,43 +143,17 @@ def _filter(
         progress(sum(len(done.t) for done in parts))
     filtered = join(parts)
     bias = setup.bias
-    extra = arrays_with_error_of_tool(ready.smoothed, filtered.wrench_tool, setup.tool)
     turning = observability.add(observability.start(), ready.params, filtered)
     return FilterResult(
-        **filtered._asdict(),
+        **named_arrays(filtered),
         params=ready.params,
         noise=ready.noise,
         joint_model=setup.joints.model,
-        repairs=(
-            *map(Repair, wrong),
-            *log.repairs,
-            *of_tool,
-            *of_gate,
-            *observability.remarks(turning),
-        ),
+        repairs=(*map(Repair, wrong), *log.repairs, *of_tool, *of_gate, *observability.remarks(turning)),
         warnings=(*wrong, *(repair.what for repair in of_gate if repair.lost)),
         start=log.start,
         summary=summarise(filtered, ready.params.bias),
         contacts=contact_intervals(filtered, ready.noise.contacts, log.start),
         frame=log.frame,
         provenance=provenance(setup, [source_of(log)], {"smooth": smooth, "gate": bias.gate, "adapt": bias.adapt}),
-        **extra,
     )
-
-
-def params_for_log(setup: Setup, log: Log | Sample, *, guarded: bool = True) -> Params:
-    """Parameters that the verbs filter a log with, as arrays of JAX: for programs of your own.
-
-    Args:
-        setup: robot, sensor, tool and noise.
-        log: what ``read_log`` gives, or ``samples_from_log`` of it; a joint process noise that the setup leaves open
-            is the likeliest of this log.
-        guarded: whether the joints' process noise is that of a filter, LAG_GUARD times as large. False for
-            ``filter_samples``, which smooths the joints.
-
-    Returns:
-        a pytree in JAX's own precision (float32, unless ``jax_enable_x64`` is set).
-    """
-    samples = samples_from_log(log) if isinstance(log, Log) else log
-    params = of_log.likeliest_params(setup, samples, options_from_setup(setup))
-    return of_log.guard_against_lag(params) if guarded else params

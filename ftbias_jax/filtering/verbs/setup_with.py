@@ -56,16 +56,19 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
     changed = [name for name, was in before.items() if not _same(was, after[name], precision, name in NOISE)]
     for name in changed:
         _require_noise(name, stated, after[name])
-    noise = {name: None if after[name] is None else np.asarray(after[name], float) for name in changed}
+    noise: dict[str, Any] = {name: None if after[name] is None else np.asarray(after[name], float) for name in changed}
     variance = noise.get("wrench_variance")
     if variance is not None:  # a log of poses without accelerations has the variance of these in it
         unknown = np.asarray(stated.bias.wrench_variance) - setup.sensor.noise_std**2
         noise["wrench_variance"] = np.sqrt(np.maximum(variance - unknown, 0))
+    joints, bias, sensor = (
+        {key: noise[name] for name, key in keys.items() if name in noise} for keys in (JOINTS, BIAS, SENSOR)
+    )
     return replace(
         setup,
-        joints=replace(setup.joints, **_keys(JOINTS, noise)),
-        bias=replace(setup.bias, **_keys(BIAS, noise)),
-        sensor=replace(setup.sensor, **_keys(SENSOR, noise)),
+        joints=replace(setup.joints, **joints),
+        bias=replace(setup.bias, **bias),
+        sensor=replace(setup.sensor, **sensor),
         data_noise=_data_noise(noise["data_variance"]) if "data_variance" in noise else setup.data_noise,
         effects=_with_vibration(setup, after) if noise.keys() & VIBRATION.keys() else setup.effects,
     )
@@ -100,22 +103,14 @@ def _require_noise(name: str, stated: Params, value: Any) -> None:
     if value is None:
         return
     joints = len(stated.joint.process_density)
-    shapes = dict.fromkeys(JOINTS, (joints,)) | {
-        "data_variance": (36,),
-        "vibration": (joints, 6),
-        "vibration_speed": (),
-    }
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(JOINTS, (joints,))
+    shapes |= {"data_variance": (36,), "vibration": (joints, 6), "vibration_speed": ()}
     if (shape := np.shape(value)) != (wanted := shapes.get(name, (6,))):
         remedy = "give the parameters of one setup, not those of each log"
         raise UsageError(f"has shape {shape} instead of {wanted}", field=f"params.{name}", remedy=remedy)
     if not np.isfinite(value).all() or np.min(value) < 0:
         remedy = "the fit that made it diverged: start nearer, or take smaller steps"
         raise UsageError(f"has {np.asarray(value).ravel()}", field=f"params.{name}", remedy=remedy)
-
-
-def _keys(names: dict[str, str], noise: dict[str, Array | None]) -> dict[str, Any]:
-    """Key of a section -> value, of those that changed."""
-    return {key: noise[name] for name, key in names.items() if name in noise}
 
 
 def _data_noise(variance: Array | None) -> DataNoiseSetup | None:
@@ -127,10 +122,7 @@ def _data_noise(variance: Array | None) -> DataNoiseSetup | None:
 
 def _with_vibration(setup: Setup, fields: dict[str, Any]) -> dict[str, Any]:
     """The effects of the setup with the noise that grows with the motion."""
+    stated = {key: x for name, key in VIBRATION.items() if (x := fields[name]) is not None}
+    values = {"vibration": {key: np.asarray(x, float).tolist() for key, x in stated.items()}}
     others = {name: x for name, x in setup.effects.items() if name != "vibration"}
-    if fields["vibration"] is None:
-        return others
-    values = {
-        key: np.asarray(fields[name], float).tolist() for name, key in VIBRATION.items() if fields[name] is not None
-    }
-    return {**others, "vibration": values}
+    return others if fields["vibration"] is None else others | values

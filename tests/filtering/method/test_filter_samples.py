@@ -13,13 +13,13 @@ from ftbias_jax.filtering import bias_filter, pipeline
 from ftbias_jax.filtering.method import by_parts, ready
 from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, filter_samples
 from ftbias_jax.filtering.method.passes import GATE
-from ftbias_jax.filtering.method.ready import ready_to_filter, samples_of
+from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.noise.blocks import layout_of
 from ftbias_jax.filtering.params_for_log import LAG_GUARD, likeliest_params
 from ftbias_jax.filtering.pipeline import predict_wrench
 from ftbias_jax.filtering.process_models import integrated_jerk_noise, matrix
 from ftbias_jax.filtering.result import join
-from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.filtering.samples import samples_from_log, samples_of
 from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log
@@ -390,7 +390,7 @@ def test_a_log_too_short_for_blocks_is_filtered_with_what_is_stated(setup, made)
     found, result = filtered(setup, short, smooth=True)
     assert found.noise.vibration is None
     assert np.isfinite(result.bias).all()
-    assert (found.smoothed["bias_smooth_std"] <= result.bias_std * (1 + 1e-9)).all()
+    assert (result.bias_smooth_std <= result.bias_std * (1 + 1e-9)).all()
 
 
 def test_what_effects_add_to_the_bias_is_in_the_smoothed_one_too(setup, made):
@@ -399,7 +399,7 @@ def test_what_effects_add_to_the_bias_is_in_the_smoothed_one_too(setup, made):
     amplitude = np.array([4.0, -2, 1, 0.2, 0.1, -0.1])
     warm = parse_setup({**SETUP, "effects": {"warmup": {"amplitude": list(amplitude), "tau": 5.0}}})
     known = (1 - np.exp(-log.t / 5.0))[:, None] * amplitude
-    (_, plain), (found, result) = filtered(setup, log), filtered(warm, with_wrench(log, -known), smooth=True)
+    (_, plain), (_, result) = filtered(setup, log), filtered(warm, with_wrench(log, -known), smooth=True)
     np.testing.assert_allclose(result.bias - plain.bias, known, atol=1e-6)
-    error = found.smoothed["bias_smooth"] - result.bias
+    error = result.bias_smooth - result.bias
     assert (np.abs(error[RATE:]) < 5 * result.bias_std[RATE:]).all()

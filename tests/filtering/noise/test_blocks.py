@@ -8,11 +8,9 @@ from ftbias_jax.filtering.noise.blocks import (
     BESIDE,
     BLOCK_SECONDS,
     FEWEST,
-    SPEEDS,
     Layout,
     jumps_in,
     layout_of,
-    motion_by_speed,
     nan_median,
     without_jumps,
 )
@@ -57,13 +55,6 @@ def test_a_block_is_its_mean_and_the_scatter_about_its_straight_line(log):
                 continue
             left = values - np.polyval(np.polyfit(x - x.mean(), values, 1), x - x.mean())
             assert blocks.scatter[k, axis] == pytest.approx((left**2).sum() / (len(values) - 2), rel=1e-9)
-
-
-def test_motion_grows_with_the_speed_from_each_of_the_speeds_on(log):
-    blocks = cut(LAYOUT, *log)
-    speed = np.sqrt(blocks.motion)
-    for most, found in zip(SPEEDS, motion_by_speed(blocks), strict=True):
-        np.testing.assert_allclose(found, speed**2 * np.cos(np.arctan(speed / most)))
 
 
 def test_the_scatter_of_white_noise_is_its_variance_whatever_the_drift():

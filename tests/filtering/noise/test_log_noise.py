@@ -17,19 +17,18 @@ from ftbias_jax.filtering.noise.fit_noise import (
     without_nothing,
 )
 from ftbias_jax.filtering.noise.fit_noise import inflation as jax_inflation
-from ftbias_jax.filtering.noise.fit_noise import noise_of_log as jax_noise_of_log
 from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, nothing, remark_of_gate, told
 from ftbias_jax.filtering.noise.slow_noise import SlowNoise
 from ftbias_jax.filtering.noise.vibration import Shares, Vibration
 
 T, LAYOUT = stamps(60, 20), Layout(25, 0.05)
 inflation = jax.jit(jax_inflation)
-_noise = jax.jit(jax_noise_of_log, static_argnums=2)
+_fit = jax.jit(fit_noise, static_argnums=2)
 
 
 def noise_of_log(blocks, stated, layout=LAYOUT):
     """What a log shows, for people."""
-    found = jax.tree.map(np.asarray, _noise(stated, blocks, layout))
+    found = jax.tree.map(np.asarray, _fit(stated, blocks, layout)[1])
     return told(found, layout, slow_is_stated=stated.correlated_std is not None)
 
 
@@ -167,7 +166,7 @@ def test_an_offset_of_kilonewtons_widens_the_prior(stated):
     np.testing.assert_allclose(offset, shift, atol=80 * STD.max())
     noise = noise_of_log(shifted, stated)
     assert noise.contacts == ()
-    filtered_with, _ = fit_noise(stated, shifted, LAYOUT)
+    filtered_with, _ = _fit(stated, shifted, LAYOUT)
     prior = np.asarray(filtered_with.prior_std)
     np.testing.assert_allclose(prior[:6], np.maximum(30 * STD, np.abs(offset)))
     np.testing.assert_array_equal(prior[6:], stated.prior_std[6:])
@@ -235,7 +234,7 @@ def test_a_bias_that_begins_again_begins_at_the_median_of_what_is_free(stated):
     mean = blocks.mean + np.where((T > 10) & (T < 12), 100.0, 0.0)[:, None] * [1, 1, 1, 0, 0, 0]
     mean[:, 4] = np.nan
     blocks = blocks._replace(mean=mean)
-    found = _noise(stated, blocks, LAYOUT)
+    _, found = _fit(stated, blocks, LAYOUT)
     begun = from_median(stated, found, blocks)
     free = ~np.asarray(found.contacts.inside)
     assert 0.9 * len(T) < free.sum() < 0.98 * len(T)

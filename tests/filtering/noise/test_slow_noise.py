@@ -7,8 +7,8 @@ import pytest
 from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.filtering.noise import slow_noise
-from ftbias_jax.filtering.noise.block_filter import Grid, averaged, filter_blocks, filter_series
-from ftbias_jax.filtering.noise.slow_noise import Means, coarser, fit_slow_noise, log_likelihoods
+from ftbias_jax.filtering.noise.block_filter import Grid, Means, averaged, filter_blocks, filter_series
+from ftbias_jax.filtering.noise.slow_noise import coarser, fit_slow_noise, nats_of
 
 PRIOR = np.concatenate([20 * STD, 0.05 * STD])
 DENSITY = 0.01 * STD
@@ -79,7 +79,8 @@ def textbook(linear_gaussian, short, g, axis):
 
 
 def test_likelihoods_are_those_of_the_one_normal_distribution_of_all_blocks(linear_gaussian, short):
-    nats = log_likelihoods(*short, PRIOR.reshape(2, 6), DENSITY)
+    means, grid = short
+    nats = nats_of(*filter_blocks(means, grid, PRIOR.reshape(2, 6), DENSITY)[:2])
     for g in range(3):
         for axis in range(6):
             y = short[0].y[:, axis]
@@ -91,7 +92,7 @@ def test_likelihoods_are_those_of_the_one_normal_distribution_of_all_blocks(line
 def test_innovations_are_those_of_a_filter_in_matrices(linear_gaussian, short):
     means, grid = short
     y = means.y
-    found = list(zip(*filter_blocks(*means, grid, PRIOR.reshape(2, 6), DENSITY)[:2], strict=True))
+    found = list(zip(*filter_blocks(means, grid, PRIOR.reshape(2, 6), DENSITY)[:2], strict=True))
     for g, axis in ((0, 0), (1, 4), (2, 2)):
         model = textbook(linear_gaussian, short, g, axis)
         x, P = model.mean, model.covariance
@@ -204,7 +205,7 @@ def test_joined_blocks_are_weighted_means(monkeypatch):
 def test_a_series_of_any_length_is_filtered_by_a_longer_program(short):
     (_, t, y, variance), grid = short
     found = filter_series(t, y, variance, grid, PRIOR.reshape(2, 6), DENSITY)
-    expected = filter_blocks(*short[0], grid, PRIOR.reshape(2, 6), DENSITY)
+    expected = filter_blocks(short[0], grid, PRIOR.reshape(2, 6), DENSITY)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9)
     never = filter_series(t, y, variance, grid, PRIOR.reshape(2, 6), DENSITY, np.zeros((3, 6)))

@@ -22,15 +22,6 @@ def test_averages_of_chi_square_variables_lie_inside_their_bounds_95_times_in_10
     np.testing.assert_allclose(np.mean(inside), 0.95, atol=4 * np.sqrt(0.95 * 0.05 / 2000))
 
 
-def test_nees_is_the_squared_error_in_standard_deviations():
-    rng = np.random.default_rng(2)
-    root = rng.normal(size=(50, 4, 4)) + 3 * np.eye(4)
-    covariance = root @ np.swapaxes(root, 1, 2)
-    error = np.einsum("nij,nj->ni", root, rng.normal(size=(50, 4)))
-    expected = [e @ np.linalg.inv(P) @ e for e, P in zip(error, covariance, strict=True)]
-    np.testing.assert_allclose(consistency.nees(error, covariance), expected, rtol=1e-9)
-
-
 def checked(white, scale=1.0):
     """Of innovations (T, 6) in standard deviations of a filter that states them ``scale`` times too small."""
     return consistency.check(0.1 * white, (scale * white) ** 2)

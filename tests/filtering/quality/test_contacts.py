@@ -2,14 +2,16 @@
 
 import itertools
 import json
+from dataclasses import replace
 
+import by_params
 import numpy as np
 import pytest
 
 from ftbias_jax.filtering.noise.contact import Contact, in_contact
 from ftbias_jax.filtering.quality import contacts
 from ftbias_jax.filtering.quality.contacts import contact_intervals
-from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.filtering.result import ARRAYS, Filtered
 
 START = 100.0
 CONTACTS = [Contact(1.0, 2.0, np.zeros(6)), Contact(3.005, 3.5, np.zeros(6)), Contact(9.0, 9.5, np.zeros(6))]
@@ -23,7 +25,7 @@ def filtered():
     wrench = rng.normal(size=(400, 6))
     wrench[120:130, 2] = np.nan
     wrench[:, 4] = np.nan
-    empty = dict.fromkeys(Filtered._fields)
+    empty = dict.fromkeys(ARRAYS)
     std = rng.uniform(0.1, 0.2, (400, 6))
     touched = in_contact(t, CONTACTS)
     values = {"t": START + t, "contact_wrench": wrench, "contact_wrench_std": std, "in_contact": touched}
@@ -51,7 +53,7 @@ def test_the_wrench_of_a_contact_is_that_of_its_samples(filtered):
 def test_parts_make_no_difference(filtered):
     sums = contacts.start(CONTACTS)
     for first, last in itertools.pairwise([0, 0, 150, 151, 301, 400]):
-        part = Filtered(*(None if x is None else x[first:last] for x in filtered))
+        part = by_params.part_of(filtered, slice(first, last))
         sums = contacts.add(sums, CONTACTS, part, START)
     for one, other in zip(contacts.finish(sums), contact_intervals(filtered, CONTACTS, START), strict=True):
         for name in one._fields:
@@ -65,6 +67,6 @@ def test_what_a_file_says_of_it_is_json_without_nan(filtered):
 
 
 def test_a_result_without_contact_wrench_has_no_intervals(filtered):
-    stated = filtered._replace(contact_wrench=None, contact_wrench_std=None)
+    stated = replace(filtered, contact_wrench=None, contact_wrench_std=None)
     assert contact_intervals(stated, CONTACTS, START) == ()
     assert contact_intervals(filtered, [], START) == ()

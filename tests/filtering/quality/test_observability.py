@@ -1,9 +1,10 @@
+import by_params
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from ftbias_jax.filtering.quality import observability
-from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.filtering.result import ARRAYS, Filtered
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 
@@ -23,11 +24,11 @@ COUNT = 200
 
 def unobservable(pitch, roll, parts=1):
     q = np.broadcast_to(np.stack([np.broadcast_to(x, COUNT) for x in (pitch, roll)], 1), (COUNT, 2))
-    fields = dict.fromkeys(Filtered._fields, np.zeros((COUNT, 2)))
+    fields = dict.fromkeys(ARRAYS, np.zeros((COUNT, 2)))
     filtered = Filtered(**{**fields, "t": np.arange(COUNT) * 0.1, "q": q})
     turning, params = observability.start(), params_from_setup(parse_setup(WRIST), jnp.float64)
     for rows in np.array_split(np.arange(COUNT), parts):
-        turning = observability.add(turning, params, Filtered(*(x[rows] for x in filtered)))
+        turning = observability.add(turning, params, by_params.part_of(filtered, rows))
     return observability.unobservable(turning)
 
 
@@ -52,7 +53,7 @@ def test_turning_about_two_axes_hides_nothing():
 def test_turning_about_gravity_hides_everything():
     down = {"axis": [0, 0, 1], "point": [0, 0, 0], "name": "yaw"}
     setup = parse_setup({**WRIST, "robot": {**WRIST["robot"], "joints": [down]}})
-    fields = dict.fromkeys(Filtered._fields, np.zeros((COUNT, 1)))
+    fields = dict.fromkeys(ARRAYS, np.zeros((COUNT, 1)))
     part = Filtered(**{**fields, "t": np.arange(COUNT) * 0.1, "q": SWING[:, None]})
     turning = observability.add(observability.start(), params_from_setup(setup, jnp.float64), part)
     assert observability.unobservable(turning) == ["mass", "center_of_mass"]

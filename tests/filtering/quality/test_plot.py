@@ -1,6 +1,7 @@
 """Figures: what is drawn, and that the files decode."""
 
 import builtins
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from matplotlib.image import imread
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.filtering.quality import plot
-from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.filtering.result import ARRAYS, Filtered
 
 COUNT = 300
 
@@ -17,7 +18,7 @@ COUNT = 300
 def filtered():
     """Settled after the first ten samples; one axis was never measured."""
     rng = np.random.default_rng(0)
-    fields = {name: rng.normal(size=(COUNT, 6)) for name in Filtered._fields}
+    fields = {name: rng.normal(size=(COUNT, 6)) for name in ARRAYS}
     fields["t"] = 100 + np.arange(COUNT) / 50
     fields["bias_std"] = np.ones((COUNT, 6))
     fields["used"] = np.ones(COUNT, bool)
@@ -52,7 +53,7 @@ def test_a_panel_an_axis_with_bias_and_residual_once_the_bias_is_known(filtered)
 
 def test_samples_that_were_not_used_are_marked(filtered):
     used = np.arange(COUNT) % 3 > 0
-    figure = plot.plot_filtered(filtered._replace(used=used), "a title")
+    figure = plot.plot_filtered(replace(filtered, used=used), "a title")
     lines = {line.get_label(): line for line in figure.axes[3].get_lines()}
     residual = (filtered.wrench_unbiased - filtered.wrench_tool)[:, 0]
     np.testing.assert_array_equal(lines["not used"].get_ydata(), residual[10:][~used[10:]])

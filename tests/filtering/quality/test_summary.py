@@ -1,7 +1,9 @@
 """Sums over a filtered log against the formulas, however it is cut into parts."""
 
+from dataclasses import replace
 from itertools import pairwise
 
+import by_params
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 
 from ftbias_jax.filtering.quality import summary
 from ftbias_jax.filtering.quality.summary import Summary
-from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.filtering.result import ARRAYS, Filtered
 
 COUNT = 60
 
@@ -18,7 +20,7 @@ COUNT = 60
 def filtered():
     """Random numbers; one axis is missing for a while, another always."""
     rng = np.random.default_rng(0)
-    fields = {name: rng.normal(size=(COUNT, 6)) for name in Filtered._fields}
+    fields = {name: rng.normal(size=(COUNT, 6)) for name in ARRAYS}
     fields["t"] = 100 + np.cumsum(rng.uniform(0.01, 0.3, COUNT))
     fields["nis"] = rng.uniform(0, 12, COUNT)
     for name in ("wrench_unbiased", "innovation"):
@@ -68,7 +70,7 @@ def test_cutting_a_result_into_parts_changes_nothing(filtered, noise, cuts):
     tally = summary.start()
     edges = [0, *sorted(cuts), COUNT]
     for first, last in pairwise(edges):
-        tally = summary.add(tally, Filtered(*(x[first:last] for x in filtered)), noise)
+        tally = summary.add(tally, by_params.part_of(filtered, slice(first, last)), noise)
     whole = summary.summarise(filtered, noise)
     for name in Summary._fields:
         np.testing.assert_allclose(getattr(summary.finish(tally), name), getattr(whole, name), rtol=1e-12)
@@ -77,7 +79,7 @@ def test_cutting_a_result_into_parts_changes_nothing(filtered, noise, cuts):
 def test_what_the_prior_says_before_any_reading_counts_is_no_prediction(filtered, noise):
     innovation = filtered.innovation.copy()
     innovation[:10] = np.nan
-    late = summary.summarise(Filtered(*(x[10:] for x in filtered)), noise)
-    got = summary.summarise(filtered._replace(innovation=innovation), noise)
+    late = summary.summarise(by_params.part_of(filtered, slice(10, None)), noise)
+    got = summary.summarise(replace(filtered, innovation=innovation), noise)
     np.testing.assert_allclose(got.one_second_rms, late.one_second_rms)
     assert got.samples == COUNT

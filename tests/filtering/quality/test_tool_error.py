@@ -8,11 +8,8 @@ from small_checks import TABLES
 
 from ftbias_jax.check.motion import arm_motion, data_matrices
 from ftbias_jax.check.regression import stated_tool
-from ftbias_jax.filtering.quality.tool_error import (
-    arrays_with_error_of_tool,
-    error_of_tool,
-    remark_of_tool,
-)
+from ftbias_jax.filtering.quality.observability import error_of_tool, remark_of_tool, with_error_of_tool
+from ftbias_jax.filtering.result import ARRAYS, Filtered
 from ftbias_jax.setup import dump_setup, parse_setup
 
 STEP = 1e-6
@@ -44,12 +41,12 @@ def test_it_is_what_the_standard_errors_make_of_the_weight(setup, wrench_of):
 
 def test_a_tool_that_is_known_leaves_the_error_bars_as_they_are(setup, wrench_of):
     known = replace(setup.tool, mass_std=None, center_of_mass_std=None)
-    arrays = {"bias_smooth_std": np.ones((8, 6)), "drift_smooth_std": np.ones((8, 6))}
-    assert arrays_with_error_of_tool(arrays, wrench_of(known), known) == arrays
+    filtered = Filtered(**{**dict.fromkeys(ARRAYS, np.ones((8, 6))), "wrench_tool": wrench_of(known)})
+    assert with_error_of_tool(filtered, known) is filtered
     assert remark_of_tool(known) == ()
-    wide = arrays_with_error_of_tool(arrays, wrench_of(known), setup.tool)
-    assert (wide["bias_smooth_std"] > 1.001).any()
-    assert wide["drift_smooth_std"] is arrays["drift_smooth_std"]
+    wide = with_error_of_tool(filtered, setup.tool)
+    assert all((x > 1.001).any() for x in (wide.bias_std, wide.contact_wrench_std, wide.bias_smooth_std))
+    assert wide.drift_smooth_std is filtered.drift_smooth_std
     assert "standard errors of 0.03 kg and 1 2 4 mm" in remark_of_tool(setup.tool)[0].what
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ftbias_jax.filtering.verbs.forecast import forecast
+from ftbias_jax.filtering.quality.ahead import forecast
 
 STEP, SIGMA, TIME, WHITE, DENSITY = 0.02, 0.3, 4.0, 0.02, 1e-3
 """s, N, s, N, N/s^1.5."""

@@ -1,0 +1,106 @@
+"""A log as far as the passes of the method know it, and what the method gives of it: its states and its infos."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ftbias_jax.filtering.noise.blocks import Blocks, Layout
+from ftbias_jax.filtering.noise.fit_noise import Noise
+from ftbias_jax.filtering.step import Options, State
+from ftbias_jax.model.params import Params
+from ftbias_jax.types import Array, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
+
+LATER: Any = None
+"""Not there before a pass has found it."""
+
+
+class Joints(NamedTuple):
+    """Position, velocity and acceleration of the joints at every sample, and what follows from them."""
+
+    mean: tuple[Float[Array, "T n"], Float[Array, "T n"], Float[Array, "T n"]]
+    """rad, rad/s, rad/s^2."""
+    ddq_std: Float[Array, "T n"]
+    """rad/s^2."""
+    wrench_tool: Float[Array, "T 6"]
+    """N, Nm; with the known effects, if there are any."""
+    variance: Float[Array, "T 6"]
+    """N^2, Nm^2, diagonal of R as the setup states it."""
+    known_bias: Float[Array, "T 6"] | None
+    """N, Nm, what known effects add to the bias; None = there are none."""
+    log_likelihood: Float[Array, ""]
+    """nats of the joints' measurements."""
+
+
+class States(NamedTuple):
+    """A log at every sample; the joints given past and future (as stated: past alone), the bias given the past.
+
+    Names, signs and units are those of ``result.Filtered``.
+    """
+
+    q: Float[Array, "T n"]
+    dq: Float[Array, "T n"]
+    ddq: Float[Array, "T n"]
+    ddq_std: Float[Array, "T n"]
+    bias: Float[Array, "T 6"]
+    drift: Float[Array, "T 6"]
+    bias_std: Float[Array, "T 6"]
+    drift_std: Float[Array, "T 6"]
+    slow_error: Float[Array, "T 6"]
+    bias_smooth: Float[Array, "T 2 6"] | None = None
+    """N, Nm and per s: bias and drift given past and future; None = not asked for."""
+    bias_smooth_std: Float[Array, "T 2 6"] | None = None
+    """Its standard deviation."""
+
+
+class Work(NamedTuple):
+    """A log as far as it is known; every pass of the method adds to it."""
+
+    params: Params
+    start: State
+    """Before the first sample; its bias is None where it begins with the prior."""
+    samples: Sample
+    t: Float[Array, " T"]
+    """s, since the log began."""
+    length: Array
+    """Samples at the start that count; after them comes padding, or what the next part begins with."""
+    layout: Layout
+    options: Options
+    seen: Array | None = None
+    """Samples that are not padding, some of which may be of the next part of the log; None = those that count."""
+    joints: Joints = LATER
+    stated: Params | None = None
+    """Parameters before the log's noise was added to them."""
+    noise: Noise | None = None
+    blocks: Blocks = LATER
+    touched: Bool[Array, " T"] | None = None
+    """Samples in contact or near it, which are left out."""
+    states: States = LATER
+    """As the filter of the bias gives them."""
+    innovation: Float[Array, "T 6"] = LATER
+    """N, Nm; NaN = not used."""
+    predicted: Float[Array, "T 6"] = LATER
+    """N^2, Nm^2, variance of the innovation without the noise of the sample itself."""
+    log_likelihood: Float[Array, ""] = LATER
+    """nats of the wrench."""
+    end: State = LATER
+    """After the last sample that counts."""
+
+
+class Infos(NamedTuple):
+    """What the method learned at every sample and of the log; names, signs and units as in ``result.Filtered``."""
+
+    wrench_tool: Float[Array, "T 6"]
+    wrench_unbiased: Float[Array, "T 6"]
+    innovation: Float[Array, "T 6"]
+    innovation_std: Float[Array, "T 6"]
+    nis: Float[Array, " T"]
+    used: Bool[Array, " T"]
+    reading_std: Float[Array, "T 6"]
+    log_likelihood: Float[Array, ""]
+    noise: Noise | None
+    """What the log shows of its noise; None = the method was not to look, or the log is too short."""
+    kept_out: Float[Array, ""]
+    """Share of the free samples that the gate keeps out."""
