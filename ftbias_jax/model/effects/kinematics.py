@@ -7,9 +7,9 @@ import jax.numpy as jnp
 from ftbias_jax.model.effects.fitting import ByJoint, Fitting, Linear
 from ftbias_jax.model.effects.statements import DEGREES, amount, angle, distance
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
-from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
-from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motions
-from ftbias_jax.model.kinematics.screws import Arm, rotation_from_vector
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.model.kinematics.recorded_pose import motions_of
+from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.wrench.inertia import turned
 from ftbias_jax.types import Array
 
@@ -46,9 +46,7 @@ def motion_of(signals: Signals) -> ArmMotion:
     """How the arm moves, or the body whose pose was recorded, as it was worked out before or else now."""
     if signals.motion is not None:
         return signals.motion
-    carrier: Arm | FreeBody = signals.model.arm
-    states = (signals.q.T, signals.dq.T, signals.ddq.T)
-    return body_motions(carrier, *states) if isinstance(carrier, FreeBody) else arm_motion(carrier, *states)
+    return motions_of(signals.model.arm, signals.q.T, signals.dq.T, signals.ddq.T)
 
 
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:

@@ -62,6 +62,8 @@ class ArmMotion(NamedTuple):
     """(3, T) rad/s."""
     angular_acceleration: Float[Array, "3 T"]
     """(3, T) rad/s^2."""
+    velocity: Float[Array, "3 T"]
+    """(3, T) m/s, of the sensor's origin."""
 
 
 def arm_motion(arm: Arm, q: Float[Array, "n T"], dq: Float[Array, "n T"], ddq: Float[Array, "n T"]) -> ArmMotion:
@@ -86,14 +88,13 @@ def arm_motion(arm: Arm, q: Float[Array, "n T"], dq: Float[Array, "n T"], ddq: F
         joint, (at_rest, Moving(still, still)), constants
     )
     position = total(p, times(R, list(arm.zero_position)))
+    velocity = total(v, cross(w, position))
     return ArmMotion(
         jnp.concatenate([_rows(link_R), _rows(R)[:, :, None]], 2),
         jnp.concatenate([jnp.stack(link_p), jnp.stack(p)[:, None]], 1),
         _rows(product(R, [list(row) for row in arm.zero_rotation])),
         jnp.stack(position),
-        jnp.stack(total(v_rate, cross(w_rate, position), cross(w, total(v, cross(w, position))))),
-        jnp.stack(w),
-        jnp.stack(w_rate),
+        *map(jnp.stack, (total(v_rate, cross(w_rate, position), cross(w, velocity)), w, w_rate, velocity)),
     )
 
 

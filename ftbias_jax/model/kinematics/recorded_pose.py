@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
 from ftbias_jax.model.kinematics.screws import Arm, Motion, sensor_motion, skew
 
 if TYPE_CHECKING:
@@ -101,4 +101,12 @@ def body_motions(
         sensor.linear_acceleration,
         sensor.angular_velocity,
         sensor.angular_acceleration,
+        sensor.linear_velocity,
     )
+
+
+def motions_of(
+    carrier: Arm | FreeBody, q: Float[Array, "n T"], dq: Float[Array, "n T"], ddq: Float[Array, "n T"]
+) -> ArmMotion:
+    """The motion at many samples, of an arm (``arm_batch.arm_motion``) or of a recorded body."""
+    return body_motions(carrier, q, dq, ddq) if isinstance(carrier, FreeBody) else arm_motion(carrier, q, dq, ddq)

@@ -127,15 +127,15 @@ def _joint_slopes(constants: Constants, given: tuple[Columns, tuple[Array, ...]]
 @compile_whole
 def _tool_slopes(constants: Constants, columns: Columns, bars: tuple[Array, ...]) -> tuple[Array, Array]:
     """Slopes in gravity and theta."""
-    chain, *of_tool = constants
+    chain, gravity, theta = constants
 
-    def one(sums: list[Array], i: Array) -> tuple[list[Array], None]:
-        pull = jax.vjp(lambda of_tool: wrench_piece(chain, *of_tool, columns, i)[: len(bars)], of_tool)[1]
-        (slopes,) = pull(tuple(list(bar[i]) for bar in bars))
-        return jax.tree.map(jnp.add, sums, slopes), None
+    def one(sums: tuple[Array, Array], i: Array) -> tuple[tuple[Array, Array], None]:
+        pull = jax.vjp(lambda g, theta: wrench_piece(chain, g, theta, columns, i)[: len(bars)], gravity, theta)[1]
+        return jax.tree.map(jnp.add, sums, pull(tuple(list(bar[i]) for bar in bars))), None
 
-    gravity, theta = jax.lax.scan(one, [jnp.zeros_like(x) for x in of_tool], jnp.arange(columns[0].shape[0]))[0]
-    return gravity, theta
+    start = jnp.zeros_like(gravity), jnp.zeros_like(theta)
+    found: tuple[Array, Array] = jax.lax.scan(one, start, jnp.arange(columns[0].shape[0]))[0]
+    return found
 
 
 def _arm_slopes(model: Model, columns: Columns, bars: tuple[Array, ...]) -> Arm:
