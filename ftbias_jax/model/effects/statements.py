@@ -44,13 +44,9 @@ def value_words(value: float, stderr: float) -> str:
 
 
 def amount(words: str, name: str, factor: float = 1.0, signs: tuple[str, str] | None = None) -> Statement:
-    """A parameter that is one number.
+    """A parameter that is one number, times a factor: {value} in the words, {setup} for what the setup states, {sign}.
 
-    Args:
-        words: with {value}, {setup} for what the setup states, and {sign}.
-        name: of the parameter.
-        factor: of the unit in the words.
-        signs: words for positive and for negative values, of which {value} is then the size; None = it has its sign.
+    With signs, words for positive and for negative values, {value} is the size; without, it has its own sign.
     """
 
     def say(estimates: Mapping[str, Estimate]) -> str:
@@ -66,14 +62,9 @@ def amount(words: str, name: str, factor: float = 1.0, signs: tuple[str, str] | 
 def distance(
     words: str, name: str, unit: str, factor: float = 1.0, labels: tuple[str, ...] = tuple("xyz")
 ) -> Statement:
-    """How far a vector is from what the setup states, or from zero.
+    """How far a vector is from what the setup states, or from zero: {value}, in a unit of the given factor.
 
-    Args:
-        words: with {value} and {axis}, the one along which it departs most.
-        name: of the parameter.
-        unit: in the words.
-        factor: of that unit.
-        labels: of the axes.
+    The {axis} is the label of the one along which it departs most.
     """
 
     def say(estimates: Mapping[str, Estimate]) -> str:
@@ -103,13 +94,8 @@ def channels(
 ) -> Statement:
     """A parameter with a number for each channel: the surest force, or else torque, or all if they are equal.
 
-    Args:
-        words: with {value}, {channel} and {sign}, which is "much" or "little".
-        name: of the parameter.
-        neutral: where the effect does nothing.
-        unit: behind the value; {unit} = N or Nm.
-        factor: of that unit.
-        exact: whether it is read off, without an error to speak of.
+    Words may have {value}, {channel}, {verb}, and {sign}: "much" above neutral or "little" below. The unit, of the
+    given factor, may have {unit} = N or Nm; what is exact is read off, without an error to speak of.
     """
 
     def say(estimates: Mapping[str, Estimate]) -> str:

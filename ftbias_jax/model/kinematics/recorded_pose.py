@@ -44,15 +44,8 @@ def motion_of(
 def body_motion(body: FreeBody, q: Float[Array, " k"], dq: Float[Array, " k"], ddq: Float[Array, " k"]) -> Motion:
     """Motion of the sensor from the body's pose and its rates.
 
-    Args:
-        body: the body.
-        q: (7,) quaternion (w, x, y, z) of the body in the base, of any length but zero, and position (3,) m, base
-            frame; or (4,) without position, whose acceleration is then zero.
-        dq: first derivative of q with respect to time, same shape.
-        ddq: second derivative of q with respect to time, same shape.
-
-    Returns:
-        the motion; columns of the Jacobian belong to the entries of q.
+    The entries q (7,) are the quaternion (w, x, y, z) of the body in the base, of any length but zero, and its position
+    in m; or (4,) without position, whose acceleration is then zero. Columns of the Jacobian belong to them.
     """
     n2 = q[:4] @ q[:4]
     w, v = q[0], q[1:4]
@@ -80,14 +73,7 @@ def body_motion(body: FreeBody, q: Float[Array, " k"], dq: Float[Array, " k"], d
 def body_motions(
     body: FreeBody, q: Float[Array, "k T"], dq: Float[Array, "k T"], ddq: Float[Array, "k T"]
 ) -> ArmMotion:
-    """The motion at many samples, as of an arm of one link: link 0 is the world, link 1 the body.
-
-    Args:
-        body: the body.
-        q: (k, T) as for ``body_motion``.
-        dq: first derivative of q with respect to time, same shape.
-        ddq: second derivative of q with respect to time, same shape.
-    """
+    """The motion at entries (k, T) as of an arm of one link: link 0 is the world, link 1 the body."""
     time_last = partial(jax.vmap, in_axes=1, out_axes=-1)
     sensor = time_last(lambda *state: body_motion(body, *state))(q, dq, ddq)
     bare = FreeBody(jnp.zeros_like(body.zero_position), jnp.eye(3, dtype=q.dtype))

@@ -39,14 +39,9 @@ def sensor_path(
     ddq: Float[Array, "T n"],
     motion: ArmMotion | None = None,
 ) -> SensorPath:
-    """Where the sensor is and how it moves.
+    """Where the sensor is and how it moves, from joints (T, n) rad, or entries of a recorded pose, and their rates.
 
-    Args:
-        carrier: the arm with the sensor mounted, or the body whose pose is recorded.
-        q: (T, n) rad.
-        dq: (T, n) rad/s.
-        ddq: (T, n) rad/s^2.
-        motion: of the carrier, if it was worked out before; its joints may stand elsewhere than ``q`` says.
+    A motion that was worked out before is taken as it is; its joints may stand elsewhere than ``q`` says.
     """
     moving = motions_of(carrier, q.T, dq.T, ddq.T) if motion is None else motion
     vectors = (

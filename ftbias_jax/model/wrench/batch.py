@@ -38,14 +38,10 @@ Constants = tuple[Chain, Array, Array]
 
 
 def wrenches(model: Model, *entries: Float[Array, "T n"]) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
-    """D theta, and the diagonal of sum_j G_j P_j G_j^T (tool_wrench.covariance_of_joints).
+    """D theta (T, 6) N, Nm, sensor frame, and the variance (T, 6) that the joints' uncertainty adds to it.
 
-    Args:
-        model: arm, gravity and tool.
-        *entries: (T, n) q, dq and ddq, and of their covariance P_qq, P_qa and P_aa, or none of these for zeros.
-
-    Returns:
-        wrench (T, 6) N, Nm, sensor frame, and the variance that the joints' uncertainty adds to it (T, 6).
+    The latter is the diagonal of sum_j G_j P_j G_j^T (tool_wrench.covariance_of_joints). The entries, (T, n) each, are
+    q, dq and ddq, and of their covariance P_qq, P_qa and P_aa, or none of these for zeros.
     """
     return _of_samples(model, entries)
 

@@ -21,13 +21,7 @@ OF_JOINTS = ("joint_angle", "joint_velocity")
 
 
 def columns(xp: Any, term: Term, state: State) -> Array:
-    """(T, K, 6) N, Nm per coefficient, sensor frame: what lowers the reading.
-
-    Args:
-        xp: numpy or jax.numpy, of the state.
-        term: its coefficients do not matter.
-        state: of the log.
-    """
+    """(T, K, 6) N, Nm per coefficient of a term, sensor frame: what lowers the reading; by numpy or jax.numpy."""
     if acts_on_channels(term):
         series = channel_series(xp, term, state)
         found = (series[:, :, :, None] * xp.eye(6, dtype=series.dtype)[None, None]).reshape(len(series), -1, 6)
@@ -138,14 +132,7 @@ def at_point(xp: Any, state: State, point: Array, fields: tuple[str, ...] = MOVE
 
 
 def change(xp: Any, terms: Mapping[str, Term], state: State, acts_as: tuple[str, ...] = ()) -> Array:
-    """(T, 6) N, Nm: what terms add to the reading.
-
-    Args:
-        xp: numpy or jax.numpy.
-        terms: name -> term.
-        state: of the log.
-        acts_as: only terms that act so; () = all.
-    """
+    """(T, 6) N, Nm: what terms add to the reading, all of them or only those that act so."""
     total = xp.zeros_like(state.load)
     for term in terms.values():
         if term.acts_as != "noise" and (not acts_as or term.acts_as in acts_as):
@@ -180,15 +167,10 @@ def state_of(
     counts: Array | None = None,
     period: float = 0.0,
 ) -> State:
-    """What drives see of a log.
+    """What drives see of a log, by numpy or jax.numpy.
 
-    Args:
-        xp: numpy or jax.numpy.
-        signals: of the log.
-        load: (T, 6) N, Nm, the reading before the terms act.
-        motion: of the arm, if it was worked out before.
-        counts: (T,) samples that every reading is the mean of; None = single ones.
-        period: s between them.
+    The load (T, 6) N, Nm is the reading before the terms act. Every reading is the mean of so many samples (T,), a
+    period of s apart; None = of single ones.
     """
     moving = motion_of(signals) if motion is None else motion
     carrier: Arm | FreeBody = signals.model.arm
