@@ -95,7 +95,8 @@ def replay(log: Log, t: Array | None = None) -> Trajectory:
     """The motion of a recorded log: a quintic spline fitted to each joint's positions by least squares.
 
     The spline's derivatives are the motion's velocity and acceleration, so the three agree exactly; what is faster
-    than its knots, encoder noise above all, is left out. Host code in NumPy, float64.
+    than its knots, encoder noise above all, is left out. It is worked out at times t (T,) s within the log, or at its
+    own. Host code in NumPy, float64.
 
     Raises:
         LogError: a joint has too few positions.

@@ -51,16 +51,11 @@ class Turned(NamedTuple):
 def wrench_piece(
     chain: Chain, gravity: Float[Array, " 3"], theta: Float[Array, " 10"], columns: tuple[Array, ...], i: Array
 ) -> tuple[Vector, Vector]:
-    """Wrench and variance, six entries (C,) each.
+    """Wrench and variance of piece i, six entries (C,) each, with gravity in the base frame.
 
-    Args:
-        chain: of the arm.
-        gravity: (3,) m/s^2, base frame.
-        theta: (10,) of the tool.
-        columns: q, dq and ddq of the joints in all pieces (pieces, n, C), rad, s, and P_qq, P_qa and P_aa, or none of
-            these for zeros; velocities are left out, as in ``joint_sensitivity``.
-        i: which piece. XLA would copy a piece that was cut out before, number by number, and so it would the row of a
-            joint.
+    The columns (pieces, n, C) are q, dq and ddq of the joints, rad, s, and P_qq, P_qa and P_aa, or none of these for
+    zeros; velocities are left out, as in ``joint_sensitivity``. XLA would copy a piece that was cut out before, and
+    so it would the row of a joint, number by number.
     """
     q, dq, ddq, *covariance = columns
     tool, zero = list(theta), jnp.zeros_like(q[0, 0])
