@@ -44,11 +44,11 @@ GIVEN = {
 }
 """What a few times the typical departure is nothing to go by; {} = typical values."""
 FILE = """
-from ftbias_jax.model.effects import bias, environment, kinematics, sampling, sensor, timing, tool
+from ftbias_jax.model.effects import bias, environment, kinematics, sampling, sensor, tool
 
 ENTRIES = (
     *tool.EFFECTS, *kinematics.EFFECTS, *environment.FLEXIBILITY, *environment.EFFECTS, *kinematics.MOUNTING,
-    *sensor.EFFECTS, *bias.EFFECTS, *sensor.DELAY, *timing.JITTER, *sampling.EFFECTS, *timing.DROPS,
+    *sensor.EFFECTS, *bias.EFFECTS, *sensor.DELAY, *sampling.EFFECTS,
 )
 EFFECTS = [entry for entry in ENTRIES if entry.name == {name!r}]
 """

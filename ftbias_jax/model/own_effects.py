@@ -9,7 +9,7 @@ import importlib.util
 import keyword
 import os
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -28,7 +28,6 @@ from ftbias_jax.model.effects.fitting import (
     Grid,
     Linear,
     Samples,
-    Search,
     Settling,
     Starts,
     Step,
@@ -113,10 +112,8 @@ def _entries_of(found: Any) -> tuple[Effect, ...]:
 
 
 def _module_of(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"_effects_{path.stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    spec: Any = importlib.util.spec_from_file_location(f"_effects_{path.stem}", path)
+    module: ModuleType = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
@@ -135,112 +132,101 @@ def _run(name: str, load: Any) -> Any:
 
 
 def fault_of(effect: Any, known: Iterable[str] = CATALOGUE) -> str:
-    """What keeps an object from being an entry of a catalogue, in a sentence; "" = nothing that can be seen of it.
-
-    Args:
-        effect: the object.
-        known: names that are taken.
-    """
+    """What keeps an object from being an entry beside the known names, in a sentence; "" = nothing that can be seen."""
     if not isinstance(effect, Effect):
         return f"expected an Effect, got {type(effect).__name__}"
+    return next((f"effect {effect.name!r}: {fault}" for fault in _faults(effect, set(known))), "")
+
+
+def _faults(effect: Effect, known: set[str]) -> Iterator[str]:
+    """What is wrong with an effect; what comes later may rely on there being nothing before."""
     if not _is_key(effect.name):
-        return f"effect {effect.name!r}: a name has letters, digits and underscores"
-    who = f"effect {effect.name!r}"
-    if effect.name in set(known):
-        return f"{who}: the name is taken; choose another one"
+        yield "a name has letters, digits and underscores"
+    if effect.name in known:
+        yield "the name is taken; choose another one"
     if effect.stage not in STAGES:
-        return f"{who}: stage {effect.stage!r} is none of {', '.join(STAGES)}"
+        yield f"stage {effect.stage!r} is none of {', '.join(STAGES)}"
     if effect.needs_motion not in ("", "joints", "acceleration"):
-        return f"{who}: needs_motion {effect.needs_motion!r} is neither joints nor acceleration"
+        yield f"needs_motion {effect.needs_motion!r} is neither joints nor acceleration"
     if not any((effect.transform, effect.reading, effect.recording)):
-        return f"{who}: give it a reading, a transform or a recording, or it does nothing"
+        yield "give it a reading, a transform or a recording, or it does nothing"
     if effect.recording and (effect.transform or effect.reading):
-        return f"{who}: a recording acts alone; make the reading or transform an effect of its own"
+        yield "a recording acts alone; make the reading or transform an effect of its own"
     if any(effect.filter_noise == other.filter_noise != "" for other in CATALOGUE.values()):
-        return f"{who}: filter_noise is for built-in effects; use widen"
-    fault = next((fault for fault in map(_fault_of_parameter, effect.parameters) if fault), "")
-    fault = fault or fault_of_fit(effect)
-    if not fault and len({parameter.name for parameter in effect.parameters}) < len(effect.parameters):
-        fault = "two parameters have one name"
-    return f"{who}: {fault}" if fault else ""
+        yield "filter_noise is for built-in effects; use widen"
+    parameters: Any = effect.parameters
+    for parameter in parameters:
+        if not isinstance(parameter, Parameter):
+            yield f"expected a Parameter, got {type(parameter).__name__}"
+        yield from (f"parameter {parameter.name!r}: {fault}" for fault in _faults_of_parameter(parameter))
+    yield from (f"fit: {fault}" for fault in _faults_of_fit(effect))
+    if len({parameter.name for parameter in parameters}) < len(parameters):
+        yield "two parameters have one name"
 
 
-def fault_of_fit(effect: Effect) -> str:
-    """What is wrong with what an effect says about its fit: a parameter that it does not have, samples or no samples.
-
-    Args:
-        effect: an entry of a catalogue.
-    """
+def _faults_of_fit(effect: Effect) -> Iterator[str]:
+    """What is wrong with what an effect says about its fit."""
     fit: Any = effect.fit
     if not isinstance(fit, Fitting):
-        return f"fit: expected a Fitting, got {type(fit).__name__}"
+        yield f"expected a Fitting, got {type(fit).__name__}"
     search = fit.search
     if isinstance(search, Samples):
         if not effect.recording:
-            return "fit: what is read off samples must have a recording"
-        return "" if search.sign in SIGNS else f"fit: the sign {search.sign!r} is none of {', '.join(SIGNS)}"
+            yield "what is read off samples must have a recording"
+        if search.sign not in SIGNS:
+            yield f"the sign {search.sign!r} is none of {', '.join(SIGNS)}"
+        return
     if effect.recording and not isinstance(search, Starts):
-        return "fit: a recording is read off samples, by Samples(...), or not at all"
+        yield "a recording is read off samples, by Samples(...), or not at all"
     roles = [role for role in search if isinstance(role, str) and role]
     if isinstance(search, Linear):
         roles = [name for variant in search.variants for name, _ in variant]
     known = {parameter.name for parameter in effect.parameters}
-    missing = next((f"fit: there is no parameter {role!r}" for role in roles if role not in known), "")
-    return missing or _fault_of_search(effect, search)
-
-
-def _fault_of_search(effect: Effect, search: Search) -> str:
-    """What a search needs of the parameters beside their names."""
+    yield from (f"there is no parameter {role!r}" for role in roles if role not in known)
     strengths = [p.shape for p in effect.parameters if not p.search and np.any(np.asarray(p.scale, float) > 0)]
     match search:
         case Settling() | Step() if strengths != [(6,)]:
-            return "fit: a series needs one parameter without search, its strength in each of the six channels"
+            yield "a series needs one parameter without search, its strength in each of the six channels"
         case Settling(time) if not effect.parameter(time).starts:
-            return f"fit: parameter {time!r} needs starts"
+            yield f"parameter {time!r} needs starts"
         case Grid() if not any(parameter.starts for parameter in effect.parameters):
-            return "fit: a grid needs a parameter with starts"
+            yield "a grid needs a parameter with starts"
         case Entries(matrix) if effect.parameter(matrix).shape != (6, 6):
-            return f"fit: parameter {matrix!r} is no matrix (6, 6)"
+            yield f"parameter {matrix!r} is no matrix (6, 6)"
         case Starts(when) if when and (effect.parameter(when).shape or not effect.parameter(when).search):
-            return f"fit: the time {when!r} must be one number with search=True"
+            yield f"the time {when!r} must be one number with search=True"
         case ByJoint() if not effect.transform:
-            return "fit: what moves a joint must have a transform"
-    return ""
+            yield "what moves a joint must have a transform"
+
+
+def _faults_of_parameter(parameter: Parameter) -> Iterator[str]:
+    if not _is_key(parameter.name):
+        yield "a name has letters, digits and underscores"
+    shape = tuple(max(size, 1) for size in parameter.shape)
+    numbers = {}
+    for word in ("lower", "upper", "scale", "neutral"):
+        if callable(value := getattr(parameter, word)):
+            continue
+        try:
+            numbers[word] = np.broadcast_to(np.asarray(value, float), shape)
+        except (TypeError, ValueError):
+            yield f"{word} does not fit the shape {parameter.shape}"
+        if np.isnan(numbers[word]).any():
+            yield f"{word} is not a number"
+    if not ((numbers["scale"] >= 0) & np.isfinite(numbers["scale"])).all():
+        yield "scale, the size of a typical departure from neutral, must be 0 or more"
+    if not (numbers["lower"] <= numbers["upper"]).all():
+        yield "lower is above upper"
+    if "neutral" in numbers:
+        neutral = numbers["neutral"]
+        if not ((neutral >= numbers["lower"]) & (neutral <= numbers["upper"])).all():
+            yield "neutral is outside of its bounds"
+        if not np.isfinite(neutral).all() and not parameter.search:
+            yield "an infinite neutral needs search=True, because nothing can be linearised there"
+    for start in parameter.starts:
+        if np.shape(start) not in (parameter.shape, ()):
+            yield f"the start {start!r} does not have the shape {parameter.shape}"
 
 
 def _is_key(name: Any) -> bool:
     return isinstance(name, str) and name.isidentifier() and name.isascii() and not keyword.iskeyword(name)
-
-
-def _fault_of_parameter(parameter: Any) -> str:
-    if not isinstance(parameter, Parameter):
-        return f"expected a Parameter, got {type(parameter).__name__}"
-    who = f"parameter {parameter.name!r}"
-    if not _is_key(parameter.name):
-        return f"{who}: a name has letters, digits and underscores"
-    shape = tuple(max(size, 1) for size in parameter.shape)
-    numbers = {"lower": parameter.lower, "upper": parameter.upper, "scale": parameter.scale}
-    if not callable(parameter.neutral):
-        numbers["neutral"] = parameter.neutral
-    for word, value in numbers.items():
-        try:
-            array = np.broadcast_to(np.asarray(value, float), shape)
-        except (TypeError, ValueError):
-            return f"{who}: {word} does not fit the shape {parameter.shape}"
-        if np.isnan(array).any():
-            return f"{who}: {word} is not a number"
-    scale = np.asarray(parameter.scale, float)
-    if (scale < 0).any() or not np.isfinite(scale).all():
-        return f"{who}: scale, the size of a typical departure from neutral, must be 0 or more"
-    if not np.all(np.asarray(parameter.lower, float) <= np.asarray(parameter.upper, float)):
-        return f"{who}: lower is above upper"
-    if "neutral" in numbers:
-        neutral = np.asarray(numbers["neutral"], float)
-        if not np.all((neutral >= parameter.lower) & (neutral <= parameter.upper)):
-            return f"{who}: neutral is outside of its bounds"
-        if not np.isfinite(neutral).all() and not parameter.search:
-            return f"{who}: an infinite neutral needs search=True, because nothing can be linearised there"
-    for start in parameter.starts:
-        if np.shape(start) not in (parameter.shape, ()):
-            return f"{who}: the start {start!r} does not have the shape {parameter.shape}"
-    return ""

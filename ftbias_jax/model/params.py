@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.model.effects.catalogue import CATALOGUE, values_from_setup, values_of
+from ftbias_jax.model.effects.catalogue import values_from_setup, values_of
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
@@ -139,7 +139,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     catalogue = catalogue_of_setup(setup)
     stated = values_from_setup(setup.effects, setup.path, catalogue)
     check_shown(setup.effects, setup, partial(SetupError, file=setup.path), "effects.")
-    effects, noise = split_noise(stated, n, setup.path, catalogue)
+    effects, noise = _split_noise(stated, n, setup.path, catalogue)
     params = params._replace(
         effects=values_of(effects, catalogue) if effects else None, bias=params.bias._replace(**noise)
     )
@@ -147,23 +147,10 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     return converted
 
 
-def split_noise(
-    values: Values, joints: int, file: str = "", catalogue: Catalogue = CATALOGUE
-) -> tuple[Values, dict[str, Array]]:
+def _split_noise(values: Values, joints: int, file: str, catalogue: Catalogue) -> tuple[Values, dict[str, Array]]:
     """Effects that the filter knows as such, and fields of ``BiasNoise`` for those that it knows as noise.
 
-    Args:
-        values: of the setup's effects.
-        joints: n of the robot.
-        file: the setup's path, for messages.
-        catalogue: that has the effects.
-
-    Returns:
-        the other effects, and field -> value: (n, 6) N^2, Nm^2 per squared unit of each joint's speed, and what else
-        the effect states that is not infinite, which is neutral.
-
-    Raises:
-        SetupError: rows that are neither one for each joint nor one for all.
+    What such an effect states beside its rows is left out where it is infinite, which is neutral.
     """
     noise, others = {}, dict(values)
     for name in values.keys() & catalogue.keys():

@@ -30,13 +30,9 @@ Generate = Callable[[Array, Array, Array, Array], Trajectory]
 
 
 def tumbling(generate: Generate, key: Array, t: Float[Array, " T"], entries: int) -> Trajectory:
-    """A motion that turns about three axes and shifts along three, as entries of a pose.
+    """A motion at t (T,) s that turns about three axes and shifts along three, as 4 or 7 entries of a pose.
 
-    Args:
-        generate: makes the motion of angles and positions.
-        key: JAX key.
-        t: (T,) s.
-        entries: 4 of a quaternion (w, x, y, z), or 7 with a position.
+    They are a quaternion (w, x, y, z), and a position; ``generate`` makes angles and positions.
     """
     count = entries - 1  # three angles, and three positions if there are any
     excursion = jnp.asarray([TURNS] * 3 + [SHIFTS] * 3, t.dtype)[:count]
@@ -65,12 +61,7 @@ def recorded_arrays(
 ) -> dict[str, np.ndarray]:
     """What a recording of the simulated log has of its motion, by the names of the native format.
 
-    Args:
-        setup: says what is recorded; the noise is its.
-        made: the log, with noise on the entries of the pose.
-        trajectory: the motion without noise.
-        body: carries the sensor.
-        key: JAX key, of the gyroscope's noise; a simulated accelerometer has none.
+    The entries of the pose have their noise, the gyroscope's is drawn here; a simulated accelerometer has none.
     """
     pose = setup.pose
     assert pose is not None

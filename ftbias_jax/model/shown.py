@@ -16,11 +16,7 @@ OF_ACCELERATION = "the sensor's acceleration is not recorded"
 
 
 def not_shown(setup: Setup) -> dict[str, str]:
-    """Effects that no log of this setup can show, and why.
-
-    Args:
-        setup: says what is recorded.
-    """
+    """Effects that no log of this setup can show, and why."""
     if setup.pose is None:
         return {}
     why = {"joints": OF_JOINTS} | ({"acceleration": OF_ACCELERATION} if setup.pose.linear == "none" else {})
@@ -29,14 +25,7 @@ def not_shown(setup: Setup) -> dict[str, str]:
 
 
 def check_shown(effects: Mapping[str, Any], setup: Setup, error: MakeError = SetupError, prefix: str = "") -> None:
-    """Refuse effects that no log of this setup can show.
-
-    Args:
-        effects: name -> values, as written.
-        setup: says what is recorded.
-        error: makes the error to raise.
-        prefix: of the field in messages.
-    """
+    """Refuse effects, name -> values as written, that no log of this setup can show."""
     reasons = not_shown(setup)
     of_terms = [section for section in effects.get(TERM, ()) if isinstance(section, Mapping)]
     if setup.pose is not None and any("joint" in f"{s.get('drive')} {s.get('frame')}" for s in of_terms):

@@ -161,10 +161,8 @@ def simulate(
     model = Model(params.arm, params.gravity, params.theta)
     catalogue = catalogue_of_setup(setup)
     stated = all_values(setup, effects or {}, model)
-    completed = {
-        name: complete(catalogue[name], value, model) if name in catalogue else value for name, value in stated.items()
-    }
-    values = values_of(completed, catalogue)
+    completed = {name: complete(catalogue[name], value, model) for name, value in stated.items() if name in catalogue}
+    values = values_of({**stated, **completed}, catalogue)
     motion_key, log_key = jax.random.split(jax.random.key(seed))
     trajectory = trajectory_of(setup, motion, duration, rate, motion_key)
     drives = {term.drive for term in values.get(TERM, {}).values()}
@@ -175,17 +173,8 @@ def simulate(
     made = simulate_with_params(log_key, params, trajectory, values, temperature, seen)
     made, trajectory, values = jax.tree.map(np.asarray, (made, trajectory, values))
     felt = np.full(len(made.t), np.nan) if temperature is None else made.temperature
-    truth = Truth(
-        t=made.t,
-        bias=made.bias,
-        drift=made.drift,
-        wrench_clean=made.wrench_clean,
-        wrench_tool=made.wrench_tool,
-        q=trajectory.q,
-        dq=trajectory.dq,
-        ddq=trajectory.ddq,
-        effects=values,
-    )
+    _, q, dq, ddq = trajectory
+    truth = Truth(made.t, made.bias, made.drift, made.wrench_clean, made.wrench_tool, q, dq, ddq, values)
     kept = {name: Column(made.t, values) for name, values in seen.items()}
     recorded = {"q": made.q, "dq": made.dq}
     log = Log(made.t, made.q, made.dq, made.wrench, felt, columns=kept)
@@ -199,9 +188,7 @@ def simulate(
 def _check_paths(path: str, truth: str | None) -> None:
     if not path.endswith(".npz"):
         raise UsageError(f"cannot write {path!r}", field="path", remedy="end the name in .npz")
-    if truth is None:
-        return
-    if not truth.endswith((".npz", ".json")):
+    if truth is not None and not truth.endswith((".npz", ".json")):
         raise UsageError(f"cannot write {truth!r}", field="truth", remedy="end the name in .npz or .json")
-    if os.path.realpath(path) == os.path.realpath(truth):
+    if truth is not None and os.path.realpath(path) == os.path.realpath(truth):
         raise UsageError("log and truth have the same name", field="truth", remedy="give them different ones")

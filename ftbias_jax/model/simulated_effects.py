@@ -38,12 +38,6 @@ def _usage(message: str, field: str = "", remedy: str = "") -> UsageError:
 def check_effects(
     effects: Mapping[str, Mapping[str, Any]], error: MakeError = _usage, catalogue: Catalogue = CATALOGUE
 ) -> Values:
-    """Values of the effects that state any.
-
-    Args:
-        effects: effect -> parameter -> value.
-        error: makes what is raised for an unknown name, a wrong shape or a value out of bounds.
-        catalogue: that has the effects.
-    """
+    """Values of the effects that state any; an unknown name, a wrong shape or a value out of bounds is refused."""
     stated = {name: values for name, values in effects.items() if values or name not in catalogue}
     return check_values(stated, error, catalogue=catalogue)

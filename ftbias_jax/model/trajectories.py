@@ -36,13 +36,8 @@ def excitation_sines(
 ) -> Trajectory:
     """Sums of sines around a pose, random in phase and weight; every joint moves, velocity and acceleration are exact.
 
-    Args:
-        key: JAX key.
-        t: (T,) s.
-        center: (n,) rad.
-        amplitude: (n,) rad, an upper bound of each joint's excursion.
-        harmonics: sines per joint.
-        base_frequency: Hz, lowest frequency; the others are its multiples.
+    The amplitude (n,) rad is an upper bound of each joint's excursion from the center (n,) rad; the base frequency, Hz,
+    is the lowest one and the others are its multiples.
     """
     weight_key, phase_key = jax.random.split(key)
     n = center.shape[0]
@@ -79,15 +74,8 @@ def minimum_jerk_moves(
 ) -> Trajectory:
     """Moves from one random pose to the next, at rest in between, as a robot is programmed.
 
-    Each move follows 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985); all joints start and stop together.
-
-    Args:
-        key: JAX key.
-        t: (T,) s from 0.
-        center: (n,) rad.
-        amplitude: (n,) rad; poses are within center +- amplitude.
-        move: s from pose to pose.
-        dwell: s at rest after each.
+    Each move follows 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985); all joints start and stop together. A move lasts
+    ``move`` s, the rest after it ``dwell`` s; poses are within center +- amplitude, (n,) rad.
     """
 
     def pose(number: Array) -> Array:
@@ -107,11 +95,8 @@ def replay(log: Log, t: Array | None = None) -> Trajectory:
     """The motion of a recorded log: a quintic spline fitted to each joint's positions by least squares.
 
     The spline's derivatives are the motion's velocity and acceleration, so the three agree exactly; what is faster
-    than its knots, encoder noise above all, is left out. Host code in NumPy, float64.
-
-    Args:
-        log: recorded joints.
-        t: (T,) s, times within the log; None = its own.
+    than its knots, encoder noise above all, is left out. It is worked out at times t (T,) s within the log, or at its
+    own. Host code in NumPy, float64.
 
     Raises:
         LogError: a joint has too few positions.

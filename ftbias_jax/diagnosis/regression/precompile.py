@@ -86,7 +86,7 @@ def outline(params: Params, bins: int, columns: Sequence[str] = ()) -> tuple[Sig
 def _outline_of_motion(params: Params, n: int, bins: int) -> ArmMotion:
     """Shapes of the motion of an arm with n joints, or of a body whose pose is recorded, which is a link by itself."""
     links = 2 if isinstance(params.arm, FreeBody) else n + 1
-    shapes = (3, 3, links), (3, links), (3, 3), (3,), (3,), (3,), (3,)
+    shapes = (3, 3, links), (3, links), (3, 3), (3,), (3,), (3,), (3,), (3,)
     outlines: Any = [jax.ShapeDtypeStruct((*shape, bins), params.theta.dtype) for shape in shapes]
     return ArmMotion(*outlines)
 

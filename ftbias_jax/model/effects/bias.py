@@ -11,7 +11,7 @@ import numpy as np
 from ftbias_jax.model.effects.fitting import Fitting, Settling, Step
 from ftbias_jax.model.effects.responses import lagged
 from ftbias_jax.model.effects.statements import channels
-from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin
+from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin, within
 from ftbias_jax.types import Array
 
 _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
@@ -68,14 +68,7 @@ EFFECTS = (
                 "lag",
                 "s",
                 "time constant with which the gauges follow the recorded temperature",
-                (),
-                0.0,
-                1e6,
-                0.0,
-                5.0,
-                search=True,
-                optional=True,
-                starts=(0.0, *_TIMES),
+                **within((), 0.0, 1e6, 0.0, 5.0, search=True, optional=True, starts=(0.0, *_TIMES)),
             ),
         ),
         "the bias follows the sensor's temperature",

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.errors import FtbiasError, SetupError, UsageError
-from ftbias_jax.model.effects import bias, environment, kinematics, sampling, sensor, timing, tool
+from ftbias_jax.model.effects import bias, environment, kinematics, sampling, sensor, tool
 from ftbias_jax.model.effects.table import Catalogue, OwnValues
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.terms.parse import parse_terms
@@ -31,9 +31,7 @@ CATALOGUE = Catalogue(
         *sensor.EFFECTS,
         *bias.EFFECTS,
         *sensor.DELAY,
-        *timing.JITTER,
         *sampling.EFFECTS,
-        *timing.DROPS,
     )
 )
 """The built-in effects; the order is physical, from what acts at the tool to what acts on single samples."""

@@ -37,14 +37,10 @@ def predict(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | 
     """
     signals = transform(signals, values, catalogue)
     signals = signals._replace(motion=motion_of(signals))
-    return with_terms(signals, values, read(signals, values, tool_wrenches(signals), catalogue))
-
-
-def with_terms(signals: Signals, values: Values, reading: Array) -> Array:
-    """The reading (T, 6) N, Nm with what the setup's terms add; their load is the reading before."""
+    reading = read(signals, values, tool_wrenches(signals), catalogue)
     if TERM not in values:
         return reading
-    return reading + change(jnp, values[TERM], state_of(jnp, signals, reading))
+    return reading + change(jnp, values[TERM], state_of(jnp, signals, reading))  # of which the load is the reading
 
 
 def variance_of_terms(signals: Signals, values: Values, reading: Array) -> Array:
@@ -67,7 +63,7 @@ def transform(signals: Signals, values: Values, catalogue: Mapping[str, Effect] 
     return signals
 
 
-def _acting(values: Values, catalogue: Mapping[str, Effect] | None) -> Iterator[tuple[str, Effect]]:
+def _acting(values: Values, catalogue: Mapping[str, Effect] | None = None) -> Iterator[tuple[str, Effect]]:
     """The effects that have values, in the order in which they act."""
     entries = catalogue_of(values) if catalogue is None else catalogue
     unknown = values.keys() - entries.keys() - {TERM}
@@ -97,18 +93,16 @@ def read(signals: Signals, values: Values, wrench: Array, catalogue: Mapping[str
     return wrench
 
 
-def bias(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Array:
+def bias(signals: Signals, values: Values) -> Array:
     """(T, 6) N, Nm: the part of the bias that comes from effects of the bias stage, in the report's sign."""
-    of_bias = {name: effect for name, effect in _acting(values, catalogue) if effect.stage == "bias"}
+    of_bias = {name: effect for name, effect in _acting(values) if effect.stage == "bias"}
     nothing = jnp.zeros((signals.t.shape[0], 6), signals.q.dtype)
     found: Array = -read(signals, values, nothing, of_bias)
     terms = {name: term for name, term in values.get(TERM, {}).items() if term.acts_as == "bias"}
     return found - change(jnp, terms, state_of(jnp, signals, nothing)) if terms else found
 
 
-def record(
-    key: Array, recorded: Record, model: Model, values: Values, catalogue: Mapping[str, Effect] | None = None
-) -> Record:
+def record(key: Array, recorded: Record, model: Model, values: Values) -> Record:
     """What becomes of the samples on the way to the file. Each effect has random numbers of its own.
 
     Args:
@@ -116,41 +110,37 @@ def record(
         recorded: samples with bias and noise: t (T,) s, wrench (T, 6) N, Nm.
         model: what the setup states.
         values: of the effects.
-        catalogue: the table of effects; None = that of the values.
     """
-    entries = catalogue_of(values) if catalogue is None else catalogue
-    numbers = {name: i for i, name in enumerate(dict.fromkeys((*CATALOGUE, *entries)))}
-    for name, effect in _acting(values, entries):
+    numbers = {name: i for i, name in enumerate(dict.fromkeys((*CATALOGUE, *catalogue_of(values))))}
+    for name, effect in _acting(values):
         if effect.recording:
             completed = complete(effect, values[name], model)
             recorded = effect.recording(completed, jax.random.fold_in(key, numbers[name]), recorded)
     return recorded
 
 
-def correct_record(wrench: Array, model: Model, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Array:
+def correct_record(wrench: Array, model: Model, values: Values) -> Array:
     """(T, 6) N, Nm recorded, with NaN where known effects make a sample useless: saturated, spike or repetition."""
     # Backwards: a repetition is recognised before a spike is taken out of it.
-    for name, effect in reversed(list(_acting(values, catalogue))):
+    for name, effect in reversed(list(_acting(values))):
         if effect.screen:
             wrench = effect.screen(complete(effect, values[name], model), wrench)
     return wrench
 
 
-def forgetting_time(values: Values, catalogue: Mapping[str, Effect] | None = None) -> float:
+def forgetting_time(values: Values) -> float:
     """s, the longest time constant with which effects and terms forget how they began; 0 if none remembers.
 
     What swings or lags is taken as settled at the first sample, which it need not be.
     """
-    times = [effect.forgets(values[name]) for name, effect in _acting(values, catalogue) if effect.forgets]
+    times = [effect.forgets(values[name]) for name, effect in _acting(values) if effect.forgets]
     for term in values.get(TERM, {}).values():
         if forgets := FORMS[term.drive, term.form].forgets:
             times.append(forgets(term.parameters))
     return max((float(np.nan_to_num(time)) for time in times), default=0.0)  # a rigid tool without a damper: 0 / 0
 
 
-def noise_variance(
-    variance: Array, rate: Array, model: Model, values: Values, catalogue: Mapping[str, Effect] | None = None
-) -> Array:
+def noise_variance(variance: Array, rate: Array, model: Model, values: Values) -> Array:
     """Variance of the reading's noise with the known effects that act like noise.
 
     Args:
@@ -158,13 +148,12 @@ def noise_variance(
         rate: (T, 6) N/s, Nm/s, of the noise-free reading.
         model: what the setup states.
         values: of the effects.
-        catalogue: the table of effects; None = that of the values.
 
     Returns:
         (T, 6) N^2, Nm^2.
     """
     variance = jnp.broadcast_to(variance, rate.shape)
-    for name, effect in _acting(values, catalogue):
+    for name, effect in _acting(values):
         if effect.widen:
             variance = effect.widen(complete(effect, values[name], model), variance, rate)
     return variance

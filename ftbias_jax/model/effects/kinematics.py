@@ -6,10 +6,10 @@ import jax.numpy as jnp
 
 from ftbias_jax.model.effects.fitting import ByJoint, Fitting, Linear
 from ftbias_jax.model.effects.statements import DEGREES, amount, angle, distance
-from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
-from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
-from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motions
-from ftbias_jax.model.kinematics.screws import Arm, rotation_from_vector
+from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin, within
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.model.kinematics.recorded_pose import motions_of
+from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.wrench.inertia import turned
 from ftbias_jax.types import Array
 
@@ -29,12 +29,8 @@ def gravity_tilt(values: EffectValues, signals: Signals) -> Signals:
 
 def encoder_offset(values: EffectValues, signals: Signals) -> Signals:
     """One encoder reads too much by the offset: recorded angle = true angle + offset; several if both are arrays."""
-    return subtract_offsets(offset_vector(values["joint"], values["offset"], signals.q.shape[1]), signals)
-
-
-def offset_vector(joint: Array, offset: Array, n: int) -> Array:
-    """(n,) rad, the offset () at one joint () counted from 1, zero elsewhere; arrays (n,) of all joints do, too."""
-    return jnp.where(jnp.arange(1, n + 1) == jnp.round(joint), offset, 0)
+    own = jnp.arange(1, signals.q.shape[1] + 1) == jnp.round(values["joint"])
+    return subtract_offsets(jnp.where(own, values["offset"], 0), signals)
 
 
 def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
@@ -46,9 +42,7 @@ def motion_of(signals: Signals) -> ArmMotion:
     """How the arm moves, or the body whose pose was recorded, as it was worked out before or else now."""
     if signals.motion is not None:
         return signals.motion
-    carrier: Arm | FreeBody = signals.model.arm
-    states = (signals.q.T, signals.dq.T, signals.ddq.T)
-    return body_motions(carrier, *states) if isinstance(carrier, FreeBody) else arm_motion(carrier, *states)
+    return motions_of(signals.model.arm, signals.q.T, signals.dq.T, signals.ddq.T)
 
 
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:
@@ -62,14 +56,6 @@ def tool_turns(values: EffectValues, signals: Signals) -> Signals:
     return signals._replace(model=model._replace(theta=turned(model.theta, rotation)))
 
 
-def _check_gravity(values: EffectValues) -> str:
-    return "" if values["gravity"].any() else "gravity without a direction"
-
-
-def _gravity(model: Model) -> Array:
-    return model.gravity
-
-
 def _of_stated_size(values: EffectValues, model: Model) -> EffectValues:
     gravity = values["gravity"]
     return {"gravity": gravity * jnp.linalg.norm(model.gravity) / jnp.linalg.norm(gravity)}
@@ -81,14 +67,17 @@ EFFECTS = (
         "kinematics",
         (
             Parameter(
-                "gravity", "m/s^2", "gravity in the base frame; only its direction counts", (3,), -30, 30, _gravity, 0.1
+                "gravity",
+                "m/s^2",
+                "gravity in the base frame; only its direction counts",
+                **within((3,), -30, 30, lambda model: model.gravity, 0.1),
             ),
         ),
         "the robot's base is not level as the setup says",
         "level the base, or correct robot.gravity in the setup",
         transform=gravity_tilt,
         fit=Fitting(Linear(), told=_of_stated_size),
-        check=_check_gravity,
+        check=lambda values: "" if values["gravity"].any() else "gravity without a direction",
         twins=(
             Twin("encoder_offset", False, "move joint 1 through half a turn: an offset of joint 2 turns with it"),
             Twin("mount_rotation", False, "turn the wrist: gravity stays in the world, the mounting in the sensor"),
@@ -129,12 +118,7 @@ MOUNTING = (
                 "tool_turns",
                 "1",
                 "1 if the tool is turned with the sensor, 0 if it stays",
-                (),
-                0,
-                1,
-                0,
-                0,
-                optional=True,
+                **within((), 0, 1, 0, 0, optional=True),
             ),
         ),
         "the sensor is mounted turned against what the setup says",

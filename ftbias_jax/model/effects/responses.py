@@ -13,15 +13,10 @@ from ftbias_jax.types import Array
 
 
 def lagged(t: Array, signal: Array, cutoff: Array) -> Array:
-    """First-order low-pass, settled at the first sample; inf Hz passes everything.
+    """First-order low-pass of a signal (T, k) at t (T,) s, settled at the first sample; a cutoff of inf Hz passes all.
 
     With u the input and tau = 1 / (2 pi cutoff), the lag e = y - u obeys e' = -e / tau - u', so over a step of
     x = dt / tau: e <- exp(-x) e - (u_new - u_old) (1 - exp(-x)) / x.
-
-    Args:
-        t: (T,) s.
-        signal: (T, k).
-        cutoff: () Hz, where the gain is 1 / sqrt(2).
     """
     dt = jnp.diff(t, prepend=t[:1])
     x = jnp.where(dt > 0, 2 * jnp.pi * cutoff * dt, 0)
@@ -44,16 +39,11 @@ def _lag(decay: Array, kick: Array) -> Array:
 
 
 def rung(t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Array:
-    """Response (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2): what comes through a spring and a damper.
+    """Response (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) of a signal (T, k): what comes through spring and damper.
 
     The deviation e = y - u obeys e'' + 2 zeta w e' + w^2 e = -u'': between samples it rings freely, at a sample its
-    rate falls by the change of the input's slope. It is at rest until the first change. inf Hz passes everything.
-
-    Args:
-        t: (T,) s.
-        signal: (T, k).
-        frequency: () Hz, undamped.
-        damping_ratio: (), from 0 to below 1.
+    rate falls by the change of the input's slope. It is at rest until the first change. The frequency, undamped, is
+    in Hz, and inf passes everything; the damping ratio is from 0 to below 1.
     """
     rigid = ~jnp.isfinite(frequency)
     w = 2 * jnp.pi * jnp.where(rigid, 1, frequency)
@@ -86,11 +76,9 @@ def _ring(w: Array, damping_ratio: Array, cosine: Array, sine: Array, kick: Arra
 
 @compile_whole
 def played(signal: Array, width: Array) -> Array:
-    """Play operator: the output follows only when the input has crossed a gap of the given width.
+    """Play operator: the output follows a signal (T, k) that has crossed a gap of the given width (k,).
 
-    Args:
-        signal: (T, k); the output starts in the middle of the gap.
-        width: (k,), unit of the signal.
+    It starts in the middle of the gap.
     """
 
     def body(output: Array, value: Array) -> tuple[Array, Array]:
@@ -101,13 +89,7 @@ def played(signal: Array, width: Array) -> Array:
 
 
 def delayed(t: Array, signal: Array, delay: Array) -> Array:
-    """The signal at t - delay by straight lines between samples; outside the log its first or last value.
-
-    Args:
-        t: (T,) s.
-        signal: (T, k).
-        delay: () or (T,) s, negative = advance.
-    """
+    """The signal (T, k) at t - delay, () or (T,) s, by straight lines; outside the log its first or last value."""
     when = t - delay
     before = jnp.clip(jnp.searchsorted(t, when, side="right") - 1, 0, t.shape[0] - 2)
     length = t[before + 1] - t[before]

@@ -1,4 +1,4 @@
-"""Effects of the sensor stage on single samples: range, lattice, noise, spikes."""
+"""Effects on single samples: stamps that jitter, noise, range, lattice, spikes, and samples lost or repeated."""
 
 from __future__ import annotations
 
@@ -6,13 +6,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.model.effects.fitting import FLAT_TOPS, GROWTH, LATTICE, LEVEL, SPIKES, Fitting, Samples
+from ftbias_jax.model.effects.fitting import FLAT_TOPS, GROWTH, JITTER, LATTICE, LEVEL, LOST, SPIKES, Fitting, Samples
+from ftbias_jax.model.effects.responses import delayed
 from ftbias_jax.model.effects.statements import PERCENT, amount, channels, growth
-from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Record, Twin
+from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Record, Twin, within
 from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.types import Array
 
 _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
+
+
+def stamp_jitter(values: EffectValues, key: Array, record: Record) -> Record:
+    """Samples are taken at times that scatter around their stamps, independently of one another."""
+    clean = record.wrench - record.noise
+    late = values["std"] * jax.random.normal(key, record.t.shape, record.t.dtype)
+    return record._replace(wrench=record.wrench + (delayed(record.t, clean, -late) - clean))
+
+
+def widen_jitter(values: EffectValues, variance: Array, rate: Array) -> Array:
+    """A time error acts like noise of the size of the rate."""
+    return variance + (values["std"] * rate) ** 2
 
 
 def noise_level(values: EffectValues, key: Array, record: Record) -> Record:
@@ -78,7 +91,35 @@ def screen_outliers(values: EffectValues, wrench: Array) -> Array:
     return jnp.where(spike[:, None], jnp.nan, wrench)
 
 
+def dropped_samples(values: EffectValues, key: Array, record: Record) -> Record:
+    """A share of the samples is lost; of those, a share repeats the last one, the rest is missing (NaN)."""
+    which, how = jax.random.split(key)
+    lost = jax.random.bernoulli(which, values["rate"], record.t.shape).at[0].set(False)
+    repeats = jax.random.bernoulli(how, values["repeated"], record.t.shape)
+    last = jax.lax.cummax(jnp.where(lost, 0, jnp.arange(record.t.shape[0])))
+    missing = (lost & ~repeats)[:, None]
+    return record._replace(wrench=jnp.where(missing, jnp.nan, record.wrench[last]))
+
+
+def screen_repeats(values: EffectValues, wrench: Array) -> Array:
+    """With noise no two samples agree in all channels, so one that does is a repetition."""
+    same = (wrench[1:] == wrench[:-1]).all(1) & (values["rate"] > 0)
+    return jnp.where(jnp.pad(same, (1, 0))[:, None], jnp.nan, wrench)
+
+
 EFFECTS = (
+    Effect(
+        "stamp_jitter",
+        "timing",
+        (Parameter("std", "s", "standard deviation of a stamp's error", (), 0.0, 1.0, 0.0, 2e-3, search=True),),
+        "stamps scatter around the time of measurement",
+        "use the hardware's stamps instead of the arrival time",
+        recording=stamp_jitter,
+        fit=Fitting(Samples(JITTER)),
+        widen=widen_jitter,
+        twins=(Twin("noise_level", False, "hold still: the noise of jitter grows with the rate of the wrench"),),
+        statement=amount("stamps scatter by {value} ms about the time of measurement", "std", 1e3),
+    ),
     Effect(
         "noise_level",
         "sensor",
@@ -101,24 +142,13 @@ EFFECTS = (
                 "variance",
                 "N^2/(rad/s)^2, Nm^2/(rad/s)^2",
                 "noise variance per squared speed of a joint: a row of six channels for each joint, or one for all",
-                (-1, 6),
-                0.0,
-                1e6,
-                0.0,
-                (0.25 * _NEWTON[None]) ** 2,
-                search=True,
+                **within((-1, 6), 0.0, 1e6, 0.0, (0.25 * _NEWTON[None]) ** 2, search=True),
             ),
             Parameter(
                 "speed",
                 "rad/s",
                 "of a joint, from which its part of the variance grows with the speed and no longer with its square",
-                (),
-                1e-4,
-                float("inf"),
-                float("inf"),
-                0.5,
-                search=True,
-                optional=True,
+                **within((), 1e-4, np.inf, np.inf, 0.5, search=True, optional=True),
             ),
         ),
         "the noise grows with the speed of the joints; at rest it is what the setup says",
@@ -142,12 +172,7 @@ EFFECTS = (
                 "limits",
                 "N, Nm",
                 "largest reading of either sign, channel by channel",
-                (6,),
-                1e-3,
-                float("inf"),
-                float("inf"),
-                10 * _NEWTON,
-                search=True,
+                **within((6,), 1e-3, np.inf, np.inf, 10 * _NEWTON, search=True),
             ),
         ),
         "readings stop at the end of the sensor's range",
@@ -165,12 +190,7 @@ EFFECTS = (
                 "step",
                 "N, Nm",
                 "distance of neighbouring readings, channel by channel",
-                (6,),
-                0.0,
-                1e3,
-                0.0,
-                0.01 * _NEWTON,
-                search=True,
+                **within((6,), 0.0, 1e3, 0.0, 0.01 * _NEWTON, search=True),
             ),
         ),
         "readings lie on a coarse lattice",
@@ -193,5 +213,24 @@ EFFECTS = (
         fit=Fitting(Samples(SPIKES)),
         screen=screen_outliers,
         statement=amount("{value} % of the samples are spikes", "rate", PERCENT),
+    ),
+    Effect(
+        "dropped_samples",
+        "timing",
+        (
+            Parameter("rate", "1", "share of samples that are lost", (), 0.0, 0.95, 0.0, 0.02, search=True),
+            Parameter(
+                "repeated",
+                "1",
+                "share of the lost samples that repeat the last one; the rest is missing",
+                **within((), 0.0, 1.0, 1.0, 0.0, search=True, optional=True),
+            ),
+        ),
+        "the driver loses samples or repeats old ones",
+        "check the load of the recording computer; repeated samples are left out",
+        recording=dropped_samples,
+        fit=Fitting(Samples(LOST)),
+        screen=screen_repeats,
+        statement=amount("{value} % of the samples are missing or repeated", "rate", PERCENT),
     ),
 )

@@ -8,7 +8,7 @@ import numpy as np
 from ftbias_jax.model.effects.fitting import INVERSE, Coordinate, Entries, Fitting, Grid, Linear
 from ftbias_jax.model.effects.responses import delayed, lagged, played
 from ftbias_jax.model.effects.statements import PERCENT, amount, channels, leak
-from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin
+from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin, within
 from ftbias_jax.types import Array
 
 _OFF_DIAGONAL = 1 - np.eye(6)
@@ -18,10 +18,12 @@ _LEAK = _LEVER[:, None] / _LEVER[None, :]
 
 _DELAYS = (0.0, 0.05, 0.12, 0.25, 0.45)
 """s; drivers report up to half a second."""
-_LAGS = (0.008, 0.02, 0.04, 0.08, 0.16, 0.32)
-"""s, time constants of filters."""
-_FASTEST = 1.6e3
+_CUTOFFS = tuple(1 / (2 * np.pi * lag) for lag in (0.008, 0.02, 0.04, 0.08, 0.16, 0.32))
+"""Hz, of filters with these time constants, s."""
+_PASSED = Coordinate(INVERSE, upper=1.6e3)
 """Hz; a filter with this cutoff does nothing to a log in bins."""
+_ENTRY = 10 * _OFF_DIAGONAL * _LEAK
+"""The largest leak between two channels."""
 _LOOPS = (0.01, 0.03, 0.08, 0.2)
 """Widths of loops as shares of the load's range."""
 
@@ -76,11 +78,7 @@ EFFECTS = (
                 "matrix",
                 "1, N/Nm, Nm/N",
                 "reading per load, row by column, with ones on the diagonal",
-                (6, 6),
-                np.where(_OFF_DIAGONAL > 0, -10 * _LEAK, 1.0),
-                np.where(_OFF_DIAGONAL > 0, 10 * _LEAK, 1.0),
-                np.eye(6),
-                0.02 * _OFF_DIAGONAL * _LEAK,
+                **within((6, 6), np.eye(6) - _ENTRY, np.eye(6) + _ENTRY, np.eye(6), 0.02 * _OFF_DIAGONAL * _LEAK),
             ),
         ),
         "one channel of the sensor leaks into another",
@@ -101,12 +99,7 @@ EFFECTS = (
                 "width",
                 "N, Nm",
                 "width of the loop, channel by channel",
-                (6,),
-                0.0,
-                1e4,
-                0.0,
-                [0.1] * 3 + [5e-3] * 3,
-                starts=_LOOPS,
+                **within((6,), 0.0, 1e4, 0.0, [0.1] * 3 + [5e-3] * 3, starts=_LOOPS),
             ),
         ),
         "the reading depends on whether the load rises or falls",
@@ -124,14 +117,7 @@ EFFECTS = (
                 "cutoff",
                 "Hz",
                 "frequency where the gain is 1/sqrt(2)",
-                (),
-                0.01,
-                float("inf"),
-                float("inf"),
-                10.0,
-                search=True,
-                starts=tuple(1 / (2 * np.pi * lag) for lag in _LAGS),
-                coordinate=Coordinate(INVERSE, upper=_FASTEST),
+                **within((), 0.01, np.inf, np.inf, 10.0, search=True, starts=_CUTOFFS, coordinate=_PASSED),
             ),
         ),
         "the wrench is smoothed by a filter in sensor or driver",
@@ -154,12 +140,7 @@ DELAY = (
                 "delay",
                 "s",
                 "age of the wrench at its stamp; negative = the joints are late",
-                (),
-                -1,
-                2,
-                0,
-                0.01,
-                starts=_DELAYS,
+                **within((), -1, 2, 0, 0.01, starts=_DELAYS),
             ),
         ),
         "wrench and joint states are not stamped at the same time",

@@ -41,11 +41,7 @@ class Catalogue(Mapping[str, Effect]):
         return all(mine is its for mine, its in zip(self.values(), other.values(), strict=True))
 
     def searched_by(self, *searches: type) -> tuple[Effect, ...]:
-        """The entries whose fit is searched in one of these ways.
-
-        Args:
-            searches: classes of ``fitting``.
-        """
+        """The entries whose fit is searched in one of these ways, classes of ``fitting``."""
         return tuple(effect for effect in self.values() if isinstance(effect.fit.search, searches))
 
     def adding(self, own: Iterable[Effect]) -> Catalogue:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ftbias_jax.model.effects.fitting import Fitting, Linear
 from ftbias_jax.model.effects.statements import amount, distance
-from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin
+from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin, within
 from ftbias_jax.model.wrench.inertia import about_center_of_mass, center_of_mass
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 from ftbias_jax.types import Array
@@ -35,25 +35,16 @@ def _with_theta(signals: Signals, theta: Array) -> Signals:
     return signals._replace(model=signals.model._replace(theta=theta))
 
 
-def _mass(model: Model) -> Array:
-    return about_center_of_mass(model.theta)[0]
-
-
-def _center_of_mass(model: Model) -> Array:
-    return center_of_mass(model.theta)
-
-
-def _inertia(model: Model) -> Array:
-    return about_center_of_mass(model.theta)[2]
-
-
 EFFECTS = (
     Effect(
         "tool_mass",
         "tool",
         (
             Parameter(
-                "mass", "kg", "mass of everything distal of the sensor", (), 1e-3, 1e3, _mass, 0.05, stated="mass"
+                "mass",
+                "kg",
+                "mass of everything distal of the sensor",
+                **within((), 1e-3, 1e3, lambda model: model.theta[0], 0.05, stated="mass"),
             ),
         ),
         "the tool is heavier or lighter than the setup says",
@@ -74,12 +65,7 @@ EFFECTS = (
                 "center_of_mass",
                 "m",
                 "centre of mass, sensor frame",
-                (3,),
-                -10.0,
-                10.0,
-                _center_of_mass,
-                0.006,
-                stated="center_of_mass",
+                **within((3,), -10.0, 10.0, lambda model: center_of_mass(model.theta), 0.006, stated="center_of_mass"),
             ),
         ),
         "the tool's centre of mass is not where the setup says",
@@ -91,10 +77,7 @@ EFFECTS = (
             Twin("gain", False, "turn the wrist: a gain changes the forces too"),
         ),
         statement=distance(
-            "the tool's centre of mass is {value} off the setup, mostly along {axis}",
-            "center_of_mass",
-            "mm",
-            1e3,
+            "the tool's centre of mass is {value} off the setup, mostly along {axis}", "center_of_mass", "mm", 1e3
         ),
     ),
     Effect(
@@ -105,11 +88,7 @@ EFFECTS = (
                 "inertia",
                 "kg m^2",
                 "Ixx Ixy Ixz Iyy Iyz Izz about the centre of mass, sensor axes",
-                (6,),
-                -100.0,
-                100.0,
-                _inertia,
-                5e-4,
+                **within((6,), -100.0, 100.0, lambda model: about_center_of_mass(model.theta)[2], 5e-4),
             ),
         ),
         "the tool's inertia is not what the setup says",

@@ -116,6 +116,13 @@ class Parameter(NamedTuple):
     """Key of [tool] that states the same quantity, its standard error beside it as KEY_std; "" = none does."""
 
 
+def within(
+    shape: tuple[int, ...], lower: float | Array, upper: float | Array, neutral: Neutral, scale: Any, **more: Any
+) -> dict[str, Any]:
+    """The numbers of a ``Parameter``, in the unit of it, as keywords."""
+    return {"shape": shape, "lower": lower, "upper": upper, "neutral": neutral, "scale": scale, **more}
+
+
 class Twin(NamedTuple):
     """Another effect that the data cannot always tell apart."""
 

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
 from ftbias_jax.model.kinematics.screws import Arm, Motion, sensor_motion, skew
 
 if TYPE_CHECKING:
@@ -44,15 +44,8 @@ def motion_of(
 def body_motion(body: FreeBody, q: Float[Array, " k"], dq: Float[Array, " k"], ddq: Float[Array, " k"]) -> Motion:
     """Motion of the sensor from the body's pose and its rates.
 
-    Args:
-        body: the body.
-        q: (7,) quaternion (w, x, y, z) of the body in the base, of any length but zero, and position (3,) m, base
-            frame; or (4,) without position, whose acceleration is then zero.
-        dq: first derivative of q with respect to time, same shape.
-        ddq: second derivative of q with respect to time, same shape.
-
-    Returns:
-        the motion; columns of the Jacobian belong to the entries of q.
+    The entries q (7,) are the quaternion (w, x, y, z) of the body in the base, of any length but zero, and its position
+    in m; or (4,) without position, whose acceleration is then zero. Columns of the Jacobian belong to them.
     """
     n2 = q[:4] @ q[:4]
     w, v = q[0], q[1:4]
@@ -80,14 +73,7 @@ def body_motion(body: FreeBody, q: Float[Array, " k"], dq: Float[Array, " k"], d
 def body_motions(
     body: FreeBody, q: Float[Array, "k T"], dq: Float[Array, "k T"], ddq: Float[Array, "k T"]
 ) -> ArmMotion:
-    """The motion at many samples, as of an arm of one link: link 0 is the world, link 1 the body.
-
-    Args:
-        body: the body.
-        q: (k, T) as for ``body_motion``.
-        dq: first derivative of q with respect to time, same shape.
-        ddq: second derivative of q with respect to time, same shape.
-    """
+    """The motion at entries (k, T) as of an arm of one link: link 0 is the world, link 1 the body."""
     time_last = partial(jax.vmap, in_axes=1, out_axes=-1)
     sensor = time_last(lambda *state: body_motion(body, *state))(q, dq, ddq)
     bare = FreeBody(jnp.zeros_like(body.zero_position), jnp.eye(3, dtype=q.dtype))
@@ -101,4 +87,12 @@ def body_motions(
         sensor.linear_acceleration,
         sensor.angular_velocity,
         sensor.angular_acceleration,
+        sensor.linear_velocity,
     )
+
+
+def motions_of(
+    carrier: Arm | FreeBody, q: Float[Array, "n T"], dq: Float[Array, "n T"], ddq: Float[Array, "n T"]
+) -> ArmMotion:
+    """The motion at many samples, of an arm (``arm_batch.arm_motion``) or of a recorded body."""
+    return body_motions(carrier, q, dq, ddq) if isinstance(carrier, FreeBody) else arm_motion(carrier, q, dq, ddq)

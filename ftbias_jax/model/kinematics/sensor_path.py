@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
-from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motion
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody, motions_of
 from ftbias_jax.model.kinematics.screws import Arm
 
 if TYPE_CHECKING:
@@ -41,41 +39,16 @@ def sensor_path(
     ddq: Float[Array, "T n"],
     motion: ArmMotion | None = None,
 ) -> SensorPath:
-    """Where the sensor is and how it moves.
+    """Where the sensor is and how it moves, from joints (T, n) rad, or entries of a recorded pose, and their rates.
 
-    Args:
-        carrier: the arm with the sensor mounted, or the body whose pose is recorded.
-        q: (T, n) rad.
-        dq: (T, n) rad/s.
-        ddq: (T, n) rad/s^2.
-        motion: of the arm, if it was worked out before; its joints may stand elsewhere than ``q`` says.
+    A motion that was worked out before is taken as it is; its joints may stand elsewhere than ``q`` says.
     """
-    if isinstance(carrier, FreeBody):
-        body = jax.vmap(partial(body_motion, carrier))(q, dq, ddq)
-        return SensorPath(
-            body.R_base_sensor,
-            body.p_base_sensor,
-            body.linear_velocity,
-            body.angular_velocity,
-            body.linear_acceleration,
-            body.angular_acceleration,
-        )
-    motion = arm_motion(carrier, q.T, dq.T, ddq.T) if motion is None else motion
-    rotation = jnp.moveaxis(motion.sensor_rotation, 2, 0)
+    moving = motions_of(carrier, q.T, dq.T, ddq.T) if motion is None else motion
     vectors = (
-        motion.sensor_position,
-        _velocity(carrier, motion, dq.T),
-        motion.angular_velocity,
-        motion.acceleration,
-        motion.angular_acceleration,
+        moving.sensor_position,
+        moving.velocity,
+        moving.angular_velocity,
+        moving.acceleration,
+        moving.angular_acceleration,
     )
-    return SensorPath(rotation, *(vector.T for vector in vectors))
-
-
-def _velocity(arm: Arm, motion: ArmMotion, dq: Float[Array, "n T"]) -> Float[Array, "3 T"]:
-    """Velocity of the sensor's origin: every joint turns or shifts it about the axis where the joint now is."""
-    R, p = motion.link_rotation[:, :, :-1], motion.link_position[:, :-1]
-    axis = jnp.einsum("ijnt,nj->int", R, arm.angular)
-    shift = jnp.einsum("ijnt,nj->int", R, arm.linear)
-    lever = motion.sensor_position[:, None] - p
-    return ((shift + jnp.cross(axis, lever, axis=0)) * dq[None]).sum(1)
+    return SensorPath(jnp.moveaxis(moving.sensor_rotation, 2, 0), *(vector.T for vector in vectors))

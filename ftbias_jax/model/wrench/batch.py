@@ -1,26 +1,27 @@
 """The wrench of the tool over many samples at once: ``pipeline.predict_wrench`` with time as the last axis.
 
 Time is cut into pieces that stay in the processor's fastest cache, and the loop over them is compiled as a whole
-(compiled_loops.py); the reverse pass works each piece out again instead of storing it.
+(compiled_loops.py); the reverse pass works each piece out again instead of storing it. Slopes in the joints, which
+every likelihood asks for, are written by hand (joint_slopes.py); JAX works out those in the model.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ftbias_jax.model.kinematics.arm_batch import ArmMotion, sensor_pose
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.model.kinematics.seen_from_sensor import Chain, chain_of
-from ftbias_jax.model.wrench.adjoint import PoseSlopes, Slopes, slopes_of_piece
 from ftbias_jax.model.wrench.joint_slopes import slopes_of_joints
-from ftbias_jax.model.wrench.piece import felt_of, wrench_of, wrench_piece
-from ftbias_jax.model.wrench.tool_wrench import Model
+from ftbias_jax.model.wrench.piece import Felt, wrench_of, wrench_piece
+from ftbias_jax.model.wrench.tool_wrench import Model, joint_sensitivity, motion_and_wrench
 from ftbias_jax.runtime.compiled_loops import compile_whole, on_cpu, one_at_a_time
-from ftbias_jax.runtime.lanes import Vector
+from ftbias_jax.runtime.lanes import times
 from ftbias_jax.runtime.side_by_side import samples_as_lanes
 
 if TYPE_CHECKING:
@@ -37,14 +38,10 @@ Constants = tuple[Chain, Array, Array]
 
 
 def wrenches(model: Model, *entries: Float[Array, "T n"]) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
-    """D theta, and the diagonal of sum_j G_j P_j G_j^T (tool_wrench.covariance_of_joints).
+    """D theta (T, 6) N, Nm, sensor frame, and the variance (T, 6) that the joints' uncertainty adds to it.
 
-    Args:
-        model: arm, gravity and tool.
-        *entries: (T, n) q, dq and ddq, and of their covariance P_qq, P_qa and P_aa, or none of these for zeros.
-
-    Returns:
-        wrench (T, 6) N, Nm, sensor frame, and the variance that the joints' uncertainty adds to it (T, 6).
+    The latter is the diagonal of sum_j G_j P_j G_j^T (tool_wrench.covariance_of_joints). The entries, (T, n) each, are
+    q, dq and ddq, and of their covariance P_qq, P_qa and P_aa, or none of these for zeros.
     """
     return _of_samples(model, entries)
 
@@ -58,8 +55,8 @@ def wrenches_in_motion(
     takes long to compile.
     """
     R_sensor_base = [list(column) for column in jnp.swapaxes(motion.sensor_rotation, 0, 1)]
-    rates = (list(x) for x in (motion.acceleration, motion.angular_velocity, motion.angular_acceleration))
-    return jnp.stack(wrench_of(list(theta), felt_of(list(gravity), R_sensor_base, *rates)), 1)
+    moving = motion.acceleration - gravity[:, None], motion.angular_velocity, motion.angular_acceleration
+    return jnp.stack(wrench_of(list(theta), Felt(*(times(R_sensor_base, list(x)) for x in moving))), 1)
 
 
 def _in_pieces(lanes: int, x: Array) -> Array:
@@ -92,11 +89,9 @@ def _backward(residual: tuple[Model, Columns], bars: tuple[Array, ...]) -> tuple
     constants, lanes = (chain_of(model.arm), model.gravity, model.theta), _lanes(len(entries[0]))
     joints: Columns = samples_as_lanes(_joint_slopes, lanes)(constants, (entries, bars))
     # Few ask for the slopes in the model: they are worked out apart, or not at all.
-    columns, bars = jax.tree.map(partial(_in_pieces, lanes), (entries, bars))
-    gravity, theta, pose = one_at_a_time(_model_slopes)(model, columns, bars)
-    arm = one_at_a_time(_arm_slopes)(model, columns[0], pose)
-    gravity, theta = (jnp.stack([entry.sum() for entry in entries]) for entries in (gravity, theta))
-    return Model(arm, gravity, theta), joints
+    pieces = jax.tree.map(partial(_in_pieces, lanes), (entries, bars))
+    gravity, theta = one_at_a_time(_tool_slopes)(constants, *pieces)
+    return Model(one_at_a_time(_arm_slopes)(model, *pieces), gravity, theta), joints
 
 
 _of_samples.defvjp(_forward, _backward)
@@ -126,22 +121,34 @@ def _joint_slopes(constants: Constants, given: tuple[Columns, tuple[Array, ...]]
 
 
 @compile_whole
-def _model_slopes(model: Model, columns: Columns, bars: tuple[Array, ...]) -> tuple[Vector, Vector, PoseSlopes]:
-    found: tuple[Vector, Vector, PoseSlopes]
-    found = jax.lax.map(lambda piece: _slopes(model, *piece), (columns, bars))
+def _tool_slopes(constants: Constants, columns: Columns, bars: tuple[Array, ...]) -> tuple[Array, Array]:
+    """Slopes in gravity and theta."""
+    chain, gravity, theta = constants
+
+    def one(sums: tuple[Array, Array], i: Array) -> tuple[tuple[Array, Array], None]:
+        pull = jax.vjp(lambda g, theta: wrench_piece(chain, g, theta, columns, i)[: len(bars)], gravity, theta)[1]
+        return jax.tree.map(jnp.add, sums, pull(tuple(list(bar[i]) for bar in bars))), None
+
+    start = jnp.zeros_like(gravity), jnp.zeros_like(theta)
+    found: tuple[Array, Array] = jax.lax.scan(one, start, jnp.arange(columns[0].shape[0]))[0]
     return found
 
 
-def _slopes(model: Model, columns: Columns, bars: tuple[Array, ...]) -> Slopes:
-    return slopes_of_piece(model, columns, *(list(bar) for bar in bars))
+def _arm_slopes(model: Model, columns: Columns, bars: tuple[Array, ...]) -> Arm:
+    """Slopes in the arm's constants, of the textbook's equations: those of a chain are infinite at parallel axes."""
 
+    def sample(arm: Arm, joints: Columns) -> tuple[Array, ...]:
+        motion, wrench = motion_and_wrench(arm, model.gravity, model.theta, *joints[:3])
+        if len(joints) == 3:
+            return (wrench,)
+        by_q, by_ddq = joint_sensitivity(model.theta, motion.R_base_sensor, motion.jacobian, model.gravity)
+        qq, qa, aa = joints[3:]
+        return wrench, by_q**2 @ qq + 2 * (by_q * by_ddq) @ qa + by_ddq**2 @ aa
 
-def _arm_slopes(model: Model, q: Array, bars: PoseSlopes) -> Any:
-    """Slopes in the arm's constants; few ask for them."""
+    def one(sums: Arm, piece: tuple[Columns, tuple[Array, ...]]) -> tuple[Arm, None]:
+        joints, bars = piece
+        pull = jax.vjp(lambda arm: jax.vmap(partial(sample, arm), 1, 1)(joints), model.arm)[1]
+        return jax.tree.map(jnp.add, sums, pull(bars)[0]), None
 
-    def one(sums: Any, piece: tuple[Array, PoseSlopes]) -> tuple[Any, None]:
-        q, bar = piece
-        (slopes,) = jax.vjp(lambda arm: sensor_pose(arm, q), model.arm)[1](tuple(bar))
-        return jax.tree.map(jnp.add, sums, slopes), None
-
-    return jax.lax.scan(one, jax.tree.map(jnp.zeros_like, model.arm), (q, bars))[0]
+    found: Arm = jax.lax.scan(one, jax.tree.map(jnp.zeros_like, model.arm), (columns, bars))[0]
+    return found

@@ -29,15 +29,7 @@ class DataNoise(NamedTuple):
 
 
 def data_variance(noise: DataNoise, gravity: Array) -> Array:
-    """Diagonal of Sigma_D over the live entries of vec(D).
-
-    Args:
-        noise: standard deviations.
-        gravity: (3,) m/s^2.
-
-    Returns:
-        (36,) in the order of ``tool_wrench.LIVE_ENTRIES``.
-    """
+    """Diagonal (36,) of Sigma_D over the live entries of vec(D) (``tool_wrench.LIVE_ENTRIES``); gravity in m/s^2."""
     x, y, z = noise.linear_acceleration**2 + (gravity @ gravity) * noise.gravity_direction**2
     ax, ay, az = noise.angular_acceleration**2
     rate = noise.angular_velocity**2

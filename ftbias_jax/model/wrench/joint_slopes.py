@@ -48,15 +48,9 @@ class Back(NamedTuple):
 def slopes_of_joints(
     chain: Chain, gravity: Array, theta: Array, columns: tuple[Array, ...], bars: tuple[Array, ...], i: Array
 ) -> tuple[Array, ...]:
-    """Slopes in the columns of piece i, (n, C) each.
+    """Slopes in the columns of piece i, (n, C) each; arguments are those of ``wrench_piece``.
 
-    Args:
-        chain: as for ``wrench_piece``.
-        gravity: as for ``wrench_piece``.
-        theta: as for ``wrench_piece``.
-        columns: as for ``wrench_piece``.
-        bars: slopes in the wrench, and in the variance if there are covariances, (pieces, 6, C).
-        i: which piece.
+    The bars (pieces, 6, C) are slopes in the wrench, and in the variance if there are covariances.
     """
     q, dq, ddq, *covariance = columns
     tool, zero = list(theta), jnp.zeros_like(q[0, 0])

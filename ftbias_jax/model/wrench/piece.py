@@ -24,7 +24,7 @@ from ftbias_jax.model.kinematics.seen_from_sensor import (
     turns_of,
 )
 from ftbias_jax.runtime.compiled_loops import compile_whole
-from ftbias_jax.runtime.lanes import Rows, Vector, cross, scale, times, total
+from ftbias_jax.runtime.lanes import Vector, cross, scale, times, total
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -51,16 +51,11 @@ class Turned(NamedTuple):
 def wrench_piece(
     chain: Chain, gravity: Float[Array, " 3"], theta: Float[Array, " 10"], columns: tuple[Array, ...], i: Array
 ) -> tuple[Vector, Vector]:
-    """Wrench and variance, six entries (C,) each.
+    """Wrench and variance of piece i, six entries (C,) each, with gravity in the base frame.
 
-    Args:
-        chain: of the arm.
-        gravity: (3,) m/s^2, base frame.
-        theta: (10,) of the tool.
-        columns: q, dq and ddq of the joints in all pieces (pieces, n, C), rad, s, and P_qq, P_qa and P_aa, or none of
-            these for zeros; velocities are left out, as in ``joint_sensitivity``.
-        i: which piece. XLA would copy a piece that was cut out before, number by number, and so it would the row of a
-            joint.
+    The columns (pieces, n, C) are q, dq and ddq of the joints, rad, s, and P_qq, P_qa and P_aa, or none of these for
+    zeros; velocities are left out, as in ``joint_sensitivity``. XLA would copy a piece that was cut out before, and
+    so it would the row of a joint, number by number.
     """
     q, dq, ddq, *covariance = columns
     tool, zero = list(theta), jnp.zeros_like(q[0, 0])
@@ -95,12 +90,6 @@ def row_of(columns: Float[Array, "pieces n C"], i: Array | int, j: Array | int) 
     return row
 
 
-def felt_of(gravity: Vector, R_sensor_base: Rows, acceleration: Vector, velocity: Vector, turning: Vector) -> Felt:
-    """What the sensor feels of its acceleration, angular velocity and angular acceleration, all in the base frame."""
-    specific = [a - g for a, g in zip(acceleration, gravity, strict=True)]
-    return Felt(*(times(R_sensor_base, x) for x in (specific, velocity, turning)))
-
-
 def wrench_of(theta: Vector, felt: Felt) -> Vector:
     """D theta (tool_wrench.data_matrix)."""
     f, w, w_rate = felt
@@ -119,12 +108,6 @@ def turn(theta: Vector, angular: Vector) -> Vector:
     """Moment of inertia about the sensor origin times a vector."""
     xx, xy, xz, yy, yz, zz = theta[4:]
     return times([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], angular)
-
-
-def turned_by(R_sensor_base: Rows, p: Vector, g: Vector, column: Columns) -> Turned:
-    """A column of the space Jacobian as the sensor at p feels it; g: gravity in the sensor frame."""
-    linear = times(R_sensor_base, total(column.linear, cross(column.angular, p)))
-    return falling(Columns(linear, times(R_sensor_base, column.angular)), g)
 
 
 def falling(column: Columns, g: Vector) -> Turned:

@@ -7,8 +7,7 @@ from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
 from ftbias_jax.diagnosis.terms.words import grouped, labels_of, sentence, units_of
 from ftbias_jax.model.effects.terms.columns import count_columns
-from ftbias_jax.model.effects.terms.forms import FORMS
-from ftbias_jax.model.effects.terms.types import DRIVES
+from ftbias_jax.model.effects.terms.forms import DRIVES, FORMS
 
 
 def test_every_drive_and_every_form_has_words():

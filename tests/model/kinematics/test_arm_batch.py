@@ -15,6 +15,7 @@ def test_the_motion_is_that_of_each_sample(arm):
     for one, other in (
         (got.sensor_rotation, expected.R_base_sensor),
         (got.sensor_position, expected.p_base_sensor),
+        (got.velocity, expected.linear_velocity),
         (got.acceleration, expected.linear_acceleration),
         (got.angular_velocity, expected.angular_velocity),
         (got.angular_acceleration, expected.angular_acceleration),

@@ -16,16 +16,12 @@ from ftbias_jax.types import Array
 
 MOVED = ("position", "velocity", "acceleration")
 """Drives that differ from one point of the tool to another; all of them are fields of the state."""
+OF_JOINTS = ("joint_angle", "joint_velocity")
+"""Drives that may be of one joint."""
 
 
 def columns(xp: Any, term: Term, state: State) -> Array:
-    """(T, K, 6) N, Nm per coefficient, sensor frame: what lowers the reading.
-
-    Args:
-        xp: numpy or jax.numpy, of the state.
-        term: its coefficients do not matter.
-        state: of the log.
-    """
+    """(T, K, 6) N, Nm per coefficient of a term, sensor frame: what lowers the reading; by numpy or jax.numpy."""
     if acts_on_channels(term):
         series = channel_series(xp, term, state)
         found = (series[:, :, :, None] * xp.eye(6, dtype=series.dtype)[None, None]).reshape(len(series), -1, 6)
@@ -62,10 +58,13 @@ def vectors_of(xp: Any, term: Term, state: State) -> Array:
 
 
 def _series(xp: Any, term: Term, state: State) -> Array:
-    """The series of the form, at the point of the term."""
+    """The series of the form, at the point of the term and of its joint."""
     moves = term.drive in MOVED and has_point(term)
     seen = at_point(xp, state, term.point, (term.drive,)) if moves else state
-    return FORMS[term.drive, term.form].make(xp, seen, term.parameters, term.joint)
+    if term.joint and term.drive in OF_JOINTS:
+        own = slice(term.joint - 1, term.joint)
+        seen = seen._replace(q=seen.q[:, own], dq=seen.dq[:, own])
+    return FORMS[term.drive, term.form].make(xp, seen, term.parameters)
 
 
 def count_columns(term: Term) -> int:
@@ -133,14 +132,7 @@ def at_point(xp: Any, state: State, point: Array, fields: tuple[str, ...] = MOVE
 
 
 def change(xp: Any, terms: Mapping[str, Term], state: State, acts_as: tuple[str, ...] = ()) -> Array:
-    """(T, 6) N, Nm: what terms add to the reading.
-
-    Args:
-        xp: numpy or jax.numpy.
-        terms: name -> term.
-        state: of the log.
-        acts_as: only terms that act so; () = all.
-    """
+    """(T, 6) N, Nm: what terms add to the reading, all of them or only those that act so."""
     total = xp.zeros_like(state.load)
     for term in terms.values():
         if term.acts_as != "noise" and (not acts_as or term.acts_as in acts_as):
@@ -175,33 +167,27 @@ def state_of(
     counts: Array | None = None,
     period: float = 0.0,
 ) -> State:
-    """What drives see of a log.
+    """What drives see of a log, by numpy or jax.numpy.
 
-    Args:
-        xp: numpy or jax.numpy.
-        signals: of the log.
-        load: (T, 6) N, Nm, the reading before the terms act.
-        motion: of the arm, if it was worked out before.
-        counts: (T,) samples that every reading is the mean of; None = single ones.
-        period: s between them.
+    The load (T, 6) N, Nm is the reading before the terms act. Every reading is the mean of so many samples (T,), a
+    period of s apart; None = of single ones.
     """
     moving = motion_of(signals) if motion is None else motion
     carrier: Arm | FreeBody = signals.model.arm
     as_array = xp.asarray
-    q, dq, position = as_array(signals.q), as_array(signals.dq), as_array(moving.sensor_position).T
+    q, dq = as_array(signals.q), as_array(signals.dq)
     if isinstance(carrier, FreeBody):  # the entries of a pose are no joints
-        velocity, axes = as_array(signals.path.velocity), xp.zeros((len(q), 0, 3), q.dtype)
-        q, dq = q[:, :0], dq[:, :0]
+        q, dq, axes = q[:, :0], dq[:, :0], xp.zeros((len(q), 0, 3), q.dtype)
     else:
-        velocity, axes = _velocity(xp, as_array(carrier.linear), as_array(carrier.angular), moving, dq, position)
+        axes = xp.einsum("ijnt,nj->tni", as_array(moving.link_rotation)[:, :, :-1], as_array(carrier.angular))
     return State(
         as_array(signals.t),
         as_array(signals.temperature),
         q,
         dq,
         xp.moveaxis(as_array(moving.sensor_rotation), 2, 0),
-        position,
-        velocity,
+        as_array(moving.sensor_position).T,
+        as_array(moving.velocity).T,
         as_array(moving.acceleration).T,
         as_array(moving.angular_velocity).T,
         as_array(moving.angular_acceleration).T,
@@ -211,14 +197,3 @@ def state_of(
         xp.ones_like(as_array(signals.t)) if counts is None else as_array(counts),
         as_array(period, dtype=dq.dtype),
     )
-
-
-def _velocity(
-    xp: Any, linear: Array, angular: Array, moving: ArmMotion, dq: Array, position: Array
-) -> tuple[Array, Array]:
-    """(T, 3) m/s of the sensor's origin and (T, n, 3) axes: each joint's screw (n, 3), moved by the links before it."""
-    R = xp.moveaxis(xp.asarray(moving.link_rotation)[:, :, :-1], (3, 2, 0, 1), (0, 1, 2, 3))
-    p = xp.moveaxis(xp.asarray(moving.link_position)[:, :-1], (2, 1, 0), (0, 1, 2))
-    turn = xp.einsum("tnij,nj->tni", R, angular)
-    slide = xp.einsum("tnij,nj->tni", R, linear) + xp.cross(p, turn)
-    return xp.einsum("tni,tn->ti", slide + xp.cross(turn, position[:, None]), dq), turn

@@ -1,4 +1,4 @@
-"""How each drive may act: the table of forms.
+"""How each drive may act: the table of forms, each with its series over a log, for NumPy and JAX alike.
 
 A form gives scalars (T, S), which act along three axes or on six channels; or vectors (T, V, 3) in base axes, which
 act along themselves; or (T, 6) for channels that act on themselves.
@@ -6,46 +6,11 @@ act along themselves; or (T, 6) for channels that act on themselves.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any
 
-from ftbias_jax.model.effects.terms import series, slow_series
-from ftbias_jax.model.effects.terms.memory import swing_forgets
-from ftbias_jax.model.effects.terms.series import Make, Numbers
+from ftbias_jax.model.effects.terms.memory import low_passed, swing, swing_forgets
+from ftbias_jax.model.effects.terms.types import Form, Make, Numbers, Parameter, State
 from ftbias_jax.types import Array
-
-
-class Parameter(NamedTuple):
-    """A number of a form in which it is not linear."""
-
-    name: str
-    unit: str
-    least: float
-    most: float
-
-
-class Form(NamedTuple):
-    """One form of a drive."""
-
-    drive: str
-    name: str
-    kind: str
-    """"scalars", "vectors" or "channels"."""
-    make: Make
-    unit: str
-    """Of the series; a coefficient has N, Nm or, of the sensor's own channels, their unit per this."""
-    parameters: tuple[Parameter, ...] = ()
-    labels: tuple[str, ...] = ("",)
-    """What each series is, where there are several."""
-
-    forgets: Callable[[Numbers], Array] | None = None
-    """s by the parameters, as ``Effect.forgets``; None = no memory, or one so slow that its start is like a bias."""
-
-    @property
-    def series(self) -> int:
-        """S or V, how many series there are."""
-        return len(self.labels)
-
 
 TAU = Parameter("time_constant", "s", 0.1, 1e5)
 LAG = Parameter("lag", "s", 0.0, 1e4)
@@ -56,108 +21,228 @@ SPEED = Parameter("speed", "m/s", 1e-3, 2.0)
 TURN = Parameter("speed", "rad/s", 1e-3, 5.0)
 PLACE = tuple(Parameter(axis, "m", -10.0, 10.0) for axis in "xyz")
 NORMAL = tuple(Parameter(axis, "1", -1.5, 1.5) for axis in "xyz")
-LENGTH = Parameter("length", "m", 0.005, 5.0)
 FIELD = (*PLACE, Parameter("power", "1", 0.2, 8.0), Parameter("core", "m", 0.0, 1.0))
-PLANE = (*NORMAL, Parameter("offset", "m", -10, 10), LENGTH)
+PLANE = (*NORMAL, Parameter("offset", "m", -10, 10), Parameter("length", "m", 0.005, 5.0))
+SWING = (Parameter("frequency", "Hz", 0.05, 30.0), Parameter("damping_ratio", "1", 0.001, 0.95))
 
-LATE = ("late", "difference")
-SQUARED = ("linear", "squared")
+XYZ = ("x", "y", "z")
 WAVES = ("sin", "cos")
-MAP = ("x", "y", "z", "xx_yy", "zz", "xy", "xz", "yz", "size_x", "size_y", "size_z")
+MAP = (*XYZ, "xx_yy", "zz", "xy", "xz", "yz", "size_x", "size_y", "size_z")
+
+
+def _decay(xp: Any, s: State, p: Numbers) -> Array:
+    """A constant, and what decays with a time constant."""
+    return xp.stack([xp.ones_like(s.t), xp.exp(-s.t / p["time_constant"])], 1)
+
+
+def _step(xp: Any, s: State, p: Numbers) -> Array:
+    """1 from a time on."""
+    return (s.t >= p["time"])[:, None] * 1.0
+
+
+def _load_settling(xp: Any, s: State, p: Numbers) -> Array:
+    """The reading times what settles with a time constant."""
+    return s.load * xp.expm1(-s.t / p["time_constant"])[:, None]
+
+
+def _vector(xp: Any, p: Numbers) -> Array:
+    return xp.stack([p["x"], p["y"], p["z"]])
+
+
+def _waves(xp: Any, angle: Array) -> Array:
+    return xp.stack([xp.sin(angle), xp.cos(angle)], 1)
+
+
+def _wave(xp: Any, s: State, p: Numbers) -> Array:
+    return _waves(xp, 2 * xp.pi * p["frequency"] * s.t)
+
+
+def _line(xp: Any, s: State, p: Numbers) -> Array:
+    """A sine and a cosine, as they are left in means of evenly spaced samples."""
+    step = xp.pi * p["frequency"] * s.period
+    fast = xp.abs(xp.sin(step)) > 1e-6
+    left = xp.where(fast, xp.sin(s.counts * step) / (s.counts * xp.where(fast, xp.sin(step), 1.0)), 1.0)
+    return _wave(xp, s, p) * left[:, None]
+
+
+def _felt(xp: Any, s: State, p: Numbers) -> Array:
+    """(T, 1) temperature, felt late."""
+    return low_passed(xp, s.t, s.temperature[:, None], p["lag"])
+
+
+def _warmer(xp: Any, s: State, p: Numbers) -> Array:
+    """The same since the first sample."""
+    felt = _felt(xp, s, p)
+    return felt - felt[:1]
+
+
+def _warmer_squared(xp: Any, s: State, p: Numbers) -> Array:
+    warmer = _warmer(xp, s, p)
+    return xp.concatenate([warmer, warmer**2], 1)
+
+
+def _warming_side(xp: Any, s: State, p: Numbers) -> Array:
+    """The part of the tool that follows the thermometer late, and the difference from it: a gradient of temperature."""
+    felt = _warmer(xp, s, p)
+    return xp.concatenate([felt, (s.temperature - s.temperature[0])[:, None] - felt], 1)
+
+
+def _calibrated(power: int) -> Make:
+    """The load times a power of how far the temperature is from that of the calibration."""
+    return lambda xp, s, p: -((_felt(xp, s, p) - p["reference"]) ** power) * s.load
+
+
+def _spring(xp: Any, s: State, p: Numbers) -> Array:
+    """Minus the place of the point, and the three axes of the base."""
+    axes = xp.broadcast_to(xp.eye(3, dtype=s.position.dtype), (*s.position.shape, 3))
+    return xp.concatenate([-s.position[:, None], axes], 1)
+
+
+def _attraction(xp: Any, s: State, p: Numbers) -> Array:
+    """Towards a place, falling with a power of the distance beyond a core; 1 at half a metre."""
+    away = _vector(xp, p)[None] - s.position
+    distance = xp.sqrt((away**2).sum(1, keepdims=True) + p["core"] ** 2 + 1e-6)
+    return (away / distance * (0.5 / distance) ** p["power"])[:, None]
+
+
+def _barrier(xp: Any, s: State, p: Numbers) -> Array:
+    """A force that sets in beyond a plane and grows with the distance, softly over a length."""
+    normal = _vector(xp, p)
+    beyond = (s.position @ normal) / xp.sqrt(normal @ normal + 1e-12) - p["offset"]
+    return xp.logaddexp(0.0, beyond / p["length"])[:, None] * p["length"]
+
+
+def _place_squared(xp: Any, s: State, p: Numbers) -> Array:
+    x, y, z = s.position.T
+    return xp.stack([x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], 1)
+
+
+def _seen(xp: Any, s: State, direction: Array) -> Array:
+    """(T, 3) a direction of the base as the sensor sees it."""
+    return xp.einsum("tij,i->tj", s.rotation, direction) / xp.sqrt(direction @ direction + 1e-12)
+
+
+def _map(xp: Any, s: State, direction: Array) -> Array:
+    """Smooth and one-sided functions of a direction as the sensor sees it."""
+    x, y, z = _seen(xp, s, direction).T
+    second = (x * x - y * y, 3 * z * z - 1, x * y, x * z, y * z)
+    return xp.stack([x, y, z, *second, xp.abs(x), xp.abs(y), xp.abs(z)], 1)
+
+
+def _along(field: str, power: int = 1) -> Make:
+    """Against a vector of the state, with a power of its length."""
+
+    def make(xp: Any, s: State, p: Numbers) -> Array:
+        vectors: Array = getattr(s, field)
+        length = xp.sqrt((vectors**2).sum(-1, keepdims=True) + 1e-12)
+        return (-vectors * length ** (power - 1))[:, None]
+
+    return make
+
+
+def _dry(field: str) -> Make:
+    """Against the direction of a vector of the state, softly below a speed."""
+
+    def make(xp: Any, s: State, p: Numbers) -> Array:
+        vectors: Array = getattr(s, field)
+        return (-vectors / xp.sqrt((vectors**2).sum(-1, keepdims=True) + p["speed"] ** 2))[:, None]
+
+    return make
+
+
+def _gyroscopic(xp: Any, s: State, p: Numbers) -> Array:
+    """omega x h of a momentum fixed in the tool, for each axis of the sensor: what the rotor does to the tool."""
+    return -xp.cross(s.angular_velocity[:, None], xp.swapaxes(s.rotation, 1, 2))
+
+
+def _swinging(xp: Any, s: State, p: Numbers) -> Array:
+    """What a unit mass on spring and damper makes of the acceleration, beyond a rigid one."""
+    return -swing(xp, s.t, s.acceleration - s.gravity[None], p["frequency"], p["damping_ratio"])[:, None]
+
+
+def _trailing(xp: Any, s: State, p: Numbers) -> Array:
+    """The part of the acceleration that a lag takes away."""
+    return (s.acceleration - low_passed(xp, s.t, s.acceleration, p["lag"]))[:, None]
+
+
+def _cubic(xp: Any, s: State, p: Numbers) -> Array:
+    return xp.concatenate([s.q, s.q**2, s.q**3], 1)
+
+
+def _harmonic(xp: Any, s: State, p: Numbers) -> Array:
+    return _waves(xp, p["multiple"] * s.q[:, 0])
+
+
+def _heat(xp: Any, s: State, p: Numbers) -> Array:
+    """Squared speed, of one joint or of all, that is lost again with a time constant."""
+    power = (s.dq**2).sum(1, keepdims=True)
+    power = xp.concatenate([xp.zeros_like(power[:1]), power[1:]])
+    return p["time_constant"] * low_passed(xp, s.t, power, p["time_constant"])
+
+
+def _squares(field: str, most: int | None = None) -> Make:
+    """The squared length of a vector of the state, or of its first numbers, for every channel."""
+    return lambda xp, s, p: xp.broadcast_to((getattr(s, field)[:, :most] ** 2).sum(1)[:, None], (len(s.t), 6))
+
 
 FORMS = {
     (form.drive, form.name): form
     for form in (
-        Form("constant", "steady", "scalars", slow_series.ones, "1"),
-        Form("time", "exponential", "scalars", slow_series.exponential, "1", (TAU,), labels=("offset", "decaying")),
-        Form("time", "linear", "scalars", slow_series.linear_in_time, "s"),
-        Form("time", "step", "scalars", slow_series.step, "1", (TIME,)),
-        Form("time", "wave", "scalars", slow_series.wave, "1", (FREQUENCY,), labels=WAVES),
-        Form("time", "quadratic", "scalars", slow_series.powers_of_time, "s", labels=("t", "t2")),
-        Form("temperature", "linear", "scalars", slow_series.temperature, "K", (LAG,)),
-        Form("temperature", "quadratic", "scalars", slow_series.temperature_squared, "K", (LAG,), labels=SQUARED),
-        Form("temperature", "gradient", "scalars", slow_series.warming_side, "K", (LAG,), labels=LATE),
-        Form("temperature", "sensitivity", "channels", slow_series.sensitivity, "K", (LAG,)),
-        Form("temperature", "calibrated", "channels", slow_series.calibrated, "K", (LAG, REFERENCE)),
-        Form("temperature", "compensated", "channels", slow_series.compensated, "K^2", (LAG, REFERENCE)),
-        Form("position", "spring", "vectors", series.spring, "m", labels=("stiffness", "x", "y", "z")),
-        Form("position", "attraction", "vectors", series.attraction, "1", FIELD),
-        Form("position", "barrier", "scalars", series.barrier, "m", PLANE),
-        Form("position", "linear", "scalars", series.place, "m", labels=tuple("xyz")),
-        Form(
-            "position",
-            "quadratic",
-            "scalars",
-            series.place_squared,
-            "m",
-            labels=("x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz"),
-        ),
-        Form("orientation", "linear", "scalars", series.gravity, "1", labels=tuple("xyz")),
-        Form("orientation", "map", "scalars", series.gravity_map, "1", labels=MAP),
-        Form("orientation", "field", "scalars", series.field_map, "1", NORMAL, labels=MAP),
-        Form("velocity", "linear", "vectors", series.along("velocity", 1), "m/s"),
-        Form("velocity", "quadratic", "vectors", series.along("velocity", 2), "(m/s)^2"),
-        Form("velocity", "cubic", "vectors", series.along("velocity", 3), "(m/s)^3"),
-        Form("velocity", "coulomb", "vectors", series.dry("velocity"), "1", (SPEED,)),
-        Form("angular_velocity", "linear", "vectors", series.along("angular_velocity", 1), "rad/s"),
-        Form(
-            "angular_velocity",
-            "quadratic",
-            "vectors",
-            series.along("angular_velocity", 2),
-            "(rad/s)^2",
-        ),
-        Form(
-            "angular_velocity",
-            "coulomb",
-            "vectors",
-            series.dry("angular_velocity"),
-            "1",
-            (TURN,),
-        ),
-        Form("angular_velocity", "gyroscopic", "vectors", series.gyroscopic, "rad/s", labels=tuple("xyz")),
-        Form("acceleration", "linear", "vectors", series.along("acceleration", 1), "m/s^2"),
-        Form(
-            "acceleration",
-            "swing",
-            "vectors",
-            series.swinging,
-            "m/s^2",
-            (Parameter("frequency", "Hz", 0.05, 30.0), Parameter("damping_ratio", "1", 0.001, 0.95)),
-            forgets=lambda p: swing_forgets(p["frequency"], p["damping_ratio"]),
-        ),
-        Form("acceleration", "trailing", "vectors", series.trailing, "m/s^2", (LAG,), forgets=lambda p: p["lag"]),
-        Form("acceleration", "turning", "vectors", series.along("angular_acceleration", 1), "rad/s^2"),
-        Form("joint_angle", "linear", "scalars", series.angle, "rad"),
-        Form("joint_angle", "cubic", "scalars", series.angle_squared, "rad", labels=("q", "q2", "q3")),
-        Form(
-            "joint_angle",
-            "harmonic",
-            "scalars",
-            series.harmonic,
-            "1",
-            (Parameter("multiple", "1", 0.3, 200.0),),
-            labels=WAVES,
-        ),
-        Form("joint_velocity", "viscous", "scalars", series.viscous, "rad/s"),
-        Form("joint_velocity", "friction", "scalars", series.friction, "1", (TURN,)),
-        Form("joint_velocity", "quadratic", "scalars", series.squared_speed, "(rad/s)^2"),
-        Form("joint_velocity", "heat", "scalars", series.heat, "rad^2/s", (TAU,)),
-        Form("load", "square", "channels", slow_series.load_squared, "N, Nm"),
-        Form("load", "signed_square", "channels", slow_series.load_signed, "N, Nm"),
-        Form("load", "cube", "channels", slow_series.load_cubed, "N^2, Nm^2"),
-        Form("load", "size", "channels", slow_series.load_size, "1"),
-        Form("load_time", "linear", "channels", slow_series.load_in_time, "s"),
-        Form("load_time", "exponential", "channels", slow_series.load_settling, "1", (TAU,)),
-        Form("load_time", "wave", "channels", slow_series.load_wave, "1", (FREQUENCY,)),
-        Form("load_time", "step", "channels", slow_series.load_step, "1", (TIME,)),
-        Form("noise", "load", "channels", slow_series.noise_of_load, "N^2, Nm^2"),
-        Form("noise", "force", "channels", slow_series.noise_of_force, "N^2"),
-        Form("noise", "time", "channels", slow_series.noise_of_time, "s"),
-        Form("noise", "acceleration", "channels", slow_series.noise_of_acceleration, "(m/s^2)^2"),
-        Form("noise", "speed", "channels", slow_series.noise_of_speed, "(m/s)^2"),
-        Form("noise", "joints", "channels", slow_series.noise_of_joints, "(rad/s)^2"),
-        Form("frequency", "line", "scalars", slow_series.line, "1", (FREQUENCY,), labels=WAVES),
+        Form("constant", "steady", "scalars", "1", lambda xp, s, p: xp.ones_like(s.t)[:, None]),
+        Form("time", "exponential", "scalars", "1", _decay, (TAU,), ("offset", "decaying")),
+        Form("time", "linear", "scalars", "s", lambda xp, s, p: s.t[:, None]),
+        Form("time", "step", "scalars", "1", _step, (TIME,)),
+        Form("time", "wave", "scalars", "1", _wave, (FREQUENCY,), WAVES),
+        Form("time", "quadratic", "scalars", "s", lambda xp, s, p: xp.stack([s.t, s.t**2], 1), (), ("t", "t2")),
+        Form("temperature", "linear", "scalars", "K", _warmer, (LAG,)),
+        Form("temperature", "quadratic", "scalars", "K", _warmer_squared, (LAG,), ("linear", "squared")),
+        Form("temperature", "gradient", "scalars", "K", _warming_side, (LAG,), ("late", "difference")),
+        Form("temperature", "sensitivity", "channels", "K", lambda xp, s, p: -_warmer(xp, s, p) * s.load, (LAG,)),
+        Form("temperature", "calibrated", "channels", "K", _calibrated(1), (LAG, REFERENCE)),
+        Form("temperature", "compensated", "channels", "K^2", _calibrated(2), (LAG, REFERENCE)),
+        Form("position", "spring", "vectors", "m", _spring, (), ("stiffness", *XYZ)),
+        Form("position", "attraction", "vectors", "1", _attraction, FIELD),
+        Form("position", "barrier", "scalars", "m", _barrier, PLANE),
+        Form("position", "linear", "scalars", "m", lambda xp, s, p: s.position, (), XYZ),
+        Form("position", "quadratic", "scalars", "m", _place_squared, (), (*XYZ, "xx", "yy", "zz", "xy", "xz", "yz")),
+        Form("orientation", "linear", "scalars", "1", lambda xp, s, p: _seen(xp, s, s.gravity), (), XYZ),
+        Form("orientation", "map", "scalars", "1", lambda xp, s, p: _map(xp, s, s.gravity), (), MAP),
+        Form("orientation", "field", "scalars", "1", lambda xp, s, p: _map(xp, s, _vector(xp, p)), NORMAL, MAP),
+        Form("velocity", "linear", "vectors", "m/s", _along("velocity")),
+        Form("velocity", "quadratic", "vectors", "(m/s)^2", _along("velocity", 2)),
+        Form("velocity", "cubic", "vectors", "(m/s)^3", _along("velocity", 3)),
+        Form("velocity", "coulomb", "vectors", "1", _dry("velocity"), (SPEED,)),
+        Form("angular_velocity", "linear", "vectors", "rad/s", _along("angular_velocity")),
+        Form("angular_velocity", "quadratic", "vectors", "(rad/s)^2", _along("angular_velocity", 2)),
+        Form("angular_velocity", "coulomb", "vectors", "1", _dry("angular_velocity"), (TURN,)),
+        Form("angular_velocity", "gyroscopic", "vectors", "rad/s", _gyroscopic, (), XYZ),
+        Form("acceleration", "linear", "vectors", "m/s^2", _along("acceleration")),
+        Form("acceleration", "swing", "vectors", "m/s^2", _swinging, SWING, forgets=lambda p: swing_forgets(**p)),
+        Form("acceleration", "trailing", "vectors", "m/s^2", _trailing, (LAG,), forgets=lambda p: p["lag"]),
+        Form("acceleration", "turning", "vectors", "rad/s^2", _along("angular_acceleration")),
+        Form("joint_angle", "linear", "scalars", "rad", lambda xp, s, p: s.q),
+        Form("joint_angle", "cubic", "scalars", "rad", _cubic, (), ("q", "q2", "q3")),
+        Form("joint_angle", "harmonic", "scalars", "1", _harmonic, (Parameter("multiple", "1", 0.3, 200.0),), WAVES),
+        Form("joint_velocity", "viscous", "scalars", "rad/s", lambda xp, s, p: -s.dq),
+        Form("joint_velocity", "friction", "scalars", "1", lambda xp, s, p: -xp.tanh(s.dq / p["speed"]), (TURN,)),
+        Form("joint_velocity", "quadratic", "scalars", "(rad/s)^2", lambda xp, s, p: -s.dq * xp.abs(s.dq)),
+        Form("joint_velocity", "heat", "scalars", "rad^2/s", _heat, (TAU,)),
+        Form("load", "square", "channels", "N, Nm", lambda xp, s, p: -(s.load**2)),
+        Form("load", "signed_square", "channels", "N, Nm", lambda xp, s, p: -s.load * xp.abs(s.load)),
+        Form("load", "cube", "channels", "N^2, Nm^2", lambda xp, s, p: -(s.load**3)),
+        Form("load", "size", "channels", "1", lambda xp, s, p: -xp.abs(s.load)),
+        Form("load_time", "linear", "channels", "s", lambda xp, s, p: -s.load * s.t[:, None]),
+        Form("load_time", "exponential", "channels", "1", _load_settling, (TAU,)),
+        Form("load_time", "wave", "channels", "1", lambda xp, s, p: -s.load * _wave(xp, s, p)[:, :1], (FREQUENCY,)),
+        Form("load_time", "step", "channels", "1", lambda xp, s, p: -s.load * _step(xp, s, p), (TIME,)),
+        Form("frequency", "line", "scalars", "1", _line, (FREQUENCY,), WAVES),
+        Form("noise", "load", "channels", "N^2, Nm^2", lambda xp, s, p: s.load**2),
+        Form("noise", "force", "channels", "N^2", _squares("load", 3)),
+        Form("noise", "time", "channels", "s", lambda xp, s, p: xp.broadcast_to(s.t[:, None], (len(s.t), 6))),
+        Form("noise", "acceleration", "channels", "(m/s^2)^2", _squares("acceleration")),
+        Form("noise", "speed", "channels", "(m/s)^2", _squares("velocity")),
+        Form("noise", "joints", "channels", "(rad/s)^2", _squares("dq")),
     )
 }
 """(drive, form) -> how its series is made."""
+DRIVES = tuple(dict.fromkeys(drive for drive, _ in FORMS))

@@ -18,13 +18,7 @@ def swing_forgets(frequency: Array, damping_ratio: Array) -> Array:
 
 
 def recurrence(xp: Any, decay: Array, kick: Array) -> Array:
-    """y_k = decay_k y_(k-1) + kick_k from y_(-1) = 0; log2(T) passes over the whole series.
-
-    Args:
-        xp: numpy or jax.numpy.
-        decay: (T, 1), may be complex.
-        kick: (T, k).
-    """
+    """y_k = decay_k y_(k-1) + kick_k from y_(-1) = 0, by log2(T) passes; decay (T, 1) may be complex, kick (T, k)."""
     step, length = 1, kick.shape[0]
     while step < length:
         kick = xp.concatenate([kick[:step], kick[step:] + decay[step:] * kick[:-step]])
@@ -44,14 +38,7 @@ def swing(xp: Any, t: Array, signal: Array, frequency: Array, damping_ratio: Arr
     """Deviation y - u of a mass on spring and damper that the signal u (T, k) carries, at rest before each log.
 
     The deviation e obeys e'' + 2 zeta w e' + w^2 e = -u''. With u'' as kicks between straight pieces, it is the
-    imaginary part of one complex recurrence.
-
-    Args:
-        xp: numpy or jax.numpy.
-        t: (T,) s.
-        signal: (T, k).
-        frequency: () Hz, undamped.
-        damping_ratio: (), from 0 to below 1.
+    imaginary part of one complex recurrence. The frequency, undamped, is in Hz, the damping ratio from 0 to below 1.
     """
     w = 2 * xp.pi * frequency
     damped = w * xp.sqrt(1 - damping_ratio**2)

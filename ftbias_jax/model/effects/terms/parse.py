@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.errors import FtbiasError, SetupError
-from ftbias_jax.model.effects.terms.columns import count_columns, has_point
-from ftbias_jax.model.effects.terms.forms import FORMS
-from ftbias_jax.model.effects.terms.types import ACTS_AS, DRIVES, FRAMES, Term
+from ftbias_jax.model.effects.terms.columns import OF_JOINTS, count_columns, has_point
+from ftbias_jax.model.effects.terms.forms import DRIVES, FORMS
+from ftbias_jax.model.effects.terms.types import ACTS_AS, FRAMES, Term
 from ftbias_jax.setup.fields import nearest, show
 
 NAME = "term"
@@ -54,7 +54,7 @@ def _term(section: Mapping[str, Any], number: int, error: MakeError) -> Term:
             raise fail(key, message, f"give {size} number{'s' if size > 1 else ''}")
         return value.astype(float).reshape(-1)
 
-    drive = choice("drive", [name for name in DRIVES if any(drive == name for drive, _ in FORMS)])
+    drive = choice("drive", DRIVES)
     form = FORMS[drive, choice("form", [name for own, name in FORMS if own == drive])]
     known = (*FIXED, *(parameter.name for parameter in form.parameters))
     for key in section:
@@ -78,7 +78,7 @@ def _term(section: Mapping[str, Any], number: int, error: MakeError) -> Term:
         numbers("point", 3) if "point" in section else np.zeros(3),
         np.zeros(0),
     )
-    if joint < 0 or (drive in ("joint_angle", "joint_velocity") and not joint and form.name != "heat"):
+    if joint < 0 or (drive in OF_JOINTS and not joint and form.name != "heat"):
         raise fail("joint", f"got {joint}", "give the number of a joint, from 1")
     count = count_columns(term)
     if any(not 0 <= column < count for column in used):

@@ -1,7 +1,8 @@
-"""What a term is, and what of a log its drive may be."""
+"""What a term and its form are, and what of a log its drive may be."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -10,22 +11,6 @@ import jax
 
 from ftbias_jax.types import Array
 
-DRIVES = (
-    "constant",
-    "time",
-    "temperature",
-    "position",
-    "orientation",
-    "velocity",
-    "angular_velocity",
-    "acceleration",
-    "joint_angle",
-    "joint_velocity",
-    "load",
-    "load_time",
-    "frequency",
-    "noise",
-)
 FRAMES = ("base", "sensor", "joint", "none")
 ACTS_AS = ("force", "torque", "wrench", "bias", "noise")
 
@@ -65,6 +50,42 @@ class State(NamedTuple):
     """() s between those samples."""
 
 
+Numbers = dict[str, Array]
+Make = Callable[[Any, State, Numbers], Array]
+"""(numpy or jax.numpy, state at the term's point with the term's joint alone, parameters) -> the series."""
+
+
+class Parameter(NamedTuple):
+    """A number of a form in which it is not linear."""
+
+    name: str
+    unit: str
+    least: float
+    most: float
+
+
+class Form(NamedTuple):
+    """One form of a drive."""
+
+    drive: str
+    name: str
+    kind: str
+    """"scalars", "vectors" or "channels"."""
+    unit: str
+    """Of the series; a coefficient has N, Nm or, of the sensor's own channels, their unit per this."""
+    make: Make
+    parameters: tuple[Parameter, ...] = ()
+    labels: tuple[str, ...] = ("",)
+    """What each series is, where there are several."""
+    forgets: Callable[[Numbers], Array] | None = None
+    """s by the parameters, as ``Effect.forgets``; None = no memory, or one so slow that its start is like a bias."""
+
+    @property
+    def series(self) -> int:
+        """S or V, how many series there are."""
+        return len(self.labels)
+
+
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=("parameters", "point", "coefficients"),
@@ -92,7 +113,3 @@ class Term:
     """(3,) m, sensor frame: where a force acts, and where the motion is taken."""
     coefficients: Array
     """(K,)."""
-
-
-Description = dict[str, Any]
-"""A term as a section of a setup states it."""
