@@ -16,9 +16,11 @@ import numpy as np
 
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import stack
+from ftbias_jax.calibration.data_noise.values import TIES
 from ftbias_jax.calibration.judgement import STRETCHES
 from ftbias_jax.calibration.newton import Report
-from ftbias_jax.calibration.tune import TIES, Fit, WrenchLogs, fit_wrench
+from ftbias_jax.calibration.score import WrenchLogs
+from ftbias_jax.calibration.tune import Fit, fit_wrench
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.method.look import look_at
