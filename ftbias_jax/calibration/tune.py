@@ -74,11 +74,9 @@ def tune_joints(
     longest = max(len(piece.dt) for piece in pieces)
     parts = [(params, stack(part, longest)) for part in equal_parts(pieces, PIECES_AT_ONCE)]
     start = {name: getattr(params.joint, name) for name in ties}
-    index, logs = tied(start, ties)
-    lanes = np.array(list(index.values()))
-    score = JointScore(rows_of(index), options.joint_model)
-    optimum = newton.maximise(score, parts, with_restarts(logs, restarts), lanes, report, total)
-    fit = as_fit(index, optimum)
+    index, first = tied(start, ties)
+    score, lanes = JointScore(rows_of(index), options.joint_model), np.array(list(index.values()))
+    fit = as_fit(index, newton.maximise(score, parts, with_restarts(first, restarts), lanes, report, total))
     return with_values(params, fit), fit
 
 
@@ -158,7 +156,7 @@ def stated_noise(params: Params) -> dict[str, Array]:
 def with_restarts(logs: np.ndarray, restarts: int) -> np.ndarray:
     """(1 + restarts, P) logarithms to start from."""
     spread = np.random.default_rng(0).normal(scale=RESTART_SPREAD, size=(restarts, len(logs)))
-    return logs + np.concatenate([np.zeros((1, len(logs))), spread])
+    return np.concatenate([logs[None], logs + spread])
 
 
 def as_fit(index: dict[str, np.ndarray], optimum: newton.Optimum, scale: np.ndarray | None = None) -> Fit:
