@@ -110,19 +110,11 @@ def tune_in_blocks(
 
 
 def held_out_blocks(before: Params, tuned: Sequence[Params], logs: Sequence[LogInBlocks], share: float) -> Array:
-    """Log-likelihood of the means of unseen blocks, each given those before it, and of the scatter within them.
+    """(1 + len(tuned), N) nats of stretches of unseen blocks, each given those before, and of the scatter within them.
 
     Sample by sample slow errors would have no model, and the score would say nothing. The means score bias and slow
-    errors; the scatter scores the noise of samples, at rest and in motion.
-
-    Args:
-        before: of the setup that was tuned, and of ``logs``.
-        tuned: to be compared with it.
-        logs: whole, of ``look_at_each``.
-        share: of each log, after which blocks are unseen.
-
-    Returns:
-        (1 + len(tuned), N) nats of each stretch of the logs, the setup before the tuned ones.
+    errors; the scatter scores the noise of samples, at rest and in motion. The setup before, whose blocks these are,
+    comes first; blocks are unseen after the given share of each log.
     """
     return np.array(
         [np.concatenate([_unseen_nats(before, params, log, share) for log in logs]) for params in (before, *tuned)]

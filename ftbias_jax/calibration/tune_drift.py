@@ -89,13 +89,7 @@ def choose_drift(
 
 
 def score(logs: Sequence[Series], slow: tuple[Array, Array], drifts: Drift) -> Scores:
-    """Likelihood and forecasts of many drifts.
-
-    Args:
-        logs: in blocks.
-        slow: as for ``choose_drift``.
-        drifts: arrays (G, 6).
-    """
+    """Likelihood and forecasts of G drifts, arrays (G, 6), with the correlated noise of ``choose_drift``."""
     shape = drifts.density.shape
     grid = Grid(np.ones(shape), *(np.broadcast_to(x, shape) for x in slow))
     nats, squares, counts = np.zeros(shape), np.zeros((len(HORIZONS), *shape)), np.zeros((len(HORIZONS), 1, 6))

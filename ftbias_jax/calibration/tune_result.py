@@ -95,13 +95,7 @@ def _correlated(setup: Setup) -> list[str]:
 
 
 def reasons_against(scores: Sequence[HeldOut], predicted: Sequence[Predicted], shown: Sequence[str]) -> tuple[str, ...]:
-    """Why a tuned setup should not be used, with what the logs show instead; () if it is no worse than before.
-
-    Args:
-        scores: of unseen data, before and after.
-        predicted: errors of predicting it, before and after.
-        shown: what in the logs may mislead a fit.
-    """
+    """Why a tuned setup should not be used, with what the logs show instead; () if it is no worse than before."""
     reasons = [
         f"the score of unseen {score.part} data falls by {score.before - score.after:.3g} nats/s"
         for score in scores

@@ -26,12 +26,7 @@ _GROUPS = {
 
 
 def labels(name: str, lanes: np.ndarray) -> list[str]:
-    """Names of the free values of one parameter, as in the setup.
-
-    Args:
-        name: such as ``linear_acceleration``.
-        lanes: (N,) which free value each of its numbers has; -1 = none.
-    """
+    """Names of one parameter's free values, as in the setup, by the number (N,) of each of its entries; -1 = none."""
     count, key = len(np.unique(lanes[lanes >= 0])), key_of(name)
     if name == VIBRATION:
         return [f"{key}[joint {i // 6 + 1} {AXES[i % 6]}]" for i in np.flatnonzero(lanes >= 0)]
@@ -94,10 +89,7 @@ class DeterminedSums(NamedTuple):
 def sentences(tools: Sequence[Params], groups: dict[str, np.ndarray], sums: DeterminedSums) -> tuple[str, ...]:
     """One sentence for each sum that the data determine: what it is made of, and how large it is.
 
-    Args:
-        tools: of the fit.
-        groups: which free value, from 0, each lane of each fitted part of Sigma_D has.
-        sums: of the fit.
+    ``groups`` says which free value, from 0, each lane of each fitted part of Sigma_D has.
     """
     said = []
     if len(sums.force):

@@ -39,9 +39,7 @@ class Step(NamedTuple):
 def find_steps(t: Array, left: Array) -> list[Step]:
     """Steps larger than all other changes within as short a time, whose new level lasts, in the order of time.
 
-    Args:
-        t: (T,) s.
-        left: (T, 6) N, Nm: the reading less what the tool found explains of it; NaN = not measured.
+    They are those of ``left`` (T, 6) N, Nm, the reading less what the tool found explains of it; NaN = not measured.
     """
     rows = np.isfinite(left).all(1)
     t, left = t[rows], left[rows]
