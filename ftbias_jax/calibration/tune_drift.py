@@ -62,14 +62,10 @@ class Scores(NamedTuple):
 def choose_drift(
     logs: Sequence[Series], slow: tuple[Array, Array], stated: Drift, fitted: Array, group: Array
 ) -> Drift:
-    """The likeliest drift of those that forecast no worse than the stated one, over all horizons; else the stated one.
+    """The likeliest drift of those that forecast no worse than the stated one, over all horizons; else that.
 
-    Args:
-        logs: in blocks.
-        slow: standard deviation and time, (6,) each, of the correlated noise.
-        stated: what the setup has.
-        fitted: (6,) sigma_Q of a fit, without reverting.
-        group: (6,) number of the group of each axis; axes of one group are decided together.
+    ``slow`` is standard deviation and time, (6,) each, of the correlated noise; ``fitted`` (6,) is sigma_Q of a fit
+    without reverting; axes with the same number of ``group`` (6,) are decided together.
     """
     longest = max(log.t[-1] - log.t[0] for log in logs)
     times = [time for time in TIMES if np.isinf(time) or time <= longest / 2]

@@ -43,12 +43,7 @@ def combination_errors(information: np.ndarray, weights: np.ndarray) -> np.ndarr
 
 
 def open_directions(information: np.ndarray, names: Sequence[str]) -> list[str]:
-    """What the data leave open by more than a factor e: a number and what makes up for it; those without any, at last.
-
-    Args:
-        information: (P, P) of the logarithms.
-        names: P.
-    """
+    """What the data leave open by more than a factor e: numbers with what makes up for them; those without, at last."""
     strength, directions = np.linalg.eigh(information)
     space = directions[:, strength <= UNDETERMINED**-2]  # (P, d)
     pivots = _pivots(space)

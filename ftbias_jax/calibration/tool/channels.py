@@ -83,14 +83,10 @@ class Posterior(NamedTuple):
 
 @in_float64
 def fit_channels(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: tuple[float, ...]) -> Channels:
-    """Fit M to a log.
+    """Fit M to a log: t (T,) s, load (T, 6) that the setup expects to be read, measured (T, 6) load - reading, N, Nm.
 
-    Args:
-        t: (T,) s.
-        load: (T, 6) N, Nm, what the setup expects the sensor to read without bias.
-        measured: (T, 6) N, Nm, load - reading; NaN = not measured.
-        drift_std: (6,) N/s, Nm/s, prior of the bias's drift.
-        zeroed_at: s, times at which the sensor was set to zero.
+    NaN = not measured. ``drift_std`` (6,) N/s, Nm/s is the prior of the bias's drift; at the times given, s, the sensor
+    was set to zero.
     """
     means = _means(t, load, measured, drift_std, zeroed_at)
     if means is None:
@@ -147,7 +143,7 @@ def _noises(means: Means) -> Grid:
     left = (y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]).std(0)
     most, least = np.maximum(y.std(0), 1e-9), np.maximum(left, 1e-9) / 10
     white, slow = np.geomspace(least, most, WHITE), np.geomspace(least, 2 * most, SLOW)
-    times = np.geomspace(float(np.median(np.diff(t))), (t[-1] - t[0]) / 3, TIMES)
+    times: Array = np.geomspace(float(np.median(np.diff(t))), (t[-1] - t[0]) / 3, TIMES)
     i, j, k = (x.ravel() for x in np.indices((WHITE, SLOW, TIMES)))
     return Grid(white[i] ** 2, slow[j], np.broadcast_to(times[k, None], (len(k), 6)))
 

@@ -80,12 +80,6 @@ def with_steps(log: Log, steps: Sequence[Step]) -> Log:
 
 
 def is_gained(log: Log, before: float, after: float) -> bool:
-    """Whether innovations are so much smaller with steps that chance does not explain it.
-
-    Args:
-        log: that was fitted.
-        before: size of the innovations without steps, in units of the noise stated.
-        after: with them.
-    """
+    """Whether innovations, in units of the noise stated, are smaller with steps by more than chance explains."""
     nats = np.isfinite(log.wrench).sum() / 2 * (before**2 - after**2) / after**2
     return bool(nats > LEAST_GAIN)
