@@ -17,10 +17,17 @@ import numpy as np
 
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import cut, equal_parts, stack
-from ftbias_jax.calibration.data_noise.values import VIBRATION, tied, with_noise
-from ftbias_jax.calibration.data_noise.words import labels, open_directions
 from ftbias_jax.calibration.newton import Report
-from ftbias_jax.calibration.score import WRENCH_BURN_IN, JointScore, WrenchLogs, WrenchScore, rows_of, smoothed_wrenches
+from ftbias_jax.calibration.noise.score import (
+    WRENCH_BURN_IN,
+    JointScore,
+    WrenchLogs,
+    WrenchScore,
+    rows_of,
+    smoothed_wrenches,
+)
+from ftbias_jax.calibration.noise.values import VIBRATION, tied, with_noise
+from ftbias_jax.calibration.noise.words import labels, open_directions
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
@@ -76,7 +83,7 @@ def tune_joints(
     start = {name: getattr(params.joint, name) for name in ties}
     index, first = tied(start, ties)
     score, lanes = JointScore(rows_of(index), options.joint_model), np.array(list(index.values()))
-    fit = as_fit(index, newton.maximise(score, parts, with_restarts(first, restarts), lanes, report, total))
+    fit = as_fit(index, newton.maximise(score, parts, _with_restarts(first, restarts), lanes, report, total))
     return with_values(params, fit), fit
 
 
@@ -123,7 +130,7 @@ def fit_wrench(
     """``tune_wrench`` for joints that are already smoothed, or known; parts have arrays of the same shapes."""
     index, logs = tied({name: stated_noise(params)[name] for name in ties}, ties)
     score, lanes = WrenchScore(rows_of(index), burn_in), np.array(list(index.values()))
-    fit = as_fit(index, newton.maximise(score, parts, with_restarts(logs, restarts), lanes, report, total))
+    fit = as_fit(index, newton.maximise(score, parts, _with_restarts(logs, restarts), lanes, report, total))
     return with_values(params, fit), fit
 
 
@@ -144,23 +151,23 @@ def fit_common(
         report: called with (iteration, nats).
     """
     score = WrenchScore(tuple((name, tuple(map(int, lanes))) for name, lanes in index.items()))
-    every, starts = np.arange(len(logs))[:, None], with_restarts(logs, restarts)
+    every, starts = np.arange(len(logs))[:, None], _with_restarts(logs, restarts)
     return newton.maximise(score, parts, starts, every, report, leading=len(parts), small=newton.HARDLY_A_GAIN)
 
 
 def stated_noise(params: Params) -> dict[str, Array]:
-    """(6,) each, of WRENCH_NAMES."""
+    """(6,) each, of WRENCH_NAMES: N/s^1.5 and Nm/s^1.5, N and Nm."""
     return {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
 
 
-def with_restarts(logs: np.ndarray, restarts: int) -> np.ndarray:
+def _with_restarts(logs: np.ndarray, restarts: int) -> np.ndarray:
     """(1 + restarts, P) logarithms to start from."""
     spread = np.random.default_rng(0).normal(scale=RESTART_SPREAD, size=(restarts, len(logs)))
     return np.concatenate([logs[None], logs + spread])
 
 
 def as_fit(index: dict[str, np.ndarray], optimum: newton.Optimum, scale: np.ndarray | None = None) -> Fit:
-    """Values and errors by name, and what is open.
+    """Values (n,) in N, Nm, rad and s, their relative errors, and what is open.
 
     Args:
         index: of ``tied``.

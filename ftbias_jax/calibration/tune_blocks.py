@@ -16,10 +16,10 @@ import numpy as np
 
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import stack
-from ftbias_jax.calibration.data_noise.values import TIES
 from ftbias_jax.calibration.judgement import STRETCHES
 from ftbias_jax.calibration.newton import Report
-from ftbias_jax.calibration.score import WrenchLogs
+from ftbias_jax.calibration.noise.score import WrenchLogs
+from ftbias_jax.calibration.noise.values import TIES
 from ftbias_jax.calibration.tune import Fit, fit_wrench
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
 from ftbias_jax.filtering import bias_filter

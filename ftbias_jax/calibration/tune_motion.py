@@ -15,9 +15,9 @@ import numpy as np
 
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import stack
-from ftbias_jax.calibration.data_noise.values import VIBRATION, VIBRATION_SPEED, tied
 from ftbias_jax.calibration.newton import Report
-from ftbias_jax.calibration.score import WrenchLogs, own_variance, smoothed_wrenches
+from ftbias_jax.calibration.noise.score import WrenchLogs, own_variance, smoothed_wrenches
+from ftbias_jax.calibration.noise.values import VIBRATION, VIBRATION_SPEED, tied
 from ftbias_jax.calibration.tune import Fit, as_fit, fit_common, stated_noise, with_values
 from ftbias_jax.calibration.tune_blocks import LogInBlocks
 from ftbias_jax.filtering import pipeline

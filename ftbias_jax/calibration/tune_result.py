@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ftbias_jax.calibration.data_noise.values import key_of, setup_from_values
 from ftbias_jax.calibration.judgement import LEAST_LOSS, HeldOut, Predicted
+from ftbias_jax.calibration.noise.values import key_of, setup_from_values
 from ftbias_jax.calibration.tune import Fit
 from ftbias_jax.filtering.verbs.setup_with import setup_with
 from ftbias_jax.model.params import Params, params_from_setup

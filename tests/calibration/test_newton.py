@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.calibration import newton
-from ftbias_jax.calibration.data_noise.words import combination_errors, open_directions
+from ftbias_jax.calibration.noise.words import combination_errors, open_directions
 
 LANES = 4
 WHOLE = [None]  # the data, in one part

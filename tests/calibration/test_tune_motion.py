@@ -11,7 +11,7 @@ import small_archive
 import ftbias_jax as ft
 from ftbias_jax.calibration import tune_motion
 from ftbias_jax.calibration.judgement import HeldOut
-from ftbias_jax.calibration.score import WrenchLogs
+from ftbias_jax.calibration.noise.score import WrenchLogs
 from ftbias_jax.calibration.tune_blocks import LogInBlocks
 from ftbias_jax.calibration.tune_result import TuneResult, is_better
 from ftbias_jax.filtering.noise.log_noise import nothing

@@ -18,7 +18,9 @@ import numpy as np
 
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import stack
-from ftbias_jax.calibration.data_noise.values import (
+from ftbias_jax.calibration.newton import Report
+from ftbias_jax.calibration.noise.score import WrenchLogs, smoothed_wrenches
+from ftbias_jax.calibration.noise.values import (
     KINDS,
     LANES,
     power,
@@ -27,9 +29,7 @@ from ftbias_jax.calibration.data_noise.values import (
     total_variance,
     with_noise,
 )
-from ftbias_jax.calibration.data_noise.words import DeterminedSums, combination_errors, sentences
-from ftbias_jax.calibration.newton import Report
-from ftbias_jax.calibration.score import WrenchLogs, smoothed_wrenches
+from ftbias_jax.calibration.noise.words import DeterminedSums, combination_errors, sentences
 from ftbias_jax.calibration.tune import Fit, as_fit, fit_common, with_values
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
 from ftbias_jax.model.params import Params

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.calibration.data_noise.values import total_variance, with_noise
+from ftbias_jax.calibration.noise.values import total_variance, with_noise
 from ftbias_jax.filtering import bias_filter, pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.likelihood import counted, measured_length, nats_in_pieces
