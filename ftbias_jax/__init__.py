@@ -30,9 +30,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ftbias_jax.calibration.data_noise.values import constrain, unconstrain
     from ftbias_jax.calibration.identify import Identified
     from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
+    from ftbias_jax.calibration.noise.values import constrain, unconstrain
     from ftbias_jax.calibration.tune_result import TuneResult
     from ftbias_jax.calibration.tune_setup import tune
     from ftbias_jax.check.check_setup import check_setup
@@ -119,7 +119,7 @@ __all__ = [
 ]
 
 _MODULES = {
-    "calibration.data_noise.values": "constrain unconstrain",
+    "calibration.noise.values": "constrain unconstrain",
     "calibration.identify": "Identified",
     "calibration.identify_tool": "IdentifyResult identify_tool",
     "calibration.tune_result": "TuneResult",

@@ -13,8 +13,8 @@ sys.path.append(str(Path(__file__).parents[1]))
 from common import PARAMS, keep, rounded
 
 from ftbias_jax.calibration import tune
-from ftbias_jax.calibration.data_noise.fit import Tool, tune_data
-from ftbias_jax.calibration.data_noise.values import JOINT_NAMES, KINDS, WRENCH_NAMES, with_noise
+from ftbias_jax.calibration.noise.fit import Tool, tune_data
+from ftbias_jax.calibration.noise.values import JOINT_NAMES, KINDS, WRENCH_NAMES, with_noise
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.filtering import process_models
 from ftbias_jax.model import simulate

@@ -12,7 +12,7 @@ sys.path.append(str(Path(__file__).parents[1]))
 from common import MOTIONS, PARAMS, keep, rounded, simulate_logs
 
 from ftbias_jax.calibration import tune
-from ftbias_jax.calibration.data_noise.values import JOINT_NAMES
+from ftbias_jax.calibration.noise.values import JOINT_NAMES
 from ftbias_jax.filtering import pipeline, smoother
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan

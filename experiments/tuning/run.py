@@ -14,7 +14,8 @@ from common import PARAMS, keep, rounded
 
 from ftbias_jax.calibration import tune
 from ftbias_jax.calibration.batching import stack
-from ftbias_jax.calibration.data_noise.values import JOINT_NAMES, WRENCH_NAMES
+from ftbias_jax.calibration.noise.score import WrenchLogs
+from ftbias_jax.calibration.noise.values import JOINT_NAMES, WRENCH_NAMES
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.filtering import pipeline, process_models
 from ftbias_jax.filtering.fast import stages
@@ -80,7 +81,7 @@ def filtered_wrench(params, log):
 
 def tune_given(params, log, wrench_tool, joint_variance):
     """The wrench stage alone, for a given wrench of the tool."""
-    whole = tune.WrenchLogs(stack([log]), wrench_tool[None], joint_variance[None])
+    whole = WrenchLogs(stack([log]), wrench_tool[None], joint_variance[None])
     return tune.fit_wrench(params, [(params, whole)], WRENCH_TIES)[1]
 
 

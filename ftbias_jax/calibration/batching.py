@@ -17,9 +17,7 @@ from ftbias_jax.types import Array, Sample
 def stack(logs: Sequence[Sample], length: int = 0) -> Sample:
     """Logs of unequal length as one bundle with a leading log axis, padded by samples that change nothing.
 
-    Args:
-        logs: at least one.
-        length: samples to pad to, if it is more than the longest has.
+    At least one; ``length``: samples to pad to, if it is more than the longest has.
     """
     length = max(length, *(log.dt.shape[0] for log in logs))
 

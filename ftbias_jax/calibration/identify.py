@@ -148,7 +148,7 @@ def _identified(
     stderr = np.sqrt(np.diag(to_sheet @ covariance @ to_sheet.T))
     mass = stated[0] if "mass" in found.kept else values[0]
     units = physical.tool_units(mass, values[[4, 7, 9]].max())
-    open_ = shown.undetermined(honest, units if found.inertia else units[:4])
+    open_ = shown.undetermined(honest.information, units if found.inertia else units[:4])
     remarks = tuple(_remark(name, found, open_) for name in NAMES)
     kept = np.array([remark in (KEPT, NO_BETTER) for remark in remarks])
     values, stderr = np.where(kept, stated, values), np.where(kept, np.nan, stderr)
@@ -174,7 +174,7 @@ def _identified(
         rotation_stderr=rotation_stderr,
         gravity=np.asarray(_moved(params, jnp.asarray(linear.at)).gravity),
         gravity_stderr=gravity_stderr,
-        condition=_condition(linear),
+        condition=shown.condition(linear.information, physical.tool_units(linear.at[0])),
         unexcited=unexcited,
         remarks=remarks,
         bias=np.asarray(params.bias.prior_mean[:6] + elapsed * params.bias.prior_mean[6:]) + linear.bias,
@@ -229,13 +229,6 @@ def _slope_of_gravity(params: Params, z: Array) -> Array:
     """(3, 16)."""
     slope: Array = jax.jacfwd(lambda z: _moved(params, z).gravity)(z)
     return slope
-
-
-def _condition(linear: Linear) -> float:
-    """Condition number of what the motion says about theta by itself, in units of this mass and of size RADIUS."""
-    units = physical.tool_units(linear.at[0])
-    strength = np.linalg.eigvalsh(linear.information[:10, :10] * units[:, None] * units)
-    return float(np.sqrt(strength[-1] / max(strength[0], 1e-12 * strength[-1])))
 
 
 def _cost(linear: Linear) -> float:

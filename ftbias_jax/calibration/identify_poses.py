@@ -10,8 +10,8 @@ import numpy as np
 
 from ftbias_jax.calibration.identify import GRAVITY_STD, KEPT, MOUNTING_STD, PULLED, Identified
 from ftbias_jax.calibration.tool.mounting import likely_rotation
-from ftbias_jax.calibration.tool.physical import FIXED, NAMES, RADIUS, theta_of, tool_units
-from ftbias_jax.calibration.tool.shown import LEAST_KNOWN
+from ftbias_jax.calibration.tool.physical import FIXED, NAMES, theta_of, tool_units
+from ftbias_jax.calibration.tool.shown import condition, undetermined
 from ftbias_jax.calibration.tool.static import Estimate, Problem, estimate, weight_columns
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.model.kinematics.recorded_pose import motion_of
@@ -42,14 +42,7 @@ class PoseReport(NamedTuple):
 def identify_poses(
     setup: Setup, poses: Poses, mounting: bool = False, gravity: bool = False
 ) -> tuple[Identified, PoseReport]:
-    """Fit mass, centre of mass and bias to readings at rest; the inertia stays as stated.
-
-    Args:
-        setup: robot, sensor, and a tool to start from.
-        poses: readings at rest.
-        mounting: also fit the sensor's rotation.
-        gravity: also fit its direction (its size is kept).
-    """
+    """Fit mass, centre of mass and bias to readings at rest, and mounting and gravity if asked; the inertia stays."""
     axes = _rotations(setup, poses)
     down, tool = np.asarray(setup.robot.gravity), setup.tool
     s = -np.einsum("nji,j->ni", axes, down)
@@ -92,8 +85,6 @@ def _identified(setup: Setup, found: Estimate, kept: Array, mounting: bool, grav
     unexcited = [name for name, remark in zip(NAMES, of_weight, strict=False) if remark] + list(NAMES[4:])
     if mounting:
         unexcited += [f"mounting about {x}" for x, e in zip("xyz", turn_std[:3], strict=True) if e > MOUNTING_STD / 2]
-    units = tool_units(found.mass)[:4]
-    strength = np.linalg.eigvalsh(_of_weight(found) * units[:, None] * units)
     return Identified(
         theta=theta_of(values),
         values=values,
@@ -102,7 +93,7 @@ def _identified(setup: Setup, found: Estimate, kept: Array, mounting: bool, grav
         rotation_stderr=turn_std[:3] * mounting,
         gravity=found.gravity,
         gravity_stderr=gravity_std,
-        condition=float(np.sqrt(strength[-1] / max(strength[0], 1e-12 * strength[-1]))),
+        condition=condition(_of_weight(found), tool_units(found.mass)[:4]),
         unexcited=unexcited,
         remarks=(*of_weight, *[KEPT] * 6),
         bias=found.bias,
@@ -115,13 +106,7 @@ def _identified(setup: Setup, found: Estimate, kept: Array, mounting: bool, grav
 
 def _unknown(found: Estimate, alone: bool = False) -> Array:
     """(4,) whether the poses leave mass and centre of mass open; ``alone``: even with the others known."""
-    units = abs(found.mass) * np.array([1.0, RADIUS, RADIUS, RADIUS])
-    information = _of_weight(found) * units[:, None] * units
-    if alone:
-        variance = 1 / np.maximum(np.diag(information), 1e-12)
-    else:
-        variance = np.diag(np.linalg.inv(information + 1e-12 * np.trace(information) * np.eye(4)))
-    return np.asarray(variance > LEAST_KNOWN**2)
+    return np.isin(NAMES[:4], undetermined(_of_weight(found), tool_units(abs(found.mass))[:4], alone))
 
 
 def _of_weight(found: Estimate) -> Array:

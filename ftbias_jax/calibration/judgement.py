@@ -97,13 +97,10 @@ class HeldOut(NamedTuple):
 
 
 def held_out(part: str, nats: Array, seconds: float, total: Total = alone) -> list[HeldOut]:
-    """Scores of tuned setups beside that of the setup before them.
+    """Scores of M tuned setups beside that of the setup before them.
 
-    Args:
-        part: "joint" or "wrench".
-        nats: (1 + M, N) of N stretches of unseen data, with the setup before and with M tuned ones.
-        seconds: that the stretches last together.
-        total: adds up the processes that tune together.
+    nats (1 + M, N) are of N stretches of unseen data, which last so many seconds together; total adds up the
+    processes that tune together.
     """
     gain = nats[1:] - nats[:1]
     variance = gain.shape[1] * gain.var(1, ddof=1)
@@ -122,12 +119,7 @@ def held_out_samples(
 ) -> list[tuple[HeldOut, HeldOut]]:
     """Scores of joints and wrench for each of several tuned sets of parameters, sample by sample.
 
-    Args:
-        before: parameters of each tool, before they were tuned.
-        tuned: sets of parameters of each tool, which have not seen the logs.
-        logs: of each tool.
-        options: of the pipeline.
-        total: adds up the processes that tune together.
+    Before and in each tuned set there are the parameters of each tool, and logs of each, which none has seen.
     """
     parts = [
         (tool, pad(log, params_for_log.padded_length(len(log.dt))), float(log.dt.sum()))
@@ -159,11 +151,7 @@ def judge_predictions(
 ) -> list[tuple[Predicted, ...]]:
     """Errors of each tuned setup and of the one before on the end of every log, for the horizons that fit into it.
 
-    Args:
-        before: the setup that was tuned.
-        after: tuned setups, each of which is compared with that.
-        logs: all of them, of which MOST_LOGS are judged; the filter sees them whole, as a user's would.
-        hold_out: share at the end of each that is judged.
+    Of all logs MOST_LOGS are judged; the filter sees them whole, as a user's would.
     """
     logs = logs[:: -(-len(logs) // MOST_LOGS)]
     totals = {h: np.zeros((len(after), 3, 6)) for h in HORIZONS}
@@ -189,14 +177,9 @@ def judge_predictions(
 
 
 def prediction_errors(result: Filtered | FilterResult, noise: BiasNoise, ahead: float) -> Array:
-    """(T, 6) N, Nm: the reading less what ``FilterResult.forecast`` said earlier; NaN = not predicted.
+    """(T, 6) N, Nm: the reading less what ``FilterResult.forecast`` said so many s earlier; NaN = not predicted.
 
     What touches the tool is not predicted by anything, so samples that were not used do not count.
-
-    Args:
-        result: of a filter.
-        noise: that it took.
-        ahead: s.
     """
     past = np.searchsorted(result.t, result.t - ahead, side="right") - 1
     reading = result.wrench_unbiased - result.bias
@@ -212,12 +195,7 @@ def _of_used(result: Filtered | FilterResult, errors: Array) -> Array:
 
 
 def errors_of_constant_bias(result: Filtered | FilterResult, fitted: Array) -> Array:
-    """(T, 6) N, Nm: the reading less the tool's wrench and one bias, the mean over a part of the log; NaN = no such.
-
-    Args:
-        result: of a filter, for the wrench of the tool and the samples it used.
-        fitted: (T,) the samples of that part.
-    """
+    """(T, 6) N, Nm: the reading less the tool's wrench and one bias, the mean over what was fitted (T,)."""
     error = _of_used(result, result.wrench_unbiased - result.bias - result.wrench_tool)
     counts = np.isfinite(error) & fitted[:, None]
     mean = np.where(counts, error, 0).sum(0) / np.maximum(counts.sum(0), 1)
@@ -225,12 +203,7 @@ def errors_of_constant_bias(result: Filtered | FilterResult, fitted: Array) -> A
 
 
 def what_the_logs_show(noises: Sequence[LogNoise], logs: Sequence[Log]) -> list[str]:
-    """Why logs may not say what their noise is, in words; none if nothing stands out.
-
-    Args:
-        noises: of each log.
-        logs: the logs.
-    """
+    """Why logs may not say what their noise is, in words; none if nothing stands out."""
     words = []
     if any(noise.slow is not None and noise.slow.std.any() for noise in noises):
         words.append("noise that is correlated over time, which white noise and drift cannot describe")

@@ -1,9 +1,10 @@
-"""Maximum likelihood over the noise of many independent filters, some of whose parameters are tied together.
+"""Maximum likelihood over logarithms of noise parameters, by damped Newton iterations.
 
-The likelihood is a sum over lanes (a joint or an axis each), so its Hessian is one small block a lane, which as many
-gradients as a lane has parameters determine; tying is a linear map of the logarithms. All gradients of an iteration run
-side by side in one vmapped call, which costs little more than one of them. The data come in equal parts that are worked
-through one after the other, so that memory is bounded by a part; the first parts alone lead most of the way.
+The likelihood of independent filters is a sum over lanes (a joint or an axis each), so its Hessian is one small block a
+lane, which as many gradients as a lane has parameters determine; tying is a linear map of the logarithms. Parameters
+that reach all filters at once are those of one lane. All gradients of an iteration run side by side in vmapped calls,
+which cost little more than one of them. The data come in equal parts that are worked through one after the other, so
+that memory is bounded by a part; the first parts alone lead most of the way.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ SMALL_GAIN = 1e-3
 """nats; converged when a further step promises less: 0.05 standard errors. That step is taken unseen."""
 SMALL_GAIN_OF_PARTS = 0.1
 """nats; the optimum of a part of the data is some standard errors from that of all, so it need not be exact."""
+HARDLY_A_GAIN = 1e-6
+"""The same where products and sums of parameters matter: at a slope that is left, what is open has a curvature."""
 GROWTH = 16
 UNDETERMINED = 1.0
 """A combination of logarithms with a larger standard error is not determined by the data."""
@@ -45,6 +48,8 @@ THREADS = min(4, os.cpu_count() or 1)
 """Parts that are worked on at the same time: a recursion over time keeps one core busy."""
 DIFFERENCE = 1e-4
 """Of a logarithm, to take the Hessian by differences of gradients."""
+GRADIENTS_AT_ONCE = 16
+"""Side by side; this bounds the memory where a lane has many parameters."""
 
 
 class Optimum(NamedTuple):
@@ -107,41 +112,34 @@ def maximise(
     index: np.ndarray,
     report: Report = quiet,
     total: Total = alone,
+    leading: int = 1,
+    small: float = SMALL_GAIN,
 ) -> Optimum:
     """Damped Newton iterations; needs double precision.
 
     Args:
         score: per-lane log-likelihood of a part, differentiable in the logarithms.
         parts: of the data, pytrees of arrays of the same shapes; the likelihood is the sum over them.
-        starts: (S, P) logarithms to start from; the best of where they lead, by the first part of the data, is pursued.
+        starts: (S, P) logarithms to start from; the best of where they lead, by the first parts of the data, is
+            pursued.
         index: (K, N) which free value each entry of the score's argument is.
         report: called with (iteration, nats).
         total: adds the processes that work together, each on parts of its own (distributed.py); all of them then take
             the same steps, over all their parts from the start.
+        leading: parts that lead the way at first; then 16 times as many, 256 times, and all of them.
+        small: nats that a step may still promise at the end.
     """
-    counts = _growing(len(parts)) if total is alone else [len(parts)]
-    smalls = [SMALL_GAIN_OF_PARTS] * (len(counts) - 1) + [SMALL_GAIN]
+    fewest = leading if total is alone else len(parts)
+    counts = [fewest * GROWTH**i for i in range(len(parts)) if fewest * GROWTH**i < len(parts)] + [len(parts)]
+    smalls = [SMALL_GAIN_OF_PARTS] * (len(counts) - 1) + [small]
     climbs = [_climb(partial(_evaluate, score, parts[: counts[0]], index, total), z, smalls[0], report) for z in starts]
     best = max(climbs, key=lambda climb: _finite(climb.at.value))
     agreeing = sum(climb.at.value > best.at.value - 2 * smalls[0] for climb in climbs)
     for count, small in zip(counts[1:], smalls[1:], strict=True):
         best = _climb(partial(_evaluate, score, parts[:count], index, total), best.beyond, small, report)
-    information = best.at.information
-    return Optimum(
-        best.beyond,
-        standard_errors(information),
-        information,
-        best.at.value,
-        best.iterations,
-        best.converged,
-        len(climbs),
-        agreeing,
-    )
-
-
-def _growing(count: int) -> list[int]:
-    """How many parts lead the way: 1, 16, 256 ... and all of them."""
-    return [GROWTH**i for i in range(count) if GROWTH**i < count] + [count]
+    stderr = standard_errors(best.at.information)
+    reached = best.at.information, best.at.value, best.iterations, best.converged
+    return Optimum(best.beyond, stderr, *reached, len(climbs), agreeing)
 
 
 def for_each(function: Callable[[Any], Any], parts: Sequence[Any]) -> list[Any]:
@@ -164,16 +162,6 @@ def standard_errors(information: np.ndarray) -> np.ndarray:
     variance = (directions[:, known] ** 2 / strength[known]).sum(1)
     touched = (directions[:, ~known] ** 2).sum(1) > 1e-2
     return np.where(touched, np.inf, np.sqrt(variance))
-
-
-def undetermined(information: np.ndarray, names: list[str]) -> list[str]:
-    """Combinations of logarithms that the data leave open by more than a factor e, in words."""
-    strength, directions = np.linalg.eigh(information)
-    phrases = []
-    for direction in directions[:, strength <= UNDETERMINED**-2].T:
-        order = [i for i in np.argsort(-np.abs(direction)) if abs(direction[i]) > 0.2][:4]
-        phrases.append(" * ".join(f"{names[i]}^{direction[i]:+.2f}" for i in order))
-    return phrases
 
 
 def _climb(evaluate: Callable[[np.ndarray], _Point], start: np.ndarray, small: float, report: Report) -> _Climb:
@@ -220,7 +208,11 @@ def _evaluate(score: LaneScore, parts: Sequence[Any], index: np.ndarray, total: 
 @partial(jax.jit, static_argnames="score")
 def _values_and_slopes(score: LaneScore, points: Array, part: Any) -> tuple[Array, Array]:
     """Of (M, K, N) points: nats (M,) and their derivatives (M, K, N)."""
-    return jax.vmap(jax.value_and_grad(lambda x: score(x, part).sum()))(points)
+    one = jax.value_and_grad(lambda x: score(x, part).sum())
+    if len(points) <= GRADIENTS_AT_ONCE:
+        return jax.vmap(one)(points)
+    found: tuple[Array, Array] = jax.lax.map(one, points, batch_size=GRADIENTS_AT_ONCE)
+    return found
 
 
 def _ascent(slope: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, float]:

@@ -8,25 +8,27 @@ up to 58 % too large (experiments/tuning). Parameters are logarithms: they need 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import cut, equal_parts, stack
-from ftbias_jax.calibration.data_noise.values import constrain, with_noise
 from ftbias_jax.calibration.newton import Report
-from ftbias_jax.filtering import pipeline
-from ftbias_jax.filtering.fast import stages
-from ftbias_jax.filtering.likelihood import counted, measured_length, nats_in_pieces
+from ftbias_jax.calibration.noise.score import (
+    WRENCH_BURN_IN,
+    JointScore,
+    WrenchLogs,
+    WrenchScore,
+    rows_of,
+    smoothed_wrenches,
+)
+from ftbias_jax.calibration.noise.values import VIBRATION, tied, with_noise
+from ftbias_jax.calibration.noise.words import labels, open_directions
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
-from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_model
-from ftbias_jax.filtering.smoother import smooth_joints
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
 
@@ -37,14 +39,6 @@ PIECES_AT_ONCE = 4
 SAMPLES_AT_ONCE = 1 << 18
 """Of whole logs side by side. Both bound the memory."""
 RESTART_SPREAD = np.log(10.0)
-TIES: dict[str, Callable[[int], np.ndarray]] = {
-    "one": lambda size: np.zeros(size, int),
-    "pair": lambda size: np.arange(size) * 2 // size,
-    "each": lambda size: np.arange(size),
-}
-"""Which lanes share a value: all, the forces and the torques, or none."""
-JOINT_BURN_IN, WRENCH_BURN_IN = 0.2, 1.0
-"""s that do not count at the start of every piece, and of every log: the prior shows there."""
 
 
 class Fit(NamedTuple):
@@ -57,63 +51,6 @@ class Fit(NamedTuple):
     optimum: newton.Optimum
     determined: tuple[str, ...] = ()
     """Sums that the data do determine where they leave parts of them open, in words."""
-
-
-@dataclass(frozen=True)
-class JointScore:
-    """Log-likelihood of joint measurements, by joint; a newton.LaneScore whose parts are (params, pieces of logs)."""
-
-    names: tuple[str, ...]
-    """Of JOINT_NAMES, in the order of the argument."""
-    model: str
-    burn_in: float
-    """s at the start of every piece that do not count."""
-
-    def __call__(self, logs: Array, part: tuple[Params, Sample]) -> Array:
-        """(K, n) logarithms -> (n,) nats."""
-        params, pieces = part
-        moved, length = constrain(params, dict(zip(self.names, logs, strict=True))), measured_length(pieces)
-
-        def one(samples: Sample) -> Array:
-            inputs = stages.joint_inputs(moved, pipeline.init(params, samples), samples)
-            return nats_in_pieces(JOINT_MODELS[self.model], inputs, counted(samples.dt, self.burn_in), length)
-
-        return jax.vmap(one)(pieces).sum(0)
-
-
-class WrenchLogs(NamedTuple):
-    """What is left of logs for the bias filter, once their joints are smoothed; leading axis of logs."""
-
-    samples: Sample
-    wrench_tool: Array
-    """(L, T, 6) of the smoothed joints."""
-    joint_variance: Array
-    """(L, T, 6) the joints' share of the variance."""
-
-
-@dataclass(frozen=True)
-class WrenchScore:
-    """Log-likelihood of the wrench given joints, by axis; a newton.LaneScore whose parts are (params, WrenchLogs)."""
-
-    names: tuple[str, ...]
-    """Of WRENCH_NAMES, in the order of the argument."""
-    burn_in: float
-    """s at the start of every log that do not count."""
-
-    def __call__(self, logs: Array, part: tuple[Params, WrenchLogs]) -> Array:
-        """(K, 6) logarithms -> (6,) nats."""
-        params, whole = part
-        params = constrain(params, dict(zip(self.names, logs, strict=True)))
-        length = measured_length(whole.samples)
-
-        def one(log: WrenchLogs) -> Array:
-            variance = log.joint_variance + params.bias.wrench_variance[None]
-            start = pipeline.init(params, log.samples)
-            inputs = stages.bias_inputs(params, start, log.samples, log.wrench_tool, variance)
-            weight = counted(log.samples.dt, self.burn_in)
-            return nats_in_pieces(bias_model(inputs.density), inputs, weight, length)
-
-        return jax.vmap(one)(whole).sum(0)
 
 
 def tune_joints(
@@ -144,8 +81,10 @@ def tune_joints(
     longest = max(len(piece.dt) for piece in pieces)
     parts = [(params, stack(part, longest)) for part in equal_parts(pieces, PIECES_AT_ONCE)]
     start = {name: getattr(params.joint, name) for name in ties}
-    fit = _fit(JointScore(tuple(ties), options.joint_model, JOINT_BURN_IN), parts, start, ties, restarts, report, total)
-    return with_noise(params, _arrays(fit, params)), fit
+    index, first = tied(start, ties)
+    score, lanes = JointScore(rows_of(index), options.joint_model), np.array(list(index.values()))
+    fit = as_fit(index, newton.maximise(score, parts, _with_restarts(first, restarts), lanes, report, total))
+    return with_values(params, fit), fit
 
 
 def tune_wrench(
@@ -175,64 +114,79 @@ def tune_wrench(
     longest = max(len(log.dt) for log in logs)
     at_once = max(1, min(PIECES_AT_ONCE, SAMPLES_AT_ONCE // longest))
     samples = [stack(part, longest) for part in equal_parts(list(logs), at_once)]
-    wrenches = newton.for_each(partial(smoothed_wrenches, params, options=options), samples)
-    parts = [(params, WrenchLogs(part, *wrench)) for part, wrench in zip(samples, wrenches, strict=True)]
-    return fit_wrench(params, parts, ties, WRENCH_BURN_IN, restarts, report, total)
+    parts = newton.for_each(partial(smoothed_wrenches, params, options=options), samples)
+    return fit_wrench(params, [(params, part) for part in parts], ties, WRENCH_BURN_IN, restarts, report, total)
 
 
 def fit_wrench(
     params: Params,
     parts: Sequence[tuple[Params, WrenchLogs]],
     ties: dict[str, str],
-    burn_in: float = 1.0,
+    burn_in: float = WRENCH_BURN_IN,
     restarts: int = 0,
     report: Report = newton.quiet,
     total: newton.Total = newton.alone,
 ) -> tuple[Params, Fit]:
     """``tune_wrench`` for joints that are already smoothed, or known; parts have arrays of the same shapes."""
-    everything = {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
-    start = {name: everything[name] for name in ties}
-    fit = _fit(WrenchScore(tuple(ties), burn_in), parts, start, ties, restarts, report, total)
-    return with_noise(params, _arrays(fit, params)), fit
+    index, logs = tied({name: stated_noise(params)[name] for name in ties}, ties)
+    score, lanes = WrenchScore(rows_of(index), burn_in), np.array(list(index.values()))
+    fit = as_fit(index, newton.maximise(score, parts, _with_restarts(logs, restarts), lanes, report, total))
+    return with_values(params, fit), fit
 
 
-@partial(jax.jit, static_argnames="options")
-def smoothed_wrenches(params: Params, logs: Sample, options: Options) -> tuple[Array, Array]:
-    """Of logs with a leading axis: D theta (L, T, 6) N, Nm, of the smoothed joints, and the joints' share of R."""
-
-    def one(samples: Sample) -> tuple[Array, Array]:
-        joints = smooth_joints(params, pipeline.init(params, samples), samples, options)
-        wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
-        return wrench_tool, variance - params.bias.wrench_variance[None]
-
-    return jax.vmap(one)(logs)
-
-
-def _fit(
-    score: newton.LaneScore,
-    parts: Sequence[Any],
-    start: dict[str, Array],
-    ties: dict[str, str],
+def fit_common(
+    parts: Sequence[tuple[Params, WrenchLogs]],
+    index: dict[str, np.ndarray],
+    logs: np.ndarray,
     restarts: int,
     report: Report,
-    total: newton.Total,
-) -> Fit:
-    """Free values are the geometric means of what they tie together."""
-    index: list[np.ndarray] = []
-    logs: list[float] = []
-    names: list[str] = []
-    for name, value in start.items():
-        group = TIES[ties[name]](len(value))
-        index.append(group + len(names))
-        logs += [np.log(np.asarray(value))[group == g].mean() for g in range(group.max() + 1)]
-        names += [f"{name}[{g}]" for g in range(group.max() + 1)]
+) -> newton.Optimum:
+    """The likeliest noise of the wrench where its numbers reach all axes: one lane has them all.
+
+    Args:
+        parts: all of them lead, because those of one tool alone leave much open.
+        index: of ``tied``.
+        logs: (P,) where to start.
+        restarts: as for ``tune_joints``.
+        report: called with (iteration, nats).
+    """
+    score = WrenchScore(tuple((name, tuple(map(int, lanes))) for name, lanes in index.items()))
+    every, starts = np.arange(len(logs))[:, None], _with_restarts(logs, restarts)
+    return newton.maximise(score, parts, starts, every, report, leading=len(parts), small=newton.HARDLY_A_GAIN)
+
+
+def stated_noise(params: Params) -> dict[str, Array]:
+    """(6,) each, of WRENCH_NAMES: N/s^1.5 and Nm/s^1.5, N and Nm."""
+    return {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
+
+
+def _with_restarts(logs: np.ndarray, restarts: int) -> np.ndarray:
+    """(1 + restarts, P) logarithms to start from."""
     spread = np.random.default_rng(0).normal(scale=RESTART_SPREAD, size=(restarts, len(logs)))
-    starts = np.array(logs) + np.concatenate([np.zeros((1, len(logs))), spread])
-    optimum = newton.maximise(score, parts, starts, np.array(index), report, total)
-    values = {name: np.exp(optimum.logs[row]) for name, row in zip(start, index, strict=True)}
-    stderr = {name: optimum.stderr[row] for name, row in zip(start, index, strict=True)}
-    return Fit(values, stderr, newton.undetermined(optimum.information, names), optimum)
+    return np.concatenate([logs[None], logs + spread])
 
 
-def _arrays(fit: Fit, params: Params) -> dict[str, Array]:
-    return {name: jnp.asarray(value, params.theta.dtype) for name, value in fit.values.items()}
+def as_fit(index: dict[str, np.ndarray], optimum: newton.Optimum, scale: np.ndarray | None = None) -> Fit:
+    """Values (n,) in N, Nm, rad and s, their relative errors, and what is open.
+
+    Args:
+        index: of ``tied``.
+        optimum: of its free values.
+        scale: (P,) the data determine a logarithm whose error is less than one over this; None = 1.
+    """
+    scale = np.ones(len(optimum.logs)) if scale is None else scale
+    information = optimum.information / np.outer(scale, scale)
+    names = [word for name, lanes in index.items() for word in labels(name, lanes)]
+    values, errors = np.append(np.exp(optimum.logs), 0), np.append(newton.standard_errors(information) / scale, 0)
+    shape = {name: (-1, 6) if name == VIBRATION else (-1,) for name in index}
+    return Fit(
+        {name: values[lanes].reshape(shape[name]) for name, lanes in index.items()},
+        {name: errors[lanes].reshape(shape[name]) for name, lanes in index.items()},
+        open_directions(information, names),
+        optimum,
+    )
+
+
+def with_values(params: Params, fit: Fit) -> Params:
+    """Parameters with the noise of a fit."""
+    return with_noise(params, {name: jnp.asarray(value, params.theta.dtype) for name, value in fit.values.items()})

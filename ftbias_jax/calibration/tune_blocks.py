@@ -18,7 +18,9 @@ from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.judgement import STRETCHES
 from ftbias_jax.calibration.newton import Report
-from ftbias_jax.calibration.tune import TIES, Fit, WrenchLogs, fit_wrench
+from ftbias_jax.calibration.noise.score import WrenchLogs
+from ftbias_jax.calibration.noise.values import TIES
+from ftbias_jax.calibration.tune import Fit, fit_wrench
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.method.look import look_at
@@ -90,15 +92,12 @@ def tune_in_blocks(
     params = params._replace(bias=bias)
     if "density" not in wanted:
         return params, {}
-    samples = [_as_samples(log, sensor, params) for log in logs]
-    longest = max(len(sample.dt) for sample, _ in samples)
+    series = [_as_series(log, sensor, params) for log in logs]
+    longest = max(len(each.t) for each in series)
     # The variance of a block's mean stands where the joints' share does; the sensor's own is in it.
     silent = params._replace(bias=bias._replace(wrench_variance=jnp.zeros_like(bias.wrench_variance)))
-    parts = [
-        (silent, WrenchLogs(stack([sample], longest), *_stacked(variance, longest))) for sample, variance in samples
-    ]
+    parts = [(silent, _as_log(each, params, longest)) for each in series]
     tuned, fit = fit_wrench(silent, parts, {"density": tie}, burn_in=0.0, report=report)
-    series = [_as_series(log, sensor, params) for log in logs]
     never = np.full(6, np.inf)
     given = Drift(np.asarray(bias.density, float), never if bias.drift_time is None else np.asarray(bias.drift_time))
     drift = choose_drift(series, (std, time), given, np.asarray(tuned.bias.density, float), TIES[tie](6))
@@ -108,19 +107,11 @@ def tune_in_blocks(
 
 
 def held_out_blocks(before: Params, tuned: Sequence[Params], logs: Sequence[LogInBlocks], share: float) -> Array:
-    """Log-likelihood of the means of unseen blocks, each given those before it, and of the scatter within them.
+    """(1 + len(tuned), N) nats of stretches of unseen blocks, each given those before, and of the scatter within them.
 
     Sample by sample slow errors would have no model, and the score would say nothing. The means score bias and slow
-    errors; the scatter scores the noise of samples, at rest and in motion.
-
-    Args:
-        before: of the setup that was tuned, and of ``logs``.
-        tuned: to be compared with it.
-        logs: whole, of ``look_at_each``.
-        share: of each log, after which blocks are unseen.
-
-    Returns:
-        (1 + len(tuned), N) nats of each stretch of the logs, the setup before the tuned ones.
+    errors; the scatter scores the noise of samples, at rest and in motion. The setup before, whose blocks these are,
+    comes first; blocks are unseen after the given share of each log.
     """
     return np.array(
         [np.concatenate([_unseen_nats(before, params, log, share) for log in logs]) for params in (before, *tuned)]
@@ -201,18 +192,12 @@ def _as_series(log: LogInBlocks, sensor: Array, params: Params) -> Series:
     return Series(t, y, variance, np.asarray(prior_with(params.bias, noise.offset)))
 
 
-def _as_samples(log: LogInBlocks, sensor: Array, params: Params) -> tuple[Sample, Array]:
-    """The blocks of a log as samples of a log, and the variance (N, 6) of their means."""
-    t, deviations, variance, _ = _as_series(log, sensor, params)
-    y = deviations + expected(t, params.bias)
-    n, dtype = params.joint.process_density.shape[0], params.theta.dtype
-    still = np.zeros((len(t), n))
-    dt = np.diff(t, prepend=t[0])
-    sample = Sample(*(np.asarray(x, dtype) for x in (dt, still, still, -y)))
-    return sample, np.where(np.isfinite(variance), variance, 1.0)
-
-
-def _stacked(variance: Array, length: int) -> tuple[Array, Array]:
-    """Leading axis of one log: a wrench of the tool of zero, and the variance, padded."""
-    padded = np.pad(variance, [(0, length - len(variance)), (0, 0)], mode="edge")
-    return jnp.zeros((1, length, 6), variance.dtype), jnp.asarray(padded[None])
+def _as_log(series: Series, params: Params, length: int) -> WrenchLogs:
+    """The blocks of a log, padded, as samples of a log at rest without a tool; leading axis of one log."""
+    t, deviations, variance, _ = series
+    dtype, still = params.theta.dtype, np.zeros((len(t), params.joint.process_density.shape[0]))
+    columns = np.diff(t, prepend=t[0]), still, still, -deviations - expected(t, params.bias)
+    sample = stack([Sample(*(np.asarray(x, dtype) for x in columns))], length)
+    known = np.where(np.isfinite(variance), variance, 1.0)
+    padded = np.pad(known, [(0, length - len(t)), (0, 0)], mode="edge")[None]
+    return WrenchLogs(sample, jnp.zeros((1, length, 6), variance.dtype), jnp.asarray(padded))

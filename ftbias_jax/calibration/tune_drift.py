@@ -62,14 +62,10 @@ class Scores(NamedTuple):
 def choose_drift(
     logs: Sequence[Series], slow: tuple[Array, Array], stated: Drift, fitted: Array, group: Array
 ) -> Drift:
-    """The likeliest drift of those that forecast no worse than the stated one, over all horizons; else the stated one.
+    """The likeliest drift of those that forecast no worse than the stated one, over all horizons; else that.
 
-    Args:
-        logs: in blocks.
-        slow: standard deviation and time, (6,) each, of the correlated noise.
-        stated: what the setup has.
-        fitted: (6,) sigma_Q of a fit, without reverting.
-        group: (6,) number of the group of each axis; axes of one group are decided together.
+    ``slow`` is standard deviation and time, (6,) each, of the correlated noise; ``fitted`` (6,) is sigma_Q of a fit
+    without reverting; axes with the same number of ``group`` (6,) are decided together.
     """
     longest = max(log.t[-1] - log.t[0] for log in logs)
     times = [time for time in TIMES if np.isinf(time) or time <= longest / 2]
@@ -89,13 +85,7 @@ def choose_drift(
 
 
 def score(logs: Sequence[Series], slow: tuple[Array, Array], drifts: Drift) -> Scores:
-    """Likelihood and forecasts of many drifts.
-
-    Args:
-        logs: in blocks.
-        slow: as for ``choose_drift``.
-        drifts: arrays (G, 6).
-    """
+    """Likelihood and forecasts of G drifts, arrays (G, 6), with the correlated noise of ``choose_drift``."""
     shape = drifts.density.shape
     grid = Grid(np.ones(shape), *(np.broadcast_to(x, shape) for x in slow))
     nats, squares, counts = np.zeros(shape), np.zeros((len(HORIZONS), *shape)), np.zeros((len(HORIZONS), 1, 6))

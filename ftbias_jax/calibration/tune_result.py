@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ftbias_jax.calibration.data_noise.values import setup_from_values
 from ftbias_jax.calibration.judgement import LEAST_LOSS, HeldOut, Predicted
+from ftbias_jax.calibration.noise.values import key_of, setup_from_values
 from ftbias_jax.calibration.tune import Fit
-from ftbias_jax.calibration.tune_motion import NAME as VIBRATION
 from ftbias_jax.filtering.verbs.setup_with import setup_with
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.setup.types import Setup
@@ -96,13 +95,7 @@ def _correlated(setup: Setup) -> list[str]:
 
 
 def reasons_against(scores: Sequence[HeldOut], predicted: Sequence[Predicted], shown: Sequence[str]) -> tuple[str, ...]:
-    """Why a tuned setup should not be used, with what the logs show instead; () if it is no worse than before.
-
-    Args:
-        scores: of unseen data, before and after.
-        predicted: errors of predicting it, before and after.
-        shown: what in the logs may mislead a fit.
-    """
+    """Why a tuned setup should not be used, with what the logs show instead; () if it is no worse than before."""
     reasons = [
         f"the score of unseen {score.part} data falls by {score.before - score.after:.3g} nats/s"
         for score in scores
@@ -171,20 +164,10 @@ def _where_known(relative_stderr: Array | None, found: Array, given: Array) -> A
 
 def comments_of(fits: dict[str, Fit]) -> dict[str, str]:
     """Relative standard errors, for the lines of a setup."""
-    keys = {
-        "process_density": "joints.process_noise_density",
-        "position_std": "joints.position_noise_std",
-        "velocity_std": "joints.velocity_noise_std",
-        "density": "bias.noise_density",
-        "wrench_std": "sensor.noise_std",
-        VIBRATION: f"effects.{VIBRATION}.variance",
-        f"{VIBRATION}_speed": f"effects.{VIBRATION}.speed",
-    }
     comments = {
-        keys.get(name, f"data_noise.{name}"): "tuned, relative standard errors "
-        + " ".join(f"{x:.1g}" for x in errors.ravel())
+        key_of(name): "tuned, relative standard errors " + " ".join(f"{x:.1g}" for x in errors.ravel())
         for fit in fits.values()
         for name, errors in fit.relative_stderr.items()
     }
-    density = keys["process_density"]
+    density = key_of("process_density")
     return {key: words + ("; ftbias filter multiplies it" if key == density else "") for key, words in comments.items()}

@@ -11,8 +11,6 @@ import jax
 import numpy as np
 
 from ftbias_jax.calibration import newton
-from ftbias_jax.calibration.data_noise.fit import Tool, tune_data
-from ftbias_jax.calibration.data_noise.values import JOINT_NAMES, KINDS, values_from_setup
 from ftbias_jax.calibration.judgement import (
     HeldOut,
     Predicted,
@@ -21,7 +19,9 @@ from ftbias_jax.calibration.judgement import (
     judge_predictions,
     what_the_logs_show,
 )
-from ftbias_jax.calibration.tune import TIES, Fit, tune_joints, tune_wrench
+from ftbias_jax.calibration.noise.fit import Tool, tune_data
+from ftbias_jax.calibration.noise.values import JOINT_NAMES, KINDS, TIES, values_from_setup
+from ftbias_jax.calibration.tune import Fit, tune_joints, tune_wrench
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, held_out_blocks, is_correlated, look_at_each, tune_in_blocks
 from ftbias_jax.calibration.tune_motion import shown_vibration, tune_motion
 from ftbias_jax.calibration.tune_result import (

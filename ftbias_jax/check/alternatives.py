@@ -3,31 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from ftbias_jax.check.motion import arm_motion
 from ftbias_jax.check.mounts import LEAST_TURN, OTHER_REPORT, mount_in_degrees, mounts
-from ftbias_jax.check.regression import Tool, without_bias
+from ftbias_jax.check.regression import Tool, stated_tool, without_bias
 from ftbias_jax.check.state import Alternative, State
 
-G = 9.80665
+G, LBF, LBF_IN = 9.80665, 4.4482216, 8.8507458
+"""N in a kilogram-force, N in a pound-force, and pound-force inches in 1 Nm."""
 UNITS = {
-    "kilogram-force": (1 / G, "multiply force and torque by 9.80665"),
-    "pound-force": (1 / 4.4482216, "multiply force and torque by 4.44822"),
-    "gram-force": (1e3 / G, "multiply force and torque by 0.00980665"),
-    "millinewton": (1e3, "divide force and torque by 1000"),
+    "kilogram-force": (1 / G, 1 / G, "multiply force and torque by 9.80665"),
+    "pound-force": (1 / LBF, 1 / LBF, "multiply force and torque by 4.44822"),
+    "gram-force": (1e3 / G, 1e3 / G, "multiply force and torque by 0.00980665"),
+    "millinewton": (1e3, 1e3, "divide force and torque by 1000"),
+    "kgf and kgf cm": (1 / G, 100 / G, "multiply force by 9.80665 and torque by 0.0980665"),
+    "lbf and lbf in": (1 / LBF, LBF_IN, "multiply force by 4.44822 and torque by 0.112985"),
+    "Nmm": (1.0, 1e3, "divide the torque by 1000"),
+    "Ncm": (1.0, 1e2, "divide the torque by 100"),
+    "mNm": (1.0, 1e3, "divide the torque by 1000"),
+    "kgf m": (1.0, 1 / G, "multiply the torque by 9.80665"),
+    "lbf in": (1.0, LBF_IN, "multiply the torque by 0.112985"),
+    "lbf ft": (1.0, 0.7375621, "multiply the torque by 1.35582"),
+    "N and newtons of another unit of torque": (1e3, 1e6, "divide force by 1000 and torque by a million"),
 }
-"""Unit of force -> how many of it are one newton, and what to do; the torque is in the same unit times a metre."""
-TORQUE_UNITS = {
-    "Nmm": (1e3, "divide the torque by 1000"),
-    "Ncm": (1e2, "divide the torque by 100"),
-    "mNm": (1e3, "divide the torque by 1000"),
-    "kgf m": (1 / G, "multiply the torque by 9.80665"),
-    "lbf in": (8.8507458, "multiply the torque by 0.112985"),
-    "lbf ft": (0.7375621, "multiply the torque by 1.35582"),
-}
+"""Units -> how many of them are 1 N and 1 Nm, and what to do."""
 LEAST_DEGREES = 7.0
 """A joint that never turns this far, in whatever it is, is not in degrees."""
 
@@ -58,12 +61,7 @@ def _sign(state: State) -> Alternative:
 
 
 def _wrench_units(state: State) -> Iterator[Alternative]:
-    pairs = [(name, (scale, scale), words) for name, (scale, words) in UNITS.items()]
-    pairs += [("kgf and kgf cm", (1 / G, 100 / G), "multiply force by 9.80665 and torque by 0.0980665")]
-    pairs += [("lbf and lbf in", (1 / 4.4482216, 8.8507458), "multiply force by 4.44822 and torque by 0.112985")]
-    pairs += [(name, (1.0, scale), words) for name, (scale, words) in TORQUE_UNITS.items()]
-    pairs += [("N and newtons of another unit of torque", (1e3, 1e6), "divide force by 1000 and torque by a million")]
-    for name, scales, words in pairs:
+    for name, (*scales, words) in UNITS.items():
         yield Alternative(
             "wrench_units",
             f"the wrench is in {name} instead of N and Nm: {words} before filtering",
@@ -82,19 +80,16 @@ def _tool_units(state: State) -> Iterator[Alternative]:
         (1e-3, 1e-3, "tool.mass is in g and tool.center_of_mass in mm"),
         (1.0, 1e-2, "tool.center_of_mass is in cm"),
     ):
-        center = tool.center_of_mass * length
-        m = tool.mass * mass
-        theta = np.concatenate([[m], m * center, np.zeros(6)])
-        size = np.linalg.norm(center)
-        moment, inertia = m * (0.04 + 0.5 * size), m * (0.1 + size) ** 2
-        reach = np.concatenate([[0.25 * m], np.full(3, moment), np.full(6, inertia)])
+        center, m = tool.center_of_mass * length, tool.mass * mass
+        other = stated_tool(replace(tool, mass=m, center_of_mass=center, inertia=np.zeros(6)))
+        theta = np.concatenate([other.theta[:4], np.zeros(6)])
         values: dict[str, float | list[float]] = {"tool.mass": m} if mass != 1 else {}
         if length != 1:
             values["tool.center_of_mass"] = [float(f"{x:.6g}") for x in center]
         yield Alternative(
             "tool_units",
             f"{words}: give kg and m (inertia in kg m^2)",
-            state.but(tool=Tool(theta, reach)),
+            state.but(tool=Tool(theta, other.reach)),
             1.5,
             groups=(1,) if mass == 1 else (0,),
             setup=values,
@@ -115,13 +110,7 @@ def _degrees(state: State) -> Iterator[Alternative]:
         motion = arm_motion(
             setup.robot, setup.sensor, *(x * factor * y for x, y in ((bins.q, 1.0), (bins.dq, rate), (bins.ddq, rate)))
         )
-        yield Alternative(
-            "angle_units",
-            words,
-            state.but(motion=motion),
-            2,
-            setup=mend,
-        )
+        yield Alternative("angle_units", words, state.but(motion=motion), 2, setup=mend)
         if not case.moves:
             break
 

@@ -54,9 +54,7 @@ class Bins(NamedTuple):
 def bins_of(log: Log | Poses, setup: Setup) -> Bins:
     """A log in bins that have both motion and wrench; of static poses each is a bin, whenever it was recorded.
 
-    Args:
-        log: as ``read_log`` gives it, or a part of one; or static poses.
-        setup: says how well the joints are measured, and whether a pose was recorded instead.
+    The setup says how well the joints are measured, and whether a pose was recorded instead.
     """
     if isinstance(log, Poses):
         rest, number = np.zeros_like(log.q), np.arange(len(log.q), dtype=float)

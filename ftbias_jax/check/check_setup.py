@@ -18,7 +18,6 @@ from ftbias_jax.check.judge import (
     Evidence,
     best_alternatives,
     decisively,
-    evidence_of,
     is_pulled,
     score,
     slightly,
@@ -91,17 +90,14 @@ def require_right(
     """
     refused = {"identify": ("weight", "tool"), "diagnose": ("weight",)}
     if setup.sensor.compensated in refused.get(command, ()):
-        remedy = "record the raw wrench" + (
-            ', or state "tool": inertia then counts as a gap' if command == "diagnose" else ""
-        )
-        message = "the tool's weight is not in the reading"
+        more = ', or state "tool": inertia then counts as a gap' if command == "diagnose" else ""
+        message, remedy = "the tool's weight is not in the reading", f"record the raw wrench{more}"
         raise UsageError(message, file=setup.path, field="sensor.compensated", remedy=remedy)
     logs = list(logs)
     seconds = max((log.t[-1] - log.t[0] for log in logs if isinstance(log, Log)), default=np.inf)
     if command == "diagnose" and seconds < FEWEST * WIDTH:
-        message = f"lasts {seconds:.3g} s: too short to tell a gap from the bias"
         remedy = f"record more than {FEWEST * WIDTH:.2g} s; 20 s of motion show most"
-        raise LogError(message, field="t", remedy=remedy)
+        raise LogError(f"lasts {seconds:.3g} s: too short to tell a gap from the bias", field="t", remedy=remedy)
     if not unchecked:
         check_setup(setup, logs).require_ok(command, looked_for)
 
@@ -118,7 +114,7 @@ def check_case(case: Case | None, setup: Setup) -> Check:
     checks: list[Check] = []
     trims = [trim for trim in TRIMS if trim == TRIMS[0] or (1 - trim) * len(case.log) >= FEWEST]
     for trim in trims:
-        first = evidence_of(stated(case.trimmed(trim)))
+        first = Evidence(stated(case.trimmed(trim)))
         checks.append(_check(first, tool_is_stated=not setup.tool.unknown))
         if checks[-1].ok and (first.left < BAD).all():
             break
@@ -128,7 +124,7 @@ def check_case(case: Case | None, setup: Setup) -> Check:
     check = next((check for check in checks if not check.ok), checks[0])
     unseen = [{kind.mistake for kind in other.undetermined} for other in checks]
     for trim in trims[len(checks) :] if check.undetermined else ():  # a mistake would have led here, and may show
-        kinds = undetermined(evidence_of(stated(case.trimmed(trim))), tool_is_stated=not setup.tool.unknown)
+        kinds = undetermined(Evidence(stated(case.trimmed(trim))), tool_is_stated=not setup.tool.unknown)
         unseen.append({kind.mistake for kind in kinds})
     never = set.intersection(*unseen)
     return replace(check, undetermined=tuple(kind for kind in check.undetermined if kind.mistake in never))
@@ -158,14 +154,14 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
     if setup.sensor.compensated == "tool":
         state = state.but(tool=no_tool())
     if setup.sensor.compensated != "none":
-        first = evidence_of(state)
+        first = Evidence(state)
         unseen = undetermined(first, tool_is_stated=tool_is_stated)
         return Check(tuple(of_bias(first)), numbers(first, first.result), setup.path, unseen)
     found: list[Mistake] = []
     if setup.pose is not None:
         state, of_pose = _of_pose(first)
         found += of_pose
-    base = evidence_of(state) if found else first
+    base = Evidence(state) if found else first
     absent = tuple(absence(base))
     enough = score(base, base.state.fit(no_tool())) + FAR_BETTER if absent else -np.inf
     for _ in range(MOST_MISTAKES):
@@ -181,7 +177,7 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
         if not best or score(base, best[0][1]) < enough:
             break
         found.append(named(first, best))
-        base, enough = evidence_of(best[0][0].state), -np.inf
+        base, enough = Evidence(best[0][0].state), -np.inf
     found += absent if not found else ()
     if not any(mistake.mistake in ("compensated", "time_offset") for mistake in found):
         found += of_bias(base)
@@ -198,7 +194,7 @@ def _is_right_where_untouched(first: Evidence) -> bool:
     """Whether the tool as stated is better than none where nothing touches it."""
     if untouched(first) is None:
         return False
-    return not findings.worse_than_raw(evidence_of(first.state.but(case=first.state.case.trimmed(UNTOUCHED))))
+    return not findings.worse_than_raw(Evidence(first.state.but(case=first.state.case.trimmed(UNTOUCHED))))
 
 
 def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.check.judge import BETTER, Evidence, noise_of_bins
-from ftbias_jax.check.regression import GROUPS, without_bias
+from ftbias_jax.check.regression import squares, without_bias
 from ftbias_jax.check.result import Check, Mistake
 from ftbias_jax.check.state import Alternative, Result, State
 from ftbias_jax.io.log import Log
@@ -46,10 +46,7 @@ WINDOW, FEWEST = 0.3, 8
 def stamped(check: Check, setup: Setup, logs: Sequence[Log | Poses]) -> Check:
     """The findings with the times of tares to the sample, as stamps of the log, and the key that states them.
 
-    Args:
-        check: of one log, or of several, whose times differ: then it stays as it is. So do static poses.
-        setup: of the log.
-        logs: the log.
+    A check of several logs, whose times differ, stays as it is, and so does that of static poses.
     """
     log = logs[0]
     if len(logs) != 1 or isinstance(log, Poses):
@@ -69,12 +66,7 @@ def _stamped(found: Mistake, setup: Setup, log: Log) -> Mistake:
 
 
 def moment_of_tare(log: Log, t: float) -> float:
-    """When the reading steps the most within a window around t, s: between the last sample before and the first after.
-
-    Args:
-        log: whose wrench is looked at.
-        t: s, relative to the first sample.
-    """
+    """s: where the reading steps the most around t, s, between the last sample before and the first after."""
     rows = np.flatnonzero(np.isfinite(log.wrench).all(1))
     first, last = np.searchsorted(log.t[rows], [t - WINDOW, t + WINDOW])
     middle = np.searchsorted(log.t[rows], t)
@@ -100,9 +92,6 @@ def untouched(base: Evidence) -> Untouched | None:
 
     A mistake holds for all of a log, a contact for a part: where the stated tool turns, and the reading follows it for
     a quarter of the log, signs, frames and force are right, whatever happens in the rest. None: nothing shows it.
-
-    Args:
-        base: the stated setup.
     """
     state = base.state
     if state.swapped:
@@ -110,11 +99,11 @@ def untouched(base: Evidence) -> Untouched | None:
     case = state.case.trimmed(UNTOUCHED)
     steady = (case.log[:, None] == np.unique(case.log)).astype(float)  # what is left may be too short to show a drift
     part = state.but(case=replace(case, layout=case.layout._replace(basis=steady))).fit()
-    rows, tool = part.fit.kept, state.data @ state.tool.theta * np.repeat(state.unit, 3)
+    rows, tool = part.fit.kept, state.of_tool * np.repeat(state.unit, 3)
 
     def size(bins: Array) -> Array:
-        free = without_bias(tool[bins], case.layout._replace(basis=steady[bins]))
-        return np.array([(free[:, group] ** 2).sum(1).mean() for group in GROUPS])
+        mean: Array = squares(without_bias(tool[bins], case.layout._replace(basis=steady[bins]))).mean(0)
+        return mean
 
     found = Untouched(rows, size(rows), part.square)
     least = max((CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * size(np.ones(len(rows), bool))[0])
@@ -122,13 +111,7 @@ def untouched(base: Evidence) -> Untouched | None:
 
 
 def is_feigned(part: Untouched | None, alternative: Alternative, result: Result) -> bool:
-    """Whether an alternative fails where the stated setup is shown to be right: then contact feigns it.
-
-    Args:
-        part: of ``untouched``.
-        alternative: to the setup.
-        result: of the alternative.
-    """
+    """Whether an alternative fails where the stated setup is shown to be right: then contact feigns it."""
     if part is None:
         return False
     left = result.errors[part.rows].mean(0)
@@ -163,7 +146,7 @@ def tares(base: Evidence) -> list[float]:
     noise = case.setup.sensor.noise_std
     if (state.unit != 1).any() or not case.layout.axes.all():
         return []
-    t, reading, tool = case.bins.t, state.wrench, state.data @ state.tool.theta
+    t, reading, tool = case.bins.t, state.wrench, state.of_tool
     if len(t) <= 2 * BESIDE:
         return []
     # Of every bin that has enough of them on both sides: what is beside it (N, 6, BESIDE), and where its log pauses.
@@ -197,7 +180,7 @@ def _returns(state: State, i: int, former: Array, level: Array) -> bool:
     case = state.case
     scale = case.setup.sensor.noise_std
     rows = np.flatnonzero(case.log == case.log[i])
-    off = (state.wrench - state.data @ state.tool.theta - former)[rows] / scale
+    off = (state.wrench - state.of_tool - former)[rows] / scale
     step = (level - former) / scale
     size = np.linalg.norm(step)
     along = off @ step / size**2
@@ -215,7 +198,7 @@ def _stands(state: State, i: int) -> bool:
 def _is_free(state: State, i: int, former: Array, level: Array) -> bool:
     """Whether the levels before and after bin i hold while the arm moves: what rests on a table does not move."""
     case = state.case
-    left = (state.wrench - state.data @ state.tool.theta)[:, :3]
+    left = (state.wrench - state.of_tool)[:, :3]
     most = NEAR * np.linalg.norm((level - former)[:3])
     for rows in (slice(max(0, i - AROUND), i - 1), slice(i + 2, i + 2 + AROUND)):
         near = left[rows][case.log[rows] == case.log[i]]

@@ -10,7 +10,7 @@ import numpy as np
 from ftbias_jax.check.contact import ZERO, zeroed_on_the_way
 from ftbias_jax.check.judge import ABSENT, GOOD, Evidence, Tried, decisively, noise_of_bins, score
 from ftbias_jax.check.mounts import LEAST_TURN
-from ftbias_jax.check.regression import no_tool, without_bias
+from ftbias_jax.check.regression import no_tool, squares, without_bias
 from ftbias_jax.check.result import Mistake
 from ftbias_jax.check.state import Alternative, Result, State, delayed
 from ftbias_jax.setup.rotations import rotation_from_rpy
@@ -47,17 +47,12 @@ class Share(NamedTuple):
 
 
 def share_of_tool(base: Evidence, group: int) -> Share:
-    """Regression of the reading on the stated tool's wrench, with bias and drift free.
-
-    Args:
-        base: the stated model.
-        group: 0 for force, 1 for torque.
-    """
+    """Regression of force (group 0) or torque (1) on that of the stated tool, with bias and drift free."""
     state, layout = base.state, base.state.case.layout
     rows = state.fit(no_tool()).fit.kept
     rows = rows if layout.touched else rows & base.result.fit.kept
     axes = slice(3 * group, 3 * group + 3)
-    tool = without_bias(state.data @ state.tool.theta, layout)[rows, axes]
+    tool = without_bias(state.of_tool, layout)[rows, axes]
     reading = without_bias(state.wrench, layout)[rows, axes]
     blocks = np.unique(layout.block[rows], return_inverse=True)[1]
     above, below = (np.bincount(blocks, (x * tool).sum(1)) for x in (reading, tool))
@@ -70,18 +65,16 @@ def share_of_tool(base: Evidence, group: int) -> Share:
 
 def worse_than_raw(base: Evidence) -> bool:
     """Whether the tool exactly as stated leaves more of force or torque than no tool would."""
-    for group in (0, 1):
-        share = share_of_tool(base, group)
-        if share.clear and base.exact[group] > WORSE * base.raw[group] and share.value + 3 * share.stderr < 0.5:
-            return True
-    return False
+    shares = [share_of_tool(base, group) for group in (0, 1)]
+    absent = [share.clear and share.value + 3 * share.stderr < 0.5 for share in shares]
+    return bool((absent & (base.exact > WORSE * base.raw)).any())
 
 
-def compensated(base: Evidence) -> tuple[str, str, dict[str, str]] | None:
-    """Mistake, remedy and setup if the tool's weight is not in the reading; None if it is, or if nothing shows it."""
+def absence(base: Evidence) -> Iterator[Mistake]:
+    """The tool's weight is not in the reading; nothing if it is, or if nothing shows it."""
     share = share_of_tool(base, 0)
     if not share.clear or abs(share.value) + 2 * share.stderr > ABSENT or base.left[0] < 1:
-        return None
+        return
     state = base.state
     weightless = state.but(gravity=np.zeros(3))
     if state.specific_force is not None:  # an accelerometer has gravity in it
@@ -90,7 +83,9 @@ def compensated(base: Evidence) -> tuple[str, str, dict[str, str]] | None:
     what = "weight" if moving else "tool"
     words = "the tool's weight is" if moving else "the tool's weight and inertia are"
     remedy = f'{words} not in the reading (the controller subtracts the payload): set sensor.compensated = "{what}"'
-    return "compensated", remedy, {"sensor.compensated": what}
+    rms = {"rms_as_stated": _rms(base.result.square[0]), "rms_if_mended": _rms(base.raw[0])}
+    evidence = {**rms, "share_of_the_weight": float(f"{share.value:.3g}")}
+    yield Mistake("compensated", evidence, remedy, {"sensor.compensated": what})
 
 
 def time_offset(base: Evidence) -> tuple[float, Result] | None:
@@ -102,7 +97,7 @@ def time_offset(base: Evidence) -> tuple[float, Result] | None:
     tool = state.data @ base.result.fit.theta
     layout = state.case.layout
     reading = without_bias(state.wrench, layout)
-    scale = np.repeat([np.sqrt(np.median((reading[:, g] ** 2).sum(1))) + 1e-9 for g in (slice(0, 3), slice(3, 6))], 3)
+    scale = np.repeat(np.sqrt(np.median(squares(reading), 0)) + 1e-9, 3)
 
     def misfit(offset: float) -> float:
         moved = without_bias(delayed(state.case, tool, offset), layout)
@@ -121,35 +116,40 @@ def time_offset(base: Evidence) -> tuple[float, Result] | None:
     return (float(best), result) if decisively(base.result, result, (0,), layout.block) else None
 
 
-def bias_beyond_prior(base: Evidence) -> tuple[str, str, dict[str, object]] | None:
-    """A bias that the setup's prior excludes: by the sensor's raw offset, or because it was zeroed with the tool on."""
+def of_bias(base: Evidence) -> Iterator[Mistake]:
+    """The bias was set to zero on the way, or is not what its prior says: a raw offset, or zero with the tool on."""
+    tared = zeroed_on_the_way(base)
+    if tared is not None:
+        yield tared
+        return
     state = base.state
     setup, bins = state.case.setup, state.case.bins
     if setup.sensor.rezeroed or (state.unit != 1).any():
-        return None
-    tool = state.data @ state.tool.theta
+        return
+    tool = state.of_tool
     axes, std = state.case.layout.axes, setup.bias.initial_std
     near = _near_zero(state, tool)
+    largest = {"largest_reading": float(f"{np.abs(np.median(state.wrench, 0)).max():.5g}")}
     # What touches the sensor as the log begins moves its reading, but not the level of the log.
     level = np.median((tool - state.wrench)[base.result.fit.kept], 0)
     zero = (np.abs(state.case.wrench[0]) < near)[axes].all()
     stays = np.linalg.norm((level - tool[0])[:3]) < np.linalg.norm((tool[0] - setup.bias.initial)[:3]) / 2
     if zero and stays and zero_would_show(state):
         remedy = "the sensor was set to zero with the tool on: set sensor.rezeroed = true"
-        return "rezeroed", remedy, {"sensor.rezeroed": True}
+        yield Mistake("rezeroed", largest, remedy, {"sensor.rezeroed": True}, harmless=True)
+        return
     bias = np.median((tool - state.wrench)[bins.t - bins.t[0] < FIRST], 0)
     off = np.minimum(*(np.abs(x - setup.bias.initial) for x in (bias, level))) - 2 * np.abs(tool).max(0)
     if (off[axes] > FAR * std[axes]).any():
         stated = [float(f"{x:.6g}") for x in bias]
         remedy = f"the reading is offset by {np.abs(bias).max():.4g}: set bias.initial = {stated}"
-        return "raw_offset", remedy, {"bias.initial": stated}
-    return None
+        yield Mistake("raw_offset", largest, remedy, {"bias.initial": stated})
 
 
 def zero_would_show(state: State) -> bool:
     """Whether a first reading of zero is what the setup's prior excludes: the tool's weight is expected beside it."""
     setup, axes = state.case.setup, state.case.layout.axes
-    tool, std = state.data @ state.tool.theta, setup.bias.initial_std
+    tool, std = state.of_tool, setup.bias.initial_std
     near, moved = _near_zero(state, tool), np.abs(tool[1] - tool[0])
     by_chance = np.prod(np.minimum(1, near / std)[axes])
     weight = np.abs(tool[0] - setup.bias.initial)[axes]  # expected to be read, beside zero
@@ -163,12 +163,7 @@ def _near_zero(state: State, tool: Array) -> Array:
 
 
 def named(first: Evidence, tied: Sequence[Tried]) -> Mistake:
-    """The mistake of the first of some alternatives, with those of the others that are not the same again.
-
-    Args:
-        first: of the setup as stated.
-        tied: alternatives that explain the logs equally well, the one to name first.
-    """
+    """The mistake of the first of alternatives that do as well, beside it those of the others that differ from it."""
     different: list[Alternative] = []
     for alternative, _ in tied:
         if not any(_is_same(alternative, other) for other in different):
@@ -193,16 +188,6 @@ def _is_same(one: Alternative, other: Alternative) -> bool:
     return bool(np.trace(R.T @ S) > 1 + 2 * np.cos(LEAST_TURN))
 
 
-def absence(base: Evidence) -> Iterator[Mistake]:
-    """The tool's weight is not in the reading."""
-    absent = compensated(base)
-    if absent is not None:
-        mistake, remedy, setup = absent
-        share = share_of_tool(base, 0).value
-        rms = {"rms_as_stated": _rms(base.result.square[0]), "rms_if_mended": _rms(base.raw[0])}
-        yield Mistake(mistake, {**rms, "share_of_the_weight": float(f"{share:.3g}")}, remedy, setup)
-
-
 def clocks(base: Evidence, first: Evidence, delay: float, result: Result) -> Mistake:
     """The clocks of wrench and motion differ."""
     later, than = ("wrench", "motion") if delay > 0 else ("motion", "wrench")
@@ -210,19 +195,6 @@ def clocks(base: Evidence, first: Evidence, delay: float, result: Result) -> Mis
     states = -1 <= delay <= 2 and base.state.case.setup.pose is None
     setup = {"effects.time_delay.delay": round(delay, 3)} if states else {}
     return Mistake("time_offset", {**numbers(first, result), "offset_s": round(delay, 3)}, remedy, setup)
-
-
-def of_bias(base: Evidence) -> Iterator[Mistake]:
-    """The bias is not what its prior says, or was set to zero on the way."""
-    tared = zeroed_on_the_way(base)
-    if tared is not None:
-        yield tared
-        return
-    beyond = bias_beyond_prior(base)
-    if beyond is not None:
-        mistake, remedy, setup = beyond
-        offset = np.abs(np.median(base.state.wrench, 0)).max()
-        yield Mistake(mistake, {"largest_reading": float(f"{offset:.5g}")}, remedy, setup, mistake == "rezeroed")
 
 
 def numbers(first: Evidence, result: Result) -> dict[str, Any]:

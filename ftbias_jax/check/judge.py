@@ -46,17 +46,31 @@ LEVER = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Of the setup as stated."""
+    """How well the setup as stated explains the reading."""
 
     state: State
-    raw: Array
-    """(2,) variance of the reading without bias and drift, force and torque: N^2, Nm^2."""
-    exact: Array
-    """(2,) with the tool as stated."""
-    result: Result
-    """With a tool near the stated one."""
-    free: Result | None
-    """With any tool that could exist; None if the best one could not."""
+
+    @cached_property
+    def raw(self) -> Array:
+        """(2,) variance of the reading without bias and drift, force and torque: N^2, Nm^2."""
+        variance: Array = self.state.fit(no_tool()).square + 1e-30
+        return variance
+
+    @cached_property
+    def exact(self) -> Array:
+        """(2,) with the tool as stated."""
+        return self.state.fit(exactly(self.state.tool)).square
+
+    @cached_property
+    def result(self) -> Result:
+        """With a tool near the stated one."""
+        return self.state.fit()
+
+    @cached_property
+    def free(self) -> Result | None:
+        """With any tool that could exist; None if the best one could not."""
+        free = self.state.fit(free_tool(self.state.tool))
+        return free if is_possible(free.fit.theta) else None
 
     @property
     def left(self) -> Array:
@@ -70,19 +84,6 @@ class Evidence:
         return self.state.fit_force(pulled=True)
 
 
-def evidence_of(state: State) -> Evidence:
-    """How well a state explains the reading."""
-    raw = state.fit(no_tool()).square + 1e-30
-    free = state.fit(free_tool(state.tool))
-    return Evidence(
-        state,
-        raw,
-        state.fit(exactly(state.tool)).square,
-        state.fit(),
-        free if is_possible(free.fit.theta) else None,
-    )
-
-
 def is_possible(theta: Array) -> bool:
     """Whether a tool of these inertial parameters could exist."""
     return bool(theta[0] > 0 and np.linalg.norm(theta[1:4]) < LEVER * theta[0])
@@ -92,12 +93,7 @@ Tried = tuple[Alternative, Result]
 
 
 def best_alternatives(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]:
-    """The alternatives that are decisively better than the stated model and do equally well, the most common first.
-
-    Args:
-        base: the stated model.
-        alternatives: to it.
-    """
+    """The alternatives that are decisively better than the stated model and do equally well, the most common first."""
     if not (base.left > DOUBTFUL).any() or not shows_anything(base):
         return []
     tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
@@ -111,12 +107,7 @@ def best_alternatives(base: Evidence, alternatives: Iterable[Alternative]) -> li
 
 
 def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]:
-    """The alternatives that are better at all, by more than chance: for what only a mistake can have brought about.
-
-    Args:
-        base: the stated model.
-        alternatives: to it.
-    """
+    """The alternatives that are better at all, by more than chance: for what only a mistake can have brought about."""
     tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
     enough = score(base, base.result) + TIE
     return [(a, r) for a, r in tried if score(base, r) > enough and _is_sure(base, a, r)]
@@ -139,9 +130,6 @@ def is_pulled(base: Evidence) -> bool:
 
     A weight balancer pulls like this: it makes the model worse than nothing, but the setup is right. A tool that is
     stated wrong leaves little with another tool.
-
-    Args:
-        base: the stated model.
     """
     state = base.state
     raw, free, pulled = state.fit_force(no_tool()), state.fit_force(free_tool(state.tool)), base.pulled
@@ -156,14 +144,7 @@ def score(base: Evidence, result: Result) -> float:
 
 
 def decisively(base: Result, better: Result, groups: tuple[int, ...], layout_block: Array) -> bool:
-    """Whether a fit is better than another on blocks held out, by more than chance.
-
-    Args:
-        base: the fit to beat.
-        better: the fit that may be better.
-        groups: 0 for force, 1 for torque.
-        layout_block: (N,) number of each bin's block.
-    """
+    """Whether force (group 0) or torque (1) of a fit is better on blocks (N,) held out, by more than chance."""
     rows, most = base.fit.kept & better.fit.kept, np.full(2, np.inf)
     if rows.sum() < SHARED * better.fit.kept.sum():
         # Each keeps what it explains: all bins count, and what the better fit takes for contact is as bad for both.

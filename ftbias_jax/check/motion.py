@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 
+INERTIA = np.zeros((3, 3, 6))
+"""Entry (i, j) of I is this times Ixx Ixy Ixz Iyy Iyz Izz."""
+INERTIA[[0, 0, 0, 1, 1, 1, 2, 2, 2], [0, 1, 2] * 3, [0, 1, 2, 1, 3, 4, 2, 4, 5]] = 1
+
+
 class SensorMotion(NamedTuple):
     """Of the sensor, over N bins."""
 
@@ -32,12 +37,7 @@ class SensorMotion(NamedTuple):
 def arm_motion(robot: RobotSetup, sensor: SensorSetup, q: Array, dq: Array, ddq: Array) -> SensorMotion:
     """Motion of a sensor on an arm, by the recursion of ``model.kinematics.screws.sensor_motion``.
 
-    Args:
-        robot: the arm.
-        sensor: where it is mounted on the flange.
-        q: (N, n) rad, m.
-        dq: (N, n) rad/s, m/s.
-        ddq: (N, n) rad/s^2, m/s^2.
+    q, dq and ddq are (N, n) in rad and m, and per s and s^2.
     """
     count = len(q)
     R, p = np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
@@ -52,7 +52,7 @@ def arm_motion(robot: RobotSetup, sensor: SensorSetup, q: Array, dq: Array, ddq:
         sin, versine = np.sin(x)[:, None], 2 * np.sin(x / 2)[:, None] ** 2
         turn = np.eye(3) + sin[..., None] * S + versine[..., None] * (S @ S)
         step = x[:, None] * screw[:3] + versine * (S @ screw[:3]) + (x[:, None] - sin) * (S @ S @ screw[:3])
-        p = p + _apply(R, step)
+        p = p + np.einsum("nij,nj->ni", R, step)
         R = R @ turn
     position = p + R @ (robot.flange_translation + robot.flange_rotation @ sensor.translation)
     velocity = v + np.cross(w, position)
@@ -85,7 +85,7 @@ def body_motion(
     dw = rate(ddq) - 2 * (q[:, :4] * dq[:, :4]).sum(1, keepdims=True) / n2 * w
     p, v, a = (x[:, 4:] if x.shape[1] > 4 else np.zeros((len(x), 3)) for x in (q, dq, ddq))
     if in_body:
-        p, v, a = (_apply(R, x) for x in (p, v, a))
+        p, v, a = (np.einsum("nij,nj->ni", R, x) for x in (p, v, a))
         a = a + 2 * np.cross(w, v) + np.cross(dw, p) + np.cross(w, np.cross(w, p))
     arm = R @ lever
     a = a + np.cross(dw, arm) + np.cross(w, np.cross(w, arm))
@@ -95,10 +95,7 @@ def body_motion(
 def data_matrices(motion: SensorMotion, gravity: Array, specific_force: Array | None = None) -> Float[Array, "N 6 10"]:
     """D of every bin, with W = D theta (``model.wrench.tool_wrench.data_matrix``).
 
-    Args:
-        motion: of the sensor.
-        gravity: (3,) m/s^2, base frame.
-        specific_force: (N, 3) m/s^2, sensor frame, where an accelerometer measured it.
+    Gravity is (3,) m/s^2 in the base frame; an accelerometer's specific force (N, 3) m/s^2 has the sensor's axes.
     """
     f = in_sensor(motion, motion.acceleration - gravity) if specific_force is None else specific_force
     w, a = in_sensor(motion, motion.velocity), in_sensor(motion, motion.turning)
@@ -106,22 +103,11 @@ def data_matrices(motion: SensorMotion, gravity: Array, specific_force: Array | 
     D[:, :3, 0] = f
     D[:, :3, 1:4] = skew(w) @ skew(w) + skew(a)
     D[:, 3:, 1:4] = -skew(f)
-    D[:, 3:, 4:] = _of_inertia(a) + skew(w) @ _of_inertia(w)
+    of_inertia = (np.einsum("nj,ijk->nik", x, INERTIA) for x in (a, w))
+    D[:, 3:, 4:] = next(of_inertia) + skew(w) @ next(of_inertia)
     return D
 
 
 def in_sensor(motion: SensorMotion, vectors: Array) -> Float[Array, "N 3"]:
     """Vectors (N, 3) of the base frame, in the sensor's."""
     return np.einsum("nji,nj->ni", motion.rotation, vectors)
-
-
-def _of_inertia(x: Array) -> Array:
-    """(N, 3) -> (N, 3, 6) with I x for I = Ixx Ixy Ixz Iyy Iyz Izz."""
-    zero = np.zeros(len(x))
-    a, b, c = x.T
-    rows = [[a, b, c, zero, zero, zero], [zero, a, zero, b, c, zero], [zero, zero, a, zero, b, c]]
-    return np.stack([np.stack(row, -1) for row in rows], -2)
-
-
-def _apply(R: Array, x: Array) -> Array:
-    return np.einsum("nij,nj->ni", R, x)

@@ -99,7 +99,7 @@ def _turned_freely(state: State) -> Iterator[Alternative]:
 def _overlap(state: State, axes: slice) -> tuple[Array, float]:
     """Sum of (stated tool's wrench) (reading)^T (3, 3) without bias and spikes, and the product of their sizes."""
     layout = state.case.layout
-    tool, reading = (without_bias(x[:, axes], layout) for x in (state.data @ state.tool.theta, state.wrench))
+    tool, reading = (without_bias(x[:, axes], layout) for x in (state.of_tool, state.wrench))
     size = np.linalg.norm(reading, axis=1)
     rows = size < SPIKE * np.median(size) + 1e-12
     return tool[rows].T @ reading[rows], float(np.linalg.norm(tool[rows]) * np.linalg.norm(reading[rows])) + 1e-12

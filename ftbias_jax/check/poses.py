@@ -8,8 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from ftbias_jax.check.motion import body_motion, in_sensor
-from ftbias_jax.check.state import State
+from ftbias_jax.check.motion import in_sensor
+from ftbias_jax.check.state import State, motion_of_pose
 from ftbias_jax.setup.recorded import PoseSetup
 
 Values = dict[str, str | bool]
@@ -76,13 +76,12 @@ def conventions(state: State) -> Iterator[tuple[Convention, State]]:
     reorder = (False, True) if pose.orientation in OTHER else (False,)
     position = (False, True) if pose.linear == "position" else (False,)
     to_other = [1, 2, 3, 0] if pose.orientation == "quaternion_xyzw" else [3, 0, 1, 2]
-    lever = np.zeros(3) if pose.linear == "specific_force" else case.setup.sensor.translation
     for inverse, reordered, in_body in product((False, True), reorder, position):
         entries = [*(to_other if reordered else range(4)), *range(4, case.bins.q.shape[1])]
         signs = np.ones(len(entries))
         signs[1:4] = -1 if inverse else 1
         arrays = (x[:, entries] * signs for x in (case.bins.q, case.bins.dq, case.bins.ddq))
-        motion = body_motion(case.setup.sensor, lever, *arrays, in_body=in_body)
+        motion = motion_of_pose(case.setup, *arrays, in_body=in_body)
         yield Convention(reordered, inverse, in_body), state.but(motion=motion)
 
 

@@ -23,8 +23,6 @@ TRIMS = (0.15, 0.45, 0.6)
 next is tried, because a robot may be touched for most of a log."""
 ROUNDS = 3
 """Fits, each without what the one before it missed most."""
-GROUPS = (slice(0, 3), slice(3, 6))
-"""Force and torque."""
 STEPS = np.logspace(-12, 8, 81)
 """Lagrange multipliers to try, relative to the largest curvature."""
 
@@ -157,13 +155,19 @@ def _concentrated(D: Array, wrench: Array, tool: Tool, layout: Layout, scale: Ar
         for held in halves:
             theta, bias = _solve(D, wrench, tool, layout, kept & ~held, scale)
             left = D[held] @ theta - layout.basis[held] @ bias - wrench[held]
-            errors[held] = np.stack([(left[:, group] ** 2).sum(1) for group in GROUPS], 1)
+            errors[held] = squares(left)
         badness = (errors / scale**2).sum(1)
         best = badness <= np.quantile(badness, 1 - layout.trim)
         if all((best & held).any() for held in halves):  # neither may be without bins to fit
             kept = best
     theta, _ = _solve(D, wrench, tool, layout, kept, scale)
     return Fit(theta, errors, kept)
+
+
+def squares(values: Array) -> Float[Array, "N 2"]:
+    """Squared norms of force and torque (N, 6)."""
+    squared: Array = (values.reshape(-1, 2, 3) ** 2).sum(2)
+    return squared
 
 
 def without_bias(values: Array, layout: Layout) -> Array:
@@ -176,8 +180,7 @@ def without_bias(values: Array, layout: Layout) -> Array:
 
 def _scales(wrench: Array, layout: Layout) -> Float[Array, " 2"]:
     """Typical size of force and torque without their bias, N and Nm: the weights of the two."""
-    free = without_bias(wrench, layout)
-    return np.array([np.sqrt(np.median((free[:, group] ** 2).sum(1))) for group in GROUPS]) + 1e-9
+    return np.sqrt(np.median(squares(without_bias(wrench, layout)), 0)) + 1e-9
 
 
 def _solve(

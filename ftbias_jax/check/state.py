@@ -89,6 +89,12 @@ class State:
         """D (N, 6, 10)."""
         return self._stamped(data_matrices(self.motion, self.gravity, self.specific_force))
 
+    @cached_property
+    def of_tool(self) -> Array:
+        """(N, 6) N, Nm that the nominal tool causes."""
+        wrench: Array = self.data @ self.tool.theta
+        return wrench
+
     def _stamped(self, values: Array) -> Array:
         """Values (N, ...) as late as the wrench."""
         if self.delay:
@@ -196,7 +202,8 @@ def _with_likeliest_tool(case: Case) -> Case:
 def stated(case: Case) -> State:
     """What the setup says."""
     setup, bins = case.setup, case.bins
-    motion, specific_force = motion_as_stated(case), None
+    joints, specific_force = (bins.q, bins.dq, bins.ddq), None
+    motion = arm_motion(setup.robot, setup.sensor, *joints) if setup.pose is None else motion_of_pose(setup, *joints)
     if bins.acceleration is not None:
         specific_force = in_sensor(motion, bins.acceleration - setup.robot.gravity)
     tool, gravity = stated_tool(known_tool(setup)), setup.robot.gravity
@@ -204,20 +211,18 @@ def stated(case: Case) -> State:
     return State(case, motion, gravity, case.wrench, tool, np.ones(2), specific_force=specific_force, delay=delay)
 
 
+def motion_of_pose(setup: Setup, q: Array, dq: Array, ddq: Array, *, in_body: bool = False) -> SensorMotion:
+    """Of a sensor whose pose was recorded; arguments as for ``motion.body_motion``."""
+    assert setup.pose is not None
+    lever = np.zeros(3) if setup.pose.linear == "specific_force" else setup.sensor.translation
+    return body_motion(setup.sensor, lever, q, dq, ddq, in_body=in_body)
+
+
 def known_tool(setup: Setup) -> ToolSetup:
     """The tool with what [effects] say of its mass and centre of mass."""
     mass = setup.effects.get("tool_mass", {}).get("mass", setup.tool.mass)
     center = setup.effects.get("tool_com", {}).get("center_of_mass", setup.tool.center_of_mass)
     return replace(setup.tool, mass=float(mass), center_of_mass=np.asarray(center, float))
-
-
-def motion_as_stated(case: Case) -> SensorMotion:
-    """Of the sensor, by the setup."""
-    setup, bins = case.setup, case.bins
-    if setup.pose is None:
-        return arm_motion(setup.robot, setup.sensor, bins.q, bins.dq, bins.ddq)
-    lever = np.zeros(3) if setup.pose.linear == "specific_force" else setup.sensor.translation
-    return body_motion(setup.sensor, lever, bins.q, bins.dq, bins.ddq)
 
 
 def delayed(case: Case, values: Array, delay: float) -> Array:

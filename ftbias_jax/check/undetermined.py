@@ -15,7 +15,7 @@ from ftbias_jax.check import findings, poses
 from ftbias_jax.check.alternatives import LEAST_DEGREES, G
 from ftbias_jax.check.judge import ABSENT, BAD, BETTER, GOOD, GOOD_TOUCHED, TIE, Evidence, noise_of_bins
 from ftbias_jax.check.motion import data_matrices, in_sensor
-from ftbias_jax.check.regression import BLOCKS, GROUPS, within_reach, without_bias
+from ftbias_jax.check.regression import BLOCKS, squares, within_reach, without_bias
 from ftbias_jax.check.result import Undetermined
 from ftbias_jax.check.state import State, delayed
 from ftbias_jax.types import Array
@@ -73,14 +73,14 @@ class Imagined:
         """Mean squares of force: what the setup leaves of a reading (N, 6), of the reading itself, and the floor."""
         floor = self.floor if floor is None else floor
         free = without_bias(reading, self.state.case.layout)
-        return float(self.left(free)[0] + floor[0]), _squares(free)[0] + floor[0], float(floor[0])
+        return float(self.left(free)[0] + floor[0]), float(squares(free)[:, 0].mean() + floor[0]), float(floor[0])
 
     def left(self, free: Array) -> Array:
         """(2,) mean square of what a tool near the nominal one leaves of a reading (N, 6) without bias."""
-        size = np.repeat(np.sqrt(_squares(free)) + 1e-12, 3)
+        size = np.repeat(np.sqrt(squares(free).mean(0)) + 1e-12, 3)
         X, y = (self.columns / size[:, None]).reshape(-1, 10), (free / size).reshape(-1)
         theta = within_reach(X.T @ X, X.T @ y, self.state.tool)
-        return _squares(free - self.columns @ theta)
+        return squares(free - self.columns @ theta).mean(0)
 
     def is_seen(self, reading: Array, floor: Array | None = None) -> bool:
         """Whether a mistake that makes the sensor read this (N, 6) would be named."""
@@ -101,7 +101,7 @@ def undetermined(base: Evidence, *, tool_is_stated: bool) -> tuple[Undetermined,
     if setup.sensor.compensated != "none":
         names = set(names_for(setup.pose is not None)) - {"raw_offset", "rezeroed", "compensated"}
         return _sorted(dict.fromkeys(names, RAW))
-    columns, wrench = state.data, state.data @ state.tool.theta
+    columns, wrench = state.data, state.of_tool
     left = base.result.square[::-1] if state.swapped else base.result.square
     floor = np.maximum(left / state.unit**2, noise_of_bins(state) ** 2)
     columns = without_bias(columns * state.case.layout.axes[:, None], state.case.layout)
@@ -157,7 +157,7 @@ def _unseen(imagined: Imagined) -> Iterator[tuple[str, str]]:
 def _unseen_weight(imagined: Imagined) -> Iterator[tuple[str, str]]:
     """Those of them that a tool brings about whose wrench does not vary, or is too small."""
     state = imagined.state
-    size, noise = _squares(without_bias(imagined.wrench, state.case.layout)), noise_of_bins(state)
+    size, noise = squares(without_bias(imagined.wrench, state.case.layout)).mean(0), noise_of_bins(state)
     clear = np.sqrt(size) > findings.CLEAR * noise
     # Two standard errors over the blocks of a share that is zero.
     if not clear[0] or 2 * np.sqrt(imagined.floor[0] / size[0] / BLOCKS) > ABSENT:
@@ -180,7 +180,7 @@ def _base_frame_is_seen(imagined: Imagined) -> bool:
     """A weight in the base's axes does not turn: what is looked for is the little that changes."""
     turned = np.einsum("nij,nkj->nki", imagined.state.motion.rotation, imagined.wrench.reshape(-1, 2, 3))
     free = without_bias(turned.reshape(-1, 6), imagined.state.case.layout)
-    raw, stated = _squares(free) + imagined.floor, imagined.left(free) + imagined.floor
+    raw, stated = squares(free).mean(0) + imagined.floor, imagined.left(free) + imagined.floor
     enough = stated[0] > BAD * raw[0] and imagined.floor[0] < BETTER * stated[0]
     return bool(enough and -np.log(imagined.floor / raw).sum() > TIE)
 
@@ -197,11 +197,6 @@ def _unseen_of_pose(imagined: Imagined) -> Iterator[tuple[str, str]]:
     turning = in_sensor(state.motion, state.motion.velocity)
     if state.case.bins.gyroscope is not None and np.sqrt((turning**2).sum(1).mean()) < poses.TURNING:
         yield "gyroscope_units", TURN
-
-
-def _squares(values: Array) -> Array:
-    """(2,) mean squared norm of force and torque, of (N, 6)."""
-    return np.array([(values[:, group] ** 2).sum(1).mean() for group in GROUPS])
 
 
 def _sorted(remedies: dict[str, str]) -> tuple[Undetermined, ...]:

@@ -14,7 +14,7 @@ import pytest
 
 import ftbias_jax
 from ftbias_jax.calibration import tune
-from ftbias_jax.calibration.data_noise.values import JOINT_NAMES
+from ftbias_jax.calibration.noise.values import JOINT_NAMES
 from ftbias_jax.cli.main import build_parser
 from ftbias_jax.types import Sample
 

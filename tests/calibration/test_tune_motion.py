@@ -11,8 +11,8 @@ import small_archive
 import ftbias_jax as ft
 from ftbias_jax.calibration import tune_motion
 from ftbias_jax.calibration.judgement import HeldOut
+from ftbias_jax.calibration.noise.score import WrenchLogs
 from ftbias_jax.calibration.tune_blocks import LogInBlocks
-from ftbias_jax.calibration.tune_motion import MovingLog
 from ftbias_jax.calibration.tune_result import TuneResult, is_better
 from ftbias_jax.filtering.noise.log_noise import nothing
 from ftbias_jax.filtering.noise.vibration import Shares, Vibration
@@ -54,7 +54,7 @@ def moving_log(truth, seed, corner=CORNER):
     wrench = np.sqrt(variance) * rng.normal(size=(COUNT, 6)) - bias
     nothing = np.zeros((COUNT, 6))
     samples = Sample(np.diff(t, prepend=t[:1]), nothing[:, :3], nothing[:, :3], np.asarray(wrench))
-    return MovingLog(samples, nothing, nothing, velocity)
+    return jax.tree.map(lambda x: x[None], WrenchLogs(samples, nothing, nothing, velocity))
 
 
 def shown(factor, speed):

@@ -8,12 +8,13 @@ number for the sensor, the likeliest. Blocks of the log that are left out have t
 
 from __future__ import annotations
 
-import itertools
 from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.calibration.tool.shown import FEWEST_BLOCKS, block_of
+from ftbias_jax.filtering.noise.block_filter import Grid, filter_series
+from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.types import Array
 
 LEVER = np.where(np.arange(6) < 3, 1.0, 0.1)
@@ -31,8 +32,8 @@ STANDARD_ERRORS = 3.0
 WHITE, SLOW, TIMES = 6, 10, 10
 """How many standard deviations of white noise and of slow errors, and correlation times, are tried. Times are up to a
 third of the log: what lasts longer is bias and drift."""
-WIDE = 1e3
-"""Prior of the bias, in the scatter of the readings."""
+WIDE = 30.0
+"""Prior of the bias, in the range of the readings."""
 
 
 class Channels(NamedTuple):
@@ -54,188 +55,134 @@ class Channels(NamedTuple):
         return self.gain > LEAST_GAIN and gain > STANDARD_ERRORS * error
 
 
-class Row(NamedTuple):
-    """Means of one channel over N stretches of time, and what they are regressed on."""
+class Means(NamedTuple):
+    """Means of a log over N stretches of time, in each piece between two zeroings."""
 
     t: Array
     """(N,) s."""
+    piece: Array
+    """(N,) number of zeroings before."""
+    load: Array
+    """(N, 6) N, Nm, without their mean."""
     y: Array
-    """(N,) N or Nm, the measured bias, tool - reading."""
-    columns: Array
-    """(N, P) the bias of every piece between two zeroings, its drift, then the loads of the six channels."""
-    nuisance: Array
-    """(P - 6,) prior standard deviations of bias and drift."""
-    units: Array
-    """(6,) of UNITS."""
-
-    def prior(self, share: float) -> Array:
-        """(P,) standard deviations."""
-        return np.concatenate([self.nuisance, share * self.units])
-
-
-class Noise(NamedTuple):
-    """Of the means of one channel, N or Nm and s."""
-
-    white: float
-    slow: float
-    time: float
+    """(N, 6) N, Nm, the measured bias, tool - reading, without its mean."""
+    prior_std: Array
+    """(2, 6) of bias and drift."""
 
 
 class Posterior(NamedTuple):
-    """What a channel shows, for S of SHARES, K correlation times and G pairs of standard deviations."""
+    """What six channels show, for S of SHARES and G sets of noise, with bias, drift and E integrated out."""
 
-    times: Array
-    """(K,) s."""
-    spreads: Array
-    """(G, 2) N or Nm, of white noise and slow errors."""
     nats: Array
-    """(S, K, G) likelihood with all coefficients integrated out."""
+    """(S, G, 6)."""
     mean: Array
-    """(S, K, G, 6) of the coefficients of the loads."""
+    """(S, G, 6, 6) of the coefficients of the loads, for each channel."""
     variance: Array
-    """(S, K, G, 6)."""
-
-    def likeliest(self, share: int) -> Noise:
-        """The likeliest noise for one of SHARES."""
-        k, g = np.unravel_index(self.nats[share].argmax(), self.nats[share].shape)
-        white, slow = self.spreads[g]
-        return Noise(white, slow, self.times[k])
+    """(S, G, 6, 6)."""
 
 
+@in_float64
 def fit_channels(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: tuple[float, ...]) -> Channels:
-    """Fit M to a log.
+    """Fit M to a log: t (T,) s, load (T, 6) that the setup expects to be read, measured (T, 6) load - reading, N, Nm.
 
-    Args:
-        t: (T,) s.
-        load: (T, 6) N, Nm, what the setup expects the sensor to read without bias.
-        measured: (T, 6) N, Nm, load - reading; NaN = not measured.
-        drift_std: (6,) N/s, Nm/s, prior of the bias's drift.
-        zeroed_at: s, times at which the sensor was set to zero.
+    NaN = not measured. ``drift_std`` (6,) N/s, Nm/s is the prior of the bias's drift; at the times given, s, the sensor
+    was set to zero.
     """
-    rows = _rows(t, load, measured, drift_std, zeroed_at)
-    if not rows:
+    means = _means(t, load, measured, drift_std, zeroed_at)
+    if means is None:
         return Channels(np.eye(6), np.full((6, 6), np.nan), 0.0, (0.0, 0.0))
-    posteriors = [_posterior(row, *_noises(row)) for row in rows]
-    of_share = sum(_log_mean(each.nats, axis=(1, 2)) for each in posteriors)
-    weight = np.exp(of_share - np.logaddexp.reduce(of_share))
+    grid = _noises(means)
+    found = _posterior(means, grid, SHARES)
+    of_noise = _log_mean(found.nats, 1)  # (S, 6)
+    of_share = of_noise.sum(1)
     best = int(of_share.argmax())
-    found = [_averaged(each, weight) for each in posteriors]
-    gains = [
-        _gains_of_blocks(row, each.likeliest(best), SHARES[best]) for row, each in zip(rows, posteriors, strict=True)
-    ]
-    blocks = np.sum(gains, axis=0)
+    weight = np.exp(of_share - np.logaddexp.reduce(of_share))[:, None, None] * np.exp(found.nats - of_noise[:, None])
+    weight = (weight / len(grid.std))[..., None]
+    mean = (weight * found.mean).sum((0, 1))
+    variance = (weight * (found.variance + (found.mean - mean) ** 2)).sum((0, 1))
+    likeliest = found.nats[best].argmax(0)
+    gains = _gains_of_blocks(means, Grid(*(x[None, likeliest, np.arange(6)] for x in grid)), SHARES[best])
     return Channels(
-        matrix=np.eye(6) - np.stack([mean for mean, _ in found]),  # load - reading = bias - E load
-        stderr=np.stack([std for _, std in found]),
-        gain=float(_log_mean(of_share[1:], axis=0) - of_share[0]),
-        held_out=(float(blocks.sum()), float(blocks.std() * np.sqrt(len(blocks)))),
+        matrix=np.eye(6) - mean,  # load - reading = bias - E load
+        stderr=np.sqrt(variance),
+        gain=float(_log_mean(of_share[1:], 0) - of_share[0]),
+        held_out=(float(gains.sum()), float(gains.std() * np.sqrt(len(gains)))),
     )
 
 
-def _log_mean(x: Array, axis: int | tuple[int, ...]) -> Array:
+def _log_mean(x: Array, axis: int) -> Array:
     """Logarithm of the mean of exp(x)."""
     most = x.max(axis=axis, keepdims=True)
     return np.squeeze(most, axis) + np.log(np.exp(x - most).mean(axis=axis))
 
 
-def _averaged(posterior: Posterior, weight: Array) -> tuple[Array, Array]:
-    """Mean (6,) and standard deviation (6,) of a row of -E over all noises, and shares of these weights (S,)."""
-    nats = posterior.nats - _log_mean(posterior.nats, axis=(1, 2))[:, None, None]
-    of_each = (weight[:, None, None] * np.exp(nats) / nats[0].size)[..., None]
-    mean = (of_each * posterior.mean).sum((0, 1, 2))
-    variance = (of_each * (posterior.variance + (posterior.mean - mean) ** 2)).sum((0, 1, 2))
-    return mean, np.sqrt(variance)
-
-
-def _rows(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: tuple[float, ...]) -> list[Row]:
-    """The six channels, reduced to means; none if the log is too short or a channel was not measured."""
+def _means(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: tuple[float, ...]) -> Means | None:
+    """The log, reduced; None if it is too short or a channel was not measured."""
     span = t[-1] - t[0]
     number = int(min(span / MEAN_SECONDS, MOST_MEANS))
     seen = np.isfinite(measured).all(1) & np.isfinite(load).all(1)
     if number < 4 * FEWEST_BLOCKS or not seen.any():
-        return []
+        return None
     piece = np.searchsorted(sorted(zeroed_at), t)
     stretch = np.minimum((t - t[0]) / span * number, number - 1).astype(int)
     joined = (stretch + number * piece)[seen]  # a stretch with a zeroing in it counts as two
     _, index, count = np.unique(joined, return_inverse=True, return_counts=True)
-
-    def means(x: Array) -> Array:
-        return np.stack([np.bincount(index, column) / count for column in x[seen].T], 1)
-
-    middle, w, y = means(t[:, None])[:, 0], means(load), means(measured)
-    of_piece = means(np.eye(len(zeroed_at) + 1)[piece])
     full = 4 * count >= 3 * count.max()  # what the filter rejects tells that its neighbours are no better
-    middle, w, y, of_piece = middle[full], w[full], y[full], of_piece[full]
-    columns = np.concatenate([of_piece, (middle - middle[0])[:, None], w - w.mean(0)], 1)
-    wide = np.ones(of_piece.shape[1]) * WIDE
-    off = y - y.mean(0)
-    return [
-        Row(middle, off[:, i], columns, np.append(wide * max(np.ptp(off[:, i]), 1e-9), drift_std[i]), UNITS[i])
-        for i in range(6)
-    ]
+    columns = np.concatenate([t[:, None], piece[:, None], load, measured], 1)[seen].T
+    means = np.stack([np.bincount(index, column) / count for column in columns], 1)[full]
+    w, y = (x - x.mean(0) for x in (means[:, 2:8], means[:, 8:]))
+    prior_std = np.stack([WIDE * np.maximum(np.ptp(y, axis=0), 1e-9), drift_std])
+    return Means(means[:, 0], means[:, 1].astype(int), w, y, prior_std)
 
 
-def _noises(row: Row) -> tuple[Array, Array]:
-    """Correlation times (K,) s, and standard deviations (G, 2) of white noise and slow errors, to be tried."""
-    left = row.y - row.columns @ np.linalg.lstsq(row.columns, row.y, rcond=None)[0]
-    most, least = max(row.y.std(), 1e-9), max(left.std(), 1e-9) / 10
+def _noises(means: Means) -> Grid:
+    """Standard deviations of white noise and of slow errors, and correlation times, to be tried; (G, 6)."""
+    t, y = means.t, means.y
+    pieces = (means.piece[:, None] == np.unique(means.piece)).astype(float)
+    columns = np.column_stack([pieces, t - t[0], means.load])
+    left = (y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]).std(0)
+    most, least = np.maximum(y.std(0), 1e-9), np.maximum(left, 1e-9) / 10
     white, slow = np.geomspace(least, most, WHITE), np.geomspace(least, 2 * most, SLOW)
-    step, span = float(np.median(np.diff(row.t))), row.t[-1] - row.t[0]
-    return np.geomspace(step, span / 3, TIMES), np.array(list(itertools.product(white, slow)))
+    times: Array = np.geomspace(float(np.median(np.diff(t))), (t[-1] - t[0]) / 3, TIMES)
+    i, j, k = (x.ravel() for x in np.indices((WHITE, SLOW, TIMES)))
+    return Grid(white[i] ** 2, slow[j], np.broadcast_to(times[k, None], (len(k), 6)))
 
 
-def _posterior(row: Row, times: Array, spreads: Array) -> Posterior:
-    """What a channel shows for each of SHARES and the noises tried, with bias and drift integrated out.
+def _posterior(means: Means, grid: Grid, shares: Array, seen: Array | None = None) -> Posterior:
+    """What the channels show by the stretches that are seen (N,), None = all, for standard deviations (S,) of E.
 
-    Args:
-        row: the channel.
-        times: (K,) s, correlation times.
-        spreads: (G, 2) of ``_noises``.
+    The filter of bias and slow errors is linear, so it whitens readings and loads alike, and E is a ridge regression
+    of the one on the others.
     """
-    priors = np.stack([row.prior(share) for share in SHARES])[:, None]  # (S, 1, P)
-    apart = np.abs(row.t[:, None] - row.t)
-    nats, means, variances = [], [], []
-    for time in times:
-        strength, directions = np.linalg.eigh(np.exp(-apart / time))
-        variance = spreads[:, :1] ** 2 + spreads[:, 1:] ** 2 * np.maximum(strength, 0)  # (G, N)
-        y, columns = directions.T @ row.y, directions.T @ row.columns
-        squares, pull = (y**2 / variance).sum(1), (y / variance) @ columns
-        information = np.einsum("gn,np,nq->gpq", 1 / variance, columns, columns, optimize=True)
-        scaled = priors[..., :, None] * information * priors[..., None, :] + np.eye(priors.shape[-1])
-        inverse, push = np.linalg.inv(scaled), priors * pull  # (S, G, P, P), (S, G, P)
-        solved = (inverse @ push[..., None])[..., 0]
-        cost = squares - (push * solved).sum(2) + np.linalg.slogdet(scaled)[1] + np.log(variance).sum(1)
-        nats.append(-cost / 2)
-        means.append((priors * solved)[..., -6:])
-        variances.append((priors**2 * np.diagonal(inverse, axis1=2, axis2=3))[..., -6:])
-    return Posterior(times, spreads, *(np.stack(x, 1) for x in (nats, means, variances)))
+    count = len(grid.std)
+    constant, pull, information = np.zeros((count, 6)), np.zeros((count, 6, 6)), np.zeros((count, 6, 6, 6))
+    for piece in np.unique(means.piece):  # a zeroed sensor has a bias of its own
+        rows = means.piece == piece
+        out = np.zeros(len(means.t), bool) if seen is None else ~seen
+        t, out, variance = means.t[rows], out[rows], np.ones((rows.sum(), 6))
+        white = []
+        for series in (means.y, *means.load.T[:, :, None]):
+            values = np.where(out[:, None], np.nan, np.broadcast_to(series[rows], variance.shape))
+            found = filter_series(t, values, variance, grid, means.prior_std, np.zeros(6))
+            white.append(np.nan_to_num(found.innovation) / np.sqrt(found.variance))
+        y, loads = white[0], np.stack(white[1:], -1)
+        constant += (y**2 + np.log(np.where(out[:, None, None], 1, found.variance))).sum(0)
+        pull += np.einsum("nga,ngap->gap", y, loads)
+        information += np.einsum("ngap,ngaq->gapq", loads, loads)
+    prior = shares[:, None, None, None] * UNITS
+    scaled = prior[..., :, None] * information * prior[..., None, :] + np.eye(6)
+    inverse, push = np.linalg.inv(scaled), prior * pull
+    solved = (inverse @ push[..., None])[..., 0]
+    nats = -(constant - (push * solved).sum(-1) + np.linalg.slogdet(scaled)[1]) / 2
+    return Posterior(nats, prior * solved, prior**2 * np.diagonal(inverse, axis1=-2, axis2=-1))
 
 
-def _nats(row: Row, noise: Noise, share: float) -> float:
-    """Log-likelihood with bias, drift and E integrated out.
-
-    Args:
-        row: the channel.
-        noise: of its means.
-        share: of SHARES; 0 keeps E at 0.
-    """
-    apart, prior = np.abs(row.t[:, None] - row.t), row.prior(share)
-    covariance = noise.slow**2 * np.exp(-apart / noise.time) + noise.white**2 * np.eye(len(row.t))
-    root = np.linalg.cholesky(covariance)
-    white = np.linalg.solve(root, np.column_stack([row.y, row.columns * prior]))
-    y, scaled = white[:, 0], white[:, 1:]
-    information = scaled.T @ scaled + np.eye(len(prior))
-    push = scaled.T @ y
-    squares = y @ y - push @ np.linalg.solve(information, push)
-    return float(-np.log(np.diag(root)).sum() - np.linalg.slogdet(information)[1] / 2 - squares / 2)
-
-
-def _gains_of_blocks(row: Row, noise: Noise, share: float) -> Array:
+def _gains_of_blocks(means: Means, noise: Grid, share: float) -> Array:
     """(B,) nats by which a block is likelier, given all others, than with E = 0."""
-    block = block_of(row.t - row.t[0])
+    block = block_of(means.t - means.t[0])
 
     def gain(seen: Array) -> float:
-        left = row._replace(t=row.t[seen], y=row.y[seen], columns=row.columns[seen])
-        return _nats(left, noise, share) - _nats(left, noise, 0.0)
+        with_gains, without = _posterior(means, noise, np.array([share, 0.0]), seen).nats.sum((1, 2))
+        return float(with_gains - without)
 
     return gain(block >= 0) - np.array([gain(block != k) for k in range(block[-1] + 1)])

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ftbias_jax.check.mounts import ROTATIONS
 from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
@@ -22,30 +22,15 @@ MOST_ROWS = 4000
 """Samples that are looked at, evenly spread."""
 
 
-def axis_rotations() -> Float[Array, "24 3 3"]:
-    """(24, 3, 3) all rotations that turn axes into axes, the identity first."""
-    found = []
-    for order, signs in itertools.product(itertools.permutations(range(3)), itertools.product((1.0, -1.0), repeat=3)):
-        matrix = np.zeros((3, 3))
-        matrix[range(3), order] = signs
-        if np.linalg.det(matrix) > 0:
-            found.append(matrix)
-    return np.stack(found)
-
-
 def likely_rotation(
     columns: Float[Array, "T 6 4"], wrench: Float[Array, "T 6"], t: Float[Array, " T"], std: Float[Array, " 6"]
 ) -> Float[Array, "3 3"]:
     """The axis rotation Q of the sensor, v_stated = Q v_true, from which the search should start.
 
     For each rotation mass, first moment, bias and a steady drift are fitted by least squares to the turned reading, all
-    with one factorisation. Masses that are not surely positive do not count; as stated, those that are negative.
-
-    Args:
-        columns: (T, 6, 4) derivatives of the wrench by mass and first moment, axes of the sensor as stated.
-        wrench: (T, 6) N, Nm, as read; rows with NaN are left out.
-        t: (T,) s.
-        std: (6,) N, Nm, noise of the sensor; its mean over forces and torques weighs them.
+    with one factorisation. Masses that are not surely positive do not count; as stated, those that are negative. The
+    columns are the derivatives of the wrench by mass and first moment, axes of the sensor as stated; rows of the wrench
+    with NaN are left out; the mean noise over forces and torques weighs them.
     """
     rows = np.flatnonzero(np.isfinite(wrench).all(1))
     if not len(rows):
@@ -53,7 +38,7 @@ def likely_rotation(
     rows = rows[np.linspace(0, len(rows) - 1, min(MOST_ROWS, len(rows))).astype(int)]
     weight = 1 / np.repeat([std[:3].mean(), std[3:].mean()], 3)
     time = (t[rows] - t[rows].mean()) / (np.ptp(t[rows]) or 1.0)
-    turns = axis_rotations()
+    turns = np.stack(ROTATIONS)
     turned = np.einsum("kab,tgb->tgak", turns, wrench[rows].reshape(-1, 2, 3)).reshape(len(rows), 6, -1)
     design, target = (
         _without_line(x * weight[:, None], time).reshape(6 * len(rows), -1) for x in (columns[rows], turned)

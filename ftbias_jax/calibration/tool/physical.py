@@ -68,13 +68,7 @@ def total(parts: list[Quadratic]) -> Quadratic:
 
 
 def most_likely(cost: Quadratic, x: np.ndarray, prior: Prior) -> np.ndarray:
-    """Minimum of a quadratic cost and a prior over physically consistent tools, by Levenberg-Marquardt.
-
-    Args:
-        cost: of ``physical(x)``.
-        x: (P,) coordinates to start from.
-        prior: of the coordinates.
-    """
+    """Minimum of a quadratic cost and a prior over physically consistent tools, by Levenberg-Marquardt."""
 
     def penalised(x: np.ndarray) -> float:
         return cost(np.asarray(physical(jnp.asarray(x)))) + float((((x - prior.mean) / prior.std) ** 2).sum() / 2)
@@ -139,12 +133,7 @@ def theta_of(sheet: np.ndarray) -> np.ndarray:
 
 
 def tool_units(mass: float, inertia: float = 0.0) -> np.ndarray:
-    """(10,) of theta: what a tool of this mass in kg and of size RADIUS has at most.
-
-    Args:
-        mass: kg.
-        inertia: kg m^2; of a tool with a larger one, that.
-    """
+    """(10,) of theta: what a tool of this mass, kg, and size RADIUS has at most; or this inertia, kg m^2, if larger."""
     return np.array([mass, *[RADIUS * mass] * 3, *[max(mass * RADIUS**2, inertia)] * 6])
 
 

@@ -61,12 +61,7 @@ def block_of(t: np.ndarray) -> np.ndarray:
 
 
 def in_blocks(linear: Linear, dt: np.ndarray) -> list[Quadratic]:
-    """The cost of a linearised model, block by block of the log.
-
-    Args:
-        linear: the model.
-        dt: (T,) s.
-    """
+    """The cost of a linearised model, block by block of the log; dt (T,) s."""
     block, parts = block_of(np.cumsum(dt)), []
     for k in range(block[-1] + 1):
         columns, residual = linear.columns[:, block == k].reshape(len(linear.at), -1), linear.residual[block == k]
@@ -76,20 +71,14 @@ def in_blocks(linear: Linear, dt: np.ndarray) -> list[Quadratic]:
 
 
 def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> Shown:
-    """Fit the tool to as much as its log determines of it.
-
-    Args:
-        parts: of ``in_blocks``.
-        x: (P,) coordinates to start from.
-        prior: of the coordinates; its mean is what the setup states.
-    """
+    """Fit the tool, from coordinates x (P,), to as much as its log, in blocks, determines of it."""
     cost = total(parts)
     x = most_likely(cost, x, prior)
     dispersion = overdispersion(parts, x, prior)
     tempered = cost.scaled(1 / dispersion)
     x = most_likely(tempered, x, prior)
     units = tool_units(_at(x)[0])
-    kept, poor = undetermined(tempered, units, alone=True), undetermined(tempered, units)
+    kept, poor = (undetermined(tempered.information, units, alone=alone) for alone in (True, False))
     prior = fixed(prior, [COORDINATE[name] for name in kept if name in COORDINATE])
     with_stated = fixed(prior, range(*OF_INERTIA.indices(len(x))))
     free = most_likely(tempered, x, prior)
@@ -109,10 +98,7 @@ def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> Shown:
 def overdispersion(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> float:
     """How many times larger the scores of whole blocks scatter than white noise of the stated size would; 1 or more.
 
-    Args:
-        parts: blocks of the log.
-        x: (P,) coordinates near the optimum.
-        prior: of the coordinates; directions in which the log says less than the prior are left out.
+    Near the optimum x (P,); directions in which the log says less than the prior are left out.
     """
     slope = slope_of_physical(x) * prior.std
     normal = slope.T @ total(parts).information @ slope
@@ -126,22 +112,29 @@ def overdispersion(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> float
     return float(max(1.0, np.mean(scatter / strength[known])))
 
 
-def undetermined(cost: Quadratic, units: np.ndarray, alone: bool = False) -> tuple[str, ...]:
+def undetermined(information: np.ndarray, units: np.ndarray, alone: bool = False) -> tuple[str, ...]:
     """Names of the parameters whose standard error is larger than LEAST_KNOWN of their unit.
 
     Args:
-        cost: of theta (10,), and maybe more, whose information is honest.
+        information: (P, P) of theta (10,), and maybe more, for noise of the size it has.
         units: (10,) of ``tool_units``; or (4,), if the inertia is known.
         alone: as if all other parameters were known: then there is no information of this one at all.
     """
     count = len(units)
-    information = cost.information[:count, :count] * units[:, None] * units
+    information = information[:count, :count] * units[:, None] * units
     if alone:
         variance = 1 / np.maximum(np.diag(information), 1e-12)
     else:
         strength, directions = np.linalg.eigh(information)
         variance = (directions**2 / np.maximum(strength, 1e-12 * strength[-1])).sum(1)
     return tuple(name for name, spread in zip(NAMES, variance, strict=False) if spread > LEAST_KNOWN**2)
+
+
+def condition(information: np.ndarray, units: np.ndarray) -> float:
+    """Condition number of what a log says about theta by itself, in units of this mass and of size RADIUS."""
+    count = len(units)
+    strength = np.linalg.eigvalsh(information[:count, :count] * units[:, None] * units)
+    return float(np.sqrt(strength[-1] / max(strength[0], 1e-12 * strength[-1])))
 
 
 def fixed(prior: Prior, rows: Iterable[int]) -> Prior:

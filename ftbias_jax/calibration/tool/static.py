@@ -80,13 +80,8 @@ def estimate(
 ) -> Estimate:
     """Fit the unknowns, and the noise, in turn, until both stand still.
 
-    Args:
-        problem: readings, weights and prior.
-        mass: kg, where to start, and the prior's mean.
-        first_moment: (3,) kg m, the same.
-        gravity: (3,) m/s^2, base frame, as stated.
-        rotation: (3, 3) sensor axes to start from in those stated; the prior's mean.
-        drifts: whether the bias may drift; with a constant one this is plain least squares.
+    Start, and mean of the prior: mass in kg, first moment (3,) kg m, gravity (3,) m/s^2 in the base frame as stated,
+    and the sensor's axes (3, 3) in those stated. Without drifts the bias is constant: plain least squares.
     """
     start = _Point(mass, np.asarray(first_moment), rotation, np.eye(3), np.zeros(6))
     point, noise, drift = start, np.ones(2), np.zeros(2)

@@ -36,14 +36,10 @@ class SteadyBias(NamedTuple):
     """N, Nm: scatter of the tool's wrench over the poses and motions of the log."""
 
     def std_with_tool(self, values: Array, stderr: Array) -> Array:
-        """(6,) N, Nm: standard deviation of the bias if the tool is not quite known.
+        """(6,) N, Nm: standard deviation of the bias, with that of the tool's values (10,); NaN = kept as stated.
 
         The bias was found with the tool as it is written, so at the poses of this log their errors cancel. At others
         they do not: the next log's may be as far from these as these are from each other.
-
-        Args:
-            values: (10,) mass, centre of mass, inertia.
-            stderr: (10,) of them; NaN = kept as stated.
         """
         known = np.nan_to_num(stderr)
         of_mass = known[0] / values[0] * self.load_std
@@ -59,10 +55,6 @@ def steady_bias(setup: Setup, log: Log) -> SteadyBias:
     That at the end of the log, and the stated drift, if a drift is clearly likelier than none and predicts the readings
     better; a log of less than SHORT hardly shows how a bias moves. Otherwise a constant one, and of the drift only what
     its noise makes of none in the time of a log.
-
-    Args:
-        setup: with the tool of the log.
-        log: of free motion.
     """
     given = replace(setup.bias, adapt=True)
     still = replace(given, noise_density=STEADY * given.noise_density, initial_drift_std=np.zeros(6))

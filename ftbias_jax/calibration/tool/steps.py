@@ -39,9 +39,7 @@ class Step(NamedTuple):
 def find_steps(t: Array, left: Array) -> list[Step]:
     """Steps larger than all other changes within as short a time, whose new level lasts, in the order of time.
 
-    Args:
-        t: (T,) s.
-        left: (T, 6) N, Nm: the reading less what the tool found explains of it; NaN = not measured.
+    They are those of ``left`` (T, 6) N, Nm, the reading less what the tool found explains of it; NaN = not measured.
     """
     rows = np.isfinite(left).all(1)
     t, left = t[rows], left[rows]
@@ -82,12 +80,6 @@ def with_steps(log: Log, steps: Sequence[Step]) -> Log:
 
 
 def is_gained(log: Log, before: float, after: float) -> bool:
-    """Whether innovations are so much smaller with steps that chance does not explain it.
-
-    Args:
-        log: that was fitted.
-        before: size of the innovations without steps, in units of the noise stated.
-        after: with them.
-    """
+    """Whether innovations, in units of the noise stated, are smaller with steps by more than chance explains."""
     nats = np.isfinite(log.wrench).sum() / 2 * (before**2 - after**2) / after**2
     return bool(nats > LEAST_GAIN)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.calibration.tool.mounting import axis_rotations, likely_rotation
+from ftbias_jax.calibration.tool.mounting import likely_rotation
 from ftbias_jax.calibration.tool.static import weight_columns
+from ftbias_jax.check.mounts import ROTATIONS
 
-TURNS = axis_rotations()
+TURNS = np.stack(ROTATIONS)
 STD = np.repeat([0.1, 0.004], 3)
 
 

@@ -1,4 +1,4 @@
-"""The variances that logs do determine, as sums of noise parameters in the words of a setup."""
+"""What logs leave open of the noise, and the sums of variances that they do determine, in the words of a setup."""
 
 from __future__ import annotations
 
@@ -9,30 +9,65 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.calibration.newton import UNDETERMINED
+from ftbias_jax.calibration.noise.values import JOINT_NAMES, VIBRATION, key_of, power
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
 from ftbias_jax.model.wrench.tool_wrench import reduced_observation_matrix
 from ftbias_jax.types import AXES, AXIS_UNITS
 
-_KEYS = {"density": "bias.noise_density", "wrench_std": "sensor.noise_std"}
 _GROUPS = {
     (3, 1): ("",),
     (3, 3): ("[x]", "[y]", "[z]"),
     (6, 1): ("",),
     (6, 2): ("[force]", "[torque]"),
     (6, 6): tuple(f"[{axis}]" for axis in AXES),
-    (36, 36): tuple(f"[{entry}]" for entry in range(36)),
 }
 
 
 def labels(name: str, lanes: np.ndarray) -> list[str]:
-    """Names of the free values of one parameter, as in the setup.
+    """Names of one parameter's free values, as in the setup, by the number (N,) of each of its entries; -1 = none."""
+    count, key = len(np.unique(lanes[lanes >= 0])), key_of(name)
+    if name == VIBRATION:
+        return [f"{key}[joint {i // 6 + 1} {AXES[i % 6]}]" for i in np.flatnonzero(lanes >= 0)]
+    if name in JOINT_NAMES or (len(lanes), count) not in _GROUPS:
+        return [f"{key}[{i}]" for i in range(count)] if count > 1 else [key]
+    return [key + group for group in _GROUPS[len(lanes), count]]
 
-    Args:
-        name: such as ``linear_acceleration``.
-        lanes: (N,) which free value, from 0, each of its numbers has.
-    """
-    return [_KEYS.get(name, f"data_noise.{name}") + group for group in _GROUPS[len(lanes), int(lanes.max()) + 1]]
+
+def combination_errors(information: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(...) standard errors of combinations (..., P) of the logarithms; what is open counts with an error of 1."""
+    strength, directions = np.linalg.eigh(information)
+    error: np.ndarray = np.sqrt(((weights @ directions) ** 2 / np.maximum(strength, UNDETERMINED**-2)).sum(-1))
+    return error
+
+
+def open_directions(information: np.ndarray, names: Sequence[str]) -> list[str]:
+    """What the data leave open by more than a factor e: numbers with what makes up for them; those without, at last."""
+    strength, directions = np.linalg.eigh(information)
+    space = directions[:, strength <= UNDETERMINED**-2]  # (P, d)
+    pivots = _pivots(space)
+    moves = space @ np.linalg.inv(space[pivots]) if pivots else space  # a pivot moves by 1, the other pivots stay
+    together, alone = [], []
+    for pivot, move in zip(pivots, moves.T, strict=True):
+        partners = [name for name, shift in zip(names, move, strict=True) if abs(shift) > 0.01 and name != names[pivot]]
+        if partners:
+            together.append(f"{names[pivot]} only together with {', '.join(partners)}")
+        else:
+            alone.append(names[pivot])
+    return together + ([f"{', '.join(alone)} (not distinguishable from zero)"] if alone else [])
+
+
+def _pivots(space: np.ndarray) -> list[int]:
+    """Coordinates (d of P) that a subspace can set at will: the first ones, but none that it hardly moves."""
+    rest, pivots = space.copy(), []
+    for _ in range(space.shape[1]):
+        moved = (rest**2).sum(1)
+        pivot = int(np.argmax(moved > 0.01 * moved.max()))
+        pivots.append(pivot)
+        row = rest[pivot] / np.linalg.norm(rest[pivot])
+        rest = rest - np.outer(rest @ row, row)
+    return pivots
 
 
 class DeterminedSums(NamedTuple):
@@ -49,10 +84,7 @@ class DeterminedSums(NamedTuple):
 def sentences(tools: Sequence[Params], groups: dict[str, np.ndarray], sums: DeterminedSums) -> tuple[str, ...]:
     """One sentence for each sum that the data determine: what it is made of, and how large it is.
 
-    Args:
-        tools: of the fit.
-        groups: which free value, from 0, each lane of each fitted part of Sigma_D has.
-        sums: of the fit.
+    ``groups`` says which free value, from 0, each lane of each fitted part of Sigma_D has.
     """
     said = []
     if len(sums.force):
@@ -92,10 +124,9 @@ def _terms(params: Params, groups: dict[str, np.ndarray]) -> list[tuple[str, np.
 
     terms = []
     for name, lanes in groups.items():
-        power = 4 if name == "angular_velocity" else 2
         words = _GROUPS[3, int(lanes.max()) + 1]
         alone = [unit(name, lanes == group) for group in range(len(words))]
-        terms += [(f"{name}{word}^{power}", share) for word, share in zip(words, alone, strict=True)]
+        terms += [(f"{name}{word}^{power(name):g}", share) for word, share in zip(words, alone, strict=True)]
         if name == "angular_velocity":  # products of two rates
             terms += [
                 (

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.calibration.data_noise.values import constrain, unconstrain
+from ftbias_jax.calibration.noise.values import constrain, unconstrain
 from ftbias_jax.errors import UsageError
 
 

@@ -7,10 +7,10 @@ import pytest
 
 from ftbias_jax.calibration import tune
 from ftbias_jax.calibration.batching import stack
-from ftbias_jax.calibration.data_noise import fit as data_noise
-from ftbias_jax.calibration.data_noise import values as data_noise_values
-from ftbias_jax.calibration.data_noise.fit import DataScore
-from ftbias_jax.calibration.data_noise.values import KINDS
+from ftbias_jax.calibration.noise import fit as data_noise
+from ftbias_jax.calibration.noise import values as data_noise_values
+from ftbias_jax.calibration.noise.score import WrenchLogs, WrenchScore
+from ftbias_jax.calibration.noise.values import KINDS
 from ftbias_jax.model import simulate
 from ftbias_jax.model.params import BiasNoise, Params
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, tool_parameters
@@ -59,7 +59,7 @@ def parts(tools):
         std = np.sqrt(variance_of(data_noise_values.with_noise(tool, {k: jnp.asarray(v) for k, v in TRUTH.items()})))
         wrench = std * np.random.default_rng(seed).normal(size=(COUNT, 6)) - bias
         log = Sample(dt, nothing[:, :3], nothing[:, :3], np.asarray(wrench))
-        logs.append((tool, tune.WrenchLogs(stack([log]), *2 * [jnp.asarray(nothing)[None]])))
+        logs.append((tool, WrenchLogs(stack([log]), *2 * [jnp.asarray(nothing)[None]])))
     return logs
 
 
@@ -120,11 +120,11 @@ def test_more_numbers_fit_no_worse(tools, parts, from_three):
 
 def test_the_gradient_is_that_of_differences(tools, parts):
     """Through the hand-written reverse pass, entry by entry."""
-    score = DataScore((("entries", tuple(range(36))),), 1.0)
+    score = WrenchScore((("entries", tuple(range(36))),))
     rng = np.random.default_rng(0)
     logs, direction = jnp.asarray(rng.normal(size=36)), jnp.asarray(rng.normal(size=36))
-    slope = jax.jit(jax.grad(score))(logs, parts[2])
-    value = jax.jit(score)
+    value = jax.jit(lambda logs, part: score(logs[:, None], part)[0])
+    slope = jax.jit(jax.grad(value))(logs, parts[2])
     difference = (value(logs + 1e-4 * direction, parts[2]) - value(logs - 1e-4 * direction, parts[2])) / 2e-4
     np.testing.assert_allclose(slope @ direction, difference, rtol=1e-6)
 

@@ -5,7 +5,7 @@ All of it is positive, so every fit moves logarithms (``constrain``), which need
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,12 +25,56 @@ KINDS: dict[str, dict[str, str]] = {
     "entries": {"entries": "each"},
 }
 """What can be fitted of Sigma_D, as names and their ties: four numbers, four for each axis, or every entry."""
+TIES: dict[str, Callable[[int], np.ndarray]] = {
+    "one": lambda size: np.zeros(size, int),
+    "pair": lambda size: np.arange(size) * 2 // size,
+    "each": lambda size: np.arange(size),
+}
+"""Which lanes share a value: all, the forces and the torques, or none."""
+VIBRATION, VIBRATION_SPEED = "vibration", "vibration_speed"
+"""Noise that grows with the motion: weights (n, 6) of the joints' speeds, and the speed (1,) they bend at."""
+_KEYS = {
+    "process_density": "joints.process_noise_density",
+    "position_std": "joints.position_noise_std",
+    "velocity_std": "joints.velocity_noise_std",
+    "density": "bias.noise_density",
+    "wrench_std": "sensor.noise_std",
+    VIBRATION: f"effects.{VIBRATION}.variance",
+    VIBRATION_SPEED: f"effects.{VIBRATION}.speed",
+}
 LANES = dict.fromkeys(DataNoise._fields, 3) | {"entries": 36}
 START_SHARE = {"angular_velocity": 0.01}
 """Of the sensor's variance: what an unstated part of Sigma_D starts at, on the axis where it matters most; others than
 these START_SHARE_OF_OTHERS. Zero has no logarithm, and far below the sensor's noise the likelihood is flat. A rate must
 be off by about 1 rad/s to be noticed: started higher, it would take what belongs to the accelerations."""
 START_SHARE_OF_OTHERS = 0.5
+
+
+def key_of(name: str) -> str:
+    """Where a setup states it."""
+    return _KEYS.get(name, f"data_noise.{name}")
+
+
+def tied(start: Mapping[str, Array], ties: Mapping[str, str]) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Free values that some noise has in common.
+
+    Args:
+        start: name -> values to start from; what is zero has no logarithm and stays.
+        ties: name -> key of TIES.
+
+    Returns:
+        name -> number of the free value that each entry has, -1 = it stays zero; and the logarithms (P,) to start
+        from, of the geometric means of what is tied together.
+    """
+    index, logs = dict[str, np.ndarray](), list[float]()
+    for name, given in start.items():
+        value = np.ravel(np.asarray(given, float))
+        group, number = TIES[ties[name]](len(value)), np.full(len(value), -1)
+        for g in np.unique(group[value > 0]):
+            number[group == g] = len(logs)
+            logs.append(float(np.log(value[group == g]).mean()))
+        index[name] = number
+    return index, np.array(logs)
 
 
 def starting_values(tools: Sequence[Params], ties: dict[str, str], known: dict[str, Array]) -> dict[str, np.ndarray]:
@@ -44,7 +88,7 @@ def starting_values(tools: Sequence[Params], ties: dict[str, str], known: dict[s
 
 
 def with_noise(params: Params, noise: Mapping[str, Array]) -> Params:
-    """Parameters with values for some of JOINT_NAMES and WRENCH_NAMES, and for all of one kind of Sigma_D."""
+    """Parameters with values for some of JOINT_NAMES and WRENCH_NAMES, VIBRATION, and all of one kind of Sigma_D."""
     variance = params.bias.data_variance
     if "entries" in noise:
         variance = noise["entries"] ** 2
@@ -53,6 +97,9 @@ def with_noise(params: Params, noise: Mapping[str, Array]) -> Params:
     bias = params.bias._replace(density=noise.get("density", params.bias.density), data_variance=variance)
     if "wrench_std" in noise:
         bias = bias._replace(wrench_variance=noise["wrench_std"] ** 2)
+    if VIBRATION in noise:
+        speed = noise[VIBRATION_SPEED][0] if VIBRATION_SPEED in noise else None
+        bias = bias._replace(vibration=noise[VIBRATION].reshape(-1, 6), vibration_speed=speed)
     params = params._replace(bias=bias)
     of_joints = {name: noise[name] for name in JOINT_NAMES if name in noise}
     return params._replace(joint=params.joint._replace(**of_joints)) if of_joints else params
@@ -89,22 +136,13 @@ def constrain(params: Params, logs: Mapping[str, Array]) -> Params:
     Raises:
         UsageError: a name that is not one of the noise.
     """
-    known = {*JOINT_NAMES, *WRENCH_NAMES, *LANES}
-    _refuse_unknown(logs, known)
-    return with_noise(params, {name: jnp.exp(value) for name, value in logs.items()})
-
-
-def _refuse_unknown(names: Collection[str], known: set[str]) -> None:
-    if unknown := sorted(set(names) - known):
+    known, parts = {*JOINT_NAMES, *WRENCH_NAMES, *LANES}, set(DataNoise._fields)
+    if unknown := sorted(set(logs) - known):
         raise UsageError(f"there is no noise {unknown[0]!r}", field="logs", remedy=f"one of {', '.join(sorted(known))}")
-    if 0 < len(parts := known & set(DataNoise._fields) & set(names)) < len(DataNoise._fields):
-        missing = ", ".join(name for name in DataNoise._fields if name not in parts)
+    if 0 < len(parts - set(logs)) < len(parts):
+        missing = ", ".join(name for name in DataNoise._fields if name not in logs)
         raise UsageError("[data_noise] has four parts", field="logs", remedy=f"give {missing}, too")
-
-
-def without_data_noise(params: Params) -> Params:
-    """Parameters whose Sigma_D is zero."""
-    return params._replace(bias=params.bias._replace(data_variance=None))
+    return with_noise(params, {name: jnp.exp(value) for name, value in logs.items()})
 
 
 def _noticed(name: str, tools: Sequence[Params]) -> float:

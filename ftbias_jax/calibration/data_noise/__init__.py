@@ -1,1 +1,0 @@
-"""The noise of the data matrix D by the gradient of the likelihood, from logs of one tool or several."""
