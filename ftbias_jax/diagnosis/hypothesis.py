@@ -8,7 +8,6 @@ import jax
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.coordinates import can_move, to_coordinates
 from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
 from ftbias_jax.model.effects.types import Effect
@@ -64,7 +63,7 @@ class Hypothesis(NamedTuple):
 
     effect: str
     free: tuple[int, ...] = ()
-    """Coordinates of ``chain_model.blocks`` that are fitted."""
+    """Coordinates of ``Problem.layout`` that are fitted."""
     start: tuple[float, ...] = ()
     """Their values."""
     fixed: tuple[tuple[int, float], ...] = ()
@@ -77,6 +76,14 @@ class Hypothesis(NamedTuple):
     """Whether it acts for a short time only."""
     group: int = 0
     """Of the starting points of one effect, the best one of every group is fitted."""
+
+    def begin(self, z: np.ndarray) -> np.ndarray:
+        """Coordinates (P,) with those of this hypothesis where it starts."""
+        z = z.copy()
+        z[list(self.free)] = self.start
+        for place, value in self.fixed:
+            z[place] = value
+        return z
 
 
 def penalty(h: Hypothesis) -> float:
@@ -91,7 +98,7 @@ def at_zero(effect: str, free: np.ndarray | list[int]) -> Hypothesis:
 
 def movable(problem: Problem, effect: Effect) -> list[int]:
     """Coordinates of an effect that are fitted: not those of numbers that its entry gives no scale."""
-    places = chain_model.slices(problem.joints, problem.catalogue)
+    places = problem.layout.slices
     found: list[int] = []
     for parameter in effect.parameters:
         if (effect.name, parameter.name) in places:
@@ -102,7 +109,7 @@ def movable(problem: Problem, effect: Effect) -> list[int]:
 
 def places_of(problem: Problem, effect: Effect, **values: np.ndarray | float) -> dict[int, float]:
     """Coordinates of an effect's parameters at these values: place -> coordinate."""
-    places = chain_model.slices(problem.joints, problem.catalogue)
+    places = problem.layout.slices
     found: dict[int, float] = {}
     for name, value in values.items():
         at = to_coordinates(effect, effect.parameter(name), neutral_of(problem, effect, name), value)

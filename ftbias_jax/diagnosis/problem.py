@@ -10,6 +10,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.recorded import recorded_in
 from ftbias_jax.diagnosis.regression.chain_model import nominal_motion
+from ftbias_jax.diagnosis.regression.coordinates import Layout, layout
 from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
 from ftbias_jax.diagnosis.samples.bins import bins_of, fill_up, mean_of_bins, sum_of_bins
 from ftbias_jax.diagnosis.samples.read import inspect_samples
@@ -95,6 +96,11 @@ class Problem(NamedTuple):
     def joints(self) -> int:
         """Number of the robot's joints."""
         return int(self.parts[0].signals.q.shape[1])
+
+    @property
+    def layout(self) -> Layout:
+        """Where the coordinates of effects are."""
+        return layout(self.joints, self.catalogue)
 
     def block(self, seconds: float) -> np.ndarray:
         """(U,) numbers 0, 1, ... of pieces of so many seconds; none reaches over two logs."""

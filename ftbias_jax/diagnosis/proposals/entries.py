@@ -10,7 +10,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.design_matrix import change, information, lay_out, products, scores
+from ftbias_jax.diagnosis.regression.design_matrix import change, information, products, scores
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, CLOSE, ENTRY_STD, LIKE_A_ROTATION, PRIOR_STD
@@ -38,7 +38,7 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndar
     rows = [free.index(i) for i in entries]
     precision = information(columns).matrix()
     precision[rows, rows] += ENTRY_STD**-2 - PRIOR_STD**-2
-    pull = products(lay_out(columns), found.error[None])[0]
+    pull = products(columns, found.error[None])[0]
     pull[rows] += found.z[entries] / ENTRY_STD**2
     step = -np.linalg.solve(precision, pull)
     z = found.z.copy()

@@ -10,10 +10,8 @@ import numpy as np
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, Joint, at_values, at_zero, movable, places_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import usual
-from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
-from ftbias_jax.diagnosis.regression.fit import keep
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gain_of_each, gains
 from ftbias_jax.diagnosis.thresholds import LEAST_ENTRY, MOST_ENTRIES
 from ftbias_jax.model.effects.fitting import SMOOTH, ByJoint, Entries, Grid, Linear
@@ -33,8 +31,7 @@ def smooth_hypotheses(problem: Problem, taken: Collection[str]) -> list[Hypothes
 def _of_smooth(problem: Problem, effect: Effect) -> list[Hypothesis]:
     match effect.fit.search:
         case ByJoint():
-            places = chain_model.coordinates(problem.joints, effect.name, problem.catalogue)
-            joints = enumerate(places, 1)
+            joints = enumerate(problem.layout.of_effect(effect.name), 1)
             return [at_zero(effect.name, [i])._replace(detail=Joint(joint), group=joint) for joint, i in joints]
         case Linear(variants):
             whole = at_zero(effect.name, movable(problem, effect))
@@ -54,7 +51,7 @@ def smooth(
     for fixed in dict.fromkeys(h.fixed for h in wanted):
         alike = [h for h in wanted if h.fixed == fixed]
         places = [i for h in alike for i in h.free]
-        white = whitened(problem, slopes(problem, keep(prepared_fit.fit.z, alike[0]), places))
+        white = whitened(problem, slopes(problem, alike[0].begin(prepared_fit.fit.z), places))
         prepared, row = gains(prepared_fit, white), iter(range(len(places)))
         for h in alike:
             rows = [next(row) for _ in h.free]
@@ -94,10 +91,7 @@ def from_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[s
     wanted = [*grid_hypotheses(problem, np.ptp(now, axis=0), taken), *usual(problem, taken)]
     if not wanted:
         return []
-    z = np.stack([keep(accepted.z, h) for h in wanted])
-    for row, h in zip(z, wanted, strict=True):
-        row[list(h.free)] = h.start
-    changes = whitened(problem, readings(problem, z) - now)
+    changes = whitened(problem, readings(problem, np.stack([h.begin(accepted.z) for h in wanted])) - now)
     scaled, _ = gain_of_each(prepared_fit, changes)
     found = []
     for i, (h, change) in enumerate(zip(wanted, changes, strict=True)):

@@ -12,7 +12,6 @@ import numpy as np
 from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, neutral_of, places_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, whitened, whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
@@ -161,7 +160,7 @@ def equivalent_force(problem: Problem, found: Fit, h: Hypothesis) -> tuple[np.nd
     """(3,) N on the tool, base axes, that the pull of a fit exerts on average, and by how many N it varies."""
     stiffness = _search(problem.catalogue[h.effect]).stiffness
     z = np.stack([found.z, found.z])
-    z[1, chain_model.slices(problem.joints, problem.catalogue)[h.effect, stiffness]] = 0
+    z[1, problem.layout.slices[h.effect, stiffness]] = 0
     with_it, without = readings(problem, z)
     ends, motions = np.cumsum([part.used for part in problem.parts])[:-1], [part.nominal for part in problem.parts]
     forces = [

@@ -14,7 +14,6 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, neutral_of, places_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import STEP, readings, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, fit
@@ -48,7 +47,7 @@ def _search(effect: Effect) -> Ringing:
 
 
 def _places(problem: Problem, effect: Effect) -> _Places:
-    search, places = _search(effect), chain_model.slices(problem.joints, problem.catalogue)
+    search, places = _search(effect), problem.layout.slices
     names = (search.frequency, search.damping_ratio, search.share, search.sagging)
     period, damping, share, sagging = (places[effect.name, name].start for name in names)
     return _Places(period, damping, [share + way for way in WAYS], sagging)
@@ -156,7 +155,7 @@ def is_plausible(problem: Problem, accepted: Fit, found: Fit) -> bool:
     if not isinstance(effect.fit.search, Ringing):
         return True
     period, damping = _places(problem, effect)[:2]
-    _, most = chain_model.bounds(problem.joints, problem.catalogue)
+    most = problem.layout.most
     if found.z[period] > NEAR_LIMIT * most[period]:
         return False
     if found.z[damping] < NEAR_LIMIT * most[damping]:

@@ -14,11 +14,9 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression import chain_model
-from ftbias_jax.diagnosis.regression.coordinates import kind_of, strengths, to_coordinates, why_not_fitted
+from ftbias_jax.diagnosis.regression.coordinates import scale_of, strengths, to_coordinates, why_not_fitted
 from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
-from ftbias_jax.diagnosis.regression.fit import keep
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gains
 from ftbias_jax.diagnosis.thresholds import STARTS_FITTED
 from ftbias_jax.model.effects.fitting import LINEAR, Starts
@@ -59,7 +57,7 @@ def best_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[s
 
 
 def _best_starts(problem: Problem, prepared_fit: PreparedFit, effect: Effect) -> list[Found]:
-    places = chain_model.slices(problem.joints, problem.catalogue)
+    places = problem.layout.slices
     linear = [
         places[effect.name, parameter.name].start + int(i)
         for parameter in strengths(effect)
@@ -105,10 +103,8 @@ def _linearised(problem: Problem, prepared_fit: PreparedFit, name: str, linear: 
     h = Hypothesis(name, (*linear, *start.free), (0.0,) * len(linear) + start.values, start.fixed)
     if not linear:
         return 0.0, h
-    z = keep(prepared_fit.fit.z, h)
-    z[list(h.free)] = h.start
-    prepared = gains(prepared_fit, whitened(problem, slopes(problem, z, linear)))
-    least, most = (bound[linear] for bound in chain_model.bounds(problem.joints, problem.catalogue))
+    prepared = gains(prepared_fit, whitened(problem, slopes(problem, h.begin(prepared_fit.fit.z), linear)))
+    least, most = (bound[linear] for bound in (problem.layout.least, problem.layout.most))
     best = np.clip(prepared.coefficients(list(range(len(linear)))), least, most)
     gain = float(-prepared.pull @ best - best @ prepared.normal @ best / 2)
     return gain, h._replace(start=(*best.tolist(), *start.values))
@@ -118,10 +114,7 @@ def _as_they_are(problem: Problem, prepared_fit: PreparedFit, name: str, starts:
     """Gain of each start as it is, for an effect whose parameters all need a search."""
     accepted = prepared_fit.fit
     found = [Hypothesis(name, start.free, start.values, start.fixed) for start in starts]
-    z = np.stack([keep(accepted.z, h) for h in found])
-    for row, h in zip(z, found, strict=True):
-        row[list(h.free)] = h.start
-    made = readings(problem, np.stack([accepted.z, *z]))
+    made = readings(problem, np.stack([accepted.z, *(h.begin(accepted.z) for h in found)]))
     changes = whitened(problem, made[1:] - made[0])
     gain = -(accepted.error * changes).sum((1, 2)) - (changes**2).sum((1, 2)) / 2
     return list(zip(gain.tolist(), found, strict=True))
@@ -135,7 +128,7 @@ def _starts(problem: Problem, effect: Effect, times: np.ndarray) -> Iterator[_St
         effect: to search for.
         times: (K,) s, starts of the parameter that is a time in the log.
     """
-    places = chain_model.slices(problem.joints, problem.catalogue)
+    places = problem.layout.slices
     neutral = {parameter.name: neutral_of(problem, effect, parameter.name) for parameter in effect.parameters}
     searched = [parameter for parameter in effect.parameters if parameter.search]
     spread = {p.name: starts_of(effect, p, neutral[p.name]) for p in searched} | {_when(effect): list(times)}
@@ -172,7 +165,7 @@ def starts_of(effect: Effect, parameter: Parameter, neutral: np.ndarray) -> list
         if parameter.shape or not np.isfinite(upper - lower):
             return [neutral]
         return [np.asarray(float(x)) for x in range(int(np.ceil(lower)), int(upper) + 1)[:NUMBERS]]
-    if kind_of(effect, parameter) != LINEAR:
+    if scale_of(effect, parameter).kind != LINEAR:
         return _spread_by_factors(lower, upper, np.where(np.isfinite(neutral) & (neutral > 0), neutral, scale))
     if not parameter.shape and np.isfinite(upper - lower):
         return [lower + share * (upper - lower) for share in (np.arange(GRID) + 0.5) / GRID]

@@ -8,10 +8,10 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, penalty
 from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression.design_matrix import step_and_gain
 from ftbias_jax.diagnosis.regression.dictionary import Found, Library
 from ftbias_jax.diagnosis.regression.evaluate import whitened_series
 from ftbias_jax.diagnosis.regression.fit import Fit, projection
-from ftbias_jax.diagnosis.regression.score_test import gain_of_series
 from ftbias_jax.diagnosis.regression.series import shaped, shaped_events
 from ftbias_jax.diagnosis.thresholds import (
     CLEAR_HATS,
@@ -61,12 +61,18 @@ def touches(
         trimmed = _trimmed(problem, name, alone, merge(events))
         shapes = [shaped_events(problem, name, trimmed, tents) for tents in SHAPES]
         gains = [
-            (gain_of_series(accepted, whitened_series(problem, h.shapes)), h)
+            (_gain(accepted, whitened_series(problem, h.shapes)), h)
             for h in shapes
             if is_short(h, problem.duration) or is_seen(h, problem)
         ]
         found += sorted(gains, key=_after_penalty)[-1:]
     return found
+
+
+def _gain(accepted: Fit, series: np.ndarray) -> float:
+    """nats that linear series (E, U, 6) gain together, with a coefficient for every channel."""
+    whole = accepted.columns._replace(series=np.concatenate([accepted.columns.series, series]))
+    return step_and_gain(whole, accepted.error)[1]
 
 
 def _pursue(library: Library, error: np.ndarray) -> list[Event]:

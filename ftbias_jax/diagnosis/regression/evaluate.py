@@ -10,6 +10,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.problem import Part, Problem
 from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.diagnosis.regression.whitening import Whitener
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.table import Catalogue
@@ -41,7 +42,7 @@ def programs(
     def of(*shape: int) -> jax.ShapeDtypeStruct:
         return jax.ShapeDtypeStruct(shape, signals.q.dtype)
 
-    z = of(chain_model.size(signals.q.shape[1], catalogue))
+    z = of(layout(signals.q.shape[1], catalogue).size)
     yield partial(chain_model.reading.prepare, signals, known, moving, z, catalogue=catalogue)
     yield partial(chain_model.motion.prepare, signals, known, z, catalogue=catalogue)
     yield partial(chain_model.to_values.prepare, signals, z, catalogue=catalogue)
@@ -49,7 +50,7 @@ def programs(
 
 def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
     """(C, P) coordinates -> (C, U, 6) N, Nm: noise-free readings."""
-    joints = chain_model.of_joints(problem.joints, problem.catalogue)
+    joints = problem.layout.of_joints
 
     def of_log(part: Part) -> np.ndarray:
         @lru_cache(MOTIONS)
@@ -72,7 +73,7 @@ def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
 def slopes(problem: Problem, z: np.ndarray, places: Sequence[int]) -> np.ndarray:
     """(F, U, 6) N, Nm: derivatives of the reading at z (P,) by the coordinates at these places, within their bounds."""
     at, row = np.array(places), np.arange(len(places))
-    _, most = chain_model.bounds(problem.joints, problem.catalogue)
+    most = problem.layout.most
     moved = np.repeat(z[None], len(at) + 1, 0)
     moved[row, at] += np.where(z[at] + STEP <= most[at], STEP, -STEP)
     *made, here = readings(problem, moved)

@@ -9,15 +9,14 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.design_matrix import (
     Columns,
-    best_step,
     change,
     channels_first,
     information,
-    multiply,
+    products,
     scores,
+    step_and_gain,
 )
 from ftbias_jax.diagnosis.regression.evaluate import measured, readings, slopes, whitened, whitened_series
 from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, PRIOR_STD
@@ -37,7 +36,7 @@ class Fit(NamedTuple):
 
     hypotheses: tuple[Hypothesis, ...]
     z: np.ndarray
-    """(P,) coordinates of ``chain_model.blocks``."""
+    """(P,) coordinates of ``Problem.layout``."""
     coefficients: np.ndarray
     """(6 E,) of the linear series, hypothesis by hypothesis."""
     error: np.ndarray
@@ -57,7 +56,7 @@ class Fit(NamedTuple):
 def base(problem: Problem) -> Fit:
     """The nominal model."""
     nothing = Columns(*np.zeros((2, 0, len(problem.t), 6)))
-    z = np.zeros(chain_model.size(problem.joints, problem.catalogue))
+    z = np.zeros(problem.layout.size)
     error = _errors(problem, z[None])[0]
     return Fit((), z, np.zeros(0), error, nothing, (), _log_likelihood(error))
 
@@ -78,8 +77,9 @@ def fit(
     z[[*start.free, *(i for h in start.hypotheses for i, _ in h.fixed)]] = 0
     there = {id(h) for h in start.hypotheses}
     for h in hypotheses:
-        z[list(h.free)] = start.z[list(h.free)] if id(h) in there else h.start
-        z = keep(z, h)
+        z = h.begin(z)
+        if id(h) in there:
+            z[list(h.free)] = start.z[list(h.free)]
     free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
     series = _series(problem, hypotheses, start)
     project = projection(series)
@@ -89,7 +89,7 @@ def fit(
         error = _errors(problem, z[None])[0]
     (coefficients,), (error,) = project(error[None])
     cost = _cost(error, z, free)
-    first, moving, bounds = cost, None, chain_model.bounds(problem.joints, problem.catalogue)
+    first, moving, bounds = cost, None, (problem.layout.least, problem.layout.most)
     for _ in range(most if free and np.isfinite(cost) else 0):
         moving = whitened(problem, slopes(problem, z, free))
         columns = project(moving)[1]
@@ -109,20 +109,12 @@ def fit(
     return Fit(hypotheses, z, coefficients, error, Columns(moving, series), free, _log_likelihood(error))
 
 
-def keep(z: np.ndarray, h: Hypothesis) -> np.ndarray:
-    """Coordinates (P,) with those that a hypothesis keeps at its values."""
-    z = z.copy()
-    for place, value in h.fixed:
-        z[place] = value
-    return z
-
-
 def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
     """What a fit of one more hypothesis will find, from its derivatives (F, U, 6) at the accepted fit alone."""
     free = (*accepted.free, *h.free)
     whole = accepted.columns._replace(moving=np.concatenate([accepted.columns.moving, columns]))
-    step = best_step(whole, accepted.error)
-    z, error = keep(accepted.z, h), accepted.error + change(whole, step)
+    step = step_and_gain(whole, accepted.error)[0]
+    z, error = h.begin(accepted.z), accepted.error + change(whole, step)
     z[list(free)] += step[: len(free)]
     coefficients = accepted.coefficients + step[len(free) :]
     hypotheses = (*accepted.hypotheses, h)
@@ -155,19 +147,13 @@ def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, n
     Args:
         series: (E, U, 6) whitened, each with a coefficient for every channel.
     """
-    if not len(series):
-        return lambda errors: (np.zeros((len(errors), 0)), errors)
-    by_channel = channels_first(series)  # (6, E, U)
-    transposed = by_channel.transpose(0, 2, 1)
-    normal = multiply(by_channel, transposed)
-    ridge = 1e-9 * normal.max() + 1e-12  # for series that vanish
-    inverse = np.linalg.inv(normal + ridge * np.eye(len(series)))
+    columns, by_channel = Columns(series[:0], series), channels_first(series)
+    told = information(columns)
 
     def project(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        channels = channels_first(errors)  # (6, C, U)
-        coefficients = -multiply(multiply(channels, transposed), inverse)
-        left = channels + multiply(coefficients, by_channel)
-        return coefficients.transpose(1, 2, 0).reshape(len(errors), -1), left.transpose(1, 2, 0)
+        coefficients = -told.solve(products(columns, errors).T).T
+        of_channel = coefficients.reshape(len(errors), len(series), 6).transpose(2, 0, 1)
+        return coefficients, errors + (of_channel @ by_channel).transpose(1, 2, 0)
 
     return project
 
