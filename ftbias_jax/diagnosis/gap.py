@@ -58,13 +58,8 @@ def is_closed(problem: Problem, gap: Gap) -> bool:
 def verdict_of(problem: Problem, gap: Gap, causes: int, found: int, sure: bool, terms: int = 0) -> str:
     """One of ``result.VERDICTS``.
 
-    Args:
-        problem: of the logs.
-        gap: without and with what was found.
-        causes: effects of the catalogue that are named.
-        found: those of them that single samples show.
-        sure: no cause could as well be something else.
-        terms: of what is not in the catalogue.
+    Of the named ``causes``, single samples show ``found``; ``sure``: none could as well be something else; ``terms``:
+    how many describe what is not in the catalogue.
     """
     quiet = is_quiet(problem, gap)
     if not causes and not terms:

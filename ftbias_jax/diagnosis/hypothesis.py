@@ -86,6 +86,10 @@ class Hypothesis(NamedTuple):
         return z
 
 
+Found: TypeAlias = tuple[float, Hypothesis]
+"""Gain in nats on top of what is accepted, not penalised, and the hypothesis."""
+
+
 def penalty(h: Hypothesis) -> float:
     """nats that a hypothesis must gain to be worth its free numbers."""
     return NATS_PER_DEGREE * (len(h.free) + 6 * len(h.shapes))

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from ftbias_jax.diagnosis.recorded import recorded_in
 from ftbias_jax.diagnosis.regression.chain_model import nominal_motion
 from ftbias_jax.diagnosis.regression.coordinates import Layout, layout
 from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
@@ -112,12 +111,7 @@ class Problem(NamedTuple):
 def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[SampleFindings, ...]]:
     """Smooth the joints, examine the samples, and average what is left over short bins.
 
-    Args:
-        setup: beliefs.
-        logs: as read, of one robot.
-
-    Returns:
-        the problem of the effects that change the mean reading, and what was read off each log's single samples.
+    Returns the problem of the effects that change the mean reading, and what was read off each log's single samples.
     """
     prepared = [_prepare(setup, log) for log in logs]
     parts = tuple(part for part, *_ in prepared)
@@ -140,9 +134,15 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
         noise_std=noise_std,
         known=prepared[0][2],
         catalogue=catalogue_of_setup(setup),
-        recorded=recorded_in(logs),
+        recorded=_recorded_in(logs),
         noise_stderr=np.sqrt(((stds * stderrs) ** 2).sum(0)) / len(found) / noise_std,
     ), found
+
+
+def _recorded_in(logs: Sequence[Log]) -> frozenset[str]:
+    """What effects may need beside joints and wrench: "temperature" if a log has it, and columns that all have."""
+    warm = {"temperature"} if any(np.isfinite(log.temperature).any() for log in logs) else set()
+    return frozenset(warm).union(set(logs[0].columns).intersection(*(log.columns for log in logs)))
 
 
 def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFindings]:
@@ -190,17 +190,8 @@ def _bin(
 ) -> tuple[Part, np.ndarray]:
     """Average a log over short bins, work out their noise, take off the stated bias, and pad.
 
-    Args:
-        params: the beliefs.
-        log: as read.
-        states: (T, n, 3) of its joints.
-        found: its cleaned wrench and its noise.
-        joint_variance: (T, 6) N^2, Nm^2, that is correlated over a bin.
-        sample_variance: (T, 6) that is not: of jitter, and of noise that grows with the motion.
-        catalogue: that has the effects.
-
-    Returns:
-        the bins, and (U, 6) how many samples are in each.
+    The states are (T, n, 3); of the variances (T, 6) N^2, Nm^2 that of joints is correlated over a bin, and that of
+    samples, of jitter and of noise that grows with the motion, is not. Returns (U, 6) samples in each bin, too.
     """
     wrench, temperature = found.clean_wrench, fill_temperature(log.t, log.temperature)
     rows = np.isfinite(wrench).any(1)

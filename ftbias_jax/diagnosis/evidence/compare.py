@@ -17,15 +17,7 @@ from ftbias_jax.diagnosis.result import LogGap
 def compare(
     problem: Problem, names: Sequence[str], accepted: Fit, before: HeldOut, after: HeldOut
 ) -> tuple[LogGap, ...]:
-    """What each log says by itself; nothing for a single log.
-
-    Args:
-        problem: of the logs.
-        names: of the logs.
-        accepted: the causes, fitted to all logs together.
-        before: held-out errors without the causes.
-        after: held-out errors with the causes.
-    """
+    """What each log says by itself, held out without and with the causes fitted to all; nothing for a single log."""
     if len(problem.parts) < 2:
         return ()
     found = []
@@ -48,12 +40,7 @@ def _sigmas(problem: Problem, error: np.ndarray, own: np.ndarray) -> float:
 
 
 def _alone(accepted: Fit, own: np.ndarray) -> tuple[Fit, float]:
-    """The causes fitted to one log, to first order around the fit to all, and the nats that this gains there.
-
-    Args:
-        accepted: the fit to all logs.
-        own: (U,) bins of the log.
-    """
+    """The causes fitted to one log's bins (U,), to first order around the fit to all, and the nats this gains there."""
     columns, error = Columns(*(x * own[:, None] for x in accepted.columns)), accepted.error * own[:, None]
     step, gain = step_and_gain(columns, error)
     z, moving = accepted.z.copy(), len(accepted.free)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Joint, Slow
+from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Joint, Slow, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.entries import whole_matrix
 from ftbias_jax.diagnosis.regression import chain_model
@@ -12,8 +14,10 @@ from ftbias_jax.diagnosis.regression.coordinates import strengths
 from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 from ftbias_jax.diagnosis.regression.series import shaped, slope_in_time
-from ftbias_jax.diagnosis.result import Numbers
+from ftbias_jax.diagnosis.result import Candidate, Numbers
 from ftbias_jax.model.effects.fitting import ByJoint, Entries, Settling, Starts, Step, Touches
+from ftbias_jax.model.effects.statements import Estimate, amount
+from ftbias_jax.model.effects.types import Effect
 
 Parameters = dict[str, Numbers]
 
@@ -158,3 +162,40 @@ def _of_events(
 def _plain(value: np.ndarray) -> Numbers:
     plain: Numbers = np.asarray(value, float).tolist()
     return plain
+
+
+def with_nominal(problem: Problem, candidate: Candidate) -> Candidate:
+    """A candidate with what the setup states of its parameters, in one of its sections, and with both in a sentence.
+
+    The tool's mass stands in [tool] and gravity in [robot]; no key states a gain.
+
+    Args:
+        problem: of the diagnosis.
+        candidate: of its catalogue; one that is not fitted in it stays.
+    """
+    if candidate.effect not in problem.catalogue:
+        return candidate
+    entry, known = problem.catalogue[candidate.effect], problem.known.get(candidate.effect, {})
+    stated = {p.name: neutral_of(problem, entry, p.name) for p in entry.parameters if callable(p.neutral)} | known
+    found = [name for name in candidate.parameters if name in stated]
+    nominal = {name: np.asarray(stated[name], float) for name in found}
+    statement = statement_of(entry, candidate, nominal)
+    return candidate._replace(nominal={name: value.tolist() for name, value in nominal.items()}, statement=statement)
+
+
+def statement_of(entry: Effect, candidate: Candidate, nominal: Mapping[str, np.ndarray]) -> str:
+    """What the effect says of its parameters; of one that says nothing, its explanation and the first of them."""
+    estimates = {}
+    for name, value in candidate.parameters.items():
+        values = np.asarray(value, float)
+        errors = np.asarray(candidate.stderr.get(name, np.nan), float)
+        unknown = np.full(values.shape, np.nan)
+        errors = errors if errors.shape == values.shape else unknown
+        estimates[name] = Estimate(values, errors, nominal.get(name, unknown))
+    if entry.statement is not None:
+        return entry.statement(estimates)
+    first = entry.parameters[0]
+    if first.name not in estimates or estimates[first.name].value.size != 1:
+        return entry.explanation
+    unit = "" if first.unit == "1" else f" {first.unit}"
+    return amount(f"{entry.explanation} ({first.name} {{value}}{unit}{{setup}})", first.name)(estimates)

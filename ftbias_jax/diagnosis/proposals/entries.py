@@ -20,15 +20,9 @@ from ftbias_jax.model.effects.types import Effect
 
 
 def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndarray, Hypothesis, np.ndarray]:
-    """Posterior of all entries, the other numbers of the fit with them.
+    """Posterior of all entries of a matrix of which a fit at its best has few, the other numbers of the fit with them.
 
-    Args:
-        problem: of the logs.
-        found: at its best.
-        few: its hypothesis of such a matrix.
-
-    Returns:
-        coordinates (P,), the hypothesis with all E entries free that have a scale, and their covariance (E, E).
+    Returns coordinates (P,), the hypothesis with all E entries free that have a scale, and their covariance (E, E).
     """
     entries = movable(problem, problem.catalogue[few.effect])
     further = [i for i in entries if i not in few.free]
@@ -90,15 +84,10 @@ def size_of_entries(effect: Effect) -> np.ndarray:
 
 
 def nearest_rotation(matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
-    """The small rotation of force and torque alike that leaks are nearest to.
+    """The small rotation of force and torque alike that leaks (6, 6) are nearest to: (3,) rad, from nominal to true axes.
 
-    Args:
-        matrix: (6, 6) leaks: what the reading has beside the load.
-        size: (6, 6) typical departure of the E entries that count, 0 of the others.
-        precision: (E, E) inverse covariance in typical departures: what the log does not determine does not count.
-
-    Returns:
-        (3,) rad, from nominal to true axes, and the share of what the log says of the leaks that it makes up.
+    Sizes (6, 6) are typical departures of the E entries that count, 0 of the others; what the log does not determine,
+    by the inverse covariance (E, E) in typical departures, does not count. Returns the share that it makes up, too.
     """
     return _nearest(np.stack([np.kron(np.eye(2), _skew(axis)) for axis in range(3)]), matrix, size, precision)
 

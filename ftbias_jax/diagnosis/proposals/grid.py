@@ -7,10 +7,9 @@ from itertools import product
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, Joint, at_values, at_zero, movable, places_of
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, Joint, at_values, at_zero, movable, places_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import usual
-from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gain_of_each, gains
 from ftbias_jax.diagnosis.thresholds import LEAST_ENTRY, MOST_ENTRIES
@@ -64,13 +63,7 @@ def smooth(
 
 
 def grid_hypotheses(problem: Problem, span: np.ndarray, taken: Collection[str]) -> list[Hypothesis]:
-    """Starting points of the effects that are fitted from several.
-
-    Args:
-        problem: of the log.
-        span: (6,) N, Nm, range of the predicted load.
-        taken: effects that are not proposed again.
-    """
+    """Starting points of the effects that are fitted from several; span (6,) N, Nm: range of the predicted load."""
     found = []
     for effect in problem.catalogue.searched_by(Grid):
         if effect.name in taken:

@@ -10,9 +10,8 @@ from collections.abc import Collection
 import numpy as np
 
 from ftbias_jax.diagnosis.evidence.estimates import parameters
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, neutral_of, places_of
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, at_values, neutral_of, places_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, whitened, whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gain_of_each, gains
@@ -104,17 +103,8 @@ def _pulls(
 ) -> tuple[np.ndarray, list[float]]:
     """Cables of 1 N/m from A anchors, each with every slack: whitened changes of the reading, and rest lengths m.
 
-    Only the unit vectors along a cable are whitened for each anchor: the rest of its pull is linear in the anchor.
-
-    Args:
-        problem: of the logs.
-        spans: (4, U, 3) m, of ``_spans``.
-        linear: (4, U, 6) whitened, of cables with those spans and no rest length.
-        anchors: (A, 3) m.
-        attachment: (3,) m, sensor frame.
-
-    Returns:
-        (A S, U, 6) in single precision, S = slacks, and A S lengths.
+    Only the unit vectors along a cable are whitened for each anchor: the rest of its pull is linear in the anchor, and
+    in ``linear`` (4, U, 6) whitened. Returns (A S, U, 6) in single precision, S = slacks, and A S lengths.
     """
     linear, anchors, spans = (x.astype(np.float32) for x in (linear, anchors, spans))
     span = spans[0] + np.tensordot(anchors, spans[1:], 1)

@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, neutral_of, places_of
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, at_values, neutral_of, places_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import STEP, readings, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, fit
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gains
@@ -92,14 +91,7 @@ def loose(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -
 def _by_ways(
     problem: Problem, prepared_fit: PreparedFit, effect: Effect, tried: list[tuple[float, float]]
 ) -> np.ndarray:
-    """(N, W, U, 6) whitened derivatives by the W shares that may move, none of which does yet.
-
-    Args:
-        problem: of the logs.
-        prepared_fit: what the derivatives come beside.
-        effect: that rings.
-        tried: N pairs of sagging and Hz.
-    """
+    """(N, W, U, 6) whitened derivatives by W shares that may move, none of which does yet, at N pairs (sagging, Hz)."""
     places = _places(problem, effect)
     z = np.repeat(prepared_fit.fit.z[None], len(tried) * len(WAYS) + 1, 0)
     for i, (sags, frequency) in enumerate(tried):

@@ -6,17 +6,16 @@ starts meanwhile. The best few starts are fitted with everything free but what h
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, neutral_of
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, movable, neutral_of, places_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.coordinates import scale_of, strengths, to_coordinates, why_not_fitted
-from ftbias_jax.diagnosis.regression.dictionary import Found
+from ftbias_jax.diagnosis.regression.coordinates import scale_of, strengths, why_not_fitted
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
+from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gains
 from ftbias_jax.diagnosis.thresholds import STARTS_FITTED
 from ftbias_jax.model.effects.fitting import LINEAR, Starts
@@ -34,16 +33,6 @@ NUMBERS = 64
 """Values of a whole number, if it does not say which."""
 TIMES, CLOSER, ROUNDS = 64, 4, 3
 """Times in a log that are tried; each round tries so many on either side of the best one, that much closer."""
-
-
-class _Start(NamedTuple):
-    """Where a search begins: coordinates and their values."""
-
-    free: tuple[int, ...]
-    values: tuple[float, ...]
-    fixed: tuple[tuple[int, float], ...]
-    time: float
-    """s, of the parameter that is a time in the log; NaN = there is none."""
 
 
 def best_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
@@ -65,26 +54,26 @@ def _best_starts(problem: Problem, prepared_fit: PreparedFit, effect: Effect) ->
     ]
 
     def tried(times: np.ndarray) -> list[tuple[Found, float]]:
-        starts = list(_starts(problem, effect, times))
+        starts = list(_starts(problem, effect, linear, times))
         if linear:
-            found = [_linearised(problem, prepared_fit, effect.name, linear, start) for start in starts]
+            found = [_linearised(problem, prepared_fit, h, linear) for h, _ in starts]
         else:
-            found = _as_they_are(problem, prepared_fit, effect.name, starts)
-        return list(zip(found, (start.time for start in starts), strict=True))
+            found = _as_they_are(problem, prepared_fit.fit, [h for h, _ in starts])
+        return list(zip(found, (time for _, time in starts), strict=True))
 
-    times = _times(problem)
+    def gain_first(tried: tuple[Found, float]) -> float:
+        return -tried[0][0]
+
+    seconds = max(float(part.signals.t[-1]) for part in problem.parts)
+    times = np.arange(1, TIMES + 1) * seconds / (TIMES + 1)  # neither the first moment of the longest log nor its last
     best = tried(times)
     step = times[0] / CLOSER
     for _ in range(ROUNDS if _when(effect) else 0):
-        (_, middle), *_ = sorted(best, key=_gain_first)
+        (_, middle), *_ = sorted(best, key=gain_first)
         best += tried(middle + step * np.setdiff1d(np.arange(-CLOSER + 1, CLOSER), 0))
         step /= CLOSER
-    chosen = [found for found, _ in sorted(best, key=_gain_first)[:STARTS_FITTED]]
+    chosen = [found for found, _ in sorted(best, key=gain_first)[:STARTS_FITTED]]
     return [(gain, h._replace(group=i)) for i, (gain, h) in enumerate(chosen)]
-
-
-def _gain_first(tried: tuple[Found, float]) -> float:
-    return -tried[0][0]
 
 
 def _when(effect: Effect) -> str:
@@ -92,69 +81,47 @@ def _when(effect: Effect) -> str:
     return effect.fit.search.when if isinstance(effect.fit.search, Starts) else ""
 
 
-def _times(problem: Problem) -> np.ndarray:
-    """(TIMES,) s: spread over the longest log, neither its first moment nor its last."""
-    seconds = max(float(part.signals.t[-1]) for part in problem.parts)
-    return np.arange(1, TIMES + 1) * seconds / (TIMES + 1)
-
-
-def _linearised(problem: Problem, prepared_fit: PreparedFit, name: str, linear: list[int], start: _Start) -> Found:
+def _linearised(problem: Problem, prepared_fit: PreparedFit, h: Hypothesis, linear: list[int]) -> Found:
     """What the strengths would gain with the rest held at a start, none of them outside of its bounds."""
-    h = Hypothesis(name, (*linear, *start.free), (0.0,) * len(linear) + start.values, start.fixed)
-    if not linear:
-        return 0.0, h
     prepared = gains(prepared_fit, whitened(problem, slopes(problem, h.begin(prepared_fit.fit.z), linear)))
     least, most = (bound[linear] for bound in (problem.layout.least, problem.layout.most))
     best = np.clip(prepared.coefficients(list(range(len(linear)))), least, most)
     gain = float(-prepared.pull @ best - best @ prepared.normal @ best / 2)
-    return gain, h._replace(start=(*best.tolist(), *start.values))
+    return gain, h._replace(start=(*best.tolist(), *h.start[len(linear) :]))
 
 
-def _as_they_are(problem: Problem, prepared_fit: PreparedFit, name: str, starts: list[_Start]) -> list[Found]:
+def _as_they_are(problem: Problem, accepted: Fit, starts: Sequence[Hypothesis]) -> list[Found]:
     """Gain of each start as it is, for an effect whose parameters all need a search."""
-    accepted = prepared_fit.fit
-    found = [Hypothesis(name, start.free, start.values, start.fixed) for start in starts]
-    made = readings(problem, np.stack([accepted.z, *(h.begin(accepted.z) for h in found)]))
+    made = readings(problem, np.stack([accepted.z, *(h.begin(accepted.z) for h in starts)]))
     changes = whitened(problem, made[1:] - made[0])
     gain = -(accepted.error * changes).sum((1, 2)) - (changes**2).sum((1, 2)) / 2
-    return list(zip(gain.tolist(), found, strict=True))
+    return list(zip(gain.tolist(), starts, strict=True))
 
 
-def _starts(problem: Problem, effect: Effect, times: np.ndarray) -> Iterator[_Start]:
+def _starts(
+    problem: Problem, effect: Effect, linear: list[int], times: np.ndarray
+) -> Iterator[tuple[Hypothesis, float]]:
     """All combinations of the starts of the parameters that need a search, evenly thinned out if there are too many.
 
-    Args:
-        problem: of the logs.
-        effect: to search for.
-        times: (K,) s, starts of the parameter that is a time in the log.
+    The coordinates ``linear`` begin at zero. Beside each start stands that of the parameter that is a time in the log,
+    one of these (s); NaN = there is none.
     """
-    places = problem.layout.slices
     neutral = {parameter.name: neutral_of(problem, effect, parameter.name) for parameter in effect.parameters}
     searched = [parameter for parameter in effect.parameters if parameter.search]
     spread = {p.name: starts_of(effect, p, neutral[p.name]) for p in searched} | {_when(effect): list(times)}
     every = list(product(*(spread[parameter.name] for parameter in searched)))
     chosen = np.unique(np.linspace(0, len(every) - 1, min(len(every), MOST_STARTS)).astype(int))
     for combination in (every[i] for i in chosen):
-        free, fixed = dict[int, float](), dict[int, float]()
-        for parameter, value in zip(searched, combination, strict=True):
-            at = to_coordinates(effect, parameter, neutral[parameter.name], value)
-            is_free = np.broadcast_to(np.asarray(parameter.scale) > 0, parameter.shape).ravel()
-            for i, (x, movable) in enumerate(zip(at.tolist(), is_free, strict=True)):
-                (free if movable else fixed)[places[effect.name, parameter.name].start + i] = x
-        time = dict(zip((parameter.name for parameter in searched), combination, strict=True)).get(
-            _when(effect), np.nan
-        )
-        yield _Start(tuple(free), tuple(free.values()), tuple(fixed.items()), float(time))
+        values = dict(zip((parameter.name for parameter in searched), combination, strict=True))
+        at, moves = places_of(problem, effect, **values), {*movable(problem, effect)}
+        free = {place: x for place, x in at.items() if place in moves}
+        fixed = tuple((place, x) for place, x in at.items() if place not in moves)
+        h = Hypothesis(effect.name, (*linear, *free), (*(0.0 for _ in linear), *free.values()), fixed)
+        yield h, float(values.get(_when(effect), np.nan))
 
 
 def starts_of(effect: Effect, parameter: Parameter, neutral: np.ndarray) -> list[np.ndarray]:
-    """Values at which the search for a parameter begins, in its shape: as stated, or spread over what is possible.
-
-    Args:
-        effect: that has the parameter.
-        parameter: to search for.
-        neutral: its neutral value, in its shape.
-    """
+    """Values at which the search for a parameter begins, in its shape: as stated, or spread over what is possible."""
     if parameter.starts:
         return [np.broadcast_to(np.asarray(start, float), parameter.shape) for start in parameter.starts]
     lower, upper, scale = (

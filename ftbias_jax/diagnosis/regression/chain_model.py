@@ -25,13 +25,7 @@ from ftbias_jax.types import Array
 
 @keep_program("catalogue")
 def to_values(signals: Signals, z: Array, *, catalogue: Catalogue = CATALOGUE) -> Values:
-    """Catalogue values of all chained effects; those of one joint have a row of all joints and of their offsets.
-
-    Args:
-        signals: of the log.
-        z: (P,) coordinates.
-        catalogue: that has the effects.
-    """
+    """Catalogue values of all chained effects; those of one joint have a row of all joints and of their offsets."""
     return _values(signals, z, catalogue, fitted_effects(catalogue))
 
 
@@ -69,15 +63,7 @@ def nominal_motion(signals: Signals, known: Values, catalogue: Catalogue = CATAL
 
 @keep_program("catalogue")
 def reading(signals: Signals, known: Values, moving: ArmMotion, z: Array, *, catalogue: Catalogue = CATALOGUE) -> Array:
-    """(B, 6) N, Nm: noise-free reading.
-
-    Args:
-        signals: of the log.
-        known: effects that the setup knows of.
-        moving: ``motion`` at z.
-        z: (P,) coordinates.
-        catalogue: that has the effects.
-    """
+    """(B, 6) N, Nm: noise-free reading at z (P,) with effects that the setup knows of; moving: the ``motion`` at z."""
     joints = [effect.name for effect in catalogue.searched_by(ByJoint)]
     chained = _values(signals, z, catalogue, [e for e in fitted_effects(catalogue) if e.name not in joints])
     values = chained | {name: known[name] for name in known if name not in joints}

@@ -169,11 +169,7 @@ def _is_number(effect: Effect, parameter: Parameter) -> bool:
 def values_at(effect: Effect, model: Model, coordinates: dict[str, Array], n: int = 0) -> EffectValues:
     """Values of an effect from its coordinates, never outside of what its entry calls plausible.
 
-    Args:
-        effect: of the catalogue.
-        model: what the setup states.
-        coordinates: (k,) of each parameter.
-        n: joints of the arm; an effect of one joint gets them all, each with its offset.
+    An effect of one joint gets all n of the arm, each with its offset.
     """
     neutral = neutral_values(effect, model)
     values = {}

@@ -86,12 +86,7 @@ class Information(NamedTuple):
 
 
 def information(columns: Columns, coordinates: int | None = None) -> Information:
-    """What the data say of all numbers, with the prior.
-
-    Args:
-        columns: at the fit.
-        coordinates: how many of the moving columns have the prior; all if not given.
-    """
+    """What the data say of all numbers, with the prior of the first so many ``coordinates``; None = of all."""
     own, by_channel, F = _flat(columns.moving), channels_first(columns.series), len(columns.moving)
     transposed = by_channel.transpose(0, 2, 1)
     moving, series = own @ own.T, by_channel @ transposed

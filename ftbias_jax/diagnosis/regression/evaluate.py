@@ -30,14 +30,7 @@ MOTIONS = 8
 def programs(
     signals: Signals, known: Values, moving: ArmMotion, catalogue: Catalogue = CATALOGUE
 ) -> Iterator[Callable[[], object]]:
-    """Make the programs that the functions below call ready, when called; the longest first.
-
-    Args:
-        signals: of one log; of series, shapes are enough.
-        known: effects that the setup knows of.
-        moving: the motion of its arm, of which shapes are enough, too.
-        catalogue: that has the effects.
-    """
+    """Make the programs that the functions below call ready, when called; the longest first. Shapes are enough."""
 
     def of(*shape: int) -> jax.ShapeDtypeStruct:
         return jax.ShapeDtypeStruct(shape, signals.q.dtype)
@@ -91,12 +84,7 @@ def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
 
 
 def whitened_single(problem: Problem, columns: Sequence[np.ndarray]) -> np.ndarray:
-    """The same of many columns, (C, U, 6) in single precision.
-
-    Args:
-        problem: of the logs.
-        columns: C times (U, 6), or (U, 1) if the same in every channel.
-    """
+    """The same of C columns (U, 6), or (U, 1) if the same in every channel, in single precision."""
     filters = [part.whiten.single() for part in problem.parts]
     white = np.zeros((len(columns), len(problem.t), 6), np.float32)
     for first in range(0, len(columns), LANES):

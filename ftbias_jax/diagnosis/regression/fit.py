@@ -66,12 +66,8 @@ def fit(
 ) -> Fit:
     """Levenberg-Marquardt over the coordinates, with the linear coefficients solved for exactly at every step.
 
-    Args:
-        problem: of the logs.
-        hypotheses: what to fit together; those that ``start`` has too continue from there.
-        start: another fit, such as ``base``.
-        enough: share of the whole gain; the last step gains less.
-        most: steps at most.
+    Hypotheses that ``start`` has, too, continue from there. The last of at most so many steps gains less than a share
+    ``enough`` of the whole gain.
     """
     z = start.z.copy()
     z[[*start.free, *(i for h in start.hypotheses for i, _ in h.fixed)]] = 0
@@ -142,10 +138,9 @@ def _series(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) ->
 
 
 def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """errors (C, U, 6) -> coefficients (C, 6 E) that bring error + sum c series nearest to zero, and what remains.
+    """Whitened series (E, U, 6), with a coefficient for every channel -> a function of errors (C, U, 6).
 
-    Args:
-        series: (E, U, 6) whitened, each with a coefficient for every channel.
+    It gives the coefficients (C, 6 E) that bring error + sum c series nearest to zero, and what remains.
     """
     columns, by_channel = Columns(series[:0], series), channels_first(series)
     told = information(columns)
@@ -167,14 +162,9 @@ def _cost(error: np.ndarray, z: np.ndarray, free: tuple[int, ...]) -> float:
 
 
 def _trials(columns: np.ndarray, error: np.ndarray, at: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """(len(DAMPINGS), F) next values of the coordinates ``at``, none of them outside its bounds.
+    """(len(DAMPINGS), F) next values of the coordinates ``at`` (F,), none of them outside its bounds.
 
-    Args:
-        columns: (F, U, 6) derivatives without what the series can do.
-        error: (U, 6).
-        at: (F,) coordinates.
-        least: (F,) lower bounds.
-        most: (F,) upper bounds.
+    The derivatives (F, U, 6) are those without what the series can do.
     """
     flat = columns.reshape(len(columns), -1)
     pull = flat @ error.ravel() + at / PRIOR_STD**2
@@ -196,11 +186,8 @@ def block_scores(problem: Problem, error: np.ndarray) -> np.ndarray:
 def covariance(problem: Problem, fit: Fit, further: np.ndarray | None = None) -> np.ndarray:
     """(K, K) of the free numbers, widened where the scores of whole blocks scatter more than white noise would.
 
-    Args:
-        problem: of the logs.
-        fit: at its best.
-        further: (M, U, 6) whitened derivatives with respect to M numbers that were searched on a grid; they come
-            between the coordinates and the coefficients.
+    Of numbers that were searched on a grid ``further`` has the whitened derivatives (M, U, 6): they come between the
+    coordinates and the coefficients.
     """
     columns = fit.columns
     if further is not None:

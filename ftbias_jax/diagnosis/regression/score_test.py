@@ -33,12 +33,9 @@ class Gains(NamedTuple):
         return solved
 
     def pursue(self, rows: list[int], most: int, least: float) -> tuple[float, list[int]]:
-        """Matching pursuit: the few columns that gain most together, and how much.
+        """Matching pursuit: the few columns of these that gain most together, at most so many, and how much.
 
-        Args:
-            rows: columns to choose from.
-            most: how many at most.
-            least: share of the gain that each must add.
+        Each must add at least a share of the gain.
         """
         normal, pull = self.normal[np.ix_(rows, rows)].astype(float), self.pull[rows].astype(float)
         ridge = 1e-8 * max(np.trace(normal) / max(len(rows), 1), 1e-12)

@@ -44,13 +44,7 @@ def _unit_series(signals: Signals, held: Array, *, name: str, names: tuple[str, 
 
 
 def unit_series(problem: Problem, effect: Effect, **held: np.ndarray | Sequence[float]) -> np.ndarray:
-    """(C, U): the series of an effect, of strength one, for C values of the parameters that it needs.
-
-    Args:
-        problem: of the logs; each series is in all of them.
-        effect: whose strength is one parameter with a number for each channel.
-        held: (C,) values of its other parameters.
-    """
+    """(C, U): the series of an effect, of strength one in every channel, for C values of its other parameters."""
     values = np.stack([np.asarray(value, float) for value in held.values()], 1)
     what = {"name": effect.name, "names": tuple(held), "catalogue": problem.catalogue}
     parts = [
@@ -134,11 +128,7 @@ def pulse(problem: Problem, event: Event) -> np.ndarray:
 def shaped_events(problem: Problem, effect: str, events: Sequence[Event], tents: int) -> Hypothesis:
     """Events of any shape, which may begin and end suddenly: hat functions, each with a wrench of its own.
 
-    Args:
-        problem: of the logs.
-        effect: that has them.
-        events: when.
-        tents: of each event at most; there are BINS_A_TENT bins for every one.
+    Each has so many tents at most, and BINS_A_TENT bins for every one.
     """
     series: list[np.ndarray] = []
     detail: list[Shaped] = []
