@@ -9,10 +9,9 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, Joint, penalty
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals import grid, ringing, series
+from ftbias_jax.diagnosis.proposals import ringing, series, starts
 from ftbias_jax.diagnosis.proposals.pulls import pulls
 from ftbias_jax.diagnosis.proposals.series import Library
-from ftbias_jax.diagnosis.proposals.starts import best_starts
 from ftbias_jax.diagnosis.proposals.touches import touches
 from ftbias_jax.diagnosis.regression.fit import Fit, first_order, fit
 from ftbias_jax.diagnosis.regression.score_test import stand
@@ -62,8 +61,8 @@ def candidates(
     unseen = {name for name, effect in problem.catalogue.items() if not problem.recorded.issuperset(effect.needs)}
     taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known) | unseen
     prepared_fit = stand(accepted)
-    found, columns = grid.smooth(problem, prepared_fit, taken)
-    for make in (grid.from_starts, ringing.loose, pulls, best_starts):
+    found, columns = starts.smooth(problem, prepared_fit, taken)
+    for make in (starts.from_starts, ringing.loose, pulls, starts.best_starts):
         found += make(problem, prepared_fit, taken)
     for propose in (series.slow, series.steplike):
         found += propose(problem, library(), accepted, taken)

@@ -11,10 +11,9 @@ import numpy as np
 
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, is_sure, ranking_of
-from ftbias_jax.diagnosis.evidence.compare import compare
 from ftbias_jax.diagnosis.evidence.cross_validation import Judge
 from ftbias_jax.diagnosis.evidence.estimates import with_nominal
-from ftbias_jax.diagnosis.gap import is_quiet, measure_gap, verdict_of
+from ftbias_jax.diagnosis.gap import compare, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.coordinates import why_not_fitted
@@ -50,7 +49,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def with_typed_errors(verb: Callable[P, R]) -> Callable[P, R]:
+def _with_typed_errors(verb: Callable[P, R]) -> Callable[P, R]:
     """The same function, which raises a LogError where its equations have no solution."""
 
     @wraps(verb)
@@ -66,7 +65,7 @@ def with_typed_errors(verb: Callable[P, R]) -> Callable[P, R]:
 
 
 @in_float64
-@with_typed_errors
+@_with_typed_errors
 def diagnose(
     setup: Setup,
     logs: Sequence[Log],

@@ -205,24 +205,13 @@ def _bin(
     t, joints, temperature, reading, coherent, white = (mean_of_bins(index, x[rows]) for x in series)
     # The smoothed joints' error is correlated over longer than a bin, so averaging does not reduce it.
     variance = np.where(count > 0, (found.noise_std**2 + white) / np.maximum(count, 1) + coherent, 1.0)
-    rezeroed = log.is_rezeroed(t, 0.0) if log.rezeroed_at else None
-    return _part(params, padded, t, joints, temperature, reading, variance, columns, catalogue, rezeroed), count
-
-
-def _part(
-    params: Params,
-    padded: int,
-    t: np.ndarray,
-    joints: np.ndarray,
-    temperature: np.ndarray,
-    reading: np.ndarray,
-    variance: np.ndarray,
-    columns: dict[str, np.ndarray],
-    catalogue: Catalogue,
-    rezeroed: np.ndarray | None,
-) -> Part:
-    """Bins (U, ...) with the stated bias off their readings, padded to so many."""
-    used, bias, place = len(t), params.bias, jax.device_put  # unlike jnp.asarray it compiles nothing
+    bias, place = params.bias, jax.device_put  # unlike jnp.asarray it compiles nothing
+    jump = None
+    if log.rezeroed_at:
+        # The bin in which it happens has samples of both sides: its own level tells nothing of its neighbours'.
+        rezeroed = log.is_rezeroed(t, 0.0)
+        either = np.concatenate([rezeroed | np.append(False, rezeroed[:-1]), np.zeros(padded - used, bool)])
+        jump = bias_filter.jumps(params, place(either.astype(float)))
     t, joints, temperature = (fill_up(x, padded, x[-1]) for x in (t, joints, temperature))
     q, dq, ddq = (place(x) for x in np.moveaxis(joints, 2, 0))
     tool = np.asarray(params.theta)
@@ -234,11 +223,6 @@ def _part(
     at_first, drift = np.split(np.asarray(bias.prior_mean), 2)
     free = fill_up(reading, padded, np.nan) + at_first + t[:, None] * drift
     dt, variance = place(np.diff(t, prepend=t[0])), fill_up(variance, padded, 1.0)
-    jump = None
-    if rezeroed is not None:
-        # The bin in which it happens has samples of both sides: its own level tells nothing of its neighbours'.
-        either = np.concatenate([rezeroed | np.append(False, rezeroed[:-1]), np.zeros(padded - used, bool)])
-        jump = bias_filter.jumps(params, place(either.astype(float)))
     wrench = WrenchProblem(dt, place(free), place(variance), bias.density, bias.prior_std, jump)
     nominal = nominal_motion(signals, params.effects or {}, catalogue)
-    return Part(signals, wrench, used, nominal, make_whitener(wrench, used))
+    return Part(signals, wrench, used, nominal, make_whitener(wrench, used)), count

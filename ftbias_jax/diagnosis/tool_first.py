@@ -36,7 +36,7 @@ def search_causes(
     without: Collection[str] = (),
     progress: Callable[[str], None] = silent,
 ) -> Searched:
-    """Search for causes; where the tool may be wrong, beside a tool that is fitted with them; arguments as of ``Search``.
+    """Search for causes; where the tool may be wrong, beside a tool fitted with them; arguments as of ``Search``.
 
     It may be where the setup states it with an error that shows. A tool that is stated without one is believed first:
     its effects are candidates like all others. But a wrong tool beside something else makes a gap that neither explains

@@ -84,7 +84,7 @@ def size_of_entries(effect: Effect) -> np.ndarray:
 
 
 def nearest_rotation(matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
-    """The small rotation of force and torque alike that leaks (6, 6) are nearest to: (3,) rad, from nominal to true axes.
+    """The small rotation of force and torque alike that leaks (6, 6) are nearest to, (3,) rad from nominal axes.
 
     Sizes (6, 6) are typical departures of the E entries that count, 0 of the others; what the log does not determine,
     by the inverse covariance (E, E) in typical departures, does not count. Returns the share that it makes up, too.

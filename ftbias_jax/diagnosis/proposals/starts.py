@@ -1,7 +1,8 @@
-"""Starting points of effects that pick no search of their own, by what each says of its parameters.
+"""What each effect would gain: those that are smooth at zero by one linearisation, the others from several starts.
 
-Parameters that switch an effect off are found by one linearisation; those that need a search are held at each of their
-starts meanwhile. The best few starts are fitted with everything free but what has no scale, such as a joint's number.
+Of effects that pick no search of their own each parameter says where to begin: those that switch an effect off are
+found by one linearisation; those that need a search are held at each of their starts meanwhile. The best few starts are
+fitted with everything free but what has no scale, such as a joint's number.
 """
 
 from __future__ import annotations
@@ -11,14 +12,15 @@ from itertools import product
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, movable, neutral_of, places_of
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, Joint, at_values, at_zero, movable, neutral_of, places_of
 from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.proposals.ringing import usual
 from ftbias_jax.diagnosis.regression.coordinates import scale_of, strengths, why_not_fitted
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gains
-from ftbias_jax.diagnosis.thresholds import STARTS_FITTED
-from ftbias_jax.model.effects.fitting import LINEAR, Starts
+from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gain_of_each, gains
+from ftbias_jax.diagnosis.thresholds import LEAST_ENTRY, MOST_ENTRIES, STARTS_FITTED
+from ftbias_jax.model.effects.fitting import LINEAR, SMOOTH, ByJoint, Entries, Grid, Linear, Starts
 from ftbias_jax.model.effects.types import Effect, Parameter
 
 MOST_STARTS = 256
@@ -33,6 +35,84 @@ NUMBERS = 64
 """Values of a whole number, if it does not say which."""
 TIMES, CLOSER, ROUNDS = 64, 4, 3
 """Times in a log that are tried; each round tries so many on either side of the best one, that much closer."""
+
+
+def smooth_hypotheses(problem: Problem, taken: Collection[str]) -> list[Hypothesis]:
+    """What one linearisation finds; each joint is a hypothesis of its own, and so is each variant of an effect."""
+    return [
+        h
+        for effect in problem.catalogue.searched_by(*SMOOTH)
+        if effect.name not in taken
+        for h in _of_smooth(problem, effect)
+    ]
+
+
+def _of_smooth(problem: Problem, effect: Effect) -> list[Hypothesis]:
+    match effect.fit.search:
+        case ByJoint():
+            joints = enumerate(problem.layout.of_effect(effect.name), 1)
+            return [at_zero(effect.name, [i])._replace(detail=Joint(joint), group=joint) for joint, i in joints]
+        case Linear(variants):
+            whole = at_zero(effect.name, movable(problem, effect))
+            held = [tuple(places_of(problem, effect, **dict(variant)).items()) for variant in variants]
+            return [whole._replace(fixed=fixed) for fixed in held]
+        case _:
+            return [at_zero(effect.name, movable(problem, effect))]
+
+
+def smooth(
+    problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]
+) -> tuple[list[Found], dict[Hypothesis, np.ndarray]]:
+    """Gains, and for each hypothesis the whitened derivatives (F, U, 6) by its coordinates."""
+    wanted = smooth_hypotheses(problem, taken)
+    found: list[Found] = []
+    columns: dict[Hypothesis, np.ndarray] = {}
+    for fixed in dict.fromkeys(h.fixed for h in wanted):
+        alike = [h for h in wanted if h.fixed == fixed]
+        places = [i for h in alike for i in h.free]
+        white = whitened(problem, slopes(problem, alike[0].begin(prepared_fit.fit.z), places))
+        prepared, row = gains(prepared_fit, white), iter(range(len(places)))
+        for h in alike:
+            rows = [next(row) for _ in h.free]
+            sparse = isinstance(problem.catalogue[h.effect].fit.search, Entries)
+            gain, chosen = prepared.pursue(rows, MOST_ENTRIES, LEAST_ENTRY) if sparse else (prepared.of(rows), rows)
+            few = h._replace(free=tuple(places[i] for i in chosen), start=(0.0,) * len(chosen))
+            columns[few] = white[chosen]
+            found += [(gain, few)] if chosen else []
+    return found, columns
+
+
+def grid_hypotheses(problem: Problem, span: np.ndarray, taken: Collection[str]) -> list[Hypothesis]:
+    """Starting points of the effects that are fitted from several; span (6,) N, Nm: range of the predicted load."""
+    found = []
+    for effect in problem.catalogue.searched_by(Grid):
+        if effect.name in taken:
+            continue
+        assert isinstance(effect.fit.search, Grid)
+        load = span if effect.fit.search.per_load else 1.0
+        searched = [parameter for parameter in effect.parameters if parameter.starts]
+        for starts in product(*(parameter.starts for parameter in searched)):
+            values = {p.name: start * load for p, start in zip(searched, starts, strict=True)}
+            found.append(at_values(problem, effect, **values))
+    return found
+
+
+def from_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
+    """Gain of each starting point, as it is or scaled to fit."""
+    accepted = prepared_fit.fit
+    now = readings(problem, accepted.z[None])[0]
+    wanted = [*grid_hypotheses(problem, np.ptp(now, axis=0), taken), *usual(problem, taken)]
+    if not wanted:
+        return []
+    changes = whitened(problem, readings(problem, np.stack([h.begin(accepted.z) for h in wanted])) - now)
+    scaled, _ = gain_of_each(prepared_fit, changes)
+    as_they_are = -(accepted.error * changes).sum((1, 2)) - (changes**2).sum((1, 2)) / 2
+    found = list(zip(np.maximum(as_they_are, scaled / 2).tolist(), wanted, strict=True))
+    for i, h in enumerate(wanted):
+        search = problem.catalogue[h.effect].fit.search
+        if isinstance(search, Grid) and search.per_load:
+            found[i] = (gains(prepared_fit, changes[i] * np.eye(6)[:, None]).of(list(range(6))), h)
+    return found
 
 
 def best_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:

@@ -16,7 +16,6 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
-from ftbias_jax.types import Array
 
 STEP = 1e-6
 """Typical departures over which differences are taken for derivatives: neither curvature nor rounding shows, and unlike
@@ -118,13 +117,3 @@ def whitened_series(problem: Problem, shapes: Sequence[np.ndarray]) -> np.ndarra
 def measured(problem: Problem) -> np.ndarray:
     """(U, 6) N, Nm: mean readings of the bins."""
     return np.concatenate([np.asarray(part.wrench.wrench)[: part.used] for part in problem.parts])
-
-
-def in_pieces(function: Callable[..., Array], lanes: int, *arrays: np.ndarray) -> np.ndarray:
-    """A function of (lanes, ...) arrays on (C, ...) arrays, C > 0; the last piece is filled up with repetitions."""
-    count = len(arrays[0])
-    found = []
-    for first in range(0, count, lanes):
-        piece = (np.resize(array[first : first + lanes], (lanes, *array.shape[1:])) for array in arrays)
-        found.append(np.asarray(function(*piece))[: count - first])
-    return np.concatenate(found)

@@ -107,14 +107,20 @@ def fit(
 
 def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
     """What a fit of one more hypothesis will find, from its derivatives (F, U, 6) at the accepted fit alone."""
-    free = (*accepted.free, *h.free)
     whole = accepted.columns._replace(moving=np.concatenate([accepted.columns.moving, columns]))
-    step = step_and_gain(whole, accepted.error)[0]
-    z, error = h.begin(accepted.z), accepted.error + change(whole, step)
-    z[list(free)] += step[: len(free)]
-    coefficients = accepted.coefficients + step[len(free) :]
-    hypotheses = (*accepted.hypotheses, h)
-    return Fit(hypotheses, z, coefficients, error, whole, free, _log_likelihood(error))
+    hypotheses, free = (*accepted.hypotheses, h), (*accepted.free, *h.free)
+    start = accepted._replace(hypotheses=hypotheses, z=h.begin(accepted.z), free=free)
+    return stepped(start, whole, accepted.error)[0]
+
+
+def stepped(start: Fit, columns: Columns, error: np.ndarray) -> tuple[Fit, float]:
+    """A fit after the best step by these columns from these innovations (U, 6), and the nats that it gains."""
+    step, gain = step_and_gain(columns, error)
+    z, moving = start.z.copy(), len(start.free)
+    z[list(start.free)] += step[:moving]
+    error, coefficients = error + change(columns, step), start.coefficients + step[moving:]
+    likelihood = _log_likelihood(error)
+    return start._replace(z=z, coefficients=coefficients, error=error, columns=columns, log_likelihood=likelihood), gain
 
 
 def _errors(problem: Problem, z: np.ndarray) -> np.ndarray:

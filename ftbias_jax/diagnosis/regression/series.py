@@ -14,7 +14,6 @@ import numpy as np
 from ftbias_jax.diagnosis.hypothesis import Change, Event, Hypothesis, Shaped, Slow
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.coordinates import strengths
-from ftbias_jax.diagnosis.regression.evaluate import in_pieces
 from ftbias_jax.model.effects.catalogue import complete
 from ftbias_jax.model.effects.fitting import Settling, Step
 from ftbias_jax.model.effects.table import Catalogue
@@ -47,14 +46,11 @@ def unit_series(problem: Problem, effect: Effect, **held: np.ndarray | Sequence[
     """(C, U): the series of an effect, of strength one in every channel, for C values of its other parameters."""
     values = np.stack([np.asarray(value, float) for value in held.values()], 1)
     what = {"name": effect.name, "names": tuple(held), "catalogue": problem.catalogue}
-    parts = [
-        in_pieces(
-            lambda some, part=part: _unit_series(part.signals, some, **what),
-            LANES,
-            values,
-        )[:, : part.used]
-        for part in problem.parts
-    ]
+    pieces = np.resize(values, (-(-len(values) // LANES), LANES, values.shape[1]))  # the last one is filled up
+    parts = []
+    for part in problem.parts:
+        made = np.concatenate([np.asarray(_unit_series(part.signals, some, **what)) for some in pieces])
+        parts.append(made[: len(values), : part.used])
     return np.concatenate(parts, axis=1)
 
 

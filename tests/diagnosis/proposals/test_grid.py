@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.hypothesis import Joint
-from ftbias_jax.diagnosis.proposals.grid import grid_hypotheses, smooth_hypotheses
+from ftbias_jax.diagnosis.proposals.starts import grid_hypotheses, smooth_hypotheses
 from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import Fitting, Grid, Linear
