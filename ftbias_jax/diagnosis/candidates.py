@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, Joint, penalty
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, penalty
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals import ringing, series, starts
 from ftbias_jax.diagnosis.proposals.pulls import pulls
@@ -115,8 +115,8 @@ def _end(problem: Problem, rough: Fit) -> Fit:
 
 def _best_of_each(scored: list[Scored]) -> list[Scored]:
     """One start of every effect, and one of every joint."""
-    best: dict[tuple[str, Joint | None], Scored] = {}
+    best: dict[tuple[str, int], Scored] = {}
     for s in scored:
         of = s.hypothesis.detail
-        best.setdefault((s.hypothesis.effect, of if isinstance(of, Joint) else None), s)
+        best.setdefault((s.hypothesis.effect, of if isinstance(of, int) else 0), s)
     return list(best.values())

@@ -13,13 +13,6 @@ from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
 from ftbias_jax.model.effects.types import Effect
 
 
-class Joint(NamedTuple):
-    """The joint that an offset is of."""
-
-    number: int
-    """From 1."""
-
-
 class Slow(NamedTuple):
     """A series with a time constant."""
 
@@ -55,7 +48,8 @@ class Shaped(NamedTuple):
     series: int
 
 
-Detail: TypeAlias = Joint | Slow | Change | tuple[Shaped, ...] | None
+Detail: TypeAlias = int | Slow | Change | tuple[Shaped, ...] | None
+"""The number of the joint, from 1, that an offset is of, or what series stand for."""
 
 
 class Hypothesis(NamedTuple):

@@ -223,6 +223,6 @@ def _bin(
     at_first, drift = np.split(np.asarray(bias.prior_mean), 2)
     free = fill_up(reading, padded, np.nan) + at_first + t[:, None] * drift
     dt, variance = place(np.diff(t, prepend=t[0])), fill_up(variance, padded, 1.0)
-    wrench = WrenchProblem(dt, place(free), place(variance), bias.density, bias.prior_std, jump)
+    problem = WrenchProblem(dt, place(free), place(variance), bias.density, bias.prior_std, jump)
     nominal = nominal_motion(signals, params.effects or {}, catalogue)
-    return Part(signals, wrench, used, nominal, make_whitener(wrench, used)), count
+    return Part(signals, problem, used, nominal, make_whitener(problem, used)), count

@@ -9,7 +9,7 @@ import pytest
 from small_fits import small_fit
 
 from ftbias_jax.cli.main import main
-from ftbias_jax.diagnosis.diagnose import diagnose, _with_typed_errors
+from ftbias_jax.diagnosis.diagnose import _with_typed_errors, diagnose
 from ftbias_jax.diagnosis.evidence import estimates
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.errors import LogError

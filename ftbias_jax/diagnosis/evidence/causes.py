@@ -154,16 +154,10 @@ def ranking_of(answer: Answer) -> tuple[Candidate, ...]:
 
 
 def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scored: list[Scored]) -> tuple[str, ...]:
-    """Effects that could stand in the place of a cause, the others unchanged: at most three, best first.
+    """Effects that could stand in the place of an accepted cause, the others unchanged: at most three, best first.
 
-    That an effect has more free numbers does not count against it here: the data do not separate the two.
-
-    Args:
-        problem: of the logs.
-        base: the nominal model.
-        accepted: all causes together.
-        cause: one of them.
-        scored: the candidates of the round in which it was found.
+    That an effect has more free numbers does not count against it here: the data do not separate the two. Scored are
+    the candidates of the round in which the cause was found.
     """
     rest = tuple(h for h in accepted.hypotheses if h is not cause)
     named = {h.effect for h in accepted.hypotheses}

@@ -58,12 +58,7 @@ def unseen_error(problem: Problem, fit: Fit) -> np.ndarray:
 
 
 def excess(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """(U, 6) squared innovation beyond its expectation, in units of one sample's noise variance; 0 if not measured.
-
-    Args:
-        problem: of the logs.
-        error: innovations in standard deviations.
-    """
+    """(U, 6) squared innovation beyond its expectation, in units of one sample's noise variance; 0 if not measured."""
     relative = problem.variance / problem.noise_std**2
     return np.where(problem.samples > 0, (error**2 - 1) * relative, 0)
 

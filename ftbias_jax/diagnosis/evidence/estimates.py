@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Joint, Slow, neutral_of
+from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Slow, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.entries import whole_matrix
 from ftbias_jax.diagnosis.regression import chain_model
@@ -94,23 +94,16 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
     errors: Parameters = {}
     for name in values[0]:
         at = np.stack([np.asarray(value[name], float) for value in values])
-        if isinstance(h.detail, Joint):
-            at = at[:, h.detail.number - 1]
+        if isinstance(h.detail, int):
+            at = at[:, h.detail - 1]
         off = np.abs(at[1:] - at[0])
         if name == when:  # a moment is not the less certain the later it is
             off[-1] = TIME_STDERR
         either = np.maximum(*np.split(off[:-1], 2))
         found[name], errors[name] = _plain(at[0]), _plain(np.sqrt((either**2).sum(0) + off[-1] ** 2))
-    if isinstance(h.detail, Joint):
-        found[_number(problem, h)] = h.detail.number
+    if isinstance(h.detail, int) and isinstance(search, ByJoint):
+        found[search.number] = h.detail
     return found, errors
-
-
-def _number(problem: Problem, h: Hypothesis) -> str:
-    """Name of the parameter that says which joint."""
-    search = problem.catalogue[h.effect].fit.search
-    assert isinstance(search, ByJoint)
-    return search.number
 
 
 def _of_series(
@@ -168,10 +161,6 @@ def with_nominal(problem: Problem, candidate: Candidate) -> Candidate:
     """A candidate with what the setup states of its parameters, in one of its sections, and with both in a sentence.
 
     The tool's mass stands in [tool] and gravity in [robot]; no key states a gain.
-
-    Args:
-        problem: of the diagnosis.
-        candidate: of its catalogue; one that is not fitted in it stays.
     """
     if candidate.effect not in problem.catalogue:
         return candidate

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, Joint, at_values, at_zero, movable, neutral_of, places_of
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, at_values, at_zero, movable, neutral_of, places_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import usual
 from ftbias_jax.diagnosis.regression.coordinates import scale_of, strengths, why_not_fitted
@@ -51,7 +51,7 @@ def _of_smooth(problem: Problem, effect: Effect) -> list[Hypothesis]:
     match effect.fit.search:
         case ByJoint():
             joints = enumerate(problem.layout.of_effect(effect.name), 1)
-            return [at_zero(effect.name, [i])._replace(detail=Joint(joint), group=joint) for joint, i in joints]
+            return [at_zero(effect.name, [i])._replace(detail=joint, group=joint) for joint, i in joints]
         case Linear(variants):
             whole = at_zero(effect.name, movable(problem, effect))
             held = [tuple(places_of(problem, effect, **dict(variant)).items()) for variant in variants]

@@ -140,4 +140,5 @@ def shaped_events(problem: Problem, effect: str, events: Sequence[Event], tents:
 
 def shaped(h: Hypothesis) -> tuple[Shaped, ...]:
     """The events of a hypothesis that has them."""
-    return tuple(one for one in h.detail or () if isinstance(one, Shaped))
+    details = h.detail if isinstance(h.detail, tuple) else ()
+    return tuple(one for one in details if isinstance(one, Shaped))

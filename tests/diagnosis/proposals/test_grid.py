@@ -6,7 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.hypothesis import Joint
 from ftbias_jax.diagnosis.proposals.starts import grid_hypotheses, smooth_hypotheses
 from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.model.effects.catalogue import CATALOGUE
@@ -31,7 +30,7 @@ def test_each_joint_and_each_variant_is_a_hypothesis():
     problem = problem_of()
     found = smooth_hypotheses(problem, ())
     joints = [h for h in found if h.effect == "encoder_offset"]
-    assert [h.detail for h in joints] == [Joint(number) for number in range(1, 8)]
+    assert [h.detail for h in joints] == list(range(1, 8))
     assert len({h.free for h in joints}) == len({h.group for h in joints}) == 7
     stays, turns = (h for h in found if h.effect == "mount_rotation")
     place = layout(7).slices["mount_rotation", "tool_turns"].start
