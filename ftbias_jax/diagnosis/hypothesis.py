@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from collections.abc import Collection
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import jax
 import numpy as np
@@ -11,6 +12,8 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.coordinates import can_move, to_coordinates
 from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
 from ftbias_jax.model.effects.types import Effect
+
+S = TypeVar("S")
 
 
 class Slow(NamedTuple):
@@ -82,6 +85,17 @@ class Hypothesis(NamedTuple):
 
 Found: TypeAlias = tuple[float, Hypothesis]
 """Gain in nats on top of what is accepted, not penalised, and the hypothesis."""
+
+
+def searched_by(problem: Problem, taken: Collection[str], *searches: type) -> list[Effect]:
+    """Effects of the catalogue that pick one of these searches, but for those that are taken."""
+    return [effect for effect in problem.catalogue.searched_by(*searches) if effect.name not in taken]
+
+
+def search_of(effect: Effect, search: type[S]) -> S:
+    """The search that an effect picks, known to be of that kind."""
+    assert isinstance(effect.fit.search, search)
+    return effect.fit.search
 
 
 def penalty(h: Hypothesis) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable, search_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import change, information, products, scores
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
@@ -78,8 +78,7 @@ def share_of_gains(problem: Problem, found: Fit, h: Hypothesis) -> float:
 
 def size_of_entries(effect: Effect) -> np.ndarray:
     """(6, 6) typical departure of the entries of an effect's matrix; 0 where they are not fitted."""
-    assert isinstance(effect.fit.search, Entries)
-    size: np.ndarray = np.broadcast_to(effect.parameter(effect.fit.search.matrix).scale, (6, 6))
+    size: np.ndarray = np.broadcast_to(effect.parameter(search_of(effect, Entries).matrix).scale, (6, 6))
     return size
 
 

@@ -10,7 +10,7 @@ from collections.abc import Collection
 import numpy as np
 
 from ftbias_jax.diagnosis.evidence.estimates import parameters
-from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, at_values, neutral_of, places_of
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, at_values, neutral_of, places_of, search_of, searched_by
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import readings, whitened, whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
@@ -35,13 +35,13 @@ APART = 0.25
 
 def pulls(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
     """The most promising anchors of every elastic pull, with their gains in nats beside a fit."""
-    wanted = [effect for effect in problem.catalogue.searched_by(Pull) if effect.name not in taken]
+    wanted = searched_by(problem, taken, Pull)
     return [found for effect in wanted for found in _anchors(problem, prepared_fit, effect)]
 
 
 def _anchors(problem: Problem, prepared_fit: PreparedFit, effect: Effect) -> list[Found]:
     """The most promising anchors in the world and on the forearm."""
-    search, model = _search(effect), problem.parts[0].signals.model
+    search, model = search_of(effect, Pull), problem.parts[0].signals.model
     n, reach = problem.joints, max(float(np.linalg.norm(model.arm.zero_position)), 0.5)
     attachment = neutral_of(problem, effect, search.attachment)
     rng = np.random.default_rng(0)
@@ -72,14 +72,9 @@ def _anchors(problem: Problem, prepared_fit: PreparedFit, effect: Effect) -> lis
     return chosen
 
 
-def _search(effect: Effect) -> Pull:
-    assert isinstance(effect.fit.search, Pull)
-    return effect.fit.search
-
-
 @keep_program("name", "catalogue")
 def _span(signals: Signals, anchor: Array, attachment: Array, link: Array, *, name: str, catalogue: Catalogue) -> Array:
-    search = _search(catalogue[name])
+    search = search_of(catalogue[name], Pull)
     return search.span({search.anchor: anchor, search.attachment: attachment, search.link: link}, signals)
 
 
@@ -134,7 +129,7 @@ def _without_slack(prepared_fit: PreparedFit, linear: np.ndarray) -> np.ndarray:
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     """Why a cable may be something else: long and soft, it makes nearly any force, so that force is what is told."""
     values, stderr = parameters(problem, found, h)
-    search, arm = _search(problem.catalogue[h.effect]), problem.parts[0].signals.model.arm
+    search, arm = search_of(problem.catalogue[h.effect], Pull), problem.parts[0].signals.model.arm
     apart = float(np.linalg.norm(np.asarray(values[search.anchor]) - np.asarray(arm.zero_position)))
     far = apart > FARTHEST or float(np.max(values[search.rest_length])) > LONGEST_CABLE
     loose = max(np.max(stderr[search.anchor]), np.max(stderr[search.rest_length])) > UNDETERMINED
@@ -148,7 +143,7 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
 
 def equivalent_force(problem: Problem, found: Fit, h: Hypothesis) -> tuple[np.ndarray, float]:
     """(3,) N on the tool, base axes, that the pull of a fit exerts on average, and by how many N it varies."""
-    stiffness = _search(problem.catalogue[h.effect]).stiffness
+    stiffness = search_of(problem.catalogue[h.effect], Pull).stiffness
     z = np.stack([found.z, found.z])
     z[1, problem.layout.slices[h.effect, stiffness]] = 0
     with_it, without = readings(problem, z)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Change, Event, Found, Hypothesis, Slow
+from ftbias_jax.diagnosis.hypothesis import Change, Event, Found, Hypothesis, Slow, search_of, searched_by
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
@@ -95,8 +95,8 @@ def steplike(problem: Problem, library: Library, accepted: Fit, taken: Collectio
 
 def _best(problem: Problem, library: Library, accepted: Fit, search: type, taken: Collection[str]) -> Iterator[Found]:
     """The series that gains most of every effect that is searched so."""
-    for name in (effect.name for effect in problem.catalogue.searched_by(search)):
-        if name in library.series and name not in taken:
+    for name in (effect.name for effect in searched_by(problem, taken, search)):
+        if name in library.series:
             gain = by_channel(accepted, library.white[name])
             place = int(gain.argmax())
             yield float(gain[place]), library.series[name][place]
@@ -107,8 +107,7 @@ def _with_time_constant(problem: Problem, accepted: Fit, found: Found) -> Found:
     _, h = found
     assert isinstance(h.detail, Slow)
     effect = problem.catalogue[h.effect]
-    assert isinstance(effect.fit.search, Settling)
-    times = np.array([time for time in effect.parameter(effect.fit.search.time).starts if time > 0])
+    times = np.array([time for time in effect.parameter(search_of(effect, Settling).time).starts if time > 0])
     if not h.detail.time_constant or len(times) < 2:
         return found
 

@@ -12,7 +12,17 @@ from itertools import product
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, at_values, at_zero, movable, neutral_of, places_of
+from ftbias_jax.diagnosis.hypothesis import (
+    Found,
+    Hypothesis,
+    at_values,
+    at_zero,
+    movable,
+    neutral_of,
+    places_of,
+    search_of,
+    searched_by,
+)
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import usual
 from ftbias_jax.diagnosis.regression.coordinates import scale_of, strengths, why_not_fitted
@@ -39,12 +49,7 @@ TIMES, CLOSER, ROUNDS = 64, 4, 3
 
 def smooth_hypotheses(problem: Problem, taken: Collection[str]) -> list[Hypothesis]:
     """What one linearisation finds; each joint is a hypothesis of its own, and so is each variant of an effect."""
-    return [
-        h
-        for effect in problem.catalogue.searched_by(*SMOOTH)
-        if effect.name not in taken
-        for h in _of_smooth(problem, effect)
-    ]
+    return [h for effect in searched_by(problem, taken, *SMOOTH) for h in _of_smooth(problem, effect)]
 
 
 def _of_smooth(problem: Problem, effect: Effect) -> list[Hypothesis]:
@@ -85,11 +90,8 @@ def smooth(
 def grid_hypotheses(problem: Problem, span: np.ndarray, taken: Collection[str]) -> list[Hypothesis]:
     """Starting points of the effects that are fitted from several; span (6,) N, Nm: range of the predicted load."""
     found = []
-    for effect in problem.catalogue.searched_by(Grid):
-        if effect.name in taken:
-            continue
-        assert isinstance(effect.fit.search, Grid)
-        load = span if effect.fit.search.per_load else 1.0
+    for effect in searched_by(problem, taken, Grid):
+        load = span if search_of(effect, Grid).per_load else 1.0
         searched = [parameter for parameter in effect.parameters if parameter.starts]
         for starts in product(*(parameter.starts for parameter in searched)):
             values = {p.name: start * load for p, start in zip(searched, starts, strict=True)}
@@ -119,8 +121,8 @@ def best_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[s
     """The most promising starts of every such effect, with their gains in nats beside a fit."""
     return [
         found
-        for effect in problem.catalogue.searched_by(Starts)
-        if effect.name not in taken and not why_not_fitted(effect)
+        for effect in searched_by(problem, taken, Starts)
+        if not why_not_fitted(effect)
         for found in _best_starts(problem, prepared_fit, effect)
     ]
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Event, Found, Hypothesis, penalty
+from ftbias_jax.diagnosis.hypothesis import Event, Found, Hypothesis, penalty, searched_by
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.series import Library
 from ftbias_jax.diagnosis.regression.design_matrix import step_and_gain
@@ -43,15 +43,12 @@ def touches(
 
     They are looked for, but not judged, in what ``smooth`` (M, U, 6) leaves: derivatives by what else could be there.
     """
-    names = [effect.name for effect in problem.catalogue.searched_by(Touches) if effect.name not in taken]
+    names = [effect.name for effect in searched_by(problem, taken, Touches)]
     if not names or not library.events:
         return []
     alone = robust_rest(smooth, accepted.error)
-    events = _pursue(library, alone)
-    if not events:
-        return []
-    found = []
-    for name in names:
+    events, found = _pursue(library, alone), list[Found]()
+    for name in names if events else ():
         trimmed = _trimmed(problem, name, alone, merge(events))
         shapes = [shaped_events(problem, name, trimmed, tents) for tents in SHAPES]
         gains = [
@@ -59,7 +56,7 @@ def touches(
             for h in shapes
             if is_short(h, problem.duration) or is_seen(h, problem)
         ]
-        found += sorted(gains, key=_after_penalty)[-1:]
+        found += sorted(gains, key=lambda one: one[0] - penalty(one[1]))[-1:]
     return found
 
 
@@ -161,11 +158,6 @@ def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
     least = min(LEAST_EVENT, max(nats[p].sum() for p in pieces) / 2)
     pieces = [p for p in pieces if nats[p].sum() > least]
     return [Event(log, start + max(p[0] - 1, 0) * width, start + min(p[-1] + 1, last) * width) for p in pieces]
-
-
-def _after_penalty(found: Found) -> float:
-    gain, h = found
-    return gain - penalty(h)
 
 
 def merge(events: Sequence[Event]) -> list[Event]:

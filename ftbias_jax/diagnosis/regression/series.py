@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Change, Event, Hypothesis, Shaped, Slow
+from ftbias_jax.diagnosis.hypothesis import Change, Event, Hypothesis, Shaped, Slow, search_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.coordinates import strengths
 from ftbias_jax.model.effects.catalogue import complete
@@ -56,8 +56,7 @@ def unit_series(problem: Problem, effect: Effect, **held: np.ndarray | Sequence[
 
 def settlings(problem: Problem, effect: Effect) -> list[Hypothesis]:
     """A slow series with each time constant that its logs can show; in all logs, and in each if it may differ there."""
-    search = effect.fit.search
-    assert isinstance(search, Settling)
+    search = search_of(effect, Settling)
     times = [float(time) for time in effect.parameter(search.time).starts]
     shown = {
         time: [k for k, d in enumerate(problem.durations) if search.shortest * d <= time < search.longest * d]
@@ -85,9 +84,8 @@ def _slow(problem: Problem, effect: Effect, series: np.ndarray, time: float, log
 def retimed(problem: Problem, h: Hypothesis, times: Sequence[float]) -> list[Hypothesis]:
     """A slow series with other time constants."""
     effect = problem.catalogue[h.effect]
-    assert isinstance(effect.fit.search, Settling)
     assert isinstance(h.detail, Slow)
-    series = unit_series(problem, effect, **{effect.fit.search.time: times})
+    series = unit_series(problem, effect, **{search_of(effect, Settling).time: times})
     return [_slow(problem, effect, one, float(time), h.detail.log) for one, time in zip(series, times, strict=True)]
 
 
@@ -103,8 +101,7 @@ def slope_in_time(problem: Problem, h: Hypothesis) -> np.ndarray:
 
 def steps(problem: Problem, effect: Effect, log: int, times: np.ndarray, ramp: float = 0.0) -> list[Hypothesis]:
     """A change that begins at each of the times of one log, and takes ``ramp`` s."""
-    search = effect.fit.search
-    assert isinstance(search, Step)
+    search = search_of(effect, Step)
     if not len(times):
         return []
     series = unit_series(problem, effect, **{search.time: times, search.ramp: np.full(len(times), ramp)})
