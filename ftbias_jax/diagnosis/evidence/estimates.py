@@ -131,7 +131,7 @@ def _of_events(
     problem: Problem, h: Hypothesis, search: Touches, coefficients: np.ndarray, errors: np.ndarray
 ) -> tuple[Parameters, Parameters]:
     """Events with the force at their peak, base frame: the tool is pushed by minus the change of the reading."""
-    events, motions = shaped(h), [part.nominal for part in problem.parts]
+    events = shaped(h)
     ends = np.cumsum([one.series for one in events])[:-1]
     forces: list[Numbers] = []
     spreads: list[Numbers] = []
@@ -139,7 +139,7 @@ def _of_events(
         part, peak = problem.parts[event.log], int((change[:, :3] ** 2).sum(1).argmax())
         when = event.start + peak * (event.end - event.start) / (len(change) - 1)
         middle = min(int(np.searchsorted(np.asarray(part.signals.t)[: part.used], when)), part.used - 1)
-        R = np.asarray(motions[event.log].sensor_rotation)[:, :, middle]
+        R = np.asarray(part.nominal.sensor_rotation)[:, :, middle]
         forces.append((-R @ change[peak, :3]).tolist())
         blunt = SHAPE_ERROR * float(np.linalg.norm(change[peak, :3]))
         spreads.append(np.hypot(np.abs(R) @ error[peak, :3], blunt).tolist())

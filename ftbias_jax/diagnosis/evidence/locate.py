@@ -57,12 +57,8 @@ def locate(
 ) -> Where:
     """Where in the log the gap is: channels always; intervals, regimes and bands only where they are significant.
 
-    Args:
-        residual: (B, 6) N, Nm, means of bins; NaN = not measured.
-        noise: (B, 6) their standard deviation by noise.
-        t: (B,) s, increasing.
-        motion: at the bins.
-        stages: of the named causes, passed through.
+    The residuals (B, 6) N, Nm are means of bins at t (B,) s, increasing, NaN = not measured; noise (B, 6) is their
+    standard deviation. The stages of the named causes are passed through.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         white = np.where(noise > 0, residual / noise, np.nan)

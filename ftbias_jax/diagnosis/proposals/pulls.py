@@ -19,7 +19,6 @@ from ftbias_jax.diagnosis.thresholds import FARTHEST, LONGEST_CABLE, PULLS_FITTE
 from ftbias_jax.model.effects.fitting import Pull
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Effect, Signals
-from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
@@ -46,9 +45,8 @@ def _anchors(problem: Problem, prepared_fit: PreparedFit, effect: Effect) -> lis
     attachment = neutral_of(problem, effect, search.attachment)
     rng = np.random.default_rng(0)
     found: list[tuple[float, float, float, np.ndarray, int]] = []
-    motions = [part.nominal for part in problem.parts]
     for link in dict.fromkeys((0, *(max(n - back, 0) for back in FOREARM))):
-        spans = _spans(problem, effect, motions, link, attachment)
+        spans = _spans(problem, effect, link, attachment)
         near = rng.uniform(0.2, 0.9, (ANCHORS, 1)) * np.asarray(model.arm.zero_position) if link else 0.0
         anchors = near + rng.uniform(-1, 1, (ANCHORS, 3)) * (0.3 if link else 0.7 * reach)
         linear = whitened(problem, _on_tool(spans, attachment))
@@ -78,15 +76,14 @@ def _span(signals: Signals, anchor: Array, attachment: Array, link: Array, *, na
     return search.span({search.anchor: anchor, search.attachment: attachment, search.link: link}, signals)
 
 
-def _spans(problem: Problem, effect: Effect, motions: list[ArmMotion], link: int, attachment: np.ndarray) -> np.ndarray:
+def _spans(problem: Problem, effect: Effect, link: int, attachment: np.ndarray) -> np.ndarray:
     """(4, U, 3) m, sensor frame: near end to the link's origin at q = 0, and what a metre of the anchor's axes adds."""
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    fixed = attachment, np.asarray(float(link))
+    fixed, what = (attachment, np.asarray(float(link))), {"name": effect.name, "catalogue": problem.catalogue}
     parts = []
-    for part, motion in zip(problem.parts, motions, strict=True):
-        signals = part.signals._replace(motion=motion)
-        told = {"name": effect.name, "catalogue": problem.catalogue}
-        ends = [_span(signals, corner, *fixed, **told) for corner in corners]
+    for part in problem.parts:
+        signals = part.signals._replace(motion=part.nominal)
+        ends = [_span(signals, corner, *fixed, **what) for corner in corners]
         parts.append(np.stack([np.asarray(span)[: part.used] for span in ends]))
     spans = np.concatenate(parts, axis=1)
     spans[1:] -= spans[0]
@@ -147,10 +144,10 @@ def equivalent_force(problem: Problem, found: Fit, h: Hypothesis) -> tuple[np.nd
     z = np.stack([found.z, found.z])
     z[1, problem.layout.slices[h.effect, stiffness]] = 0
     with_it, without = readings(problem, z)
-    ends, motions = np.cumsum([part.used for part in problem.parts])[:-1], [part.nominal for part in problem.parts]
+    ends = np.cumsum([part.used for part in problem.parts])[:-1]
     forces = [
-        -np.einsum("ijt,tj->ti", np.asarray(motion.sensor_rotation)[:, :, : len(change)], change[:, :3])
-        for change, motion in zip(np.split(with_it - without, ends), motions, strict=True)
+        -np.einsum("ijt,tj->ti", np.asarray(part.nominal.sensor_rotation)[:, :, : part.used], change[:, :3])
+        for part, change in zip(problem.parts, np.split(with_it - without, ends), strict=True)
     ]
     force = np.concatenate(forces)
     return force.mean(0), float(np.sqrt(force.var(0).sum()))

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache, partial
+from collections.abc import Sequence
+from functools import lru_cache
 
-import jax
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Part, Problem
 from ftbias_jax.diagnosis.regression import chain_model
-from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.diagnosis.regression.whitening import Whitener
-from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.model.effects.table import Catalogue
-from ftbias_jax.model.effects.types import Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 
 STEP = 1e-6
@@ -24,20 +19,6 @@ LANES = 64
 """Columns that are whitened together: of more, the products do not fit into the processor's cache."""
 MOTIONS = 8
 """Of the arm that are remembered while readings are worked out."""
-
-
-def programs(
-    signals: Signals, known: Values, moving: ArmMotion, catalogue: Catalogue = CATALOGUE
-) -> Iterator[Callable[[], object]]:
-    """Make the programs that the functions below call ready, when called; the longest first. Shapes are enough."""
-
-    def of(*shape: int) -> jax.ShapeDtypeStruct:
-        return jax.ShapeDtypeStruct(shape, signals.q.dtype)
-
-    z = of(layout(signals.q.shape[1], catalogue).size)
-    yield partial(chain_model.reading.prepare, signals, known, moving, z, catalogue=catalogue)
-    yield partial(chain_model.motion.prepare, signals, known, z, catalogue=catalogue)
-    yield partial(chain_model.to_values.prepare, signals, z, catalogue=catalogue)
 
 
 def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
