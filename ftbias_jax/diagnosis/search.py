@@ -154,7 +154,7 @@ class Search(NamedTuple):
     def without_redundant(self, accepted: Fit) -> Fit | None:
         """The fit without an earlier cause that the later ones made needless, if there is one."""
         for h in accepted.hypotheses[len(self.start.hypotheses) : -1]:
-            rest = fit(self.problem, tuple(other for other in accepted.hypotheses if other is not h), accepted)
+            rest = fit(self.problem, accepted.beside(h), accepted)
             if score(accepted, rest) < LEAST_GAIN:
                 return rest
         return None

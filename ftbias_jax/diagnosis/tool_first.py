@@ -80,7 +80,7 @@ def _beside_tool(problem: Problem, base: Fit, hold_out: Judge, without: Collecti
     accepted, rounds = search(problem, fit(problem, of_tool, base), hold_out, without)
     causes, stay = accepted.hypotheses[len(of_tool) :], of_tool
     for h in of_tool:
-        rest = fit(problem, tuple(other for other in accepted.hypotheses if other is not h), accepted)
+        rest = fit(problem, accepted.beside(h), accepted)
         held = hold_out(accepted, rest.error)
         if score(accepted, rest) < LEAST_GAIN or held.nats < SURE * held.nats_stderr:
             accepted, stay = rest, tuple(other for other in stay if other is not h)

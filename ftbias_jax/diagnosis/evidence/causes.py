@@ -80,8 +80,7 @@ def causes_of(answer: Answer) -> tuple[Candidate, ...]:
     for scored, h in (*pairs[of_tool:], *pairs[:of_tool]):
         better, worse = scored[0].fit, previous
         if h in accepted.hypotheses[:of_tool]:
-            rest = tuple(other for other in accepted.hypotheses if other is not h)
-            better, worse = accepted, fit(problem, rest, accepted)
+            better, worse = accepted, fit(problem, accepted.beside(h), accepted)
         twins = twins_of(problem, answer.base, accepted, h, scored)
         named = _fitted(answer, accepted, h, answer.hold_out(better, worse.error), worse, twins)
         doubt = doubt_of(problem, accepted, h) or answer.doubt
@@ -159,7 +158,7 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     That an effect has more free numbers does not count against it here: the data do not separate the two. Scored are
     the candidates of the round in which the cause was found.
     """
-    rest = tuple(h for h in accepted.hypotheses if h is not cause)
+    rest = accepted.beside(cause)
     named = {h.effect for h in accepted.hypotheses}
     without = fit(problem, rest, accepted) if rest else base
     gain, blocks = accepted.log_likelihood - without.log_likelihood, block_scores(problem, accepted.error)

@@ -52,6 +52,10 @@ class Fit(NamedTuple):
         """Free numbers."""
         return self.columns.size
 
+    def beside(self, h: Hypothesis) -> tuple[Hypothesis, ...]:
+        """The other hypotheses."""
+        return tuple(other for other in self.hypotheses if other is not h)
+
 
 def base(problem: Problem) -> Fit:
     """The nominal model."""
