@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, Joint, penalty
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, penalty
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals import grid, ringing, series
+from ftbias_jax.diagnosis.proposals import ringing, series, starts
 from ftbias_jax.diagnosis.proposals.pulls import pulls
-from ftbias_jax.diagnosis.proposals.starts import best_starts
+from ftbias_jax.diagnosis.proposals.series import Library
 from ftbias_jax.diagnosis.proposals.touches import touches
-from ftbias_jax.diagnosis.regression.dictionary import Found, Library
 from ftbias_jax.diagnosis.regression.fit import Fit, first_order, fit
 from ftbias_jax.diagnosis.regression.score_test import stand
 from ftbias_jax.diagnosis.thresholds import (
@@ -56,17 +55,14 @@ def candidates(
 ) -> list[Scored]:
     """Every effect that is not accepted yet, fitted on top of the accepted ones; best first.
 
-    Args:
-        problem: of the logs.
-        library: gives the whitened series that may be proposed.
-        accepted: what is there already.
-        without: effects that are not to be proposed.
-        all_smooth: weak smooth effects, too, to first order: they make the ranking whole.
+    Those of ``without`` are not proposed. ``library`` gives the whitened series that may be. With ``all_smooth`` weak
+    smooth effects are among them, too, to first order: they make the ranking whole.
     """
-    taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known) | _unseen(problem)
+    unseen = {name for name, effect in problem.catalogue.items() if not problem.recorded.issuperset(effect.needs)}
+    taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known) | unseen
     prepared_fit = stand(accepted)
-    found, columns = grid.smooth(problem, prepared_fit, taken)
-    for make in (grid.from_starts, ringing.loose, pulls, best_starts):
+    found, columns = starts.smooth(problem, prepared_fit, taken)
+    for make in (starts.from_starts, ringing.loose, pulls, starts.best_starts):
         found += make(problem, prepared_fit, taken)
     for propose in (series.slow, series.steplike):
         found += propose(problem, library(), accepted, taken)
@@ -78,19 +74,13 @@ def candidates(
         if penalised > LEAST_GAIN and (key not in best or penalised > best[key][0]):
             best[key] = (penalised, h)
     top = max((gain for gain, _ in best.values()), default=0.0)
-    fits = [
-        first_order(accepted, h, columns[h])
-        if gain <= _worth(problem, h) * top
-        else fit(problem, (*accepted.hypotheses, h), accepted, ROUGHLY, ROUGH_STEPS)
-        for gain, h in best.values()
-        if gain > _worth(problem, h) * top or (_is_smooth(problem, h) and all_smooth)
-    ]
+    fits: list[Fit] = []
+    for gain, h in best.values():
+        if gain > (WORTH_FITTING if _is_smooth(problem, h) else WORTH_SEARCHING) * top:
+            fits.append(fit(problem, (*accepted.hypotheses, h), accepted, ROUGHLY, ROUGH_STEPS))
+        elif all_smooth and _is_smooth(problem, h):
+            fits.append(first_order(accepted, h, columns[h]))
     return _best_of_each(_polish(problem, accepted, [Scored(one, score(one, accepted)) for one in fits]))
-
-
-def _unseen(problem: Problem) -> set[str]:
-    """Effects that need what was not recorded."""
-    return {name for name, effect in problem.catalogue.items() if not problem.recorded.issuperset(effect.needs)}
 
 
 def _is_smooth(problem: Problem, h: Hypothesis) -> bool:
@@ -98,22 +88,19 @@ def _is_smooth(problem: Problem, h: Hypothesis) -> bool:
     return isinstance(problem.catalogue[h.effect].fit.search, SMOOTH)
 
 
-def _worth(problem: Problem, h: Hypothesis) -> float:
-    """Share of the best preliminary gain from which on a hypothesis is fitted in full."""
-    return WORTH_FITTING if _is_smooth(problem, h) else WORTH_SEARCHING
-
-
 def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Scored]:
     """The best ones fitted to the end; best first."""
     top = max((s.nats for s in scored), default=0.0)
-    near = [s.fit.free and s.nats > _near(problem, s.hypothesis) * top for s in scored]
-    ends = (_end(problem, s.fit) if worth else s.fit for s, worth in zip(scored, near, strict=True))
-    return sorted((Scored(one, score(one, accepted)) for one in ends), key=lambda scored: -_merit(problem, scored))
 
+    def polished(s: Scored) -> Scored:
+        near = POLISHED if _is_smooth(problem, s.hypothesis) or s.hypothesis.shapes else POLISHED_SEARCHED
+        end = _end(problem, s.fit) if s.fit.free and s.nats > near * top else s.fit
+        return Scored(end, score(end, accepted))
 
-def _near(problem: Problem, h: Hypothesis) -> float:
-    """Share of the best gain from which on a fit is brought to its end."""
-    return POLISHED if _is_smooth(problem, h) or h.shapes else POLISHED_SEARCHED
+    def merit(s: Scored) -> float:
+        return -s.nats * problem.catalogue[s.hypothesis.effect].fit.credit
+
+    return sorted(map(polished, scored), key=merit)
 
 
 def _end(problem: Problem, rough: Fit) -> Fit:
@@ -126,14 +113,10 @@ def _end(problem: Problem, rough: Fit) -> Fit:
     return freer if score(freer, end) > 0 else end
 
 
-def _merit(problem: Problem, scored: Scored) -> float:
-    return scored.nats * problem.catalogue[scored.hypothesis.effect].fit.credit
-
-
 def _best_of_each(scored: list[Scored]) -> list[Scored]:
     """One start of every effect, and one of every joint."""
-    best: dict[tuple[str, Joint | None], Scored] = {}
+    best: dict[tuple[str, int], Scored] = {}
     for s in scored:
         of = s.hypothesis.detail
-        best.setdefault((s.hypothesis.effect, of if isinstance(of, Joint) else None), s)
+        best.setdefault((s.hypothesis.effect, of if isinstance(of, int) else 0), s)
     return list(best.values())

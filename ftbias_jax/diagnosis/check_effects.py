@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from itertools import product
 from typing import Any
@@ -43,6 +43,7 @@ CHECKED = (Linear, Entries, Grid, Starts)
 """Searches that need derivatives with respect to all coordinates."""
 
 WITHOUT_SLOPE = "at neutral the reading does not depend on it: mark it search=True, or give it another neutral value"
+WITHOUT_NUMBER = "it needs a plain number where JAX has none yet: use jnp.where instead of if, and jnp instead of numpy"
 FromPython = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
 """What JAX raises where code needs a plain number."""
 
@@ -62,23 +63,18 @@ def check_effects(effects: Sequence[Any]) -> list[str]:
     return faults
 
 
-def _faults(effect: Effect, effects: Sequence[Any]) -> Iterator[str]:
+def _faults(effect: Effect, effects: Sequence[Any]) -> list[str]:
     names = {"none", *CATALOGUE, *(one.name for one in effects if isinstance(one, Effect))}
-    for twin in effect.twins:
-        if twin.effect not in names:
-            yield f"its twin {twin.effect!r} is no effect"
+    faults = [f"its twin {twin.effect!r} is no effect" for twin in effect.twins if twin.effect not in names]
     signals = _motion(_seconds(effect))
     needed = {need: signals.temperature for need in effect.needs if need != "temperature"}
     signals = signals._replace(columns=needed)
     try:
-        if effect.hook == "record":
-            yield from _faults_of_recording(effect, signals)
-        else:
-            yield from _faults_of_reading(effect, signals)
+        return faults + (_of_recording if effect.hook == "record" else _of_reading)(effect, signals)
     except FromPython:
-        yield "it needs a plain number where JAX has none yet: use jnp.where instead of if, and jnp instead of numpy"
+        return [*faults, WITHOUT_NUMBER]
     except Exception as error:  # the caller's code: whatever it raises is told
-        yield f"its code raises {type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        return [*faults, f"its code raises {type(error).__name__}: {' '.join(str(error).split())[:200]}"]
 
 
 def _seconds(effect: Effect) -> float:
@@ -125,14 +121,12 @@ def _starts(effect: Effect, neutral: EffectValues, seconds: float) -> list[Effec
     return [dict(zip(spread, map(jnp.asarray, every[i]), strict=True)) for i in ordered]
 
 
-def _faults_of_reading(effect: Effect, signals: Signals) -> Iterator[str]:
+def _of_reading(effect: Effect, signals: Signals) -> list[str]:
     seconds = _seconds(effect)
     nominal = _nominal(seconds)
     predict = jax.jit(partial(_predict, effect, signals))
-    wrong = _wrong_type(effect, signals, nominal)
-    if wrong:
-        yield wrong
-        return
+    if wrong := _wrong_type(effect, signals, nominal):
+        return [wrong]
     model = signals.model
     neutral = neutral_values(effect, model)
     starts = _starts(effect, neutral, seconds)
@@ -140,19 +134,17 @@ def _faults_of_reading(effect: Effect, signals: Signals) -> Iterator[str]:
     for words, start in (("at neutral", {}), *off):
         change = np.abs(np.asarray(predict(neutral | start) - nominal)).max()
         if not np.isfinite(change):
-            yield f"{words} the reading is no number; neutral values must change nothing"
-            return
+            return [f"{words} the reading is no number; neutral values must change nothing"]
         if change > NEUTRAL:
-            yield f"{words} it changes the reading by {change:.2g} N or Nm; neutral values must change nothing"
-            return
+            return [f"{words} it changes the reading by {change:.2g} N or Nm; neutral values must change nothing"]
     typical = typical_values(effect, model)
     changes = [np.abs(np.asarray(predict(typical | start) - nominal)).max() for start in ({}, *starts)]
     if not np.isfinite(changes).all():
-        yield "with typical values (neutral plus scale) the reading is no number"
-    elif max(changes) < SEEN:
-        yield "typical values (neutral plus scale) change nothing at any start: give its parameters a scale"
-    elif isinstance(effect.fit.search, CHECKED) and not why_not_fitted(effect):
-        yield from _faults_of_slopes(effect, signals, starts)
+        return ["with typical values (neutral plus scale) the reading is no number"]
+    if max(changes) < SEEN:
+        return ["typical values (neutral plus scale) change nothing at any start: give its parameters a scale"]
+    derived = isinstance(effect.fit.search, CHECKED) and not why_not_fitted(effect)
+    return _of_slopes(effect, signals, starts) if derived else []
 
 
 def _predict(effect: Effect, signals: Signals, values: EffectValues) -> Array:
@@ -171,15 +163,12 @@ def _wrong_type(effect: Effect, signals: Signals, wrench: Array) -> str:
     if effect.reading:
         reading = jax.eval_shape(effect.reading, values, signals, wrench)
         if getattr(reading, "shape", None) != wrench.shape:
-            return f"its reading returns {_shape(reading)}, and must return an array (T, 6) like the wrench it gets"
+            made = f"the shape {reading.shape}" if hasattr(reading, "shape") else type(reading).__name__
+            return f"its reading returns {made}, and must return an array (T, 6) like the wrench it gets"
     return ""
 
 
-def _shape(made: Any) -> str:
-    return f"the shape {made.shape}" if hasattr(made, "shape") else type(made).__name__
-
-
-def _faults_of_slopes(effect: Effect, signals: Signals, starts: list[EffectValues]) -> Iterator[str]:
+def _of_slopes(effect: Effect, signals: Signals, starts: list[EffectValues]) -> list[str]:
     """What a fit needs: derivatives that are numbers, tell of every parameter at some start, and agree with
     differences."""
     model = signals.model
@@ -202,22 +191,15 @@ def _faults_of_slopes(effect: Effect, signals: Signals, starts: list[EffectValue
                 direction = {other: np.zeros_like(x) for other, x in z.items()}
                 direction[name][i] = 1.0
                 slope = np.asarray(jax.jvp(reading, (z,), (direction,))[1])
-                difference = _difference(reading, z, direction)
-                fault = _fault_of_slope(slope, difference)
-                if fault:
-                    yield f"{name if not parameter.shape else f'number {i + 1} of {name}'}: {fault}"
-                    return
+                ahead, behind = (reading({k: x + step * direction[k] for k, x in z.items()}) for step in (STEP, -STEP))
+                difference = np.asarray(ahead - behind) / (2 * STEP)
+                if fault := _fault_of_slope(slope, difference):
+                    return [f"{name if not parameter.shape else f'number {i + 1} of {name}'}: {fault}"]
                 if np.abs([slope, difference]).max() > SEEN:
                     still.discard(name)
         if not still:
-            return
-    yield from (f"{p.name}: {WITHOUT_SLOPE}" for p in effect.parameters if p.name in still)
-
-
-def _difference(reading: Callable[[Any], Array], z: Any, direction: Any) -> np.ndarray:
-    ahead = jax.tree.map(lambda x, d: x + STEP * d, z, direction)
-    behind = jax.tree.map(lambda x, d: x - STEP * d, z, direction)
-    return np.asarray(reading(ahead) - reading(behind)) / (2 * STEP)
+            break
+    return [f"{p.name}: {WITHOUT_SLOPE}" for p in effect.parameters if p.name in still]
 
 
 def _fault_of_slope(slope: np.ndarray, difference: np.ndarray) -> str:
@@ -231,18 +213,16 @@ def _fault_of_slope(slope: np.ndarray, difference: np.ndarray) -> str:
     return ""
 
 
-def _faults_of_recording(effect: Effect, signals: Signals) -> Iterator[str]:
+def _of_recording(effect: Effect, signals: Signals) -> list[str]:
     wrench = _nominal(_seconds(effect))
     noise = 0.01 * jax.random.normal(jax.random.key(0), wrench.shape)
     recorded = Record(signals.t, wrench + noise, noise, signals.dq)
-    for words, values in {
-        "neutral": neutral_values(effect, signals.model),
-        "typical": typical_values(effect, signals.model),
-    }.items():
-        assert effect.recording is not None
+    assert effect.recording is not None
+    for values_of in (neutral_values, typical_values):
+        values = values_of(effect, signals.model)
         made = jax.jit(effect.recording)(values, jax.random.key(1), recorded)
         if not isinstance(made, Record) or made.wrench.shape != wrench.shape:
-            yield "its recording must return record._replace(...) with a wrench (T, 6)"
-            return
-        if words == "neutral" and not np.abs(np.asarray(made.wrench - recorded.wrench)).max() < NEUTRAL:
-            yield "at neutral it changes samples; neutral values must change nothing"
+            return ["its recording must return record._replace(...) with a wrench (T, 6)"]
+        if values_of is neutral_values and not np.abs(np.asarray(made.wrench - recorded.wrench)).max() < NEUTRAL:
+            return ["at neutral it changes samples; neutral values must change nothing"]
+    return []

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import NamedTuple
+from typing import ParamSpec, TypeVar
+
+import numpy as np
 
 from ftbias_jax.check.check_setup import require_right
-from ftbias_jax.diagnosis.candidates import Scored
-from ftbias_jax.diagnosis.degenerate import with_typed_errors
-from ftbias_jax.diagnosis.evidence.causes import causes_of, ranking_of
-from ftbias_jax.diagnosis.evidence.compare import compare
-from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge
-from ftbias_jax.diagnosis.evidence.doubts import doubt_by, is_sure
-from ftbias_jax.diagnosis.evidence.nominal import with_nominal
-from ftbias_jax.diagnosis.gap import is_quiet, measure_gap, verdict_of
+from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, is_sure, ranking_of
+from ftbias_jax.diagnosis.evidence.cross_validation import Judge
+from ftbias_jax.diagnosis.evidence.estimates import with_nominal
+from ftbias_jax.diagnosis.gap import compare, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
-from ftbias_jax.diagnosis.recorded import not_tested
 from ftbias_jax.diagnosis.regression import fit as fits
+from ftbias_jax.diagnosis.regression.coordinates import why_not_fitted
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.precompile import compiled_ahead
 from ftbias_jax.diagnosis.report.sentence import headline, note
 from ftbias_jax.diagnosis.report.series import show, where
-from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Gap
+from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
 from ftbias_jax.diagnosis.terms.describe import describe
 from ftbias_jax.diagnosis.terms.found import found_terms
@@ -31,7 +30,7 @@ from ftbias_jax.diagnosis.terms.peaks import fast_lines
 from ftbias_jax.diagnosis.terms.states import state_of_problem
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.diagnosis.tool_first import search_causes
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
 from ftbias_jax.io.cleaning import cleaned, slices, survey, without_long_pauses
 from ftbias_jax.io.log import Log
@@ -46,44 +45,27 @@ from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.types import Setup
 
-
-class _Known(NamedTuple):
-    """What is known of the logs before a cause is looked for."""
-
-    problem: Problem
-    hold_out: Judge
-    base: Fit
-    """The nominal model."""
-    found: tuple[Finding, ...]
-    """What single samples show."""
-    loud: tuple[FoundTerm, ...]
-    """The term that the noise follows, if there is one."""
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
-class _Answer(NamedTuple):
-    """What explains the logs."""
+def _with_typed_errors(verb: Callable[P, R]) -> Callable[P, R]:
+    """The same function, which raises a LogError where its equations have no solution."""
 
-    start: Fit
-    """The nominal model, with the effects of a drafted tool that stay."""
-    accepted: Fit
-    """The effects of the catalogue that stay."""
-    rounds: list[list[Scored]]
-    """Candidates of each, the accepted one first."""
-    before: HeldOut
-    """The nominal model on held-out blocks."""
-    after: HeldOut
-    """Effects and terms there."""
-    gap: Gap
-    total: float
-    """Mean square gap in noise variances, of which causes remove shares."""
-    terms: tuple[FoundTerm, ...] = ()
-    """Of what the catalogue does not explain."""
-    doubt: str = ""
-    """Why the only cause may be something else: a term does as well."""
+    @wraps(verb)
+    def run(*arguments: P.args, **named: P.kwargs) -> R:
+        try:
+            return verb(*arguments, **named)
+        except np.linalg.LinAlgError as error:
+            message = f"the log is no basis for a diagnosis: {error}"
+            remedy = "check its values with ftbias info: a stream may be constant, or far beyond its range"
+            raise LogError(message, remedy=remedy) from error
+
+    return run
 
 
 @in_float64
-@with_typed_errors
+@_with_typed_errors
 def diagnose(
     setup: Setup,
     logs: Sequence[Log],
@@ -130,119 +112,95 @@ def diagnose(
         require_right(setup, as_filtered, "diagnose", unchecked)
         progress("making the logs ready")
         problem, samples = make_problem(with_tool, logs)
-    known = _known(problem, logs, samples, without)
-    found = search_causes(setup, known.problem, known.base, known.hold_out, {*without, *not_shown(setup)}, progress)
-    before, after = (known.hold_out(one, known.base.error) for one in (known.base, found.accepted))
-    gap = measure_gap(known.problem, before, after)
-    answer = _Answer(*found, before, after, gap, gap.before_sigmas**2 - 1)
-    if TERM not in without and (found.accepted.hypotheses or not is_quiet(known.problem, gap)):
+    problem, base, found, loud = _examined(problem, logs, samples, without)
+    hold_out = Judge(problem)
+    searched = search_causes(setup, problem, base, hold_out, {*without, *not_shown(setup)}, progress)
+    before, after = (hold_out(one, base.error) for one in (base, searched.accepted))
+    gap = measure_gap(problem, before, after)
+    answer = Answer(problem, hold_out, base, found, *searched, before, after, gap, gap.before_sigmas**2 - 1)
+    if TERM not in without and (answer.accepted.hypotheses or not is_quiet(problem, gap)):
         progress("trying terms")
-        answer = _with_terms(known, answer, fast_lines(logs, samples))
+        answer = _with_terms(answer, fast_lines(logs, samples))
     progress("writing the report")
-    answer, verdict, causes = _judged(known, answer)
-    return _told(setup, logs, names, without, known, answer, verdict, causes)
-
-
-def _known(
-    problem: Problem, logs: Sequence[Log], samples: Sequence[SampleFindings], without: Collection[str]
-) -> _Known:
-    """What single samples show, and the nominal model with noise that follows something, if it does."""
-    found = tuple(finding for finding in together(samples, problem.catalogue) if finding.effect not in without)
-    base = fits.base(problem)
-    loud: tuple[FoundTerm, ...] = ()
-    if TERM not in without:
-        problem, found, loud = _with_noise(problem, logs, samples, base, found)
-        base = fits.base(problem) if loud else base
-    return _Known(problem, Judge(problem), base, found, loud)
-
-
-def _with_noise(
-    problem: Problem,
-    logs: Sequence[Log],
-    samples: Sequence[SampleFindings],
-    base: Fit,
-    found: tuple[Finding, ...],
-) -> tuple[Problem, tuple[Finding, ...], tuple[FoundTerm, ...]]:
-    """The problem with noise that follows something, what is left of the findings, and the term if there is one."""
-    state = state_of_problem(problem, base)
-    term = noise_term(problem, logs, samples, state, found)
-    if term is None:
-        return problem, found, ()
-    # What grows is no constant, and no growth of the catalogue.
-    kept = tuple(one for one in found if one.sign not in (LEVEL, GROWTH))
-    return louder(problem, term, state), kept, (term,)
-
-
-def _with_terms(known: _Known, answer: _Answer, lines: Sequence[float]) -> _Answer:
-    """The answer with terms, where they describe what the catalogue does not explain.
-
-    Args:
-        known: of the logs.
-        answer: of the catalogue.
-        lines: Hz, in the single samples.
-    """
-    problem, hold_out, base, accepted = known.problem, known.hold_out, known.base, answer.accepted
-    causes = len(accepted.hypotheses) + len(known.found)
-    verdict = verdict_of(problem, answer.gap, causes, len(known.found), is_sure(problem, accepted))
-    outcome = describe(problem, hold_out, answer.start, accepted, answer.rounds, verdict == "explained", lines)
-    described = outcome.description
-    if described is None:
-        return answer._replace(doubt=doubt_by(outcome.rivals))
-    after = hold_out(described.fit, base.error)
-    gap = measure_gap(problem, answer.before, after)
-    terms = found_terms(problem, described, gap)
-    return answer._replace(accepted=described.kept, rounds=described.rounds, after=after, gap=gap, terms=terms)
-
-
-def _judged(known: _Known, answer: _Answer) -> tuple[_Answer, str, tuple[Candidate, ...]]:
-    """The answer without what does not hold on unseen blocks, the verdict, and the causes that it names."""
-    problem, (accepted, gap) = known.problem, (answer.accepted, answer.gap)
-    of_tool = len(answer.start.hypotheses)
-    causes = causes_of(
-        problem, known.hold_out, known.base, accepted, answer.rounds, known.found, answer.total, answer.doubt, of_tool
+    answer, verdict, causes = _judged(answer, loud)
+    causes, ranking = (
+        tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking_of(answer))
     )
-    of_samples = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in known.found})
-    if gap.shrink < USEFUL_SHARE:
-        causes, answer = of_samples, answer._replace(accepted=known.base)
-        if not answer.terms:
-            before = answer.before
-            answer = answer._replace(after=before, gap=measure_gap(problem, before, before))
-    answer = answer._replace(terms=(*answer.terms, *known.loud))
-    sure = is_sure(problem, answer.accepted) and not answer.doubt
-    verdict = verdict_of(problem, answer.gap, len(causes), len(known.found), sure, len(answer.terms))
-    return answer, verdict, of_samples if verdict in ("unknown", "none") else causes
-
-
-def _told(
-    setup: Setup,
-    logs: Sequence[Log],
-    names: Sequence[str],
-    without: Collection[str],
-    known: _Known,
-    answer: _Answer,
-    verdict: str,
-    causes: tuple[Candidate, ...],
-) -> Diagnosis:
-    """The answer in words, tables and series."""
-    problem, base, gap, (before, after) = known.problem, known.base, answer.gap, (answer.before, answer.after)
-    ranking = ranking_of(problem, known.hold_out, base, answer.rounds, known.found, answer.total)
-    causes, ranking = (tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking))
     place = where(problem, before, tuple(dict.fromkeys(cause.stage for cause in causes)))
     return Diagnosis(
         verdict=verdict,
-        sentence=headline(verdict, gap, causes, answer.terms, ranking, place),
+        sentence=headline(verdict, answer.gap, causes, answer.terms, ranking, place),
         causes=causes,
         candidates=ranking,
-        gap=gap,
+        gap=answer.gap,
         where=place,
-        not_tested=not_tested(setup, problem.catalogue, problem.recorded, without),
-        series=show(problem, base, answer.accepted, before, after),
+        not_tested=_not_tested(setup, problem, without),
+        series=show(problem, base, answer.accepted, before, answer.after),
         logs=tuple(names),
         repairs=tuple(log.repairs for log in logs),
-        by_log=compare(problem, names, answer.accepted if causes else base, before, after),
+        by_log=compare(problem, names, answer.accepted if causes else base, before, answer.after),
         setup_name=Path(setup.path).name,
         own_effects=setup.own_effects,
         terms=answer.terms,
         note=note(setup, rest_in_words(setup, slices(*logs))),
         provenance=provenance(setup, list(map(source_of, logs)), {"without": sorted(without)}, names),
     )
+
+
+def _examined(
+    problem: Problem, logs: Sequence[Log], samples: Sequence[SampleFindings], without: Collection[str]
+) -> tuple[Problem, Fit, tuple[Finding, ...], tuple[FoundTerm, ...]]:
+    """The problem, with noise that follows something if it does; the nominal model; findings; that term of noise."""
+    found = tuple(finding for finding in together(samples, problem.catalogue) if finding.effect not in without)
+    base = fits.base(problem)
+    if TERM in without:
+        return problem, base, found, ()
+    state = state_of_problem(problem, base)
+    term = noise_term(problem, logs, samples, state, found)
+    if term is None:
+        return problem, base, found, ()
+    problem = louder(problem, term, state)
+    # What grows is no constant, and no growth of the catalogue.
+    return problem, fits.base(problem), tuple(one for one in found if one.sign not in (LEVEL, GROWTH)), (term,)
+
+
+def _with_terms(answer: Answer, lines: Sequence[float]) -> Answer:
+    """The answer with terms, where they describe what the catalogue does not explain; lines: Hz, in the samples."""
+    problem, hold_out, accepted, found = answer.problem, answer.hold_out, answer.accepted, len(answer.found)
+    causes = len(accepted.hypotheses) + found
+    verdict = verdict_of(problem, answer.gap, causes, found, is_sure(problem, accepted))
+    outcome = describe(problem, hold_out, answer.start, accepted, answer.rounds, verdict == "explained", lines)
+    described = outcome.description
+    if described is None:
+        return answer._replace(doubt=doubt_by(outcome.rivals))
+    after = hold_out(described.fit, answer.base.error)
+    gap = measure_gap(problem, answer.before, after)
+    terms = found_terms(problem, described, gap)
+    return answer._replace(accepted=described.kept, rounds=described.rounds, after=after, gap=gap, terms=terms)
+
+
+def _judged(answer: Answer, loud: tuple[FoundTerm, ...]) -> tuple[Answer, str, tuple[Candidate, ...]]:
+    """The answer without what does not hold on unseen blocks, the verdict, and the causes that it names."""
+    problem, before, found = answer.problem, answer.before, answer.found
+    causes = causes_of(answer)
+    of_samples = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
+    if answer.gap.shrink < USEFUL_SHARE:
+        causes, answer = of_samples, answer._replace(accepted=answer.base)
+        if not answer.terms:
+            answer = answer._replace(after=before, gap=measure_gap(problem, before, before))
+    answer = answer._replace(terms=(*answer.terms, *loud))
+    sure = is_sure(problem, answer.accepted) and not answer.doubt
+    verdict = verdict_of(problem, answer.gap, len(causes), len(found), sure, len(answer.terms))
+    return answer, verdict, of_samples if verdict in ("unknown", "none") else causes
+
+
+def _not_tested(setup: Setup, problem: Problem, without: Collection[str]) -> tuple[tuple[str, str], ...]:
+    """(effect, why) of those that the logs are not asked about."""
+    reasons = [(name, "left out on request") for name in without]
+    reasons += [(name, "the setup has it already") for name in setup.effects]
+    reasons += [(name, reason) for name, reason in not_shown(setup).items() if name not in without]
+    for name, effect in problem.catalogue.items():
+        reasons += [(name, f"no {need} was recorded") for need in effect.needs if need not in problem.recorded]
+    for effect in problem.catalogue.own:
+        reasons += [(effect.name, reason) for reason in [why_not_fitted(effect)] if reason]
+    return tuple(reasons)

@@ -1,6 +1,8 @@
-"""The size of the gap before and after, and the verdict on it."""
+"""The size of the gap before and after, in all logs and in each, and the verdict on it."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,8 +13,11 @@ from ftbias_jax.diagnosis.evidence.cross_validation import (
     excess_by_size,
     excess_stderr,
 )
+from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.result import Gap
+from ftbias_jax.diagnosis.regression.design_matrix import Columns
+from ftbias_jax.diagnosis.regression.fit import Fit, stepped
+from ftbias_jax.diagnosis.result import Gap, LogGap
 from ftbias_jax.diagnosis.thresholds import BEYOND_CHANCE, CHANCE, FAINT, LEFT, SILENT, USEFUL_SHARE
 
 
@@ -58,13 +63,8 @@ def is_closed(problem: Problem, gap: Gap) -> bool:
 def verdict_of(problem: Problem, gap: Gap, causes: int, found: int, sure: bool, terms: int = 0) -> str:
     """One of ``result.VERDICTS``.
 
-    Args:
-        problem: of the logs.
-        gap: without and with what was found.
-        causes: effects of the catalogue that are named.
-        found: those of them that single samples show.
-        sure: no cause could as well be something else.
-        terms: of what is not in the catalogue.
+    Of the named ``causes``, single samples show ``found``; ``sure``: none could as well be something else; ``terms``:
+    how many describe what is not in the catalogue.
     """
     quiet = is_quiet(problem, gap)
     if not causes and not terms:
@@ -77,3 +77,34 @@ def verdict_of(problem: Problem, gap: Gap, causes: int, found: int, sure: bool, 
         return "described" if terms else "explained"
     useful = certain and gap.shrink >= USEFUL_SHARE
     return "partly_explained" if useful or closed else "unknown"
+
+
+def compare(
+    problem: Problem, names: Sequence[str], accepted: Fit, before: HeldOut, after: HeldOut
+) -> tuple[LogGap, ...]:
+    """What each log says by itself, held out without and with the causes fitted to all; nothing for a single log."""
+    if len(problem.parts) < 2:
+        return ()
+    found = []
+    for log, name in enumerate(names):
+        own = problem.log == log
+        first, last = (_sigmas(problem, held.error, own) for held in (before, after))
+        alone, gain = alone_in(accepted, own)
+        values = {h.effect: parameters(problem, alone, h) for h in accepted.hypotheses}
+        gain_per_second = gain / max(problem.durations[log], 1e-9)
+        said = {effect: value for effect, (value, _) in values.items()}
+        stderr = {effect: error for effect, (_, error) in values.items()}
+        found.append(LogGap(name, first, last, gain_per_second, said, stderr))
+    return tuple(found)
+
+
+def _sigmas(problem: Problem, error: np.ndarray, own: np.ndarray) -> float:
+    """Rms of a log's innovations in noise sigmas."""
+    few = problem._replace(variance=problem.variance[own], samples=problem.samples[own])
+    return float(np.sqrt(1 + max(float(excess_by_channel(few, error[own]).mean()), 0.0)))
+
+
+def alone_in(accepted: Fit, own: np.ndarray) -> tuple[Fit, float]:
+    """The causes fitted to one log's bins (U,), to first order around the fit to all, and the nats this gains there."""
+    columns = Columns(*(x * own[:, None] for x in accepted.columns))
+    return stepped(accepted, columns, accepted.error * own[:, None])

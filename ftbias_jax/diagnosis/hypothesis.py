@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from collections.abc import Collection
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import jax
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.coordinates import can_move, to_coordinates
 from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
 from ftbias_jax.model.effects.types import Effect
 
-
-class Joint(NamedTuple):
-    """The joint that an offset is of."""
-
-    number: int
-    """From 1."""
+S = TypeVar("S")
 
 
 class Slow(NamedTuple):
@@ -56,7 +51,8 @@ class Shaped(NamedTuple):
     series: int
 
 
-Detail: TypeAlias = Joint | Slow | Change | tuple[Shaped, ...] | None
+Detail: TypeAlias = int | Slow | Change | tuple[Shaped, ...] | None
+"""The number of the joint, from 1, that an offset is of, or what series stand for."""
 
 
 class Hypothesis(NamedTuple):
@@ -64,7 +60,7 @@ class Hypothesis(NamedTuple):
 
     effect: str
     free: tuple[int, ...] = ()
-    """Coordinates of ``chain_model.blocks`` that are fitted."""
+    """Coordinates of ``Problem.layout`` that are fitted."""
     start: tuple[float, ...] = ()
     """Their values."""
     fixed: tuple[tuple[int, float], ...] = ()
@@ -77,6 +73,29 @@ class Hypothesis(NamedTuple):
     """Whether it acts for a short time only."""
     group: int = 0
     """Of the starting points of one effect, the best one of every group is fitted."""
+
+    def begin(self, z: np.ndarray) -> np.ndarray:
+        """Coordinates (P,) with those of this hypothesis where it starts."""
+        z = z.copy()
+        z[list(self.free)] = self.start
+        for place, value in self.fixed:
+            z[place] = value
+        return z
+
+
+Found: TypeAlias = tuple[float, Hypothesis]
+"""Gain in nats on top of what is accepted, not penalised, and the hypothesis."""
+
+
+def searched_by(problem: Problem, taken: Collection[str], *searches: type) -> list[Effect]:
+    """Effects of the catalogue that pick one of these searches, but for those that are taken."""
+    return [effect for effect in problem.catalogue.searched_by(*searches) if effect.name not in taken]
+
+
+def search_of(effect: Effect, search: type[S]) -> S:
+    """The search that an effect picks, known to be of that kind."""
+    assert isinstance(effect.fit.search, search)
+    return effect.fit.search
 
 
 def penalty(h: Hypothesis) -> float:
@@ -91,7 +110,7 @@ def at_zero(effect: str, free: np.ndarray | list[int]) -> Hypothesis:
 
 def movable(problem: Problem, effect: Effect) -> list[int]:
     """Coordinates of an effect that are fitted: not those of numbers that its entry gives no scale."""
-    places = chain_model.slices(problem.joints, problem.catalogue)
+    places = problem.layout.slices
     found: list[int] = []
     for parameter in effect.parameters:
         if (effect.name, parameter.name) in places:
@@ -102,7 +121,7 @@ def movable(problem: Problem, effect: Effect) -> list[int]:
 
 def places_of(problem: Problem, effect: Effect, **values: np.ndarray | float) -> dict[int, float]:
     """Coordinates of an effect's parameters at these values: place -> coordinate."""
-    places = chain_model.slices(problem.joints, problem.catalogue)
+    places = problem.layout.slices
     found: dict[int, float] = {}
     for name, value in values.items():
         at = to_coordinates(effect, effect.parameter(name), neutral_of(problem, effect, name), value)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from ftbias_jax.diagnosis.recorded import recorded_in
 from ftbias_jax.diagnosis.regression.chain_model import nominal_motion
+from ftbias_jax.diagnosis.regression.coordinates import Layout, layout
 from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
 from ftbias_jax.diagnosis.samples.bins import bins_of, fill_up, mean_of_bins, sum_of_bins
 from ftbias_jax.diagnosis.samples.read import inspect_samples
@@ -96,6 +96,11 @@ class Problem(NamedTuple):
         """Number of the robot's joints."""
         return int(self.parts[0].signals.q.shape[1])
 
+    @property
+    def layout(self) -> Layout:
+        """Where the coordinates of effects are."""
+        return layout(self.joints, self.catalogue)
+
     def block(self, seconds: float) -> np.ndarray:
         """(U,) numbers 0, 1, ... of pieces of so many seconds; none reaches over two logs."""
         piece = self.t // seconds
@@ -106,12 +111,7 @@ class Problem(NamedTuple):
 def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[SampleFindings, ...]]:
     """Smooth the joints, examine the samples, and average what is left over short bins.
 
-    Args:
-        setup: beliefs.
-        logs: as read, of one robot.
-
-    Returns:
-        the problem of the effects that change the mean reading, and what was read off each log's single samples.
+    Returns the problem of the effects that change the mean reading, and what was read off each log's single samples.
     """
     prepared = [_prepare(setup, log) for log in logs]
     parts = tuple(part for part, *_ in prepared)
@@ -134,9 +134,15 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
         noise_std=noise_std,
         known=prepared[0][2],
         catalogue=catalogue_of_setup(setup),
-        recorded=recorded_in(logs),
+        recorded=_recorded_in(logs),
         noise_stderr=np.sqrt(((stds * stderrs) ** 2).sum(0)) / len(found) / noise_std,
     ), found
+
+
+def _recorded_in(logs: Sequence[Log]) -> frozenset[str]:
+    """What effects may need beside joints and wrench: "temperature" if a log has it, and columns that all have."""
+    warm = {"temperature"} if any(np.isfinite(log.temperature).any() for log in logs) else set()
+    return frozenset(warm).union(set(logs[0].columns).intersection(*(log.columns for log in logs)))
 
 
 def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFindings]:
@@ -184,17 +190,8 @@ def _bin(
 ) -> tuple[Part, np.ndarray]:
     """Average a log over short bins, work out their noise, take off the stated bias, and pad.
 
-    Args:
-        params: the beliefs.
-        log: as read.
-        states: (T, n, 3) of its joints.
-        found: its cleaned wrench and its noise.
-        joint_variance: (T, 6) N^2, Nm^2, that is correlated over a bin.
-        sample_variance: (T, 6) that is not: of jitter, and of noise that grows with the motion.
-        catalogue: that has the effects.
-
-    Returns:
-        the bins, and (U, 6) how many samples are in each.
+    The states are (T, n, 3); of the variances (T, 6) N^2, Nm^2 that of joints is correlated over a bin, and that of
+    samples, of jitter and of noise that grows with the motion, is not. Returns (U, 6) samples in each bin, too.
     """
     wrench, temperature = found.clean_wrench, fill_temperature(log.t, log.temperature)
     rows = np.isfinite(wrench).any(1)
@@ -208,24 +205,13 @@ def _bin(
     t, joints, temperature, reading, coherent, white = (mean_of_bins(index, x[rows]) for x in series)
     # The smoothed joints' error is correlated over longer than a bin, so averaging does not reduce it.
     variance = np.where(count > 0, (found.noise_std**2 + white) / np.maximum(count, 1) + coherent, 1.0)
-    rezeroed = log.is_rezeroed(t, 0.0) if log.rezeroed_at else None
-    return _part(params, padded, t, joints, temperature, reading, variance, columns, catalogue, rezeroed), count
-
-
-def _part(
-    params: Params,
-    padded: int,
-    t: np.ndarray,
-    joints: np.ndarray,
-    temperature: np.ndarray,
-    reading: np.ndarray,
-    variance: np.ndarray,
-    columns: dict[str, np.ndarray],
-    catalogue: Catalogue,
-    rezeroed: np.ndarray | None,
-) -> Part:
-    """Bins (U, ...) with the stated bias off their readings, padded to so many."""
-    used, bias, place = len(t), params.bias, jax.device_put  # unlike jnp.asarray it compiles nothing
+    bias, place = params.bias, jax.device_put  # unlike jnp.asarray it compiles nothing
+    jump = None
+    if log.rezeroed_at:
+        # The bin in which it happens has samples of both sides: its own level tells nothing of its neighbours'.
+        rezeroed = log.is_rezeroed(t, 0.0)
+        either = np.concatenate([rezeroed | np.append(False, rezeroed[:-1]), np.zeros(padded - used, bool)])
+        jump = bias_filter.jumps(params, place(either.astype(float)))
     t, joints, temperature = (fill_up(x, padded, x[-1]) for x in (t, joints, temperature))
     q, dq, ddq = (place(x) for x in np.moveaxis(joints, 2, 0))
     tool = np.asarray(params.theta)
@@ -237,11 +223,6 @@ def _part(
     at_first, drift = np.split(np.asarray(bias.prior_mean), 2)
     free = fill_up(reading, padded, np.nan) + at_first + t[:, None] * drift
     dt, variance = place(np.diff(t, prepend=t[0])), fill_up(variance, padded, 1.0)
-    jump = None
-    if rezeroed is not None:
-        # The bin in which it happens has samples of both sides: its own level tells nothing of its neighbours'.
-        either = np.concatenate([rezeroed | np.append(False, rezeroed[:-1]), np.zeros(padded - used, bool)])
-        jump = bias_filter.jumps(params, place(either.astype(float)))
-    wrench = WrenchProblem(dt, place(free), place(variance), bias.density, bias.prior_std, jump)
+    problem = WrenchProblem(dt, place(free), place(variance), bias.density, bias.prior_std, jump)
     nominal = nominal_motion(signals, params.effects or {}, catalogue)
-    return Part(signals, wrench, used, nominal, make_whitener(wrench, used))
+    return Part(signals, problem, used, nominal, make_whitener(problem, used)), count

@@ -10,7 +10,8 @@ Starts of searches stand with their search or in the catalogue's entry, steps of
 NATS_PER_DEGREE = 4.0
 """nats: the price of a free number, half the logarithm of the number of independent bins (BIC). [noise]"""
 LEAST_GAIN = 12.0
-"""nats: gain beyond that price. [noise] One number gains so much by chance in 2 of 1e8 tries, six in 2 of 1e13."""
+"""nats: gain beyond that price, or of a ramp over a sudden step. [noise] One number gains so much by chance in 2 of
+1e8 tries, six in 2 of 1e13."""
 LEAST_SIGMAS = 0.08
 """Of one sample's noise: a smaller effect is real, perhaps, but means nothing. [owner]"""
 LEAST_SHARE_OF_GAP = 0.02
@@ -52,8 +53,6 @@ MOST_ENTRIES, LEAST_ENTRY = 12, 0.01
 """Entries of a matrix that may be named, and the share of the gain that each must add. [dev]"""
 LONGEST_JUMP = 1.5
 """s that a jump of the bias may take: no re-tare, overload or tool change lasts longer. [physics]"""
-LEAST_OF_RAMP = 12.0
-"""nats that a ramp gains over a sudden step. [noise] As LEAST_GAIN."""
 
 # The verdict
 LEADS = 0.3

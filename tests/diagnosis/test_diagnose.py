@@ -10,7 +10,7 @@ from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis
 from ftbias_jax.diagnosis.problem import make_problem
-from ftbias_jax.diagnosis.regression.chain_model import blocks, coordinates, size
+from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.diagnosis.regression.fit import base, fit
 from ftbias_jax.diagnosis.regression.series import shaped_events
 
@@ -106,9 +106,9 @@ def test_without_its_name_in_the_catalogue_the_gap_is_not_explained_away(setup, 
 
 def test_coordinates_are_a_partition():
     """Every coordinate belongs to exactly one effect."""
-    effects = {block.effect for block in blocks(7)}
-    places = np.concatenate([coordinates(7, effect) for effect in effects])
-    np.testing.assert_array_equal(np.sort(places), np.arange(size(7)))
+    whole = layout(7)
+    places = np.concatenate([whole.of_effect(effect) for effect in {effect for effect, _ in whole.slices}])
+    np.testing.assert_array_equal(np.sort(places), np.arange(whole.size))
 
 
 @pytest.mark.slow
@@ -125,7 +125,7 @@ def test_a_contact_of_any_shape_ends(setup, record):
 def test_a_prediction_that_is_no_number_is_not_a_perfect_one(setup, record):
     """NaN counts as missing in a filter; in a fit it must count as impossible."""
     problem, _ = make_problem(setup, [record(None)])
-    place = coordinates(7, "tool_mass")[0]
+    place = layout(7).of_effect("tool_mass")[0]
     broken = Hypothesis("tool_mass", (int(place),), (float("nan"),))
     nominal = base(problem)
     assert fit(problem, (broken,), nominal).log_likelihood == -np.inf

@@ -9,7 +9,7 @@ import pytest
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.hypothesis import movable
 from ftbias_jax.diagnosis.proposals import starts
-from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.own_effects import catalogue_with, load_effects
 
@@ -44,10 +44,8 @@ def test_an_entry_that_is_handed_in_is_fitted_and_searched_as_before(name, hand_
     assert dict(catalogue) == every
     assert catalogue[name] is entry
     assert {kind: {one.name for one in catalogue.searched_by(kind)} for kind in searches} == before
-    for (mine, free), (its, freed) in zip(_coordinates(name, catalogue), built_in, strict=True):
-        assert (mine.parameter, mine.size, free) == (its.parameter, its.size, freed)
-        np.testing.assert_array_equal(mine.least, its.least)
-        np.testing.assert_array_equal(mine.most, its.most)
+    for mine, its in zip(_coordinates(name, catalogue), built_in, strict=True):
+        np.testing.assert_equal(mine, its)
 
 
 @pytest.mark.parametrize("name", list(CATALOGUE))
@@ -59,14 +57,13 @@ def test_it_acts_next_to_others_of_its_stage(name, hand_in):
 
 
 def _coordinates(name, catalogue):
-    """Blocks of an effect, and which of each block's coordinates are fitted, counted from its first."""
-    problem = SimpleNamespace(joints=JOINTS, catalogue=catalogue)
-    places = chain_model.slices(JOINTS, catalogue)
-    free = movable(problem, catalogue[name])
-    blocks = [block for block in chain_model.blocks(JOINTS, catalogue) if block.effect == name]
-    slices = [places[name, block.parameter] for block in blocks]
+    """Of each parameter of an effect: name, bounds of its coordinates, and which are fitted, counted from the first."""
+    whole = layout(JOINTS, catalogue)
+    free = movable(SimpleNamespace(layout=whole), catalogue[name])
+    slices = [(parameter, s) for (effect, parameter), s in whole.slices.items() if effect == name]
     return [
-        (block, [i - s.start for i in free if s.start <= i < s.stop]) for block, s in zip(blocks, slices, strict=True)
+        (parameter, whole.least[s], whole.most[s], [i - s.start for i in free if s.start <= i < s.stop])
+        for parameter, s in slices
     ]
 
 

@@ -1,7 +1,5 @@
 """Each rule of the search by itself, on made-up fits: what is accepted, what became needless, when pairs are tried."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from small_fits import small_fit
@@ -11,7 +9,7 @@ from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.search import Threshold
+from ftbias_jax.diagnosis.search import Search, Threshold
 from ftbias_jax.diagnosis.thresholds import LEAST_GAIN, NATS_PER_DEGREE
 
 BINS, SECONDS = 480, 48.0
@@ -26,6 +24,10 @@ def fit_of(squares, *names, local=False):
     hypotheses = tuple(Hypothesis(name, shapes=(squares * 0,) if local else (), local=local) for name in names)
     error = np.sqrt(np.broadcast_to(np.asarray(squares, float), (BINS,)))[:, None] * ONES
     return small_fit(NO_COLUMNS, error, (), hypotheses)
+
+
+def search_of(start, hold_out=None):
+    return Search(PROBLEM, start, hold_out, None)
 
 
 GAP = np.full(BINS, 2.0)
@@ -53,8 +55,7 @@ def test_what_a_cause_must_do(why, effect, nats, leaves, held, earned):
         nats, by_noise = held
         return HeldOut(fit.error, nats, 2 * nats, by_noise)  # it acts in one block more than in others
 
-    threshold = Threshold(PROBLEM, 0.08**2)
-    got = searching._earned(PROBLEM, hold_out, threshold, accepted, accepted, Scored(trial, nats))
+    got = search_of(accepted, hold_out).has_earned(Threshold(PROBLEM, 0.08**2), accepted, Scored(trial, nats))
     assert got is earned, why
 
 
@@ -71,7 +72,7 @@ def test_events_must_do_more_than_tidy_up_after_other_causes(before, after, stan
     start, accepted, trial = fit_of(20.0 + 0 * T), fit_of(20.0 - before + 0 * T), fit_of(20.0 - before - after + 0 * T)
     event = Hypothesis("contact", shapes=((T > 3) & (T < 5),), local=True)
     trial = trial._replace(hypotheses=(event,))
-    assert searching._stands_out(PROBLEM, start, accepted, trial) is stands_out
+    assert search_of(start).stands_out(accepted, trial) is stands_out
 
 
 @pytest.mark.parametrize(
@@ -81,14 +82,14 @@ def test_events_must_do_more_than_tidy_up_after_other_causes(before, after, stan
 def test_a_further_cause_must_remove_a_share_of_the_gap(share, gap, enough):
     start = fit_of(1 + gap + 0 * T)
     accepted = start._replace(hypotheses=(Hypothesis("tool_mass"),))
-    assert searching._threshold(PROBLEM, start, accepted).least == pytest.approx(enough)
+    assert search_of(start).threshold(accepted).least == pytest.approx(enough)
 
 
 @pytest.mark.parametrize(("first", "enough"), [("tool_mass", 0.08**2), ("contact", 0.02), ("warmup", 0.02)])
 def test_a_slow_effect_on_the_bias_needs_a_share_only_beside_what_does_not_follow_the_motion(first, enough):
     start = fit_of(2.0 + 0 * T)
     accepted = start._replace(hypotheses=(Hypothesis(first),))
-    assert searching._threshold(PROBLEM, start, accepted).least_of_slow == pytest.approx(enough)
+    assert search_of(start).threshold(accepted).least_of_slow == pytest.approx(enough)
 
 
 @pytest.mark.parametrize(
@@ -110,8 +111,8 @@ def test_a_slow_effect_on_the_bias_is_no_error_of_the_form_of_another(monkeypatc
     def hold_out(fit, reference):
         return HeldOut(fit.error, 3.0, 3.0, 1.0)
 
-    threshold = Threshold(PROBLEM, 0.02, 0.08**2)
-    assert searching._earned(PROBLEM, hold_out, threshold, accepted, accepted, Scored(trial, 500.0)) is earned, why
+    got = search_of(accepted, hold_out).has_earned(Threshold(PROBLEM, 0.02, 0.08**2), accepted, Scored(trial, 500.0))
+    assert got is earned, why
 
 
 @pytest.mark.parametrize(
@@ -133,7 +134,7 @@ def test_a_cause_that_later_ones_make_needless_is_dropped(monkeypatch, loss, deg
         return start._replace(hypotheses=hypotheses, columns=alone, log_likelihood=start.log_likelihood - loss)
 
     monkeypatch.setattr(searching, "fit", refit)
-    rest = searching._redundant_cause(PROBLEM, fit_of(GAP), both)
+    rest = search_of(fit_of(GAP)).without_redundant(both)
     assert (rest is not None) is redundant
     if redundant:
         assert [h.effect for h in rest.hypotheses] == ["gain"]  # the last one is what made it needless
@@ -143,7 +144,7 @@ def test_rounds_are_fitted_again_without_the_cause_that_was_dropped(monkeypatch)
     found = ("tool_mass", "gain", "warmup")
     rounds = [[Scored(fit_of(GAP, *found[:k]), 100.0), Scored(fit_of(GAP, "cable"), 9.0)] for k in (1, 2, 3)]
     monkeypatch.setattr(searching, "fit", lambda problem, hypotheses, start: start._replace(hypotheses=hypotheses))
-    first, second = searching._rounds_of(PROBLEM, fit_of(GAP), fit_of(GAP, "gain", "warmup"), rounds)
+    first, second = search_of(fit_of(GAP)).rounds_of(fit_of(GAP, "gain", "warmup"), rounds)
     assert [h.effect for h in first[0].fit.hypotheses] == ["gain"]
     assert [h.effect for h in second[0].fit.hypotheses] == ["gain", "warmup"]
     assert [scored.hypothesis.effect for scored in (first[1], second[1])] == ["cable", "cable"]
@@ -161,7 +162,7 @@ def test_rounds_are_fitted_again_without_the_cause_that_was_dropped(monkeypatch)
 def test_pairs_are_tried_from_strong_other_firsts(gains, others):
     first = [Scored(fit_of(GAP, name), gain) for name, gain in gains.items()]
     accepted = fit_of(GAP, "tool_mass", "warmup")
-    assert [s.hypothesis.effect for s in searching._other_firsts(first, accepted)] == others
+    assert [s.hypothesis.effect for s in searching.other_firsts(first, accepted)] == others
 
 
 @pytest.mark.parametrize(
@@ -181,10 +182,9 @@ def test_when_a_pair_takes_the_place_of_what_was_found(monkeypatch, why, causes,
     pair = pair._replace(log_likelihood=greedy.log_likelihood + gained)
     first = [Scored(fit_of(GAP, name), 100.0) for name in ("gain", "tool_mass")]
 
-    def grow(problem, library, start, hold_out, rounds, without, **options):
+    def grow(self, rounds, most=3):
         return (pair, [*rounds, []]) if rounds else (greedy, [first])
 
-    monkeypatch.setattr(searching, "make_library", lambda problem: None)
-    monkeypatch.setattr(searching, "grow", grow)
-    found, _ = searching.search(PROBLEM, start, SimpleNamespace())
+    monkeypatch.setattr(Search, "grow", grow)
+    found, _ = search_of(start).best()
     assert (found is pair) is adopted, why

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.design_matrix import best_step, change
+from ftbias_jax.diagnosis.regression.design_matrix import change, step_and_gain
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, FOLDS
 
@@ -53,17 +53,12 @@ def unseen_error(problem: Problem, fit: Fit) -> np.ndarray:
     error = fit.error.copy()
     for k in range(FOLDS if fit.degrees else 0):
         rest, test = fold != k, fold == k
-        error[test] += change(fit.columns.at(test), best_step(fit.columns.at(rest), fit.error[rest]))
+        error[test] += change(fit.columns.at(test), step_and_gain(fit.columns.at(rest), fit.error[rest])[0])
     return error
 
 
 def excess(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """(U, 6) squared innovation beyond its expectation, in units of one sample's noise variance; 0 if not measured.
-
-    Args:
-        problem: of the logs.
-        error: innovations in standard deviations.
-    """
+    """(U, 6) squared innovation beyond its expectation, in units of one sample's noise variance; 0 if not measured."""
     relative = problem.variance / problem.noise_std**2
     return np.where(problem.samples > 0, (error**2 - 1) * relative, 0)
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Joint, Slow
+from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Slow, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.entries import whole_matrix
 from ftbias_jax.diagnosis.regression import chain_model
@@ -12,8 +14,10 @@ from ftbias_jax.diagnosis.regression.coordinates import strengths
 from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 from ftbias_jax.diagnosis.regression.series import shaped, slope_in_time
-from ftbias_jax.diagnosis.result import Numbers
+from ftbias_jax.diagnosis.result import Candidate, Numbers
 from ftbias_jax.model.effects.fitting import ByJoint, Entries, Settling, Starts, Step, Touches
+from ftbias_jax.model.effects.statements import Estimate, amount
+from ftbias_jax.model.effects.types import Effect
 
 Parameters = dict[str, Numbers]
 
@@ -90,23 +94,16 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
     errors: Parameters = {}
     for name in values[0]:
         at = np.stack([np.asarray(value[name], float) for value in values])
-        if isinstance(h.detail, Joint):
-            at = at[:, h.detail.number - 1]
+        if isinstance(h.detail, int):
+            at = at[:, h.detail - 1]
         off = np.abs(at[1:] - at[0])
         if name == when:  # a moment is not the less certain the later it is
             off[-1] = TIME_STDERR
         either = np.maximum(*np.split(off[:-1], 2))
         found[name], errors[name] = _plain(at[0]), _plain(np.sqrt((either**2).sum(0) + off[-1] ** 2))
-    if isinstance(h.detail, Joint):
-        found[_number(problem, h)] = h.detail.number
+    if isinstance(h.detail, int) and isinstance(search, ByJoint):
+        found[search.number] = h.detail
     return found, errors
-
-
-def _number(problem: Problem, h: Hypothesis) -> str:
-    """Name of the parameter that says which joint."""
-    search = problem.catalogue[h.effect].fit.search
-    assert isinstance(search, ByJoint)
-    return search.number
 
 
 def _of_series(
@@ -134,7 +131,7 @@ def _of_events(
     problem: Problem, h: Hypothesis, search: Touches, coefficients: np.ndarray, errors: np.ndarray
 ) -> tuple[Parameters, Parameters]:
     """Events with the force at their peak, base frame: the tool is pushed by minus the change of the reading."""
-    events, motions = shaped(h), [part.nominal for part in problem.parts]
+    events = shaped(h)
     ends = np.cumsum([one.series for one in events])[:-1]
     forces: list[Numbers] = []
     spreads: list[Numbers] = []
@@ -142,7 +139,7 @@ def _of_events(
         part, peak = problem.parts[event.log], int((change[:, :3] ** 2).sum(1).argmax())
         when = event.start + peak * (event.end - event.start) / (len(change) - 1)
         middle = min(int(np.searchsorted(np.asarray(part.signals.t)[: part.used], when)), part.used - 1)
-        R = np.asarray(motions[event.log].sensor_rotation)[:, :, middle]
+        R = np.asarray(part.nominal.sensor_rotation)[:, :, middle]
         forces.append((-R @ change[peak, :3]).tolist())
         blunt = SHAPE_ERROR * float(np.linalg.norm(change[peak, :3]))
         spreads.append(np.hypot(np.abs(R) @ error[peak, :3], blunt).tolist())
@@ -158,3 +155,36 @@ def _of_events(
 def _plain(value: np.ndarray) -> Numbers:
     plain: Numbers = np.asarray(value, float).tolist()
     return plain
+
+
+def with_nominal(problem: Problem, candidate: Candidate) -> Candidate:
+    """A candidate with what the setup states of its parameters, in one of its sections, and with both in a sentence.
+
+    The tool's mass stands in [tool] and gravity in [robot]; no key states a gain.
+    """
+    if candidate.effect not in problem.catalogue:
+        return candidate
+    entry, known = problem.catalogue[candidate.effect], problem.known.get(candidate.effect, {})
+    stated = {p.name: neutral_of(problem, entry, p.name) for p in entry.parameters if callable(p.neutral)} | known
+    found = [name for name in candidate.parameters if name in stated]
+    nominal = {name: np.asarray(stated[name], float) for name in found}
+    statement = statement_of(entry, candidate, nominal)
+    return candidate._replace(nominal={name: value.tolist() for name, value in nominal.items()}, statement=statement)
+
+
+def statement_of(entry: Effect, candidate: Candidate, nominal: Mapping[str, np.ndarray]) -> str:
+    """What the effect says of its parameters; of one that says nothing, its explanation and the first of them."""
+    estimates = {}
+    for name, value in candidate.parameters.items():
+        values = np.asarray(value, float)
+        errors = np.asarray(candidate.stderr.get(name, np.nan), float)
+        unknown = np.full(values.shape, np.nan)
+        errors = errors if errors.shape == values.shape else unknown
+        estimates[name] = Estimate(values, errors, nominal.get(name, unknown))
+    if entry.statement is not None:
+        return entry.statement(estimates)
+    first = entry.parameters[0]
+    if first.name not in estimates or estimates[first.name].value.size != 1:
+        return entry.explanation
+    unit = "" if first.unit == "1" else f" {first.unit}"
+    return amount(f"{entry.explanation} ({first.name} {{value}}{unit}{{setup}})", first.name)(estimates)

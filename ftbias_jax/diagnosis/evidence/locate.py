@@ -55,53 +55,37 @@ class Conditions(NamedTuple):
 def locate(
     residual: np.ndarray, noise: np.ndarray, t: np.ndarray, motion: Conditions, stages: tuple[str, ...] = ()
 ) -> Where:
-    """Where in the log the gap is.
+    """Where in the log the gap is: channels always; intervals, regimes and bands only where they are significant.
 
-    Args:
-        residual: (B, 6) N, Nm, means of bins; NaN = not measured.
-        noise: (B, 6) their standard deviation by noise.
-        t: (B,) s, increasing.
-        motion: at the bins.
-        stages: of the named causes, passed through.
-
-    Returns:
-        Shares of the channels always; intervals, regimes and bands only where they are significant.
+    The residuals (B, 6) N, Nm are means of bins at t (B,) s, increasing, NaN = not measured; noise (B, 6) is their
+    standard deviation. The stages of the named causes are passed through.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         white = np.where(noise > 0, residual / noise, np.nan)
     seen = np.isfinite(white)
     white = np.where(seen, white, 0.0)
     excess, count = np.sum(white**2 - seen, axis=1), seen.sum(axis=1)
-    channels = dict(zip(AXES, channel_shares(white, seen).tolist(), strict=True))
     return Where(
         stages,
-        channels,
-        find_intervals(excess, count, t),
-        find_regimes(excess, count, t, motion),
-        find_bands(white, seen, t),
+        dict(zip(AXES, _shares(white, seen).tolist(), strict=True)),
+        _intervals(excess, count, t),
+        _significant_regimes(excess, count, t, motion),
+        _bands(white, seen, t),
     )
 
 
-def channel_shares(white: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(6,) shares of the mean square gap; sums to 1, equal where there is no gap.
-
-    Args:
-        white: (B, 6) residual in units of its noise, 0 = not measured.
-        seen: (B, 6) whether it was measured.
-    """
+def _shares(white: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(6,) shares of the channels of the mean square gap; sums to 1, equal where there is no gap."""
     mean_excess = np.sum(white**2 - seen, axis=0) / np.maximum(seen.sum(axis=0), 1)
     positive = np.maximum(mean_excess, 0.0)
     total = float(positive.sum())
     return positive / total if total > 0 else np.full(len(positive), 1 / len(positive))
 
 
-def find_intervals(excess: np.ndarray, count: np.ndarray, t: np.ndarray) -> tuple[tuple[float, float, float], ...]:
+def _intervals(excess: np.ndarray, count: np.ndarray, t: np.ndarray) -> tuple[tuple[float, float, float], ...]:
     """(start s, end s, gap in noise sigmas) of the times that stand out, in the order of time; the largest few.
 
-    Args:
-        excess: (B,) sum of the channels' squares less their expectation.
-        count: (B,) channels measured.
-        t: (B,) s.
+    Excess (B,) is the sum of the squares of so many measured channels, count (B,), less its expectation.
     """
     if not count.any():
         return ()
@@ -130,21 +114,16 @@ def _runs(marks: np.ndarray) -> list[tuple[int, int]]:
     return [(int(places[a]), int(places[b])) for a, b in zip(firsts, lasts, strict=True)]
 
 
-def find_regimes(excess: np.ndarray, count: np.ndarray, t: np.ndarray, motion: Conditions) -> tuple[Regime, ...]:
-    """Regimes that hold significantly more of the gap than of the time, the most telling first.
-
-    Args:
-        excess: (B,) sum of the channels' squares less their expectation.
-        count: (B,) channels measured.
-        t: (B,) s.
-        motion: at the bins.
-    """
+def _significant_regimes(
+    excess: np.ndarray, count: np.ndarray, t: np.ndarray, motion: Conditions
+) -> tuple[Regime, ...]:
+    """Regimes that hold significantly more of the gap than of the time, the most telling first."""
     total = float(excess.sum())
     block = np.floor((t - t[0]) / BLOCK).astype(int) if len(t) else np.zeros(0, int)
     if _standard_errors(excess, block) < SIGNIFICANT:
         return ()
     found = []
-    for name, inside in regimes(t, motion):
+    for name, inside in _regimes(t, motion):
         expected = float(count[inside].sum() / count.sum())
         share = min(float(excess[inside].sum()) / total, 1.0)
         evidence = _standard_errors((inside - expected) * excess, block)
@@ -160,13 +139,8 @@ def _standard_errors(terms: np.ndarray, block: np.ndarray) -> float:
     return float(sums.sum()) / spread if spread > 0 else 0.0
 
 
-def regimes(t: np.ndarray, motion: Conditions) -> Iterator[tuple[str, np.ndarray]]:
-    """(name, (B,) whether a bin belongs to it) of the regimes that this motion has.
-
-    Args:
-        t: (B,) s.
-        motion: at the bins.
-    """
+def _regimes(t: np.ndarray, motion: Conditions) -> Iterator[tuple[str, np.ndarray]]:
+    """(name, (B,) whether a bin belongs to it) of the regimes that this motion has."""
     yield from _outer_thirds(motion.speed, "fast motion (over {:.2g} rad/s)", "slow motion (under {:.2g} rad/s)")
     yield from _outer_thirds(
         motion.acceleration, "strong acceleration (over {:.2g} rad/s²)", "weak acceleration (under {:.2g} rad/s²)"
@@ -199,14 +173,8 @@ def _outer_thirds(values: np.ndarray, high: str, low: str) -> Iterator[tuple[str
         yield low.format(lower), values < lower
 
 
-def find_bands(white: np.ndarray, seen: np.ndarray, t: np.ndarray) -> tuple[tuple[float, float, float], ...]:
-    """(low Hz, high Hz, share of the gap) of the bands with more power than white noise of the stated size.
-
-    Args:
-        white: (B, 6) residual in units of its noise, 0 = not measured.
-        seen: (B, 6) whether it was measured.
-        t: (B,) s; what is missing between the bins counts as not measured.
-    """
+def _bands(white: np.ndarray, seen: np.ndarray, t: np.ndarray) -> tuple[tuple[float, float, float], ...]:
+    """(low Hz, high Hz, share of the gap) of the bands with more power than white noise of the stated size."""
     if len(t) < 16 or not seen.any():
         return ()
     step = float(np.median(np.diff(t)))

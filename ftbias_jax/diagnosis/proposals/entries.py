@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable, search_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.design_matrix import change, information, lay_out, products, scores
+from ftbias_jax.diagnosis.regression.design_matrix import change, information, products, scores
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, CLOSE, ENTRY_STD, LIKE_A_ROTATION, PRIOR_STD
@@ -20,15 +20,9 @@ from ftbias_jax.model.effects.types import Effect
 
 
 def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndarray, Hypothesis, np.ndarray]:
-    """Posterior of all entries, the other numbers of the fit with them.
+    """Posterior of all entries of a matrix of which a fit at its best has few, the other numbers of the fit with them.
 
-    Args:
-        problem: of the logs.
-        found: at its best.
-        few: its hypothesis of such a matrix.
-
-    Returns:
-        coordinates (P,), the hypothesis with all E entries free that have a scale, and their covariance (E, E).
+    Returns coordinates (P,), the hypothesis with all E entries free that have a scale, and their covariance (E, E).
     """
     entries = movable(problem, problem.catalogue[few.effect])
     further = [i for i in entries if i not in few.free]
@@ -38,7 +32,7 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndar
     rows = [free.index(i) for i in entries]
     precision = information(columns).matrix()
     precision[rows, rows] += ENTRY_STD**-2 - PRIOR_STD**-2
-    pull = products(lay_out(columns), found.error[None])[0]
+    pull = products(columns, found.error[None])[0]
     pull[rows] += found.z[entries] / ENTRY_STD**2
     step = -np.linalg.solve(precision, pull)
     z = found.z.copy()
@@ -84,21 +78,15 @@ def share_of_gains(problem: Problem, found: Fit, h: Hypothesis) -> float:
 
 def size_of_entries(effect: Effect) -> np.ndarray:
     """(6, 6) typical departure of the entries of an effect's matrix; 0 where they are not fitted."""
-    assert isinstance(effect.fit.search, Entries)
-    size: np.ndarray = np.broadcast_to(effect.parameter(effect.fit.search.matrix).scale, (6, 6))
+    size: np.ndarray = np.broadcast_to(effect.parameter(search_of(effect, Entries).matrix).scale, (6, 6))
     return size
 
 
 def nearest_rotation(matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
-    """The small rotation of force and torque alike that leaks are nearest to.
+    """The small rotation of force and torque alike that leaks (6, 6) are nearest to, (3,) rad from nominal axes.
 
-    Args:
-        matrix: (6, 6) leaks: what the reading has beside the load.
-        size: (6, 6) typical departure of the E entries that count, 0 of the others.
-        precision: (E, E) inverse covariance in typical departures: what the log does not determine does not count.
-
-    Returns:
-        (3,) rad, from nominal to true axes, and the share of what the log says of the leaks that it makes up.
+    Sizes (6, 6) are typical departures of the E entries that count, 0 of the others; what the log does not determine,
+    by the inverse covariance (E, E) in typical departures, does not count. Returns the share that it makes up, too.
     """
     return _nearest(np.stack([np.kron(np.eye(2), _skew(axis)) for axis in range(3)]), matrix, size, precision)
 

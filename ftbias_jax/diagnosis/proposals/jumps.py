@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ftbias_jax.diagnosis.evidence.estimates import rows_of
 from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import change
@@ -34,9 +35,8 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
 
 def without(found: Fit, h: Hypothesis) -> tuple[Fit, np.ndarray]:
     """A fit without the series of one hypothesis, all else as it was; and these series (E, U, 6)."""
-    place = next(i for i, other in enumerate(found.hypotheses) if other is h)
-    first = sum(len(other.shapes) for other in found.hypotheses[:place])
-    own, numbers = slice(first, first + len(h.shapes)), slice(6 * first, 6 * (first + len(h.shapes)))
+    numbers = rows_of(found, h)
+    own = slice(numbers.start // 6, numbers.stop // 6)
     alone = found.columns._replace(moving=found.columns.moving[:0], series=found.columns.series[own])
     rest = found.columns._replace(series=np.delete(found.columns.series, own, 0))
     return found._replace(error=found.error - change(alone, found.coefficients[numbers]), columns=rest), alone.series

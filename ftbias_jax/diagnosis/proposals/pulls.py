@@ -10,10 +10,8 @@ from collections.abc import Collection
 import numpy as np
 
 from ftbias_jax.diagnosis.evidence.estimates import parameters
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, neutral_of, places_of
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, at_values, neutral_of, places_of, search_of, searched_by
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression import chain_model
-from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import readings, whitened, whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gain_of_each, gains
@@ -21,7 +19,6 @@ from ftbias_jax.diagnosis.thresholds import FARTHEST, LONGEST_CABLE, PULLS_FITTE
 from ftbias_jax.model.effects.fitting import Pull
 from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Effect, Signals
-from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
@@ -37,20 +34,19 @@ APART = 0.25
 
 def pulls(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
     """The most promising anchors of every elastic pull, with their gains in nats beside a fit."""
-    wanted = [effect for effect in problem.catalogue.searched_by(Pull) if effect.name not in taken]
+    wanted = searched_by(problem, taken, Pull)
     return [found for effect in wanted for found in _anchors(problem, prepared_fit, effect)]
 
 
 def _anchors(problem: Problem, prepared_fit: PreparedFit, effect: Effect) -> list[Found]:
     """The most promising anchors in the world and on the forearm."""
-    search, model = _search(effect), problem.parts[0].signals.model
+    search, model = search_of(effect, Pull), problem.parts[0].signals.model
     n, reach = problem.joints, max(float(np.linalg.norm(model.arm.zero_position)), 0.5)
     attachment = neutral_of(problem, effect, search.attachment)
     rng = np.random.default_rng(0)
     found: list[tuple[float, float, float, np.ndarray, int]] = []
-    motions = [part.nominal for part in problem.parts]
     for link in dict.fromkeys((0, *(max(n - back, 0) for back in FOREARM))):
-        spans = _spans(problem, effect, motions, link, attachment)
+        spans = _spans(problem, effect, link, attachment)
         near = rng.uniform(0.2, 0.9, (ANCHORS, 1)) * np.asarray(model.arm.zero_position) if link else 0.0
         anchors = near + rng.uniform(-1, 1, (ANCHORS, 3)) * (0.3 if link else 0.7 * reach)
         linear = whitened(problem, _on_tool(spans, attachment))
@@ -74,26 +70,20 @@ def _anchors(problem: Problem, prepared_fit: PreparedFit, effect: Effect) -> lis
     return chosen
 
 
-def _search(effect: Effect) -> Pull:
-    assert isinstance(effect.fit.search, Pull)
-    return effect.fit.search
-
-
 @keep_program("name", "catalogue")
 def _span(signals: Signals, anchor: Array, attachment: Array, link: Array, *, name: str, catalogue: Catalogue) -> Array:
-    search = _search(catalogue[name])
+    search = search_of(catalogue[name], Pull)
     return search.span({search.anchor: anchor, search.attachment: attachment, search.link: link}, signals)
 
 
-def _spans(problem: Problem, effect: Effect, motions: list[ArmMotion], link: int, attachment: np.ndarray) -> np.ndarray:
+def _spans(problem: Problem, effect: Effect, link: int, attachment: np.ndarray) -> np.ndarray:
     """(4, U, 3) m, sensor frame: near end to the link's origin at q = 0, and what a metre of the anchor's axes adds."""
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    fixed = attachment, np.asarray(float(link))
+    fixed, what = (attachment, np.asarray(float(link))), {"name": effect.name, "catalogue": problem.catalogue}
     parts = []
-    for part, motion in zip(problem.parts, motions, strict=True):
-        signals = part.signals._replace(motion=motion)
-        told = {"name": effect.name, "catalogue": problem.catalogue}
-        ends = [_span(signals, corner, *fixed, **told) for corner in corners]
+    for part in problem.parts:
+        signals = part.signals._replace(motion=part.nominal)
+        ends = [_span(signals, corner, *fixed, **what) for corner in corners]
         parts.append(np.stack([np.asarray(span)[: part.used] for span in ends]))
     spans = np.concatenate(parts, axis=1)
     spans[1:] -= spans[0]
@@ -105,17 +95,8 @@ def _pulls(
 ) -> tuple[np.ndarray, list[float]]:
     """Cables of 1 N/m from A anchors, each with every slack: whitened changes of the reading, and rest lengths m.
 
-    Only the unit vectors along a cable are whitened for each anchor: the rest of its pull is linear in the anchor.
-
-    Args:
-        problem: of the logs.
-        spans: (4, U, 3) m, of ``_spans``.
-        linear: (4, U, 6) whitened, of cables with those spans and no rest length.
-        anchors: (A, 3) m.
-        attachment: (3,) m, sensor frame.
-
-    Returns:
-        (A S, U, 6) in single precision, S = slacks, and A S lengths.
+    Only the unit vectors along a cable are whitened for each anchor: the rest of its pull is linear in the anchor, and
+    in ``linear`` (4, U, 6) whitened. Returns (A S, U, 6) in single precision, S = slacks, and A S lengths.
     """
     linear, anchors, spans = (x.astype(np.float32) for x in (linear, anchors, spans))
     span = spans[0] + np.tensordot(anchors, spans[1:], 1)
@@ -145,7 +126,7 @@ def _without_slack(prepared_fit: PreparedFit, linear: np.ndarray) -> np.ndarray:
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     """Why a cable may be something else: long and soft, it makes nearly any force, so that force is what is told."""
     values, stderr = parameters(problem, found, h)
-    search, arm = _search(problem.catalogue[h.effect]), problem.parts[0].signals.model.arm
+    search, arm = search_of(problem.catalogue[h.effect], Pull), problem.parts[0].signals.model.arm
     apart = float(np.linalg.norm(np.asarray(values[search.anchor]) - np.asarray(arm.zero_position)))
     far = apart > FARTHEST or float(np.max(values[search.rest_length])) > LONGEST_CABLE
     loose = max(np.max(stderr[search.anchor]), np.max(stderr[search.rest_length])) > UNDETERMINED
@@ -159,14 +140,14 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
 
 def equivalent_force(problem: Problem, found: Fit, h: Hypothesis) -> tuple[np.ndarray, float]:
     """(3,) N on the tool, base axes, that the pull of a fit exerts on average, and by how many N it varies."""
-    stiffness = _search(problem.catalogue[h.effect]).stiffness
+    stiffness = search_of(problem.catalogue[h.effect], Pull).stiffness
     z = np.stack([found.z, found.z])
-    z[1, chain_model.slices(problem.joints, problem.catalogue)[h.effect, stiffness]] = 0
+    z[1, problem.layout.slices[h.effect, stiffness]] = 0
     with_it, without = readings(problem, z)
-    ends, motions = np.cumsum([part.used for part in problem.parts])[:-1], [part.nominal for part in problem.parts]
+    ends = np.cumsum([part.used for part in problem.parts])[:-1]
     forces = [
-        -np.einsum("ijt,tj->ti", np.asarray(motion.sensor_rotation)[:, :, : len(change)], change[:, :3])
-        for change, motion in zip(np.split(with_it - without, ends), motions, strict=True)
+        -np.einsum("ijt,tj->ti", np.asarray(part.nominal.sensor_rotation)[:, :, : part.used], change[:, :3])
+        for part, change in zip(problem.parts, np.split(with_it - without, ends), strict=True)
     ]
     force = np.concatenate(forces)
     return force.mean(0), float(np.sqrt(force.var(0).sum()))

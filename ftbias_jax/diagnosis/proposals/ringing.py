@@ -12,10 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, neutral_of, places_of
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, at_values, neutral_of, places_of, search_of, searched_by
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression import chain_model
-from ftbias_jax.diagnosis.regression.dictionary import Found
 from ftbias_jax.diagnosis.regression.evaluate import STEP, readings, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, fit
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gains
@@ -42,13 +40,8 @@ class _Places(NamedTuple):
     sagging: int
 
 
-def _search(effect: Effect) -> Ringing:
-    assert isinstance(effect.fit.search, Ringing)
-    return effect.fit.search
-
-
 def _places(problem: Problem, effect: Effect) -> _Places:
-    search, places = _search(effect), chain_model.slices(problem.joints, problem.catalogue)
+    search, places = search_of(effect, Ringing), problem.layout.slices
     names = (search.frequency, search.damping_ratio, search.share, search.sagging)
     period, damping, share, sagging = (places[effect.name, name].start for name in names)
     return _Places(period, damping, [share + way for way in WAYS], sagging)
@@ -57,16 +50,15 @@ def _places(problem: Problem, effect: Effect) -> _Places:
 def usual(problem: Problem, taken: Collection[str]) -> list[Hypothesis]:
     """Starting points of a tool that moves and sags as the entry's neutral values say."""
     found = []
-    for effect in problem.catalogue.searched_by(Ringing):
-        if effect.name not in taken:
-            search = _search(effect)
-            moving = {name: neutral_of(problem, effect, name) for name in (search.share, search.sagging)}
-            fixed = tuple(places_of(problem, effect, **moving).items())
-            found += [
-                _swinging(problem, effect, f, damping)._replace(fixed=fixed)
-                for f in effect.parameter(search.frequency).starts
-                for damping in LOG_DAMPINGS
-            ]
+    for effect in searched_by(problem, taken, Ringing):
+        search = search_of(effect, Ringing)
+        moving = {name: neutral_of(problem, effect, name) for name in (search.share, search.sagging)}
+        fixed = tuple(places_of(problem, effect, **moving).items())
+        found += [
+            _swinging(problem, effect, f, damping)._replace(fixed=fixed)
+            for f in effect.parameter(search.frequency).starts
+            for damping in LOG_DAMPINGS
+        ]
     return found
 
 
@@ -79,28 +71,18 @@ def loose(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -
         nats, to first order in the shares that move, and the starting point.
     """
     found = []
-    for effect in problem.catalogue.searched_by(Ringing):
-        if effect.name not in taken:
-            tried = list(product((0.0, 1.0), effect.parameter(_search(effect).frequency).starts))
-            columns = _by_ways(problem, prepared_fit, effect, tried)
-            loose = [
-                _loose(problem, prepared_fit, effect, *one, white) for one, white in zip(tried, columns, strict=True)
-            ]
-            found += [_stiffest(list(alike)) for alike in (loose[: len(loose) // 2], loose[len(loose) // 2 :])]
+    for effect in searched_by(problem, taken, Ringing):
+        tried = list(product((0.0, 1.0), effect.parameter(search_of(effect, Ringing).frequency).starts))
+        pairs = zip(tried, _by_ways(problem, prepared_fit, effect, tried), strict=True)
+        loose = [_loose(problem, prepared_fit, effect, *one, white) for one, white in pairs]
+        found += [_stiffest(alike) for alike in (loose[: len(loose) // 2], loose[len(loose) // 2 :])]
     return found
 
 
 def _by_ways(
     problem: Problem, prepared_fit: PreparedFit, effect: Effect, tried: list[tuple[float, float]]
 ) -> np.ndarray:
-    """(N, W, U, 6) whitened derivatives by the W shares that may move, none of which does yet.
-
-    Args:
-        problem: of the logs.
-        prepared_fit: what the derivatives come beside.
-        effect: that rings.
-        tried: N pairs of sagging and Hz.
-    """
+    """(N, W, U, 6) whitened derivatives by W shares that may move, none of which does yet, at N pairs (sagging, Hz)."""
     places = _places(problem, effect)
     z = np.repeat(prepared_fit.fit.z[None], len(tried) * len(WAYS) + 1, 0)
     for i, (sags, frequency) in enumerate(tried):
@@ -156,7 +138,7 @@ def is_plausible(problem: Problem, accepted: Fit, found: Fit) -> bool:
     if not isinstance(effect.fit.search, Ringing):
         return True
     period, damping = _places(problem, effect)[:2]
-    _, most = chain_model.bounds(problem.joints, problem.catalogue)
+    most = problem.layout.most
     if found.z[period] > NEAR_LIMIT * most[period]:
         return False
     if found.z[damping] < NEAR_LIMIT * most[damping]:
@@ -169,6 +151,6 @@ def is_plausible(problem: Problem, accepted: Fit, found: Fit) -> bool:
 
 
 def _swinging(problem: Problem, effect: Effect, frequency: float, log_damping: float) -> Hypothesis:
-    h = at_values(problem, effect, **{_search(effect).frequency: frequency})
+    h = at_values(problem, effect, **{search_of(effect, Ringing).frequency: frequency})
     damping = _places(problem, effect).damping
     return h._replace(free=(*h.free, damping), start=(*h.start, log_damping))

@@ -1,36 +1,105 @@
-"""Slow series and changes at some time: their times and time constants refined."""
+"""Slow series and changes at some time: whitened once for a problem, and their times and time constants refined."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Slow
+from ftbias_jax.diagnosis.hypothesis import Change, Event, Found, Hypothesis, Slow, search_of, searched_by
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.dictionary import Found, Library, alike, between_steps, by_channel
+from ftbias_jax.diagnosis.regression.evaluate import whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.regression.series import retimed, steps
-from ftbias_jax.diagnosis.thresholds import LEAST_OF_RAMP
+from ftbias_jax.diagnosis.regression.series import pulse, retimed, settlings, steps
+from ftbias_jax.diagnosis.thresholds import LEAST_GAIN
 from ftbias_jax.model.effects.fitting import Settling, Step
 
 RAMPS = (0.15, 0.3, 0.6, 1.2, 2.4)
 """s that a change may take."""
 FINE = 17
 """Values tried at every refinement of a time or a time constant."""
+STEP = 0.25
+"""s between the times at which a change is looked for, in a short log."""
+MOST_STEPS = 400
+"""In a long log its length is divided by this."""
+PULSES = (0.1, 0.25, 0.6, 1.5)
+"""s, lengths of the events that are looked for."""
+
+
+class Library(NamedTuple):
+    """Whitened series of one problem that no fit changes: worked out once."""
+
+    series: dict[str, list[Hypothesis]]
+    """Effect -> what it could be: of those that settle, or change at some time."""
+    white: dict[str, np.ndarray]
+    """Effect -> (S, U, 6), the same series in every channel."""
+    events: list[Event]
+    events_white: np.ndarray
+    """(E, U, 6) pulses."""
+
+
+def make_library(problem: Problem) -> Library:
+    """All series that are searched through."""
+    series: dict[str, list[Hypothesis]] = {}
+    for effect in problem.catalogue.searched_by(Settling):
+        if all(need in problem.recorded for need in effect.needs):
+            series[effect.name] = settlings(problem, effect)
+    for effect in problem.catalogue.searched_by(Step):
+        series[effect.name] = [
+            h
+            for log, duration in enumerate(problem.durations)
+            for h in steps(problem, effect, log, np.arange(1.0, duration - 1.0, between_steps(duration)))
+        ]
+    events = [
+        Event(log, float(start), float(start + length))
+        for log, duration in enumerate(problem.durations)
+        for length in PULSES
+        for start in np.arange(0.3, duration - length, max(length / 2, duration / MOST_STEPS))
+    ]
+    series = {name: found for name, found in series.items() if found}
+    white = {name: alike(problem, [h.shapes[0] for h in found]) for name, found in series.items()}
+    return Library(series, white, events, alike(problem, [pulse(problem, event) for event in events]))
+
+
+def between_steps(duration: float) -> float:
+    """s between the times at which a change is looked for in a log of so many seconds."""
+    return max(STEP, duration / MOST_STEPS)
+
+
+def alike(problem: Problem, series: Sequence[np.ndarray]) -> np.ndarray:
+    """(C, U, 6) in single precision: whitened series (U,), the same in every channel."""
+    return whitened_single(problem, [one[:, None] for one in series])
+
+
+def by_channel(accepted: Fit, white: np.ndarray) -> np.ndarray:
+    """(C,) nats of series (C, U, 6) with a coefficient a channel, beside the accepted effects held where they are."""
+    error = accepted.error.astype(white.dtype)
+    along = np.einsum("cuk,uk->ck", white, error)
+    power = np.einsum("cuk,cuk->ck", white, white)
+    gain: np.ndarray = (along**2 / np.maximum(power, 1e-9) / 2).sum(1)
+    return gain
 
 
 def slow(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> list[Found]:
     """The best series of every effect that settles, its time constant refined."""
-    names = [effect.name for effect in problem.catalogue.searched_by(Settling)]
-    best = [_best(library, accepted, name) for name in names if name in library.series and name not in taken]
-    return [_with_time_constant(problem, accepted, found) for found in best]
+    return [
+        _with_time_constant(problem, accepted, found) for found in _best(problem, library, accepted, Settling, taken)
+    ]
 
 
-def _best(library: Library, accepted: Fit, effect: str) -> Found:
-    gain = by_channel(accepted, library.white[effect])
-    place = int(gain.argmax())
-    return float(gain[place]), library.series[effect][place]
+def steplike(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> list[Found]:
+    """Of every effect that begins at some time what gains most, its time refined, sudden or along a straight line."""
+    return [_with_time(problem, accepted, h) for _, h in _best(problem, library, accepted, Step, taken)]
+
+
+def _best(problem: Problem, library: Library, accepted: Fit, search: type, taken: Collection[str]) -> Iterator[Found]:
+    """The series that gains most of every effect that is searched so."""
+    for name in (effect.name for effect in searched_by(problem, taken, search)):
+        if name in library.series:
+            gain = by_channel(accepted, library.white[name])
+            place = int(gain.argmax())
+            yield float(gain[place]), library.series[name][place]
 
 
 def _with_time_constant(problem: Problem, accepted: Fit, found: Found) -> Found:
@@ -38,8 +107,7 @@ def _with_time_constant(problem: Problem, accepted: Fit, found: Found) -> Found:
     _, h = found
     assert isinstance(h.detail, Slow)
     effect = problem.catalogue[h.effect]
-    assert isinstance(effect.fit.search, Settling)
-    times = np.array([time for time in effect.parameter(effect.fit.search.time).starts if time > 0])
+    times = np.array([time for time in effect.parameter(search_of(effect, Settling).time).starts if time > 0])
     if not h.detail.time_constant or len(times) < 2:
         return found
 
@@ -47,13 +115,6 @@ def _with_time_constant(problem: Problem, accepted: Fit, found: Found) -> Found:
         return retimed(problem, h, np.exp(log_time).tolist())
 
     return refine(problem, accepted, make, float(np.log(h.detail.time_constant)), float(np.diff(np.log(times)).max()))
-
-
-def steplike(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> list[Found]:
-    """Of every effect that begins at some time what gains most, its time refined, sudden or along a straight line."""
-    names = [effect.name for effect in problem.catalogue.searched_by(Step)]
-    best = [_best(library, accepted, name) for name in names if name in library.series and name not in taken]
-    return [_with_time(problem, accepted, h) for _, h in best]
 
 
 def _with_time(problem: Problem, accepted: Fit, h: Hypothesis) -> Found:
@@ -71,21 +132,13 @@ def _with_time(problem: Problem, accepted: Fit, h: Hypothesis) -> Found:
     ]
     gain = by_channel(accepted, alike(problem, [h.shapes[0] for h in ramps]))
     slower = float(gain.max()), ramps[int(gain.argmax())]
-    return slower if slower[0] > sudden[0] + LEAST_OF_RAMP else sudden
+    return slower if slower[0] > sudden[0] + LEAST_GAIN else sudden
 
 
 def refine(
     problem: Problem, accepted: Fit, make: Callable[[np.ndarray], list[Hypothesis]], at: float, reach: float
 ) -> Found:
-    """The best of ever finer grids around a value that a series depends on.
-
-    Args:
-        problem: the logs.
-        accepted: the fit of the causes found so far.
-        make: values -> one hypothesis each.
-        at: the best so far.
-        reach: how far from it the best may be.
-    """
+    """The best of ever finer grids of values, each made into a hypothesis, around the best so far within a reach."""
     for _ in range(2):
         values = at + reach * np.linspace(-1, 1, FINE)
         made = make(values)

@@ -6,12 +6,12 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, penalty
+from ftbias_jax.diagnosis.hypothesis import Event, Found, Hypothesis, penalty, searched_by
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.dictionary import Found, Library
+from ftbias_jax.diagnosis.proposals.series import Library
+from ftbias_jax.diagnosis.regression.design_matrix import step_and_gain
 from ftbias_jax.diagnosis.regression.evaluate import whitened_series
 from ftbias_jax.diagnosis.regression.fit import Fit, projection
-from ftbias_jax.diagnosis.regression.score_test import gain_of_series
 from ftbias_jax.diagnosis.regression.series import shaped, shaped_events
 from ftbias_jax.diagnosis.thresholds import (
     CLEAR_HATS,
@@ -41,32 +41,29 @@ def touches(
 ) -> list[Found]:
     """The events that stand out, as one hypothesis with wrenches of any shape, and its gain; of every effect with such.
 
-    Args:
-        problem: the logs.
-        library: the whitened shapes that events may have.
-        accepted: the fit of the causes found so far.
-        taken: effects that are not proposed again.
-        smooth: (M, U, 6) whitened derivatives with respect to what else could be there. Events are looked for, but
-            not judged, in what these leave.
+    They are looked for, but not judged, in what ``smooth`` (M, U, 6) leaves: derivatives by what else could be there.
     """
-    names = [effect.name for effect in problem.catalogue.searched_by(Touches) if effect.name not in taken]
+    names = [effect.name for effect in searched_by(problem, taken, Touches)]
     if not names or not library.events:
         return []
     alone = robust_rest(smooth, accepted.error)
-    events = _pursue(library, alone)
-    if not events:
-        return []
-    found = []
-    for name in names:
+    events, found = _pursue(library, alone), list[Found]()
+    for name in names if events else ():
         trimmed = _trimmed(problem, name, alone, merge(events))
         shapes = [shaped_events(problem, name, trimmed, tents) for tents in SHAPES]
         gains = [
-            (gain_of_series(accepted, whitened_series(problem, h.shapes)), h)
+            (_gain(accepted, whitened_series(problem, h.shapes)), h)
             for h in shapes
             if is_short(h, problem.duration) or is_seen(h, problem)
         ]
-        found += sorted(gains, key=_after_penalty)[-1:]
+        found += sorted(gains, key=lambda one: one[0] - penalty(one[1]))[-1:]
     return found
+
+
+def _gain(accepted: Fit, series: np.ndarray) -> float:
+    """nats that linear series (E, U, 6) gain together, with a coefficient for every channel."""
+    whole = accepted.columns._replace(series=np.concatenate([accepted.columns.series, series]))
+    return step_and_gain(whole, accepted.error)[1]
 
 
 def _pursue(library: Library, error: np.ndarray) -> list[Event]:
@@ -85,23 +82,13 @@ def _pursue(library: Library, error: np.ndarray) -> list[Event]:
 
 
 def is_short(h: Hypothesis, duration: float) -> bool:
-    """Whether events are short, each and together.
-
-    Args:
-        h: has them.
-        duration: s, of all logs.
-    """
+    """Whether events are short, each and together, in logs of so many seconds."""
     lengths = _lengths(h)
     return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_OF_LOG * duration)
 
 
 def is_seen(h: Hypothesis, problem: Problem) -> bool:
-    """Whether events are contact as a filter finds it, too: sudden at both ends, with free motion beside it.
-
-    Args:
-        h: has them.
-        problem: the logs.
-    """
+    """Whether events are contact as a filter finds it, too: sudden at both ends, with free motion beside it."""
     lengths, inside = _lengths(h), 0.0
     if not len(lengths):
         return False
@@ -161,12 +148,7 @@ def _trimmed(problem: Problem, effect: str, alone: np.ndarray, events: list[Even
 
 
 def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
-    """An event without the tents that hardly matter, at its ends or between its parts.
-
-    Args:
-        event: as it was found.
-        nats: (H,) of each of its tents.
-    """
+    """An event without the tents that hardly matter by their nats (H,), at its ends or between its parts."""
     log, start, end = event
     matter = np.flatnonzero(nats > max(LEAST_HAT, LEAST_SHARE_OF_HAT * nats.max()))
     if not len(matter):
@@ -176,11 +158,6 @@ def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
     least = min(LEAST_EVENT, max(nats[p].sum() for p in pieces) / 2)
     pieces = [p for p in pieces if nats[p].sum() > least]
     return [Event(log, start + max(p[0] - 1, 0) * width, start + min(p[-1] + 1, last) * width) for p in pieces]
-
-
-def _after_penalty(found: Found) -> float:
-    gain, h = found
-    return gain - penalty(h)
 
 
 def merge(events: Sequence[Event]) -> list[Event]:

@@ -7,15 +7,11 @@ apart, because it is the same in nearly all evaluations.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import lru_cache
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.diagnosis.regression.coordinates import Block, fitted_effects, values_at
-from ftbias_jax.diagnosis.regression.coordinates import blocks as blocks_of
+from ftbias_jax.diagnosis.regression.coordinates import fitted_effects, layout, values_at
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import ByJoint
@@ -26,64 +22,16 @@ from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
-LAYOUTS = 16
-"""Arms and catalogues whose coordinates are remembered."""
-
-
-@lru_cache(LAYOUTS)
-def blocks(n: int, catalogue: Catalogue = CATALOGUE) -> tuple[Block, ...]:
-    """Coordinates of all chained effects for an arm with n joints, in the catalogue's order."""
-    return blocks_of(n, catalogue)
-
-
-@lru_cache(LAYOUTS)
-def slices(n: int, catalogue: Catalogue = CATALOGUE) -> Mapping[tuple[str, str], slice]:
-    """Where each parameter's coordinates are."""
-    laid_out = blocks(n, catalogue)
-    ends = np.cumsum([block.size for block in laid_out])
-    return {(b.effect, b.parameter): slice(e - b.size, e) for b, e in zip(laid_out, ends, strict=True)}
-
-
-def coordinates(n: int, effect: str, catalogue: Catalogue = CATALOGUE) -> np.ndarray:
-    """Indices of all coordinates of an effect."""
-    places = slices(n, catalogue)
-    return np.concatenate([np.arange(s.start, s.stop) for (name, _), s in places.items() if name == effect])
-
-
-@lru_cache(LAYOUTS)
-def of_joints(n: int, catalogue: Catalogue = CATALOGUE) -> np.ndarray:
-    """Indices of the coordinates that change how the arm moves, and nothing else; all else is worked out from that."""
-    own = [coordinates(n, effect.name, catalogue) for effect in catalogue.searched_by(ByJoint)]
-    return np.concatenate([np.zeros(0, int), *own])
-
-
-@lru_cache(LAYOUTS)
-def bounds(n: int, catalogue: Catalogue = CATALOGUE) -> tuple[np.ndarray, np.ndarray]:
-    """(P,), (P,) least and most value of every coordinate."""
-    laid_out = blocks(n, catalogue)
-    return np.concatenate([b.least for b in laid_out]), np.concatenate([b.most for b in laid_out])
-
-
-def size(n: int, catalogue: Catalogue = CATALOGUE) -> int:
-    """Length of the whole vector."""
-    return sum(block.size for block in blocks(n, catalogue))
-
 
 @keep_program("catalogue")
 def to_values(signals: Signals, z: Array, *, catalogue: Catalogue = CATALOGUE) -> Values:
-    """Catalogue values of all chained effects; those of one joint have a row of all joints and of their offsets.
-
-    Args:
-        signals: of the log.
-        z: (P,) coordinates.
-        catalogue: that has the effects.
-    """
+    """Catalogue values of all chained effects; those of one joint have a row of all joints and of their offsets."""
     return _values(signals, z, catalogue, fitted_effects(catalogue))
 
 
 def _values(signals: Signals, z: Array, catalogue: Catalogue, effects: list[Effect]) -> Values:
     n = signals.q.shape[1]
-    places = slices(n, catalogue)
+    places = layout(n, catalogue).slices
 
     def of(effect: Effect) -> EffectValues:
         own = {parameter: z[place] for (name, parameter), place in places.items() if name == effect.name}
@@ -108,27 +56,20 @@ def motion(signals: Signals, known: Values, z: Array, *, catalogue: Catalogue = 
 
 def nominal_motion(signals: Signals, known: Values, catalogue: Catalogue = CATALOGUE) -> ArmMotion:
     """How the arm moves with the joints where the setup believes."""
-    moving: ArmMotion = motion(signals, known, np.zeros(size(signals.q.shape[1], catalogue)), catalogue=catalogue)
+    nowhere = np.zeros(layout(signals.q.shape[1], catalogue).size)
+    moving: ArmMotion = motion(signals, known, nowhere, catalogue=catalogue)
     return moving
 
 
 @keep_program("catalogue")
 def reading(signals: Signals, known: Values, moving: ArmMotion, z: Array, *, catalogue: Catalogue = CATALOGUE) -> Array:
-    """(B, 6) N, Nm: noise-free reading.
-
-    Args:
-        signals: of the log.
-        known: effects that the setup knows of.
-        moving: ``motion`` at z.
-        z: (P,) coordinates.
-        catalogue: that has the effects.
-    """
+    """(B, 6) N, Nm: noise-free reading at z (P,) with effects that the setup knows of; moving: the ``motion`` at z."""
     joints = [effect.name for effect in catalogue.searched_by(ByJoint)]
     chained = _values(signals, z, catalogue, [e for e in fitted_effects(catalogue) if e.name not in joints])
     values = chained | {name: known[name] for name in known if name not in joints}
     if catalogue.own:  # these may move the joints, or look at where they are
         signals = _moved(signals, known, z, catalogue)
-    places, acting = slices(signals.q.shape[1], catalogue), dict(catalogue)
+    places, acting = layout(signals.q.shape[1], catalogue).slices, dict(catalogue)
     for name in (name for name in chained if name not in known):
         own = jnp.concatenate([z[place] for (effect, _), place in places.items() if effect == name])
         acting[name] = _only_if(jnp.any(own != 0), catalogue[name])

@@ -8,12 +8,14 @@ infinite by its inverse.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.model.effects.catalogue import neutral_values
+from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values
 from ftbias_jax.model.effects.fitting import (
     BY_COORDINATES,
     INVERSE,
@@ -32,17 +34,76 @@ SMALLEST_INVERSE = 1e-6
 MOST_LOGARITHM = 12.0
 """A factor of 160,000 from the typical value either way."""
 AS_STATED = Coordinate()
+LAYOUTS = 16
+"""Arms and catalogues whose coordinates are remembered."""
 
 
-class Block(NamedTuple):
-    """Coordinates of one effect within the whole vector."""
+class Scale(NamedTuple):
+    """How a parameter depends on its k coordinates."""
 
-    effect: str
-    parameter: str
-    size: int
+    kind: str
+    """``linear``, ``logarithm`` or ``inverse``."""
+    zero: np.ndarray | None
+    """(k,) value at coordinate 0; None = neutral, which depends on what the setup states."""
+    unit: np.ndarray
+    """(k,) of the parameter per coordinate; 1 for what is not fitted."""
+    lower: np.ndarray
+    """(k,) least plausible value."""
+    upper: np.ndarray
+
+
+class Layout(NamedTuple):
+    """Where the coordinates of a catalogue's effects are in one vector of P."""
+
+    slices: Mapping[tuple[str, str], slice]
+    """(effect, parameter) -> its coordinates."""
     least: np.ndarray
+    """(P,) bounds of the coordinates."""
     most: np.ndarray
-    """(size,) bounds of the coordinates."""
+    of_joints: np.ndarray
+    """Indices of those that change how the arm moves, and nothing else; all else is worked out from that."""
+
+    @property
+    def size(self) -> int:
+        """P."""
+        return len(self.least)
+
+    def of_effect(self, effect: str) -> np.ndarray:
+        """Indices of all coordinates of an effect."""
+        own = [np.arange(s.start, s.stop) for (name, _), s in self.slices.items() if name == effect]
+        return np.concatenate([np.zeros(0, int), *own])
+
+
+@lru_cache(LAYOUTS)
+def layout(n: int, catalogue: Catalogue = CATALOGUE) -> Layout:
+    """Coordinates of all effects that are fitted in them, for an arm with n joints, in the catalogue's order."""
+    slices: dict[tuple[str, str], slice] = {}
+    bounds = [np.zeros((2, 0))]
+    for effect in fitted_effects(catalogue):
+        by_joint = isinstance(effect.fit.search, ByJoint)
+        for parameter in (p for p in effect.parameters if not _is_number(effect, p)):
+            size = n if by_joint else int(np.prod(parameter.shape))
+            start = sum(pair.shape[1] for pair in bounds)
+            slices[effect.name, parameter.name] = slice(start, start + size)
+            bounds.append(np.stack([np.broadcast_to(edge, size) for edge in _bounds(scale_of(effect, parameter))]))
+    least, most = np.concatenate(bounds, 1)
+    whole = Layout(slices, least, most, np.zeros(0, int))
+    joints = [whole.of_effect(effect.name) for effect in catalogue.searched_by(ByJoint)]
+    return whole._replace(of_joints=np.concatenate([whole.of_joints, *joints]))
+
+
+def _bounds(scale: Scale) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest coordinates."""
+    kind, zero, unit, lower, upper = scale
+    if kind == LOGARITHM:
+        with np.errstate(divide="ignore"):
+            least, most = (np.log(np.maximum(edge, 0) / zero) for edge in (lower, upper))
+        return np.clip(least, -MOST_LOGARITHM, MOST_LOGARITHM), np.clip(most, -MOST_LOGARITHM, MOST_LOGARITHM)
+    if kind == INVERSE:
+        return unit / upper, np.where(lower > 0, unit / np.where(lower > 0, lower, 1), np.inf)
+    if zero is None:
+        return np.full_like(unit, -np.inf), np.full_like(unit, np.inf)
+    return (lower - zero) / unit, (upper - zero) / unit
 
 
 def fitted_effects(catalogue: Catalogue) -> list[Effect]:
@@ -72,31 +133,32 @@ def strengths(effect: Effect) -> list[Parameter]:
 
 def can_move(parameter: Parameter) -> np.ndarray:
     """(k,) bool: which of its numbers are fitted."""
-    moving: np.ndarray = _flat(_scale(parameter), parameter) > 0
+    given = (parameter.coordinate or AS_STATED).scale
+    moving: np.ndarray = _flat(parameter.scale if given is None else given, parameter) > 0
     return moving
 
 
-def kind_of(effect: Effect, parameter: Parameter) -> str:
-    """How a parameter depends on its coordinate."""
-    if parameter.coordinate is not None:
-        return parameter.coordinate.transformation
-    if not parameter.search or not can_move(parameter).any():
-        return LINEAR
-    infinite = not callable(parameter.neutral) and bool(np.isinf(np.asarray(parameter.neutral, float)).any())
-    positive = bool(np.all(np.asarray(parameter.lower, float) > 0))
-    if strengths(effect) and (infinite or positive):
-        return LOGARITHM
-    return INVERSE if infinite else LINEAR
-
-
-def blocks(n: int, catalogue: Catalogue) -> tuple[Block, ...]:
-    """Coordinates of all effects of a catalogue that are fitted in coordinates, for an arm with n joints."""
-    return tuple(
-        _block(effect, parameter, n)
-        for effect in fitted_effects(catalogue)
-        for parameter in effect.parameters
-        if not _is_number(effect, parameter)
+def scale_of(effect: Effect, parameter: Parameter) -> Scale:
+    """How a parameter of an effect depends on its coordinates."""
+    given, neutral = parameter.coordinate or AS_STATED, parameter.neutral
+    scale, zero, lower, upper = (
+        stated if own is None else own
+        for own, stated in (
+            (given.scale, parameter.scale),
+            (given.zero, neutral),
+            (given.lower, parameter.lower),
+            (given.upper, parameter.upper),
+        )
     )
+    unit, at = _flat(scale, parameter), None if callable(zero) else _flat(zero, parameter)
+    kind, unit = given.transformation, np.where(unit > 0, unit, 1.0)
+    if parameter.coordinate is None and parameter.search and can_move(parameter).any():
+        infinite = at is not None and bool(np.isinf(at).any())
+        positive = bool(np.all(np.asarray(parameter.lower, float) > 0))
+        kind = LOGARITHM if strengths(effect) and (infinite or positive) else INVERSE if infinite else LINEAR
+    if kind == LOGARITHM and (at is None or not np.all((at > 0) & np.isfinite(at))):
+        at = unit
+    return Scale(kind, at, unit, _flat(lower, parameter), _flat(upper, parameter))
 
 
 def _is_number(effect: Effect, parameter: Parameter) -> bool:
@@ -104,32 +166,10 @@ def _is_number(effect: Effect, parameter: Parameter) -> bool:
     return isinstance(effect.fit.search, ByJoint) and parameter.name == effect.fit.search.number
 
 
-def _block(effect: Effect, parameter: Parameter, n: int) -> Block:
-    size = n if isinstance(effect.fit.search, ByJoint) else int(np.prod(parameter.shape))
-    least, most = (np.full(size, edge) for edge in (-np.inf, np.inf))
-    kind, scale = kind_of(effect, parameter), _unit(parameter)
-    lower, upper = limits_of(parameter)
-    if kind == LOGARITHM:
-        middle = _middle(parameter)
-        with np.errstate(divide="ignore"):
-            edges = (np.log(np.maximum(edge, 0) / middle) for edge in (lower, upper))
-        least, most = (np.clip(edge, -MOST_LOGARITHM, MOST_LOGARITHM) for edge in edges)
-    elif kind == INVERSE:
-        least, most = scale / upper, np.where(lower > 0, scale / np.where(lower > 0, lower, 1), np.inf)
-    elif _knows_zero(parameter):
-        zero = _zero(parameter)
-        least, most = (np.broadcast_to((edge - zero) / scale, size) for edge in (lower, upper))
-    return Block(effect.name, parameter.name, size, least, most)
-
-
 def values_at(effect: Effect, model: Model, coordinates: dict[str, Array], n: int = 0) -> EffectValues:
     """Values of an effect from its coordinates, never outside of what its entry calls plausible.
 
-    Args:
-        effect: of the catalogue.
-        model: what the setup states.
-        coordinates: (k,) of each parameter.
-        n: joints of the arm; an effect of one joint gets them all, each with its offset.
+    An effect of one joint gets all n of the arm, each with its offset.
     """
     neutral = neutral_values(effect, model)
     values = {}
@@ -143,16 +183,16 @@ def values_at(effect: Effect, model: Model, coordinates: dict[str, Array], n: in
 
 def _value(effect: Effect, parameter: Parameter, neutral: Array, z: Array) -> Array:
     z = z if isinstance(effect.fit.search, ByJoint) else z.reshape(parameter.shape)
-    unit = _shaped(_unit(parameter), parameter, z)
-    match kind_of(effect, parameter):
+    scale = scale_of(effect, parameter)
+    unit, lower, upper = (jnp.asarray(x.reshape(parameter.shape), z.dtype) for x in scale[2:])
+    zero = neutral if scale.zero is None else jnp.asarray(scale.zero.reshape(parameter.shape), z.dtype)
+    match scale.kind:
         case "logarithm":
-            value = _shaped(_middle(parameter), parameter, z) * jnp.exp(z)
+            value = zero * jnp.exp(z)
         case "inverse":
             value = unit / jnp.maximum(z, SMALLEST_INVERSE)
         case _:
-            stated = (parameter.coordinate or AS_STATED).zero
-            value = (neutral if stated is None else stated) + unit * z
-    lower, upper = (_shaped(edge, parameter, z) for edge in limits_of(parameter))
+            value = zero + unit * z
     # Not jnp.clip, whose derivative at a bound, where an effect of one sign begins, is half of that inside.
     return jnp.where(value < lower, lower, jnp.where(value > upper, upper, value))
 
@@ -161,59 +201,16 @@ def to_coordinates(
     effect: Effect, parameter: Parameter, neutral: np.ndarray | float, value: np.ndarray | float
 ) -> np.ndarray:
     """(k,) coordinates of a value; the other way than ``values_at``."""
-    flat, unit = _flat(value, parameter), _unit(parameter)
-    match kind_of(effect, parameter):
+    flat, scale = _flat(value, parameter), scale_of(effect, parameter)
+    zero = _flat(neutral, parameter) if scale.zero is None else scale.zero
+    match scale.kind:
         case "logarithm":
-            found = np.log(flat / _middle(parameter))
+            return np.asarray(np.log(flat / zero))
         case "inverse":
-            found = unit / flat
+            return np.asarray(scale.unit / flat)
         case _:
-            zero = _zero(parameter) if _knows_zero(parameter) else _flat(neutral, parameter)
-            found = (flat - zero) / unit
-    return np.asarray(found, float)
-
-
-def limits_of(parameter: Parameter) -> tuple[np.ndarray, np.ndarray]:
-    """(k,), (k,): least and greatest plausible value."""
-    given = parameter.coordinate or AS_STATED
-    lower = parameter.lower if given.lower is None else given.lower
-    upper = parameter.upper if given.upper is None else given.upper
-    return _flat(lower, parameter), _flat(upper, parameter)
-
-
-def _scale(parameter: Parameter) -> float | Array:
-    given = (parameter.coordinate or AS_STATED).scale
-    return parameter.scale if given is None else given
-
-
-def _knows_zero(parameter: Parameter) -> bool:
-    """Whether its value at coordinate 0 does not depend on what the setup states."""
-    return (parameter.coordinate or AS_STATED).zero is not None or not callable(parameter.neutral)
-
-
-def _zero(parameter: Parameter) -> np.ndarray:
-    given = (parameter.coordinate or AS_STATED).zero
-    return _flat(parameter.neutral if given is None else given, parameter)
+            return np.asarray((flat - zero) / scale.unit)
 
 
 def _flat(value: object, parameter: Parameter) -> np.ndarray:
     return np.broadcast_to(np.asarray(value, float), parameter.shape).ravel()
-
-
-def _shaped(flat: np.ndarray, parameter: Parameter, z: Array) -> Array:
-    return jnp.asarray(flat.reshape(parameter.shape), z.dtype)
-
-
-def _unit(parameter: Parameter) -> np.ndarray:
-    """(k,) of the parameter per coordinate; 1 for what is not fitted."""
-    scale = _flat(_scale(parameter), parameter)
-    return np.where(scale > 0, scale, 1.0)
-
-
-def _middle(parameter: Parameter) -> np.ndarray:
-    """(k,) value at coordinate 0 of a parameter that is taken by its logarithm."""
-    if not callable(parameter.neutral):
-        neutral = _flat(parameter.neutral, parameter)
-        if np.all((neutral > 0) & np.isfinite(neutral)):
-            return neutral
-    return _unit(parameter)

@@ -34,26 +34,12 @@ class Columns(NamedTuple):
         return Columns(self.moving[:, rows], self.series[:, rows])
 
 
-class Layout(NamedTuple):
-    """Columns in the order in memory that products with them need."""
-
-    moving: np.ndarray
-    """(F, 6 U)."""
-    series: np.ndarray
-    """(6, E, U)."""
-
-
-def lay_out(columns: Columns) -> Layout:
-    """Columns made ready for products."""
-    return Layout(_flat(columns.moving), channels_first(columns.series))
-
-
-def products(own: Layout, others: np.ndarray) -> np.ndarray:
+def products(own: Columns, others: np.ndarray) -> np.ndarray:
     """(M, U, 6) -> (M, K) sums over bins and channels."""
-    of_moving: np.ndarray = _flat(others) @ own.moving.T
-    if not own.series.shape[1]:
+    of_moving: np.ndarray = _flat(others) @ _flat(own.moving).T
+    if not len(own.series):
         return of_moving
-    of_series = multiply(channels_first(others), own.series.transpose(0, 2, 1))
+    of_series = channels_first(others) @ channels_first(own.series).transpose(0, 2, 1)
     return np.concatenate([of_moving, of_series.transpose(1, 2, 0).reshape(len(others), -1)], 1)
 
 
@@ -65,11 +51,6 @@ def _flat(x: np.ndarray) -> np.ndarray:
 def channels_first(x: np.ndarray) -> np.ndarray:
     """(M, U, 6) -> (6, M, U) in order in memory, or else its products take ten times as long."""
     return np.ascontiguousarray(x.transpose(2, 0, 1))
-
-
-def multiply(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(6, L, M), (6, M, N) -> (6, L, N): without BLAS numpy's product of stacks takes far longer."""
-    return np.stack([one @ other for one, other in zip(first, second, strict=True)])
 
 
 class Information(NamedTuple):
@@ -105,21 +86,16 @@ class Information(NamedTuple):
 
 
 def information(columns: Columns, coordinates: int | None = None) -> Information:
-    """What the data say of all numbers, with the prior.
-
-    Args:
-        columns: at the fit.
-        coordinates: how many of the moving columns have the prior; all if not given.
-    """
-    own, F = lay_out(columns), len(columns.moving)
-    transposed = own.series.transpose(0, 2, 1)
-    moving, series = own.moving @ own.moving.T, multiply(own.series, transposed)
+    """What the data say of all numbers, with the prior of the first so many ``coordinates``; None = of all."""
+    own, by_channel, F = _flat(columns.moving), channels_first(columns.series), len(columns.moving)
+    transposed = by_channel.transpose(0, 2, 1)
+    moving, series = own @ own.T, by_channel @ transposed
     trace = np.trace(moving) + np.trace(series, axis1=1, axis2=2).sum()
     ridge = RIDGE * max(float(trace) / max(columns.size, 1), 1e-12)
     prior = np.where(np.arange(F) < (F if coordinates is None else coordinates), PRIOR_STD**-2, 0)
     return Information(
         moving + np.diag(prior + ridge),
-        multiply(channels_first(columns.moving), transposed),
+        channels_first(columns.moving) @ transposed,
         series + ridge * np.eye(len(columns.series)),
     )
 
@@ -132,14 +108,9 @@ def change(columns: Columns, numbers: np.ndarray) -> np.ndarray:
     return total
 
 
-def best_step(columns: Columns, error: np.ndarray) -> np.ndarray:
-    """(K,) change of all numbers that brings the innovations (U, 6) nearest to zero."""
-    return step_and_gain(columns, error)[0]
-
-
 def step_and_gain(columns: Columns, error: np.ndarray) -> tuple[np.ndarray, float]:
-    """The best step, and the nats that it gains."""
-    pull = products(lay_out(columns), error[None])[0]
+    """(K,) change of all numbers that brings the innovations (U, 6) nearest to zero, and the nats that it gains."""
+    pull = products(columns, error[None])[0]
     step: np.ndarray = -information(columns).solve(pull[:, None])[:, 0]
     return step, -float(step @ pull) / 2
 
@@ -147,4 +118,4 @@ def step_and_gain(columns: Columns, error: np.ndarray) -> tuple[np.ndarray, floa
 def scores(columns: Columns, error: np.ndarray, block: np.ndarray) -> np.ndarray:
     """(blocks, K) derivatives of each block's squared innovations; block (U,) = its number."""
     pieces = np.split(np.argsort(block, kind="stable"), np.cumsum(np.bincount(block))[:-1])
-    return np.stack([products(lay_out(columns.at(rows)), error[None, rows])[0] for rows in pieces])
+    return np.stack([products(columns.at(rows), error[None, rows])[0] for rows in pieces])

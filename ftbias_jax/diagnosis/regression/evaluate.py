@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache, partial
+from collections.abc import Sequence
+from functools import lru_cache
 
-import jax
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Part, Problem
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.whitening import Whitener
-from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.model.effects.table import Catalogue
-from ftbias_jax.model.effects.types import Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
-from ftbias_jax.types import Array
 
 STEP = 1e-6
 """Typical departures over which differences are taken for derivatives: neither curvature nor rounding shows, and unlike
@@ -26,30 +21,9 @@ MOTIONS = 8
 """Of the arm that are remembered while readings are worked out."""
 
 
-def programs(
-    signals: Signals, known: Values, moving: ArmMotion, catalogue: Catalogue = CATALOGUE
-) -> Iterator[Callable[[], object]]:
-    """Make the programs that the functions below call ready, when called; the longest first.
-
-    Args:
-        signals: of one log; of series, shapes are enough.
-        known: effects that the setup knows of.
-        moving: the motion of its arm, of which shapes are enough, too.
-        catalogue: that has the effects.
-    """
-
-    def of(*shape: int) -> jax.ShapeDtypeStruct:
-        return jax.ShapeDtypeStruct(shape, signals.q.dtype)
-
-    z = of(chain_model.size(signals.q.shape[1], catalogue))
-    yield partial(chain_model.reading.prepare, signals, known, moving, z, catalogue=catalogue)
-    yield partial(chain_model.motion.prepare, signals, known, z, catalogue=catalogue)
-    yield partial(chain_model.to_values.prepare, signals, z, catalogue=catalogue)
-
-
 def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
     """(C, P) coordinates -> (C, U, 6) N, Nm: noise-free readings."""
-    joints = chain_model.of_joints(problem.joints, problem.catalogue)
+    joints = problem.layout.of_joints
 
     def of_log(part: Part) -> np.ndarray:
         @lru_cache(MOTIONS)
@@ -72,7 +46,7 @@ def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
 def slopes(problem: Problem, z: np.ndarray, places: Sequence[int]) -> np.ndarray:
     """(F, U, 6) N, Nm: derivatives of the reading at z (P,) by the coordinates at these places, within their bounds."""
     at, row = np.array(places), np.arange(len(places))
-    _, most = chain_model.bounds(problem.joints, problem.catalogue)
+    most = problem.layout.most
     moved = np.repeat(z[None], len(at) + 1, 0)
     moved[row, at] += np.where(z[at] + STEP <= most[at], STEP, -STEP)
     *made, here = readings(problem, moved)
@@ -90,12 +64,7 @@ def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
 
 
 def whitened_single(problem: Problem, columns: Sequence[np.ndarray]) -> np.ndarray:
-    """The same of many columns, (C, U, 6) in single precision.
-
-    Args:
-        problem: of the logs.
-        columns: C times (U, 6), or (U, 1) if the same in every channel.
-    """
+    """The same of C columns (U, 6), or (U, 1) if the same in every channel, in single precision."""
     filters = [part.whiten.single() for part in problem.parts]
     white = np.zeros((len(columns), len(problem.t), 6), np.float32)
     for first in range(0, len(columns), LANES):
@@ -129,13 +98,3 @@ def whitened_series(problem: Problem, shapes: Sequence[np.ndarray]) -> np.ndarra
 def measured(problem: Problem) -> np.ndarray:
     """(U, 6) N, Nm: mean readings of the bins."""
     return np.concatenate([np.asarray(part.wrench.wrench)[: part.used] for part in problem.parts])
-
-
-def in_pieces(function: Callable[..., Array], lanes: int, *arrays: np.ndarray) -> np.ndarray:
-    """A function of (lanes, ...) arrays on (C, ...) arrays, C > 0; the last piece is filled up with repetitions."""
-    count = len(arrays[0])
-    found = []
-    for first in range(0, count, lanes):
-        piece = (np.resize(array[first : first + lanes], (lanes, *array.shape[1:])) for array in arrays)
-        found.append(np.asarray(function(*piece))[: count - first])
-    return np.concatenate(found)

@@ -9,15 +9,14 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.design_matrix import (
     Columns,
-    best_step,
     change,
     channels_first,
     information,
-    multiply,
+    products,
     scores,
+    step_and_gain,
 )
 from ftbias_jax.diagnosis.regression.evaluate import measured, readings, slopes, whitened, whitened_series
 from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, PRIOR_STD
@@ -37,7 +36,7 @@ class Fit(NamedTuple):
 
     hypotheses: tuple[Hypothesis, ...]
     z: np.ndarray
-    """(P,) coordinates of ``chain_model.blocks``."""
+    """(P,) coordinates of ``Problem.layout``."""
     coefficients: np.ndarray
     """(6 E,) of the linear series, hypothesis by hypothesis."""
     error: np.ndarray
@@ -53,11 +52,15 @@ class Fit(NamedTuple):
         """Free numbers."""
         return self.columns.size
 
+    def beside(self, h: Hypothesis) -> tuple[Hypothesis, ...]:
+        """The other hypotheses."""
+        return tuple(other for other in self.hypotheses if other is not h)
+
 
 def base(problem: Problem) -> Fit:
     """The nominal model."""
     nothing = Columns(*np.zeros((2, 0, len(problem.t), 6)))
-    z = np.zeros(chain_model.size(problem.joints, problem.catalogue))
+    z = np.zeros(problem.layout.size)
     error = _errors(problem, z[None])[0]
     return Fit((), z, np.zeros(0), error, nothing, (), _log_likelihood(error))
 
@@ -67,19 +70,16 @@ def fit(
 ) -> Fit:
     """Levenberg-Marquardt over the coordinates, with the linear coefficients solved for exactly at every step.
 
-    Args:
-        problem: of the logs.
-        hypotheses: what to fit together; those that ``start`` has too continue from there.
-        start: another fit, such as ``base``.
-        enough: share of the whole gain; the last step gains less.
-        most: steps at most.
+    Hypotheses that ``start`` has, too, continue from there. The last of at most so many steps gains less than a share
+    ``enough`` of the whole gain.
     """
     z = start.z.copy()
     z[[*start.free, *(i for h in start.hypotheses for i, _ in h.fixed)]] = 0
     there = {id(h) for h in start.hypotheses}
     for h in hypotheses:
-        z[list(h.free)] = start.z[list(h.free)] if id(h) in there else h.start
-        z = keep(z, h)
+        z = h.begin(z)
+        if id(h) in there:
+            z[list(h.free)] = start.z[list(h.free)]
     free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
     series = _series(problem, hypotheses, start)
     project = projection(series)
@@ -89,7 +89,7 @@ def fit(
         error = _errors(problem, z[None])[0]
     (coefficients,), (error,) = project(error[None])
     cost = _cost(error, z, free)
-    first, moving, bounds = cost, None, chain_model.bounds(problem.joints, problem.catalogue)
+    first, moving, bounds = cost, None, (problem.layout.least, problem.layout.most)
     for _ in range(most if free and np.isfinite(cost) else 0):
         moving = whitened(problem, slopes(problem, z, free))
         columns = project(moving)[1]
@@ -109,24 +109,22 @@ def fit(
     return Fit(hypotheses, z, coefficients, error, Columns(moving, series), free, _log_likelihood(error))
 
 
-def keep(z: np.ndarray, h: Hypothesis) -> np.ndarray:
-    """Coordinates (P,) with those that a hypothesis keeps at its values."""
-    z = z.copy()
-    for place, value in h.fixed:
-        z[place] = value
-    return z
-
-
 def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
     """What a fit of one more hypothesis will find, from its derivatives (F, U, 6) at the accepted fit alone."""
-    free = (*accepted.free, *h.free)
     whole = accepted.columns._replace(moving=np.concatenate([accepted.columns.moving, columns]))
-    step = best_step(whole, accepted.error)
-    z, error = keep(accepted.z, h), accepted.error + change(whole, step)
-    z[list(free)] += step[: len(free)]
-    coefficients = accepted.coefficients + step[len(free) :]
-    hypotheses = (*accepted.hypotheses, h)
-    return Fit(hypotheses, z, coefficients, error, whole, free, _log_likelihood(error))
+    hypotheses, free = (*accepted.hypotheses, h), (*accepted.free, *h.free)
+    start = accepted._replace(hypotheses=hypotheses, z=h.begin(accepted.z), free=free)
+    return stepped(start, whole, accepted.error)[0]
+
+
+def stepped(start: Fit, columns: Columns, error: np.ndarray) -> tuple[Fit, float]:
+    """A fit after the best step by these columns from these innovations (U, 6), and the nats that it gains."""
+    step, gain = step_and_gain(columns, error)
+    z, moving = start.z.copy(), len(start.free)
+    z[list(start.free)] += step[:moving]
+    error, coefficients = error + change(columns, step), start.coefficients + step[moving:]
+    likelihood = _log_likelihood(error)
+    return start._replace(z=z, coefficients=coefficients, error=error, columns=columns, log_likelihood=likelihood), gain
 
 
 def _errors(problem: Problem, z: np.ndarray) -> np.ndarray:
@@ -150,24 +148,17 @@ def _series(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) ->
 
 
 def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """errors (C, U, 6) -> coefficients (C, 6 E) that bring error + sum c series nearest to zero, and what remains.
+    """Whitened series (E, U, 6), with a coefficient for every channel -> a function of errors (C, U, 6).
 
-    Args:
-        series: (E, U, 6) whitened, each with a coefficient for every channel.
+    It gives the coefficients (C, 6 E) that bring error + sum c series nearest to zero, and what remains.
     """
-    if not len(series):
-        return lambda errors: (np.zeros((len(errors), 0)), errors)
-    by_channel = channels_first(series)  # (6, E, U)
-    transposed = by_channel.transpose(0, 2, 1)
-    normal = multiply(by_channel, transposed)
-    ridge = 1e-9 * normal.max() + 1e-12  # for series that vanish
-    inverse = np.linalg.inv(normal + ridge * np.eye(len(series)))
+    columns, by_channel = Columns(series[:0], series), channels_first(series)
+    told = information(columns)
 
     def project(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        channels = channels_first(errors)  # (6, C, U)
-        coefficients = -multiply(multiply(channels, transposed), inverse)
-        left = channels + multiply(coefficients, by_channel)
-        return coefficients.transpose(1, 2, 0).reshape(len(errors), -1), left.transpose(1, 2, 0)
+        coefficients = -told.solve(products(columns, errors).T).T
+        of_channel = coefficients.reshape(len(errors), len(series), 6).transpose(2, 0, 1)
+        return coefficients, errors + (of_channel @ by_channel).transpose(1, 2, 0)
 
     return project
 
@@ -181,14 +172,9 @@ def _cost(error: np.ndarray, z: np.ndarray, free: tuple[int, ...]) -> float:
 
 
 def _trials(columns: np.ndarray, error: np.ndarray, at: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """(len(DAMPINGS), F) next values of the coordinates ``at``, none of them outside its bounds.
+    """(len(DAMPINGS), F) next values of the coordinates ``at`` (F,), none of them outside its bounds.
 
-    Args:
-        columns: (F, U, 6) derivatives without what the series can do.
-        error: (U, 6).
-        at: (F,) coordinates.
-        least: (F,) lower bounds.
-        most: (F,) upper bounds.
+    The derivatives (F, U, 6) are those without what the series can do.
     """
     flat = columns.reshape(len(columns), -1)
     pull = flat @ error.ravel() + at / PRIOR_STD**2
@@ -210,11 +196,8 @@ def block_scores(problem: Problem, error: np.ndarray) -> np.ndarray:
 def covariance(problem: Problem, fit: Fit, further: np.ndarray | None = None) -> np.ndarray:
     """(K, K) of the free numbers, widened where the scores of whole blocks scatter more than white noise would.
 
-    Args:
-        problem: of the logs.
-        fit: at its best.
-        further: (M, U, 6) whitened derivatives with respect to M numbers that were searched on a grid; they come
-            between the coordinates and the coefficients.
+    Of numbers that were searched on a grid ``further`` has the whitened derivatives (M, U, 6): they come between the
+    coordinates and the coefficients.
     """
     columns = fit.columns
     if further is not None:

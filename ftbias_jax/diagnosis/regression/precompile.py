@@ -11,7 +11,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from ftbias_jax.diagnosis.regression.evaluate import programs
+from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.diagnosis.samples.bins import bins_of
 from ftbias_jax.diagnosis.samples.smoothed import padded_samples, prepare_smoother
 from ftbias_jax.filtering.pipeline import Options
@@ -33,14 +34,8 @@ WORKERS = 2
 def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
     """While the block runs, compile the programs of a search on these logs; at its end, wait until that is done.
 
-    If the block fails nobody waits: what is being compiled then is finished, and kept, behind the error.
-
-    Args:
-        setup: beliefs.
-        logs: as read.
-
-    Raises:
-        Exception: what XLA says of a program that it cannot compile, at the end of the block.
+    If the block fails nobody waits: what is being compiled then is finished, and kept, behind the error. What XLA says
+    of a program that it cannot compile is raised at the end of the block.
     """
     worker = ThreadPoolExecutor(WORKERS)
     with kept_later():
@@ -56,15 +51,21 @@ def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
 def programs_of_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Callable[[], object]]:
     """Make the programs of a search on these logs ready, when called, and first that which smooths their joints.
 
-    For each of their lengths.
-    A log that loses bins while it is cleaned may turn out shorter; then its programs are compiled when they are called.
+    For each of their lengths. A log that loses bins while it is cleaned may turn out shorter; then its programs are
+    compiled when they are called.
     """
     params, options = params_from_setup(setup), Options(joint_model=setup.joints.model)
     outlines = (jax.tree.map(_outline, padded_samples(log)) for log in logs)
     for samples in {str(outline): outline for outline in outlines}.values():
         yield partial(prepare_smoother, params, samples, options)
+    catalogue = catalogue_of_setup(setup)
     for bins, columns in dict.fromkeys((padded_bins(log), tuple(log.columns)) for log in logs):
-        yield from programs(*outline(params, bins, columns), catalogue_of_setup(setup))
+        signals, known, moving = outline(params, bins, columns)
+        z = jax.ShapeDtypeStruct((layout(signals.q.shape[1], catalogue).size,), signals.q.dtype)
+        # The longest first.
+        yield partial(chain_model.reading.prepare, signals, known, moving, z, catalogue=catalogue)
+        yield partial(chain_model.motion.prepare, signals, known, z, catalogue=catalogue)
+        yield partial(chain_model.to_values.prepare, signals, z, catalogue=catalogue)
 
 
 def _outline(x: np.ndarray) -> jax.ShapeDtypeStruct:

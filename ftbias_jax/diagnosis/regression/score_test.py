@@ -6,14 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.regression.design_matrix import (
-    Information,
-    Layout,
-    information,
-    lay_out,
-    products,
-    step_and_gain,
-)
+from ftbias_jax.diagnosis.regression.design_matrix import Information, information, products
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
 
@@ -40,12 +33,9 @@ class Gains(NamedTuple):
         return solved
 
     def pursue(self, rows: list[int], most: int, least: float) -> tuple[float, list[int]]:
-        """Matching pursuit: the few columns that gain most together, and how much.
+        """Matching pursuit: the few columns of these that gain most together, at most so many, and how much.
 
-        Args:
-            rows: columns to choose from.
-            most: how many at most.
-            least: share of the gain that each must add.
+        Each must add at least a share of the gain.
         """
         normal, pull = self.normal[np.ix_(rows, rows)].astype(float), self.pull[rows].astype(float)
         ridge = 1e-8 * max(np.trace(normal) / max(len(rows), 1), 1e-12)
@@ -68,9 +58,8 @@ class PreparedFit(NamedTuple):
     """A fit that further columns come beside, and what their gains need of it."""
 
     fit: Fit
-    layout: Layout
-    """Its own columns."""
     information: Information
+    """Of its own numbers."""
     pull: np.ndarray
     """(K,) their products with the error."""
     step: np.ndarray
@@ -78,16 +67,14 @@ class PreparedFit(NamedTuple):
 
     def at(self, error: np.ndarray) -> PreparedFit:
         """The same fit with other innovations (U, 6)."""
-        pull = products(self.layout, error[None])[0]
+        pull = products(self.fit.columns, error[None])[0]
         step = -self.information.solve(pull[:, None])[:, 0]
         return self._replace(fit=self.fit._replace(error=error), pull=pull, step=step)
 
 
 def stand(fit: Fit) -> PreparedFit:
     """Prepare a fit for columns that come beside it."""
-    layout = lay_out(fit.columns)
-    told, pull = information(fit.columns), products(layout, fit.error[None])[0]
-    return PreparedFit(fit, layout, told, pull, -told.solve(pull[:, None])[:, 0])
+    return PreparedFit(fit, information(fit.columns), *np.zeros((2, 0))).at(fit.error)
 
 
 def gains(prepared_fit: PreparedFit, columns: np.ndarray) -> Gains:
@@ -106,16 +93,7 @@ def gain_of_each(prepared_fit: PreparedFit, columns: np.ndarray) -> tuple[np.nda
 
 def _beside(prepared_fit: PreparedFit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What a fit itself does of columns (M, U, 6): products (M, K), coefficients (K, M), and the pull (M,) left."""
-    shared = products(prepared_fit.layout, columns)
+    shared = products(prepared_fit.fit.columns, columns)
     taken = prepared_fit.information.solve(shared.T)
-    return (
-        shared,
-        taken,
-        columns.reshape(len(columns), -1) @ prepared_fit.fit.error.ravel() - taken.T @ prepared_fit.pull,
-    )
-
-
-def gain_of_series(accepted: Fit, series: np.ndarray) -> float:
-    """nats that linear series (E, U, 6) gain together, with a coefficient for every channel."""
-    whole = accepted.columns._replace(series=np.concatenate([accepted.columns.series, series]))
-    return step_and_gain(whole, accepted.error)[1]
+    pull = columns.reshape(len(columns), -1) @ prepared_fit.fit.error.ravel() - taken.T @ prepared_fit.pull
+    return shared, taken, pull

@@ -11,10 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Change, Event, Hypothesis, Shaped, Slow
+from ftbias_jax.diagnosis.hypothesis import Change, Event, Hypothesis, Shaped, Slow, search_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.coordinates import strengths
-from ftbias_jax.diagnosis.regression.evaluate import in_pieces
 from ftbias_jax.model.effects.catalogue import complete
 from ftbias_jax.model.effects.fitting import Settling, Step
 from ftbias_jax.model.effects.table import Catalogue
@@ -44,30 +43,20 @@ def _unit_series(signals: Signals, held: Array, *, name: str, names: tuple[str, 
 
 
 def unit_series(problem: Problem, effect: Effect, **held: np.ndarray | Sequence[float]) -> np.ndarray:
-    """(C, U): the series of an effect, of strength one, for C values of the parameters that it needs.
-
-    Args:
-        problem: of the logs; each series is in all of them.
-        effect: whose strength is one parameter with a number for each channel.
-        held: (C,) values of its other parameters.
-    """
+    """(C, U): the series of an effect, of strength one in every channel, for C values of its other parameters."""
     values = np.stack([np.asarray(value, float) for value in held.values()], 1)
     what = {"name": effect.name, "names": tuple(held), "catalogue": problem.catalogue}
-    parts = [
-        in_pieces(
-            lambda some, part=part: _unit_series(part.signals, some, **what),
-            LANES,
-            values,
-        )[:, : part.used]
-        for part in problem.parts
-    ]
+    pieces = np.resize(values, (-(-len(values) // LANES), LANES, values.shape[1]))  # the last one is filled up
+    parts = []
+    for part in problem.parts:
+        made = np.concatenate([np.asarray(_unit_series(part.signals, some, **what)) for some in pieces])
+        parts.append(made[: len(values), : part.used])
     return np.concatenate(parts, axis=1)
 
 
 def settlings(problem: Problem, effect: Effect) -> list[Hypothesis]:
     """A slow series with each time constant that its logs can show; in all logs, and in each if it may differ there."""
-    search = effect.fit.search
-    assert isinstance(search, Settling)
+    search = search_of(effect, Settling)
     times = [float(time) for time in effect.parameter(search.time).starts]
     shown = {
         time: [k for k, d in enumerate(problem.durations) if search.shortest * d <= time < search.longest * d]
@@ -95,9 +84,8 @@ def _slow(problem: Problem, effect: Effect, series: np.ndarray, time: float, log
 def retimed(problem: Problem, h: Hypothesis, times: Sequence[float]) -> list[Hypothesis]:
     """A slow series with other time constants."""
     effect = problem.catalogue[h.effect]
-    assert isinstance(effect.fit.search, Settling)
     assert isinstance(h.detail, Slow)
-    series = unit_series(problem, effect, **{effect.fit.search.time: times})
+    series = unit_series(problem, effect, **{search_of(effect, Settling).time: times})
     return [_slow(problem, effect, one, float(time), h.detail.log) for one, time in zip(series, times, strict=True)]
 
 
@@ -113,8 +101,7 @@ def slope_in_time(problem: Problem, h: Hypothesis) -> np.ndarray:
 
 def steps(problem: Problem, effect: Effect, log: int, times: np.ndarray, ramp: float = 0.0) -> list[Hypothesis]:
     """A change that begins at each of the times of one log, and takes ``ramp`` s."""
-    search = effect.fit.search
-    assert isinstance(search, Step)
+    search = search_of(effect, Step)
     if not len(times):
         return []
     series = unit_series(problem, effect, **{search.time: times, search.ramp: np.full(len(times), ramp)})
@@ -134,11 +121,7 @@ def pulse(problem: Problem, event: Event) -> np.ndarray:
 def shaped_events(problem: Problem, effect: str, events: Sequence[Event], tents: int) -> Hypothesis:
     """Events of any shape, which may begin and end suddenly: hat functions, each with a wrench of its own.
 
-    Args:
-        problem: of the logs.
-        effect: that has them.
-        events: when.
-        tents: of each event at most; there are BINS_A_TENT bins for every one.
+    Each has so many tents at most, and BINS_A_TENT bins for every one.
     """
     series: list[np.ndarray] = []
     detail: list[Shaped] = []
@@ -154,4 +137,5 @@ def shaped_events(problem: Problem, effect: str, events: Sequence[Event], tents:
 
 def shaped(h: Hypothesis) -> tuple[Shaped, ...]:
     """The events of a hypothesis that has them."""
-    return tuple(one for one in h.detail or () if isinstance(one, Shaped))
+    details = h.detail if isinstance(h.detail, tuple) else ()
+    return tuple(one for one in details if isinstance(one, Shaped))

@@ -36,8 +36,7 @@ class Whitener(NamedTuple):
     def __call__(self, series: np.ndarray) -> np.ndarray:
         """(C, U, 6) N, Nm -> (C, U, 6) innovations in standard deviations, 0 where nothing was measured.
 
-        Args:
-            series: (C, U, 6), or (C, U, 1) if the same in every channel.
+        Series (C, U, 1) are the same in every channel.
         """
         return np.ascontiguousarray(self.by_channel(series.transpose(2, 0, 1)).transpose(1, 2, 0))
 
@@ -63,12 +62,7 @@ class Whitener(NamedTuple):
 
 
 def make_whitener(problem: WrenchProblem, used: int) -> Whitener:
-    """Matrices of the bias filter of one log.
-
-    Args:
-        problem: of the log.
-        used: its bins before the padding.
-    """
+    """Matrices of the bias filter of one log, which uses so many bins before the padding."""
     n = -(-used // STRETCH)
     gains, weight = (_filled(x, n) for x in _recursion(problem, used))
     dt = _filled(np.asarray(problem.dt)[:used], n)

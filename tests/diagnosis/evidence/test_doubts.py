@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.evidence.doubts import doubt_by, doubt_of
+from ftbias_jax.diagnosis.evidence.causes import doubt_by, doubt_of
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
 from ftbias_jax.diagnosis.proposals import entries, pulls
 from ftbias_jax.diagnosis.proposals.entries import nearest_arm, nearest_rotation, size_of_entries

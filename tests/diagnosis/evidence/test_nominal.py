@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import jax.numpy as jnp
 import pytest
 
-from ftbias_jax.diagnosis.evidence.nominal import with_nominal
+from ftbias_jax.diagnosis.evidence.estimates import with_nominal
 from ftbias_jax.diagnosis.report.html import to_html
 from ftbias_jax.diagnosis.report.tables import to_table
 from ftbias_jax.model.effects.catalogue import CATALOGUE

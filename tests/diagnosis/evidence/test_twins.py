@@ -7,7 +7,7 @@ import pytest
 from small_fits import small_fit
 
 from ftbias_jax.diagnosis.candidates import Scored
-from ftbias_jax.diagnosis.evidence import twins
+from ftbias_jax.diagnosis.evidence import causes
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 
@@ -30,9 +30,9 @@ def twins_of(monkeypatch, losses, scatter, preliminary=1000.0, gain=1000.0):
     def block_scores(problem, error):
         return (0.0 if error is accepted.error else -scatter) * sign
 
-    monkeypatch.setattr(twins, "block_scores", block_scores)
+    monkeypatch.setattr(causes, "block_scores", block_scores)
     scored = [Scored(accepted, 1000.0), *others]
-    return twins.twins_of(PROBLEM, base, accepted, CAUSE, scored)
+    return causes.twins_of(PROBLEM, base, accepted, CAUSE, scored)
 
 
 @pytest.mark.parametrize(

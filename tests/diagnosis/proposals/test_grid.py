@@ -6,9 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.hypothesis import Joint
-from ftbias_jax.diagnosis.proposals.grid import grid_hypotheses, smooth_hypotheses
-from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.proposals.starts import grid_hypotheses, smooth_hypotheses
+from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import Fitting, Grid, Linear
 from ftbias_jax.model.effects.types import Effect, Model, Parameter
@@ -19,7 +18,8 @@ MODEL = Model(SimpleNamespace(linear=np.zeros((7, 3))), jnp.array([0, 0, -9.81])
 
 def problem_of(*own):
     signals = SimpleNamespace(model=MODEL)
-    return SimpleNamespace(joints=7, catalogue=catalogue_with(own), parts=[SimpleNamespace(signals=signals)])
+    catalogue, parts = catalogue_with(own), [SimpleNamespace(signals=signals)]
+    return SimpleNamespace(layout=layout(7, catalogue), catalogue=catalogue, parts=parts)
 
 
 def own(fit, *parameters):
@@ -30,10 +30,10 @@ def test_each_joint_and_each_variant_is_a_hypothesis():
     problem = problem_of()
     found = smooth_hypotheses(problem, ())
     joints = [h for h in found if h.effect == "encoder_offset"]
-    assert [h.detail for h in joints] == [Joint(number) for number in range(1, 8)]
+    assert [h.detail for h in joints] == list(range(1, 8))
     assert len({h.free for h in joints}) == len({h.group for h in joints}) == 7
     stays, turns = (h for h in found if h.effect == "mount_rotation")
-    place = chain_model.slices(7)["mount_rotation", "tool_turns"].start
+    place = layout(7).slices["mount_rotation", "tool_turns"].start
     assert (stays.fixed, turns.fixed) == ((), ((place, 1.0),))
     (matrix,) = (h for h in found if h.effect == "crosstalk")
     assert len(matrix.free) == 30  # the diagonal has no scale

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.evidence.doubts import doubt_of
+from ftbias_jax.diagnosis.evidence.causes import doubt_of
 from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis
 from ftbias_jax.diagnosis.proposals import jumps
 from ftbias_jax.diagnosis.regression.design_matrix import Columns

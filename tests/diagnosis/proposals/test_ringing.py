@@ -9,19 +9,21 @@ from small_fits import small_fit
 
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.proposals import ringing
-from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.types import Model
 
 EFFECT = "tool_flexibility"
 MODEL = Model(None, jnp.zeros(3), jnp.ones(10))
-PROBLEM = SimpleNamespace(joints=7, catalogue=CATALOGUE, parts=[SimpleNamespace(signals=SimpleNamespace(model=MODEL))])
 NO_COLUMNS = np.zeros((0, 4, 6))
-LEAST, MOST = chain_model.bounds(7)
+LAYOUT = layout(7)
+LEAST, MOST = LAYOUT.least, LAYOUT.most
+PART = SimpleNamespace(signals=SimpleNamespace(model=MODEL))
+PROBLEM = SimpleNamespace(layout=LAYOUT, catalogue=CATALOGUE, parts=[PART])
 
 
 def coordinate(parameter, way=0):
-    return chain_model.slices(7)[EFFECT, parameter].start + way
+    return LAYOUT.slices[EFFECT, parameter].start + way
 
 
 MOST_DAMPED = MOST[coordinate("damping_ratio")]
@@ -29,7 +31,7 @@ MOST_DAMPED = MOST[coordinate("damping_ratio")]
 
 def found(hypothesis, **values):
     """A fit of one hypothesis with these coordinates."""
-    z = np.zeros(chain_model.size(7))
+    z = np.zeros(LAYOUT.size)
     for name, value in values.items():
         z[coordinate(name)] = value
     return small_fit(NO_COLUMNS, np.zeros((4, 6)), (), (hypothesis,))._replace(z=z)

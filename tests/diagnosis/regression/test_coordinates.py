@@ -7,12 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.coordinates import (
-    blocks,
     fitted_effects,
-    kind_of,
-    limits_of,
+    layout,
+    scale_of,
     to_coordinates,
     values_at,
 )
@@ -48,12 +46,13 @@ def entry(*parameters):
 )
 def test_values_come_back_from_their_coordinates(parameter, others, kind):
     effect = entry(parameter, *others)
-    assert kind_of(effect, parameter) == kind
-    (block, *_) = blocks(7, Catalogue([effect]))
+    assert scale_of(effect, parameter).kind == kind
+    whole = layout(7, Catalogue([effect]))
+    own = whole.slices["own", parameter.name]
     lower = np.broadcast_to(parameter.lower, parameter.shape)
     for value in (lower + 0.3, lower + 2.0):
         z = to_coordinates(effect, parameter, np.broadcast_to(parameter.neutral, parameter.shape), value)
-        assert ((z >= block.least) & (z <= block.most)).all()
+        assert ((z >= whole.least[own]) & (z <= whole.most[own])).all()
         others_at = {other.name: jnp.zeros(3) for other in others}
         got = values_at(effect, MODEL, {parameter.name: jnp.asarray(z)} | others_at)[parameter.name]
         np.testing.assert_allclose(got, value, rtol=1e-5)
@@ -81,12 +80,12 @@ def test_at_a_bound_that_is_neutral_the_derivative_is_that_inside():
 
 def test_an_own_effect_has_its_coordinates_among_those_of_its_stage():
     catalogue = catalogue_with([entry(SIZE)])
-    assert chain_model.size(7, catalogue) == chain_model.size(7) + 3
-    place = chain_model.slices(7, catalogue)["own", "size"]
-    least, most = chain_model.bounds(7, catalogue)
-    np.testing.assert_allclose(least[place], 0)
-    np.testing.assert_allclose(most[place], [8, 4, 8])
-    np.testing.assert_array_equal(np.delete(most, range(place.start, place.stop)), chain_model.bounds(7)[1])
+    built_in, whole = layout(7), layout(7, catalogue)
+    assert whole.size == built_in.size + 3
+    place = whole.slices["own", "size"]
+    np.testing.assert_allclose(whole.least[place], 0)
+    np.testing.assert_allclose(whole.most[place], [8, 4, 8])
+    np.testing.assert_array_equal(np.delete(whole.most, range(place.start, place.stop)), built_in.most)
 
 
 @pytest.mark.parametrize("effect", BY_NUMBERS, ids=lambda effect: effect.name)
@@ -97,7 +96,7 @@ def test_built_in_values_come_back_from_their_coordinates(effect):
     z = {p.name: jnp.full(int(np.prod(p.shape)), 0.7) for p in effect.parameters}
     values = values_at(effect._replace(fit=effect.fit._replace(told=None)), model, z)
     for p in effect.parameters:
-        lower, upper = limits_of(p)
+        _, _, _, lower, upper = scale_of(effect, p)
         free = lower < upper
         got = to_coordinates(effect, p, np.asarray(neutral[p.name]), np.asarray(values[p.name]))
         np.testing.assert_allclose(got[free], 0.7, rtol=1e-4)
@@ -136,4 +135,4 @@ def test_an_effect_of_one_joint_gets_all_joints_at_once():
 def test_what_cannot_be_fitted_has_no_coordinates(effect):
     catalogue = Catalogue([effect])
     assert fitted_effects(catalogue) == []
-    assert blocks(7, catalogue) == ()
+    assert layout(7, catalogue).size == 0

@@ -2,17 +2,16 @@
 
 import numpy as np
 import pytest
-from small_fits import dense, shift
+from small_fits import dense, residual, shift
 
 from ftbias_jax.diagnosis.regression.design_matrix import (
     RIDGE,
     Columns,
-    best_step,
     change,
     information,
-    lay_out,
     products,
     scores,
+    step_and_gain,
 )
 from ftbias_jax.diagnosis.thresholds import PRIOR_STD
 
@@ -32,7 +31,7 @@ def error():
 
 def test_products_are_those_of_the_dense_columns(columns, error):
     flat = dense(columns).reshape(columns.size, BINS * 6)
-    np.testing.assert_allclose(products(lay_out(columns), error[None]), error.ravel()[None] @ flat.T, atol=1e-12)
+    np.testing.assert_allclose(products(columns, error[None]), error.ravel()[None] @ flat.T, atol=1e-12)
     numbers = np.arange(1.0, columns.size + 1)
     np.testing.assert_allclose(change(columns, numbers).ravel(), numbers @ flat, atol=1e-12)
 
@@ -55,8 +54,10 @@ def test_the_prior_is_of_the_coordinates_alone():
 
 
 def test_the_best_step_is_least_squares(columns, error):
-    expected = shift(dense(columns), error)
-    np.testing.assert_allclose(best_step(columns, error), expected, rtol=1e-4, atol=1e-6)  # the prior counts for little
+    expected, (step, gain) = shift(dense(columns), error), step_and_gain(columns, error)
+    np.testing.assert_allclose(step, expected, rtol=1e-4, atol=1e-6)  # the prior counts for little
+    left = residual(dense(columns), error)
+    assert gain == pytest.approx(((error**2).sum() - (left**2).sum()) / 2, rel=1e-4)
 
 
 def test_scores_are_sums_over_blocks(columns, error):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.problem import Part, Problem
-from ftbias_jax.diagnosis.regression.chain_model import coordinates, nominal_motion, size, slices, to_values
+from ftbias_jax.diagnosis.regression.chain_model import nominal_motion, to_values
+from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.kinematics import subtract_offsets
@@ -44,20 +45,20 @@ def direct(problem):
 
 def test_readings_are_those_of_the_chain(problem, direct):
     """At several poses in one piece, and with cables on several links."""
-    z = np.random.default_rng(0).uniform(0.1, 0.5, (5, size(3)))
-    z[:3, coordinates(3, "encoder_offset")] = z[0, coordinates(3, "encoder_offset")]
-    z[:, slices(3)["cable", "link"]] = np.array([[0.0, 1.0, 1.0, 2.0, 3.0]]).T
+    z = np.random.default_rng(0).uniform(0.1, 0.5, (5, layout(3).size))
+    z[:3, layout(3).of_effect("encoder_offset")] = z[0, layout(3).of_effect("encoder_offset")]
+    z[:, layout(3).slices["cable", "link"]] = np.array([[0.0, 1.0, 1.0, 2.0, 3.0]]).T
     expected = [direct(one) for one in z]
     np.testing.assert_allclose(readings(problem, z), expected, rtol=1e-11, atol=1e-11)
 
 
 def test_slopes_are_those_of_the_chain(problem, direct):
     """Along coordinates that move joints and others, mixed."""
-    z = np.random.default_rng(1).uniform(0.1, 0.5, size(3))
-    z[slices(3)["cable", "link"]] = 1.0
+    z = np.random.default_rng(1).uniform(0.1, 0.5, layout(3).size)
+    z[layout(3).slices["cable", "link"]] = 1.0
     names = ("encoder_offset", "tool_mass", "gravity_tilt", "cable", "mount_rotation", "tool_flexibility")
-    places = np.concatenate([coordinates(3, name) for name in names])
-    whole = slices(3)["cable", "link"].start  # a whole number: nothing changes along it
+    places = np.concatenate([layout(3).of_effect(name) for name in names])
+    whole = layout(3).slices["cable", "link"].start  # a whole number: nothing changes along it
     places = np.random.default_rng(2).permutation(places[places != whole])
     step = 1e-6 * np.eye(len(z))[places]
     expected = np.array([direct(z + d) - direct(z - d) for d in step]) / 2e-6

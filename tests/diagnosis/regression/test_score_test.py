@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from small_fits import at_its_best, dense, residual, shift
+from small_fits import at_its_best, residual, shift
 
 from ftbias_jax.diagnosis.hypothesis import NATS_PER_DEGREE
-from ftbias_jax.diagnosis.regression.design_matrix import Columns
-from ftbias_jax.diagnosis.regression.score_test import Gains, gain_of_each, gain_of_series, gains, stand
+from ftbias_jax.diagnosis.regression.score_test import Gains, gain_of_each, gains, stand
 
 BINS = 50
 
@@ -31,14 +30,6 @@ def test_gain_of_each_is_the_gain_of_one(own):
     # Minus the coefficient of the column itself, the others being solved for again.
     solved = shift(np.concatenate([accepted.columns.moving, further[:1]]), accepted.error)
     assert coefficient[0] == pytest.approx(solved[-1], rel=1e-6)
-
-
-def test_gain_of_series_is_that_of_least_squares():
-    rng = np.random.default_rng(2)
-    accepted, series = at_its_best(rng, 2, BINS), rng.normal(size=(2, BINS, 6))
-    left = residual(dense(Columns(accepted.columns.moving, series)), accepted.error)
-    expected = ((accepted.error**2).sum() - (left**2).sum()) / 2
-    assert gain_of_series(accepted, series) == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.cli.commands import demo
-from ftbias_jax.diagnosis.evidence.nominal import statement_of
+from ftbias_jax.diagnosis.evidence.estimates import statement_of
 from ftbias_jax.diagnosis.report.sentence import MOST_WORDS, headline, note
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, Regime, Where
 from ftbias_jax.diagnosis.terms.grid import make_term
