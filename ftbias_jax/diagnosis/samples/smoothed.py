@@ -38,13 +38,7 @@ def smoothed(params: Params, samples: Sample, options: Options) -> tuple[np.ndar
 
 
 def prepare_smoother(params: Params, samples: Sample, options: Options) -> None:
-    """Make the program ready that smooths such samples.
-
-    Args:
-        params: of the setup.
-        samples: of a log; their shapes are enough.
-        options: of the pipeline.
-    """
+    """Make the program ready that smooths such samples, of which the shapes are enough."""
     _smooth.prepare(_at_rest(params), samples, options=options)
 
 

@@ -9,15 +9,9 @@ import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.result import FoundTerm
-from ftbias_jax.diagnosis.samples.growth_fit import fit_variance, variance_stderr
 from ftbias_jax.diagnosis.samples.noise import WINDOW, fast_waves
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
-from ftbias_jax.diagnosis.samples.vibration import (
-    BLOCK_SECONDS,
-    BLOCKS,
-    average_runs,
-    held_out_gains,
-)
+from ftbias_jax.diagnosis.samples.variance_fit import average_runs, blocks_of, judge_variance, standard_errors
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
 from ftbias_jax.diagnosis.terms.words import grouped
@@ -94,18 +88,16 @@ def _best(problem: Problem, log: Log, samples: SampleFindings, state: State, num
     waves = fast_waves(t, samples.clean_wrench[rows])
     when = t[waves.row.reshape(-1)]
     run = -(-len(when) // MOST_ROWS)
-    when, squares = average_runs(when[:, None], run)[:, 0], average_runs(waves.top_squares, run)
-    block = ((when - when[0]) // min(BLOCK_SECONDS, np.ptp(when) / BLOCKS)).astype(int)
+    when, squares = average_runs(when, run), average_runs(waves.top_squares, run)
     own = problem.log == number
     drives = {}
     for form in FORMS_OF_NOISE:
         whole = columns(np, make_term("noise", form, "sensor", "noise"), state)
         drives[form] = np.stack([np.interp(when, problem.t[own], whole[own, k, k]) for k in range(6)], 1)
     scores = {form: run * _score(drive, squares) for form, drive in drives.items()}
-    hopeful = sorted((form for form in scores if scores[form] > GROWTH_NATS), key=lambda form: -scores[form])[
-        :NOISE_FORMS_FITTED
-    ]
-    found = [_fitted(form, drives[form], squares, block, run) for form in hopeful]
+    hopeful = sorted((form for form in scores if scores[form] > GROWTH_NATS), key=lambda form: -scores[form])
+    block = blocks_of(when)
+    found = [_fitted(form, drives[form], squares, block, run) for form in hopeful[:NOISE_FORMS_FITTED]]
     return max(found, key=lambda growing: growing.nats, default=None)
 
 
@@ -123,18 +115,12 @@ def _fitted(form: str, drive: np.ndarray, squares: np.ndarray, block: np.ndarray
     gains = np.zeros((block.max() + 1, 6))
     visible = np.ones(6)
     for k in range(6):
-        if drive[:, k].max() <= 0:
+        own = squares[:, [k]]
+        if drive[:, k].max() <= 0 or not (found := judge_variance(drive[:, k], own, block, run)).better[0]:
             continue
-        design, own = np.column_stack([np.ones(len(drive)), drive[:, k]]), squares[:, k : k + 1]
-        of_blocks = held_out_gains(design, own, block)[:, 0] * run
-        gains[: len(of_blocks), k] = of_blocks
-        if of_blocks.sum() <= 0:
-            gains[:, k] = 0
-            continue
-        fitted = fit_variance(design, own)
-        weight[:, k] = fitted[:, 0]
-        stderr[:, k] = variance_stderr(design, own, fitted, block)[:, 0]
-        variance = np.sort(design @ fitted[:, 0])
+        gains[:, k], weight[:, k] = found.nats, found.weights[:, 0]
+        stderr[:, k] = standard_errors(found.design, own, found.weights, block)[0][:, 0]
+        variance = np.sort(found.design @ found.weights[:, 0])
         tenth = max(len(variance) // 10, 1)
         visible[k] = np.sqrt(variance[-tenth:].mean() / variance[:tenth].mean())
     total = gains.sum(1)
