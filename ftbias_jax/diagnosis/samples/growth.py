@@ -78,10 +78,8 @@ class Growth(NamedTuple):
         sentence = "the noise does not grow with the speed of the joints, or no more than it may by chance"
         if self.detected:
             grown = name_channels(np.asarray(self.variance.any(0)))
-            sentence = (
-                f"noise of {grown} grows with the motion, up to {self.visible:.3g} times in the fastest tenth of "
-            )
-            sentence += "the log; the gain is beyond that of a constant of the best size"
+            sentence = f"noise of {grown} grows with the motion, up to {self.visible:.3g} times in the fastest tenth"
+            sentence += " of the log; the gain is beyond that of a constant of the best size"
         parameters: Numbers = {"variance": self.variance.tolist()}
         errors: Numbers = {"variance": self.stderr.tolist()}
         if self.speed is not None:
