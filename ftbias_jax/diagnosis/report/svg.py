@@ -13,7 +13,6 @@ import numpy as np
 WIDTH = 360
 """Units across every drawing: those of a phone's screen, so that the letters keep their size there."""
 
-
 _NO_DATA: Mapping[str, object] = MappingProxyType({})
 
 
@@ -176,3 +175,36 @@ def data_range(*series: np.ndarray, zero: bool = False) -> tuple[float, float]:
     low, high = float(values.min()), float(values.max())
     margin = 0.05 * (high - low) if high > low else abs(high) / 2 or 1.0
     return low - margin, high + margin
+
+
+def thin(t: np.ndarray, y: np.ndarray, buckets: int) -> tuple[np.ndarray, np.ndarray]:
+    """At most two points a bucket: its smallest and its largest value, in the order of time; NaN where all is NaN.
+
+    Args:
+        t: (B,) s.
+        y: (B,) values, NaN = none.
+        buckets: how many.
+    """
+    if len(t) <= 2 * buckets:
+        return t, y
+    kept: list[int] = []
+    for part in np.array_split(np.arange(len(t)), buckets):
+        seen = part[np.isfinite(y[part])]
+        kept += sorted({seen[np.argmin(y[seen])], seen[np.argmax(y[seen])]}) if len(seen) else [part[0]]
+    return t[kept], y[kept]
+
+
+def binned_means(x: np.ndarray, y: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middles, means of y and their standard errors, in bins of x that hold equally many points.
+
+    Args:
+        x: (N,) abscissae.
+        y: (N,) values.
+        bins: at most how many.
+    """
+    kept = np.isfinite(x) & np.isfinite(y)
+    order = np.argsort(x[kept], kind="stable")
+    parts = [part for part in np.array_split(order, bins) if len(part) > 1]
+    columns = [(x[kept][p].mean(), y[kept][p].mean(), y[kept][p].std(ddof=1) / np.sqrt(len(p))) for p in parts]
+    middles, means, errors = np.array(columns).reshape(-1, 3).T
+    return middles, means, errors
