@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +13,9 @@ from ftbias_jax.diagnosis.result import FoundTerm
 from ftbias_jax.diagnosis.samples.noise import WINDOW, fast_waves
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
 from ftbias_jax.diagnosis.samples.variance_fit import average_runs, blocks_of, judge_variance, standard_errors
+from ftbias_jax.diagnosis.terms.found import found_term
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
-from ftbias_jax.diagnosis.terms.words import grouped
+from ftbias_jax.diagnosis.terms.phrases import FORM_WORDS
 from ftbias_jax.diagnosis.thresholds import (
     BEYOND_CHANCE,
     FAR_SQUARES,
@@ -28,7 +29,6 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.fitting import GROWTH
 from ftbias_jax.model.effects.terms.columns import columns
 from ftbias_jax.model.effects.terms.forms import FORMS
-from ftbias_jax.model.effects.terms.parse import section_of
 from ftbias_jax.model.effects.terms.types import State
 
 FORMS_OF_NOISE = tuple(name for drive, name in FORMS if drive == "noise")
@@ -68,14 +68,11 @@ def noise_term(
     longest = int(np.argmax(problem.durations))
     growing = _best(problem, logs[longest], samples[longest], state, longest)
     # Many forms and channels are tried, and the best one has two standard errors by chance: 1 in 50 logs.
-    if (
-        growing is None
-        or growing.nats < max(GROWTH_NATS, BEYOND_CHANCE * growing.nats_stderr)
-        or growing.visible < GROWTH_VISIBLE
-    ):
+    if growing is None or growing.nats < max(GROWTH_NATS, BEYOND_CHANCE * growing.nats_stderr):
         return None
     of_speed = next((finding.nats for finding in found if finding.sign == GROWTH), 0.0)
-    if growing.nats < NOISE_BETTER * of_speed or (of_speed and growing.form in OF_MOTION):
+    said = growing.nats < NOISE_BETTER * of_speed or (of_speed and growing.form in OF_MOTION)
+    if said or growing.visible < GROWTH_VISIBLE:
         return None
     return _told(growing, problem.durations[longest])
 
@@ -142,27 +139,8 @@ def louder(problem: Problem, term: FoundTerm, state: State) -> Problem:
 
 
 def _told(growing: Growing, duration: float) -> FoundTerm:
-    term = make_term("noise", growing.form, "sensor", "noise")
-    does, words = FORM_WORDS["noise", growing.form], DRIVE_WORDS["noise"]
-    text = f"noise whose variance grows {does}: it is up to {growing.visible:.2g} times as loud as where it is least"
-    return FoundTerm(
-        drive="noise",
-        form=growing.form,
-        frame="sensor",
-        acts_as="noise",
-        text=text,
-        coefficients=grouped(term, growing.weight[1]),
-        stderr=grouped(term, growing.stderr[1]),
-        parameters={},
-        parameters_stderr={},
-        point=None,
-        equivalent_to=(),
-        separate_by=(),
-        resembles=words.resembles,
-        check=words.check,
-        held_out_gain=growing.nats / max(duration, 1e-9),
-        held_out_gain_stderr=growing.nats_stderr / max(duration, 1e-9),
-        shrink=0.0,
-        section=section_of(term, text) | {"coefficients": growing.weight[1].tolist()},
-        statement=f"noise grows {does}, up to {growing.visible:.2g} times",
-    )
+    term = replace(make_term("noise", growing.form, "sensor", "noise"), coefficients=growing.weight[1])
+    does, visible = FORM_WORDS["noise", growing.form], f"{growing.visible:.2g} times"
+    text = f"noise whose variance grows {does}: it is up to {visible} as loud as where it is least"
+    gain = (growing.nats / max(duration, 1e-9), growing.nats_stderr / max(duration, 1e-9))
+    return found_term(term, growing.stderr[1], text, f"noise grows {does}, up to {visible}", gain)
