@@ -16,6 +16,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.report.plotted import Series
 from ftbias_jax.diagnosis.report.svg import escape
+from ftbias_jax.diagnosis.samples.bins import mean_of_bins
 
 MAX_NUMBERS = 1500
 """Times of all logs together whose numbers are in the page; longer series are averaged."""
@@ -56,11 +57,7 @@ def _own_file(name: str) -> str:
 
 
 def policy(text: str) -> str:
-    """A Content-Security-Policy that lets one script run and nothing load.
-
-    Args:
-        text: of the script; "" = none may run.
-    """
+    """A Content-Security-Policy that lets the script of this text run, "" = none, and nothing load."""
     if not text:
         return STYLE_POLICY
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
@@ -68,12 +65,7 @@ def policy(text: str) -> str:
 
 
 def section(title: str, content: str) -> str:
-    """A part of the page, or nothing where there is nothing to say.
-
-    Args:
-        title: any text.
-        content: HTML.
-    """
+    """A part of the page below a title, plain text; nothing where there is no content, HTML."""
     return f"<section><h2>{escape(title)}</h2>{content}</section>\n" if content else ""
 
 
@@ -118,14 +110,7 @@ def typeset(text: str) -> str:
 
 
 def data_block(series: Series, name: str, with_after: bool, most: int = MAX_NUMBERS) -> str:
-    """The numbers of one log's plots against time, as a block of JSON that no browser runs.
-
-    Args:
-        series: of the log.
-        name: of the block, unique in the page.
-        with_after: whether the after is drawn.
-        most: times; more are averaged.
-    """
+    """The numbers of one log's plots against time, averaged to so many, as a block of JSON that no browser runs."""
     series = averaged(series, most)
     content: dict[str, object] = {"t": [round(float(t), 4) for t in series.t]}
     for key in ("before", "after", "noise") if with_after else ("before", "noise"):
@@ -140,22 +125,12 @@ def averaged(series: Series, most: int) -> Series:
     if pieces == len(series.t):
         return series
     starts = np.linspace(0, len(series.t), pieces, endpoint=False).astype(int)
-    lengths = np.diff(np.r_[starts, len(series.t)])[:, None]
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        seen = np.isfinite(values)
-        count = np.add.reduceat(seen, starts)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            means: np.ndarray = np.add.reduceat(np.where(seen, values, 0.0), starts) / count
-        return means
-
-    return series._replace(
-        t=mean(series.t[:, None])[:, 0],
-        before=mean(series.before),
-        after=mean(series.after),
-        noise=np.sqrt(mean(series.noise**2) / lengths),
-        regressor=mean(series.regressor[:, None])[:, 0],
-    )
+    lengths = np.diff(np.r_[starts, len(series.t)])
+    index = np.repeat(np.arange(pieces), lengths)
+    arrays = (series.t, series.before, series.after, series.noise**2, series.regressor)
+    t, before, after, variance, regressor = (mean_of_bins(index, x) for x in arrays)
+    noise = np.sqrt(variance / lengths[:, None])
+    return series._replace(t=t, before=before, after=after, noise=noise, regressor=regressor)
 
 
 def _short(number: float) -> float | None:

@@ -72,14 +72,7 @@ def plot_gap(gap: Gap, with_after: bool) -> str:
 
 
 def plot_time(series: Series, channel: int, name: str, with_after: bool) -> str:
-    """One channel against time, before and after, over the band that noise alone would fill.
-
-    Args:
-        series: of one log.
-        channel: 0 to 5.
-        name: of the drawing, unique in the page.
-        with_after: draw the after too.
-    """
+    """One channel against time, before and after, over the band that noise alone would fill; name: as of drawings."""
     before, after, noise = (part[:, channel] for part in (series.before, series.after, series.noise))
     shown = [("before", before), ("after", after)] if with_after else [("before", before)]
     axes = Axes(_time_range(series.t), data_range(*(y for _, y in shown), 2 * noise, -2 * noise), top=24)
@@ -92,8 +85,8 @@ def plot_time(series: Series, channel: int, name: str, with_after: bool) -> str:
         *(curve(axes, t, edge * noise, "noise-edge") for edge in (-2, 2)),
     ]
     rms = ", ".join(f"rms {style} {np.sqrt(_mean(y**2)):.3g}" for style, y in shown)
-    data = {**axes.data, "channel": channel, "name": channel_title(channel)}
-    return drawing(name, axes.top + axes.height + 34, f"{channel_title(channel)} against time", rms, parts, data)
+    data = axes.data | {"channel": channel, "name": channel_title(channel)}
+    return drawing(name, axes.top + axes.height + 34, f"{channel_title(channel)} against time", rms, parts, **data)
 
 
 def plot_regressor(series: Sequence[Series]) -> str:
@@ -191,4 +184,4 @@ def _time_range(t: np.ndarray) -> tuple[float, float]:
 
 def _mean(values: np.ndarray) -> float:
     seen = values[np.isfinite(values)]
-    return float(seen.mean()) if len(seen) else float("nan")
+    return float(seen.mean()) if len(seen) else np.nan

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 WIDTH = 360
 """Units across every drawing: those of a phone's screen, so that the letters keep their size there."""
-
-_NO_DATA: Mapping[str, object] = MappingProxyType({})
 
 
 class Axes(NamedTuple):
@@ -49,9 +46,7 @@ def escape(text: object) -> str:
     return html.escape(visible, quote=True)
 
 
-def drawing(
-    name: str, height: float, title: str, description: str, parts: Iterable[str], data: Mapping[str, object] = _NO_DATA
-) -> str:
+def drawing(name: str, height: float, title: str, description: str, parts: Iterable[str], /, **data: object) -> str:
     """A whole drawing with what a screen reader says about it.
 
     Args:
@@ -162,12 +157,7 @@ def tick_words(tick: float, all_ticks: Sequence[float]) -> str:
 
 
 def data_range(*series: np.ndarray, zero: bool = False) -> tuple[float, float]:
-    """A range that holds all finite values with a small margin; never empty.
-
-    Args:
-        series: arrays of any shape.
-        zero: whether 0 must be inside.
-    """
+    """A range that holds all finite values of arrays, and 0 if it must, with a small margin; never empty."""
     values = np.concatenate([np.ravel(part) for part in series] + [np.zeros(int(zero))])
     values = values[np.isfinite(values)]
     if not len(values):
@@ -178,13 +168,7 @@ def data_range(*series: np.ndarray, zero: bool = False) -> tuple[float, float]:
 
 
 def thin(t: np.ndarray, y: np.ndarray, buckets: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most two points a bucket: its smallest and its largest value, in the order of time; NaN where all is NaN.
-
-    Args:
-        t: (B,) s.
-        y: (B,) values, NaN = none.
-        buckets: how many.
-    """
+    """The smallest and the largest of the values (B,) of every bucket, in the order of time; NaN where all is NaN."""
     if len(t) <= 2 * buckets:
         return t, y
     kept: list[int] = []
@@ -195,13 +179,7 @@ def thin(t: np.ndarray, y: np.ndarray, buckets: int) -> tuple[np.ndarray, np.nda
 
 
 def binned_means(x: np.ndarray, y: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middles, means of y and their standard errors, in bins of x that hold equally many points.
-
-    Args:
-        x: (N,) abscissae.
-        y: (N,) values.
-        bins: at most how many.
-    """
+    """Middles, means of y (N,) and their standard errors, in bins of x (N,) that hold equally many points."""
     kept = np.isfinite(x) & np.isfinite(y)
     order = np.argsort(x[kept], kind="stable")
     parts = [part for part in np.array_split(order, bins) if len(part) > 1]

@@ -115,14 +115,7 @@ def find_lattice(x: np.ndarray) -> Lattice:
 
 
 def find_quantisation(lattices: Sequence[Lattice], step: np.ndarray, error: np.ndarray, noise: np.ndarray) -> Finding:
-    """Lattices that are coarse against the stated noise.
-
-    Args:
-        lattices: of the channels that are measured.
-        step: (6,) N, Nm, theirs, 0 = no lattice.
-        error: (6,), their standard errors.
-        noise: (6,) N, Nm, stated.
-    """
+    """Lattices that are coarse against the stated noise: steps (6,) N, Nm, 0 = none, with standard errors."""
     coarse = step >= COARSE * noise
     sentence, nats = "readings lie on no coarse lattice", 0.0
     if coarse.any():

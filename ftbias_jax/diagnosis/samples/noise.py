@@ -88,13 +88,9 @@ def fast_waves(t: np.ndarray, signal: np.ndarray) -> Waves:
 
 
 def measure_noise(waves: Waves, signal: np.ndarray, stated: np.ndarray, heavy_tailed: bool) -> Noise:
-    """White noise from the fast waves, and how evenly it is spread over frequencies.
+    """White noise from the fast waves of a signal (N, k) N, Nm, and how evenly it is spread over frequencies.
 
-    Args:
-        waves: amplitudes of the fast waves in windows of the signal.
-        signal: (N, k) N, Nm, the waves' own.
-        stated: (k,) N, Nm.
-        heavy_tailed: its large values belong to the noise.
+    Of heavy-tailed noise the large values count, too.
     """
     windows, k = len(waves.amplitude), signal.shape[1]
     std = np.sqrt((waves.top**2).mean((0, 1))) if heavy_tailed else robust_std(waves.top.reshape(-1, k))

@@ -136,14 +136,7 @@ def _is_late(samples: Samples, step: np.ndarray, saturated: np.ndarray, free: np
 def _scatter(
     samples: Samples, step: np.ndarray, saturated: np.ndarray, *, late_stamps: bool = True
 ) -> tuple[Spikes, Noise, Jitter]:
-    """Spikes, white noise and jitter; with jitter, spikes are what is beyond its noise.
-
-    Args:
-        samples: rows of one log that share a clock.
-        step: (k,) N, Nm, of lattices.
-        saturated: (N, k) bool.
-        late_stamps: whether jitter is looked for.
-    """
+    """Spikes, white noise and jitter, if it is looked for; with jitter, spikes are what is beyond its noise."""
     least = np.maximum(step, LEAST_SCATTER * samples.stated)
     blind = _around(saturated, REACH)
     floor = np.where(blind, np.inf, least)

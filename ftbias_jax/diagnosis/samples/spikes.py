@@ -61,11 +61,9 @@ class Spikes(NamedTuple):
 
 
 def find_spikes(signal: np.ndarray, floor: np.ndarray) -> Spikes:
-    """Spikes of a regular signal.
+    """Spikes of a signal (N, k) N, Nm without missing samples.
 
-    Args:
-        signal: (N, k) N, Nm, without missing samples.
-        floor: (N, k) the least scatter to assume (lattice, few digits, jitter); inf where a sample tells nothing.
+    ``floor`` (N, k) is the least scatter to assume (lattice, few digits, jitter); inf where a sample tells nothing.
     """
     off = signal - _neighbourhood(signal)
     seen = np.isfinite(floor)

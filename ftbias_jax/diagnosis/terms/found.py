@@ -23,13 +23,7 @@ MOST_POINTS = 1500
 
 
 def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[FoundTerm, ...]:
-    """The terms in words and numbers, in the order in which they were found.
-
-    Args:
-        problem: of the logs.
-        description: what was found.
-        gap: without and with it.
-    """
+    """The terms in words and numbers, in the order in which they were found."""
     if not description.steps:
         return ()
     described = description.steps[-1].described
@@ -62,15 +56,7 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
 
 
 def found_term(term: Term, errors: np.ndarray, text: str, statement: str, gain: tuple[float, float]) -> FoundTerm:
-    """A term in words and numbers, without rivals and of no share of the gap.
-
-    Args:
-        term: with its coefficients (K,).
-        errors: (K,) their standard errors.
-        text: what it is.
-        statement: the same for a headline.
-        gain: nats/s, held out, and its standard error.
-    """
+    """A term in words and numbers, without rivals: errors (K,) of its coefficients, and its gain in nats/s with its."""
     return FoundTerm(
         drive=term.drive,
         form=term.form,

@@ -56,15 +56,7 @@ class Growing(NamedTuple):
 def noise_term(
     problem: Problem, logs: Sequence[Log], samples: Sequence[SampleFindings], state: State, found: Collection[Finding]
 ) -> FoundTerm | None:
-    """The term that the noise of the longest log follows, if it is certain and no effect of the catalogue says it.
-
-    Args:
-        problem: of the logs.
-        logs: as read.
-        samples: what single samples show.
-        state: of all logs end to end.
-        found: effects of single samples that are named.
-    """
+    """The term that the noise of the longest log follows, if it is certain and no effect of the catalogue says it."""
     longest = int(np.argmax(problem.durations))
     growing = _best(problem, logs[longest], samples[longest], state, longest)
     # Many forms and channels are tried, and the best one has two standard errors by chance: 1 in 50 logs.
