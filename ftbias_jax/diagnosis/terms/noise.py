@@ -27,7 +27,7 @@ from ftbias_jax.diagnosis.thresholds import (
 )
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.fitting import GROWTH
-from ftbias_jax.model.effects.terms.columns import columns
+from ftbias_jax.model.effects.terms.columns import columns, noise_variance
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import State
 
@@ -118,9 +118,8 @@ def _fitted(form: str, drive: np.ndarray, squares: np.ndarray, block: np.ndarray
 
 def louder(problem: Problem, term: FoundTerm, state: State) -> Problem:
     """The problem with the variance that a term adds to the noise of its bins."""
-    numbers = np.asarray(term.section["coefficients"])
-    added = columns(np, make_term("noise", term.form, "sensor", "noise"), state).sum(2) * numbers
-    added = added / np.maximum(problem.samples, 1)
+    own = replace(make_term("noise", term.form, "sensor", "noise"), coefficients=term.section["coefficients"])
+    added = noise_variance(np, {"noise": own}, state) / np.maximum(problem.samples, 1)
     ends = np.cumsum([part.used for part in problem.parts])
     parts = []
     for part, end in zip(problem.parts, ends, strict=True):
