@@ -101,7 +101,6 @@ def inspect_samples(
         clean,
         std,
         stderr,
-        noise.coloured,
         spikes.heavy_tailed,
         moving,
     )
@@ -110,8 +109,7 @@ def inspect_samples(
 def _nothing(log: Log, stated: np.ndarray, known: MotionNoise, reason: str) -> SampleFindings:
     """For a log that cannot be examined."""
     a, b, c, d, e, f, g = (Finding(name, False, {}, {}, 0.0, reason) for name in SampleFindings._fields[:7])
-    wrench, zeros = np.array(log.wrench, float), np.zeros(6)
-    return SampleFindings(a, b, c, d, e, f, g, wrench, stated, zeros, zeros.astype(bool), False, known)
+    return SampleFindings(a, b, c, d, e, f, g, np.array(log.wrench, float), stated, np.zeros(6), False, known)
 
 
 def _among(values: np.ndarray, marked: np.ndarray, neutral: float | np.ndarray) -> np.ndarray:
@@ -156,8 +154,8 @@ def _growth(samples: Samples, step: np.ndarray) -> Growth:
     On a lattice coarser than the stated noise the error of rounding grows with the rate of the wrench.
     """
     fine, speed, rest = step < samples.stated, samples.speed, samples.stated**2
-    if speed is None or not fine.any() or len(samples.t) < LEAST_WINDOWS * WINDOW:
-        return no_growth(1 if speed is None else speed.shape[1], rest)
+    if not speed.size or not fine.any() or len(samples.t) < LEAST_WINDOWS * WINDOW:
+        return no_growth(max(speed.shape[1], 1), rest)
     waves = fast_waves(samples.t, samples.error)
     row = waves.row.reshape(-1)
     growth = measure_growth(samples.t[row], waves.top_squares[:, fine], speed[row], len(samples.t))

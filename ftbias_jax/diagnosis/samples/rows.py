@@ -31,12 +31,12 @@ class Samples(NamedTuple):
     """(N, k) N/s, Nm/s, of the model."""
     stated: np.ndarray
     """(k,) N, Nm, noise."""
-    speed: np.ndarray | None
-    """(N, n) rad/s, of the joints, if there are any."""
+    speed: np.ndarray
+    """(N, n) rad/s, of the joints; n = 0 if there are none."""
 
     def only(self, keep: np.ndarray) -> Samples:
         """The rows marked in (N,)."""
-        per_row = ("row", "t", "wrench", "error", "rate") + ("speed",) * (self.speed is not None)
+        per_row = ("row", "t", "wrench", "error", "rate", "speed")
         return self._replace(**{name: getattr(self, name)[keep] for name in per_row})
 
     def at_rest(self, growth: MotionNoise) -> Samples:
@@ -45,7 +45,7 @@ class Samples(NamedTuple):
         Args:
             growth: what the motion adds to the variance of the channels, per variance at rest.
         """
-        if self.speed is None or not growth.per_speed.any():
+        if not self.speed.size or not growth.per_speed.any():
             return self
         louder = np.sqrt(1 + growth.variance(self.speed))
         fast = self.error - moving_mean(self.error)  # a slow error divided by a fast factor would be noise
@@ -60,7 +60,7 @@ def select(log: Log, stated: np.ndarray, error: Array, rate: Array, speed: Array
     channels = (finite & most[:, None]).sum(0) > most.sum() / 2
     row = np.flatnonzero((finite & np.isfinite(error))[:, channels].all(1) & most)
     rates = np.nan_to_num(np.asarray(rate, float)[row][:, channels])
-    speeds = None if speed is None else np.asarray(speed, float)[row]
+    speeds = np.zeros((len(row), 0)) if speed is None else np.asarray(speed, float)[row]
     measured, errors = (x[row][:, channels] for x in (wrench, error))
     return Samples(row, channels, np.asarray(log.t, float)[row], measured, errors, rates, stated[channels], speeds)
 
