@@ -11,9 +11,8 @@ import numpy as np
 
 from ftbias_jax.calibration.judgement import HORIZONS
 from ftbias_jax.commissioning.judged import CONSTANT, HEAD, HELD_TARE, Judged, table
-from ftbias_jax.diagnosis.report.skeleton import section, whole_page
+from ftbias_jax.diagnosis.report.page import html_table, section, typeset, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
-from ftbias_jax.diagnosis.report.terms import html_table, typeset
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.log import Repairs

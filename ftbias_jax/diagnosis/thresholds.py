@@ -148,8 +148,8 @@ STATED_WITHIN, SURELY_LOUDER, SURELY_QUIETER = 0.02, 4.0, 8.0
 """Relative error of a stated noise; standard errors beyond. [noise] Quieter is one band of two: twice the error."""
 COLOURED, CLIP = 1.25, 3.0
 """Ratio of two bands' standard deviations that matters for weights; sigmas of an event. [owner] [dev]"""
-LEAST_WINDOWS, LEAST_SCATTER, SLOW_LOG = 8, 0.2, 5.5e-3
-"""Windows to measure noise in; stated sigmas that a spike exceeds; s between samples that show motion. [physics]"""
+LEAST_WINDOWS, LEAST_SCATTER = 8, 0.2
+"""Windows to measure noise in; stated sigmas that a spike exceeds. [physics]"""
 LEAST_BINS = 20
 """Bins with a reading, without which no gap is told from a bias: 6 levels and 6 drifts leave so few. [noise]"""
 

@@ -11,10 +11,9 @@ from urllib.parse import quote
 import numpy as np
 
 from ftbias_jax import __version__
-from ftbias_jax.diagnosis.report.skeleton import section, whole_page
+from ftbias_jax.diagnosis.report.page import html_table, section, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.report.tables import verdict_words
-from ftbias_jax.diagnosis.report.terms import html_table
 from ftbias_jax.fleet.alarms import Alarm, alarms_of, bias_trend, dates, day, scalars_of, size, values_of
 from ftbias_jax.fleet.entry import FAILED, LOSS
 from ftbias_jax.fleet.history import Fleet, FleetLog

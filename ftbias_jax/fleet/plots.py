@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report.plots import thin
 from ftbias_jax.diagnosis.report.svg import (
     WIDTH,
     Axes,
@@ -18,6 +17,7 @@ from ftbias_jax.diagnosis.report.svg import (
     error_bars,
     label,
     line,
+    thin,
     tick_words,
     ticks,
 )

@@ -7,10 +7,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report.plots import MAX_BUCKETS, channel_title, thin
-from ftbias_jax.diagnosis.report.skeleton import section, whole_page
-from ftbias_jax.diagnosis.report.svg import Axes, band, curve, data_range, drawing, escape, frame
-from ftbias_jax.diagnosis.report.terms import html_table, typeset
+from ftbias_jax.diagnosis.report.page import html_table, section, typeset, whole_page
+from ftbias_jax.diagnosis.report.plots import MAX_BUCKETS, channel_title
+from ftbias_jax.diagnosis.report.svg import Axes, band, curve, data_range, drawing, escape, frame, thin
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.npz_archive import load_arrays
 from ftbias_jax.model.effects.statements import value_words

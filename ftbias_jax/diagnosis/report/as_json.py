@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.diagnosis.result import Diagnosis, FoundTerm, Gap
+from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.io.atomic import write_json
 
 SCHEMA = 2
@@ -29,15 +29,21 @@ def save_json(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
     """The diagnosis for programs: plain dicts, lists, strings and finite numbers; None where there is no number."""
-    where = diagnosis.where
+    where, gap = diagnosis.where, diagnosis.gap
     content = {
         "schema": SCHEMA,
         "verdict": diagnosis.verdict,
         "sentence": diagnosis.sentence,
         "note": diagnosis.note,
         "causes": [cause._asdict() for cause in diagnosis.causes],
-        "terms": [_term_json(term) for term in diagnosis.terms],
-        "gap": _gap_json(diagnosis.gap),
+        "terms": [{key: value for key, value in term._asdict().items() if key != "curve"} for term in diagnosis.terms],
+        "gap": {
+            "before": {"rms": gap.before_rms, "in_noise_sigmas": gap.before_sigmas},
+            "after": {"rms": gap.after_rms, "in_noise_sigmas": gap.after_sigmas},
+            "shrink": gap.shrink,
+            "shrink_stderr": gap.shrink_stderr,
+            "noise_floor": gap.noise_floor,
+        },
         "where": where._asdict() | {"regimes": [regime._asdict() for regime in where.regimes]},
         "candidates": [candidate._asdict() for candidate in diagnosis.candidates],
         "not_tested": dict(diagnosis.not_tested),
@@ -50,21 +56,6 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
     return plain
 
 
-def _gap_json(gap: Gap) -> dict[str, Any]:
-    return {
-        "before": {"rms": gap.before_rms, "in_noise_sigmas": gap.before_sigmas},
-        "after": {"rms": gap.after_rms, "in_noise_sigmas": gap.after_sigmas},
-        "shrink": gap.shrink,
-        "shrink_stderr": gap.shrink_stderr,
-        "noise_floor": gap.noise_floor,
-    }
-
-
-def _term_json(term: FoundTerm) -> dict[str, Any]:
-    """A term without the points of its plot."""
-    return {key: value for key, value in term._asdict().items() if key != "curve"}
-
-
 def _plain(value: Any) -> Any:
     """What ``json`` can write, all the way down."""
     match value:
@@ -74,9 +65,6 @@ def _plain(value: Any) -> Any:
             return [_plain(item) for item in value]
         case None | bool() | int() | str():
             return value
-    array = np.asarray(value)
-    return _plain(array.tolist()) if array.ndim else _finite(array.item())
-
-
-def _finite(number: Any) -> Any:
-    return number if not isinstance(number, float) or np.isfinite(number) else None
+        case float():
+            return float(value) if np.isfinite(value) else None
+    return _plain(np.asarray(value).tolist())

@@ -9,34 +9,29 @@ from pathlib import PurePath
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report.interactive import MAX_NUMBERS, data_block, script
-from ftbias_jax.diagnosis.report.origin import origin_rows
-from ftbias_jax.diagnosis.report.plots import (
-    channel_title,
-    plot_gap,
-    plot_regressor,
-    plot_shares,
-    plot_time,
+from ftbias_jax.diagnosis.report import plots
+from ftbias_jax.diagnosis.report import tables as words
+from ftbias_jax.diagnosis.report.page import (
+    MAX_NUMBERS,
+    bullets,
+    capital,
+    data_block,
+    figure,
+    html_table,
+    paragraphs,
+    script,
+    section,
+    typeset,
+    whole_page,
 )
-from ftbias_jax.diagnosis.report.plotted import Series
-from ftbias_jax.diagnosis.report.ranking import ranking
-from ftbias_jax.diagnosis.report.skeleton import section, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
-from ftbias_jax.diagnosis.report.tables import (
-    log_lines,
-    nominal_words,
-    parameter_words,
-    percent,
-    share_words,
-    shrink_words,
-    twin_words,
-    verdict_words,
-)
-from ftbias_jax.diagnosis.report.terms import capital, html_table, show_terms, typeset
-from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Where
+from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Where
 from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES
 
+MAX_RANKED = 12
+"""Candidates in the chart of the ranking."""
 MAX_LOGS = 3
 """Logs whose time plots are drawn."""
 HOW_TO_READ = (
@@ -76,18 +71,18 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
     sections = (
         section("What to do", _remedies(diagnosis)),
         section("Causes", _causes(diagnosis.causes)),
-        section("Not in the catalogue", show_terms(diagnosis.terms)),
+        section("Not in the catalogue", _terms(diagnosis.terms)),
         section("The gap before and after" if _has_after(diagnosis) else "The gap", _gap(diagnosis)),
-        section("Log by log", "".join(f"<p>{escape(line)}</p>" for line in log_lines(diagnosis))),
+        section("Log by log", paragraphs(words.log_lines(diagnosis))),
         section("What is left, against time", _times(diagnosis)),
         section("What is left, against the cause", _regressor(diagnosis)),
-        section("How well each effect explains it", ranking(diagnosis)),
+        section("How well each effect explains it", _ranking(diagnosis)),
         section("Twins: what the data do not tell apart", _twins(diagnosis.causes)),
         section("Where the gap is", _where(diagnosis.where, diagnosis.verdict)),
         section("Samples that were lost", html_table(("what",), [(loss,) for loss in diagnosis.losses])),
         section("What was not tested", html_table(("effect", "why"), diagnosis.not_tested)),
-        section("Where this comes from", html_table(("what", "value"), origin_rows(diagnosis))),
-        section("How to read this", "".join(f"<p>{escape(sentence)}</p>" for sentence in HOW_TO_READ)),
+        section("Where this comes from", html_table(("what", "value"), words.origin_rows(diagnosis))),
+        section("How to read this", paragraphs(HOW_TO_READ)),
     )
     body = f"{_header(diagnosis, title)}\n{''.join(sections)}"
     return whole_page(title, body, script() if diagnosis.series else "")
@@ -99,30 +94,41 @@ def _header(diagnosis: Diagnosis, title: str) -> str:
     if _has_after(diagnosis):
         numbers += [
             ("with what was found" if diagnosis.terms else "with the causes", f"{gap.after_sigmas:.2f} noise sigmas"),
-            ("shrinks by", shrink_words(gap)),
+            ("shrinks by", words.shrink_words(gap)),
         ]
     items = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in numbers)
     note = f"<p>{typeset(diagnosis.note)}</p>" if diagnosis.note else ""
     logs = f"<p class='small'>Logs: {escape(', '.join(diagnosis.logs))}</p>" if diagnosis.logs else ""
-    return (
-        f"<header><p class='small'>{escape(title)}</p>"
-        f"<h1><span class='badge'>{escape(verdict_words(diagnosis.verdict))}</span> {typeset(diagnosis.sentence)}</h1>"
-        f"{note}<dl>{items}</dl>{logs}</header>"
-    )
+    badge = f"<span class='badge'>{escape(words.verdict_words(diagnosis.verdict))}</span>"
+    head = f"<p class='small'>{escape(title)}</p><h1>{badge} {typeset(diagnosis.sentence)}</h1>"
+    return f"<header>{head}{note}<dl>{items}</dl>{logs}</header>"
 
 
 def _causes(causes: Sequence[Candidate]) -> str:
     parts = []
     for cause in causes:
-        head = f"{escape(cause.title)}<small>{escape(cause.stage)}, {share_words(cause)}</small>"
+        head = f"{escape(cause.title)}<small>{escape(cause.stage)}, {words.share_words(cause)}</small>"
         parts.append(f"<h3>{head}</h3><p>{escape(capital(cause.explanation))}</p>")
-        found = parameter_words(cause)
-        nominal = nominal_words(cause)
+        nominal, found = words.nominal_words(cause), words.parameter_words(cause)
         if any(nominal.values()):
-            rows = [(name, nominal[name], words) for name, words in found]
+            rows = [(name, nominal[name], value) for name, value in found]
             parts.append(html_table(("parameter", "in the setup", "found ± standard error"), rows))
         else:
             parts.append(html_table(("parameter", "found ± standard error"), found))
+    return "".join(parts)
+
+
+def _terms(terms: Sequence[FoundTerm]) -> str:
+    """What no effect of the catalogue explains, described by its drive."""
+    parts = []
+    caption = "Orange: what was left of the reading; blue: the term. Markers: means with standard errors."
+    for number, term in enumerate(terms):
+        plot = figure(plots.plot_term(term.curve, f"term-{number}"), caption) if term.curve is not None else ""
+        table = html_table(("number", "value ± standard error"), words.term_numbers(term))
+        told = [("Looks like", ", ".join(term.resembles)), ("What to check", term.check)]
+        told += [(f"Could as well be {d}", how) for d, how in zip(term.equivalent_to, term.separate_by, strict=True)]
+        items = bullets(f"<b>{escape(head)}</b>: {escape(text)}." for head, text in told if text)
+        parts.append(f"<h3>{typeset(capital(term.text))}</h3><div class='pair'>{plot}<div>{table}{items}</div></div>")
     return "".join(parts)
 
 
@@ -142,7 +148,7 @@ def _legend(with_after: bool, noise: bool) -> str:
     entries = [("before", "with the setup as it is")]
     entries += [("after", "with the causes in the model")] if with_after else []
     entries += [("noise", "95 % of what noise alone leaves")] if noise else []
-    keys = "".join(f"<span class='key {style}'>{words}</span>" for style, words in entries)
+    keys = "".join(f"<span class='key {style}'>{meaning}</span>" for style, meaning in entries)
     return f"<p class='legend'>{keys}</p>"
 
 
@@ -150,10 +156,10 @@ def _gap(diagnosis: Diagnosis) -> str:
     gap, after = diagnosis.gap, _has_after(diagnosis)
     columns = {"before": gap.before_rms, "after": gap.after_rms, "noise alone": gap.noise_floor}
     shown = {name: rms for name, rms in columns.items() if after or name != "after"}
-    rows = [(channel_title(i), *(f"{rms[i]:.3g}" for rms in shown.values())) for i in range(len(AXES))]
+    rows = [(plots.channel_title(i), *(f"{rms[i]:.3g}" for rms in shown.values())) for i in range(len(AXES))]
     table = html_table(("held-out rms", *shown), rows)
-    figure = f"<figure>{plot_gap(gap, after)}<figcaption>Dashed: what noise alone leaves (1).</figcaption></figure>"
-    return f"{_legend(after, noise=False)}<div class='pair'>{figure}{table}</div>"
+    plot = figure(plots.plot_gap(gap, after), "Dashed: what noise alone leaves (1).")
+    return f"{_legend(after, noise=False)}<div class='pair'>{plot}{table}</div>"
 
 
 def _times(diagnosis: Diagnosis) -> str:
@@ -163,8 +169,8 @@ def _times(diagnosis: Diagnosis) -> str:
     for number, series in enumerate(drawn):
         if len(diagnosis.series) > 1:
             parts.append(f"<h3>{escape(diagnosis.logs[number])}</h3>")
-        plots = (plot_time(series, channel, f"time-{number}-{channel}", after) for channel in range(6))
-        figures = "".join(f"<figure>{plot}</figure>" for plot in plots)
+        drawings = (plots.plot_time(series, channel, f"time-{number}-{channel}", after) for channel in range(6))
+        figures = "".join(f"<figure>{drawing}</figure>" for drawing in drawings)
         parts.append(f"<div class='grid' data-series='series-{number}'>{figures}</div>")
         parts.append(data_block(series, f"series-{number}", after, MAX_NUMBERS // len(drawn)))
     if len(diagnosis.series) > MAX_LOGS:
@@ -176,57 +182,63 @@ def _regressor(diagnosis: Diagnosis) -> str:
     series = [one for one in diagnosis.series if np.isfinite(one.regressor).any()]
     if not (diagnosis.causes and series):
         return ""
+    caption = "Large markers: means of bins with their standard errors. Small dots: single values before."
+    caption += " The bias is that of the model with the causes."
+    return _legend(with_after=True, noise=False) + figure(plots.plot_regressor(series), caption, "wide")
+
+
+def _ranking(diagnosis: Diagnosis) -> str:
+    """How well each candidate, and each term that was found, explains the gap: a chart, and a table of all."""
+    ranked = [candidate for candidate in diagnosis.candidates if np.isfinite(candidate.held_out_gain)]
+    if not ranked:
+        return ""
+    named = {cause.title for cause in diagnosis.causes}
+    behind = [words.behind_words(candidate) for candidate in ranked]
+    pairs = zip(ranked, behind, strict=True)
+    bars = [plots.Bar(c.title, c.held_out_gain, c.behind_stderr, less, c.title in named) for c, less in pairs]
+    found = [plots.Bar(f"term: {t.drive}", t.held_out_gain, t.held_out_gain_stderr, "", True) for t in diagnosis.terms]
+    shown = sorted([*bars[:MAX_RANKED], *found], key=lambda bar: -bar.nats)
+    gains = [value_words(c.held_out_gain, c.held_out_gain_stderr) for c in ranked]
+    columns = zip(ranked, gains, behind, strict=True)
+    rows = [(c.title, c.stage, gain, less, words.percent(c.shrink)) for c, gain, less in columns]
+    head = ("effect", "stage", "held-out gain [nats/s]", "less than the best [nats/s]", "of the gap")
+    table = html_table(head, rows)
     caption = (
-        "Large markers: means of bins with their standard errors. Small dots: single values before. The bias is that of"
-        " the model with the causes."
+        f"{'● named or found; ' if any(bar.named for bar in shown) else ''}numbers and whiskers: how much less than the"
+        " best, compared block by block, with one standard error. Judged on data the fit has not seen."
     )
-    plot = plot_regressor(series, _responsible_channel(series))
-    legend = _legend(with_after=True, noise=False)
-    return f"{legend}<figure class='wide'>{plot}<figcaption>{caption}</figcaption></figure>"
-
-
-def _responsible_channel(series: Sequence[Series]) -> int:
-    """The channel that follows the regressor most, in units of its noise."""
-    x = np.concatenate([one.regressor for one in series])[:, None]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        y = np.concatenate([one.whole / one.noise for one in series])
-    seen = np.isfinite(x) & np.isfinite(y)
-    x_centred = np.where(seen, x - np.nanmean(x), 0.0)
-    return int(np.argmax(np.abs(np.sum(x_centred * np.where(seen, y, 0.0), axis=0))))
+    plot = figure(plots.plot_ranking(shown), caption, "wide")
+    return f"{plot}<details><summary>All {len(ranked)} as a table</summary>{table}</details>"
 
 
 def _twins(causes: Sequence[Candidate]) -> str:
-    items = "".join(
-        f"<li><b>{escape(cause.title)}</b> could as well be <b>{escape(twin)}</b>; {escape(how)}.</li>"
+    return bullets(
+        f"<b>{escape(cause.title)}</b> could as well be <b>{escape(twin)}</b>; {escape(how)}."
         for cause in causes
-        for twin, how in twin_words(cause)
+        for twin, how in words.twin_words(cause)
     )
-    return f"<ul>{items}</ul>" if items else ""
 
 
 def _remedies(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
         return "<p>Nothing: the setup describes these logs.</p>"
-    items = [f"<li><b>{escape(c.title)}</b>: {escape(capital(c.remedy))}</li>" for c in diagnosis.causes if c.remedy]
-    items += [f"<li>{escape(capital(term.check))}</li>" for term in diagnosis.terms if term.check]
+    items = [f"<b>{escape(c.title)}</b>: {escape(capital(c.remedy))}" for c in diagnosis.causes if c.remedy]
+    items += [escape(capital(term.check)) for term in diagnosis.terms if term.check]
     if _has_after(diagnosis):
-        items.append(
-            f"<li>{'Or let' if items else 'Let'} the model know: <code>{escape(_command(diagnosis))}</code></li>"
-        )
+        items.append(f"{'Or let' if items else 'Let'} the model know: <code>{escape(_command(diagnosis))}</code>")
     if diagnosis.verdict not in ("explained", "described"):
-        items.append("<li>For what is not explained, start with the channels, times and regimes below.</li>")
-    return f"<ul>{''.join(items)}</ul>"
+        items.append("For what is not explained, start with the channels, times and regimes below.")
+    return bullets(items)
 
 
 def _where(where: Where, verdict: str) -> str:
     if verdict == "none":
         return ""
     stages = f"<p>Stages, most likely first: {escape(', '.join(where.stages))}.</p>" if where.stages else ""
-    caption = "Share of each channel in the gap, in noise units."
-    shares = f"<figure>{plot_shares(where.channels)}<figcaption>{caption}</figcaption></figure>"
-    regimes = [(regime.name, percent(regime.share), percent(regime.expected)) for regime in where.regimes]
+    shares = figure(plots.plot_shares(where.channels), "Share of each channel in the gap, in noise units.")
+    regimes = [(regime.name, words.percent(regime.share), words.percent(regime.expected)) for regime in where.regimes]
     intervals = [(f"{start:.2f}", f"{end:.2f}", f"{sigmas:.1f}") for start, end, sigmas in where.intervals]
-    bands = [(f"{low:.3g}", f"{high:.3g}", percent(share)) for low, high, share in where.bands]
+    bands = [(f"{low:.3g}", f"{high:.3g}", words.percent(share)) for low, high, share in where.bands]
     tables = (
         html_table(("regime", "of the gap", "of the time"), regimes),
         html_table(("from [s]", "to [s]", "noise sigmas"), intervals),

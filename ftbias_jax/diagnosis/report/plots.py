@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ftbias_jax.diagnosis.report.svg import (
     WIDTH,
     Axes,
     band,
+    binned_means,
     box,
     curve,
     data_range,
@@ -20,6 +22,7 @@ from ftbias_jax.diagnosis.report.svg import (
     frame,
     label,
     line,
+    thin,
     x_axis,
 )
 from ftbias_jax.diagnosis.report.tables import percent, sigmas_by_channel
@@ -44,12 +47,7 @@ def channel_title(channel: int) -> str:
 
 
 def plot_gap(gap: Gap, with_after: bool) -> str:
-    """Bars of the held-out rms by channel in units of the noise.
-
-    Args:
-        gap: of the diagnosis.
-        with_after: whether there is a cause, and so an after.
-    """
+    """Bars of the held-out rms by channel in units of the noise; the after only where there is a cause."""
     before, after = (sigmas_by_channel(rms, gap.noise_floor) for rms in (gap.before_rms, gap.after_rms))
     rows = [*zip(AXES, before, after, strict=True), ("all", gap.before_sigmas, gap.after_sigmas)]
     top = data_range(before, after, np.array([gap.before_sigmas, gap.after_sigmas, 1.0]), zero=True)[1]
@@ -74,14 +72,7 @@ def plot_gap(gap: Gap, with_after: bool) -> str:
 
 
 def plot_time(series: Series, channel: int, name: str, with_after: bool) -> str:
-    """One channel against time, before and after, over the band that noise alone would fill.
-
-    Args:
-        series: of one log.
-        channel: 0 to 5.
-        name: of the drawing, unique in the page.
-        with_after: draw the after too.
-    """
+    """One channel against time, before and after, over the band that noise alone would fill; name: as of drawings."""
     before, after, noise = (part[:, channel] for part in (series.before, series.after, series.noise))
     shown = [("before", before), ("after", after)] if with_after else [("before", before)]
     axes = Axes(_time_range(series.t), data_range(*(y for _, y in shown), 2 * noise, -2 * noise), top=24)
@@ -94,62 +85,45 @@ def plot_time(series: Series, channel: int, name: str, with_after: bool) -> str:
         *(curve(axes, t, edge * noise, "noise-edge") for edge in (-2, 2)),
     ]
     rms = ", ".join(f"rms {style} {np.sqrt(_mean(y**2)):.3g}" for style, y in shown)
-    data = {**axes.data, "channel": channel, "name": channel_title(channel)}
-    return drawing(name, axes.top + axes.height + 34, f"{channel_title(channel)} against time", rms, parts, data)
+    data = axes.data | {"channel": channel, "name": channel_title(channel)}
+    return drawing(name, axes.top + axes.height + 34, f"{channel_title(channel)} against time", rms, parts, **data)
 
 
-def plot_regressor(series: Sequence[Series], channel: int) -> str:
-    """What is left in one channel against the quantity that the first cause acts through, with means of bins.
-
-    Args:
-        series: of all logs.
-        channel: 0 to 5.
-    """
-    x = np.concatenate([one.regressor for one in series])
-    before = np.concatenate([one.whole[:, channel] for one in series])
-    after = np.concatenate([one.after[:, channel] for one in series])
-    sparse = slice(None, None, max(1, len(x) // MAX_DOTS))
-    axes = Axes(data_range(x), data_range(before[sparse], after[sparse]), top=24, height=190)
-    parts = [
-        frame(axes, series[0].regressor_name, channel_title(channel)),
-        dots(axes, x[sparse], before[sparse], "dots-before"),
-    ]
-    for style, y in (("after", after), ("before", before)):
-        middles, means, errors = binned_means(x, y, MEAN_BINS)
-        parts.append(curve(axes, middles, means, f"line-{style} thick"))
-        parts.append(error_bars(axes, middles, means, errors, f"mean-{style}"))
+def plot_regressor(series: Sequence[Series]) -> str:
+    """What is left against the quantity that the first cause acts through, in the channel that follows it most."""
+    arrays = ((one.regressor, one.whole, one.after, one.noise) for one in series)
+    x, before, after, noise = (np.concatenate(parts) for parts in zip(*arrays, strict=True))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        y = before / noise
+    seen = np.isfinite(x)[:, None] & np.isfinite(y)
+    follows = np.sum(np.where(seen, (x - np.nanmean(x))[:, None] * y, 0.0), axis=0)
+    channel = int(np.argmax(np.abs(follows)))
+    lines = {"after": after[:, channel], "before": before[:, channel]}
     words = f"Means of {MEAN_BINS} bins with standard errors; a flat line at zero: nothing is left to explain."
-    title = f"{channel_title(channel)} against {series[0].regressor_name}"
-    return drawing("regressor", axes.top + axes.height + 34, title, words, parts)
+    return _against("regressor", x, series[0].regressor_name, channel_title(channel), lines, words)
 
 
 def plot_term(found: Curve, name: str) -> str:
-    """What was left against the drive of a term, with the means of the term itself.
+    """What was left against the drive of a term, with the means of the term itself; name: unique in the page."""
+    lines = {"before": found.left, "after": found.fitted}
+    words = f"Means of {MEAN_BINS} bins with standard errors."
+    return _against(name, found.drive, found.drive_name, found.left_name, lines, words)
 
-    Args:
-        found: of the term.
-        name: unique in the page.
-    """
-    sparse = slice(None, None, max(1, len(found.drive) // MAX_DOTS))
-    axes = Axes(data_range(found.drive), data_range(found.left[sparse], found.fitted[sparse]), top=24, height=190)
-    parts = [
-        frame(axes, found.drive_name, found.left_name),
-        dots(axes, found.drive[sparse], found.left[sparse], "dots-before"),
-    ]
-    for style, y in (("before", found.left), ("after", found.fitted)):
-        middles, means, errors = binned_means(found.drive, y, MEAN_BINS)
+
+def _against(name: str, x: np.ndarray, x_name: str, y_name: str, lines: dict[str, np.ndarray], words: str) -> str:
+    """Means over bins of x of what is before and after, with the single values before as dots."""
+    sparse = slice(None, None, max(1, len(x) // MAX_DOTS))
+    axes = Axes(data_range(x), data_range(*(y[sparse] for y in lines.values())), top=24, height=190)
+    parts = [frame(axes, x_name, y_name), dots(axes, x[sparse], lines["before"][sparse], "dots-before")]
+    for style, y in lines.items():
+        middles, means, errors = binned_means(x, y, MEAN_BINS)
         parts.append(curve(axes, middles, means, f"line-{style} thick"))
         parts.append(error_bars(axes, middles, means, errors, f"mean-{style}"))
-    title = f"{found.left_name} against {found.drive_name}"
-    return drawing(name, axes.top + axes.height + 34, title, f"Means of {MEAN_BINS} bins with standard errors.", parts)
+    return drawing(name, axes.top + axes.height + 34, f"{y_name} against {x_name}", words, parts)
 
 
 def plot_shares(shares: dict[str, float]) -> str:
-    """Shares that sum to 1 as horizontal bars.
-
-    Args:
-        shares: name -> share.
-    """
+    """Shares by name, which sum to 1, as horizontal bars."""
     height = len(shares) * ROW
     axes = Axes((0.0, 1.0), (0.0, 1.0), top=2, width=WIDTH - 46 - 50, height=height)
     parts = []
@@ -165,37 +139,43 @@ def plot_shares(shares: dict[str, float]) -> str:
     return drawing("channels", axes.top + height + 2, "Share of each channel in the gap", words, parts)
 
 
-def thin(t: np.ndarray, y: np.ndarray, buckets: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most two points a bucket: its smallest and its largest value, in the order of time; NaN where all is NaN.
+class Bar(NamedTuple):
+    """One candidate of the ranking."""
 
-    Args:
-        t: (B,) s.
-        y: (B,) values, NaN = none.
-        buckets: how many.
-    """
-    if len(t) <= 2 * buckets:
-        return t, y
-    kept: list[int] = []
-    for part in np.array_split(np.arange(len(t)), buckets):
-        seen = part[np.isfinite(y[part])]
-        kept += sorted({seen[np.argmin(y[seen])], seen[np.argmax(y[seen])]}) if len(seen) else [part[0]]
-    return t[kept], y[kept]
+    name: str
+    nats: float
+    """nats/s, held out."""
+    stderr: float
+    """Of its difference to the best one where the two were compared block by block, else of the gain itself."""
+    words: str
+    named: bool
+    """Whether it is named as a cause, or is the term that was found."""
 
 
-def binned_means(x: np.ndarray, y: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middles, means of y and their standard errors, in bins of x that hold equally many points.
-
-    Args:
-        x: (N,) abscissae.
-        y: (N,) values.
-        bins: at most how many.
-    """
-    kept = np.isfinite(x) & np.isfinite(y)
-    order = np.argsort(x[kept], kind="stable")
-    parts = [part for part in np.array_split(order, bins) if len(part) > 1]
-    columns = [(x[kept][p].mean(), y[kept][p].mean(), y[kept][p].std(ddof=1) / np.sqrt(len(p))) for p in parts]
-    middles, means, errors = np.array(columns).reshape(-1, 3).T
-    return middles, means, errors
+def plot_ranking(bars: Sequence[Bar]) -> str:
+    """Held-out gains of candidates as horizontal bars, best first, with the errors of the differences to the best."""
+    gains = np.array([bar.nats for bar in bars])
+    errors = np.nan_to_num(np.array([bar.stderr for bar in bars]))
+    height = len(bars) * ROW
+    x_range = data_range(gains - errors, gains + errors, zero=True)
+    axes = Axes(x_range, (0.0, 1.0), left=NAMES, top=4, width=WIDTH - NAMES - 74, height=height)
+    parts = [x_axis(axes, "held-out gain [nats/s]")]
+    zero = float(axes.across(np.array(0.0)))
+    for row, (bar, gain, error) in enumerate(zip(bars, gains, errors, strict=True)):
+        middle = axes.top + (row + 0.5) * ROW
+        low, end, high = (float(axes.across(np.array(x))) for x in (gain - error, gain, gain + error))
+        name, style, fill = (f"● {bar.name}", "name", "fill-after") if bar.named else (bar.name, "", "fill-other")
+        parts += [
+            label(axes.left - 6, middle + 4, name, "end", style),
+            box(min(zero, end), middle - 7, abs(end - zero), 14, fill),
+            line(low, middle, high, middle, "whisker"),
+            line(low, middle - 4, low, middle + 4, "whisker"),
+            line(high, middle - 4, high, middle + 4, "whisker"),
+            label(WIDTH - 2, middle + 4, bar.words, "end"),
+        ]
+    parts.append(line(zero, axes.top, zero, axes.top + height, "axis"))
+    words = "; ".join(f"{bar.name}: {bar.words}" for bar in bars)
+    return drawing("ranking", axes.top + height + 36, "Held-out gain of the candidates", words, parts)
 
 
 def _time_range(t: np.ndarray) -> tuple[float, float]:
@@ -204,4 +184,4 @@ def _time_range(t: np.ndarray) -> tuple[float, float]:
 
 def _mean(values: np.ndarray) -> float:
     seen = values[np.isfinite(values)]
-    return float(seen.mean()) if len(seen) else float("nan")
+    return float(seen.mean()) if len(seen) else np.nan

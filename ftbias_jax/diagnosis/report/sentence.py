@@ -60,13 +60,9 @@ def _from_long_to_short(
     """What was found, in fewer and fewer words: with twins, with their names, without, and the first alone."""
     plain = [cause.statement or cause.title for cause in causes] + [term.statement or term.text for term in terms]
     alike = [f", like {term.resembles[0]}" if term.resembles else "" for term in terms]
-
-    def with_twins(say: dict[str, str] | None) -> list[str]:
-        of_causes = [words + _or(cause, say) for words, cause in zip(plain, causes, strict=False)]
-        return of_causes + [words + like for words, like in zip(plain[len(causes) :], alike, strict=True)]
-
-    yield _and(with_twins(twins))
-    yield _and(with_twins(None))
+    for say in (twins, {}):
+        beside = [_or(cause, say) for cause in causes] + alike
+        yield _and(words + more for words, more in zip(plain, beside, strict=True))
     yield _and(plain)
     names = [cause.title for cause in causes] + [f"a term of {term.drive}" for term in terms]
     if len(plain) > 1:
@@ -74,13 +70,12 @@ def _from_long_to_short(
         yield f"{plain[0]}, and {len(plain) - 1} more"
 
 
-def _or(cause: Candidate, say: dict[str, str] | None) -> str:
+def _or(cause: Candidate, say: dict[str, str]) -> str:
     """The first twin in brackets: its own statement, or its name."""
     if not cause.indistinguishable_from:
         return ""
     twin, *others = cause.indistinguishable_from
-    words = (say or {}).get(twin, twin)
-    return f" (or {words}{f', or {len(others)} more' if others else ''})"
+    return f" (or {say.get(twin, twin)}{f', or {len(others)} more' if others else ''})"
 
 
 def _and(parts: Iterable[str]) -> str:
@@ -96,8 +91,8 @@ def _worth(verdict: str, gap: Gap, short: bool = False) -> str:
         return "the mean reading departs from the setup by chance only"
     if gap.before_sigmas - 1 < SMALL:
         return f"a small gap, {_error(gap)}"
-    group, unit = _group(gap)
-    before, after, noise = (f"{_size(x, group):.2g}" for x in (gap.before_rms, gap.after_rms, gap.noise_floor))
+    sizes, unit = _sizes(gap)
+    before, after, noise = (f"{size:.2g}" for size in sizes)
     rest = "; the rest is not explained" if verdict == "partly_explained" else ""
     if short:
         return f"the error falls from {before} to {after} {unit} (noise {noise}){rest}"
@@ -105,9 +100,8 @@ def _worth(verdict: str, gap: Gap, short: bool = False) -> str:
 
 
 def _error(gap: Gap) -> str:
-    group, unit = _group(gap)
-    before, noise = (f"{_size(x, group):.3g} {unit}" for x in (gap.before_rms, gap.noise_floor))
-    return f"the error is {before} where noise alone leaves {noise}"
+    (before, _, noise), unit = _sizes(gap)
+    return f"the error is {before:.3g} {unit} where noise alone leaves {noise:.3g} {unit}"
 
 
 def _unexplained(gap: Gap, causes: Sequence[Candidate], where: Where | None) -> str:
@@ -130,18 +124,18 @@ def _what_to_do(causes: Sequence[Candidate], terms: Sequence[FoundTerm]) -> tupl
     return (f"{_capital(first)}, or let the model know (--apply).", f"{_capital(first)}.", alone) if first else (alone,)
 
 
-def _group(gap: Gap) -> tuple[slice, str]:
-    """Force or torque, whichever departs more from noise."""
+def _sizes(gap: Gap) -> tuple[list[float], str]:
+    """rms before, after and of noise alone, of force or torque, whichever departs more from noise; and their unit."""
     force, torque = (
-        _size(gap.before_rms, group) / max(_size(gap.noise_floor, group), 1e-12) for group in (FORCE, TORQUE)
+        [_size(rms[group]) for rms in (gap.before_rms, gap.after_rms, gap.noise_floor)] for group in (FORCE, TORQUE)
     )
-    return (TORQUE, "Nm") if torque > force else (FORCE, "N")
+    departs = [before / max(noise, 1e-12) for before, _, noise in (force, torque)]
+    return (torque, "Nm") if departs[1] > departs[0] else (force, "N")
 
 
-def _size(rms: np.ndarray, group: slice) -> float:
-    """rms over the measured channels of force or torque."""
-    values = np.asarray(rms, float)[group]
-    values = values[np.isfinite(values)]
+def _size(rms: np.ndarray) -> float:
+    """rms over the channels that are measured."""
+    values = rms[np.isfinite(rms)]
     return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
 
 

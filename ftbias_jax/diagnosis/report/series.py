@@ -12,6 +12,7 @@ from ftbias_jax.diagnosis.regression.evaluate import measured, readings
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.report.plotted import Series
 from ftbias_jax.diagnosis.result import Where
+from ftbias_jax.diagnosis.samples.bins import sum_of_bins
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.types import AXES, AXIS_UNITS
@@ -36,8 +37,8 @@ def where(problem: Problem, held: HeldOut, stages: tuple[str, ...]) -> Where:
 
 def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: HeldOut) -> tuple[Series, ...]:
     """Coarse means of the innovations of each log, and what the causes change in the reading."""
-    now = readings(problem, np.stack([base.z, accepted.z]))
-    change = now[1] - now[0]
+    without, with_causes = readings(problem, np.stack([base.z, accepted.z]))
+    change = with_causes - without
     for h, coefficients in zip(accepted.hypotheses, _by_hypothesis(accepted), strict=True):
         change = change + sum(
             (shape[:, None] * c for shape, c in zip(h.shapes, coefficients, strict=True)), np.zeros(6)
@@ -48,27 +49,16 @@ def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: Hel
     last, _ = _residual(problem, after)
     # Innovations are nearly white: what is left with the causes, plus what they add, is what was left without them.
     refitted = last + change - change.mean(0)
+    arrays = (problem.t, first, last, noise**2, change[:, channel], refitted)
     found = []
     for log in range(len(problem.parts)):
         own = problem.log == log
         block = np.unique((problem.t[own] // SERIES_SECONDS).astype(int), return_inverse=True)[1]
-        count = np.bincount(block)[:, None]
-
-        def mean(x: np.ndarray, own: np.ndarray = own, block: np.ndarray = block) -> np.ndarray:
-            sums = [np.bincount(block, column) for column in np.nan_to_num(x[own]).T]
-            return np.stack(sums, -1) / np.bincount(block)[:, None]
-
-        found.append(
-            Series(
-                t=mean(problem.t[:, None])[:, 0],
-                before=mean(first),
-                after=mean(last),
-                noise=np.sqrt(mean(noise**2) / count),
-                regressor=mean(change[:, channel : channel + 1])[:, 0],
-                refitted=mean(refitted),
-                regressor_name=f"predicted change of {AXES[channel]} [{AXIS_UNITS[channel]}]",
-            )
-        )
+        counts = np.bincount(block)
+        means = [(sum_of_bins(block, np.nan_to_num(x[own])).T / counts).T for x in arrays]
+        t, at_first, at_last, variance, regressor, whole = means
+        noise_std, name = np.sqrt(variance / counts[:, None]), f"predicted change of {AXES[channel]}"
+        found.append(Series(t, at_first, at_last, noise_std, regressor, f"{name} [{AXIS_UNITS[channel]}]", whole))
     return tuple(found)
 
 
@@ -86,28 +76,21 @@ def _residual(problem: Problem, held: HeldOut) -> tuple[np.ndarray, np.ndarray]:
 
 def _motion(problem: Problem) -> Conditions:
     """What the robot was doing at the bins."""
-
-    def join(name: str) -> np.ndarray:
-        arrays = [np.asarray(getattr(part.signals, name))[: part.used] for part in problem.parts]
-        return np.concatenate(arrays)
-
-    motions = [part.nominal for part in problem.parts]
-    speed, acceleration = join("dq"), join("ddq")
     carrier: Arm | FreeBody = problem.parts[0].signals.model.arm
-    if isinstance(carrier, FreeBody):
-        turning = [(m.angular_velocity.T, m.angular_acceleration.T) for m in motions]
-        used = [[np.asarray(x)[: part.used] for x in pair] for part, pair in zip(problem.parts, turning, strict=True)]
-        speed, acceleration = (np.concatenate(series) for series in zip(*used, strict=True))
-    down = []
-    for part, motion in zip(problem.parts, motions, strict=True):
+    pieces = []
+    for part in problem.parts:
+        moving = (part.signals.dq, part.signals.ddq)
+        if isinstance(carrier, FreeBody):
+            moving = (part.nominal.angular_velocity.T, part.nominal.angular_acceleration.T)
         gravity = np.asarray(part.signals.model.gravity)
-        R = np.asarray(motion.sensor_rotation)[:, :, : part.used]
-        down.append(np.einsum("i,ijt->tj", gravity / np.linalg.norm(gravity), R))
+        down = np.einsum("i,ijt->tj", gravity / np.linalg.norm(gravity), np.asarray(part.nominal.sensor_rotation))
+        pieces.append([np.asarray(x)[: part.used] for x in (*moving, down)])
+    speed, acceleration, down = (np.concatenate(series) for series in zip(*pieces, strict=True))
     load = np.linalg.norm(np.nan_to_num(measured(problem)[:, :3]), axis=1)
     return Conditions(
         speed=np.linalg.norm(speed, axis=1),
         acceleration=np.linalg.norm(acceleration, axis=1),
-        gravity=np.concatenate(down),
+        gravity=down,
         load_rate=np.gradient(load) if len(load) > 1 else np.zeros(len(load)),
         temperature=problem.temperature if np.ptp(problem.temperature) > 0 else None,
     )

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 WIDTH = 360
 """Units across every drawing: those of a phone's screen, so that the letters keep their size there."""
-
-
-_NO_DATA: Mapping[str, object] = MappingProxyType({})
 
 
 class Axes(NamedTuple):
@@ -50,9 +46,7 @@ def escape(text: object) -> str:
     return html.escape(visible, quote=True)
 
 
-def drawing(
-    name: str, height: float, title: str, description: str, parts: Iterable[str], data: Mapping[str, object] = _NO_DATA
-) -> str:
+def drawing(name: str, height: float, title: str, description: str, parts: Iterable[str], /, **data: object) -> str:
     """A whole drawing with what a screen reader says about it.
 
     Args:
@@ -163,12 +157,7 @@ def tick_words(tick: float, all_ticks: Sequence[float]) -> str:
 
 
 def data_range(*series: np.ndarray, zero: bool = False) -> tuple[float, float]:
-    """A range that holds all finite values with a small margin; never empty.
-
-    Args:
-        series: arrays of any shape.
-        zero: whether 0 must be inside.
-    """
+    """A range that holds all finite values of arrays, and 0 if it must, with a small margin; never empty."""
     values = np.concatenate([np.ravel(part) for part in series] + [np.zeros(int(zero))])
     values = values[np.isfinite(values)]
     if not len(values):
@@ -176,3 +165,24 @@ def data_range(*series: np.ndarray, zero: bool = False) -> tuple[float, float]:
     low, high = float(values.min()), float(values.max())
     margin = 0.05 * (high - low) if high > low else abs(high) / 2 or 1.0
     return low - margin, high + margin
+
+
+def thin(t: np.ndarray, y: np.ndarray, buckets: int) -> tuple[np.ndarray, np.ndarray]:
+    """The smallest and the largest of the values (B,) of every bucket, in the order of time; NaN where all is NaN."""
+    if len(t) <= 2 * buckets:
+        return t, y
+    kept: list[int] = []
+    for part in np.array_split(np.arange(len(t)), buckets):
+        seen = part[np.isfinite(y[part])]
+        kept += sorted({seen[np.argmin(y[seen])], seen[np.argmax(y[seen])]}) if len(seen) else [part[0]]
+    return t[kept], y[kept]
+
+
+def binned_means(x: np.ndarray, y: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middles, means of y (N,) and their standard errors, in bins of x (N,) that hold equally many points."""
+    kept = np.isfinite(x) & np.isfinite(y)
+    order = np.argsort(x[kept], kind="stable")
+    parts = [part for part in np.array_split(order, bins) if len(part) > 1]
+    columns = [(x[kept][p].mean(), y[kept][p].mean(), y[kept][p].std(ddof=1) / np.sqrt(len(p))) for p in parts]
+    middles, means, errors = np.array(columns).reshape(-1, 3).T
+    return middles, means, errors

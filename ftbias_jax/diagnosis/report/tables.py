@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from datetime import UTC, datetime
+from importlib.metadata import version
+from platform import python_version
 
 import numpy as np
 
+from ftbias_jax import __version__
 from ftbias_jax.diagnosis.report.sentence import SMALL
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Gap, Where
 from ftbias_jax.model.effects.statements import value_words
@@ -21,27 +25,21 @@ def to_table(diagnosis: Diagnosis) -> str:
     """The diagnosis for a reader at a terminal: plain text, verdict first."""
     first = (f"{verdict_words(diagnosis.verdict)}: {diagnosis.sentence}", diagnosis.note)
     parts = [
-        [one_line(line) for line in first if line],
+        [line for line in first if line],
         *(_cause_lines(cause) for cause in diagnosis.causes),
         *(_term_lines(term) for term in diagnosis.terms),
         _gap_lines(diagnosis.gap),
         log_lines(diagnosis),
         _where_lines(diagnosis.where) if diagnosis.verdict != "none" else [],
-        [f"lost: {one_line(loss)}" for loss in diagnosis.losses],
-        [f"not tested: {one_line(effect)} ({one_line(why)})" for effect, why in diagnosis.not_tested],
+        [f"lost: {loss}" for loss in diagnosis.losses],
+        [f"not tested: {effect} ({why})" for effect, why in diagnosis.not_tested],
     ]
-    return "\n\n".join("\n".join(lines) for lines in parts if lines)
+    return "\n\n".join("\n".join(map(one_line, lines)) for lines in parts if lines)
 
 
 def verdict_words(verdict: str) -> str:
     """The verdict's short name for readers."""
-    return {
-        "none": "no gap",
-        "explained": "explained",
-        "described": "described",
-        "partly_explained": "partly explained",
-        "unknown": "not explained",
-    }.get(verdict, verdict)
+    return {"none": "no gap", "unknown": "not explained"}.get(verdict, verdict.replace("_", " "))
 
 
 def _cause_lines(cause: Candidate) -> list[str]:
@@ -52,7 +50,7 @@ def _cause_lines(cause: Candidate) -> list[str]:
         lines.append(f"  {name} = {value}" + (f" (setup: {nominal[name]})" if nominal[name] else ""))
     lines += [f"  doubtful: {cause.doubt}"] if cause.doubt else []
     lines += [f"  or {twin}: {how}" for twin, how in twin_words(cause)]
-    return [one_line(line) for line in (*lines, f"  what to do: {cause.remedy}" if cause.remedy else "") if line]
+    return [*lines, f"  what to do: {cause.remedy}"] if cause.remedy else lines
 
 
 def _term_lines(term: FoundTerm) -> list[str]:
@@ -61,8 +59,7 @@ def _term_lines(term: FoundTerm) -> list[str]:
     lines += [f"  {name} = {value}" for name, value in term_numbers(term)]
     pairs = zip(term.equivalent_to, term.separate_by, strict=True)
     lines += [f"  or {drive}; to tell them apart: {how}" for drive, how in pairs]
-    lines += [f"  looks like: {', '.join(term.resembles)}", f"  what to check: {term.check}"]
-    return [one_line(line) for line in lines]
+    return [*lines, f"  looks like: {', '.join(term.resembles)}", f"  what to check: {term.check}"]
 
 
 def term_numbers(term: FoundTerm) -> list[tuple[str, str]]:
@@ -87,27 +84,26 @@ def share_words(cause: Candidate) -> str:
 
 def parameter_words(candidate: Candidate) -> list[tuple[str, str]]:
     """(name, value ± standard error and unit) of the parameters of a candidate."""
-    units = candidate.units
     return [
-        (name, f"{_numbers_words(value, candidate.stderr.get(name))} {unit_words(units.get(name, ''))}".rstrip())
+        (name, _with_unit(candidate, name, _numbers_words(value, candidate.stderr.get(name))))
         for name, value in candidate.parameters.items()
     ]
 
 
 def nominal_words(candidate: Candidate) -> dict[str, str]:
     """Name -> what the setup states of a parameter, with its unit; "" where it states nothing."""
-    known = {name: np.asarray(value, float) for name, value in candidate.nominal.items()}
     shown = {
-        name: f"{_numbers_words(value, None)} {unit_words(candidate.units.get(name, ''))}".rstrip()
-        for name, value in known.items()
-        if np.isfinite(value).all() and value.size <= LONGEST_LIST
+        name: _with_unit(candidate, name, _numbers_words(value, None))
+        for name, value in candidate.nominal.items()
+        if np.isfinite(np.asarray(value, float)).all() and np.size(value) <= LONGEST_LIST
     }
     return {name: shown.get(name, "") for name in candidate.parameters}
 
 
-def unit_words(unit: str) -> str:
-    """A unit behind a number: nothing where there is none."""
-    return "" if unit == "1" else unit
+def _with_unit(candidate: Candidate, name: str, numbers: str) -> str:
+    """Numbers of a parameter with their unit, where there is one."""
+    unit = candidate.units.get(name, "1")
+    return numbers if unit in ("", "1") else f"{numbers} {unit}"
 
 
 def _numbers_words(value: object, stderr: object) -> str:
@@ -118,10 +114,10 @@ def _numbers_words(value: object, stderr: object) -> str:
         return ", ".join(value_words(x, e) for x, e in zip(values.ravel(), errors.ravel(), strict=True))
     worth = np.divide(np.abs(np.nan_to_num(values)), errors, out=np.zeros(values.shape), where=errors > 0)
     order = np.argsort(-(worth if worth.any() else np.abs(np.nan_to_num(values))), axis=None)[:SUREST]
-    places = [np.unravel_index(k, values.shape) for k in order if values.flat[k]]
-    shown = [
-        f"{value_words(float(values[at]), float(errors[at]))} at ({', '.join(str(i + 1) for i in at)})" for at in places
-    ]
+    shown = []
+    for k in order[values.flat[order] != 0]:
+        place = ", ".join(str(i + 1) for i in np.unravel_index(k, values.shape))
+        shown.append(f"{value_words(float(values.flat[k]), float(errors.flat[k]))} at ({place})")
     return f"{', '.join(shown)}: the surest of {values.size}"
 
 
@@ -154,16 +150,14 @@ def log_lines(diagnosis: Diagnosis) -> list[str]:
     lines = []
     for log in diagnosis.by_log:
         gap = f"{log.before_sigmas:.3g} -> {log.after_sigmas:.3g} noise sigmas"
-        alone = [
-            f"{name} = {words}"
+        own = [
+            cause._replace(parameters=log.parameters[cause.effect], stderr=log.stderr[cause.effect])
             for cause in diagnosis.causes
             if cause.effect in log.parameters
-            for name, words in parameter_words(
-                cause._replace(parameters=log.parameters[cause.effect], stderr=log.stderr[cause.effect])
-            )
         ]
-        own = f"; alone it says {', '.join(alone)}, {log.own_gain:.2g} nats/s better" if alone else ""
-        lines.append(one_line(f"{log.name}: {gap}{own}"))
+        alone = [f"{name} = {words}" for cause in own for name, words in parameter_words(cause)]
+        says = f"; alone it says {', '.join(alone)}, {log.own_gain:.2g} nats/s better" if alone else ""
+        lines.append(one_line(f"{log.name}: {gap}{says}"))
     return lines
 
 
@@ -192,7 +186,7 @@ def _where_lines(where: Where) -> list[str]:
         ],
         "bands": [f"{low:.3g} to {high:.3g} Hz {percent(share)}" for low, high, share in where.bands],
     }
-    return [one_line(f"{name}: {'; '.join(entries)}") for name, entries in listed.items() if entries]
+    return [f"{name}: {'; '.join(entries)}" for name, entries in listed.items() if entries]
 
 
 def percent(share: float) -> str:
@@ -203,3 +197,27 @@ def percent(share: float) -> str:
 def one_line(text: str) -> str:
     """The text without what would move a terminal's cursor or break the line."""
     return "".join(character if character.isprintable() else "?" for character in text)
+
+
+def origin_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """(what, value) of the provenance: one file a row, and what holds for all."""
+    origin = diagnosis.provenance
+    if origin is None:
+        return []
+    rows = [("made at", datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"))]
+    rows += [("command", diagnosis.command)] if diagnosis.command else []
+    rows += [("versions", _versions()), ("robot", origin["robot"])]
+    for kind, file in (("setup", origin["setup"]), ("URDF", origin["urdf"])):
+        rows += [(f"{kind} {file['name']}", f"SHA-256 {file['sha256']}")] if file else []
+    for log in origin["logs"]:
+        measured = f"{log['samples']} samples of the wrench in {log['duration']:.6g} s, {log['rate'] or 0:.4g} Hz"
+        known = [log["date"], measured, f"SHA-256 {log['sha256']}" if log["sha256"] else "from memory"]
+        rows.append((f"log {log['name']}", ", ".join(filter(None, known))))
+    options = ", ".join(f"{name} = {value}" for name, value in origin["options"].items() if value)
+    return [*rows, ("options", options)] if options else rows
+
+
+def _versions() -> str:
+    """Of all that numbers depend on."""
+    others = ", ".join(f"{name} {version(name)}" for name in ("jax", "jaxlib", "numpy"))
+    return f"ftbias_jax {__version__}, {others}, Python {python_version()}"

@@ -5,15 +5,20 @@ White noise never gives the same float twice, so equal numbers are evidence by t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.samples.types import surprise
+from ftbias_jax.diagnosis.samples.types import Finding, name_channels, surprise
 from ftbias_jax.diagnosis.thresholds import (
+    COARSE,
     FLAT_TOP_NATS,
+    HEALTHY_RATE,
     HOLE,
     LATTICE_TOLERANCE,
+    LEAST_LOST,
+    LEAST_RATE,
     LEAST_SHARE_ON_LATTICE,
     LEAST_TIES,
     LONGEST_GAP,
@@ -22,7 +27,10 @@ from ftbias_jax.diagnosis.thresholds import (
     MOST_PERIODS,
     MOST_TIES,
     ON_TICK,
+    SURPRISING,
 )
+from ftbias_jax.model.effects.fitting import FLAT_TOPS, LATTICE, LOST
+from ftbias_jax.types import AXES
 
 FLOAT32 = float(np.finfo(np.float32).eps)
 
@@ -65,9 +73,25 @@ def repeated_rows(wrench: np.ndarray) -> np.ndarray:
 
 def runs(marked: np.ndarray) -> np.ndarray:
     """Lengths of the runs of marked rows (N,)."""
-    edge = np.flatnonzero(np.diff(np.concatenate([[0], marked.astype(int), [0]])))
+    edge = np.flatnonzero(np.diff(marked.astype(int), prepend=0, append=0))
     lengths: np.ndarray = edge[1::2] - edge[::2]
     return lengths
+
+
+def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
+    """Rows that repeat the one before, marked in (N,) bool, and rows that the clock lacks."""
+    samples, copies, missing = len(repeated), int(repeated.sum()), int(gaps.lost.sum())
+    total, lost = samples + missing, copies + missing
+    rate, share = lost / total, copies / lost if lost else 1.0
+    nats = surprise(lost, HEALTHY_RATE * total)
+    detected = rate >= LEAST_RATE and lost >= LEAST_LOST and nats > SURPRISING
+    sentence = f"{copies} of {samples} rows repeat the row before, {missing} are missing from a clock of "
+    sentence += f"{1e3 * gaps.period:.3g} ms" if gaps.period else "no steady period"
+    sentence += f"; {gaps.pauses} pauses" if gaps.pauses else ""
+    # Samples are lost in runs: the runs are independent, their samples are not.
+    scatter = float(np.sqrt(max((runs(repeated) ** 2).sum() + (gaps.lost**2).sum(), 1)))
+    error = {"rate": scatter / total, "repeated": (1 + scatter * np.sqrt(share * (1 - share))) / max(lost, 1)}
+    return Finding(LOST, detected, {"rate": rate, "repeated": share}, error, nats, sentence)
 
 
 def find_lattice(x: np.ndarray) -> Lattice:
@@ -90,30 +114,60 @@ def find_lattice(x: np.ndarray) -> Lattice:
     return Lattice(float(fit[0]), float(stderr), on_lattice)
 
 
-def find_flat_top(x: np.ndarray, side: float, noise_std: float, step: float) -> FlatTop | None:
-    """Whether the largest (side 1) or smallest (side -1) value of (N,) is a limit.
+def find_quantisation(lattices: Sequence[Lattice], step: np.ndarray, error: np.ndarray, noise: np.ndarray) -> Finding:
+    """Lattices that are coarse against the stated noise: steps (6,) N, Nm, 0 = none, with standard errors."""
+    coarse = step >= COARSE * noise
+    sentence, nats = "readings lie on no coarse lattice", 0.0
+    if coarse.any():
+        on_lattice = max(lattice.on_lattice for lattice in lattices)
+        nats = surprise(on_lattice, 0.1 * on_lattice)  # a tenth would be as near by chance
+        ratio = (step / noise)[coarse].max()
+        sentence = f"readings of {name_channels(coarse)} are multiples of a step of up to {ratio:.2g} noise sigmas"
+    return Finding(LATTICE, bool(coarse.any()), {"step": step.tolist()}, {"step": error.tolist()}, nats, sentence)
+
+
+def find_flat_tops(x: np.ndarray, noise_std: float, step: float) -> list[FlatTop]:
+    """The largest and the smallest value of (N,) where they are limits.
 
     Noise scatters the samples of a pose around it, so few share the extreme value, and more lie just inside of it.
 
     Args:
         x: (N,) N or Nm, readings of one channel.
-        side: 1 for the largest value, -1 for the smallest.
         noise_std: N or Nm.
         step: of the lattice the samples lie on, 0 = none; beyond two sigmas noise no longer carries samples from level
             to level, and a pose at rest looks like a limit.
     """
-    if step > 2 * noise_std:
-        return None
-    x = np.asarray(side * x)
-    top = float(np.max(x))
-    resolution: float = max(step, 2 * FLOAT32 * abs(top))
-    width: float = max(float(noise_std) / 2, 2 * resolution)
-    count = int((x >= top - resolution / 4).sum())
-    inside = int((x >= top - width).sum()) - count
-    nats = surprise(count, (inside + 1) * resolution / width)
-    if count < LEAST_TIES or count > MOST_TIES * len(x) or nats < FLAT_TOP_NATS:
-        return None
-    return FlatTop(side * top, count, nats)
+    found = []
+    for side in (1.0, -1.0) if step <= 2 * noise_std else ():
+        outward = side * x
+        top = float(np.max(outward))
+        resolution: float = max(step, 2 * FLOAT32 * abs(top))
+        width: float = max(float(noise_std) / 2, 2 * resolution)
+        count = int((outward >= top - resolution / 4).sum())
+        inside = int((outward >= top - width).sum()) - count
+        nats = surprise(count, (inside + 1) * resolution / width)
+        if LEAST_TIES <= count <= MOST_TIES * len(x) and nats >= FLAT_TOP_NATS:
+            found.append(FlatTop(side * top, count, nats))
+    return found
+
+
+def at_top(x: np.ndarray, tops: Sequence[FlatTop]) -> np.ndarray:
+    """(N,) samples that are at a limit, which may have been rounded to the log's precision."""
+    at = [np.sign(top.value) * (x - top.value) >= -8 * FLOAT32 * abs(top.value) for top in tops]
+    return np.logical_or.reduce(at) if at else np.zeros(len(x), bool)
+
+
+def find_saturation(tops: Sequence[Sequence[FlatTop]]) -> Finding:
+    """Flat tops on either side of six channels; the one with more samples gives the limit."""
+    limits, words, nats = [float("inf")] * 6, [], 0.0
+    for channel, found in enumerate(tops):
+        if found:
+            top = max(found, key=lambda top: top.ties)
+            limits[channel], nats = abs(top.value), max(nats, top.nats)
+            words += [f"{one.ties} samples of {AXES[channel]} at exactly {one.value:.6g}" for one in found]
+    stderr = [1e-6 * limit if np.isfinite(limit) else 0.0 for limit in limits]  # float32
+    sentence = "; ".join(words) or "no readings pile up at an extreme value"
+    return Finding(FLAT_TOPS, bool(words), {"limits": limits}, {"limits": stderr}, nats, sentence)
 
 
 def find_gaps(t: np.ndarray) -> Gaps:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.samples.noise import TOP, robust_std
 from ftbias_jax.diagnosis.samples.rows import moving_mean
+from ftbias_jax.diagnosis.samples.types import Finding
 from ftbias_jax.diagnosis.thresholds import (
     ACROSS,
     CORRELATED,
@@ -22,6 +23,7 @@ from ftbias_jax.diagnosis.thresholds import (
     LOUD,
     MOST_JITTER,
 )
+from ftbias_jax.model.effects.fitting import JITTER
 
 ROUNDS = 20
 CONSTANT_RATE = 0.05
@@ -52,6 +54,15 @@ class Jitter(NamedTuple):
         certain = self.nats > JITTER_NATS and self.visible > JITTER_VISIBLE
         alike = self.across < ACROSS and self.even > EVEN and self.correlation < CORRELATED
         return certain and self.std < MOST_JITTER and alike
+
+    @property
+    def finding(self) -> Finding:
+        """Scatter along the direction in which the wrench changes."""
+        sentence = "the noise does not grow with the rate of the wrench, in its direction"
+        if self.detected:
+            fast = f"{self.visible:.2g} sigmas where it is fast"
+            sentence = f"noise along dW/dt grows with it, by {fast}; across it does not"
+        return Finding(JITTER, self.detected, {"std": self.std}, {"std": self.stderr}, self.nats, sentence)
 
 
 def no_jitter(noise_std: np.ndarray) -> Jitter:
@@ -96,17 +107,11 @@ def measure_jitter(amplitude: np.ndarray, rate: np.ndarray, noise_std: np.ndarra
     return Jitter(std, error, nats, visible, share, even, sigma)
 
 
-def correlation_along(signal: np.ndarray, rate: np.ndarray, noise_std: np.ndarray) -> float:
-    """Correlation from a sample to the next of the error along dW/dt, in the faster half of a log.
-
-    Args:
-        signal: (N, k) N, Nm, the model's prediction less the wrench, sample by sample.
-        rate: (N, k) N/s, Nm/s, dW/dt.
-        noise_std: (k,) N, Nm.
-    """
+def correlation_along(error: np.ndarray, rate: np.ndarray, noise_std: np.ndarray) -> float:
+    """From a sample to the next, of the error (N, k) N, Nm along the dW/dt (N, k), in the faster half of a log."""
     speed = np.linalg.norm(rate / noise_std, axis=1)
     direction = rate / noise_std / np.maximum(speed, 1e-12)[:, None]
-    along = ((signal - moving_mean(signal)) / noise_std * direction).sum(1) * (speed >= np.median(speed))
+    along = ((error - moving_mean(error)) / noise_std * direction).sum(1) * (speed >= np.median(speed))
     power = float((along**2).sum())
     return float((along[1:] * along[:-1]).sum()) / power if power > 0 else 0.0
 

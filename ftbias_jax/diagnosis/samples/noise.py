@@ -11,7 +11,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.samples.spikes import NORMAL_MEDIAN
-from ftbias_jax.diagnosis.thresholds import CLIP, COLOURED
+from ftbias_jax.diagnosis.samples.types import Finding, name_channels
+from ftbias_jax.diagnosis.thresholds import (
+    CLIP,
+    COLOURED,
+    LOUDER,
+    LOUDER_IF_COLOURED,
+    QUIETER,
+    STATED_WITHIN,
+    SURELY_LOUDER,
+    SURELY_QUIETER,
+)
+from ftbias_jax.model.effects.fitting import LEVEL
 
 WINDOW = 16
 CUBIC = 4
@@ -77,13 +88,9 @@ def fast_waves(t: np.ndarray, signal: np.ndarray) -> Waves:
 
 
 def measure_noise(waves: Waves, signal: np.ndarray, stated: np.ndarray, heavy_tailed: bool) -> Noise:
-    """White noise from the fast waves, and how evenly it is spread over frequencies.
+    """White noise from the fast waves of a signal (N, k) N, Nm, and how evenly it is spread over frequencies.
 
-    Args:
-        waves: amplitudes of the fast waves in windows of the signal.
-        signal: (N, k) N, Nm, the waves' own.
-        stated: (k,) N, Nm.
-        heavy_tailed: its large values belong to the noise.
+    Of heavy-tailed noise the large values count, too.
     """
     windows, k = len(waves.amplitude), signal.shape[1]
     std = np.sqrt((waves.top**2).mean((0, 1))) if heavy_tailed else robust_std(waves.top.reshape(-1, k))
@@ -125,3 +132,40 @@ def _spectrum(signal: np.ndarray, usual: np.ndarray) -> tuple[np.ndarray, np.nda
     floor = np.median(upper, 0)
     highest = 2 + 37 / count  # the median of ``count`` exponentials exceeds it once in 3e5: 2^n exp(-n x / 2)
     return np.sqrt(floor), upper.max(0) > floor * highest
+
+
+def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bool, rests: bool) -> Finding:
+    """White noise against the stated, without the share of a lattice.
+
+    Hum must not make a channel loud, nor a filter make it quiet: the quietest band must be loud, the loudest quiet.
+    Of noise that grows with the motion what it is at rest depends on how exactly it grows,
+    and in a log that never rests on nothing else.
+
+    Args:
+        noise: of six channels, as it is at rest.
+        noise_std: (6,) N, Nm, stated.
+        step: (6,) N, Nm, of lattices.
+        grows: the noise grows with the motion.
+        rests: the log shows what it is at rest.
+    """
+
+    own = (np.sqrt(np.maximum(std**2 - step**2 / 12, 0)) for std in (noise.std, noise.low, noise.high))
+    scale, low, high = (std / noise_std for std in own)
+    stderr = np.maximum(noise.stderr / noise.std * scale, 1e-6)
+    # A step of more than two sigmas hides the noise: it passes a level seldom.
+    told = (step < 2 * noise_std) & np.isfinite(scale) & (rests or not grows)
+    floor = np.where(noise.coloured | grows, LOUDER_IF_COLOURED, LOUDER)
+    ceiling = 1 / LOUDER_IF_COLOURED if grows else QUIETER
+    louder = told & (low > floor) & (low - 1 - STATED_WITHIN > SURELY_LOUDER * stderr)
+    quieter = told & (high < ceiling) & (1 - STATED_WITHIN - high > SURELY_QUIETER * stderr)  # a band: twice the error
+    wrong = louder | quieter
+    scale, stderr = np.where(told, scale, 1.0), np.where(told, stderr, 0.0)
+    dof = 1 / (2 * np.maximum(stderr / scale, 1e-3) ** 2)
+    nats = float((dof / 2 * (scale**2 - 1 - np.log(scale**2)))[wrong].sum())
+    sentence = "the fastest part of the signal is as large as the stated noise"
+    if wrong.any():
+        words = " ".join(f"{x:.2f}" for x in scale)
+        sentence = f"white noise of {name_channels(wrong)} is not the stated: {words} times as large"
+    if noise.coloured.any():
+        sentence += f"; {name_channels(noise.coloured)} not white (hum, vibration, ringing or a filter)"
+    return Finding(LEVEL, bool(wrong.any()), {"scale": scale.tolist()}, {"scale": stderr.tolist()}, nats, sentence)

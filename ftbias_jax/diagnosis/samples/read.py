@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ftbias_jax.diagnosis.samples import exact as exact
-from ftbias_jax.diagnosis.samples import findings as findings
+from ftbias_jax.diagnosis.samples import exact
+from ftbias_jax.diagnosis.samples.growth import Growth, measure_growth, no_growth
 from ftbias_jax.diagnosis.samples.jitter import Jitter, correlation_along, measure_jitter, no_jitter
-from ftbias_jax.diagnosis.samples.noise import WINDOW, Noise, fast_waves, measure_noise
+from ftbias_jax.diagnosis.samples.noise import WINDOW, Noise, fast_waves, judge_noise, measure_noise
 from ftbias_jax.diagnosis.samples.rows import Samples, select
-from ftbias_jax.diagnosis.samples.spikes import REACH, Spikes, find_spikes
+from ftbias_jax.diagnosis.samples.spikes import REACH, Spikes, find_outliers, find_spikes
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
-from ftbias_jax.diagnosis.samples.vibration import Growth, measure_growth, no_growth
 from ftbias_jax.diagnosis.thresholds import AROUND_CLIPPED, COARSE, LEAST_SCATTER, LEAST_WINDOWS
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.motion_noise import MotionNoise
@@ -29,8 +28,8 @@ JITTER_SHAPE = 0.1
 def inspect_samples(
     log: Log,
     noise_std: Array,
-    error: Array | None = None,
-    rate: Array | None = None,
+    error: Array,
+    rate: Array,
     speed: Array | None = None,
     in_motion: MotionNoise | None = None,
     touched: Array | None = None,
@@ -40,9 +39,8 @@ def inspect_samples(
     Args:
         log: as recorded, NaN = not measured.
         noise_std: (6,) N, Nm, stated white noise of one sample.
-        error: (T, 6) N, Nm, the model's prediction less the wrench, if known. Without it jerky motion looks like
-            jitter, which is then not looked for, and in logs slower than 200 Hz like noise, which is then never louder.
-        rate: (T, 6) N/s, Nm/s, the model's dW/dt, if known; else it is taken from the wrench.
+        error: (T, 6) N, Nm, the model's prediction less the wrench.
+        rate: (T, 6) N/s, Nm/s, the model's dW/dt.
         speed: (T, n) rad/s, of the joints, if known; without it noise is not expected to grow with the motion.
         in_motion: of six channels, by how much the setup says that it grows; it is then not measured again. None = the
             setup says nothing.
@@ -56,15 +54,14 @@ def inspect_samples(
     samples = samples.at_rest(known._replace(per_speed=(known.per_speed / stated**2)[:, samples.channels]))
     lattices = [exact.find_lattice(x) for x in samples.only(~exact.repeated_rows(samples.wrench)).wrench.T]
     step, step_stderr = (np.array([lattice[i] for lattice in lattices], float) for i in range(2))
-    on_lattice = max(lattice.on_lattice for lattice in lattices)
     fine = step < COARSE * samples.stated  # on a coarse lattice equal numbers are no evidence
     repeated = exact.repeated_rows(samples.wrench[:, fine]) & fine.any()
 
     kept = samples.only(~repeated)
-    tops = [_flat_tops(*column) for column in zip(kept.wrench.T, kept.stated, step, strict=True)]
-    at_limit = np.stack([_at_top(x, found) for x, found in zip(samples.wrench.T, tops, strict=True)], 1)
+    tops = [exact.find_flat_tops(*column) for column in zip(kept.wrench.T, kept.stated, step, strict=True)]
+    at_limit = np.stack([exact.at_top(x, found) for x, found in zip(samples.wrench.T, tops, strict=True)], 1)
     # Rows in which every axis is clipped are equal, too, and none of them is lost.
-    dropped = findings.find_dropped(repeated & ~at_limit[:, fine].all(1), exact.find_gaps(samples.t))
+    dropped = exact.find_dropped(repeated & ~at_limit[:, fine].all(1), exact.find_gaps(samples.t))
     saturated = at_limit[~repeated]
     spikes, noise, jitter = _scatter(kept, step, saturated)
     late_stamps = not jitter.detected or touched is None or _is_late(kept, step, saturated, ~touched[kept.row])
@@ -78,17 +75,13 @@ def inspect_samples(
 
     def six(values: np.ndarray, neutral: float | np.ndarray = 0.0) -> np.ndarray:
         """Channels that are not measured get a neutral value."""
-        full = np.array(np.broadcast_to(neutral, (*values.shape[:-1], 6)), values.dtype)
-        full[..., samples.channels] = values
-        return full
+        return _among(values, samples.channels, neutral)
 
-    measured = np.flatnonzero(samples.channels).tolist()
-    all_tops = [tops[measured.index(i)] if i in measured else [] for i in range(6)]
-    std, stderr = six(noise.std, stated), six(noise.stderr)
-    noise = Noise(std, stderr, six(noise.low, stated), six(noise.high, stated), six(noise.coloured))
+    std, stderr, low, high = six(noise.std, stated), six(noise.stderr), six(noise.low, stated), six(noise.high, stated)
     if growth.detected:
-        low, high = (edge(1, growth.rest_factor) for edge in (np.minimum, np.maximum))
-        noise = noise._replace(low=noise.low * six(low, 1.0), high=noise.high * six(high, 1.0))
+        lower, upper = (six(edge(1, growth.rest_factor), 1.0) for edge in (np.minimum, np.maximum))
+        low, high = low * lower, high * upper
+    noise = Noise(std, stderr, low, high, six(noise.coloured))
     growth = growth._replace(variance=six(growth.variance), stderr=six(growth.stderr))
     clean = np.array(log.wrench, float)
     clean[samples.row[repeated]] = np.nan
@@ -96,49 +89,34 @@ def inspect_samples(
     near_limit = six(_around(saturated, AROUND_CLIPPED))
     clean[kept.row] = np.where(spikes.wild[:, None] | near_limit, np.nan, clean[kept.row])
     moving = MotionNoise(growth.variance, growth.speed) if growth.detected else known
-    level = findings.judge_noise(noise, stated, six(step), bool(moving.per_speed.any()), growth.shows_rest)
-    wild = findings.find_outliers(spikes._replace(hit=six(spikes.hit), off=six(spikes.off), scale=six(spikes.scale)))
-    late = findings.judge_jitter(jitter)
+    of_channel = dict(zip(np.flatnonzero(samples.channels).tolist(), tops, strict=True))
     return SampleFindings(
-        level if not samples.too_slow else _untold(level),
-        wild if not samples.too_slow else _untold(wild),
-        findings.find_quantisation(six(step), six(step_stderr), on_lattice, stated),
-        findings.find_saturation(all_tops),
+        judge_noise(noise, stated, six(step), bool(moving.per_speed.any()), growth.shows_rest),
+        find_outliers(spikes._replace(hit=six(spikes.hit), off=six(spikes.off), scale=six(spikes.scale))),
+        exact.find_quantisation(lattices, six(step), six(step_stderr), stated),
+        exact.find_saturation([of_channel.get(i, []) for i in range(6)]),
         dropped,
-        late if samples.modelled else _untold(late),
-        findings.judge_growth(growth),
+        jitter.finding,
+        growth.finding,
         clean,
         std,
         stderr,
-        noise.coloured,
         spikes.heavy_tailed,
         moving,
     )
 
 
-def _untold(finding: Finding) -> Finding:
-    """Says that motion may look the same, if nothing was found."""
-    return finding if finding.detected else finding._replace(sentence="not told from motion without the model's error")
-
-
 def _nothing(log: Log, stated: np.ndarray, known: MotionNoise, reason: str) -> SampleFindings:
     """For a log that cannot be examined."""
     a, b, c, d, e, f, g = (Finding(name, False, {}, {}, 0.0, reason) for name in SampleFindings._fields[:7])
-    wrench, zeros = np.array(log.wrench, float), np.zeros(6)
-    return SampleFindings(a, b, c, d, e, f, g, wrench, stated, zeros, zeros.astype(bool), False, known)
+    return SampleFindings(a, b, c, d, e, f, g, np.array(log.wrench, float), stated, np.zeros(6), False, known)
 
 
-def _flat_tops(x: np.ndarray, noise_std: float, step: float) -> list[exact.FlatTop]:
-    """Limits of one channel (N,), on either side."""
-    tops = (exact.find_flat_top(x, side, noise_std, step) for side in (1.0, -1.0))
-    return [top for top in tops if top]
-
-
-def _at_top(x: np.ndarray, tops: list[exact.FlatTop]) -> np.ndarray:
-    """(N,) samples that are at a limit, which may have been rounded to the log's precision."""
-    near = 8 * np.finfo(np.float32).eps
-    at = [np.sign(top.value) * (x - top.value) >= -near * abs(top.value) for top in tops]
-    return np.logical_or.reduce(at) if at else np.zeros(len(x), bool)
+def _among(values: np.ndarray, marked: np.ndarray, neutral: float | np.ndarray) -> np.ndarray:
+    """(..., k) values of the channels marked in (c,) -> (..., c), neutral for the others."""
+    full = np.array(np.broadcast_to(neutral, (*values.shape[:-1], len(marked))), values.dtype)
+    full[..., marked] = values
+    return full
 
 
 def _around(marked: np.ndarray, reach: int) -> np.ndarray:
@@ -156,19 +134,12 @@ def _is_late(samples: Samples, step: np.ndarray, saturated: np.ndarray, free: np
 def _scatter(
     samples: Samples, step: np.ndarray, saturated: np.ndarray, *, late_stamps: bool = True
 ) -> tuple[Spikes, Noise, Jitter]:
-    """Spikes, white noise and jitter; with jitter, spikes are what is beyond its noise.
-
-    Args:
-        samples: rows of one log that share a clock.
-        step: (k,) N, Nm, of lattices.
-        saturated: (N, k) bool.
-        late_stamps: whether jitter is looked for.
-    """
+    """Spikes, white noise and jitter, if it is looked for; with jitter, spikes are what is beyond its noise."""
     least = np.maximum(step, LEAST_SCATTER * samples.stated)
     blind = _around(saturated, REACH)
     floor = np.where(blind, np.inf, least)
     for _ in range(2):
-        spikes = find_spikes(samples.signal, np.full_like(floor, np.inf) if samples.too_slow else floor)
+        spikes = find_spikes(samples.error, floor)
         noise, jitter = _noise(samples.only(~(spikes.wild | saturated.any(1))), step, spikes.heavy_tailed, late_stamps)
         if not jitter.detected:
             break
@@ -182,19 +153,18 @@ def _growth(samples: Samples, step: np.ndarray) -> Growth:
 
     On a lattice coarser than the stated noise the error of rounding grows with the rate of the wrench.
     """
-    fine = step < samples.stated
-    speed = samples.speed
-    none = no_growth(1 if speed is None else speed.shape[1], samples.stated**2)
-    if speed is None or not samples.modelled or not fine.any() or len(samples.t) < LEAST_WINDOWS * WINDOW:
-        return none
-    waves = fast_waves(samples.t, samples.signal)
+    fine, speed, rest = step < samples.stated, samples.speed, samples.stated**2
+    if not speed.size or not fine.any() or len(samples.t) < LEAST_WINDOWS * WINDOW:
+        return no_growth(max(speed.shape[1], 1), rest)
+    waves = fast_waves(samples.t, samples.error)
     row = waves.row.reshape(-1)
     growth = measure_growth(samples.t[row], waves.top_squares[:, fine], speed[row], len(samples.t))
-    variance, stderr = none.variance.copy(), none.stderr.copy()
-    variance[:, fine], stderr[:, fine] = growth.variance, growth.stderr
-    rest, factor = none.rest.copy(), np.ones(len(fine))
-    rest[fine], factor[fine] = growth.rest, growth.rest_factor
-    return growth._replace(variance=variance, stderr=stderr, rest=rest, rest_factor=factor)
+    return growth._replace(
+        variance=_among(growth.variance, fine, 0.0),
+        stderr=_among(growth.stderr, fine, 0.0),
+        rest=_among(growth.rest, fine, rest),
+        rest_factor=_among(growth.rest_factor, fine, 1.0),
+    )
 
 
 def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool, late_stamps: bool) -> tuple[Noise, Jitter]:
@@ -203,17 +173,14 @@ def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool, late_stamps: 
     none = no_jitter(stated)
     if len(samples.t) < LEAST_WINDOWS * WINDOW:
         return Noise(stated, np.zeros_like(stated), stated, stated, np.zeros(len(stated), bool)), none
-    waves = fast_waves(samples.t, samples.signal)
-    noise = measure_noise(waves, samples.signal, stated, heavy_tailed)
+    waves = fast_waves(samples.t, samples.error)
+    noise = measure_noise(waves, samples.error, stated, heavy_tailed)
     fine = (step < stated) & (noise.std > 0)  # on a coarser lattice the error of rounding grows with the rate
-    if samples.too_slow:  # motion only adds
-        noise = noise._replace(std=np.minimum(noise.std, stated), low=np.minimum(noise.low, stated))
-    if not late_stamps or fine.sum() < 2 or not samples.modelled:  # nothing lies across the direction of change
+    if not late_stamps or fine.sum() < 2:  # nothing lies across the direction of change
         return noise, none
-    rate = samples.rate[waves.row].mean(1)
-    jitter = measure_jitter(waves.top[..., fine], rate[:, fine], noise.std[fine])
+    jitter = measure_jitter(waves.top[..., fine], samples.rate[waves.row].mean(1)[:, fine], noise.std[fine])
     if jitter.detected:
-        along = correlation_along(samples.signal[:, fine], samples.rate[:, fine], jitter.noise_std)
+        along = correlation_along(samples.error[:, fine], samples.rate[:, fine], jitter.noise_std)
         jitter = jitter._replace(correlation=along)
     if jitter.detected:
         std = noise.std.copy()

@@ -26,25 +26,13 @@ def padded_samples(log: Log) -> Sample:
 
 
 def smoothed(params: Params, samples: Sample, options: Options) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joint states (T, n, 3), the wrench (T, 6) N, Nm that the tool causes, and its variance with the sensor's.
-
-    Args:
-        params: the beliefs; what they say of noise that grows with the motion is left out.
-        samples: of one log.
-        options: of the pipeline.
-    """
+    """Joint states (T, n, 3), the wrench (T, 6) N, Nm of the tool, and its variance with that of the sensor at rest."""
     joints, wrench, variance = (np.asarray(x) for x in _smooth(_at_rest(params), samples, options=options))
     return joints, wrench, variance
 
 
 def prepare_smoother(params: Params, samples: Sample, options: Options) -> None:
-    """Make the program ready that smooths such samples.
-
-    Args:
-        params: of the setup.
-        samples: of a log; their shapes are enough.
-        options: of the pipeline.
-    """
+    """Make the program ready that smooths such samples, of which the shapes are enough."""
     _smooth.prepare(_at_rest(params), samples, options=options)
 
 

@@ -6,7 +6,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.thresholds import LEAST_SPIKES, LONGEST_RUN, MIDDLE, OFF_NEIGHBOURS, SPIKE, TAILS
+from ftbias_jax.diagnosis.samples.exact import runs
+from ftbias_jax.diagnosis.samples.types import Finding, Numbers, surprise
+from ftbias_jax.diagnosis.thresholds import (
+    FEW_SPIKES,
+    HEALTHY_RATE,
+    LEAST_HITS,
+    LEAST_RATE,
+    LEAST_SPIKES,
+    LONGEST_RUN,
+    MIDDLE,
+    OFF_NEIGHBOURS,
+    SPIKE,
+    SURPRISING,
+    TAILS,
+)
+from ftbias_jax.model.effects.fitting import SPIKES
 
 NORMAL_MEDIAN = 0.6745
 """Median of the absolute value of a standard normal."""
@@ -46,13 +61,11 @@ class Spikes(NamedTuple):
 
 
 def find_spikes(signal: np.ndarray, floor: np.ndarray) -> Spikes:
-    """Spikes of a regular signal.
+    """Spikes of a signal (N, k) N, Nm without missing samples.
 
-    Args:
-        signal: (N, k) N, Nm, without missing samples.
-        floor: (N, k) the least scatter to assume (lattice, few digits, jitter); inf where a sample tells nothing.
+    ``floor`` (N, k) is the least scatter to assume (lattice, few digits, jitter); inf where a sample tells nothing.
     """
-    off = signal - neighbourhood(signal)
+    off = signal - _neighbourhood(signal)
     seen = np.isfinite(floor)
     usual = np.array([_normal_std(x[keep]) for x, keep in zip(off.T, seen.T, strict=True)])
     scale = np.maximum(usual, floor)
@@ -81,7 +94,7 @@ def _off_of_neighbours(signal: np.ndarray, off: np.ndarray) -> np.ndarray:
     return far
 
 
-def neighbourhood(signal: np.ndarray) -> np.ndarray:
+def _neighbourhood(signal: np.ndarray) -> np.ndarray:
     """(N, k) median of the three samples before and the three after each; straight lines pass unchanged."""
     padded = np.pad(signal, ((REACH, REACH), (0, 0)), mode="reflect", reflect_type="odd")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * REACH + 1, axis=0)
@@ -101,9 +114,29 @@ def _local_scale(off: np.ndarray) -> np.ndarray:
 
 def _in_short_run(row: np.ndarray) -> np.ndarray:
     """(N,) which marked rows are in a run of at most LONGEST_RUN."""
-    edge = np.flatnonzero(np.diff(np.concatenate([[0], row.astype(int), [0]])))
-    start, end = edge[::2], edge[1::2]
-    short = np.zeros(len(row), bool)
-    for a, b in zip(start, end, strict=True):
-        short[a:b] = b - a <= LONGEST_RUN
+    lengths, short = runs(row), row.copy()
+    short[row] = np.repeat(lengths <= LONGEST_RUN, lengths)
     return short
+
+
+def find_outliers(spikes: Spikes) -> Finding:
+    """Isolated wild samples, unless they are the tail of the noise; spikes of all six channels."""
+    count, samples = int(spikes.row.sum()), len(spikes.hit)
+    by_channel = spikes.hit.mean(0)
+    rate = float(by_channel[by_channel >= FEW_SPIKES * by_channel.max()].mean())  # of the channels that have spikes
+    nats = surprise(count, HEALTHY_RATE * samples)
+    size, stderr = np.zeros(6), np.zeros(6)
+    for channel, hit in enumerate(spikes.hit.T):
+        if hit.sum() >= LEAST_HITS:
+            square = spikes.off[hit, channel] ** 2 - spikes.scale[channel] ** 2
+            size[channel] = np.sqrt(max(square.mean(), 0.0))
+            error = max(square.std(), 2 * size[channel] * spikes.scale[channel]) / np.sqrt(hit.sum())
+            stderr[channel] = error / (2 * size[channel])
+    detected = count >= LEAST_SPIKES and count >= LEAST_RATE * samples and nats > SURPRISING and not spikes.heavy_tailed
+    sentence = f"{count} of {samples} samples are alone beyond six sigmas of both neighbours"
+    if spikes.heavy_tailed:
+        sentence += f", but {spikes.middle} more lie between them and the rest: the tail of the noise"
+    # Of a share of a count of one at least.
+    of_rate = float(np.sqrt(max(rate * (1 - rate), rate / samples, 1 / samples**2) / samples))
+    errors: Numbers = {"rate": of_rate, "size": stderr.tolist()}
+    return Finding(SPIKES, detected, {"rate": rate, "size": size.tolist()}, errors, nats, sentence)

@@ -51,8 +51,6 @@ class SampleFindings(NamedTuple):
     """(6,) N, Nm, measured white noise of one sample at rest; the stated one where nothing was measured."""
     noise_std_stderr: np.ndarray
     """(6,) N, Nm."""
-    coloured: np.ndarray
-    """(6,) bool: the fast part of the signal is not white (hum, vibration, ringing, a filter in the sensor)."""
     heavy_tailed: bool
     """The noise has more large values than a normal distribution, without a gap between them and the rest."""
 

@@ -69,7 +69,7 @@ def describe(
         base: the nominal model, with the effects of the tool that stay beside all else.
         accepted: those and the effects that were found.
         rounds: candidates of each, the accepted one first.
-        explained: they explain the logs.
+        explained: whether the accepted effects explain the logs.
         fast: Hz of lines in the single samples.
     """
     names = [h.effect for h in accepted.hypotheses]
@@ -135,12 +135,6 @@ def says(problem: Problem, effect: Scored, kept: Fit, described: Solved) -> bool
 
     It does nearly the same to the forces or the torques, whichever the term acts on, by no more numbers, and no harm to
     the others: a term is of the few numbers that gain most, and the effect changes what goes with them.
-
-    Args:
-        problem: of the logs.
-        effect: fitted beside those that stay.
-        kept: the effects that stay.
-        described: a term beside them.
     """
     term = described.terms[0]
     linear = isinstance(problem.catalogue[effect.hypothesis.effect].fit.search, Linear)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -151,14 +152,13 @@ def _slopes(problem: Problem, state: State, terms: tuple[Term, ...], places: lis
         return np.zeros((0, len(problem.t), 6))
     found = []
     stays = [added(np, term, state) for term in terms]
-    for i, place in enumerate(places):
-        step = np.zeros(len(places))
-        step[i] = RELATIVE_STEP
-        (here,), (there,) = ((one[place.term],) for one in (terms, _moved(terms, places, step)))
+    for place in places:
+        here, by = terms[place.term], RELATIVE_STEP
+        there = _moved(terms, [place], [by])[place.term]
         if there.parameters == here.parameters and (there.point == here.point).all():  # at its upper bound
-            step[i] = -RELATIVE_STEP
-            there = _moved(terms, places, step)[place.term]
-        found.append((added(np, there, state) - stays[place.term]) / step[i])
+            by = -RELATIVE_STEP
+            there = _moved(terms, [place], [by])[place.term]
+        found.append((added(np, there, state) - stays[place.term]) / by)
     return whitened(problem, np.stack(found))
 
 
@@ -201,7 +201,7 @@ def _described(problem: Problem, state: State, start: Fit, now: Solved, places: 
     return Described(now.terms, fit, tuple(scales))
 
 
-def _moved(terms: tuple[Term, ...], places: list[_Place], step: np.ndarray) -> tuple[Term, ...]:
+def _moved(terms: tuple[Term, ...], places: list[_Place], step: Sequence[float] | np.ndarray) -> tuple[Term, ...]:
     found = list(terms)
     for place, by in zip(places, step, strict=True):
         term = found[place.term]

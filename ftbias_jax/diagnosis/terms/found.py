@@ -6,26 +6,24 @@ import numpy as np
 
 from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.fit import covariance
+from ftbias_jax.diagnosis.regression.fit import Fit, covariance
+from ftbias_jax.diagnosis.report.plotted import Curve
 from ftbias_jax.diagnosis.result import FoundTerm, Gap
-from ftbias_jax.diagnosis.terms.curves import curve_of
 from ftbias_jax.diagnosis.terms.describe import Description
+from ftbias_jax.diagnosis.terms.grid import free_names
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, resembles
 from ftbias_jax.diagnosis.terms.words import grouped, sentence, statement
-from ftbias_jax.model.effects.terms.columns import has_point
-from ftbias_jax.model.effects.terms.forms import FORMS
+from ftbias_jax.model.effects.terms.columns import added, at_point, has_point
 from ftbias_jax.model.effects.terms.parse import section_of
-from ftbias_jax.model.effects.terms.types import Term
+from ftbias_jax.model.effects.terms.types import State, Term
+from ftbias_jax.types import AXES, AXIS_UNITS
+
+MOST_POINTS = 1500
+"""Of a plot."""
 
 
 def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[FoundTerm, ...]:
-    """The terms in words and numbers, in the order in which they were found.
-
-    Args:
-        problem: of the logs.
-        description: what was found.
-        gap: without and with it.
-    """
+    """The terms in words and numbers, in the order in which they were found."""
     if not description.steps:
         return ()
     described = description.steps[-1].described
@@ -35,14 +33,51 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
     for step, term, scales in zip(description.steps, described.terms, described.scales, strict=True):
         stderr = scales * spread[row : row + len(scales)]
         row += len(scales)
+        values, count = np.asarray(term.coefficients, float), len(term.coefficients)
+        # A real cause never has quite the form, and no scatter of the data shows that.
+        errors = np.hypot(stderr[:count], FORM_ERROR * np.abs(values))
         share = float(np.clip(step.share / total, 0, 1))
-        curve = curve_of(problem, description, term)
-        found.append(
-            _found(term, stderr, share, _rms(term, gap, share), step.rivals)._replace(
-                held_out_gain=step.held.nats, held_out_gain_stderr=step.held.nats_stderr, curve=curve
-            )
+        one = found_term(
+            term,
+            errors,
+            sentence(term, values, errors, share),
+            statement(term, values, errors, _rms(term, gap, share)),
+            (step.held.nats, step.held.nats_stderr),
         )
+        one = one._replace(
+            parameters_stderr=dict(zip(free_names(term), stderr[count:].tolist(), strict=False)),
+            equivalent_to=tuple(rival.drive for rival in step.rivals),
+            separate_by=tuple(DRIVE_WORDS[rival.drive].separate_by for rival in step.rivals),
+            shrink=share,
+            curve=_curve(problem, description.search.state, described.fit, term),
+        )
+        found.append(one)
     return tuple(found)
+
+
+def found_term(term: Term, errors: np.ndarray, text: str, statement: str, gain: tuple[float, float]) -> FoundTerm:
+    """A term in words and numbers, without rivals: errors (K,) of its coefficients, and its gain in nats/s with its."""
+    return FoundTerm(
+        drive=term.drive,
+        form=term.form,
+        frame=term.frame,
+        acts_as=term.acts_as,
+        text=text,
+        coefficients=grouped(term, np.asarray(term.coefficients, float)),
+        stderr=grouped(term, errors),
+        parameters={name: float(value) for name, value in term.parameters.items()},
+        parameters_stderr={},
+        point=np.asarray(term.point, float).tolist() if has_point(term) else None,
+        equivalent_to=(),
+        separate_by=(),
+        resembles=resembles(term),
+        check=DRIVE_WORDS[term.drive].check,
+        held_out_gain=gain[0],
+        held_out_gain_stderr=gain[1],
+        shrink=0.0,
+        section=section_of(term, text),
+        statement=statement,
+    )
 
 
 def _rms(term: Term, gap: Gap, share: float) -> str:
@@ -52,32 +87,56 @@ def _rms(term: Term, gap: Gap, share: float) -> str:
     return f"{np.sqrt(share * np.nanmean(removed)):.2g} {unit}"
 
 
-def _found(term: Term, stderr: np.ndarray, share: float, rms: str, rivals: tuple[Term, ...]) -> FoundTerm:
-    values = np.asarray(term.coefficients, float)
-    count, names = len(values), [parameter.name for parameter in FORMS[term.drive, term.form].parameters]
-    # A real cause never has quite the form, and no scatter of the data shows that.
-    errors = np.hypot(stderr[:count], FORM_ERROR * np.abs(values))
-    of_parameters = dict(zip(names, stderr[count:].tolist(), strict=False))
-    words = DRIVE_WORDS[term.drive]
-    text = sentence(term, values, errors, share)
-    return FoundTerm(
-        drive=term.drive,
-        form=term.form,
-        frame=term.frame,
-        acts_as=term.acts_as,
-        text=text,
-        coefficients=grouped(term, values),
-        stderr=grouped(term, errors),
-        parameters={name: float(value) for name, value in term.parameters.items()},
-        parameters_stderr=of_parameters,
-        point=np.asarray(term.point, float).tolist() if has_point(term) else None,
-        equivalent_to=tuple(rival.drive for rival in rivals),
-        separate_by=tuple(DRIVE_WORDS[rival.drive].separate_by for rival in rivals),
-        resembles=resembles(term),
-        check=words.check,
-        held_out_gain=0.0,
-        held_out_gain_stderr=0.0,
-        shrink=share,
-        section=section_of(term, text),
-        statement=statement(term, values, errors, rms),
-    )
+def _curve(problem: Problem, state: State, fit: Fit, term: Term) -> Curve:
+    """The channel in which the term changes most, in units of its noise, against the drive."""
+    made = np.asarray(added(np, term, state))
+    channel = int((made / problem.noise_std).std(0).argmax())
+    left = fit.error[:, channel] * np.sqrt(problem.variance[:, channel])
+    seen = problem.samples[:, channel] > 0
+    # The innovations are nearly white: what is left with the term, plus the term, is what was left without it.
+    fitted = made[:, channel] - made[seen, channel].mean()
+    if term.drive == "constant":  # what it follows is how its direction lies in the sensor
+        drive, name = fitted, f"what the term makes of {AXES[channel]} [{AXIS_UNITS[channel]}]"
+    else:
+        drive, name = _drive(term, state, channel)
+    thin = np.flatnonzero(seen)[:: max(1, int(seen.sum() / MOST_POINTS))]
+    return Curve(drive[thin], name, (fitted - left)[thin], fitted[thin], f"{AXES[channel]} [{AXIS_UNITS[channel]}]")
+
+
+def _drive(term: Term, state: State, channel: int) -> tuple[np.ndarray, str]:
+    """(U,) the quantity that drives a term, and its name with the unit."""
+    moved = at_point(np, state, np.asarray(term.point)) if has_point(term) else state
+    axis = channel % 3
+    letter = "xyz"[axis]
+    joint = max(term.joint, 1)
+
+    def inside(vectors: np.ndarray) -> np.ndarray:
+        turned: np.ndarray = np.einsum("tj,tj->t", state.rotation[:, :, axis], vectors)
+        return turned
+
+    match term.drive:
+        case "velocity":
+            return inside(moved.velocity), f"velocity along {letter} of the sensor [m/s]"
+        case "acceleration":
+            return inside(moved.acceleration), f"acceleration along {letter} of the sensor [m/s^2]"
+        case "angular_velocity":
+            return inside(state.angular_velocity), f"angular velocity about {letter} of the sensor [rad/s]"
+        case "position":
+            widest = int(np.ptp(moved.position, axis=0).argmax())
+            return moved.position[:, widest], f"place of the tool along {'xyz'[widest]} of the base [m]"
+        case "orientation":
+            down = inside(np.broadcast_to(state.gravity / np.linalg.norm(state.gravity), state.position.shape))
+            return down, f"gravity along {letter} of the sensor [1]"
+        case "joint_angle":
+            return state.q[:, joint - 1], f"angle of joint {joint} [rad]"
+        case "joint_velocity" if term.form != "heat":
+            return state.dq[:, joint - 1], f"speed of joint {joint} [rad/s]"
+        case "load":
+            return state.load[:, channel], f"load in {AXES[channel]} [{AXIS_UNITS[channel]}]"
+        case "temperature":
+            return state.temperature, "temperature [deg C]"
+        case "frequency":
+            phase = np.mod(state.t * float(term.parameters["frequency"]), 1.0)
+            return phase, f"phase at {float(term.parameters['frequency']):.4g} Hz [turns]"
+        case _:
+            return state.t, "time [s]"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,14 +18,20 @@ SWINGS = tuple((f, z) for f in np.geomspace(0.4, 14.0, 13) for z in (0.04, 0.3))
 """Hz and shares of critical damping."""
 SPEEDS, TURNS = (0.005, 0.05), (0.01, 0.1)
 """m/s and rad/s below which dry friction gives way."""
-POWERS = (2.0,)
-"""Of the distance by which a field falls."""
 CENTRES = 5
 """Places along every axis of the base where a field may come from."""
 REFERENCES = (0.0, 0.5, 1.0)
 """Quantiles of the temperature at which gauges may be right."""
 QUANTILES = (0.3, 0.6, 0.85)
 """Of the tool's places along a normal, beyond which a wall begins."""
+LINEAR_DRIVES = ("position", "velocity", "acceleration")
+"""Of the sensor's place; not known where only its orientation is recorded."""
+ENTRIES = 7
+"""Of a recorded pose with the place."""
+FORCE, TORQUE, SENSOR, JOINT = ("base", "force"), ("base", "torque"), ("sensor", "wrench"), ("joint", "torque")
+"""Frame, and what a term acts as."""
+EACH = (FORCE, TORQUE, SENSOR)
+"""Scalars along the axes of the base, as forces and as torques, and along those of the sensor."""
 
 
 def make_term(
@@ -55,167 +61,142 @@ def make_grid(
         error: (U, 6) innovations that remain, for what stands out in their spectrum.
         fast: Hz of lines in the single samples.
     """
-    rows = (*_slow(problem), *_of_places(state), *_of_joints(problem, state), *_vectors(state), *_channels(problem))
+    terms = (*_slow(problem), *_of_places(state), *_of_joints(problem, state), *_vectors(state), *_channels(problem))
     shifts = state.q.shape[1] or problem.joints == ENTRIES
-    found = _made([row for row in rows if shifts or row[0] not in LINEAR_DRIVES], point)
-    return found + of_spectra(problem, state, point, error, fast)
+    found = [term for term in terms if shifts or term.drive not in LINEAR_DRIVES]
+    return _at(point, found) + of_spectra(problem, state, point, error, fast)
 
 
 def of_spectra(
     problem: Problem, state: State, point: np.ndarray, error: np.ndarray, fast: Sequence[float] = ()
 ) -> list[Term]:
     """The terms that stand out in what remains: lines in time and in the angles of joints. Arguments as above."""
-    rows = list(_lines([*fast, *lines(problem, error)]))
+    found = [*_terms("frequency", "line", EACH, _each("frequency", [*fast, *lines(problem, error)]))]
     for joint, multiple in multiples(state, error):
-        rows += _both("joint_angle", "harmonic", joint, {"multiple": multiple})
-    return _made(rows, point)
+        found += _terms("joint_angle", "harmonic", EACH, [{"multiple": multiple}], joint)
+    return _at(point, found)
 
 
-def _made(rows: Sequence[Row], point: np.ndarray) -> list[Term]:
-    found = [make_term(*row) for row in rows]
-    return [replace(term, point=point) if has_point(term) else term for term in found]
+def _at(point: np.ndarray, terms: Iterable[Term]) -> list[Term]:
+    return [replace(term, point=point) if has_point(term) else term for term in terms]
 
 
-LINEAR_DRIVES = ("position", "velocity", "acceleration")
-"""Of the sensor's place; not known where only its orientation is recorded."""
-ENTRIES = 7
-"""Of a recorded pose with the place."""
-Row = tuple[str, str, str, str, int, dict[str, float]]
-"""Drive, form, frame, what it acts as, joint, and parameters."""
+def _terms(
+    drive: str,
+    form: str,
+    places: Sequence[tuple[str, str]],
+    grid: Iterable[Mapping[str, float]] = ({},),
+    joint: int = 0,
+) -> Iterator[Term]:
+    """A form with every set of parameters of a grid, in frames and as what it may act."""
+    for parameters in grid:
+        for frame, acts_as in places:
+            yield make_term(drive, form, frame, acts_as, joint, parameters)
 
 
-def _both(drive: str, form: str, joint: int = 0, parameters: dict[str, float] | None = None) -> Iterator[Row]:
-    """Scalars along the axes of the base, as forces and as torques, and along those of the sensor."""
-    for frame, acts_as in (("base", "force"), ("base", "torque"), ("sensor", "wrench")):
-        yield drive, form, frame, acts_as, joint, parameters or {}
+def _each(name: str, values: Iterable[float]) -> list[dict[str, float]]:
+    return [{name: float(value)} for value in values]
 
 
-def _slow(problem: Problem) -> Iterator[Row]:
+def _slow(problem: Problem) -> Iterator[Term]:
     longest = max(problem.durations)
-    yield "constant", "steady", "base", "force", 0, {}
-    yield "constant", "steady", "base", "torque", 0, {}
-    yield "constant", "steady", "base", "wrench", 0, {}
-    yield from _both("time", "linear")
-    yield from _both("time", "quadratic")
-    for tau in np.geomspace(longest / 60, longest, 7):
-        yield from _both("time", "exponential", 0, {"time_constant": tau})
-    for periods in (0.7, 1.2, 2.0, 3.0, 4.5):
-        yield from _both("time", "wave", 0, {"frequency": periods / longest})
-    for time in np.linspace(0, longest, 22)[1:-1]:
-        yield "time", "step", "base", "force", 0, {"time": time}
-        yield "time", "step", "sensor", "wrench", 0, {"time": time}
+    yield from _terms("constant", "steady", (FORCE, TORQUE, ("base", "wrench")))
+    yield from _terms("time", "linear", EACH)
+    yield from _terms("time", "quadratic", EACH)
+    yield from _terms("time", "exponential", EACH, _each("time_constant", np.geomspace(longest / 60, longest, 7)))
+    yield from _terms("time", "wave", EACH, _each("frequency", np.array([0.7, 1.2, 2.0, 3.0, 4.5]) / longest))
+    yield from _terms("time", "step", (FORCE, SENSOR), _each("time", np.linspace(0, longest, 22)[1:-1]))
     if np.ptp(problem.temperature) > LEAST_WARMING:
-        for lag in (0.0, longest / 30, longest / 8):
-            yield "temperature", "linear", "sensor", "wrench", 0, {"lag": lag}
-            yield "temperature", "linear", "base", "force", 0, {"lag": lag}
-            yield "temperature", "quadratic", "sensor", "wrench", 0, {"lag": lag}
-            if lag:
-                yield "temperature", "gradient", "sensor", "wrench", 0, {"lag": lag}
+        for lag in _each("lag", (0.0, longest / 30, longest / 8)):
+            yield from _terms("temperature", "linear", (SENSOR, FORCE), [lag])
+            yield from _terms("temperature", "quadratic", (SENSOR,), [lag])
+            yield from _terms("temperature", "gradient", (SENSOR,), [lag] if lag["lag"] else [])
 
 
-def _of_places(state: State) -> Iterator[Row]:
-    for name in ("linear", "quadratic"):
-        yield from _both("position", name)
-    yield "orientation", "map", "sensor", "wrench", 0, {}
-    for dip, headings in ((0.0, 4), (0.8, 4), (-0.8, 4)):
-        for heading in np.arange(headings) * 2 * np.pi / headings / (1 if dip else 2):
+def _of_places(state: State) -> Iterator[Term]:
+    yield from _terms("position", "linear", EACH)
+    yield from _terms("position", "quadratic", EACH)
+    yield from _terms("orientation", "map", (SENSOR,))
+    for dip, turn in ((0.0, np.pi), (0.8, 2 * np.pi), (-0.8, 2 * np.pi)):
+        for heading in np.arange(4) * turn / 4:
             flat = np.cos(dip) * np.array([np.cos(heading), np.sin(heading)])
-            direction = dict(zip("xyz", (float(flat[0]), float(flat[1]), float(np.sin(dip))), strict=True))
-            yield "orientation", "field", "sensor", "wrench", 0, direction
+            yield from _terms("orientation", "field", (SENSOR,), [_vector((*flat, np.sin(dip)))])
     for sign in (1.0, -1.0):
         for axis in range(3):
-            normal = dict(zip("xyz", (np.eye(3)[axis] * sign).tolist(), strict=True))
-            along = sign * state.position[:, axis]
-            width = float(np.ptp(along)) + 0.02
-            for quantile in QUANTILES:
-                offset = float(np.quantile(along, quantile))
-                yield "position", "barrier", "base", "force", 0, {**normal, "offset": offset, "length": 0.03 * width}
-            yield "position", "barrier", "base", "force", 0, {**normal, "offset": offset, "length": width / 3}
+            along, normal = sign * state.position[:, axis], _vector(sign * np.eye(3)[axis])
+            width, offsets = float(np.ptp(along)) + 0.02, np.quantile(along, QUANTILES).tolist()
+            walls = [normal | {"offset": offset, "length": 0.03 * width} for offset in offsets]
+            wide = normal | {"offset": offsets[-1], "length": width / 3}
+            yield from _terms("position", "barrier", (FORCE,), [*walls, wide])
 
 
-def _about_joint(form: tuple[str, str], joint: int, **parameters: float) -> Row:
-    return *form, "joint", "torque", joint, parameters
+def _vector(numbers: Iterable[float]) -> dict[str, float]:
+    return dict(zip("xyz", map(float, numbers), strict=True))
 
 
-def _of_joints(problem: Problem, state: State) -> Iterator[Row]:
+def _of_joints(problem: Problem, state: State) -> Iterator[Term]:
     count = state.q.shape[1]  # none, if the sensor's pose is recorded
-    if not count:
-        return
     for j in range(1, count + 1):
         if np.ptp(state.q[:, j - 1]) < LEAST_TURN:
             continue
-        yield from _both("joint_angle", "linear", j)
-        yield from _both("joint_angle", "cubic", j)
-        yield _about_joint(("joint_angle", "linear"), j)
-        yield _about_joint(("joint_angle", "cubic"), j)
-        yield _about_joint(("joint_velocity", "viscous"), j)
-        yield _about_joint(("joint_velocity", "quadratic"), j)
-        yield _about_joint(("joint_velocity", "friction"), j, speed=0.05)
-        for multiple in (1.0, 2.0, 3.0, 4.0):
-            yield from _both("joint_angle", "harmonic", j, {"multiple": multiple})
-            yield _about_joint(("joint_angle", "harmonic"), j, multiple=multiple)
-        yield from _both("joint_velocity", "viscous", j)
-        yield from _both("joint_velocity", "quadratic", j)
-        for speed in TURNS:
-            yield from _both("joint_velocity", "friction", j, {"speed": speed})
-    for j in range(count + 1):
-        for tau in max(problem.durations) * np.array([0.05, 0.3, 3.0]):
-            yield "joint_velocity", "heat", "sensor", "wrench", j, {"time_constant": float(tau)}
+        yield from _terms("joint_angle", "linear", EACH, joint=j)
+        yield from _terms("joint_angle", "cubic", EACH, joint=j)
+        yield from _terms("joint_angle", "linear", (JOINT,), joint=j)
+        yield from _terms("joint_angle", "cubic", (JOINT,), joint=j)
+        yield from _terms("joint_velocity", "viscous", (JOINT,), joint=j)
+        yield from _terms("joint_velocity", "quadratic", (JOINT,), joint=j)
+        yield from _terms("joint_velocity", "friction", (JOINT,), [{"speed": 0.05}], j)
+        yield from _terms("joint_angle", "harmonic", (*EACH, JOINT), _each("multiple", (1.0, 2.0, 3.0, 4.0)), j)
+        yield from _terms("joint_velocity", "viscous", EACH, joint=j)
+        yield from _terms("joint_velocity", "quadratic", EACH, joint=j)
+        yield from _terms("joint_velocity", "friction", EACH, _each("speed", TURNS), j)
+    for j in range(count + 1 if count else 0):
+        taus = max(problem.durations) * np.array([0.05, 0.3, 3.0])
+        yield from _terms("joint_velocity", "heat", (SENSOR,), _each("time_constant", taus), j)
 
 
-def _lines(frequencies: Sequence[float]) -> Iterator[Row]:
-    for frequency in frequencies:
-        yield from _both("frequency", "line", 0, {"frequency": frequency})
-
-
-def _vectors(state: State) -> Iterator[Row]:
-    for acts_as in ("force", "torque"):
+def _vectors(state: State) -> Iterator[Term]:
+    in_sensor, turned = (("sensor", "force"),), (("sensor", "torque"),)
+    for place in (FORCE, TORQUE):
         for name in ("linear", "quadratic"):
-            yield "velocity", name, "base", acts_as, 0, {}
-            yield "angular_velocity", name, "base", acts_as, 0, {}
+            yield from _terms("velocity", name, (place,))
+            yield from _terms("angular_velocity", name, (place,))
         for slow, turn in zip(SPEEDS, TURNS, strict=True):
-            yield "velocity", "coulomb", "base", acts_as, 0, {"speed": slow}
-            yield "angular_velocity", "coulomb", "base", acts_as, 0, {"speed": turn}
-        yield "acceleration", "linear", "base", acts_as, 0, {}
+            yield from _terms("velocity", "coulomb", (place,), [{"speed": slow}])
+            yield from _terms("angular_velocity", "coulomb", (place,), [{"speed": turn}])
+        yield from _terms("acceleration", "linear", (place,))
     for name in ("linear", "quadratic", "gyroscopic"):
-        yield "angular_velocity", name, "sensor", "torque", 0, {}
-    yield "acceleration", "linear", "sensor", "force", 0, {}
-    yield "velocity", "linear", "sensor", "force", 0, {}
-    for turn in TURNS:
-        yield "angular_velocity", "coulomb", "sensor", "torque", 0, {"speed": turn}
-    yield "acceleration", "turning", "sensor", "torque", 0, {}
-    for frequency, damping_ratio in SWINGS:
-        numbers = {"frequency": float(frequency), "damping_ratio": damping_ratio}
-        yield "acceleration", "swing", "base", "force", 0, numbers
-    for lag in (0.03, 0.1, 0.3, 1.0):
-        yield "acceleration", "trailing", "base", "force", 0, {"lag": lag}
-    yield "position", "spring", "base", "force", 0, {}
+        yield from _terms("angular_velocity", name, turned)
+    yield from _terms("acceleration", "linear", in_sensor)
+    yield from _terms("velocity", "linear", in_sensor)
+    yield from _terms("angular_velocity", "coulomb", turned, _each("speed", TURNS))
+    yield from _terms("acceleration", "turning", turned)
+    swings = [{"frequency": float(frequency), "damping_ratio": damping} for frequency, damping in SWINGS]
+    yield from _terms("acceleration", "swing", (FORCE,), swings)
+    yield from _terms("acceleration", "trailing", (FORCE,), _each("lag", (0.03, 0.1, 0.3, 1.0)))
+    yield from _terms("position", "spring", (FORCE,))
     low, high = state.position.min(0), state.position.max(0)
     room = 0.4 * (high - low) + 0.1
-    for place in np.stack(np.meshgrid(*np.linspace(low - room, high + room, CENTRES).T), -1).reshape(-1, 3):
-        for power in POWERS:
-            centre = dict(zip("xyz", place.tolist(), strict=True))
-            yield "position", "attraction", "base", "force", 0, {**centre, "power": power, "core": 0.1}
+    centres = np.stack(np.meshgrid(*np.linspace(low - room, high + room, CENTRES).T), -1).reshape(-1, 3)
+    fields = [_vector(centre) | {"power": 2.0, "core": 0.1} for centre in centres]
+    yield from _terms("position", "attraction", (FORCE,), fields)
 
 
-def _channels(problem: Problem) -> Iterator[Row]:
-    longest = max(problem.durations)
+def _channels(problem: Problem) -> Iterator[Term]:
+    longest, channels = max(problem.durations), (SENSOR,)
     for name in ("square", "signed_square", "cube", "size"):
-        yield "load", name, "sensor", "wrench", 0, {}
-    yield "load_time", "linear", "sensor", "wrench", 0, {}
-    for tau in np.geomspace(longest / 20, longest, 4):
-        yield "load_time", "exponential", "sensor", "wrench", 0, {"time_constant": float(tau)}
-    for periods in (1.0, 2.0, 4.0):
-        yield "load_time", "wave", "sensor", "wrench", 0, {"frequency": periods / longest}
-    for time in np.linspace(0, longest, 12)[1:-1]:
-        yield "load_time", "step", "sensor", "wrench", 0, {"time": float(time)}
+        yield from _terms("load", name, channels)
+    yield from _terms("load_time", "linear", channels)
+    taus = np.geomspace(longest / 20, longest, 4)
+    yield from _terms("load_time", "exponential", channels, _each("time_constant", taus))
+    yield from _terms("load_time", "wave", channels, _each("frequency", np.array([1.0, 2.0, 4.0]) / longest))
+    yield from _terms("load_time", "step", channels, _each("time", np.linspace(0, longest, 12)[1:-1]))
     if np.ptp(problem.temperature) > LEAST_WARMING:
-        for lag in (0.0, longest / 10):
-            yield "temperature", "sensitivity", "sensor", "wrench", 0, {"lag": lag}
-            for share in REFERENCES:
-                numbers = {"lag": lag, "reference": float(np.quantile(problem.temperature, share))}
-                yield "temperature", "calibrated", "sensor", "wrench", 0, numbers
-                yield "temperature", "compensated", "sensor", "wrench", 0, numbers
+        for lag in _each("lag", (0.0, longest / 10)):
+            yield from _terms("temperature", "sensitivity", channels, [lag])
+            for reference in _each("reference", np.quantile(problem.temperature, REFERENCES)):
+                yield from _terms("temperature", "calibrated", channels, [lag | reference])
+                yield from _terms("temperature", "compensated", channels, [lag | reference])
 
 
 def free_names(term: Term) -> tuple[str, ...]:

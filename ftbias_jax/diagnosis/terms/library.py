@@ -55,8 +55,6 @@ class Ranked(NamedTuple):
 
     merit: float
     """nats after the penalties."""
-    gain: float
-    """nats."""
     term: Term
 
 
@@ -165,17 +163,15 @@ def _judge(trial: Trial, prepared: Gains) -> Ranked:
     numbers = len(free_names(term))
     if trial.arms:
         gain, point, coefficients = _with_point(prepared, count, trial.arms // 3)
-        best = _with(term, coefficients, point)
-        return Ranked(merit_of(gain, numbers + count + 3), gain, best)
+        return Ranked(merit_of(gain, numbers + count + 3), _with(term, coefficients, point))
     rows = list(range(count))
     numbers += 3 * has_point(term)
     if count <= 3:
-        gain = prepared.of(rows)
-        return Ranked(merit_of(gain, numbers + count), gain, _with(term, prepared.coefficients(rows)))
+        return Ranked(merit_of(prepared.of(rows), numbers + count), _with(term, prepared.coefficients(rows)))
     gain, chosen = prepared.pursue(rows, MOST_NUMBERS, LEAST_ENTRY)
     chosen = sorted(chosen)
     best = _with(term, prepared.coefficients(chosen), used=tuple(chosen)) if chosen else term
-    return Ranked(merit_of(gain, numbers + len(chosen)), gain, best)
+    return Ranked(merit_of(gain, numbers + len(chosen)), best)
 
 
 def _with(term: Term, coefficients: np.ndarray, point: np.ndarray | None = None, used: tuple[int, ...] = ()) -> Term:
@@ -184,12 +180,9 @@ def _with(term: Term, coefficients: np.ndarray, point: np.ndarray | None = None,
 
 
 def _with_point(prepared: Gains, count: int, forces: int) -> tuple[float, np.ndarray, np.ndarray]:
-    """Gain, point (3,) m and coefficients (K,) of forces that act at one unknown point.
+    """Gain, point (3,) m and coefficients (K,) of columns, the first of which are forces at one unknown point.
 
-    Args:
-        prepared: of K columns, then of three torques for each of the forces.
-        count: K.
-        forces: how many of the columns are forces, the first ones.
+    After the columns come three torques for each of the forces.
     """
     size = count + 3 * forces
     normal, pull = prepared.normal + 1e-9 * np.trace(prepared.normal) * np.eye(size) / size, prepared.pull

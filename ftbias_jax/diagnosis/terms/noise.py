@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.result import FoundTerm
-from ftbias_jax.diagnosis.samples.growth_fit import fit_variance, variance_stderr
 from ftbias_jax.diagnosis.samples.noise import WINDOW, fast_waves
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
-from ftbias_jax.diagnosis.samples.vibration import (
-    BLOCK_SECONDS,
-    BLOCKS,
-    average_runs,
-    held_out_gains,
-)
+from ftbias_jax.diagnosis.samples.variance_fit import average_runs, blocks_of, judge_variance, standard_errors
+from ftbias_jax.diagnosis.terms.found import found_term
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
-from ftbias_jax.diagnosis.terms.words import grouped
+from ftbias_jax.diagnosis.terms.phrases import FORM_WORDS
 from ftbias_jax.diagnosis.thresholds import (
     BEYOND_CHANCE,
     FAR_SQUARES,
@@ -32,9 +27,8 @@ from ftbias_jax.diagnosis.thresholds import (
 )
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.fitting import GROWTH
-from ftbias_jax.model.effects.terms.columns import columns
+from ftbias_jax.model.effects.terms.columns import columns, noise_variance
 from ftbias_jax.model.effects.terms.forms import FORMS
-from ftbias_jax.model.effects.terms.parse import section_of
 from ftbias_jax.model.effects.terms.types import State
 
 FORMS_OF_NOISE = tuple(name for drive, name in FORMS if drive == "noise")
@@ -62,26 +56,15 @@ class Growing(NamedTuple):
 def noise_term(
     problem: Problem, logs: Sequence[Log], samples: Sequence[SampleFindings], state: State, found: Collection[Finding]
 ) -> FoundTerm | None:
-    """The term that the noise of the longest log follows, if it is certain and no effect of the catalogue says it.
-
-    Args:
-        problem: of the logs.
-        logs: as read.
-        samples: what single samples show.
-        state: of all logs end to end.
-        found: effects of single samples that are named.
-    """
+    """The term that the noise of the longest log follows, if it is certain and no effect of the catalogue says it."""
     longest = int(np.argmax(problem.durations))
     growing = _best(problem, logs[longest], samples[longest], state, longest)
     # Many forms and channels are tried, and the best one has two standard errors by chance: 1 in 50 logs.
-    if (
-        growing is None
-        or growing.nats < max(GROWTH_NATS, BEYOND_CHANCE * growing.nats_stderr)
-        or growing.visible < GROWTH_VISIBLE
-    ):
+    if growing is None or growing.nats < max(GROWTH_NATS, BEYOND_CHANCE * growing.nats_stderr):
         return None
     of_speed = next((finding.nats for finding in found if finding.sign == GROWTH), 0.0)
-    if growing.nats < NOISE_BETTER * of_speed or (of_speed and growing.form in OF_MOTION):
+    said = growing.nats < NOISE_BETTER * of_speed or (of_speed and growing.form in OF_MOTION)
+    if said or growing.visible < GROWTH_VISIBLE:
         return None
     return _told(growing, problem.durations[longest])
 
@@ -94,18 +77,16 @@ def _best(problem: Problem, log: Log, samples: SampleFindings, state: State, num
     waves = fast_waves(t, samples.clean_wrench[rows])
     when = t[waves.row.reshape(-1)]
     run = -(-len(when) // MOST_ROWS)
-    when, squares = average_runs(when[:, None], run)[:, 0], average_runs(waves.top_squares, run)
-    block = ((when - when[0]) // min(BLOCK_SECONDS, np.ptp(when) / BLOCKS)).astype(int)
+    when, squares = average_runs(when, run), average_runs(waves.top_squares, run)
     own = problem.log == number
     drives = {}
     for form in FORMS_OF_NOISE:
         whole = columns(np, make_term("noise", form, "sensor", "noise"), state)
         drives[form] = np.stack([np.interp(when, problem.t[own], whole[own, k, k]) for k in range(6)], 1)
     scores = {form: run * _score(drive, squares) for form, drive in drives.items()}
-    hopeful = sorted((form for form in scores if scores[form] > GROWTH_NATS), key=lambda form: -scores[form])[
-        :NOISE_FORMS_FITTED
-    ]
-    found = [_fitted(form, drives[form], squares, block, run) for form in hopeful]
+    hopeful = sorted((form for form in scores if scores[form] > GROWTH_NATS), key=lambda form: -scores[form])
+    block = blocks_of(when)
+    found = [_fitted(form, drives[form], squares, block, run) for form in hopeful[:NOISE_FORMS_FITTED]]
     return max(found, key=lambda growing: growing.nats, default=None)
 
 
@@ -123,18 +104,12 @@ def _fitted(form: str, drive: np.ndarray, squares: np.ndarray, block: np.ndarray
     gains = np.zeros((block.max() + 1, 6))
     visible = np.ones(6)
     for k in range(6):
-        if drive[:, k].max() <= 0:
+        own = squares[:, [k]]
+        if drive[:, k].max() <= 0 or not (found := judge_variance(drive[:, k], own, block, run)).better[0]:
             continue
-        design, own = np.column_stack([np.ones(len(drive)), drive[:, k]]), squares[:, k : k + 1]
-        of_blocks = held_out_gains(design, own, block)[:, 0] * run
-        gains[: len(of_blocks), k] = of_blocks
-        if of_blocks.sum() <= 0:
-            gains[:, k] = 0
-            continue
-        fitted = fit_variance(design, own)
-        weight[:, k] = fitted[:, 0]
-        stderr[:, k] = variance_stderr(design, own, fitted, block)[:, 0]
-        variance = np.sort(design @ fitted[:, 0])
+        gains[:, k], weight[:, k] = found.nats, found.weights[:, 0]
+        stderr[:, k] = standard_errors(found.design, own, found.weights, block)[0][:, 0]
+        variance = np.sort(found.design @ found.weights[:, 0])
         tenth = max(len(variance) // 10, 1)
         visible[k] = np.sqrt(variance[-tenth:].mean() / variance[:tenth].mean())
     total = gains.sum(1)
@@ -143,9 +118,8 @@ def _fitted(form: str, drive: np.ndarray, squares: np.ndarray, block: np.ndarray
 
 def louder(problem: Problem, term: FoundTerm, state: State) -> Problem:
     """The problem with the variance that a term adds to the noise of its bins."""
-    numbers = np.asarray(term.section["coefficients"])
-    added = columns(np, make_term("noise", term.form, "sensor", "noise"), state).sum(2) * numbers
-    added = added / np.maximum(problem.samples, 1)
+    own = replace(make_term("noise", term.form, "sensor", "noise"), coefficients=term.section["coefficients"])
+    added = noise_variance(np, {"noise": own}, state) / np.maximum(problem.samples, 1)
     ends = np.cumsum([part.used for part in problem.parts])
     parts = []
     for part, end in zip(problem.parts, ends, strict=True):
@@ -156,27 +130,8 @@ def louder(problem: Problem, term: FoundTerm, state: State) -> Problem:
 
 
 def _told(growing: Growing, duration: float) -> FoundTerm:
-    term = make_term("noise", growing.form, "sensor", "noise")
-    does, words = FORM_WORDS["noise", growing.form], DRIVE_WORDS["noise"]
-    text = f"noise whose variance grows {does}: it is up to {growing.visible:.2g} times as loud as where it is least"
-    return FoundTerm(
-        drive="noise",
-        form=growing.form,
-        frame="sensor",
-        acts_as="noise",
-        text=text,
-        coefficients=grouped(term, growing.weight[1]),
-        stderr=grouped(term, growing.stderr[1]),
-        parameters={},
-        parameters_stderr={},
-        point=None,
-        equivalent_to=(),
-        separate_by=(),
-        resembles=words.resembles,
-        check=words.check,
-        held_out_gain=growing.nats / max(duration, 1e-9),
-        held_out_gain_stderr=growing.nats_stderr / max(duration, 1e-9),
-        shrink=0.0,
-        section=section_of(term, text) | {"coefficients": growing.weight[1].tolist()},
-        statement=f"noise grows {does}, up to {growing.visible:.2g} times",
-    )
+    term = replace(make_term("noise", growing.form, "sensor", "noise"), coefficients=growing.weight[1])
+    does, visible = FORM_WORDS["noise", growing.form], f"{growing.visible:.2g} times"
+    text = f"noise whose variance grows {does}: it is up to {visible} as loud as where it is least"
+    gain = (growing.nats / max(duration, 1e-9), growing.nats_stderr / max(duration, 1e-9))
+    return found_term(term, growing.stderr[1], text, f"noise grows {does}, up to {visible}", gain)

@@ -73,12 +73,7 @@ def multiples(state: State, error: np.ndarray) -> list[tuple[int, float]]:
         q = state.q[:, j]
         if np.ptp(q) < 0.2:
             continue
-        turn = np.exp(1j * q)
-        wave = turn ** candidates[0]
-        power = np.zeros(len(candidates))
-        for k in range(len(candidates)):
-            power[k] = (np.abs(wave @ error) ** 2).sum()
-            wave = wave * turn
+        power = (np.abs(np.exp(1j * np.outer(candidates, q)) @ error) ** 2).sum(1)
         best = int(np.argmax(power))
         found.append((float(power[best]), j + 1, float(candidates[best])))
     return [(joint, multiple) for _, joint, multiple in sorted(found, reverse=True)[:2]]

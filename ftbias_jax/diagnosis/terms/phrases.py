@@ -177,9 +177,3 @@ def resembles(term: Term) -> tuple[str, ...]:
     first = LIKE.get((term.drive, term.form))
     others = DRIVE_WORDS[term.drive].resembles
     return others if first is None else (first, *(kind for kind in others if kind != first))
-
-
-PER = {
-    "(m/s)^2": "(m/s)^2",
-    "1": "",
-}

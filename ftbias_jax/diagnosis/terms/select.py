@@ -11,12 +11,12 @@ import numpy as np
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, block_scores
-from ftbias_jax.diagnosis.regression.score_test import stand
+from ftbias_jax.diagnosis.regression.score_test import PreparedFit, stand
 from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, of_spectra
 from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank
-from ftbias_jax.diagnosis.terms.states import state_of_problem, tool_point
+from ftbias_jax.diagnosis.terms.states import state_of_problem
 from ftbias_jax.diagnosis.thresholds import (
     ALIKE,
     CLOSE,
@@ -52,8 +52,6 @@ class Step(NamedTuple):
 
     described: Described
     """Of all terms so far; the new one comes last."""
-    gain: float
-    """nats over the step before."""
     rivals: tuple[Term, ...]
     """The best term of each other drive that describes the logs as well in its place."""
     held: HeldOut
@@ -69,71 +67,64 @@ class Search:
         """Whiten the grid; fast: Hz of lines in the single samples."""
         self.problem, self.base, self.hold_out = problem, base, hold_out
         self.state: State = state_of_problem(problem, base)
-        self.point = tool_point(problem)
+        theta = np.asarray(problem.parts[0].signals.model.theta)
+        self.point: np.ndarray = theta[1:4] / theta[0]  # the stated centre of mass
         grid = make_grid(problem, self.state, self.point, base.error, fast)
         self.library: Library = make_library(problem, self.state, grid)
 
     def best(self, start: Fit) -> list[tuple[float, Solved]]:
         """The most promising terms fitted beside the effects of a fit, with their merits, best first."""
-        ranked = self._ranked(start)
+        prepared_fit = stand(start)
+        ranked = self._ranked(prepared_fit)
         top = ranked[0].merit if ranked else 0.0
         worth = [one for one in _of_each_drive(ranked) if one.merit > max(_worth(one.term) * top, 0.0)]
         few = [one for place, one in enumerate(worth) if place < TERMS_FITTED or one.term.form in STARTS]
-        few = [self._timed(one, start) if "time" in one.term.parameters else one for one in few]
-        prepared_fit = stand(start)
-        tried = [improve(self.problem, self.state, prepared_fit, (one.term,), ROUGH_STEPS, ROUGHLY) for one in few]
-        found = self._by_merit(start, tried)
+
+        def improved(term: Term, steps: int) -> tuple[float, Solved]:
+            one = improve(self.problem, self.state, prepared_fit, (term,), steps, ROUGHLY)
+            return merit_of(one.log_likelihood - start.log_likelihood, numbers_of(one.terms[0])), one
+
+        timed = (self._timed(one.term, prepared_fit) if "time" in one.term.parameters else one.term for one in few)
+        found = sorted((improved(term, ROUGH_STEPS) for term in timed), key=_order)
         for form in STARTS:  # the best of several starts goes on
             best = next((i for i, (_, one) in enumerate(found) if one.terms[0].form == form), None)
             if best is not None and found[best][0] > TERM_GOES_ON * found[0][0]:
-                further = improve(self.problem, self.state, prepared_fit, found[best][1].terms, FURTHER_STEPS, ROUGHLY)
-                found[best] = self._by_merit(start, [further])[0]
+                found[best] = improved(found[best][1].terms[0], FURTHER_STEPS)
         return sorted(found, key=_order)
 
-    def _by_merit(self, start: Fit, tried: Sequence[Solved]) -> list[tuple[float, Solved]]:
-        """Terms with the nats that count of what they gain over a fit, best first."""
-        found = []
-        for one in tried:
-            numbers = sum(numbers_of(term) for term in one.terms)
-            found.append((merit_of(one.log_likelihood - start.log_likelihood, numbers), one))
-        return sorted(found, key=_order)
-
-    def _ranked(self, start: Fit) -> list[Ranked]:
+    def _ranked(self, prepared_fit: PreparedFit) -> list[Ranked]:
         """The grid beside a fit, best first, with what stands out in the spectra of what that leaves."""
-        prepared_fit = stand(start)
-        ranked = rank(self.library, prepared_fit)
+        ranked, start = rank(self.library, prepared_fit), prepared_fit.fit
         if start is not self.base:
             further = of_spectra(self.problem, self.state, self.point, start.error)
             ranked += rank(make_library(self.problem, self.state, further), prepared_fit)
         return sorted(ranked, key=lambda one: -one.merit)
 
-    def _timed(self, one: Ranked, start: Fit) -> Ranked:
+    def _timed(self, term: Term, prepared_fit: PreparedFit) -> Term:
         """The best time near that of what sets in suddenly: the likelihood is not smooth in it."""
         reach = max(self.problem.durations) / FINE
         for _ in range(2):
-            times = np.maximum(float(one.term.parameters["time"]) + reach * np.linspace(-1, 1, FINE), 0.0)
-            terms = [replace(one.term, parameters={"time": time}, used=()) for time in times]
-            one = rank(make_library(self.problem, self.state, terms), stand(start))[0]
+            times = np.maximum(float(term.parameters["time"]) + reach * np.linspace(-1, 1, FINE), 0.0)
+            terms = [replace(term, parameters={"time": time}, used=()) for time in times]
+            term = rank(make_library(self.problem, self.state, terms), prepared_fit)[0].term
             reach /= FINE / 2
-        return one
+        return term
 
-    def grow(self, start: Fit, first: list[tuple[float, Solved]] | None = None) -> list[Step]:
+    def grow(self, start: Fit, first: list[tuple[float, Solved]]) -> list[Step]:
         """Terms beside the effects of a fit, while each removes enough on blocks that it has not seen.
 
         Args:
             start: the effects of the catalogue that stay.
-            first: ``best(start)``, if it was worked out before.
+            first: ``best(start)``.
         """
         steps: list[Step] = []
-        gap = gap_of(self.problem, self.base)
-        least = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap)
+        least = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap_of(self.problem, self.base))
         now = start
         while len(steps) < MOST_TERMS and (not steps or gap_of(self.problem, now) > least):
             chosen = steps[-1].described.terms if steps else ()
-            found = first if first is not None and not steps else self.best(now)
-            step = next(
-                (s for s in (self._step(start, now, chosen, found, i) for i in range(min(2, len(found)))) if s), None
-            )
+            found = self.best(now) if steps else first
+            tried = (self._step(start, now, chosen, found, place) for place in range(min(2, len(found))))
+            step = next(filter(None, tried), None)
             if step is None or step.share <= least:
                 break
             steps.append(step)
@@ -147,10 +138,9 @@ class Search:
         problem, (_, one) = self.problem, found[place]
         described = fit_terms(problem, self.state, stand(start), (*chosen, *one.terms))
         gain = described.fit.log_likelihood - now.log_likelihood
-        if merit_of(gain, numbers_of(one.terms[0])) < LEAST_GAIN:
-            return None
         difference = block_scores(problem, described.fit.error) - block_scores(problem, now.error)
-        if difference.sum() < STEADY * np.sqrt(len(difference)) * difference.std():
+        by_chance = difference.sum() < STEADY * np.sqrt(len(difference)) * difference.std()
+        if by_chance or merit_of(gain, numbers_of(one.terms[0])) < LEAST_GAIN:
             return None
         if any(cancels(term, self.state) for term in described.terms):
             return None
@@ -159,7 +149,7 @@ class Search:
         if held.nats < STEADY * held.nats_stderr:
             return None
         share = gap_removed(problem, reference, held.error)
-        return Step(described, gain, self._rivals(now, [d for _, d in found], place), held, share)
+        return Step(described, self._rivals(now, [d for _, d in found], place), held, share)
 
     def _rivals(self, now: Fit, found: list[Solved], place: int) -> tuple[Term, ...]:
         """Terms of other drives that could stand in the place of the one that was chosen."""

@@ -7,6 +7,7 @@ import numpy as np
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import readings
 from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.samples.bins import fill_up
 from ftbias_jax.model.effects.terms.columns import state_of
 from ftbias_jax.model.effects.terms.types import State
 
@@ -17,23 +18,13 @@ SHARED = ("gravity", "period")
 def state_of_problem(problem: Problem, fit: Fit) -> State:
     """All logs end to end, (U, ...); the load is the reading that the fit predicts."""
     load = readings(problem, fit.z[None])[0]
-    pieces, end = [], 0
-    for part, motion in zip(problem.parts, [part.nominal for part in problem.parts], strict=True):
-        used, signals = part.used, part.signals
-        padded = np.zeros((len(signals.t), 6))
-        padded[:used], end = load[end : end + used], end + used
-        counts = np.ones(len(padded))
-        counts[:used] = np.maximum(problem.samples[end - used : end].max(1), 1)
-        period = float(np.median(np.diff(np.asarray(signals.t)[:used])) / np.median(counts[:used]))
-        whole = state_of(np, signals, padded, motion, counts, period)
-        pieces.append(whole._asdict() | {k: x[:used] for k, x in whole._asdict().items() if k not in SHARED})
-    return State(
-        **{k: pieces[0][k] if k in SHARED else np.concatenate([piece[k] for piece in pieces]) for k in State._fields}
-    )
-
-
-def tool_point(problem: Problem) -> np.ndarray:
-    """(3,) m, sensor frame: the stated centre of mass."""
-    theta = np.asarray(problem.parts[0].signals.model.theta)
-    center: np.ndarray = theta[1:4] / theta[0]
-    return center
+    pieces, first = [], 0
+    for part in problem.parts:
+        own, size = slice(first, first + part.used), len(part.signals.t)
+        first += part.used
+        counts = fill_up(np.maximum(problem.samples[own].max(1), 1.0), size, 1.0)
+        period = float(np.median(np.diff(np.asarray(part.signals.t)[: part.used])) / np.median(counts[: part.used]))
+        whole = state_of(np, part.signals, fill_up(load[own], size, 0.0), part.nominal, counts, period)
+        pieces.append(State(*(x if k in SHARED else x[: part.used] for k, x in whole._asdict().items())))
+    pairs = zip(State._fields, zip(*pieces, strict=True), strict=True)
+    return State(*(of_parts[0] if name in SHARED else np.concatenate(of_parts) for name, of_parts in pairs))

@@ -3,33 +3,68 @@
 from __future__ import annotations
 
 import re
+from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.diagnosis.result import Numbers
-from ftbias_jax.diagnosis.terms.phrases import FORM_WORDS, PER
+from ftbias_jax.diagnosis.terms.phrases import FORM_WORDS
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.model.effects.terms.columns import count_columns
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import Term
 from ftbias_jax.types import AXES, AXIS_UNITS
 
-
-def units_of(term: Term) -> list[str]:
-    """The unit of every coefficient in use, in words such as ``N per m/s``."""
-    whole = [_unit(term, k) for k in range(count_columns(term))]
-    used = list(term.used) or range(len(whole))
-    return [whole[k] for k in used]
-
-
 LOADS = {"square": 2, "signed_square": 2, "cube": 3}
 """Form -> the power of the load that it follows; 1 of all others that follow the load."""
+POWERS = {"t2": 2, "q2": 2, "q3": 3, "squared": 2} | dict.fromkeys(("xx", "yy", "zz", "xy", "xz", "yz"), 2)
+"""Series -> the power of the form's unit that it has; 1 of all others."""
 
 
-def _unit_of_channel(term: Term, channel: int) -> str:
-    """The unit of a coefficient that makes a channel's reading, or its variance, of the channel's own load."""
+class Coefficient(NamedTuple):
+    """What a number of a term belongs to."""
+
+    series: str
+    """Such as "sin"; "" where there is one only."""
+    axis: str
+    """Such as "fx"; "" where it acts along more than one."""
+    unit: str
+    """In words such as ``N per m/s``."""
+
+
+def coefficients_of(term: Term) -> list[Coefficient]:
+    """Of every coefficient in use."""
     form = FORMS[term.drive, term.form]
-    own = AXIS_UNITS[channel]
+    single = form.kind == "vectors" and not (term.frame == "sensor" and form.series == 1)
+    found = []
+    for column in list(term.used) or range(count_columns(term)):
+        series, channel = _place(term, column)
+        label = form.labels[series]
+        unit = _unit_of_load(term, channel) if form.kind == "channels" else _unit(term, label, channel)
+        found.append(Coefficient(label, "" if single or term.frame == "joint" else AXES[channel], unit))
+    return found
+
+
+def _place(term: Term, column: int) -> tuple[int, int]:
+    """Which of the form's series a column belongs to, and the channel along which it acts; the first for vectors."""
+    form = FORMS[term.drive, term.form]
+    torque = 3 * (term.acts_as == "torque")
+    if form.kind == "channels":
+        return 0, column
+    if form.kind == "vectors" or term.frame == "joint":
+        single = form.kind == "vectors" and form.series == 1
+        return 0 if single else column, torque or column % 3
+    if term.acts_as not in ("wrench", "bias"):
+        return column // 3, torque + column % 3
+    if term.frame == "sensor":
+        return column // 6, column % 6
+    half = 3 * form.series
+    return (column % half) // 3 if term.acts_as == "wrench" else column // 6, column % 3 + 3 * (column >= half)
+
+
+def _unit_of_load(term: Term, channel: int) -> str:
+    """The unit of a coefficient that makes a channel's reading, or its variance, of the channel's own load."""
+    form, own = FORMS[term.drive, term.form], AXIS_UNITS[channel]
     if term.drive == "noise":
         return f"{own}^2 per {f'{own}^2' if form.name == 'load' else form.unit}"
     power = LOADS.get(form.name, 1)
@@ -38,73 +73,19 @@ def _unit_of_channel(term: Term, channel: int) -> str:
     return f"{own} per {load}{beside}"
 
 
-def _unit(term: Term, column: int) -> str:
-    form = FORMS[term.drive, term.form]
-    if form.kind == "channels":
-        return _unit_of_channel(term, column)
-    per = PER.get(form.unit, form.unit)
-    label = form.labels[_series(term, column)]
+def _unit(term: Term, series: str, channel: int) -> str:
+    form, own = FORMS[term.drive, term.form], AXIS_UNITS[channel]
     if form.name == "spring":
-        return "N per m" if label == "stiffness" else "N"
-    if form.name in ("gyroscopic",):
-        return "Nm per rad/s"
-    if label in ("t2",):
-        per = "s^2"
-    if form.name == "cubic" and term.drive == "joint_angle":
-        per = {"q": "rad", "q2": "rad^2", "q3": "rad^3"}[label]
-    if (
-        form.name == "quadratic"
-        and term.drive in ("position", "temperature")
-        and label not in ("x", "y", "z", "linear")
-    ):
-        per = f"{per}^2"
-    quantity = AXIS_UNITS[_channel(term, column)]
-    return f"{quantity} per {per}" if per else quantity
-
-
-def _series(term: Term, column: int) -> int:
-    """Which of the form's series a column belongs to."""
-    form = FORMS[term.drive, term.form]
-    if form.kind != "scalars":
-        return column if form.series > 1 else 0
-    if term.frame == "joint":
-        return column
-    half = 3 * form.series
-    if term.acts_as == "wrench" and term.frame != "sensor":
-        return (column % half) // 3
-    return column // (6 if term.acts_as in ("wrench", "bias") else 3)
-
-
-def _channel(term: Term, column: int) -> int:
-    """0 to 5: the force's or torque's axis that a column acts along; the first of them for vectors."""
-    form = FORMS[term.drive, term.form]
-    if form.kind == "channels":
-        return column
-    if term.acts_as == "torque":
-        return 3 + (column % 3 if form.kind == "scalars" and term.frame != "joint" else 0)
-    if term.acts_as in ("wrench", "bias"):
-        if term.frame == "sensor":
-            return column % 6
-        return column % 3 + 3 * (column >= 3 * form.series)
-    return column % 3
-
-
-def labels_of(term: Term) -> list[tuple[str, str]]:
-    """Series and axis of every coefficient in use, such as ("sin", "fx"); "" where there is nothing to tell."""
-    form = FORMS[term.drive, term.form]
-    single = form.kind == "vectors" and not (term.frame == "sensor" and form.series == 1)
-    alone = single or term.frame == "joint"
-    return [
-        (form.labels[_series(term, k)], "" if alone else AXES[_channel(term, k)])
-        for k in list(term.used) or range(count_columns(term))
-    ]
+        return "N per m" if series == "stiffness" else "N"
+    per = f"{form.unit}^{POWERS[series]}" if series in POWERS else form.unit
+    return own if form.unit == "1" else f"{own} per {per}"
 
 
 def grouped(term: Term, values: np.ndarray) -> dict[str, Numbers]:
     """Coefficients by unit, as the JSON has them: a number, or a list along the axes."""
     found: dict[str, list[Numbers]] = {}
-    for (series, _), unit, value in zip(labels_of(term), units_of(term), values, strict=True):
-        key = _key("_".join(part for part in (series, unit) if part))
+    for one, value in zip(coefficients_of(term), values, strict=True):
+        key = _key("_".join(part for part in (one.series, one.unit) if part))
         found.setdefault(key, []).append(float(value))
     return {key: numbers[0] if len(numbers) == 1 else numbers for key, numbers in found.items()}
 
@@ -118,10 +99,9 @@ def _key(text: str) -> str:
 
 def sentence(term: Term, values: np.ndarray, stderr: np.ndarray, share: float) -> str:
     """Such as ``a force of 23.6 +- 0.4 N per m/s against the velocity of the tool, in base axes (92 % of the gap)``."""
-    what, does = _what(term), _does(term)
     where = {"base": ", in base axes", "sensor": ", in sensor axes", "joint": ", about the joint's axis"}
-    size = _size(term, values, stderr)
-    return f"{what} of {size} {does}{where.get(term.frame, '')} ({100 * share:.0f} % of the gap)"
+    size = _size(term, values, stderr).replace("±", "+-")
+    return f"{_what(term)} of {size} {_does(term)}{where.get(term.frame, '')} ({100 * share:.0f} % of the gap)"
 
 
 def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> str:
@@ -133,9 +113,7 @@ def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> s
         stderr: (k,) their standard errors.
         rms: how large its part of the reading is, with its unit.
     """
-    size = f"about {rms}"
-    if len(values) == 1:
-        size = f"{value_words(float(values[0]), float(stderr[0]))} {units_of(term)[0]}"
+    size = _size(term, values, stderr) if len(values) == 1 else f"about {rms}"
     return f"{_what(term)} of {size} {_does(term)}"
 
 
@@ -156,13 +134,12 @@ def _does(term: Term) -> str:
 
 def _size(term: Term, values: np.ndarray, stderr: np.ndarray) -> str:
     """The largest coefficient, or all of them if they are few."""
-    units, labels = units_of(term), labels_of(term)
+    of = coefficients_of(term)
+    words = [value_words(float(value), float(error)) for value, error in zip(values, stderr, strict=True)]
     if len(values) == 1:
-        return f"{value_words(float(values[0]), float(stderr[0]))} {units[0]}".replace("±", "+-")
-    if len(values) <= 3 and len(set(units)) == 1:
-        numbers = ", ".join(value_words(float(v), float(e)) for v, e in zip(values, stderr, strict=True))
-        return f"({numbers}) {units[0]}".replace("±", "+-")
-    largest = int(np.argmax(np.abs(values) / np.maximum(stderr, 1e-12)))
-    name = " ".join(labels[largest]).strip()
-    words = f"{value_words(float(values[largest]), float(stderr[largest]))} {units[largest]}"
-    return f"{words} ({name}, the surest of {len(values)} numbers)".replace("±", "+-")
+        return f"{words[0]} {of[0].unit}"
+    if len(values) <= 3 and len({one.unit for one in of}) == 1:
+        return f"({', '.join(words)}) {of[0].unit}"
+    surest = int(np.argmax(np.abs(values) / np.maximum(stderr, 1e-12)))
+    name = f"{of[surest].series} {of[surest].axis}".strip()
+    return f"{words[surest]} {of[surest].unit} ({name}, the surest of {len(values)} numbers)"

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.report.html import to_html
-from ftbias_jax.diagnosis.report.plots import binned_means, thin
-from ftbias_jax.diagnosis.report.svg import data_range, escape, tick_words, ticks
+from ftbias_jax.diagnosis.report.svg import binned_means, data_range, escape, thin, tick_words, ticks
 from ftbias_jax.diagnosis.result import Where
 
 VOID = {"meta", "line", "rect", "circle", "path"}

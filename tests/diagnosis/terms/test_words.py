@@ -5,7 +5,7 @@ import pytest
 
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
-from ftbias_jax.diagnosis.terms.words import grouped, labels_of, sentence, units_of
+from ftbias_jax.diagnosis.terms.words import coefficients_of, grouped, sentence
 from ftbias_jax.model.effects.terms.columns import count_columns
 from ftbias_jax.model.effects.terms.forms import DRIVES, FORMS
 
@@ -24,7 +24,8 @@ def test_every_coefficient_has_a_unit_and_a_place(key, frame, acts_as):
     numbers = {parameter.name: 0.7 for parameter in form.parameters}
     term = make_term(*key, "sensor" if form.kind == "channels" else frame, acts_as, 2, numbers)
     count = count_columns(term)
-    assert len(units_of(term)) == len(labels_of(term)) == count
+    assert len(coefficients_of(term)) == count
+    assert all(coefficient.unit for coefficient in coefficients_of(term))
     found = grouped(term, np.arange(1.0, count + 1))
     assert sum(np.size(values) for values in found.values()) == count
     if acts_as != "noise" and key[0] != "noise":

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.report.html import to_html
-from ftbias_jax.diagnosis.report.interactive import averaged, data_block, policy, script
+from ftbias_jax.diagnosis.report.page import averaged, data_block, policy, script
 from ftbias_jax.diagnosis.report.plotted import Series
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -13,22 +13,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.samples.growth_fit import fit_variance, stderr_with_speed, variance_stderr
-from ftbias_jax.diagnosis.thresholds import (
-    CERTAIN,
-    FAR_SQUARES,
-    GROWTH_NATS,
-    GROWTH_VISIBLE,
-    MOVES,
-    RESTED,
-    SLOW,
+from ftbias_jax.diagnosis.samples.types import Finding, Numbers, name_channels
+from ftbias_jax.diagnosis.samples.variance_fit import (
+    VarianceFit,
+    average_runs,
+    blocks_of,
+    fit_variance,
+    judge_variance,
+    standard_errors,
+    with_ones,
 )
+from ftbias_jax.diagnosis.thresholds import CERTAIN, FAR_SQUARES, GROWTH_NATS, GROWTH_VISIBLE, MOVES, RESTED, SLOW
+from ftbias_jax.model.effects.fitting import GROWTH
 from ftbias_jax.model.motion_noise import MotionNoise, effective_speed_squared
 
-BLOCK_SECONDS = 20.0
-BLOCKS = 20
-"""At least, in a log too short for so many of these blocks: the standard error of the gain comes from them."""
-FOLDS = 4
 MOST_ROWS = 12288
 """Longer logs are averaged over runs of samples, in which the speed hardly changes."""
 SPEEDS, FINER = tuple(2.0**-k for k in range(6)), (0.5, 0.25, 0.125)
@@ -36,6 +34,8 @@ SPEEDS, FINER = tuple(2.0**-k for k in range(6)), (0.5, 0.25, 0.125)
 best. A joint slower than the last of them rests, so a lower speed would change nothing."""
 ROUNDS_TO_COMPARE = 20
 """Of the fits that only choose the speed."""
+FAR, LOWEST = 3.0, 0.1
+"""Standard errors at which a speed may be, and the share of it that it is not below."""
 
 
 class Growth(NamedTuple):
@@ -54,10 +54,10 @@ class Growth(NamedTuple):
     """Standard deviation in the fastest tenth of the log per standard deviation at rest, where it grows most."""
     shows_rest: bool
     """The log rests long enough for ``rest`` to be more than what the form of the growth leaves over."""
-    speed: float | None = None
+    speed: float | None
     """rad/s from which it grows with the speed alone (``effective_speed_squared``); None = with its square, always."""
-    speed_stderr: float = 0.0
-    rest_factor: np.ndarray | float = 1.0
+    speed_stderr: float
+    rest_factor: np.ndarray
     """(k,) by which the standard deviation at rest differs if it grows with the square at any speed: which form the
     growth has is not so sure that the difference would be evidence."""
 
@@ -72,11 +72,25 @@ class Growth(NamedTuple):
         """The growth per variance at rest."""
         return MotionNoise(self.variance / self.rest, self.speed)
 
+    @property
+    def finding(self) -> Finding:
+        """The same of six channels as a finding."""
+        sentence = "the noise does not grow with the speed of the joints, or no more than it may by chance"
+        if self.detected:
+            grown = name_channels(np.asarray(self.variance.any(0)))
+            sentence = f"noise of {grown} grows with the motion, up to {self.visible:.3g} times in the fastest tenth"
+            sentence += " of the log; the gain is beyond that of a constant of the best size"
+        parameters: Numbers = {"variance": self.variance.tolist()}
+        errors: Numbers = {"variance": self.stderr.tolist()}
+        if self.speed is not None:
+            parameters["speed"], errors["speed"] = self.speed, self.speed_stderr
+        return Finding(GROWTH, self.detected, parameters, errors, max(self.nats, 0.0), sentence, self.nats_stderr)
+
 
 def no_growth(joints: int, rest: np.ndarray) -> Growth:
     """Nothing seen, in noise of variance (k,) N^2, Nm^2."""
     zeros = np.zeros((joints, len(rest)))
-    return Growth(zeros, zeros, rest, 0.0, 0.0, 1.0, True)
+    return Growth(zeros, zeros, rest, 0.0, 0.0, 1.0, True, None, 0.0, np.ones(len(rest)))
 
 
 def measure_growth(t: np.ndarray, squares: np.ndarray, speed: np.ndarray, samples: int) -> Growth:
@@ -89,39 +103,34 @@ def measure_growth(t: np.ndarray, squares: np.ndarray, speed: np.ndarray, sample
         samples: of the log, of which N can be examined.
     """
     run = -(-len(t) // MOST_ROWS)
-    t, squares, fast = (average_runs(x, run) for x in (t[:, None], squares, speed**2))
-    mean = fast.mean(0)
+    t, squares, fast = (average_runs(x, run) for x in (t, squares, speed**2))
+    mean, share = fast.mean(0), samples / len(t)
     moving = mean > MOVES**2 * mean.max()
-    nothing = no_growth(len(mean), squares.mean(0))
     if not mean.any() or not (squares.mean(0) > 0).all():
-        return nothing
-    block = ((t[:, 0] - t[0, 0]) // min(BLOCK_SECONDS, np.ptp(t) / BLOCKS)).astype(int)
-    whole = fast.sum(1)
-    shares = samples / len(t)
+        return no_growth(len(mean), squares.mean(0))
+    block, whole = blocks_of(t), fast.sum(1)
+    fastest = whole >= np.quantile(whole, 0.9)
 
-    def drives(most: float | None) -> np.ndarray:
+    def drives(most: float) -> np.ndarray:
         return average_runs(effective_speed_squared(speed[:, moving], most), run)
 
-    plain = _judged(_design(fast[:, moving]), squares, block, shares)
+    plain = judge_variance(fast[:, moving], squares, block, share)
     found, most = plain, None
-    if _visible(plain, whole) > GROWTH_VISIBLE and plain.nats.sum() > GROWTH_NATS:
+    if _visible(plain, fastest) > GROWTH_VISIBLE and plain.nats.sum() > GROWTH_NATS:
         at = _likeliest_speed(drives, squares)
-        bent = _judged(_design(drives(at)), squares, block, shares)
+        bent = judge_variance(drives(at), squares, block, share)
         found, most = (bent, at) if _is_better(bent, plain) else (plain, None)
+    stderr, speed_error = _standard_errors(found, most, squares, block)
     variance, error = np.zeros((2, len(mean), squares.shape[1]))
-    if most is None:
-        stderr, speed_error = variance_stderr(found.design, squares, found.weights, block), 0.0
-    else:
-        stderr, speed_error = stderr_with_speed(found.design, most, squares, found.weights, block)
     variance[moving], error[moving] = found.weights[1:], np.where(found.better, stderr[1:], 0)
-    rested = float((whole <= SLOW**2 * whole[_fastest(whole)].mean()).mean())
+    rested = float((whole <= SLOW**2 * whole[fastest].mean()).mean())
     return Growth(
         variance,
         error,
         found.weights[0],
         float(found.nats.sum()),
         float(np.sqrt(len(found.nats)) * found.nats.std()),
-        _visible(found, whole),
+        _visible(found, fastest),
         rested >= RESTED,
         most,
         speed_error,
@@ -129,43 +138,13 @@ def measure_growth(t: np.ndarray, squares: np.ndarray, speed: np.ndarray, sample
     )
 
 
-class _Judged(NamedTuple):
-    """One form of the growth."""
-
-    design: np.ndarray
-    """(N, d): ones, and what the variance grows with."""
-    weights: np.ndarray
-    """(d, k)."""
-    better: np.ndarray
-    """(k,) bool: channels that grow; the others keep their constant."""
-    nats: np.ndarray
-    """(blocks,) over a constant, on blocks that both have not seen."""
-
-
-def _judged(design: np.ndarray, squares: np.ndarray, block: np.ndarray, share: float) -> _Judged:
-    gains = held_out_gains(design, squares, block) * share
-    better = gains.sum(0) > 0
-    weights = fit_variance(design, squares)
-    weights = np.where(better, weights, np.outer(np.eye(len(weights))[0], squares.mean(0)))
-    return _Judged(design, weights, better, gains[:, better].sum(1))
-
-
-def _design(drives: np.ndarray) -> np.ndarray:
-    return np.column_stack([np.ones(len(drives)), drives])
-
-
-def _fastest(whole: np.ndarray) -> np.ndarray:
-    """(N,) bool: the tenth in which the squared speeds of all joints together are largest."""
-    fastest: np.ndarray = whole >= np.quantile(whole, 0.9)
-    return fastest
-
-
-def _visible(found: _Judged, whole: np.ndarray) -> float:
+def _visible(found: VarianceFit, fastest: np.ndarray) -> float:
+    """Standard deviation in the fastest tenth, marked in (N,), per standard deviation at rest."""
     extra = found.design[:, 1:] @ found.weights[1:]
-    return float(np.sqrt(1 + (extra[_fastest(whole)].mean(0) / found.weights[0]).max()))
+    return float(np.sqrt(1 + (extra[fastest].mean(0) / found.weights[0]).max()))
 
 
-def _is_better(bent: _Judged, plain: _Judged) -> bool:
+def _is_better(bent: VarianceFit, plain: VarianceFit) -> bool:
     """Whether a form gains over a simpler one on unseen blocks, by their signed ranks (Wilcoxon 1945).
 
     One wild block on which the simpler form is all wrong would make the mean gain, and its scatter.
@@ -177,11 +156,11 @@ def _is_better(bent: _Judged, plain: _Judged) -> bool:
     return bool(more.sum() > GROWTH_NATS and (np.sign(more) * ranks).sum() > CERTAIN * scatter)
 
 
-def _likeliest_speed(drives: Callable[[float | None], np.ndarray], squares: np.ndarray) -> float:
+def _likeliest_speed(drives: Callable[[float], np.ndarray], squares: np.ndarray) -> float:
     """The speed, rad/s, from which the variance grows with the speed alone, whatever the weights."""
 
     def nats(most: float) -> float:
-        design = _design(drives(most))
+        design = with_ones(drives(most))
         variance = design @ fit_variance(design, squares, ROUNDS_TO_COMPARE)
         return float(-(np.log(variance) + np.minimum(squares / variance, FAR_SQUARES)).sum() / 2)
 
@@ -192,22 +171,24 @@ def _likeliest_speed(drives: Callable[[float | None], np.ndarray], squares: np.n
     return max(tried, key=lambda most: tried[most])
 
 
-def average_runs(x: np.ndarray, length: int) -> np.ndarray:
-    """(N, ...) -> (N // length, ...) means over runs of so many rows."""
-    count = len(x) // length
-    mean: np.ndarray = x[: count * length].reshape(count, length, *x.shape[1:]).mean(1)
-    return mean
+def _standard_errors(
+    found: VarianceFit, speed: float | None, squares: np.ndarray, block: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Those of the weights (d, k), and of the speed, rad/s, from which the variance grows with the speed alone.
 
-
-def held_out_gains(design: np.ndarray, squares: np.ndarray, block: np.ndarray) -> np.ndarray:
-    """(blocks, k) nats that the growing variance gains over a constant, both fitted to the other blocks."""
-    gain = np.zeros_like(squares)
-    for fold in range(FOLDS):
-        test = block % FOLDS == fold
-        if test.all() or not test.any():
-            continue
-        growing = design[test] @ fit_variance(design[~test], squares[~test])
-        constant = fit_variance(design[~test, :1], squares[~test])
-        seen = np.minimum(squares[test], FAR_SQUARES * growing)
-        gain[test] = (seen / constant - seen / growing - np.log(growing / constant)) / 2
-    return np.stack([np.bincount(block, column) for column in gain.T], 1)
+    Where the joints are faster than that speed, the noise tells little but the product of weight and speed. So the
+    weights are as uncertain as they would be larger if the speed were FAR standard errors lower.
+    """
+    design, weights = found.design, found.weights
+    alone = standard_errors(design, squares, weights, block)[0]
+    if speed is None:
+        return alone, 0.0
+    # With r = design / speed^2 = u / sqrt(1 + u), where u = (dq / speed)^2.
+    r = design[:, 1:] / speed**2
+    u = r * (r / 2 + np.sqrt(1 + r**2 / 4))
+    slope = speed * u**2 / (1 + u) ** 1.5 @ weights[1:]
+    error = standard_errors(design, squares, weights, block, slope)[1]
+    lower = max(speed - FAR * error, LOWEST * speed)
+    larger = np.ones(len(weights))
+    larger[1:] = design[:, 1:].mean(0) / effective_speed_squared(speed * np.sqrt(u), lower).mean(0)
+    return np.hypot(alone, (larger - 1)[:, None] / FAR * weights), error

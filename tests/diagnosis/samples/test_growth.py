@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ftbias_jax.diagnosis.samples import vibration
-from ftbias_jax.diagnosis.samples.growth_fit import fit_variance
+from ftbias_jax.diagnosis.samples.growth import measure_growth
+from ftbias_jax.diagnosis.samples.variance_fit import fit_variance
 from ftbias_jax.model.motion_noise import effective_speed_squared
 
 REST = np.array([0.01, 0.04])
@@ -26,7 +26,7 @@ def growing(speed, white):
 
 
 def measure(t, squares, speed):
-    return vibration.measure_growth(t, squares, speed, len(t))
+    return measure_growth(t, squares, speed, len(t))
 
 
 def test_the_fit_is_the_maximum_of_the_likelihood():

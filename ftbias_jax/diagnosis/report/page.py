@@ -1,0 +1,137 @@
+"""What all pages are made of: a head that loads nothing, sections, tables, figures, numbers that answer the pointer.
+
+The drawings are whole without the script: a browser without scripts, a printer and a screen reader get the same SVG.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Sequence
+from importlib import resources
+
+import numpy as np
+
+from ftbias_jax.diagnosis.report.plotted import Series
+from ftbias_jax.diagnosis.report.svg import escape
+from ftbias_jax.diagnosis.samples.bins import mean_of_bins
+
+MAX_NUMBERS = 1500
+"""Times of all logs together whose numbers are in the page; longer series are averaged."""
+DIGITS = 4
+STYLE_POLICY = "default-src 'none'; style-src 'unsafe-inline'"
+"""The browser itself refuses to load anything."""
+PRINTED = {r" \+- ": " ± ", r"(?<=[a-z])\^2\b(?!\.)": "²", r"(?<=[a-z])\^3\b": "³", r"\bdeg C\b": "°C"}
+"""What is written as plain text -> the same in print."""
+
+
+def whole_page(title: str, body: str, runs: str = "", style: str = "") -> str:
+    """One HTML file that needs nothing else: no network, no fonts, and no script but its own.
+
+    Args:
+        title: any text.
+        body: HTML of the header and the sections.
+        runs: the script; "" = none.
+        style: CSS after that of all pages.
+    """
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy(runs)}">'
+        '<meta name="generator" content="ftbias_jax">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<meta name="color-scheme" content="light dark">'
+        f"<title>{escape(title)}</title><style>{_own_file('report.css')}{style}</style></head>\n"
+        f"<body><main>{body}</main>{f'<script>{runs}</script>' if runs else ''}</body></html>\n"
+    )
+
+
+def script() -> str:
+    """The script, as it stands in the page."""
+    return _own_file("report.js")
+
+
+def _own_file(name: str) -> str:
+    return resources.files("ftbias_jax.diagnosis.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def policy(text: str) -> str:
+    """A Content-Security-Policy that lets the script of this text run, "" = none, and nothing load."""
+    if not text:
+        return STYLE_POLICY
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+    return f"{STYLE_POLICY}; script-src 'sha256-{digest}'"
+
+
+def section(title: str, content: str) -> str:
+    """A part of the page below a title, plain text; nothing where there is no content, HTML."""
+    return f"<section><h2>{escape(title)}</h2>{content}</section>\n" if content else ""
+
+
+def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table whose first column names the row; empty without rows."""
+    lines = [
+        f'<tr><th scope="row">{typeset(first)}</th>{"".join(f"<td>{typeset(cell)}</td>" for cell in rest)}</tr>'
+        for first, *rest in rows
+    ]
+    columns = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
+    table = f"<table><thead><tr>{columns}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+    return f'<div class="scroll" tabindex="0">{table}</div>' if lines else ""
+
+
+def paragraphs(texts: Iterable[str]) -> str:
+    """Plain texts, one below the other."""
+    return "".join(f"<p>{escape(text)}</p>" for text in texts)
+
+
+def bullets(items: Iterable[str]) -> str:
+    """A list of HTML texts; empty without any."""
+    lines = "".join(f"<li>{item}</li>" for item in items)
+    return f"<ul>{lines}</ul>" if lines else ""
+
+
+def figure(plot: str, caption: str, style: str = "") -> str:
+    """A drawing above its caption, plain text; style: a class of the page's style sheet."""
+    kind = f" class='{style}'" if style else ""
+    return f"<figure{kind}>{plot}<figcaption>{caption}</figcaption></figure>"
+
+
+def capital(text: str) -> str:
+    """With a capital letter and a full stop."""
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}." if text else ""
+
+
+def typeset(text: str) -> str:
+    """What terminals of any encoding can show, as HTML: signs and powers of units as they are printed."""
+    for plain, printed in PRINTED.items():
+        text = re.sub(plain, printed, text)
+    return escape(text)
+
+
+def data_block(series: Series, name: str, with_after: bool, most: int = MAX_NUMBERS) -> str:
+    """The numbers of one log's plots against time, averaged to so many, as a block of JSON that no browser runs."""
+    series = averaged(series, most)
+    content: dict[str, object] = {"t": [round(float(t), 4) for t in series.t]}
+    for key in ("before", "after", "noise") if with_after else ("before", "noise"):
+        content[key] = [[_short(x) for x in column] for column in getattr(series, key).T]
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+    return f'<script type="application/json" id="{name}">{text}</script>'
+
+
+def averaged(series: Series, most: int) -> Series:
+    """At most so many times: means of neighbours, NaN left out, with the standard deviation that noise gives them."""
+    pieces = min(len(series.t), max(most, 1))
+    if pieces == len(series.t):
+        return series
+    starts = np.linspace(0, len(series.t), pieces, endpoint=False).astype(int)
+    lengths = np.diff(np.r_[starts, len(series.t)])
+    index = np.repeat(np.arange(pieces), lengths)
+    arrays = (series.t, series.before, series.after, series.noise**2, series.regressor)
+    t, before, after, variance, regressor = (mean_of_bins(index, x) for x in arrays)
+    noise = np.sqrt(variance / lengths[:, None])
+    return series._replace(t=t, before=before, after=after, noise=noise, regressor=regressor)
+
+
+def _short(number: float) -> float | None:
+    return float(f"{number:.{DIGITS}g}") if np.isfinite(number) else None

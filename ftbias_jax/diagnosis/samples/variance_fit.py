@@ -1,0 +1,160 @@
+"""A variance that grows with something: its most likely weights, their errors, and what it gains on unseen blocks."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.thresholds import FAR_SQUARES, LEAST_REST
+
+BLOCK_SECONDS = 20.0
+BLOCKS = 20
+"""At least, in a log too short for so many of these blocks: the standard error of the gain comes from them."""
+FOLDS = 4
+ROUNDS, SETTLED = 100, 1e-5
+"""Of the fit, and the share of the mean variance by which a step then changes a term."""
+LEAST_LEFT, TINY = 0.01, 1e-24
+"""Share of a weight that is left where carrying on would pass zero; of a step that is none."""
+
+
+class VarianceFit(NamedTuple):
+    """One form of the growth in k channels."""
+
+    design: np.ndarray
+    """(N, d): ones, and what the variance grows with."""
+    weights: np.ndarray
+    """(d, k)."""
+    better: np.ndarray
+    """(k,) bool: channels that grow; the others keep their constant."""
+    nats: np.ndarray
+    """(blocks,) over a constant, on blocks that both have not seen."""
+
+
+def judge_variance(drives: np.ndarray, squares: np.ndarray, block: np.ndarray, share: float) -> VarianceFit:
+    """Fit a variance that grows with drives, and judge it on blocks.
+
+    Args:
+        drives: (N, d - 1) or (N,), not negative.
+        squares: (N, k) N^2, Nm^2, whose mean is the variance.
+        block: (N,) number of the block of each row.
+        share: samples of the log that each row stands for.
+    """
+    design = with_ones(drives)
+    gains = _held_out_gains(design, squares, block) * share
+    better = gains.sum(0) > 0
+    weights = fit_variance(design, squares)
+    weights = np.where(better, weights, np.outer(np.eye(len(weights))[0], squares.mean(0)))
+    return VarianceFit(design, weights, better, gains[:, better].sum(1))
+
+
+def with_ones(drives: np.ndarray) -> np.ndarray:
+    """(N, d) the design of a constant beside drives."""
+    return np.column_stack([np.ones(len(drives)), drives])
+
+
+def blocks_of(t: np.ndarray) -> np.ndarray:
+    """(N,) the number of the block of every stamp (N,) s."""
+    return np.asarray((t - t[0]) // min(BLOCK_SECONDS, np.ptp(t) / BLOCKS)).astype(int)
+
+
+def average_runs(x: np.ndarray, length: int) -> np.ndarray:
+    """(N, ...) -> (N // length, ...) means over runs of so many rows."""
+    count = len(x) // length
+    mean: np.ndarray = x[: count * length].reshape(count, length, *x.shape[1:]).mean(1)
+    return mean
+
+
+def _held_out_gains(design: np.ndarray, squares: np.ndarray, block: np.ndarray) -> np.ndarray:
+    """(blocks, k) nats that the growing variance gains over a constant, both fitted to the other blocks."""
+    gain = np.zeros_like(squares)
+    for fold in range(FOLDS):
+        test = block % FOLDS == fold
+        if test.all() or not test.any():
+            continue
+        growing = design[test] @ fit_variance(design[~test], squares[~test])
+        constant = fit_variance(design[~test, :1], squares[~test])
+        seen = np.minimum(squares[test], FAR_SQUARES * growing)
+        gain[test] = (seen / constant - seen / growing - np.log(growing / constant)) / 2
+    return _sum_of_blocks(block, gain)
+
+
+def _sum_of_blocks(block: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(N, m) -> (blocks, m)."""
+    return np.stack([np.bincount(block, column) for column in x.T], 1)
+
+
+def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
+    """Weights (d, k), none negative, of the most likely variance ``design @ weights`` of normal noise.
+
+    Every step multiplies each weight by the ratio of the two parts of its derivative, so that signs never change;
+    at the maximum the ratio is 1, or the weight goes to 0. From two steps each channel is carried on as far as they
+    shrink (SQUAREM, Varadhan and Roland 2008): alone, hundreds of them would not arrive.
+
+    Args:
+        design: (N, d) not negative, the first column ones.
+        squares: (N, k) of the noise.
+        rounds: at most.
+    """
+    size, mean = design.mean(0), squares.mean(0)
+    weights: np.ndarray = np.outer(1 / size, mean) / len(size)
+    # Long rows in the order in memory, into the same memory every round: most of the time would go into new pages.
+    drives, seen = np.ascontiguousarray(design.T), np.ascontiguousarray(squares.T)
+    parts = np.empty((2, *seen.shape))
+    raising, lowering = parts
+
+    def stepped(weights: np.ndarray) -> np.ndarray:
+        np.matmul(weights.T, drives, out=lowering)
+        np.divide(1, lowering, out=lowering)
+        np.multiply(seen, lowering, out=raising)
+        np.minimum(raising, FAR_SQUARES, out=raising)
+        np.multiply(raising, lowering, out=raising)
+        up, down = parts @ design
+        after: np.ndarray = weights * (up / down).T
+        return after
+
+    for _ in range(rounds):
+        once = stepped(weights)
+        twice = stepped(once)
+        moved, bent = (x * size[:, None] for x in (once - weights, twice - 2 * once + weights))  # of the mean variance
+        settled = (np.abs(moved + bent) <= SETTLED * mean).all()
+        further = np.sqrt((moved**2).sum(0) / np.maximum((bent**2).sum(0), TINY * mean**2))
+        carried = weights + (2 * further * moved + further**2 * bent) / size[:, None]
+        weights = twice if settled else np.where(further > 1, np.maximum(carried, LEAST_LEFT * twice), twice)
+        if settled:
+            break
+    weights[0] = np.maximum(weights[0], LEAST_REST * mean)
+    return weights
+
+
+def standard_errors(
+    design: np.ndarray, squares: np.ndarray, weights: np.ndarray, block: np.ndarray, slope: np.ndarray | None = None
+) -> tuple[np.ndarray, float]:
+    """Standard errors of weights (d, k), from the scatter of the likelihood's derivative over blocks.
+
+    Args:
+        design: (N, d).
+        squares: (N, k) of the noise.
+        weights: (d, k) that were fitted.
+        block: (N,) number of the block of each row.
+        slope: (N, k) of the variance by one more number, which all channels share; None = there is none.
+
+    Returns:
+        (d, k), and that of the shared number.
+    """
+    d, k = weights.shape
+    variance = design @ weights
+    score = (np.minimum(squares, FAR_SQUARES * variance) - variance) / variance**2
+    scale = design.mean(0)[:, None] / variance.mean(0)  # (d, k); of a weight that makes all of the variance
+    shared = [] if slope is None else [d * k]
+    information = np.zeros((d * k + len(shared),) * 2)
+    scores = np.zeros((block.max() + 1, len(information)))
+    for channel in range(k):
+        columns = design / scale[:, channel]
+        columns = columns if slope is None else np.column_stack([columns, slope[:, channel]])
+        relative = columns / variance[:, [channel]]
+        own = [*range(channel * d, channel * d + d), *shared]
+        information[np.ix_(own, own)] += relative.T @ relative
+        scores[:, own] += _sum_of_blocks(block, columns * score[:, [channel]])
+    errors = np.linalg.norm(scores @ np.linalg.pinv(information, rcond=1e-9, hermitian=True), axis=0)
+    return errors[: d * k].reshape(k, d).T / scale, float(errors[d * k :].sum())
