@@ -123,7 +123,7 @@ def _means(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: 
     seen = np.isfinite(measured).all(1) & np.isfinite(load).all(1)
     if number < 4 * FEWEST_BLOCKS or not seen.any():
         return None
-    piece = np.searchsorted(sorted(zeroed_at), t)
+    piece = np.asarray(np.searchsorted(sorted(zeroed_at), t))
     stretch = np.minimum((t - t[0]) / span * number, number - 1).astype(int)
     joined = (stretch + number * piece)[seen]  # a stretch with a zeroing in it counts as two
     _, index, count = np.unique(joined, return_inverse=True, return_counts=True)
