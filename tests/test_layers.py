@@ -24,7 +24,7 @@ FLOORS = (
     "cli",
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
-MOST_LINES, MOST_MODULES, MOST_ROOMS, MOST_FLOORS = 250, 14, 16, 8
+MOST_LINES, MOST_MODULES, MOST_ROOMS, MOST_FLOORS = 300, 14, 16, 8
 
 
 def unit_of(path):

@@ -127,7 +127,9 @@ def _means(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: 
     stretch = np.minimum((t - t[0]) / span * number, number - 1).astype(int)
     joined = (stretch + number * piece)[seen]  # a stretch with a zeroing in it counts as two
     _, index, count = np.unique(joined, return_inverse=True, return_counts=True)
-    full = np.flatnonzero(4 * count >= 3 * count.max())  # what the filter rejects tells that its neighbours are no better
+    full = np.flatnonzero(
+        4 * count >= 3 * count.max()
+    )  # what the filter rejects tells that its neighbours are no better
     columns = np.concatenate([t[:, None], piece[:, None], load, measured], 1)[seen].T
     means = np.stack([np.bincount(index, column) / count for column in columns], 1)[full]
     w, y = (x - x.mean(0) for x in (means[:, 2:8], means[:, 8:]))

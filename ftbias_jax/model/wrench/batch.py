@@ -22,7 +22,6 @@ from ftbias_jax.model.wrench.piece import Felt, wrench_of, wrench_piece
 from ftbias_jax.model.wrench.tool_wrench import Model, joint_sensitivity, motion_and_wrench
 from ftbias_jax.runtime.compiled_loops import compile_whole, on_cpu, one_at_a_time
 from ftbias_jax.runtime.lanes import times
-from ftbias_jax.runtime.side_by_side import samples_as_lanes
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -65,6 +64,11 @@ def _in_pieces(lanes: int, x: Array) -> Array:
     return jnp.swapaxes(x.reshape(-1, lanes, x.shape[1]), 1, 2)
 
 
+def _whole(length: int, x: Array) -> Array:
+    """(pieces, n, lanes) -> (T, n)."""
+    return jnp.swapaxes(x, 1, 2).reshape(-1, x.shape[1])[:length]
+
+
 def _lanes(length: int) -> int:
     """Of a piece."""
     return PIECE if on_cpu() else length
@@ -77,8 +81,9 @@ def _of_samples(model: Model, entries: Columns) -> tuple[Array, Array]:
 
 
 def _forward(model: Model, entries: Columns) -> tuple[tuple[Array, Array], tuple[Model, Columns]]:
-    constants = chain_of(model.arm), model.gravity, model.theta
-    found: tuple[Array, Array] = samples_as_lanes(_all_wrenches, _lanes(len(entries[0])))(constants, entries)
+    constants, length = (chain_of(model.arm), model.gravity, model.theta), len(entries[0])
+    pieces = jax.tree.map(partial(_in_pieces, _lanes(length)), entries)
+    found: tuple[Array, Array] = jax.tree.map(partial(_whole, length), one_at_a_time(_all_wrenches)(constants, pieces))
     return found, (model, entries)
 
 
@@ -86,10 +91,10 @@ def _backward(residual: tuple[Model, Columns], bars: tuple[Array, ...]) -> tuple
     model, entries = residual
     if len(entries) == 3:  # the variance is zero: XLA aborts on an argument that is never read
         bars = bars[:1]
-    constants, lanes = (chain_of(model.arm), model.gravity, model.theta), _lanes(len(entries[0]))
-    joints: Columns = samples_as_lanes(_joint_slopes, lanes)(constants, (entries, bars))
+    constants, length = (chain_of(model.arm), model.gravity, model.theta), len(entries[0])
+    pieces = jax.tree.map(partial(_in_pieces, _lanes(length)), (entries, bars))
+    joints: Columns = jax.tree.map(partial(_whole, length), one_at_a_time(_joint_slopes)(constants, pieces))
     # Few ask for the slopes in the model: they are worked out apart, or not at all.
-    pieces = jax.tree.map(partial(_in_pieces, lanes), (entries, bars))
     gravity, theta = one_at_a_time(_tool_slopes)(constants, *pieces)
     return Model(one_at_a_time(_arm_slopes)(model, *pieces), gravity, theta), joints
 
