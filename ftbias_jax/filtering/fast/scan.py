@@ -22,7 +22,6 @@ from ftbias_jax.filtering.fast.kalman_step_back import Cotangent, step_back
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
 from ftbias_jax.runtime.lanes import Vector, from_upper, upper
-from ftbias_jax.runtime.logarithm import log
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -205,7 +204,7 @@ def _run(model: ProcessModel, kept: Kept, for_reverse: bool, inputs: Inputs) -> 
         ]
         variance = [spread + inputs.variance[:, j] for j, spread in enumerate(predicted[1])]
     # In the loop a logarithm would cost as much as all the rest of a step; here it is worked out for many samples.
-    return _Run(last, (log(density) - nis) / 2, nis, states, innovation, variance), record
+    return _Run(last, (jnp.log(density) - nis) / 2, nis, states, innovation, variance), record
 
 
 Residual = tuple[Array, Any, Any, Tape]
