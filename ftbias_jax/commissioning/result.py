@@ -126,7 +126,7 @@ class Calibrated:
             "axes": list(AXES),
             "used": float(ours.used.mean()),
             "verdict": self.diagnosis.verdict if self.diagnosis else None,
-            "seconds": round(self.seconds, 1),
+            "seconds": float(f"{self.seconds:.3g}"),
         }
 
     def __str__(self) -> str:

@@ -28,7 +28,7 @@ ANSWER, REPORT, APPLIED = ".diagnosis.json", ".diagnosis.html", ".applied.toml"
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Diagnose the logs; 1 if a cause cannot be applied, 3 if samples of a log were lost, else 0."""
+    """Diagnose the logs; 1 if a cause cannot be applied or should not be, 3 if samples of a log were lost, else 0."""
     if arguments.output and is_folder(arguments.output):
         return _each(arguments)
     _check_apply(arguments)
@@ -42,6 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
             from ftbias_jax.runtime.jax_config import prepare_jax
 
             prepare_jax()
+            from ftbias_jax.commissioning.guard import objection
             from ftbias_jax.diagnosis.apply import refused, some_applied
             from ftbias_jax.diagnosis.diagnose import diagnose
 
@@ -56,6 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
         diagnosis.to_html(arguments.html)
     not_stated = refused(setup, diagnosis.causes, diagnosis.terms) if arguments.apply else ()
     applied = arguments.apply and some_applied(diagnosis, not_stated)
+    if applied and not arguments.force and (against := objection(setup, diagnosis, logs)):
+        not_stated, applied = (*not_stated, f"{against}; --force writes it all the same"), False
     if applied:
         save_setup(diagnosis.apply(setup).save, arguments.output, arguments, "diagnose --apply")
     outputs = [path for path in (arguments.json, arguments.html, applied and arguments.output) if path]
@@ -114,6 +117,7 @@ def _each(arguments: argparse.Namespace) -> int:
 
 def diagnose_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
     """Diagnose one log of many: its answer, its report, and if asked the setup with the causes that can be stated."""
+    from ftbias_jax.commissioning.guard import objection
     from ftbias_jax.diagnosis.apply import refused, some_applied
     from ftbias_jax.diagnosis.diagnose import diagnose
 
@@ -127,7 +131,10 @@ def diagnose_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any])
     not_stated: tuple[str, ...] = ()
     if asked.get("apply"):
         not_stated = tuple(refused(setup, diagnosis.causes, diagnosis.terms))
-        if some_applied(diagnosis, not_stated):
+        against = objection(setup, diagnosis, [log]) if some_applied(diagnosis, not_stated) else ""
+        if against:
+            not_stated = (*not_stated, against)
+        elif some_applied(diagnosis, not_stated):
             beside.append(f"{place}{APPLIED}")
             diagnosis.apply(setup).save(beside[-1], by="diagnose --apply")
     diagnosis.to_json(output)

@@ -34,6 +34,7 @@ def folder(tmp_path, monkeypatch):
     np.savez(tmp_path / "lame.npz", t=0.01 * np.arange(count), q=np.zeros((count, 7)), wrench=wrench)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("ftbias_jax.runtime.jax_config.prepare_jax", lambda: None)
+    monkeypatch.setattr("ftbias_jax.commissioning.guard.objection", lambda setup, diagnosis, logs: "")
     return tmp_path
 
 
@@ -73,6 +74,18 @@ def test_the_fixed_setup_has_the_old_effects_and_the_causes(folder, calls):
     assert tomllib.loads(text)["effects"] == {"time_delay": {"delay": 0.01}, "tool_mass": {"mass": 0.8134}}
     assert "# ftbias diagnose: 0.8134 ± 0.0041 kg" in text
     assert load_setup("fixed.toml").tool.mass == 0.73
+
+
+def test_a_setup_that_predicts_worse_is_written_by_force_alone(folder, calls, monkeypatch, capsys):
+    why = "the setup with what was found predicts these logs worse"
+    monkeypatch.setattr("ftbias_jax.commissioning.guard.objection", lambda setup, diagnosis, logs: why)
+    command = ["diagnose", "log.npz", "--setup", "setup.toml", "--json", "out.json", "--apply", "-o", "fixed.toml"]
+    assert main(command) == 1
+    assert f"ftbias: not applied: {why}; --force writes it all the same\n" in capsys.readouterr().err
+    assert (folder / "out.json").exists()
+    assert not (folder / "fixed.toml").exists()
+    assert main([*command, "--force"]) == 0
+    assert (folder / "fixed.toml").exists()
 
 
 def test_a_value_that_no_setup_may_have_costs_no_other_output(folder, calls, make_diagnosis, monkeypatch, capsys):
