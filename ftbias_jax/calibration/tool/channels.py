@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.calibration.tool.shown import FEWEST_BLOCKS, block_of
-from ftbias_jax.filtering.noise.block_filter import Grid, filter_series
+from ftbias_jax.filtering.noise.block_filter import Filtered, Grid, filter_blocks, room_for
 from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
 LEVER = np.where(np.arange(6) < 3, 1.0, 0.1)
@@ -161,11 +162,11 @@ def _posterior(means: Means, grid: Grid, shares: Array, seen: Array | None = Non
     for piece in np.unique(means.piece):  # a zeroed sensor has a bias of its own
         rows = means.piece == piece
         out = np.zeros(len(means.t), bool) if seen is None else ~seen
-        t, out, variance = means.t[rows], out[rows], np.ones((rows.sum(), 6))
+        t, out = means.t[rows], out[rows]
         white = []
         for series in (means.y, *means.load.T[:, :, None]):
-            values = np.where(out[:, None], np.nan, np.broadcast_to(series[rows], variance.shape))
-            found = filter_series(t, values, variance, grid, means.prior_std, np.zeros(6))
+            values = np.where(out[:, None], np.nan, np.broadcast_to(series[rows], (len(t), 6)))
+            found = _filtered(t, values, grid, means.prior_std)
             white.append(np.nan_to_num(found.innovation) / np.sqrt(found.variance))
         y, loads = white[0], np.stack(white[1:], -1)
         constant += (y**2 + np.log(np.where(out[:, None, None], 1, found.variance))).sum(0)
@@ -177,6 +178,17 @@ def _posterior(means: Means, grid: Grid, shares: Array, seen: Array | None = Non
     solved = (inverse @ push[..., None])[..., 0]
     nats = -(constant - (push * solved).sum(-1) + np.linalg.slogdet(scaled)[1]) / 2
     return Posterior(nats, prior * solved, prior**2 * np.diagonal(inverse, axis1=-2, axis2=-1))
+
+
+def _filtered(t: Array, y: Array, grid: Grid, prior_std: Array) -> Filtered:
+    """The filter of means (N, 6) as of moments in the middle of their stretches; lengths share a few programs."""
+    more = room_for(len(t)) - len(t)
+    y = np.pad(y, [(0, more), (0, 0)], constant_values=np.nan)
+    found = _program(np.zeros(()), np.pad(t, (0, more), mode="edge"), y, np.ones_like(y), grid, prior_std, np.zeros(6))
+    return Filtered(*(np.asarray(x)[: len(t)] for x in found))
+
+
+_program = keep_program()(filter_blocks)
 
 
 def _gains_of_blocks(means: Means, noise: Grid, share: float) -> Array:
