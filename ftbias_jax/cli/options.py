@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from argparse import ArgumentTypeError
 from collections.abc import Callable
@@ -90,7 +91,7 @@ def _number(least: float, most: float, what: str) -> Callable[[str], float]:
 
 count, restarts, seed = _whole(1, 100_000), _whole(0, 1024), _whole(0, 2**32 - 1)
 """Of logs or processes; further starts of a fit; of random numbers."""
-positive = _number(sys.float_info.min, sys.float_info.max, "a positive number")
+positive = _number(math.ulp(0.0), sys.float_info.max, "a positive number")
 share = _number(0, 0.9, "a share from 0 to 0.9")
 """Of a log, which leaves some of it."""
 gate = _number(1, sys.float_info.max, "1 or more standard deviations")

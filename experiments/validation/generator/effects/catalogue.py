@@ -38,7 +38,7 @@ LISTED: dict[str, Entry] = {
 UNLISTED: dict[str, Entry] = {
     "slosh": (loads.slosh, ("pendulum",)),
     "drag": (loads.drag, ("square",)),
-    "eddy": (loads.eddy, ("linear",)),
+    "eddy": (loads.drag, ("linear",)),
     "magnet": (loads.magnet, ("attraction",)),
     "load_nonlinearity": (sensing.bent, ("quadratic", "cubic")),
     "gear_ripple": (sensing.gear_ripple, ("joint_locked",)),

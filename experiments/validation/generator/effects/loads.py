@@ -73,24 +73,16 @@ def _with(world: World, *loads: Load) -> World:
 
 
 def drag(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Air or water resistance: a force against the tool's velocity, growing with its square. Unlisted."""
+    """A force against the tool's velocity: its square (air, water) or proportional (eddy currents). Unlisted."""
     coefficient, point = draw.size((0.3, 0.6), (1.0, 2.0), (3.0, 6.0)), _near(scene.belief.tool.com, draw)
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         v = path.velocity(point)
-        return -coefficient * np.linalg.norm(v, axis=1, keepdims=True) * v, path.points(point)
+        speed = np.linalg.norm(v, axis=1, keepdims=True) if form == "square" else 1.0
+        return -coefficient * speed * v, path.points(point)
 
-    return Effect("drag", form, {"coefficient": coefficient}, world=lambda world: _with(world, load))
-
-
-def eddy(form: str, draw: Draw, scene: Scene) -> Effect:
-    """A force against the tool's velocity and proportional to it, N s/m. Unlisted."""
-    coefficient, point = draw.size((0.3, 0.6), (1.0, 2.0), (3.0, 6.0)), _near(scene.belief.tool.com, draw)
-
-    def load(path: ToolPath) -> tuple[Floats, Floats]:
-        return -coefficient * path.velocity(point), path.points(point)
-
-    return Effect("eddy", form, {"coefficient": coefficient}, world=lambda world: _with(world, load))
+    name = "drag" if form == "square" else "eddy"
+    return Effect(name, form, {"coefficient": coefficient}, world=lambda world: _with(world, load))
 
 
 def magnet(form: str, draw: Draw, scene: Scene) -> Effect:
