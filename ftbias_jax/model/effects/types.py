@@ -119,7 +119,7 @@ class Parameter(NamedTuple):
 def within(
     shape: tuple[int, ...], lower: float | Array, upper: float | Array, neutral: Neutral, scale: Any, **more: Any
 ) -> dict[str, Any]:
-    """The numbers of a ``Parameter``, in the unit of it, as keywords."""
+    """Shape, bounds, neutral value and typical departure of a ``Parameter``, as keywords: (3,) from -10 m to 10 m."""
     return {"shape": shape, "lower": lower, "upper": upper, "neutral": neutral, "scale": scale, **more}
 
 
