@@ -31,8 +31,10 @@ from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.require import has_no_tool, with_guessed_tool
 from ftbias_jax.setup.types import COMPENSATED, Setup
 
-CAUSES, TERMS, TOOL, CHANNELS = "causes", "terms", "tool", "gains and crosstalk"
+CAUSES, TERMS, TOOL, CHANNELS, NOISE = "causes", "terms", "tool", "gains and crosstalk", "noise"
 """Kinds of steps."""
+QUIETER = 3.0
+"""Factor by which the unseen accelerations of a pose log are tried smaller, or larger."""
 ROUNDS = 2
 """Of diagnosis and identification; in recorded and simulated logs nothing changed after the second."""
 LOOSE = (0.3, 0.03)
@@ -106,6 +108,7 @@ def calibrate(
         state = _with_causes(state, whole, begun, names, hold_out, progress)
         if setup.sensor.compensated == COMPENSATED[0]:
             state = _with_tool(state, whole, begun, hold_out, number == 0, progress)
+        state = _with_noise(state, whole, hold_out, progress)
         if state.setup is before.setup:
             break
     progress("comparing with a constant bias")
@@ -192,6 +195,31 @@ def _with_tool(
     return state
 
 
+def _with_noise(state: _State, whole: Sequence[Log], hold_out: float, progress: Callable[[str], None]) -> _State:
+    """With other unseen accelerations of a log of orientations, if they predict better.
+
+    A draft takes them from the scatter of the forces in motion, in which all is that the setup did not know then; the
+    filter takes no less noise than is stated.
+    """
+    if state.setup.pose is None or state.setup.pose.linear != "none":
+        return state
+    progress("trying the noise of unseen accelerations")
+    best = state
+    for factor in (1 / QUIETER, QUIETER):
+        tried = best
+        while tried.setup.pose is not None:
+            std = float(f"{factor * tried.setup.pose.acceleration_std:.2g}")
+            step = Step(NOISE, f"unseen accelerations of {std:g} m/s^2", True, "", ("noise",))
+            setup = replace(tried.setup, pose=replace(tried.setup.pose, acceleration_std=std))
+            tried = _tried(state, step, setup, whole, hold_out)
+            if tried.setup is not setup or compare(tried.judged, best.judged).share >= 0:
+                break
+            best = tried
+        if best is not state:
+            break
+    return best if best is not state else tried
+
+
 def _nothing_found(found: IdentifyResult, crosstalk: bool) -> str:
     """Why there is nothing to try; "" = there is."""
     if not found.converged:
@@ -236,6 +264,8 @@ def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[
         for kind, later in pairwise((*kept, "")):
             if kind in (TOOL, CHANNELS):
                 setup = identify_tool(setup, _longest(logs), crosstalk=kind == CHANNELS, unchecked=True).setup
+            elif kind == NOISE:
+                setup = replace(setup, pose=state.setup.pose)
             elif later != TERMS:
                 found = diagnose(setup, logs, names, unchecked=True)
                 setup = with_causes(setup, found.causes, found.terms if kind == TERMS else ())

@@ -35,13 +35,13 @@ class Step:
     """Something that was tried."""
 
     kind: str
-    """"causes", "terms", "tool" or "gains and crosstalk"."""
+    """"causes", "terms", "tool", "gains and crosstalk" or "noise"."""
     name: str
     kept: bool
     why: str
     """How the errors of what was not seen change, or why it could not be tried."""
     parts: tuple[str, ...] = ()
-    """Names of the effects, drives of the terms, "tool" or "crosstalk"; () = nothing was found to try."""
+    """Names of the effects, drives of the terms, "tool", "crosstalk" or "noise"; () = nothing was found to try."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """The road from a log to a setup: what is kept, what is refused, and the whole of it on a made log."""
 
+import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -143,6 +144,40 @@ def test_stated_errors_of_a_tool_stay_and_missing_ones_are_wide():
     assert unknown.mass_std == 1.0
     without = replace(TRUE, sensor=replace(TRUE.sensor, compensated="tool"))
     assert with_loose_tool(without) is without
+
+
+POSES = """
+[sensor_pose]
+linear = "none"
+acceleration_std = 0.3
+[sensor]
+noise_std = [0.1, 0.1, 0.1, 0.004, 0.004, 0.004]
+[tool]
+mass = 0.73
+center_of_mass = [0.0, 0.0, 0.06]
+"""
+
+
+@pytest.mark.parametrize(("true", "found"), [(0.03, 0.033), (0.3, 0.3), (2.5, 2.7)])
+def test_unseen_accelerations_of_a_log_of_orientations_are_found_in_steps(monkeypatch, true, found):
+    """Smaller or larger ones, or those that are stated; one step says what came of it."""
+
+    def judge(setup, logs, hold_out):
+        return judged(1 + abs(np.log(setup.pose.acceleration_std / true)))
+
+    monkeypatch.setattr(module, "judge", judge)
+    setup = parse_setup(tomllib.loads(POSES))
+    begin = module._State(setup, judge(setup, (), 0.25), ())
+    state = module._with_noise(begin, (), 0.25, lambda words: None)
+    assert state.setup.pose.acceleration_std == found
+    (step,) = state.steps[-1:]
+    assert step.kept is (found != 0.3)
+    assert step.parts == ("noise",)
+
+
+def test_joints_have_no_unseen_accelerations():
+    begin = module._State(TRUE, judged(), ())
+    assert module._with_noise(begin, (), 0.25, lambda words: None) is begin
 
 
 @pytest.mark.parametrize(("logs", "hold_out", "field"), [([], 0.25, "logs"), ([LOG], 0.95, "hold_out")])

@@ -13,7 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.calibration.tool.shown import FEWEST_BLOCKS, block_of
-from ftbias_jax.filtering.noise.block_filter import Filtered, Grid, filter_blocks, room_for
+from ftbias_jax.filtering.noise import block_filter
+from ftbias_jax.filtering.noise.block_filter import Filtered, Grid, filter_blocks
+from ftbias_jax.filtering.samples import room_for
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
@@ -182,9 +184,10 @@ def _posterior(means: Means, grid: Grid, shares: Array, seen: Array | None = Non
 
 def _filtered(t: Array, y: Array, grid: Grid, prior_std: Array) -> Filtered:
     """The filter of means (N, 6) as of moments in the middle of their stretches; lengths share a few programs."""
-    more = room_for(len(t)) - len(t)
+    more = room_for(len(t), 64) - len(t)
     y = np.pad(y, [(0, more), (0, 0)], constant_values=np.nan)
-    found = _program(np.zeros(()), np.pad(t, (0, more), mode="edge"), y, np.ones_like(y), grid, prior_std, np.zeros(6))
+    moments = block_filter.Means(np.zeros(()), np.pad(t, (0, more), mode="edge"), y, np.ones_like(y))
+    found = _program(moments, grid, prior_std, np.zeros(6))
     return Filtered(*(np.asarray(x)[: len(t)] for x in found))
 
 
