@@ -74,7 +74,7 @@ def tune_in_blocks(
     Args:
         params: with the likeliest noise of the joints.
         logs: of ``look_at_each``.
-        tie: key of ``tune.TIES``, of sigma_Q.
+        tie: key of TIES, of sigma_Q.
         wanted: some of "density" and "wrench_std".
         report: called with (iteration, nats).
 

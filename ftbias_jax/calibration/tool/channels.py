@@ -126,7 +126,7 @@ def _means(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: 
     seen = np.isfinite(measured).all(1) & np.isfinite(load).all(1)
     if number < 4 * FEWEST_BLOCKS or not seen.any():
         return None
-    piece = np.asarray(np.searchsorted(sorted(zeroed_at), t))
+    piece: Array = np.searchsorted(np.array(sorted(zeroed_at)), t)
     stretch = np.minimum((t - t[0]) / span * number, number - 1).astype(int)
     joined = (stretch + number * piece)[seen]  # a stretch with a zeroing in it counts as two
     _, index, count = np.unique(joined, return_inverse=True, return_counts=True)
@@ -143,7 +143,7 @@ def _means(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: 
 def _noises(means: Means) -> Grid:
     """Standard deviations of white noise and of slow errors, and correlation times, to be tried; (G, 6)."""
     t, y = means.t, means.y
-    pieces = (means.piece[:, None] == np.unique(means.piece)).astype(float)
+    pieces: Array = means.piece[:, None] == np.unique(means.piece)
     columns = np.column_stack([pieces, t - t[0], means.load])
     left = (y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]).std(0)
     most, least = np.maximum(y.std(0), 1e-9), np.maximum(left, 1e-9) / 10
