@@ -21,7 +21,7 @@ from jax import Array
 from ftbias_jax.filtering.fast.kalman_step import Packed
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, driven
 from ftbias_jax.filtering.process_models import ProcessModel
-from ftbias_jax.runtime.compiled_loops import compile_whole
+from ftbias_jax.runtime.compiled_loops import compile_forward
 from ftbias_jax.runtime.lanes import (
     Entry,
     Rows,
@@ -69,7 +69,7 @@ def smooth_back(
     """
     step_back = _damped_step if isinstance(density, tuple) else _step
 
-    @compile_whole
+    @compile_forward
     def loop(density: Any, restart: Vector, after: Packed, before: Any) -> Packed:
         def body(after: Packed, sample: tuple[Array, Any, Packed]) -> tuple[Packed, Packed]:
             dt_after, drive, (x, triangle) = sample

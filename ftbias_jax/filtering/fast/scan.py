@@ -229,7 +229,7 @@ def _backward(model: ProcessModel, kept: Kept, residual: Residual, bar: _Run) ->
     dt, density, drive, record = residual
     like = record.weight[0]
     k = len(bar.last[0])
-    last = _slopes_of_entries(k, bar.last, like[0])
+    last = _unless_zero(bar.last, like[0]) and _slopes_of_entries(k, bar.last, like[0])
     bars = Cotangent(
         _made(bar.log_likelihood, like),
         _unless_zero(bar.nis, like),
@@ -238,7 +238,12 @@ def _backward(model: ProcessModel, kept: Kept, residual: Residual, bar: _Run) ->
         _unless_zero(bar.innovation_variance, like),
     )
 
-    def loop(density: Any, start: Any, samples: Any) -> Any:
+    def loop(density: Any, last: Any, samples: Any) -> Any:
+        # Zeros are made here: XLA aborts on some marked calls that are given the same constant more than once.
+        zero = jnp.zeros_like(samples[2].weight[0][0])
+        state = last or ([zero] * k, [zero] * (k * (k + 1) // 2))
+        start = state, jax.tree.map(jnp.zeros_like, density), [zero] * k
+
         def body(carry: tuple[Packed, Any, Vector], sample: tuple[Array, Any, Tape, Cotangent]) -> Any:
             (state, density_slope, restart), (dt, drive, record, bar) = carry, sample
             slopes = step_back(model, driven(density, drive), dt, record, bar, state)
@@ -251,8 +256,7 @@ def _backward(model: ProcessModel, kept: Kept, residual: Residual, bar: _Run) ->
 
     # XLA aborts on this loop as one marked call if it is mapped and the state before each sample is an argument.
     compiled = loop if isinstance(density, tuple) else one_at_a_time(compile_whole(loop))
-    start = last, jax.tree.map(jnp.zeros_like, density), [jnp.zeros_like(like[0])] * k
-    (state, density_bar, restart), (y, variance, drive_bar) = compiled(density, start, (dt, drive, record, bars))
+    (state, density_bar, restart), (y, variance, drive_bar) = compiled(density, last, (dt, drive, record, bars))
     prior = jnp.stack(state[0]), _matrix(state[1], k, 0)
     slopes = (density_bar, jnp.stack(y, 1), jnp.stack(variance, 1), *prior, jnp.stack(restart))
     return (Inputs(jnp.zeros_like(dt), *slopes, drive_bar),)
