@@ -14,6 +14,7 @@ import small_archive
 import ftbias_jax as ft
 from ftbias_jax.calibration.tune_setup import FIT
 from ftbias_jax.filtering import params_for_log
+from ftbias_jax.filtering.result import named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.runtime import jax_config
 
@@ -86,9 +87,8 @@ def test_a_result_has_the_numbers_of_the_filter_in_double_precision(setup, made)
     with jax.enable_x64(True):
         params = params_for_log.params_for_log(setup, samples_from_log(made.log))
         expected = by_params.filter_with_params(params, made.log)
-    for name, values in expected._asdict().items():
-        if values is not None:
-            np.testing.assert_allclose(getattr(result, name), values, rtol=1e-12, atol=1e-12, err_msg=name)
+    for name, values in named_arrays(expected).items():
+        np.testing.assert_allclose(getattr(result, name), values, rtol=1e-12, atol=1e-12, err_msg=name)
     assert result.bias.dtype == np.float64
     assert jax.numpy.ones(1).dtype == np.float32
     assert (result.bias_smooth_std <= result.bias_std * (1 + 1e-9)).all()

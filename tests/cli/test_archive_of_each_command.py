@@ -90,6 +90,7 @@ def test_diagnose_writes_the_setup_with_the_causes_of_each_log(logs, monkeypatch
         "c.npz": make_diagnosis(verdict="none", causes=()),
     }
     monkeypatch.setattr(diagnosing, "diagnose", lambda setup, read, names, **more: answers[names[0]])
+    monkeypatch.setattr("ftbias_jax.commissioning.guard.objection", lambda setup, diagnosis, logs: "")
     assert run("diagnose", "logs", "--apply") == 3
     entries = manifest("manifest.diagnose.jsonl")
     assert [entry.status for entry in entries] == ["ok", "data loss", "ok"]
@@ -98,6 +99,16 @@ def test_diagnose_writes_the_setup_with_the_causes_of_each_log(logs, monkeypatch
     found = {path: load_setup(Path("out", path)).effects for path in files() if path.endswith(".applied.toml")}
     assert found == {"b.applied.toml": {cause.effect: cause.parameters}, "day/c.applied.toml": {}}
     assert load_setup("setup.toml").effects == {}
+
+
+def test_a_setup_that_predicts_a_log_of_many_worse_is_not_written(logs, monkeypatch, make_diagnosis, capsys):
+    """The causes are made up, and the stated setup is right."""
+    answer = make_diagnosis(causes=(candidate(),))
+    monkeypatch.setattr(diagnosing, "diagnose", lambda setup, read, names, **more: answer)
+    assert run("diagnose", "logs/b.npz", "--apply") == 3
+    (entry,) = manifest("manifest.diagnose.jsonl")
+    assert "predicts these logs worse" in entry.repairs[0]
+    assert not any(path.endswith(".applied.toml") for path in files())
 
 
 def test_a_setup_with_causes_replaces_no_input(logs, capsys):

@@ -14,6 +14,7 @@ from small_archive import manifest
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.filtering.bias_filter import FORGET
+from ftbias_jax.filtering.result import named_arrays
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write import npz
 from ftbias_jax.model import simulate
@@ -188,7 +189,7 @@ def test_a_saturated_axis_is_left_out_and_does_not_pull_the_bias(filtered, simul
     log = {**simulated.log, "wrench": simulated.log["wrench"].copy()}
     fault(log)
     unmasked = by_params.filter_with_params(params, Log(**log, temperature=np.full(len(log["t"]), np.nan)))
-    assert np.abs(errors(unmasked._asdict(), simulated)[:, 0]).max() > 20
+    assert np.abs(errors(named_arrays(unmasked), simulated)[:, 0]).max() > 20
 
 
 def test_a_stuck_axis_is_left_out(filtered, simulated):

@@ -113,9 +113,11 @@ class _Run(NamedTuple):
     last: Packed
     log_likelihood: Array
     nis: Array
-    states: Packed | None
-    innovation: Vector | None
-    innovation_variance: Vector | None
+    states: Any
+    """Packed."""
+    innovation: Any
+    """Vector."""
+    innovation_variance: Any
 
 
 def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
@@ -126,9 +128,6 @@ def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
         inputs: see there.
     """
     run = _filtered(model, Kept(states=True, innovations=True), inputs)
-    assert run.states is not None
-    assert run.innovation is not None
-    assert run.innovation_variance is not None
     states = States(*run.states).stacked()
     innovations = jnp.stack(run.innovation, 1), jnp.stack(run.innovation_variance, 1)
     return Track(*states, *innovations, run.nis, run.log_likelihood)
@@ -217,7 +216,6 @@ def _forward(model: ProcessModel, kept: Kept, inputs: Inputs) -> tuple[_Run, Res
     run, record = _run(model, Kept(kept.states or has_strength, kept.innovations), True, inputs)
     assert record is not None
     if has_strength:
-        assert run.states is not None
         start = list(inputs.mean), upper([list(row) for row in inputs.covariance])
         before = jax.tree.map(lambda first, x: jnp.concatenate([first[None], x[:-1]]), start, run.states)
         record = record._replace(before=jnp.stack([*before[0], *before[1]], 1))
