@@ -108,15 +108,13 @@ class Kept(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """The recursion over a log, entries (T, B) kept apart; None = not kept."""
+    """The recursion over a log, entries (T, B) kept apart; states are Packed, innovations Vectors, None = not kept."""
 
     last: Packed
     log_likelihood: Array
     nis: Array
     states: Any
-    """Packed."""
     innovation: Any
-    """Vector."""
     innovation_variance: Any
 
 
