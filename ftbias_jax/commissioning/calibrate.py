@@ -16,6 +16,7 @@ import numpy as np
 
 from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
 from ftbias_jax.check.check_setup import require_right
+from ftbias_jax.commissioning.drafted import with_loose_tool
 from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step
 from ftbias_jax.diagnosis.apply import with_causes
@@ -28,19 +29,15 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
-from ftbias_jax.setup.require import has_no_tool, with_guessed_tool
-from ftbias_jax.setup.types import COMPENSATED, Setup
+from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 
 CAUSES, TERMS, TOOL, CHANNELS, NOISE = "causes", "terms", "tool", "gains and crosstalk", "noise"
+FIRST = "tool, first"
 """Kinds of steps."""
 QUIETER = 3.0
 """Factor by which the unseen accelerations of a pose log are tried smaller, or larger."""
 ROUNDS = 2
 """Of diagnosis and identification; in recorded and simulated logs nothing changed after the second."""
-LOOSE = (0.3, 0.03)
-"""Share of the mass, and m: how far a tool may be off that is stated without its errors."""
-LOOSE_GUESS = (1.0, 0.1)
-"""kg and m: the same of a tool that is not stated."""
 
 
 class _State(NamedTuple):
@@ -51,10 +48,12 @@ class _State(NamedTuple):
     steps: tuple[Step, ...]
     found: Diagnosis | None = None
     """The last one."""
+    identified: ToolSetup | None = None
+    """The tool of the first step with its standard errors, which causes may still move further."""
 
     @property
     def has_tool(self) -> bool:
-        """Whether an identified tool was kept."""
+        """Whether a tool was kept that was identified beside the causes."""
         return any(step.kept and step.kind in (TOOL, CHANNELS) for step in self.steps)
 
 
@@ -103,14 +102,20 @@ def calibrate(
     progress("filtering with the setup as given")
     given = start if setup.tool.unknown else setup
     state = first = _State(start, judge(given, whole, hold_out), ())
+    has_tool = setup.sensor.compensated == COMPENSATED[0]
+    if has_tool and start.tool is not setup.tool:
+        # Crosstalk or a term would otherwise stand for what a wrong tool does.
+        state = _with_tool(state, whole, begun, hold_out, (FIRST,), progress)
     for number in range(ROUNDS):
         before = state
         state = _with_causes(state, whole, begun, names, hold_out, progress)
-        if setup.sensor.compensated == COMPENSATED[0]:
-            state = _with_tool(state, whole, begun, hold_out, number == 0, progress)
+        if has_tool:
+            state = _with_tool(state, whole, begun, hold_out, (TOOL,) if number else (TOOL, CHANNELS), progress)
         state = _with_noise(state, whole, hold_out, progress)
         if state.setup is before.setup:
             break
+    if state.identified is not None and state.setup.tool.mass == state.identified.mass:  # nothing has moved it
+        state = state._replace(setup=replace(state.setup, tool=state.identified))
     progress("comparing with a constant bias")
     rows = {GIVEN: first.judged} | ({CALIBRATED: state.judged} if state.setup is not start else {})
     rows |= baselines(state.setup, whole, hold_out)
@@ -128,16 +133,11 @@ def calibrate(
     return Calibrated(final, state.steps, rows, state.found, repairs, time.monotonic() - begin)
 
 
-def with_loose_tool(setup: Setup) -> Setup:
-    """The setup with a tool to start from, and standard errors of what it states without them."""
-    guessed = with_guessed_tool(setup)
-    mass, center = (max(LOOSE[0] * guessed.tool.mass, 0.0), LOOSE[1]) if guessed is setup else LOOSE_GUESS
-    tool = guessed.tool
-    if has_no_tool(setup) or tool.mass == 0:
-        return setup
-    mass_std = mass if tool.mass_std is None else tool.mass_std
-    center_std = np.full(3, center) if tool.center_of_mass_std is None else tool.center_of_mass_std
-    return replace(guessed, tool=replace(tool, mass_std=mass_std, center_of_mass_std=center_std))
+def _loosened(found: Setup, stated: Setup) -> Setup:
+    """A setup with the tool that was found, which causes beside it may still move as far as the stated one."""
+    loose = stated.tool
+    tool = replace(found.tool, mass_std=loose.mass_std, center_of_mass_std=loose.center_of_mass_std)
+    return replace(found, tool=tool)
 
 
 def _with_causes(
@@ -173,13 +173,13 @@ def _with_tool(
     whole: Sequence[Log],
     begun: Sequence[Log],
     hold_out: float,
-    channels: bool,
+    kinds: Sequence[str],
     progress: Callable[[str], None],
 ) -> _State:
-    """With the tool that the longest log shows, and then with gains and crosstalk, if they predict better."""
+    """With the tool that the longest log shows, or that and gains and crosstalk, if they predict better."""
     log = _longest(begun)
-    for crosstalk in (False, True) if channels else (False,):
-        kind = CHANNELS if crosstalk else TOOL
+    for kind in kinds:
+        crosstalk = kind == CHANNELS
         progress(f"identifying {kind}")
         try:
             found = identify_tool(state.setup, log, crosstalk=crosstalk, unchecked=True)
@@ -191,7 +191,10 @@ def _with_tool(
         # A drafted tool is nobody's belief: what is identified replaces it unless it predicts worse.
         first = not crosstalk and not state.has_tool
         step = Step(kind, _in_words(found, kind), True, "", ("crosstalk" if crosstalk else "tool",))
-        state = _tried(state, step, found.setup, whole, hold_out, first)
+        tried = _loosened(found.setup, state.setup) if kind == FIRST else found.setup
+        state = _tried(state, step, tried, whole, hold_out, first)
+        if kind == FIRST and state.setup is tried:
+            state = state._replace(identified=found.setup.tool)
     return state
 
 
@@ -262,15 +265,18 @@ def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[
     setup, kept = start, [step.kind for step in state.steps if step.kept]
     try:
         for kind, later in pairwise((*kept, "")):
-            if kind in (TOOL, CHANNELS):
-                setup = identify_tool(setup, _longest(logs), crosstalk=kind == CHANNELS, unchecked=True).setup
+            if kind in (FIRST, TOOL, CHANNELS):
+                found = identify_tool(setup, _longest(logs), crosstalk=kind == CHANNELS, unchecked=True).setup
+                setup = _loosened(found, setup) if kind == FIRST else found
             elif kind == NOISE:
                 setup = replace(setup, pose=state.setup.pose)
             elif later != TERMS:
-                found = diagnose(setup, logs, names, unchecked=True)
-                setup = with_causes(setup, found.causes, found.terms if kind == TERMS else ())
+                named = diagnose(setup, logs, names, unchecked=True)
+                setup = with_causes(setup, named.causes, named.terms if kind == TERMS else ())
     except FtbiasError:
         return None
+    if state.setup.tool is state.identified:
+        setup = replace(setup, tool=found.tool)
     return setup if {*setup.effects} == {*state.setup.effects} else None
 
 

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from ftbias_jax.check.check_setup import check_setup
 from ftbias_jax.io.draft.draft import Draft, Request, draft
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.keys.template import Known
+from ftbias_jax.setup.require import has_no_tool, with_guessed_tool
 from ftbias_jax.setup.types import Setup
 
+LOOSE = (0.3, 0.03)
+"""Share of the mass, and m: how far a tool may be off that is stated without its errors."""
+LOOSE_GUESS = (1.0, 0.1)
+"""kg and m: the same of a tool that is not stated."""
 RECORDED = ("compensated", "rezeroed")
 """Mistakes that are facts of how a log was recorded, and no error of a draft."""
 
@@ -33,3 +42,15 @@ def _recorded_so(setup: Setup, log: Log) -> dict[str, Known]:
         if found.mistake in RECORDED
         for key, value in (found.setup or {}).items()
     }
+
+
+def with_loose_tool(setup: Setup) -> Setup:
+    """The setup with a tool to start from, and standard errors of what it states without them."""
+    guessed = with_guessed_tool(setup)
+    mass, center = (max(LOOSE[0] * guessed.tool.mass, 0.0), LOOSE[1]) if guessed is setup else LOOSE_GUESS
+    tool = guessed.tool
+    if has_no_tool(setup) or tool.mass == 0:
+        return setup
+    mass_std = mass if tool.mass_std is None else tool.mass_std
+    center_std = np.full(3, center) if tool.center_of_mass_std is None else tool.center_of_mass_std
+    return replace(guessed, tool=replace(tool, mass_std=mass_std, center_of_mass_std=center_std))

@@ -35,7 +35,7 @@ class Step:
     """Something that was tried."""
 
     kind: str
-    """"causes", "terms", "tool", "gains and crosstalk" or "noise"."""
+    """"causes", "terms", "tool", "gains and crosstalk", "noise" or "tool, first"."""
     name: str
     kept: bool
     why: str
@@ -120,7 +120,7 @@ class Calibrated:
             return {key: [float(x) if np.isfinite(x) else None for x in row[i]] for key, row in rows.items()}
 
         return {
-            "kept": [part for step in self.kept for part in step.parts],
+            "kept": list(dict.fromkeys(part for step in self.kept for part in step.parts)),
             "refused": [{"what": step.name, "why": step.why} for step in self.steps if not step.kept],
             "forecast": {f"{seconds:g}": of_horizon(i) for i, seconds in enumerate(HORIZONS)},
             "axes": list(AXES),
