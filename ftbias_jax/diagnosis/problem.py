@@ -156,7 +156,8 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     touched = in_contact(log.t, list(contacts), MARGIN)
     error, of_arm = reading - log.wrench, speed if arm else None
     found = inspect_samples(log, setup.sensor.noise_std, error, rate, of_arm, known, touched)
-    joint_variance = variance - setup.sensor.noise_std**2  # with that of accelerations that nobody recorded
+    # With that of accelerations that nobody recorded; an effect of the setup may make the sensor quieter than stated.
+    joint_variance = np.maximum(variance - setup.sensor.noise_std**2, 0.0)
     noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
     found = found._replace(noise_std=noise_std)
     late = float(np.max(found.jitter.parameters["std"])) if found.jitter.detected else 0.0

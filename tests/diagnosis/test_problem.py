@@ -1,12 +1,17 @@
 """Logs in bins: noise of coarse readings, and blocks that keep logs apart."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.problem import Problem, noise_on_lattice
+from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis.problem import Problem, make_problem, noise_on_lattice
 from ftbias_jax.diagnosis.samples.bins import BINS, bins_of, mean_of_bins
+from ftbias_jax.model.simulate_log import simulate
+from ftbias_jax.setup import parse_setup
 
 STATED = np.full(6, 0.1)
 
@@ -33,6 +38,15 @@ def test_noise_of_a_coarse_lattice_is_that_of_rounding(ratio):
     means = (read.mean(1) - signal[:, 0]).std()
     # The first harmonic of the saw tooth has six tenths of its variance: the estimate is on the safe side.
     assert 0.8 * means < np.sqrt(coherent[0] + noise[0] ** 2 / 2000) < 1.4 * means
+
+
+def test_a_sensor_that_a_stated_effect_makes_quieter_has_noise_all_the_same():
+    """The variance of the reading is then less than the stated one of the sensor, and the joints' is not negative."""
+    setup = replace(parse_setup(SETUP), effects={"noise_level": {"scale": np.full(6, 0.1)}})
+    with jax.enable_x64(True):
+        problem, _ = make_problem(setup, [simulate(setup, duration=4, rate=100, seed=1).log])
+    (part,) = problem.parts
+    assert (np.asarray(part.wrench.variance) > 0).all()
 
 
 def test_blocks_do_not_reach_over_two_logs():
