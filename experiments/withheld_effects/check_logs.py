@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from validation.generator.arms import Floats, panda
 from validation.generator.motion import KINDS, random_motion
 from validation.generator.nominal_model import Tool, random_belief
-from validation.generator.world import Cable, believed_world, cable_length, time_grid, wrench
+from validation.generator.world import Cable, cable_length, nominal_world, time_grid, wrench
 
 TOLD = {"none", "tool_mass", "tool_com", "tool_inertia", "gravity_tilt", "encoder_offset", "mount_rotation"}
 TOLD |= {"gain", "crosstalk"}
@@ -66,7 +66,7 @@ def check_physics(seeds: int = 8) -> None:
         rng = np.random.default_rng(seed)
         belief = random_belief(rng)
         motion = random_motion(KINDS[seed % 2], belief.arm, 8.0, 1.5, rng)
-        world, t = believed_world(belief), time_grid(8.0)
+        world, t = nominal_world(belief), time_grid(8.0)
         simulated = wrench(world, motion, t)
         flange, arm = belief.arm.flange_rotation, belief.arm
         zero = arm.flange_position + flange @ world.mount_position, flange @ world.mount_rotation
@@ -82,7 +82,7 @@ def check_physics(seeds: int = 8) -> None:
 def check_static() -> None:
     """At rest: +m g along z with the sensor upright; less what hangs or pushes from outside."""
     belief = replace(random_belief(np.random.default_rng(0)), arm=panda(), gravity=np.array([0, 0, 9.81]))
-    world = replace(believed_world(belief), mount_rotation=np.eye(3))  # flange z points along gravity's opposite
+    world = replace(nominal_world(belief), mount_rotation=np.eye(3))  # flange z points along gravity's opposite
 
     def still(t: Floats) -> tuple[Floats, Floats, Floats]:
         return np.zeros((len(t), 7)), np.zeros((len(t), 7)), np.zeros((len(t), 7))

@@ -73,7 +73,7 @@ def test_of_filter_likelihood_and_gradient(params, samples, part, gate):
         assert not unread(filtered, params, samples)
 
 
-def test_of_many_logs_side_by_side(params, samples):
+def test_of_many_logs(params, samples):
     many = jax.tree.map(lambda x: jnp.stack([x] * 8), samples)
 
     def nats(params, many):
