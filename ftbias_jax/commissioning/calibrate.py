@@ -207,20 +207,19 @@ def _with_noise(state: _State, whole: Sequence[Log], hold_out: float, progress: 
     if state.setup.pose is None or state.setup.pose.linear != "none":
         return state
     progress("trying the noise of unseen accelerations")
-    best = state
     for factor in (1 / QUIETER, QUIETER):
-        tried = best
-        while tried.setup.pose is not None:
-            std = float(f"{factor * tried.setup.pose.acceleration_std:.2g}")
+        best, pose = state, state.setup.pose
+        while True:
+            std = float(f"{factor * pose.acceleration_std:.2g}")
             step = Step(NOISE, f"unseen accelerations of {std:g} m/s^2", True, "", ("noise",))
-            setup = replace(tried.setup, pose=replace(tried.setup.pose, acceleration_std=std))
-            tried = _tried(state, step, setup, whole, hold_out)
-            if tried.setup is not setup or compare(tried.judged, best.judged).share >= 0:
+            pose = replace(pose, acceleration_std=std)
+            tried = _tried(state, step, replace(state.setup, pose=pose), whole, hold_out)
+            if tried.setup.pose is not pose or compare(tried.judged, best.judged).share >= 0:
                 break
             best = tried
         if best is not state:
-            break
-    return best if best is not state else tried
+            return best
+    return tried
 
 
 def _nothing_found(found: IdentifyResult, crosstalk: bool) -> str:

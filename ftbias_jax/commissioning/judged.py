@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.calibration.judgement import HORIZONS, STRETCHES, SURE, errors_of_constant_bias, prediction_errors
-from ftbias_jax.errors import FtbiasError
 from ftbias_jax.filtering.verbs.from_setup import filter_log
 from ftbias_jax.filtering.verbs.results import FilterResult
 from ftbias_jax.io.log import Log
@@ -145,27 +144,6 @@ def compare(new: Judged, old: Judged) -> Difference:
     inside, before = (np.nanmean(x.inside) if np.isfinite(x.inside).any() else 1.0 for x in (new, old))
     misses = bool(inside < min(LEAST_INSIDE, before))
     return Difference(share(-1), stderr, float(old.used.mean() - new.used.mean()), misses)
-
-
-def cost_of(new: Setup, old: Setup, logs: Sequence[Log]) -> Difference | None:
-    """What is lost by one setup in the place of another, over whole logs; None = nothing.
-
-    Both filter the logs in which the first was found: what predicts these worse predicts no other log better.
-
-    Args:
-        new: the setup that may be written.
-        old: the one that was given.
-        logs: as ``read_log`` gives them.
-
-    Raises:
-        FtbiasError: the logs cannot be filtered with the new setup.
-    """
-    try:
-        before = judge(old, logs, 1.0)
-    except FtbiasError:  # with which nothing can be compared
-        return None
-    difference = compare(judge(new, logs, 1.0), before)
-    return difference if difference.is_worse else None
 
 
 def table(rows: dict[str, Judged]) -> list[tuple[str, ...]]:

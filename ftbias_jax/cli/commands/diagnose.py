@@ -131,10 +131,10 @@ def diagnose_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any])
     not_stated: tuple[str, ...] = ()
     if asked.get("apply"):
         not_stated = tuple(refused(setup, diagnosis.causes, diagnosis.terms))
-        against = objection(setup, diagnosis, [log]) if some_applied(diagnosis, not_stated) else ""
-        if against:
+        applied = some_applied(diagnosis, not_stated)
+        if applied and (against := objection(setup, diagnosis, [log])):
             not_stated = (*not_stated, against)
-        elif some_applied(diagnosis, not_stated):
+        elif applied:
             beside.append(f"{place}{APPLIED}")
             diagnosis.apply(setup).save(beside[-1], by="diagnose --apply")
     diagnosis.to_json(output)
