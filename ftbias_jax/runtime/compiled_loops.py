@@ -91,7 +91,7 @@ def _looped(function: Callable[..., Any], *, nested: bool) -> Callable[..., Any]
     inside = looped if nested else function
 
     def rule(count: int, is_mapped: Any, *arguments: Any) -> tuple[Any, Any]:
-        one, mapped = unmapped_apart(inside, is_mapped, arguments)
+        one, mapped = of_some(inside, is_mapped, arguments)
         found = jax.lax.map(one, mapped) if mapped else one(mapped)
         return found, jax.tree.map(lambda _: bool(mapped), found)
 
@@ -114,14 +114,8 @@ def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
         asked = [x.perturbed for x in leaves]
 
         def one_log(*values: Array) -> tuple[Any, list[Array]]:
-            def of_asked(*some: Array) -> Any:
-                rest = iter(some)
-                return function(
-                    *jax.tree.unflatten(tree, [next(rest) if a else x for x, a in zip(values, asked, strict=True)])
-                )
-
             nonlocal structure
-            found, pull = jax.vjp(of_asked, *(x for x, a in zip(values, asked, strict=True) if a))
+            found, pull = jax.vjp(*of_some(function, asked, jax.tree.unflatten(tree, values)))
             kept, structure = jax.tree.flatten(pull)
             return found, kept
 
@@ -131,8 +125,9 @@ def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
     def backward(residual: Any, bar: Any) -> Any:
         kept, asked = residual
         bar = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype) if isinstance(x, SymbolicZero) else x, bar)
-        slopes = iter(log_by_log(lambda kept, bar: jax.tree.unflatten(structure, kept)(bar))(kept, bar))
-        return jax.tree.map(lambda a: None if a is None else next(slopes), asked, is_leaf=lambda a: a in (None, ()))
+        (slopes,) = log_by_log(lambda kept, bar: jax.tree.unflatten(structure, kept)(bar))(kept, bar)
+        rest = iter(slopes)
+        return jax.tree.map(lambda a: None if a is None else next(rest), asked, is_leaf=lambda a: a in (None, ()))
 
     whole.defvjp(forward, backward, symbolic_zeros=True)
     return cast("Callable[..., Any]", whole)
@@ -149,17 +144,17 @@ def _differentiated_once(function: Callable[..., Any]) -> Callable[..., Any]:
     return cast("Callable[..., Any]", once)
 
 
-def unmapped_apart(function: Any, is_mapped: Any, arguments: Any) -> tuple[Callable[[list[Array]], Any], list[Array]]:
-    """The function of its mapped leaves alone, and these."""
+def of_some(function: Any, chosen: Any, arguments: Any) -> tuple[Callable[[list[Array]], Any], list[Array]]:
+    """The function of the chosen leaves of its arguments alone, and these."""
     leaves, structure = jax.tree.flatten(arguments)
-    mapped = jax.tree.leaves(tuple(is_mapped))
+    is_chosen = jax.tree.leaves(tuple(chosen))
 
     def one(parts: list[Array]) -> Any:
         rest = iter(parts)
-        whole = [next(rest) if m else x for x, m in zip(leaves, mapped, strict=True)]
+        whole = [next(rest) if c else x for x, c in zip(leaves, is_chosen, strict=True)]
         return function(*jax.tree.unflatten(structure, whole))
 
-    return one, [x for x, m in zip(leaves, mapped, strict=True) if m]
+    return one, [x for x, c in zip(leaves, is_chosen, strict=True) if c]
 
 
 def on_cpu() -> bool:

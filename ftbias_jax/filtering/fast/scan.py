@@ -142,7 +142,7 @@ def filter_sums(model: ProcessModel, keep: bool, inputs: Inputs, weight: Float[A
     """
     run = _filtered(model, Kept(states=keep, innovations=False), inputs)
     mean, triangle = run.last
-    # With weights that are no constants a matrix product would round them to fewer digits on an accelerator.
+    # An accelerator would round the factors of a matrix product to fewer digits.
     nats = jnp.matmul(weight, run.log_likelihood, precision="highest")
     states = None if run.states is None else States(*run.states)
     return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states)
@@ -164,7 +164,7 @@ def _loop(model: ProcessModel, keep: Callable[[Step], Any]) -> Callable[[Inputs]
     @compile_whole
     def loop(inputs: Inputs) -> Any:
         # Taken apart before the loop, or every step would do so again.
-        restart, start = list(inputs.restart_variance), (list(inputs.mean), upper([list(x) for x in inputs.covariance]))
+        restart, start = list(inputs.restart_variance), _start(inputs)
 
         def body(state: Packed, sample: tuple[Array, Vector, Vector, Any]) -> tuple[Packed, Any]:
             dt, y, variance, drive = sample
@@ -214,8 +214,7 @@ def _forward(model: ProcessModel, kept: Kept, inputs: Inputs) -> tuple[_Run, Res
     run, record = _run(model, Kept(kept.states or has_strength, kept.innovations), True, inputs)
     assert record is not None
     if has_strength:
-        start = list(inputs.mean), upper([list(row) for row in inputs.covariance])
-        before = jax.tree.map(lambda first, x: jnp.concatenate([first[None], x[:-1]]), start, run.states)
+        before = jax.tree.map(lambda first, x: jnp.concatenate([first[None], x[:-1]]), _start(inputs), run.states)
         record = record._replace(before=jnp.stack([*before[0], *before[1]], 1))
     return run if kept.states else run._replace(states=None), (inputs.dt, inputs.density, inputs.drive, record)
 
@@ -225,7 +224,7 @@ def _backward(model: ProcessModel, kept: Kept, residual: Residual, bar: _Run) ->
     dt, density, drive, record = residual
     like = record.weight[0]
     k = len(bar.last[0])
-    last = _unless_zero(bar.last, like[0]) and _slopes_of_entries(k, bar.last, like[0])
+    last = _slopes_of_entries(k, bar.last, like[0])
     bars = Cotangent(
         _made(bar.log_likelihood, like),
         _unless_zero(bar.nis, like),
@@ -235,10 +234,7 @@ def _backward(model: ProcessModel, kept: Kept, residual: Residual, bar: _Run) ->
     )
 
     def loop(density: Any, last: Any, samples: Any) -> Any:
-        # Zeros are made here: XLA aborts on some marked calls that are given the same constant more than once.
-        zero = jnp.zeros_like(samples[2].weight[0][0])
-        state = last or ([zero] * k, [zero] * (k * (k + 1) // 2))
-        start = state, jax.tree.map(jnp.zeros_like, density), [zero] * k
+        start = last, jax.tree.map(jnp.zeros_like, density), [jnp.zeros_like(x) for x in last[0]]
 
         def body(carry: tuple[Packed, Any, Vector], sample: tuple[Array, Any, Tape, Cotangent]) -> Any:
             (state, density_slope, restart), (dt, drive, record, bar) = carry, sample
@@ -276,6 +272,11 @@ def _slopes_of_entries(k: int, bars: Any, like: Array) -> Packed:
     mean, triangle = jax.tree.map(partial(_made, like=like), bars)
     places = [(a, b) for a in range(k) for b in range(a, k)]
     return mean, [x if a == b else x / 2 for (a, b), x in zip(places, triangle, strict=True)]
+
+
+def _start(inputs: Inputs) -> Packed:
+    """The state before the first sample."""
+    return list(inputs.mean), upper([list(row) for row in inputs.covariance])
 
 
 def driven(density: Any, drive: dict[str, Array] | None) -> Any:
