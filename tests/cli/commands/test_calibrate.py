@@ -4,31 +4,20 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+import still_logs
 from made_judged import judged
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step
 from ftbias_jax.setup import load_setup
 
-SETUP = """
-[robot]
-model = "panda"
-[sensor]
-noise_std = [0.1, 0.1, 0.1, 0.004, 0.004, 0.004]
-[tool]
-mass = 0.73
-center_of_mass = [0.0, 0.0, 0.06]
-inertia = [0.002, 0.0, 0.0, 0.002, 0.0, 0.001]
-"""
-
 
 @pytest.fixture
 def calls(tmp_path, monkeypatch):
     """What ``calibrate`` was called with, in a folder with a setup and a log; its answer is made up."""
-    (tmp_path / "setup.toml").write_text(SETUP)
-    count = 50
-    wrench = np.ones((count, 6))
-    np.savez(tmp_path / "log.npz", t=0.01 * np.arange(count), q=np.zeros((count, 7)), wrench=wrench)
+    (tmp_path / "setup.toml").write_text(still_logs.SETUP)
+    wrench = np.ones((still_logs.COUNT, 6))
+    still_logs.write_log(tmp_path / "log.npz", wrench)
     kept = []
 
     def calibrate(setup, logs, names, **asked):

@@ -5,19 +5,12 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+import still_logs
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.setup import load_setup
 
-SETUP = """
-[robot]
-model = "panda"
-[sensor]
-noise_std = [0.1, 0.1, 0.1, 0.004, 0.004, 0.004]
-[tool]
-mass = 0.73
-center_of_mass = [0.0, 0.0, 0.06]
-inertia = [0.002, 0.0, 0.0, 0.002, 0.0, 0.001]
+SETUP = f"""{still_logs.SETUP}
 [effects.time_delay]
 delay = 0.01
 """
@@ -27,11 +20,10 @@ delay = 0.01
 def folder(tmp_path, monkeypatch):
     """A setup and a log to stand in; caches stay in the folder."""
     (tmp_path / "setup.toml").write_text(SETUP)
-    count = 50
-    wrench = np.ones((count, 6))
-    np.savez(tmp_path / "log.npz", t=0.01 * np.arange(count), q=np.zeros((count, 7)), wrench=wrench)
+    wrench = np.ones((still_logs.COUNT, 6))
+    still_logs.write_log(tmp_path / "log.npz", wrench)
     wrench[:, 5] = np.nan
-    np.savez(tmp_path / "lame.npz", t=0.01 * np.arange(count), q=np.zeros((count, 7)), wrench=wrench)
+    still_logs.write_log(tmp_path / "lame.npz", wrench)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("ftbias_jax.runtime.jax_config.prepare_jax", lambda: None)
     monkeypatch.setattr("ftbias_jax.commissioning.guard.objection", lambda setup, diagnosis, logs: "")
