@@ -8,6 +8,7 @@ is loaded and called.
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import os
 import pickle
@@ -16,10 +17,11 @@ import stat
 from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
-from functools import lru_cache, partial, update_wrapper
+from contextvars import ContextVar
+from functools import lru_cache, update_wrapper
 from importlib.metadata import version
 from pathlib import Path
-from threading import Lock, Thread
+from threading import Lock
 from typing import Any
 
 import jax
@@ -28,10 +30,14 @@ from jax.experimental.serialize_executable import deserialize_and_load, serializ
 
 from ftbias_jax.files import replace_whole
 from ftbias_jax.runtime.compiled_loops import on_cpu
-from ftbias_jax.runtime.jax_config import is_plain, is_wide, same_precision
+from ftbias_jax.runtime.jax_config import is_plain, is_wide
 
-QUICK_TO_COMPILE: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False}
-"""The older emitters of XLA make equally fast programs of some hundred small kernels in two thirds of the time."""
+FEW_CALLS, MANY_CALLS = 0, 1
+"""Level at which LLVM optimises. Programs of level 0 are compiled in less than half of the time, and run four times as
+long; those of level 1 run as long as those of higher levels."""
+OLDER_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
+"""They make equally fast programs of some hundred small kernels in two thirds of the time."""
+_level: ContextVar[int] = ContextVar("_level", default=MANY_CALLS)
 ADDRESS = " at 0x"
 """In the words for an object that nothing but its place in memory tells from others: such a program is not kept."""
 
@@ -59,7 +65,7 @@ class KeptProgram:
 
     def _program(self, leaves: list[Any], tree: Any, static: dict[str, Any]) -> Callable[..., Any]:
         shapes = tuple((np.shape(leaf), np.dtype(getattr(leaf, "dtype", type(leaf)))) for leaf in leaves)
-        key = (tree, shapes, tuple(static.items()), is_wide())
+        key = (tree, shapes, tuple(static.items()), is_wide(), _level.get())
         with self._lock:
             mine = key not in self._ready
             ready = self._ready.setdefault(key, Future())
@@ -75,74 +81,65 @@ class KeptProgram:
     def _make(self, tree: Any, shapes: Any, static: dict[str, Any], words: str) -> Callable[..., Any]:
         """The program from the cache, or compiled and put there."""
         path = _path(words)
+
+        def compiled() -> Callable[..., Any]:
+            outline = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*shape) for shape in shapes])
+
+            def named(*arguments: Any) -> Any:
+                return self._function(*arguments, **static)
+
+            # JAX's own cache knows it by this name: of what it has loaded from there no copy can be made.
+            named.__name__ = named.__qualname__ = path.stem if path else self._name
+            program = _compile(jax.jit(named).lower(*outline))
+            if path is not None:
+                _keep(path, program)
+            return program
+
         if path is not None and _is_own(path.parent):
             with suppress(Exception):  # a file of a cache may be anything: then it is made again
                 kept: Callable[..., Any] = deserialize_and_load(*pickle.loads(_content(path)))
-                return kept
-        outline = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*shape) for shape in shapes])
-
-        def named(*arguments: Any) -> Any:
-            return self._function(*arguments, **static)
-
-        # JAX's own cache knows it by this name: of what it has loaded from there no copy can be made.
-        named.__name__ = named.__qualname__ = path.stem if path else self._name
-        lowered = jax.jit(named).lower(*outline)
-        try:
-            compiled = lowered.compile(compiler_options=QUICK_TO_COMPILE if on_cpu() else None)
-        except jax.errors.JaxRuntimeError:  # a version of XLA that does not know the option
-            compiled = lowered.compile()
-        if path is not None:
-            _postponed.do(same_precision(partial(_keep, path, compiled, outline)))
-        return compiled
+                _return_memory()
+                return _tried(kept, compiled)
+        return compiled()
 
 
-class _Postponed:
-    """Work that is done at once, or while blocks of ``kept_later`` run after the last of them."""
-
-    def __init__(self) -> None:
-        self._lock, self._blocks = Lock(), 0
-        self._waiting: list[Callable[[], None]] = []
-
-    def do(self, work: Callable[[], None]) -> None:
-        with self._lock:
-            if self._blocks:
-                self._waiting.append(work)
-                return
-        work()
-
-    def begin(self) -> None:
-        with self._lock:
-            self._blocks += 1
-
-    def end(self) -> None:
-        with self._lock:
-            self._blocks -= 1
-            if self._blocks:
-                return
-            waiting, self._waiting = self._waiting, []
-        if waiting:
-            Thread(target=_do_all, args=(waiting,)).start()
+def _compile(lowered: Any) -> Any:
+    """A program of what was traced."""
+    try:
+        chosen = {**OLDER_EMITTERS, "xla_backend_optimization_level": _level.get()} if on_cpu() else None
+        return lowered.compile(compiler_options=chosen)
+    except jax.errors.JaxRuntimeError:  # a version of XLA that does not know the options
+        return lowered.compile()
+    finally:
+        _return_memory()
 
 
-def _do_all(works: list[Callable[[], None]]) -> None:
-    for work in works:
-        work()
+def _tried(kept: Callable[..., Any], compiled: Callable[[], Callable[..., Any]]) -> Callable[..., Any]:
+    """A program that was read, until it fails: that some of its functions are missing shows when it is called."""
+    chosen: list[Callable[..., Any]] = []
 
+    def program(*arguments: Any) -> Any:
+        if not chosen:
+            try:
+                found = jax.block_until_ready(kept(*arguments))
+            except jax.errors.JaxRuntimeError:
+                chosen.append(compiled())
+            else:
+                chosen.append(kept)
+                return found
+        return chosen[0](*arguments)
 
-_postponed = _Postponed()
+    return program
 
 
 @contextmanager
-def kept_later() -> Iterator[None]:
-    """What is compiled in the block, by whatever thread, is written to the cache after it, by a thread of its own.
-
-    Whoever waits for programs need not wait until they are written; only the end of the process does.
-    """
-    _postponed.begin()
+def compiled_for_few_calls() -> Iterator[None]:
+    """What is compiled in the block, by this thread, need not be fast: waiting for it takes longer than calling it."""
+    before = _level.set(FEW_CALLS)
     try:
         yield
     finally:
-        _postponed.end()
+        _level.reset(before)
 
 
 def keep_program(*static: str) -> Callable[[Callable[..., Any]], KeptProgram]:
@@ -154,12 +151,16 @@ def keep_program(*static: str) -> Callable[[Callable[..., Any]], KeptProgram]:
     return lambda function: KeptProgram(function, static)
 
 
-def _keep(path: Path, compiled: Any, outline: Any) -> None:
-    """Write a program that works when it is read again."""
+def _return_memory() -> None:
+    """Give back what compiling or loading a program took and needs no more: some 100 MB, which the C library keeps."""
+    with suppress(Exception):  # only glibc has it
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+def _keep(path: Path, compiled: Any) -> None:
+    """Write a program."""
     with suppress(Exception):  # a full disk, or a program that cannot be kept
-        parts, zeros = serialize(compiled), jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), outline)
-        jax.block_until_ready(deserialize_and_load(*parts)(*zeros))
-        content = path.stem.encode() + pickle.dumps(parts)
+        content = path.stem.encode() + pickle.dumps(serialize(compiled))
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         replace_whole(str(path), lambda file: file.write(content))
 

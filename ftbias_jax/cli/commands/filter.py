@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,9 @@ from ftbias_jax.io.write.provenance import in_words
 from ftbias_jax.io.write.selection import Selection, check_selection
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup
+
+SHORT = 1 << 15
+"""Samples of a log, filtered alone, for which compiling a fast program takes longer than what it saves."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -58,9 +62,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.filtering.quality.summary import format_summary
     from ftbias_jax.filtering.verbs.results import format_joint_noise
     from ftbias_jax.model.own_effects import load_all
+    from ftbias_jax.runtime.kept_programs import compiled_for_few_calls
 
     setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
-    with Stages(f"filtering {path}") as stages:
+    short = log.length <= SHORT
+    with Stages(f"filtering {path}") as stages, compiled_for_few_calls() if short else nullcontext():
         stages("joints, noise and bias")
         outcome = filter_file(
             log,

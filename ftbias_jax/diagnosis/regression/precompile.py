@@ -23,7 +23,6 @@ from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.runtime.jax_config import same_precision
-from ftbias_jax.runtime.kept_programs import kept_later
 from ftbias_jax.setup.types import Setup
 
 WORKERS = 2
@@ -38,14 +37,13 @@ def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
     of a program that it cannot compile is raised at the end of the block.
     """
     worker = ThreadPoolExecutor(WORKERS)
-    with kept_later():
-        try:
-            compiling = [worker.submit(same_precision(prepare)) for prepare in programs_of_search(setup, logs)]
-            yield
-            for one in compiling:
-                one.result()
-        finally:
-            worker.shutdown(wait=False, cancel_futures=True)
+    try:
+        compiling = [worker.submit(same_precision(prepare)) for prepare in programs_of_search(setup, logs)]
+        yield
+        for one in compiling:
+            one.result()
+    finally:
+        worker.shutdown(wait=False, cancel_futures=True)
 
 
 def programs_of_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Callable[[], object]]:
