@@ -19,9 +19,9 @@ from ftbias_jax.diagnosis.thresholds import LEAST_BINS
 from ftbias_jax.errors import LogError
 from ftbias_jax.filtering import bias_filter, params_for_log
 from ftbias_jax.filtering.likelihood import WrenchProblem
-from ftbias_jax.filtering.method.look import contacts_in
+from ftbias_jax.filtering.method.look import contacts_in, scatter_at_rest
 from ftbias_jax.filtering.noise.contact import Contact, in_contact
-from ftbias_jax.filtering.noise.log_noise import MARGIN
+from ftbias_jax.filtering.noise.log_noise import MARGIN, by_axis
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE
@@ -156,6 +156,10 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     touched = in_contact(log.t, list(contacts), MARGIN)
     error, of_arm = reading - log.wrench, speed if arm else None
     found = inspect_samples(log, setup.sensor.noise_std, error, rate, of_arm, known, touched)
+    if found.level.detected and found.level.doubt:
+        scatter = scatter_at_rest(log, error, speed, variance, setup.sensor.noise_std)
+        words = f"{found.level.doubt} of what scatters at rest, by {by_axis(scatter)} of noise_std (ftbias filter)"
+        found = found._replace(level=found.level._replace(doubt=words))
     # With that of accelerations that nobody recorded; an effect of the setup may make the sensor quieter than stated.
     joint_variance = np.maximum(variance - setup.sensor.noise_std**2, 0.0)
     noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)

@@ -24,6 +24,8 @@ LEAST_SHARE = 0.1
 UNEXPLAINED = 0.8
 """Share of the samples in which all axes repeat that the repeats of single axes must not explain. On quantised logs of
 an arm that stops and goes it is 0.4 at most (``tests/io/rates/test_held.py``)."""
+BY_CHANCE = 0.1
+"""Share of them up to which every one is a repeat; where single axes explain more, a long run is of equal readings."""
 COINCIDENT = 0.8
 """Samples in which any axis changes, of those expected if axes changed independently: below it they change together."""
 APART = 0.6
@@ -102,7 +104,8 @@ def held_readings(seen: Repeats) -> Held | None:
         return None
     starts = np.flatnonzero(~together)
     lengths = np.diff(np.r_[starts, len(together)])
-    samples = _samples_of_one(lengths)
+    # Equal readings one after the other cannot be told from a longer hold, but by how often chance makes them equal.
+    samples = int(lengths.max()) if explained < BY_CHANCE * count else _samples_of_one(lengths)
     place = np.arange(len(together)) - np.repeat(starts, lengths)  # in the run of equal readings
     return Held(samples, place % samples != 0)
 

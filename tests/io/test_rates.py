@@ -45,6 +45,13 @@ def test_a_rate_that_is_no_multiple_of_the_sensors_is_found_too(pattern):
     assert found.repeats.mean() == pytest.approx(1 - len(pattern) / sum(pattern), abs=0.01)
 
 
+def test_of_readings_that_are_held_for_any_while_every_repeat_is_found():
+    readings = np.random.default_rng(0).normal(size=(4000, 6))
+    lengths = np.random.default_rng(1).choice([1, 2, 3, 4, 8], 4000, p=[0.69, 0.22, 0.04, 0.04, 0.01])
+    found = find_held(np.repeat(readings, lengths, 0))
+    assert (found.samples, found.repeats.sum()) == (8, (lengths - 1).sum())
+
+
 @pytest.mark.parametrize("rest", [50, 100, 317, 1000, 5000])
 @pytest.mark.parametrize("noise", [0.01, 0.05, 0.1, 0.3, 1.0])
 @pytest.mark.parametrize("speed", [0.0005, 0.003, 0.01, 0.05])

@@ -136,7 +136,11 @@ def _of_finding(problem: Problem, finding: Finding) -> Candidate:
     held = HeldOut(np.zeros((0, 6)), finding.nats / seconds, scatter / seconds)
     values, stderr = cast(Parameters, finding.parameters), cast(Parameters, finding.stderr)
     candidate = _candidate(problem.catalogue[finding.effect], values, stderr, held, 0.0)
-    return candidate._replace(explanation=f"{candidate.explanation}: {finding.sentence}")
+    return candidate._replace(
+        explanation=f"{candidate.explanation}: {finding.sentence}",
+        doubt=finding.doubt,
+        remedy=finding.remedy or candidate.remedy,
+    )
 
 
 def ranking_of(answer: Answer) -> tuple[Candidate, ...]:

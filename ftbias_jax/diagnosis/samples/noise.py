@@ -31,6 +31,8 @@ TOP = 8
 CLIPPED_STD = 0.98658
 """Of a standard normal that is cut off there."""
 LONG_WINDOW = 256
+KEEP = "keep sensor.noise_std: the noise is not of one size, and ftbias filter takes it as the log shows it"
+"""What to do about noise that is not white, or not the same in motion as at rest."""
 
 
 class Waves(NamedTuple):
@@ -168,4 +170,8 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bo
         sentence = f"white noise of {name_channels(wrong)} is not the stated: {words} times as large"
     if noise.coloured.any():
         sentence += f"; {name_channels(noise.coloured)} not white (hum, vibration, ringing or a filter)"
-    return Finding(LEVEL, bool(wrong.any()), {"scale": scale.tolist()}, {"scale": stderr.tolist()}, nats, sentence)
+    found = Finding(LEVEL, bool(wrong.any()), {"scale": scale.tolist()}, {"scale": stderr.tolist()}, nats, sentence)
+    not_white = wrong & noise.coloured
+    if not_white.any():
+        found = found._replace(doubt=f"{name_channels(not_white)}: not white, and this is the white part", remedy=KEEP)
+    return found._replace(remedy=KEEP) if grows else found

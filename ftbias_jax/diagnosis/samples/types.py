@@ -33,6 +33,10 @@ class Finding(NamedTuple):
     """Of ``nats``, from blocks of the log; None = the square root of twice it, as of a chi-square."""
     effect: str = ""
     """The entry of the catalogue that leaves this sign; "" = not looked up (``together``)."""
+    doubt: str = ""
+    """Why the numbers are not what the entry of the catalogue means by them; "" = they are."""
+    remedy: str = ""
+    """What to do instead of what the entry says; "" = that."""
 
 
 class SampleFindings(NamedTuple):

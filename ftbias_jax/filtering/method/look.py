@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering import pipeline
@@ -23,6 +24,7 @@ from ftbias_jax.filtering.noise.blocks import (
 from ftbias_jax.filtering.noise.contact import Contact, Contacts, find_contacts, listed, slow_std
 from ftbias_jax.filtering.noise.fit_noise import Noise, fit_noise
 from ftbias_jax.filtering.noise.log_noise import LogNoise, nothing, told
+from ftbias_jax.filtering.noise.vibration import fit_vibration
 from ftbias_jax.filtering.params_for_log import without_useless
 from ftbias_jax.filtering.pipeline import Options, State
 from ftbias_jax.filtering.samples import room_for, samples_of
@@ -89,22 +91,66 @@ def contacts_in(
         speed: rad/s, of the joints.
         variance: N^2, Nm^2, of a sample.
     """
-    layout, length = layout_of(np.diff(log.t)), len(log.t)
-    if length // layout.size < LEAST_BLOCKS:
+    layout = layout_of(np.diff(log.t))
+    if len(log.t) // layout.size < LEAST_BLOCKS:
         return ()
-    more = room_for(length) - length
-    columns = [np.pad(x, [(0, more), *[(0, 0)] * (x.ndim - 1)], mode="edge") for x in (log.t, error, speed, variance)]
-    jumps = np.asarray(log.is_rezeroed(log.t, None), float) if log.rezeroed_at else None
-    jumps = None if jumps is None else np.pad(jumps, (0, more))
-    contacts, middles = jax.tree.map(np.asarray, _contacts(*columns, jumps, np.asarray(length), layout=layout))
+    contacts, middles = jax.tree.map(np.asarray, _contacts(*_padded(log, error, speed, variance), layout=layout))
     return listed(contacts, middles, layout)
 
 
 @keep_program("layout")
 def _contacts(
-    t: Array, y: Array, velocity: Array, variance: Array, jumps: Array | None, length: Array, *, layout: Layout
+    columns: tuple[Array, ...], jumps: Array | None, length: Array, *, layout: Layout
 ) -> tuple[Contacts, Array]:
-    blocks = in_blocks(layout, t, y, velocity, variance, length=length)
-    if jumps is not None:
-        blocks = without_jumps(blocks, jumps_in(layout, jumps))
+    blocks = _blocks(columns, jumps, length, layout)
     return find_contacts(blocks, layout, slow_std(blocks, layout)), blocks.t
+
+
+def scatter_at_rest(
+    log: Log,
+    error: Float[np.ndarray, "T 6"],
+    speed: Float[np.ndarray, "T n"],
+    variance: Float[np.ndarray, "T 6"],
+    noise_std: Float[np.ndarray, " 6"],
+) -> Float[np.ndarray, " 6"]:
+    """How far readings scatter within a block at rest, per stated noise, as the filter finds and says it.
+
+    Args:
+        log: as read.
+        error: N, Nm, the model's prediction less the wrench.
+        speed: rad/s, of the joints.
+        variance: N^2, Nm^2, of a sample.
+        noise_std: N, Nm, stated of the sensor.
+
+    Returns:
+        ones for a log that is too short to say.
+    """
+    layout = layout_of(np.diff(log.t))
+    if len(log.t) // layout.size < LEAST_BLOCKS:
+        return np.ones(6)
+    variances: np.ndarray = np.asarray(_level(*_padded(log, error, speed, variance), noise_std**2, layout=layout))
+    return np.sqrt(variances)
+
+
+def _padded(log: Log, *columns: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray | None, np.ndarray]:
+    """Stamps and columns of a log and the samples at which the sensor was set to zero, padded, and its length."""
+    length = len(log.t)
+    more = room_for(length) - length
+    padded = tuple(np.pad(x, [(0, more), *[(0, 0)] * (x.ndim - 1)], mode="edge") for x in (log.t, *columns))
+    jumps = np.asarray(log.is_rezeroed(log.t, None), float) if log.rezeroed_at else None
+    return padded, None if jumps is None else np.pad(jumps, (0, more)), np.asarray(length)
+
+
+@keep_program("layout")
+def _level(
+    columns: tuple[Array, ...], jumps: Array | None, length: Array, sensor: Array, *, layout: Layout
+) -> Float[Array, " 6"]:
+    blocks = _blocks(columns, jumps, length, layout)
+    free = ~find_contacts(blocks, layout, slow_std(blocks, layout)).near & (jnp.arange(len(blocks.t)) < blocks.number)
+    return fit_vibration(blocks, layout, free, sensor).level
+
+
+def _blocks(columns: tuple[Array, ...], jumps: Array | None, length: Array, layout: Layout) -> Blocks:
+    t, error, speed, variance = columns
+    blocks = in_blocks(layout, t, error, speed, variance, length=length)
+    return blocks if jumps is None else without_jumps(blocks, jumps_in(layout, jumps))

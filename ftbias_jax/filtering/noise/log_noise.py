@@ -54,7 +54,7 @@ def describe(noise: LogNoise) -> list[str]:
     """Lines that tell a reader what the log shows beyond its setup; none if nothing."""
     lines = []
     if noise.offset.any():
-        words = _by_axis(noise.offset, noise.offset != 0, 4)
+        words = by_axis(noise.offset, noise.offset != 0, 4)
         lines.append(f"the bias at the start is far from what the setup expects, by N, Nm: {words}")
     if noise.begun_again:
         lines.append(BEGUN_AGAIN)
@@ -64,7 +64,7 @@ def describe(noise: LogNoise) -> list[str]:
     if noise.vibration is not None and noise.vibration.taken and noise.vibration.per_speed.any():
         lines.append("the noise grows with the speed of the joints; the filter takes what the scatter of the log shows")
     if noise.vibration is not None and (noise.vibration.level != 1).any():
-        words = _by_axis(np.sqrt(noise.vibration.level), noise.vibration.level != 1)
+        words = by_axis(np.sqrt(noise.vibration.level), noise.vibration.level != 1)
         kept = "; where it is less, the filter keeps the stated one" if (noise.vibration.level < 1).any() else ""
         lines.append(f"scatter of single readings at rest, per stated noise_std: {words}{kept}")
     if noise.slow is not None and noise.slow.std.any():
@@ -72,13 +72,15 @@ def describe(noise: LogNoise) -> list[str]:
         words = ", ".join(f"{name} {std:.2g} over {time:.2g} s" for name, std, time in of_axes if std > 0)
         lines.append(f"errors that vary slowly (N, Nm and correlation time): {words}")
     if (noise.inflation > 1).any():
-        words = _by_axis(noise.inflation, noise.inflation > 1)
+        words = by_axis(noise.inflation, noise.inflation > 1)
         lines.append(f"standard deviations of the bias are enlarged, by what the innovations still contradict: {words}")
     return lines
 
 
-def _by_axis(values: Array, shown: Array, digits: int = 2) -> str:
-    return " ".join(f"{name} {x:.{digits}g}" for name, x, is_shown in zip(AXES, values, shown, strict=True) if is_shown)
+def by_axis(values: Array, shown: Array | None = None, digits: int = 2) -> str:
+    """Names and values (6,) of the axes that are shown, None = all."""
+    told = np.ones(6, bool) if shown is None else shown
+    return " ".join(f"{name} {x:.{digits}g}" for name, x, is_shown in zip(AXES, values, told, strict=True) if is_shown)
 
 
 def remark_of_gate(noise: LogNoise) -> Repairs:

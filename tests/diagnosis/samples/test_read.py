@@ -297,6 +297,19 @@ def test_filtered_noise_is_not_white():
     assert "all channels not white" in found.level.sentence
 
 
+def test_noise_that_is_quieter_and_not_white_says_that_its_white_part_is_told():
+    recording = Recording(13)
+    noise = 0.1 * recording.noise
+    for i in range(1, len(noise)):
+        noise[i] += 0.8 * noise[i - 1]
+    level = recording.inspect(recording.model + noise).level
+    assert level.detected
+    assert level.doubt == "all channels: not white, and this is the white part"
+    assert level.remedy.startswith("keep sensor.noise_std")
+    white = recording.inspect(recording.model + 2 * recording.noise).level
+    assert (white.detected, white.doubt, white.remedy) == (True, "", "")
+
+
 def test_two_effects():
     recording = Recording(14)
     wrench = recording.model + 2 * recording.noise

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.filtering.method.look import contacts_in
+from ftbias_jax.filtering.method.look import contacts_in, scatter_at_rest
 from ftbias_jax.io.log import Log
 
 NOISE = np.repeat([0.1, 0.004], 3)
@@ -39,3 +39,23 @@ def test_a_sensor_that_is_zeroed_is_not_touched():
 
 def test_a_short_log_says_nothing():
     assert found(8.0 * (T > 0.5), rows=slice(0, 200)) == ()
+
+
+@pytest.mark.parametrize("stated", [0.5, 3.0])
+def test_the_scatter_at_rest_is_that_within_blocks(stated):
+    error = NOISE * np.random.default_rng(0).normal(size=(4000, 6)) + 0.3 * np.sin(0.5 * T)[:, None]
+    nothing = np.full((4000, 6), np.nan)
+    log = Log(T, nothing, nothing, -error, nothing[:, 0])
+    blocks = error.reshape(400, 10, 6)
+    line = np.stack([np.ones(10), np.arange(10) - 4.5], 1)
+    left = blocks - line @ (np.linalg.pinv(line) @ blocks)
+    within = np.sqrt((left**2).sum((0, 1)) / (8 * 400))
+    found = scatter_at_rest(log, error, SPEED, np.tile((stated * NOISE) ** 2, (4000, 1)), stated * NOISE)
+    np.testing.assert_allclose(found, within / (stated * NOISE), rtol=0.01)
+
+
+def test_a_short_log_says_nothing_of_its_scatter():
+    few = slice(0, 200)
+    nothing = np.full((200, 6), np.nan)
+    log = Log(T[few], nothing, nothing, nothing, nothing[:, 0])
+    np.testing.assert_array_equal(scatter_at_rest(log, nothing, SPEED[few], nothing, NOISE), np.ones(6))
