@@ -90,7 +90,7 @@ class KeptProgram:
 
             # JAX's own cache knows it by this name: of what it has loaded from there no copy can be made.
             named.__name__ = named.__qualname__ = path.stem if path else self._name
-            program = _compile(jax.jit(named).lower(*outline))
+            program: Callable[..., Any] = _compile(jax.jit(named).lower(*outline))
             if path is not None:
                 _keep(path, program)
             return program

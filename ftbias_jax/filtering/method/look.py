@@ -128,8 +128,9 @@ def scatter_at_rest(
     layout = layout_of(np.diff(log.t))
     if len(log.t) // layout.size < LEAST_BLOCKS:
         return np.ones(6)
-    variances: np.ndarray = np.asarray(_level(*_padded(log, error, speed, variance), noise_std**2, layout=layout))
-    return np.sqrt(variances)
+    level = _level(*_padded(log, error, speed, variance), noise_std**2, layout=layout)
+    scatter: np.ndarray = np.sqrt(np.asarray(level))
+    return scatter
 
 
 def _padded(log: Log, *columns: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray | None, np.ndarray]:
