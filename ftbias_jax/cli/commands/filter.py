@@ -18,12 +18,12 @@ from ftbias_jax.fleet.quality import of_filter
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.parts import open_log
 from ftbias_jax.io.write import writer, written
-from ftbias_jax.io.write.offsets import dump_offsets
 from ftbias_jax.io.write.ours import EXPORT, FIGURE, RESULT
 from ftbias_jax.io.write.provenance import in_words
 from ftbias_jax.io.write.selection import Selection, check_selection
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup
+from ftbias_jax.setup.export.ros import dump_offsets
 
 
 def run(arguments: argparse.Namespace) -> int:

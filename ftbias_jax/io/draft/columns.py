@@ -7,7 +7,7 @@ from typing import Any
 
 from ftbias_jax.io.conventions.headers import Match, matches
 from ftbias_jax.io.draft.table import Table, likeliest
-from ftbias_jax.setup.keys.template import Known
+from ftbias_jax.setup.keys.toml_text import Known
 
 QUANTITIES = ("time", "position", "velocity", "wrench", "temperature")
 """Keys of [log.columns]."""

@@ -16,7 +16,7 @@ from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.io.draft.table import Table
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import between, interpolated, sensor_rotations
-from ftbias_jax.setup.keys.template import Known
+from ftbias_jax.setup.keys.toml_text import Known
 from ftbias_jax.setup.rotations import rpy_from_rotation
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array

@@ -25,10 +25,10 @@ from ftbias_jax.io.draft.table import Table, look, patterns, time_unit
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import sensor_rotations
 from ftbias_jax.io.ros.record import is_ros
-from ftbias_jax.setup.keys.template import MEASURE, Known, write_template
+from ftbias_jax.setup.keys.toml_text import MEASURE, Known, write_template
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.setup.urdf.read import load_urdf
+from ftbias_jax.setup.urdf import load_urdf
 
 GUESS = Known([0.1, 0.004], f"a guess: {MEASURE}")
 """N, Nm: noise of a usual wrist sensor, where there is no log to look at."""

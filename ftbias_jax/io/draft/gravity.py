@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.io.draft.robot import Keys
-from ftbias_jax.setup.keys.template import MEASURE, Known
+from ftbias_jax.setup.keys.toml_text import MEASURE, Known
 from ftbias_jax.types import Array
 
 MOST_SAMPLES = 5000
