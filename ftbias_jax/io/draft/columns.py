@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ftbias_jax.io.conventions.headers import Match, matches
 from ftbias_jax.io.draft.table import Table, likeliest
+from ftbias_jax.io.tables.headers import Match, matches
 from ftbias_jax.setup.keys.toml_text import Known
 
 QUANTITIES = ("time", "position", "velocity", "wrench", "temperature")

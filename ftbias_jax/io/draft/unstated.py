@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.conventions.headers import FIXED
-from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
 from ftbias_jax.io.draft.columns import nested, stated_columns
 from ftbias_jax.io.draft.table import Table, time_unit
 from ftbias_jax.io.health import StreamInfo, stream_info
+from ftbias_jax.io.pose import STANDARD_GRAVITY
 from ftbias_jax.io.ros.messages import IMU, POSE, TRANSFORM
 from ftbias_jax.io.ros.record import Recording
+from ftbias_jax.io.tables.headers import FIXED
 from ftbias_jax.io.tables.streams import read_stream
 from ftbias_jax.setup.keys.toml_text import toml_line
 from ftbias_jax.setup.parse import parse_setup
