@@ -16,10 +16,9 @@ from ftbias_jax.io.draft.unstated import is_usual, look_at, pose_keys, robot_of
 from ftbias_jax.io.health import StreamInfo, stream_info
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.ros.choose import wanted_of
-from ftbias_jax.io.ros.collect import Stream, Wanted
 from ftbias_jax.io.ros.messages import JOINT_STATE, JOINTS, POSE, POSITION, TRANSFORM, WRENCH, WRENCH_STAMPED
 from ftbias_jax.io.ros.read import log_of, skew
-from ftbias_jax.io.ros.record import Topic, is_ros, read_recording
+from ftbias_jax.io.ros.record import Stream, Topic, Wanted, is_ros, read_recording
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES

@@ -10,9 +10,8 @@ import numpy as np
 
 from ftbias_jax.errors import LogError, SetupError, UsageError
 from ftbias_jax.io.pose import rotate
-from ftbias_jax.io.ros.collect import Stream, Wanted
 from ftbias_jax.io.ros.messages import JOINT_STATE, TF, WRENCH_STAMPED
-from ftbias_jax.io.ros.record import read_recording
+from ftbias_jax.io.ros.record import Stream, Wanted, read_recording
 from ftbias_jax.setup.chains import Pose, pose_at
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.keys.toml_text import Known
