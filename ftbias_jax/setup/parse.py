@@ -3,7 +3,7 @@
 [data_noise] states Sigma_D, the covariance of the data matrix D with W = D theta. Where the acceleration, the rate and
 the direction of gravity at the sensor are known only so well, the wrench of the tool is predicted only so well:
 R = Sigma_W + B Sigma_D B^T (report, section 3). Its 36 live variances follow from four physical standard deviations
-(model/wrench/data_noise.py), or are stated one by one.
+(model/wrench/tool_wrench.py), or are stated one by one.
 """
 
 from __future__ import annotations

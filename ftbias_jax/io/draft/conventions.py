@@ -10,7 +10,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import since, stamps_of
-from ftbias_jax.io.draft.gravity import Weighed, weigh
+from ftbias_jax.io.draft.evidence import Weighed, weigh
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.io.draft.table import Table
 from ftbias_jax.io.log import Log
