@@ -80,10 +80,12 @@ def cleaned(
 
 
 def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, held: bool = True) -> Log:
-    """A log, or a part of it, in which samples of clipped and stuck axes and repeats are not measured; see ``clean``."""
+    """A log, or a part of it, in which samples of clipped and stuck axes, and repeats, are not measured."""
+    columns: dict[str, Any] = {}
     for name, stream in facts.held.items() if held else ():
         repeats = np.isin(log.t, stream.t, assume_unique=True)
-        log = log._replace(**{name: np.where(repeats[:, None], np.nan, getattr(log, name))})
+        columns[name] = np.where(repeats[:, None], np.nan, getattr(log, name))
+    log = log._replace(**columns)
     if not ((clipped and facts.clipped_count.any()) or (stuck and facts.stuck_count.any())):
         return log
     nowhere = (Saturation(np.nan, np.nan),) * 6
@@ -153,10 +155,8 @@ def _survey(split: Split) -> Facts:
         (low == axis.low) * axis.low_count + (high == axis.high) * axis.high_count
         for (low, high), axis in zip(clipped, axes, strict=True)
     ]
-    stills = tuple(
-        tuple(still for still in stuck(axis) if still.value not in ends)
-        for axis, ends in zip(axes, clipped, strict=True)
-    )
+    pairs = zip(map(stuck, axes), clipped, strict=True)
+    stills = tuple(tuple(still for still in stretches if still.value not in ends) for stretches, ends in pairs)
     counts = [sum(still.samples for still in stretches) for stretches in stills]
     measured = np.array([axis.samples for axis in axes])
     every_t = {name: np.concatenate(kept) for name, kept in stamps.items()}
