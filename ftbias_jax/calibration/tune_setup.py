@@ -41,7 +41,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.runtime.jax_config import in_float64
-from ftbias_jax.setup.compare import require_one_robot
+from ftbias_jax.setup.require import require_one_robot
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Sample
 

@@ -13,17 +13,18 @@ if TYPE_CHECKING:
     from ftbias_jax.calibration.tune_result import TuneResult
     from ftbias_jax.check.result import Check
     from ftbias_jax.diagnosis.result import Diagnosis
-    from ftbias_jax.filtering.quality.summary import Summary
+    from ftbias_jax.filtering.verbs.results import FilterResult
     from ftbias_jax.io.write.provenance import Provenance
 
 DIGITS = 6
 """Significant digits, so that lines are short."""
 
 
-def of_filter(summary: Summary, check: Check, origin: Provenance) -> dict[str, Any]:
-    """What filtering a log shows; a check without findings if nobody looked."""
+def of_filter(result: FilterResult) -> dict[str, Any]:
+    """What filtering a log shows; no findings if nobody looked."""
+    summary = result.summary
     return _quality(
-        origin,
+        result.provenance or {},
         nis=summary.mean_nis,
         one_second_error=summary.one_second_rms,
         residual_std=summary.residual_std,
@@ -33,7 +34,7 @@ def of_filter(summary: Summary, check: Check, origin: Provenance) -> dict[str, A
         drift=summary.drift,
         drift_std=summary.drift_std,
         gated_share=summary.gated / summary.samples,
-        findings=[finding.mistake for finding in check.findings],
+        findings=[finding.mistake for finding in result.checked.findings],
     )
 
 

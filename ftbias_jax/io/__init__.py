@@ -6,13 +6,13 @@ import os
 from collections.abc import Mapping
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.check import FURTHER
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.remote.fetch import opened
 from ftbias_jax.io.ros.read import read_ros
 from ftbias_jax.io.ros.record import SUFFIXES, is_ros
 from ftbias_jax.io.tables.arrays import TABLES, log_from_arrays, read_table, suffix_of
-from ftbias_jax.io.tables.extra import column_of, with_extra_columns
 from ftbias_jax.io.tables.poses import Poses, read_poses
 from ftbias_jax.io.tables.streams import read_files
 from ftbias_jax.setup.types import Setup
@@ -63,9 +63,9 @@ def read_recorded(path: str | os.PathLike[str], setup: Setup, *, salvage: bool =
     """As ``read_log``, before anybody has looked whether the sensor was in order."""
     file = os.fspath(path)
     if setup.log.files:
-        return with_extra_columns(read_files(path, setup, salvage=salvage), path, setup)._replace(file=file)
+        return read_files(path, setup, salvage=salvage)._replace(file=file)
     with opened(path) as there:
-        return with_extra_columns(_read_one(there, setup, salvage), there, setup)._replace(file=file)
+        return _read_one(there, setup, salvage)._replace(file=file)
 
 
 def _read_one(path: str, setup: Setup, salvage: bool) -> Log:
@@ -126,11 +126,10 @@ def log_of_arrays(
         "position": position,
         "angular_velocity": angular_velocity,
         "specific_force": specific_force,
+        **{f"{FURTHER}{name}": values for name, values in (columns or {}).items()},
     }
     log = log_from_arrays({name: values for name, values in arrays.items() if values is not None}, setup)
-    stamps = t[1] if isinstance(t, tuple) else t
-    extra = {name: column_of(stamps, values, log.start, field=name) for name, values in (columns or {}).items()}
-    return clean(log._replace(columns=extra), clipped=not raw, stuck=not raw, held=not raw)
+    return clean(log, clipped=not raw, stuck=not raw, held=not raw)
 
 
 Log.from_arrays = staticmethod(log_of_arrays)  # type: ignore[method-assign]

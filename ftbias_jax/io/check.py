@@ -1,14 +1,19 @@
-"""What every log must be before it is filtered, whatever its format; the one place where signs and stamps change."""
+"""What every log must be before it is filtered, whatever its format; the one place where signs and stamps change.
+
+Streams with stamps of their own come on one merged timeline, without interpolation.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clock import as_stamps, put_in_order
-from ftbias_jax.io.conventions.units import angles, wrenches
-from ftbias_jax.io.log import Log, Repairs
+from ftbias_jax.io.clock import as_stamps, later, one_a_stamp, put_in_order, since, tidy
+from ftbias_jax.io.log import Column, Log, Repairs
 from ftbias_jax.io.pose import in_sensor_axes, pose_entries
+from ftbias_jax.setup.recorded import FORCE_UNITS, TORQUE_UNITS
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -16,6 +21,12 @@ LARGEST = 1e20
 """In size, of joints and wrenches in any unit: what is beyond is an error, and its square no number of use."""
 LOWEST_RATE, HIGHEST_RATE = 1.5, 5e4
 """Hz: a log of 1000 Hz has 1 Hz if its ms are taken for s, one of 50 Hz has 50 kHz if its us are taken for ns."""
+Part = tuple[Array, Mapping[str, Array]]
+"""Stamps of a stream in order, float64 s or int64 ns, and its arrays by the names of a log."""
+FURTHER = "="
+"""Begins the name of an array that is a further column, for effects to see; the setup's name of it follows."""
+QUANTITIES = {"q": "position", "dq": "velocity", "wrench": "wrench", "temperature": "temperature"}
+"""Array of a log -> what [log.time_offsets] calls it."""
 
 
 def check_log(
@@ -65,9 +76,12 @@ def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> 
     length, n = len(log.t), len(setup.robot.joint_names)
     shapes = {"q": (length, n), "dq": (length, n), "wrench": (length, 6), "temperature": (length,)}
     floats = {name: _floats(getattr(log, name), shape, name, file, first) for name, shape in shapes.items()}
-    for name in ("q", "dq"):
-        floats[name] = angles(floats[name], setup)
-    floats["wrench"] = wrenches(floats["wrench"], setup)
+    if setup.log.angle_unit == "deg" and setup.pose is None:
+        turns = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0  # what slides stays in m
+        floats |= {name: floats[name] * np.where(turns, np.pi / 180, 1.0) for name in ("q", "dq")}
+    scale = np.repeat([FORCE_UNITS[setup.log.force_unit], TORQUE_UNITS[setup.log.torque_unit]], 3)
+    with np.errstate(invalid="ignore"):  # a damaged file may have NaN of the kind that raises
+        floats["wrench"] = floats["wrench"] * (-scale if setup.sensor.reports == "wrench_on_sensor" else scale)
     rezeroed_at = tuple(float(at - log.start) for at in setup.sensor.rezeroed_at)
     return log._replace(**floats, rezeroed_at=rezeroed_at)
 
@@ -129,3 +143,74 @@ def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first:
         message = f"{field}[{', '.join(map(str, place))}] is {what}"
         raise LogError(message, file=file, field=field, remedy="mark missing samples as NaN")
     return values
+
+
+def log_of_parts(parts: Sequence[Part], setup: Setup, repairs: Repairs, file: str = "") -> Log:
+    """A log of streams with stamps of their own, all in s or all in ns: joints or a pose, and a wrench at least."""
+    by_array = {name: t for t, arrays in reversed(parts) for name in arrays}
+    check_overlap(by_array["q"], by_array["wrench"], file)
+    merged = merge_parts(parts, file)
+    t, q, wrench = merged.pop("t"), merged.pop("q"), merged.pop("wrench")
+    return check_log(t, q, wrench, **merged, setup=setup, file=file, repairs=repairs)
+
+
+def merge_parts(parts: Sequence[Part], file: str = "") -> dict[str, Array]:
+    """Streams on one timeline, by the names of their arrays, and "t": NaN where a stream has no sample.
+
+    Samples share a row where their stamps are equal, to the last bit. Of arrays that two streams have, the first is
+    taken.
+    """
+    t = np.unique(np.concatenate([times for times, _ in parts]))
+    merged = {"t": t}
+    for times, arrays in parts:
+        for name in arrays.keys() - merged.keys():
+            values = one_a_stamp(arrays[name], len(times), name, file)
+            merged[name] = np.full((len(t), *values.shape[1:]), np.nan)
+            merged[name][np.searchsorted(t, times)] = values
+    return merged
+
+
+def on_one_clock(parts: Sequence[Part], offsets: Mapping[str, float], file: str = "") -> list[Part]:
+    """Streams with the offsets of their clocks added, [log.time_offsets]; a stream goes by the first of its arrays."""
+    if len({t.dtype.kind for t, _ in parts}) > 1:
+        message = f"types {' and '.join(str(t.dtype) for t, _ in parts)} differ"
+        raise LogError(message, file=file, field="t_joints, t_wrench", remedy="give both in s, or both in integer ns")
+    owners = [QUANTITIES[next(iter(arrays))] for _, arrays in parts]
+    if shared := sorted(offsets.keys() - set(owners)):
+        field, remedy = f"log.time_offsets.{shared[0]}", f"state that of {' or '.join(owners)}"
+        raise LogError("has no stamps of its own in this log", file=file, field=field, remedy=remedy)
+    return [(later(t, offsets.get(owner, 0.0)), arrays) for owner, (t, arrays) in zip(owners, parts, strict=True)]
+
+
+def check_overlap(joint_t: Array, wrench_t: Array, file: str = "") -> None:
+    """Refuse streams of different clocks."""
+    if not len(joint_t) or not len(wrench_t) or joint_t[-1] < wrench_t[0] or wrench_t[-1] < joint_t[0]:
+        joints, wrench = (f"{t[0]} to {t[-1]}" if len(t) else "none" for t in (joint_t, wrench_t))
+        message = f"the streams do not overlap in time: joints {joints}, wrench {wrench}"
+        raise LogError(message, file=file, field="t_joints, t_wrench", remedy="stamp both with one clock")
+
+
+def further_columns(parts: Sequence[Part], log: Log, setup: Setup, file: str = "") -> Log:
+    """The log with the further columns of streams; of those that several have, the first is taken."""
+    columns: dict[str, Column] = {}
+    for t, arrays in parts:
+        for name, values in arrays.items():
+            key = name.removeprefix(FURTHER)
+            if key not in (name, *columns):
+                columns[key] = _column(t, values, log.start, file, str(setup.log.columns.get(key, key)))
+    return log._replace(columns=columns)
+
+
+def _column(stamps: Array, values: Array, start: float, file: str, field: str) -> Column:
+    """The values (T,) that were measured, with stamps in s since the first sample of the log."""
+    t, values = as_stamps(stamps, file=file), np.asarray(values)
+    if values.ndim != 1:
+        raise LogError(f"has shape {values.shape}", file=file, field=field, remedy="give one number per stamp")
+    values = one_a_stamp(values, len(t), field, file)
+    if np.isinf(values).any():
+        raise LogError("is infinite", file=file, field=field, remedy="write NaN where nothing was measured")
+    known = np.isfinite(values)
+    if not known.any():
+        raise LogError("was never measured", file=file, field=field, remedy="leave it out of [log.columns]")
+    ordered = tidy(since(t, start)[known], values[known, None])
+    return Column(ordered.t, ordered.values[:, 0])

@@ -13,7 +13,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import LONG_PAUSE
-from ftbias_jax.io.health import Extremes, Held, Saturation, Still, extend, hold, limits, mask, stuck
+from ftbias_jax.io.health import Axis, Saturation, Still, extend, limits, mask, stuck
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.rates import LISTED, Repeats, extend_repeats, held_readings, missing_readings
 from ftbias_jax.types import AXES, Array
@@ -76,25 +76,21 @@ def cleaned(
     known = findings(facts, clipped=False, stuck=False, held=False)
     repairs = (*(repair for repair in log.repairs if repair not in known), *findings(facts, clipped, stuck, held))
     check_rest(facts, clipped, stuck, file)
-    log = without_repeats(log, facts) if held else log
-    return log._replace(wrench=cleaned_wrench(log, facts, clipped, stuck), repairs=repairs)
+    return leave_out(log, facts, clipped, stuck, held)._replace(repairs=repairs)
 
 
-def without_repeats(log: Log, facts: Facts) -> Log:
-    """A log, or a part of it, in which samples that repeat a held reading are not measured."""
-    found: dict[str, Any] = {}
-    for name, stream in facts.held.items():
+def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, held: bool = True) -> Log:
+    """A log, or a part of it, in which samples of clipped and stuck axes, and repeats, are not measured."""
+    columns: dict[str, Any] = {}
+    for name, stream in facts.held.items() if held else ():
         repeats = np.isin(log.t, stream.t, assume_unique=True)
-        found[name] = np.where(repeats[:, None], np.nan, getattr(log, name))
-    return log._replace(**found)
-
-
-def cleaned_wrench(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True) -> Array:
-    """The wrench (T, 6) of a log or of a part of it, NaN where it is to be left out; see ``clean``."""
+        columns[name] = np.where(repeats[:, None], np.nan, getattr(log, name))
+    log = log._replace(**columns)
     if not ((clipped and facts.clipped_count.any()) or (stuck and facts.stuck_count.any())):
-        return log.wrench
+        return log
     nowhere = (Saturation(np.nan, np.nan),) * 6
-    return mask(log.t, log.wrench, facts.clipped if clipped else nowhere, facts.stuck if stuck else ((),) * 6)
+    ends, stretches = facts.clipped if clipped else nowhere, facts.stuck if stuck else ((),) * 6
+    return log._replace(wrench=mask(log.t, log.wrench, ends, stretches))
 
 
 def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: bool = True) -> Repairs:
@@ -136,13 +132,13 @@ def survey(split: Split) -> Facts:
         return facts
 
     def once(size: int) -> Iterator[Log]:
-        return (without_repeats(part, facts) for part in split(size))
+        return (leave_out(part, facts, clipped=False, stuck=False) for part in split(size))
 
     return _survey(once)._replace(held=facts.held, missing=facts.missing)
 
 
 def _survey(split: Split) -> Facts:
-    axes, stills_of = [Extremes()] * 6, [Held()] * 6
+    axes = [Axis()] * 6
     repeats, stamps = dict.fromkeys(STREAMS, Repeats()), {name: [np.zeros(0)] for name in STREAMS}
     first_q: Array = np.nan
     for part in split(PART):
@@ -153,19 +149,16 @@ def _survey(split: Split) -> Facts:
             values = getattr(part, name)
             stamps[name].append(part.t[~np.isnan(values).all(1)])
             repeats[name] = extend_repeats(repeats[name], values)
-        axes = [extend(axis, values) for axis, values in zip(axes, part.wrench.T, strict=True)]
-        stills_of = [hold(still, part.t, values) for still, values in zip(stills_of, part.wrench.T, strict=True)]
+        axes = [extend(axis, part.t, values) for axis, values in zip(axes, part.wrench.T, strict=True)]
     clipped = tuple(map(limits, axes))
     ends = [
         (low == axis.low) * axis.low_count + (high == axis.high) * axis.high_count
         for (low, high), axis in zip(clipped, axes, strict=True)
     ]
-    stills = tuple(
-        tuple(still for still in stuck(held) if still.value not in axis)
-        for held, axis in zip(stills_of, clipped, strict=True)
-    )
+    pairs = zip(map(stuck, axes), clipped, strict=True)
+    stills = tuple(tuple(still for still in stretches if still.value not in ends) for stretches, ends in pairs)
     counts = [sum(still.samples for still in stretches) for stretches in stills]
-    measured = np.array([held.samples for held in stills_of])
+    measured = np.array([axis.samples for axis in axes])
     every_t = {name: np.concatenate(kept) for name, kept in stamps.items()}
     helds = {}
     for name, t in every_t.items():

@@ -9,6 +9,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.log import Repair, Repairs
+from ftbias_jax.setup.recorded import TIME_UNITS, LogSetup
 from ftbias_jax.types import Array
 
 SECOND = 10**9
@@ -20,6 +21,8 @@ LONG_PAUSE = 3600.0
 """s: what judges a log counts a longer pause, or a jump of its clock, as this long. Its cost must not grow with it."""
 PAUSE = SECOND
 """ns, between what was recorded before and after the clock was set back: the true pause is not known."""
+EXACT = 2**53
+"""Integers up to here are exact as floating-point numbers."""
 
 
 class Clock(NamedTuple):
@@ -90,6 +93,34 @@ def as_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
         message = f"NaN time: {field}[{bad[0]}] is {t[bad[0]]}"
         raise LogError(message, file=file, field=field, remedy="give every sample a finite stamp")
     return t
+
+
+def stamps_of(t: Array, log: LogSetup) -> Array:
+    """(T,) stamps as floating point in s or integers in ns, from the unit that the setup states.
+
+    Whole numbers of a small unit, such as microseconds since 1970, become integers: their nanoseconds do not fit a
+    floating-point number.
+    """
+    t = np.asarray(t)
+    if log.time_unit is None or t.dtype.kind not in "fiu":
+        return t
+    unit = TIME_UNITS[log.time_unit]
+    if t.dtype.kind == "f":
+        finite = t[np.isfinite(t)]
+        whole = log.time_unit != "s" and len(finite) == len(t) and (finite == np.rint(finite)).all()
+        if not whole or np.abs(finite).max(initial=0) > min(EXACT, 2**63 // unit):
+            return t * (unit * 1e-9)
+    return t.astype(np.int64) * unit
+
+
+def later(t: Array, seconds: float) -> Array:
+    """(T,) stamps, floating point in s or integers in ns, moved by so many seconds."""
+    return t + (round(seconds * 1e9) if t.dtype.kind == "i" else seconds)
+
+
+def rows_at_rate(values: Array, log: LogSetup) -> Array | None:
+    """(T,) s of the samples (T, ...) that have a rate instead of stamps; None where the setup states none."""
+    return None if log.rate is None else np.arange(len(np.atleast_1d(values))) / log.rate
 
 
 def since(t: Array, start: float) -> Array:

@@ -59,57 +59,17 @@ class Still(NamedTuple):
         return self.last - self.first >= STUCK_SECONDS and self.samples >= STUCK_SAMPLES
 
 
-class Held(NamedTuple):
-    """How an axis stood still, in the samples seen so far; see ``hold``."""
+class Axis(NamedTuple):
+    """What was seen of an axis so far: how it stood still, and whether it is clipped; see ``extend``."""
 
+    samples: int = 0
+    """That were measured."""
     now: Still = Still()
     """The stretch that may go on."""
     long: tuple[Still, ...] = ()
     """Those before it that were long."""
     stretches: int = 0
     """All of them."""
-    samples: int = 0
-
-
-def hold(seen: Held, t: Array, values: Array) -> Held:
-    """Take in the next samples (T,) of an axis at t (T,) s, NaN = not measured; the log may be cut anywhere."""
-    measured = ~np.isnan(values)
-    t, values = t[measured], values[measured]
-    if not len(values):
-        return seen
-    starts, lengths = _runs(values)
-    first, last = t[starts], t[starts + lengths - 1]
-    goes_on = bool(values[0] == seen.now.value)
-    if goes_on:
-        first[0] = seen.now.first
-        lengths[0] += seen.now.samples
-    columns = (values[starts].tolist(), first.tolist(), last.tolist(), lengths.tolist())
-    candidates = np.flatnonzero(last - first >= STUCK_SECONDS).tolist()
-    ended = [] if goes_on else [seen.now]
-    ended += [Still(*(column[i] for column in columns)) for i in candidates if i < len(starts) - 1]
-    return Held(
-        Still(*(column[-1] for column in columns)),
-        seen.long + tuple(still for still in ended if still.long),
-        seen.stretches + len(starts) - goes_on,
-        seen.samples + len(values),
-    )
-
-
-def stuck(seen: Held) -> tuple[Still, ...]:
-    """The long stretches of an axis that otherwise has noise; () if it often repeats a value, as coarse ones do."""
-    long = (*seen.long, seen.now) if seen.now.long else seen.long
-    rest = seen.samples - sum(still.samples for still in long)
-    return long if seen.stretches - len(long) >= (1 - COARSE) * rest else ()
-
-
-def stuck_seconds(t: Array, values: Array) -> float:
-    """The longest time in s for which one axis (T,) at t (T,) s is stuck; 0 if it is not."""
-    return max((still.last - still.first for still in stuck(hold(Held(), t, values))), default=0.0)
-
-
-class Extremes(NamedTuple):
-    """What decides whether an axis is clipped, of the samples seen so far; see ``extend``."""
-
     low: float = np.inf
     """The smallest value."""
     high: float = -np.inf
@@ -121,41 +81,52 @@ class Extremes(NamedTuple):
     low_count: int = 0
     """Samples on the smallest value."""
     high_count: int = 0
-    value: float = np.nan
-    """The last one."""
-    run: int = 0
-    """Samples in a row on it."""
 
 
-def extend(seen: Extremes, values: Array) -> Extremes:
-    """Take in the next samples (T,) of an axis, NaN = not measured; the same however a log is cut into parts."""
-    values = values[~np.isnan(values)]
+def extend(seen: Axis, t: Array, values: Array) -> Axis:
+    """Take in the next samples (T,) of an axis at t (T,) s, NaN = not measured; the log may be cut anywhere."""
+    measured = ~np.isnan(values)
+    t, values = t[measured], values[measured]
     if not len(values):
         return seen
-    starts, lengths = _runs(values)
-    level, count, longest = values[starts], lengths, lengths.copy()
-    if seen.run:
-        if level[0] == seen.value:
-            longest[0] += seen.run
+    starts = np.flatnonzero(np.r_[True, values[1:] != values[:-1]])
+    counts = np.diff(np.r_[starts, len(values)])
+    levels, runs, first, last = values[starts], counts.copy(), t[starts], t[starts + counts - 1]
+    goes_on = bool(levels[0] == seen.now.value)
+    if goes_on:
+        first[0] = seen.now.first
+        runs[0] += seen.now.samples
+    places = [*np.flatnonzero(last[:-1] - first[:-1] >= STUCK_SECONDS), -1]
+    stills = [Still(*(column[i].item() for column in (levels, first, last, runs))) for i in places]
+    ended = [still for still in ([] if goes_on else [seen.now]) + stills[:-1] if still.long]
+    if seen.samples:
         # The ends of the past compete with the new runs.
-        level = np.r_[level, seen.low, seen.high]
-        longest = np.r_[longest, seen.low_run, seen.high_run]
-        count = np.r_[count, seen.low_count, seen.high_count if seen.low < seen.high else 0]
-    low, high = level == level.min(), level == level.max()
-    return Extremes(
-        low=float(level.min()),
-        high=float(level.max()),
-        low_run=int(longest[low].max()),
-        high_run=int(longest[high].max()),
-        inner_run=int(longest[~low & ~high].max(initial=seen.inner_run)),
-        low_count=int(count[low].sum()),
-        high_count=int(count[high].sum()),
-        value=float(values[-1]),
-        run=int(longest[len(lengths) - 1]),
+        levels, runs = np.r_[levels, seen.low, seen.high], np.r_[runs, seen.low_run, seen.high_run]
+        counts = np.r_[counts, seen.low_count, seen.high_count if seen.low < seen.high else 0]
+    low, high = levels == levels.min(), levels == levels.max()
+    return Axis(
+        samples=seen.samples + len(values),
+        now=stills[-1],
+        long=(*seen.long, *ended),
+        stretches=seen.stretches + len(starts) - goes_on,
+        low=float(levels.min()),
+        high=float(levels.max()),
+        low_run=int(runs[low].max()),
+        high_run=int(runs[high].max()),
+        inner_run=int(runs[~low & ~high].max(initial=seen.inner_run)),
+        low_count=int(counts[low].sum()),
+        high_count=int(counts[high].sum()),
     )
 
 
-def limits(seen: Extremes) -> Saturation:
+def stuck(seen: Axis) -> tuple[Still, ...]:
+    """The long stretches of an axis that otherwise has noise; () if it often repeats a value, as coarse ones do."""
+    long = (*seen.long, seen.now) if seen.now.long else seen.long
+    rest = seen.samples - sum(still.samples for still in long)
+    return long if seen.stretches - len(long) >= (1 - COARSE) * rest else ()
+
+
+def limits(seen: Axis) -> Saturation:
     """Where an axis is clipped: values it holds at the end of its range, far longer than any within.
 
     Resting and coarsely quantised axes hold every value for long, and are not taken for clipped.
@@ -166,11 +137,6 @@ def limits(seen: Extremes) -> Saturation:
     return Saturation(seen.low if seen.low_run >= least else np.nan, seen.high if seen.high_run >= least else np.nan)
 
 
-def saturation(values: Array) -> Saturation:
-    """Where an axis (T,) is clipped; see ``limits``."""
-    return limits(extend(Extremes(), values))
-
-
 def mask(t: Array, wrench: Array, clipped: Sequence[Saturation], stuck: Sequence[Sequence[Still]]) -> Array:
     """The wrench (T, 6) at t (T,) s with NaN where an axis is at one of its limits, or stuck."""
     ends = np.array(clipped)
@@ -179,12 +145,6 @@ def mask(t: Array, wrench: Array, clipped: Sequence[Saturation], stuck: Sequence
         for still in stretches:
             useless[(t >= still.first) & (t <= still.last), axis] = True
     return np.where(useless, np.nan, wrench)
-
-
-def _runs(values: Array) -> tuple[Array, Array]:
-    """First index and length of every stretch of equal values."""
-    starts = np.flatnonzero(np.r_[True, values[1:] != values[:-1]]) if len(values) else np.zeros(0, int)
-    return starts, np.diff(np.r_[starts, len(values)])
 
 
 class StreamInfo(NamedTuple):
@@ -226,13 +186,12 @@ def stream_info(
     trouble = []
     for label, column in zip(labels, values.T, strict=True):
         missing = np.isnan(column).mean() if len(column) else 1.0
-        limits = saturation(column)
+        axis = extend(Axis(), t, column)
         if missing:
             trouble.append(f"{label}: {100 * missing:.3g} % not measured")
-        if sensor and (seconds := stuck_seconds(t, column)):
-            trouble.append(f"{label}: stuck for {seconds:.3g} s")
-        if sensor and not np.isnan(limits).all():
-            ends = " and ".join(f"{end:.6g}" for end in limits if not np.isnan(end))
+        if sensor and (stretches := stuck(axis)):
+            trouble.append(f"{label}: stuck for {max(still.last - still.first for still in stretches):.3g} s")
+        if sensor and (ends := " and ".join(f"{end:.6g}" for end in limits(axis) if not np.isnan(end))):
             trouble.append(f"{label}: saturated at {ends}")
     readings = values[:, : len(names)] if kind == JOINT_STATE else values
     if (repeated := find_held(readings)) is not None:

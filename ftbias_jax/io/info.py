@@ -1,29 +1,38 @@
-"""What is in a log, and what can be filtered from it; needs no setup."""
+"""What is in a log, and what can be filtered from it; needs no setup.
+
+Of a table or a file of arrays that no setup describes, it says which keys would state its streams.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_recorded
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.draft.table import look
-from ftbias_jax.io.draft.unstated import is_usual, look_at, pose_keys, robot_of
+from ftbias_jax.io.clock import one_a_stamp
+from ftbias_jax.io.draft.table import Table, look, stated_columns, time_unit
 from ftbias_jax.io.health import StreamInfo, stream_info
 from ftbias_jax.io.log import Log, Repair
+from ftbias_jax.io.pose import STANDARD_GRAVITY
 from ftbias_jax.io.ros.choose import wanted_of
-from ftbias_jax.io.ros.collect import Stream, Wanted
-from ftbias_jax.io.ros.messages import JOINT_STATE, JOINTS, POSE, POSITION, TRANSFORM, WRENCH, WRENCH_STAMPED
+from ftbias_jax.io.ros.messages import IMU, JOINT_STATE, JOINTS, POSE, POSITION, TRANSFORM, WRENCH, WRENCH_STAMPED
 from ftbias_jax.io.ros.read import log_of, skew
-from ftbias_jax.io.ros.record import Topic, is_ros, read_recording
+from ftbias_jax.io.ros.record import Recording, Stream, Topic, Wanted, is_ros, read_recording
+from ftbias_jax.io.tables.headers import FIXED
+from ftbias_jax.io.tables.streams import read_stream
+from ftbias_jax.setup.keys.toml_text import Known, toml_line
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES
 
+MOST_NAMES = 40
+"""Columns that are listed."""
 POSE_LABELS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -58,12 +67,11 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     if setup is None:
         table = look(os.fspath(path))
         if not is_usual(table):
-            unstated = look_at(os.fspath(path), table)
-            return LogInfo(unstated.streams, (), (), unstated.verdict, False, unstated.keys, unstated.others)
+            return look_at(os.fspath(path), table)
         names = table.joint_names
     else:
         names = setup.robot.joint_names
-    log = read_recorded(path, setup or parse_setup(robot_of(names)))
+    log = read_recorded(path, setup or parse_setup(_robot_of(names)))
     has_pose = setup is not None and setup.pose is not None
     joints = ~np.isnan(log.q if has_pose else np.column_stack([log.q, log.dq])).all(1)
     shown = ~np.isnan(log.q).all(0) if has_pose else np.full(len(names), True)
@@ -96,7 +104,7 @@ def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bo
     missing = [words for role, words in sorted(needed.items()) if role not in roles]
     if setup is None and WRENCH in roles and JOINTS not in roles and roles & {POSE, TRANSFORM}:
         verdict = "has a pose and a wrench, but no joints: a setup with [sensor_pose] reads it"
-        return LogInfo(streams, others, repairs, verdict, False, pose_keys(recording))
+        return LogInfo(streams, others, repairs, verdict, False, _pose_keys(recording))
     if missing:
         return LogInfo(streams, others, repairs, f"nothing can be filtered without {' and '.join(missing)}", False)
     if setup is None:
@@ -131,3 +139,144 @@ def _labels(stream: Stream, sensor: bool) -> Sequence[str]:
     if stream.role == POSE:
         return POSE_LABELS
     return AXES if sensor else [f"[{i}]" for i in range(stream.values.shape[1])]
+
+
+def is_usual(table: Table) -> bool:
+    """Whether a file has joints and a wrench with their stamps by the usual names, and nothing that must be stated."""
+    odd = table.time is not None and len(table.time) > 1 and time_unit(table.time)
+    whole = table.joints and "wrench" in table.has and table.time is not None and not table.orientation
+    return bool(whole and not odd and not stated_columns(table))
+
+
+def look_at(path: str, table: Table) -> LogInfo:
+    """What a file, which ``look`` has looked into, has by the usual names."""
+    keys = _keys(table)
+    robot = _robot_of(table.joint_names or ["q0"])
+    if any(key.startswith("sensor_pose") for key in keys):
+        del robot["robot"]
+    setup = parse_setup(robot | _nested(keys))
+    quantities = {
+        "position": bool(table.orientation or table.joints),
+        "velocity": bool(table.orientation or not table.joints) and table.has_imu,
+        "wrench": "wrench" in table.has,
+        "temperature": "temperature" in table.has,
+    }
+    streams = []
+    for quantity in (quantity for quantity, there in quantities.items() if there):
+        ((t, arrays),), _ = read_stream(path, (quantity,), setup)
+        ((array, values),) = arrays.items()
+        values = one_a_stamp(values, len(t), array, path).reshape(len(t), -1)
+        rows = np.isfinite(values).any(1)
+        name, kind, labels = _said_of(table, quantity, values.shape[1])
+        if len(labels) != values.shape[1]:
+            message = f"has {values.shape[1]} numbers a sample, not {len(labels)}"
+            raise LogError(message, file=path, field=array, remedy="store what its name says")
+        start, unit = t[rows][0] if rows.any() else 0, 1e-9 if t.dtype.kind == "i" else 1.0
+        seconds = (t[rows] - start) * unit
+        info = stream_info(name, kind, (), float(start) * unit, seconds, values[rows], labels, quantity == "wrench")
+        streams.append(info if table.time is not None else info.without_stamps())
+    lines, others = tuple(_lines(keys)), table.others[:MOST_NAMES]
+    return LogInfo(tuple(streams), (), (), _verdict(path, table), False, lines, others)
+
+
+def _keys(table: Table) -> dict[str, Known]:
+    """Keys of a setup that read the file."""
+    keys: dict[str, Known] = {}
+    if table.orientation:
+        keys["sensor_pose.orientation"] = Known(table.orientation, "" if table.named else 'or "quaternion_wxyz"')
+    if table.orientation or (table.has_imu and not table.joints):
+        linear = {"accelerometer": "specific_force", "place": "position"}
+        keys["sensor_pose.linear"] = Known(next((word for name, word in linear.items() if name in table.has), "none"))
+        if "gyroscope" not in table.has:
+            keys["sensor_pose.gyroscope"] = Known(False)
+    if table.time is not None and len(table.time) > 1 and (unit := time_unit(table.time)):
+        keys["log.time_unit"] = Known(unit)
+    if table.accelerometer is not None:
+        lengths = np.linalg.norm(table.accelerometer, axis=1)
+        if np.isfinite(lengths).any() and np.nanmedian(lengths) < STANDARD_GRAVITY / 3:
+            keys["log.acceleration_unit"] = Known("g")
+    keys |= {key: Known(known.value) for key, known in stated_columns(table).items()}
+    return keys if table.time is not None else keys | {"log.rate": Known(None, "Hz: there are no stamps (t)")}
+
+
+def _nested(keys: Mapping[str, Known]) -> dict[str, Any]:
+    """The keys as tables of a setup, with any rate where one is to be stated."""
+    tables: dict[str, Any] = {}
+    for key, known in keys.items():
+        *sections, last = key.split(".")
+        table = tables
+        for section in sections:
+            table = table.setdefault(section, {})
+        table[last] = 1.0 if known.value is None else known.value
+    return tables
+
+
+def _robot_of(joint_names: Sequence[str]) -> dict[str, Any]:
+    """A robot of these joints, in a setup that reads a file and means nothing else."""
+    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in joint_names]
+    return {"robot": {"joints": joints, "flange": {"translation": [0, 0, 0]}}, "sensor": {"noise_std": 1.0}}
+
+
+def _said_of(table: Table, quantity: str, width: int) -> tuple[str, str, tuple[str, ...]]:
+    """Name and kind of a stream of so many numbers, and names for its columns."""
+    name, kind, labels = quantity, "", tuple(f"{quantity} {i}" for i in range(width))
+    if quantity == "position":
+        name, kind, labels = "joints", "q", tuple(f"q{i}" for i in range(width))
+        if table.orientation:
+            name, kind, labels = "pose", table.orientation, FIXED[table.orientation][0]
+            if not table.named:
+                kind = "quaternion_xyzw or quaternion_wxyz"
+            if width > len(labels):
+                kind, labels = f"{kind} and position", (*labels, "x", "y", "z")
+    elif quantity == "velocity":
+        parts = {"angular velocity": ("wx", "wy", "wz")} if "gyroscope" in table.has else {}
+        parts |= {"acceleration": ("ax", "ay", "az")} if "accelerometer" in table.has else {}
+        name, kind, labels = "imu", " and ".join(parts), sum(parts.values(), ())
+    elif quantity == "wrench":
+        kind, labels = "N, Nm", AXES
+    return name, kind, labels
+
+
+def _lines(keys: Mapping[str, Known]) -> list[str]:
+    """The keys as lines of a setup."""
+    lines = []
+    for section in ("sensor_pose", "log", "log.columns"):
+        mine = {key: known for key, known in keys.items() if key.rpartition(".")[0] == section}
+        lines += [f"[{section}]"] if mine else []
+        for key, (value, remark) in mine.items():
+            name = key.rpartition(".")[2]
+            lines.append(f"{name} = ...  # {remark}" if value is None else toml_line(name, value, remark))
+    return lines
+
+
+def _verdict(path: str, table: Table) -> str:
+    motion = "the pose of the sensor's mount" if table.orientation else f"{table.joints} joints" if table.joints else ""
+    parts = [motion, "an IMU" if table.has_imu else "", "a wrench" if "wrench" in table.has else ""]
+    found = " and ".join(part for part in parts if part)
+    name = Path(path).name
+    if not found:
+        return (
+            f"has nothing that is known by its name: ftbias setup {name} --robot NAME -o setup.toml writes a setup "
+            "whose [log.columns] lists what to choose from"
+        )
+    rate = " --rate HZ" if table.time is None else ""
+    robot = " --robot NAME" if table.joints and not table.orientation else ""
+    if motion and "wrench" in table.has:
+        still = "; static poses need no stamps for ftbias identify" if table.time is None else ""
+        return f"has {found}: ftbias setup {name}{robot}{rate} -o setup.toml finds out how they were recorded{still}"
+    missing = "the wrench" if motion else "joints or a pose" + ("" if "wrench" in table.has else " and the wrench")
+    return (
+        f"has {found}, but not {missing}: if that is in other files, ftbias setup {name} OTHERS{robot}{rate} "
+        "-o setup.toml writes [log.files]"
+    )
+
+
+def _pose_keys(recording: Recording) -> tuple[str, ...]:
+    """Lines of a setup that reads a recording of ROS with poses instead of joints."""
+    roles = {stream.role for stream in recording.streams}
+    lines = ["[sensor_pose]"]
+    if POSE not in roles:
+        frames = sorted({stream.names[1] for stream in recording.streams if stream.role == TRANSFORM})
+        lines.append(f"frame = ...  # what the sensor is mounted on, of TF's frames {', '.join(frames[:MOST_NAMES])}")
+    lines.append(toml_line("linear", "position", 'or "specific_force", by the IMU' if IMU in roles else ""))
+    return tuple(lines)

@@ -12,7 +12,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_recorded
 from ftbias_jax.io.check import check_content, check_samples, relative_seconds
-from ftbias_jax.io.cleaning import Facts, Split, check_rest, cleaned_wrench, findings, slices, survey, without_repeats
+from ftbias_jax.io.cleaning import Facts, Split, check_rest, findings, leave_out, slices, survey
 from ftbias_jax.io.clock import as_stamps
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.npz_archive import stored_arrays
@@ -64,9 +64,7 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     check_rest(facts, clipped=True, stuck=True, file=file)
 
     def cleaned(size: int) -> Iterator[Log]:
-        for part in split(size):
-            once = without_repeats(part, facts)
-            yield once._replace(wrench=cleaned_wrench(once, facts))
+        return (leave_out(part, facts) for part in split(size))
 
     source = Source(file, facts.wrench_t, start)
     return OpenLog(length, start, cleaned, facts, (*repairs, *findings(facts)), source, frame, salvage)

@@ -8,13 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.sensor_pose import ORIENTATION_COLUMNS, pose_columns
 from ftbias_jax.setup.types import RobotSetup, SensorSetup, Setup
 from ftbias_jax.types import Array
 
+STANDARD_GRAVITY = 9.80665
+"""m/s^2: the unit g of accelerometers."""
 TOLERANCE = 0.05
 """Of the length of a quaternion and the entries of a matrix: rounded numbers pass, other quantities do not."""
 

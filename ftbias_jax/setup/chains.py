@@ -20,21 +20,6 @@ SHORTEST, LONGEST = 0.03, 20.0  # m: no arm that carries a wrist sensor reaches 
 TURN = 2 * np.pi + 1e-2  # rad, one turn with room for rounding
 
 
-class Row(NamedTuple):
-    """One row of a Denavit-Hartenberg table."""
-
-    a: float
-    """m."""
-    alpha: float
-    """rad."""
-    d: float
-    """m."""
-    theta: float
-    """rad, what is added to the joint's angle."""
-    turns: bool = True
-    """False = a fixed row, which has no joint."""
-
-
 def revolute_screw(axis: Array, point: Array) -> Array:
     """(6,) screw (-s x r; s) of a turn about the unit axis s (3,) through the point r (3,) m, same frame."""
     return np.concatenate([-np.cross(axis, point), axis])
@@ -65,14 +50,18 @@ def pose_at(xyz: Sequence[float] = (0.0, 0.0, 0.0), rpy: Sequence[float] = (0.0,
     return Pose(np.array(xyz, float), np.where(np.abs(rotation - whole) < 1e-15, whole, rotation))
 
 
-def dh_chain(table: Sequence[Row], convention: str) -> tuple[Array, Pose]:
-    """Screws (n, 6) at q = 0, and the flange, the frame of the last row, of a Denavit-Hartenberg table."""
+def _dh_chain(table: Array, turns: Array, convention: str) -> tuple[Array, Pose]:
+    """Screws (n, 6) at q = 0, and the flange, the frame of the last row, of a Denavit-Hartenberg table.
+
+    Its rows (r, 4) are a m, alpha rad, d m and theta rad, to which the joint's angle is added; ``turns`` (r,) says
+    which of them have a joint.
+    """
     pose, screws = pose_at(), []
-    for row in table:
-        link, joint = pose_at((row.a, 0, 0), (row.alpha, 0, 0)), pose_at((0, 0, row.d), (0, 0, row.theta))
+    for (a, alpha, d, theta), has_joint in zip(table.tolist(), turns, strict=True):
+        link, joint = pose_at((a, 0, 0), (alpha, 0, 0)), pose_at((0, 0, d), (0, 0, theta))
         if convention == "modified":
             pose = pose.then(link)
-        if row.turns:
+        if has_joint:
             screws.append(revolute_screw(pose.rotation[:, 2], pose.translation))
         pose = pose.then(joint)
         if convention == "standard":
@@ -109,9 +98,9 @@ def read_dh(section: Section, key: str, convention: str, units: str) -> tuple[Ar
         numbers[:, [0, 2]] /= 1e3
     if angle == "deg":
         numbers[:, [1, 3]] = np.radians(numbers[:, [1, 3]])
-    table = [Row(a, alpha, d, theta, i in joints) for i, (a, alpha, d, theta) in enumerate(numbers.tolist())]
-    _check_reach(section, key, table, convention, length)
-    return *dh_chain(table, convention), labels
+    turns = np.isin(np.arange(len(given)), joints)
+    _check_reach(section, key, numbers, turns, convention, length)
+    return *_dh_chain(numbers, turns, convention), labels
 
 
 def _check_angles(section: Section, key: str, angles: Array, unit: str) -> None:
@@ -125,10 +114,10 @@ def _check_angles(section: Section, key: str, angles: Array, unit: str) -> None:
         raise section.error(key, f"no angle is larger than {largest:g} degrees", f"check their unit; {remedy}")
 
 
-def _check_reach(section: Section, key: str, table: Sequence[Row], convention: str, unit: str) -> None:
+def _check_reach(section: Section, key: str, table: Array, turns: Array, convention: str, unit: str) -> None:
     """The flange in three poses, because single lengths of a calibrated table may be huge and cancel."""
-    poses = ([row._replace(theta=row.theta + row.turns * q) for row in table] for q in (0.0, 1.0, -1.0))
-    reach = max(float(np.linalg.norm(dh_chain(pose, convention)[1].translation)) for pose in poses)
+    poses = (table + q * np.outer(turns, (0, 0, 0, 1)) for q in (0.0, 1.0, -1.0))
+    reach = max(float(np.linalg.norm(_dh_chain(pose, turns, convention)[1].translation)) for pose in poses)
     if not SHORTEST <= reach <= LONGEST:
         other = "m" if unit == "mm" else "mm"
         remedy = f'check the unit of a and d; {other} are dh_units = "{other},rad" or "{other},deg"'

@@ -1,13 +1,14 @@
-"""What a command needs of a setup that other commands do without."""
+"""What a command needs of a setup, or of several, that other commands do without."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from ftbias_jax.errors import SetupError
+from ftbias_jax.setup.fields import show
 from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 
 NOT_STATED = "not determined by this motion, not stated"
@@ -16,6 +17,13 @@ SEEN = 0.3
 """Of the noise of a sample: a constant error that is larger shows in the mean of many."""
 GUESS = (1.0, (0.0, 0.0, 0.05))
 """kg and m: a tool to start a search from, where the setup does not state one."""
+_OWN = {
+    "bias": ("initial", "initial_drift", "initial_std", "initial_drift_std"),
+    "sensor": ("rotation_rpy", "rezeroed", "rezeroed_at"),
+    "robot": ("position_limits", "velocity_limits"),
+}
+"""What may differ between setups of one robot beside the tool: the prior of the bias, how the rotation was written, and
+the same arm's limits."""
 
 
 def require_tool(setup: Setup) -> Setup:
@@ -63,3 +71,32 @@ def guessed_parameters(given: ToolSetup, remarks: Sequence[str]) -> tuple[bool, 
     mass = "mass" in given.unknown and bool(remarks[0])
     center = "center_of_mass" in given.unknown and (mass or any(remarks[1:4]))
     return (mass, *(center,) * 3, *(False,) * 6) if mass or center else ()
+
+
+def require_one_robot(first: Setup, other: Setup) -> None:
+    """Refuse a setup that differs from the first one in more than tool and prior of the bias.
+
+    Raises:
+        SetupError: names the first difference.
+    """
+    for section in ("robot", "sensor", "bias", "joints", "data_noise", "effects", "pose"):
+        one, two = getattr(first, section), getattr(other, section)
+        name = "sensor_pose" if section == "pose" else section
+        if one is None or two is None or isinstance(one, dict):
+            _compare(first, other, name, one, two)
+            continue
+        for field in fields(one):
+            if field.name not in _OWN.get(section, ()):
+                _compare(first, other, f"{name}.{field.name}", getattr(one, field.name), getattr(two, field.name))
+
+
+def _compare(first: Setup, other: Setup, field: str, one: object, two: object) -> None:
+    if np.array_equal(one, two):  # type: ignore[arg-type]  # of words and tables, too
+        return
+    message = f"{_shown(two)} differs from {_shown(one)} in {first.path or 'the first setup'}"
+    remedy = "setups of several tools share robot, sensor and noise; [tool] and the bias's initial values may differ"
+    raise SetupError(message, file=other.path, field=field, remedy=remedy)
+
+
+def _shown(value: object) -> str:
+    return show(value.tolist() if isinstance(value, np.ndarray) else value)

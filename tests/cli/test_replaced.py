@@ -14,10 +14,10 @@ from ftbias_jax.filtering.quality.plot import new_figure, save_figure
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.write import npz, ours, table
 from ftbias_jax.io.write.mcap import LAYOUTS
-from ftbias_jax.io.write.offsets import dump_offsets
 from ftbias_jax.io.write.provenance import in_words, provenance
 from ftbias_jax.io.write.selection import About
 from ftbias_jax.setup import load_setup
+from ftbias_jax.setup.export.ros import dump_offsets
 
 LOG = "log.npz --setup setup.toml"
 OUTPUTS = {

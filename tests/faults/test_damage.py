@@ -14,7 +14,7 @@ from recordings import START, Joints, Wrench
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
-from ftbias_jax.io.limits import budget, unpack
+from ftbias_jax.io.limits import budget
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.ros import record
 
@@ -181,10 +181,10 @@ def test_bombs_that_declare_less_are_stopped_at_what_they_declare(tmp_path, comp
     packed = pytest.importorskip(packers[compression]).compress(bytes(50 << 20))
     (tmp_path / "log.bag").write_bytes(packed)
     allowed = Budget(tmp_path / "log.bag")
-    with pytest.raises(unpack.UnpackError, match="unpacks to more than 1000 bytes, but declares 1000"):
-        unpack.unpack(compression, packed, 1000, allowed)
-    with pytest.raises(unpack.UnpackError, match="cannot be unpacked"):
-        unpack.unpack(compression, b"no such stream", 1000, allowed)
+    with pytest.raises(budget.UnpackError, match="unpacks to more than 1000 bytes, but declares 1000"):
+        budget.unpack(compression, packed, 1000, allowed)
+    with pytest.raises(budget.UnpackError, match="cannot be unpacked"):
+        budget.unpack(compression, b"no such stream", 1000, allowed)
 
 
 def test_damage_in_many_places_is_told_in_few_lines(tmp_path, setup, long_log):

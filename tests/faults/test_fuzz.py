@@ -18,7 +18,7 @@ from ftbias_jax.io.draft.dh_table import DhTable, from_table
 from ftbias_jax.io.draft.table import look
 from ftbias_jax.io.tables.poses import read_poses
 from ftbias_jax.setup import load_setup
-from ftbias_jax.setup.urdf.read import load_urdf
+from ftbias_jax.setup.urdf import load_urdf
 
 MUTANTS = 300
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]

@@ -3,22 +3,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftbias_jax.io.health import (
-    Extremes,
-    Held,
-    Still,
-    extend,
-    gaps,
-    hold,
-    mask,
-    sample_rate,
-    saturation,
-    stuck,
-    stuck_seconds,
-)
+from ftbias_jax.io.health import Axis, Still, extend, gaps, limits, mask, sample_rate, stuck
 
 T = np.arange(1000) * 0.01
 NOISE = np.random.default_rng(0).normal(size=1000)
+
+
+def seen_of(values):
+    return extend(Axis(), T[: len(values)], values)
+
+
+def saturation(values):
+    return limits(seen_of(values))
+
+
+def stuck_seconds(values):
+    return max((still.last - still.first for still in stuck(seen_of(values))), default=0)
 
 
 def test_rate_and_gaps():
@@ -32,7 +32,7 @@ def test_rate_and_gaps():
 
 
 def test_a_noisy_axis_has_no_trouble():
-    assert stuck_seconds(T, NOISE) == 0
+    assert stuck_seconds(NOISE) == 0
     assert np.isnan(saturation(NOISE)).all()
 
 
@@ -40,9 +40,9 @@ def test_a_stuck_axis_is_timed():
     values = NOISE.copy()
     values[400:700] = values[400]
     values[500] = np.nan  # a missing sample does not set it free
-    assert stuck_seconds(T, values) == pytest.approx(2.99)
-    assert stuck_seconds(T, np.zeros(1000)) == pytest.approx(9.99)
-    assert stuck_seconds(T[:0], NOISE[:0]) == 0
+    assert stuck_seconds(values) == pytest.approx(2.99)
+    assert stuck_seconds(np.zeros(1000)) == pytest.approx(9.99)
+    assert stuck_seconds(NOISE[:0]) == 0
 
 
 def test_a_clipped_axis_is_found_with_its_limits():
@@ -68,11 +68,11 @@ def test_resting_and_coarse_axes_are_not_taken_for_clipped(values):
 def test_stretches_that_stand_still_do_not_depend_on_parts(values, runs, cuts):
     values = np.repeat(values, runs[: len(values)])
     t = 0.01 * np.arange(len(values))
-    seen = Held()
+    seen = Axis()
     for part, stamps in zip(np.split(values, sorted(cuts)), np.split(t, sorted(cuts)), strict=True):
-        seen = hold(seen, stamps, part)
-    assert stuck(seen) == stuck(hold(Held(), t, values))
-    assert (seen.stretches, seen.samples) == hold(Held(), t, values)[2:]
+        seen = extend(seen, stamps, part)
+    assert stuck(seen) == stuck(extend(Axis(), t, values))
+    assert seen == extend(Axis(), t, values)
     expected, start = [], None  # a loop over the measured samples
     measured = np.flatnonzero(~np.isnan(values))
     for place, i in enumerate(measured):
@@ -85,8 +85,8 @@ def test_stretches_that_stand_still_do_not_depend_on_parts(values, runs, cuts):
 
 def test_coarse_axes_are_not_taken_for_stuck():
     coarse = np.round(np.r_[0.2 * NOISE[:500], 3 + NOISE[:500]])
-    assert hold(Held(), T, coarse).long
-    assert stuck_seconds(T, coarse) == 0
+    assert extend(Axis(), T, coarse).long
+    assert stuck_seconds(coarse) == 0
 
 
 @given(
@@ -96,14 +96,14 @@ def test_coarse_axes_are_not_taken_for_stuck():
 )
 def test_cutting_an_axis_into_parts_changes_nothing(values, runs, cuts):
     values = np.repeat(values, runs[: len(values)])
-    seen = Extremes()
+    seen = Axis()
     for part in np.split(values, sorted(cuts)):
-        seen = extend(seen, part)
-    whole = extend(Extremes(), values)
-    np.testing.assert_array_equal(seen, whole)
+        seen = extend(seen, np.zeros(len(part)), part)
+    whole = extend(Axis(), np.zeros(len(values)), values)
+    np.testing.assert_array_equal(seen[3:], whole[3:])
     if len(measured := values[~np.isnan(values)]):
         assert (seen.low, seen.high) == (measured.min(), measured.max())
-        assert (seen.low_count, seen.high_count) == tuple((measured == end).sum() for end in seen[:2])
+        assert (seen.low_count, seen.high_count) == tuple((measured == end).sum() for end in (seen.low, seen.high))
 
 
 def test_clipped_samples_are_masked():
@@ -118,7 +118,7 @@ def test_clipped_samples_are_masked():
 def test_stuck_axes_are_masked_while_they_are_stuck():
     wrench = np.random.default_rng(1).normal(size=(1000, 6))
     wrench[300:600, 1] = 0.25
-    held = [stuck(hold(Held(), T, axis)) for axis in wrench.T]
+    held = [stuck(extend(Axis(), T, axis)) for axis in wrench.T]
     masked = mask(T, wrench, [saturation(axis) for axis in wrench.T], held)
     wrench[300:600, 1] = np.nan
     np.testing.assert_array_equal(masked, wrench)

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.check import check_overlap, merge_parts, on_one_clock
 from ftbias_jax.io.clock import as_stamps
-from ftbias_jax.io.merge import check_overlap, merge_parts, on_one_clock
 
 
 def merge(joint_t, q, wrench_t, wrench, **more):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.io import read_log
-from ftbias_jax.io.cleaning import slices, survey, without_repeats
+from ftbias_jax.io.cleaning import leave_out, slices, survey
 from ftbias_jax.io.info import describe
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.parts import open_log
@@ -139,7 +139,7 @@ def test_an_axis_that_is_stuck_in_a_held_log_is_found(tmp_path):
     log = Log(np.arange(4000) * 0.002, nothing, nothing, values, nothing[:, 0])
     facts = survey(slices(log))
     assert [len(stretches) for stretches in facts.stuck] == [0, 0, 0, 0, 1, 0]
-    assert np.isnan(without_repeats(log, facts).wrench[1::2]).all()
+    assert np.isnan(leave_out(log, facts).wrench[1::2]).all()
 
 
 def test_info_tells_of_held_readings_and_of_stamps_that_scatter(tmp_path):

@@ -19,12 +19,12 @@ from ftbias_jax.fleet.quality import of_filter
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.parts import open_log
 from ftbias_jax.io.write import writer, written
-from ftbias_jax.io.write.offsets import dump_offsets
 from ftbias_jax.io.write.ours import EXPORT, FIGURE, RESULT
 from ftbias_jax.io.write.provenance import in_words
 from ftbias_jax.io.write.selection import Selection, check_selection
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup
+from ftbias_jax.setup.export.ros import dump_offsets
 
 SHORT = 1 << 15
 """Samples of a log, filtered alone, for which compiling a fast program takes longer than what it saves."""
@@ -57,10 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     prepare_jax()
     from ftbias_jax.cli.filter_file import filter_file
-    from ftbias_jax.filtering.noise.log_noise import describe
     from ftbias_jax.filtering.quality import consistency, plot, spectrum
-    from ftbias_jax.filtering.quality.summary import format_summary
-    from ftbias_jax.filtering.verbs.results import format_joint_noise
     from ftbias_jax.model.own_effects import load_all
     from ftbias_jax.runtime.kept_programs import compiled_for_few_calls
 
@@ -68,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     short = log.length <= SHORT
     with Stages(f"filtering {path}") as stages, compiled_for_few_calls() if short else nullcontext():
         stages("joints, noise and bias")
-        outcome = filter_file(
+        result = filter_file(
             log,
             setup,
             arguments.output,
@@ -76,30 +73,26 @@ def run(arguments: argparse.Namespace) -> int:
             smooth=arguments.smooth,
             unchecked=arguments.unchecked,
             keep=bool(arguments.plot or arguments.check),
-            progress=lambda share: stages(f"{share:.0%} filtered"),
+            progress=lambda samples: stages(f"{min(samples / log.length, 1):.0%} filtered"),
             warn=lambda line: tell_mistake(path, line),
         )
     if arguments.plot:
-        plot.save_figure(arguments.plot, plot.plot_filtered(outcome.filtered, Path(path).name))
-    print(format_summary(outcome.summary))
-    for line in describe(outcome.noise):
-        print(line)
-    print(format_joint_noise(outcome.params, setup.joints.model))
+        plot.save_figure(arguments.plot, plot.plot_filtered(result, Path(path).name))
+    print(result.numbers())
     if arguments.offsets:
-        text = dump_offsets(outcome.summary.bias, setup.sensor.reports, remark=in_words(outcome.origin))
+        origin = in_words(result.provenance) if result.provenance else ""
+        text = dump_offsets(result.summary.bias, setup.sensor.reports, remark=origin)
         write_atomic(arguments.offsets, lambda file: file.write(text.encode()))
         print(f"{arguments.offsets}: the bias at the end, as offsets that the broadcaster adds to each reading")
     print("wrote " + " and ".join(filter(None, (*written(arguments.output), arguments.plot, arguments.offsets))))
     if arguments.check:
-        filtered = outcome.filtered
-        checked = consistency.check(filtered.innovation, (filtered.innovation / filtered.innovation_std) ** 2)
-        print(consistency.format_check(checked))
-        lines = spectrum.find_lines(filtered.t, filtered.innovation)
+        print(consistency.format_check(result.check()))
+        lines = result.lines()
         print(spectrum.format_lines(lines) if lines else "no hum or resonance in the innovations")
-    code = tell_repairs([(path, outcome.repairs)])
-    if outcome.worse and outcome.check.ok:
+    code = tell_repairs([(path, result.repairs)])
+    if result.worse_than_raw and result.checked.ok:
         tell_mistake(path, "the corrected wrench is worse than the raw one: ftbias check says why, or ftbias diagnose")
-    return 3 if outcome.worse else code
+    return 3 if result.worse_than_raw else code
 
 
 def filter_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
@@ -109,7 +102,7 @@ def filter_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -
     log = open_log(path, setup, salvage=asked["salvage"])
     fields = tuple(filter(None, asked["fields"].split(",")))
     selection = Selection(fields, asked["precision"], asked["every"], asked["rate"])
-    outcome = filter_file(log, setup, output, selection, smooth=asked["smooth"], unchecked=asked["unchecked"])
-    done = Done.of(outcome.repairs, outcome.summary.samples, of_filter(outcome.summary, outcome.check, outcome.origin))
-    status = LOSS if outcome.worse else done.status
-    return done._replace(status=status, remarks=(*outcome.check.lines(), *done.remarks))
+    result = filter_file(log, setup, output, selection, smooth=asked["smooth"], unchecked=asked["unchecked"])
+    done = Done.of(result.repairs, result.summary.samples, of_filter(result))
+    status = LOSS if result.worse_than_raw else done.status
+    return done._replace(status=status, remarks=(*result.checked.lines(), *done.remarks))

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import overload
+from typing import Any, overload
 
-from ftbias_jax.check.check_setup import check_setup
+from ftbias_jax.check.check_setup import check_parts, check_setup
+from ftbias_jax.check.result import Check
 from ftbias_jax.errors import FtbiasError, UsageError
 from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.noise.log_noise import remark_of_gate
-from ftbias_jax.filtering.quality import observability
+from ftbias_jax.filtering.quality import contacts, observability, summary
 from ftbias_jax.filtering.quality.at_rest import weight_in_bias
-from ftbias_jax.filtering.quality.contacts import contact_intervals
 from ftbias_jax.filtering.quality.observability import remark_of_tool, with_error_of_tool
-from ftbias_jax.filtering.quality.summary import summarise
-from ftbias_jax.filtering.result import join, named_arrays
+from ftbias_jax.filtering.result import Filtered, join, named_arrays
 from ftbias_jax.filtering.samples import first_position
 from ftbias_jax.filtering.verbs.results import FilterResult, FilterResults, only, require_fields
 from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log, Repair
+from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write.provenance import provenance, source_of
+from ftbias_jax.io.write.selection import About
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
@@ -102,14 +103,14 @@ def filter_log(
     """
     require_fields(fields)
     setup, done = setup.with_effects(effects), 0
+    setup = replace(setup, bias=replace(setup.bias, adapt=False)) if as_stated else setup
 
     def one(source: Source) -> FilterResult:
         nonlocal done
         log, before = source if isinstance(source, Log) else read_log(source, setup), done
-        choices = {"smooth": smooth, "as_stated": as_stated, "unchecked": unchecked}
-        result = _filter(setup, log, **choices, progress=lambda samples: progress(before + samples))
+        result = filter_one(setup, log, smooth=smooth, unchecked=unchecked, progress=lambda n: progress(before + n))
         done = before + len(result.t)
-        return only(result, fields)
+        return only(replace(result, repairs=(*map(Repair, result.checked.lines()), *result.repairs)), fields)
 
     if isinstance(log, Log | str | os.PathLike):
         return one(log)
@@ -126,34 +127,73 @@ def filter_log(
     return FilterResults(tuple(results), errors)
 
 
-def _filter(
-    setup: Setup, log: Log, *, smooth: bool, as_stated: bool, unchecked: bool, progress: Callable[[int], None]
+def filter_one(
+    setup: Setup,
+    log: Log | OpenLog,
+    *,
+    smooth: bool = False,
+    unchecked: bool = False,
+    progress: Callable[[int], None] = _nobody,
+    warn: Callable[[str], None] = lambda line: None,
+    write: Callable[[Iterator[Filtered], Callable[[], About]], None] | None = None,
 ) -> FilterResult:
-    """The result of one log."""
-    setup, of_tool = weight_in_bias(setup, slices(log))
-    of_tool = (*of_tool, *remark_of_tool(setup.tool))
-    wrong = () if unchecked else check_setup(setup, [log]).lines()
-    if as_stated:
-        setup = replace(setup, bias=replace(setup.bias, adapt=False))
-    ready = ready_to_filter(setup, slices(log), len(log.t), first_position(log.q), smooth=smooth)
-    of_gate = remark_of_gate(ready.noise)
-    parts = []
-    for part in ready.results:
-        parts.append(with_error_of_tool(part, setup.tool))
-        progress(sum(len(done.t) for done in parts))
-    filtered = join(parts)
+    """One log, the road of ``filter_log`` and of ``ftbias filter``; other arguments and errors as ``filter_log``.
+
+    Args:
+        setup: with all effects.
+        log: in memory, or opened and read in parts.
+        smooth: add the bias given past and future.
+        unchecked: do not look first whether the setup can be right.
+        progress: called with the number of samples done so far.
+        warn: called with each mistake of the setup, before anything is computed.
+        write: takes the parts of the result as they come, and what belongs to them once the last one has come. The
+            arrays of the result are then those of the last part; None = of all.
+    """
+    if isinstance(log, OpenLog):
+        parts, length, first_q, source, salvaged = log.parts, log.length, log.facts.first_q, log.source, log.salvaged
+    else:
+        parts, length, first_q, source, salvaged = slices(log), len(log.t), first_position(log.q), source_of(log), False
+    setup, of_tool = weight_in_bias(setup, parts)
+    checked = Check(())
+    if not unchecked:
+        checked = check_setup(setup, [log]) if isinstance(log, Log) else check_parts(setup, parts, length)
+    for line in checked.lines():
+        warn(line)
+    ready = ready_to_filter(setup, parts, length, first_q, smooth=smooth)
+    tally, turning, touches = summary.start(), observability.start(), contacts.start(ready.noise.contacts)
     bias = setup.bias
-    turning = observability.add(observability.start(), ready.params, filtered)
+    said: dict[str, Any] = {"smooth": smooth, "salvage": salvaged, "gate": bias.gate, "adapt": bias.adapt}
+    said |= {"tool": "not stated: its weight is part of the bias"} if of_tool else {}
+    origin = provenance(setup, [source], said)
+
+    def results() -> Iterator[Filtered]:
+        nonlocal tally, turning, touches
+        done = 0
+        for found in ready.results:
+            part = with_error_of_tool(found, setup.tool)
+            tally, turning = summary.add(tally, part, ready.params.bias), observability.add(turning, ready.params, part)
+            touches = contacts.add(touches, ready.noise.contacts, part, log.start)
+            done += len(part.t)
+            progress(done)
+            yield part
+
+    if write is None:
+        filtered = join(list(results()))
+    else:
+        write(results(), lambda: About(log.frame, origin, [x.plain() for x in contacts.finish(touches)]))
+        assert tally.last is not None  # no log is empty
+        filtered = tally.last
+    of_gate = remark_of_gate(ready.noise)
     return FilterResult(
         **named_arrays(filtered),
         params=ready.params,
         noise=ready.noise,
         joint_model=setup.joints.model,
-        repairs=(*map(Repair, wrong), *log.repairs, *of_tool, *of_gate, *observability.remarks(turning)),
-        warnings=(*wrong, *(repair.what for repair in of_gate if repair.lost)),
+        repairs=(*log.repairs, *of_tool, *remark_of_tool(setup.tool), *of_gate, *observability.remarks(turning)),
+        checked=checked,
         start=log.start,
-        summary=summarise(filtered, ready.params.bias),
-        contacts=contact_intervals(filtered, ready.noise.contacts, log.start),
+        summary=summary.finish(tally),
+        contacts=contacts.finish(touches),
         frame=log.frame,
-        provenance=provenance(setup, [source_of(log)], {"smooth": smooth, "gate": bias.gate, "adapt": bias.adapt}),
+        provenance=origin,
     )

@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, overload
 
+from ftbias_jax.check.result import Check
 from ftbias_jax.errors import FtbiasError, UsageError
-from ftbias_jax.filtering.noise.log_noise import LogNoise, describe
+from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, remark_of_gate
 from ftbias_jax.filtering.quality.ahead import Forecast, forecast
 from ftbias_jax.filtering.quality.consistency import Consistency, check
 from ftbias_jax.filtering.quality.contacts import ContactInterval
 from ftbias_jax.filtering.quality.spectrum import Line, find_lines
-from ftbias_jax.filtering.quality.summary import Summary, format_summary
+from ftbias_jax.filtering.quality.summary import Summary, format_summary, worse_than_raw
 from ftbias_jax.filtering.result import ARRAYS, Filtered, named_arrays
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write import save_results
@@ -39,14 +40,24 @@ class FilterResult(Filtered):
     """s, stamp of the log's first sample."""
     summary: Summary
     """The numbers that ``print`` shows."""
-    warnings: tuple[str, ...] = ()
-    """Mistakes of the setup that the log shows, or that the gate keeps out most of the log; a line each."""
+    checked: Check
+    """Mistakes of the setup that the log shows; none if nobody looked."""
     contacts: tuple[ContactInterval, ...] = ()
     """Intervals in which something touches the tool: their wrench and its error."""
     frame: str = ""
     """The sensor's frame, as a recording of ROS names it."""
     provenance: Provenance | None = None
     """What it was made from, as files say it."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Mistakes of the setup that the log shows, or that the gate keeps out most of the log; a line each."""
+        return (*self.checked.lines(), *(repair.what for repair in remark_of_gate(self.noise) if repair.lost))
+
+    @property
+    def worse_than_raw(self) -> bool:
+        """Whether the corrected wrench is worse than the raw one."""
+        return self.checked.worse_than_raw or worse_than_raw(self.summary)
 
     def save(
         self,
@@ -98,15 +109,14 @@ class FilterResult(Filtered):
         return find_lines(self.t, self.innovation)
 
     def __str__(self) -> str:
-        told = [*self.warnings, format_summary(self.summary), *describe(self.noise)]
-        lines = [*told, format_joint_noise(self.params, self.joint_model)]
-        return "\n".join(lines)
+        return "\n".join([*self.warnings, self.numbers()])
 
-
-def format_joint_noise(params: Params, joint_model: str) -> str:
-    """One line with the process noise of the joints, or of the pose, that the filter took."""
-    what, density = "pose" if isinstance(params.arm, FreeBody) else "joint", params.joint.process_density
-    return f"{what} process noise ({joint_model}): {' '.join(f'{float(x):.3g}' for x in density)}"
+    def numbers(self) -> str:
+        """What ``print`` shows beside the warnings: the summary, noise and contact of the log, the joints' noise."""
+        what = "pose" if isinstance(self.params.arm, FreeBody) else "joint"
+        density = " ".join(f"{float(x):.3g}" for x in self.params.joint.process_density)
+        of_joints = f"{what} process noise ({self.joint_model}): {density}"
+        return "\n".join([format_summary(self.summary), *describe(self.noise), of_joints])
 
 
 def require_fields(names: Sequence[str]) -> None:

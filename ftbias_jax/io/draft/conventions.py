@@ -9,14 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clock import since
-from ftbias_jax.io.conventions.units import STANDARD_GRAVITY, stamps
-from ftbias_jax.io.draft.gravity import Weighed, weigh
+from ftbias_jax.io.clock import since, stamps_of
+from ftbias_jax.io.draft.evidence import Weighed, weigh
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.io.draft.table import Table
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.pose import between, interpolated, sensor_rotations
-from ftbias_jax.setup.keys.template import Known
+from ftbias_jax.io.pose import STANDARD_GRAVITY, between, interpolated, sensor_rotations
+from ftbias_jax.setup.keys.toml_text import Known
 from ftbias_jax.setup.rotations import rpy_from_rotation
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -134,7 +133,7 @@ def accelerometer(table: Table, read: Read) -> Keys:
     setup, log = read({"sensor_pose.linear": Known("none")})
     assert table.accelerometer is not None
     felt = table.accelerometer
-    t = log.t if table.time is None else since(stamps(table.time, setup.log), log.start)
+    t = log.t if table.time is None else since(stamps_of(table.time, setup.log), log.start)
     if len(t) != len(felt):
         return {}
     known = np.isfinite(log.q[:, :4]).all(1)

@@ -14,7 +14,7 @@ from ftbias_jax.files import no_regular_file
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.setup.chains import CONVENTIONS, FIXED, UNITS, read_dh
 from ftbias_jax.setup.fields import Section
-from ftbias_jax.setup.keys.template import Known
+from ftbias_jax.setup.keys.toml_text import Known
 
 MAX_BYTES = 1 << 16  # a table of an arm is a dozen lines
 ORDER = ("a", "alpha", "d", "theta")

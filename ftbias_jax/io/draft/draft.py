@@ -15,20 +15,18 @@ import numpy as np
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_recorded
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.draft.columns import left_to_choose, stated_columns
 from ftbias_jax.io.draft.conventions import Read, accelerometer, best_reading, gyroscope, position_axes, ways_of
 from ftbias_jax.io.draft.dh_table import DhTable, from_table
-from ftbias_jax.io.draft.gravity import Weighed, tool_keys, weigh
-from ftbias_jax.io.draft.noise import quietest_noise, scatter_in_motion
+from ftbias_jax.io.draft.evidence import Weighed, quietest_noise, scatter_in_motion, tool_keys, weigh
 from ftbias_jax.io.draft.robot import Keys, built_in, from_urdf, look_into, mounting, robots_with, sensor_frame
-from ftbias_jax.io.draft.table import Table, look, patterns, time_unit
+from ftbias_jax.io.draft.table import Table, left_to_choose, look, patterns, stated_columns, time_unit
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import sensor_rotations
 from ftbias_jax.io.ros.record import is_ros
-from ftbias_jax.setup.keys.template import MEASURE, Known, write_template
+from ftbias_jax.setup.keys.toml_text import MEASURE, Known, write_template
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.setup.urdf.read import load_urdf
+from ftbias_jax.setup.urdf import load_urdf
 
 GUESS = Known([0.1, 0.004], f"a guess: {MEASURE}")
 """N, Nm: noise of a usual wrist sensor, where there is no log to look at."""
@@ -180,7 +178,7 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
     if has_pose:
         body = next(table for table in tables if table.orientation)
         keys |= {"sensor_pose.linear": Known("none"), "sensor_pose.orientation": Known(body.orientation)}
-        if not any(table.gyroscope for table in tables):
+        if not any("gyroscope" in table.has for table in tables):
             keys["sensor_pose.gyroscope"] = Known(False, "none is recorded")
         best = best_reading(ways_of(body), read)
         keys |= best.keys if best else {}
@@ -222,11 +220,11 @@ def _of_tables(tables: Sequence[Table]) -> Keys:
 
 def _of_motion(tables: Sequence[Table], body: Table, weighed: Weighed | None, read: Read) -> Keys:
     """How the acceleration is known, and whether a gyroscope is credible."""
-    keys = gyroscope(read) if any(table.gyroscope for table in tables) else {}
+    keys = gyroscope(read) if any("gyroscope" in table.has for table in tables) else {}
     imu = next((table for table in tables if table.accelerometer is not None), None)
     if imu is not None:
         keys |= accelerometer(imu, lambda more: read({**keys, **more}))
-    if body.position and weighed and "sensor_pose.linear" not in keys:
+    if "place" in body.has and weighed and "sensor_pose.linear" not in keys:
         keys |= position_axes(lambda more: read({**keys, **more}), weighed.mass)
     return keys
 

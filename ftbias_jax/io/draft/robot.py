@@ -8,16 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.errors import LogError, SetupError, UsageError
 from ftbias_jax.io.pose import rotate
-from ftbias_jax.io.ros.collect import Stream, Wanted
 from ftbias_jax.io.ros.messages import JOINT_STATE, TF, WRENCH_STAMPED
-from ftbias_jax.io.ros.record import read_recording
+from ftbias_jax.io.ros.record import Stream, Wanted, read_recording
+from ftbias_jax.setup.chains import Pose, pose_at
 from ftbias_jax.setup.fields import nearest
-from ftbias_jax.setup.keys.template import Known
+from ftbias_jax.setup.keys.toml_text import Known
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot, describe_robot
 from ftbias_jax.setup.rotations import rpy_from_rotation
-from ftbias_jax.setup.urdf.read import FIXED, Pose, Urdf, load_urdf
+from ftbias_jax.setup.urdf import Urdf, fixed_pose, load_urdf
 
 Keys = dict[str, Known]
 FLANGES = ("tool0", "flange", "link_ee", "lbr_link_ee", "link_eef", "panda_link8", "fr3_link8", "end_effector_link")
@@ -71,14 +71,10 @@ def from_urdf(path: str, base_link: str = "", tip_link: str = "", folder: str = 
 
 def mounting(urdf: Urdf, tip_link: str, frame: str) -> Keys:
     """Where a frame that is fixed to the flange is, as the sensor's mounting; {} if the URDF does not say."""
-    pose, link = Pose(np.zeros(3), np.eye(3)), frame
-    while link != tip_link:
-        joint = urdf.joints.get(link)
-        if joint is None or joint.kind not in FIXED:
-            return {}
-        pose, link = joint.origin.then(pose), joint.parent
-    remark = f"{frame} in {tip_link}, from the URDF"
-    return mounted(pose, remark)
+    try:
+        return mounted(fixed_pose(urdf, tip_link, frame), f"{frame} in {tip_link}, from the URDF")
+    except SetupError:
+        return {}
 
 
 def mounted(pose: Pose, remark: str) -> Keys:
@@ -126,7 +122,7 @@ def sensor_frame(recorded: Recorded) -> Keys:
     frame = recorded.frame.removesuffix(CONTROLLER)
     if not frame:
         return {}
-    pose = Pose(np.zeros(3), np.eye(3))
+    pose = pose_at()
     parents = {stream.names[1]: stream for stream in recorded.transforms if len(np.unique(stream.values, axis=0)) == 1}
     link = frame
     for _ in range(len(parents) + 1):

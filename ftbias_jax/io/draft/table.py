@@ -1,8 +1,8 @@
-"""What is in a table or a file of arrays, before anybody has said how to read it."""
+"""What is in a table or a file of arrays before anybody has said how to read it, and the keys that its names state."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
-from ftbias_jax.io.conventions.headers import Match, matches, some
-from ftbias_jax.io.ros.collect import Wanted
 from ftbias_jax.io.ros.messages import JOINTS, POSE, TEMPERATURE, WRENCH
-from ftbias_jax.io.ros.record import is_ros, read_recording
+from ftbias_jax.io.ros.record import Wanted, is_ros, read_recording
 from ftbias_jax.io.tables.arrays import ARRAY_FILES, ARRAYS, COLUMNS, POSE_ARRAYS, suffix_of
 from ftbias_jax.io.tables.columns import Columns
+from ftbias_jax.io.tables.headers import Match, matches, some
+from ftbias_jax.setup.keys.toml_text import Known
 from ftbias_jax.setup.recorded import TIME_UNITS
 from ftbias_jax.types import Array
 
@@ -27,14 +27,20 @@ WIDTHS = {3: "axis_angle", 9: "matrix", 4: "quaternion_xyzw"}
 """Numbers of an orientation -> what it may be."""
 ORIENTATIONS = ("quaternion_xyzw", "matrix", "axis_angle")
 """What columns of an orientation may be by their names."""
-JOINTS_OR_POSE = ("time", "position", "velocity", "wrench", "temperature", "place", "gyroscope", "accelerometer")
-"""Quantities that are looked for in the names of columns, and ORIENTATIONS."""
+QUANTITIES = ("time", "position", "velocity", "wrench", "temperature")
+"""Keys of [log.columns]."""
+PARTS = {"position": "place", "angular_velocity": "gyroscope", "specific_force": "accelerometer"}
+"""Arrays of a pose and an IMU -> their names as quantities that columns may be."""
+MOST_LISTED = 60
+"""Columns to choose from."""
 
 
 class Table(NamedTuple):
     """One file."""
 
     path: str
+    has: Set[str] = frozenset()
+    """Those of QUANTITIES and PARTS that it has; whether it has time, joints and an orientation is said below."""
     time: Array | None = None
     """(T,) stamps as stored; None = none."""
     joints: int = 0
@@ -43,12 +49,8 @@ class Table(NamedTuple):
     """One of ORIENTATIONS, or "" = none."""
     named: bool = True
     """Whether names of columns say which entry of the orientation is which."""
-    position: bool = False
-    gyroscope: bool = False
     accelerometer: Array | None = None
     """(T, 3) as stored; None = none."""
-    wrench: bool = False
-    temperature: bool = False
     others: tuple[str, ...] = ()
     """Names of columns or arrays that nothing is made of."""
     names: tuple[str, ...] = ()
@@ -62,6 +64,11 @@ class Table(NamedTuple):
     def joint_names(self) -> tuple[str, ...]:
         """As the file has them, or q0, q1, ..."""
         return self.names or tuple(f"q{i}" for i in range(self.joints))
+
+    @property
+    def has_imu(self) -> bool:
+        """Whether it has a gyroscope or an accelerometer."""
+        return bool(self.has & {"gyroscope", "accelerometer"})
 
 
 def look(path: str) -> Table:
@@ -79,7 +86,7 @@ def look(path: str) -> Table:
 
     def choose(names: Sequence[str]) -> Columns:
         header.extend(names)
-        likely = {name: likeliest(matches(name, names)) for name in (*JOINTS_OR_POSE, *ORIENTATIONS)}
+        likely = {name: likeliest(matches(name, names)) for name in (*QUANTITIES, *PARTS.values(), *ORIENTATIONS)}
         found.update({name: match for name, match in likely.items() if match})
         time, felt = (found[name].names if name in found else () for name in ("time", "accelerometer"))
         return {"t": time, "dq": felt}
@@ -99,13 +106,12 @@ def _of_recording(path: str) -> Table:
     roles = {stream.role for stream in streams}
     arm = max((stream for stream in streams if stream.role == JOINTS), key=lambda x: len(x.names), default=None)
     names = () if arm is None else arm.names or tuple(f"q{i}" for i in range(arm.values.shape[1] // 2))
+    pose = POSE in roles and not names
     return Table(
         path=path,
+        has=(roles & {WRENCH, TEMPERATURE}) | ({"place"} if pose else set()),
         joints=len(names),
-        orientation="quaternion_xyzw" if POSE in roles and not names else "",
-        position=POSE in roles and not names,
-        wrench=WRENCH in roles,
-        temperature=TEMPERATURE in roles,
+        orientation="quaternion_xyzw" if pose else "",
         names=() if arm is None else arm.names,
     )
 
@@ -116,15 +122,12 @@ def _of_arrays(path: str, arrays: Mapping[str, Array]) -> Table:
     time = arrays.get("t", arrays.get("t_wrench"))
     return Table(
         path=path,
+        has={PARTS.get(name, name) for name in arrays},
         time=None if time is None or np.ndim(time) != 1 else np.asarray(time),
         joints=np.shape(arrays["q"])[1] if "q" in arrays and np.ndim(arrays["q"]) == 2 else 0,
         orientation=WIDTHS.get(width, ""),
         named=width != 4,
-        position="position" in arrays,
-        gyroscope="angular_velocity" in arrays,
         accelerometer=arrays.get("specific_force"),
-        wrench="wrench" in arrays,
-        temperature="temperature" in arrays,
     )
 
 
@@ -137,14 +140,11 @@ def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], va
             raise LogError(message, file=path, field=name, remedy="rename one of them")
     return Table(
         path=path,
+        has=found.keys(),
         time=values.get("t"),
         joints=len(found["position"].names) if "position" in found else 0,
         orientation=next((kind for kind in ORIENTATIONS if kind in found), ""),
-        position="place" in found,
-        gyroscope="gyroscope" in found,
         accelerometer=values.get("dq"),
-        wrench="wrench" in found,
-        temperature="temperature" in found,
         others=tuple(name for name in header if name not in used),
         names=found["position"].joints if "position" in found else (),
         header=tuple(header),
@@ -178,11 +178,66 @@ def patterns(tables: Sequence[Table]) -> dict[str, str]:
     found: dict[str, str] = {}
     for table in tables:
         moves = bool(table.orientation or table.joints)
-        roles = {"wrench": table.wrench, "position": moves, "temperature": table.temperature}
-        roles["velocity"] = table.gyroscope or table.accelerometer is not None
-        role = next((name for name in ("position", "wrench", "velocity", "temperature") if roles[name]), "")
+        roles = {"position": moves, "wrench": "wrench" in table.has, "velocity": table.has_imu}
+        roles["temperature"] = "temperature" in table.has
+        role = next((name for name, there in roles.items() if there), "")
         if not role or role in found:
             what = f"has {role} too" if role else "has neither joints, pose, wrench nor an IMU"
             raise LogError(what, file=table.path, remedy="give one file for each stream")
         found[role] = f"*{Path(table.path).name[shared:]}"
     return found
+
+
+def stated_columns(table: Table, joints: Sequence[str] | None = None) -> dict[str, Known]:
+    """Keys of a setup that the names of columns give: those of [log.columns] that are not the usual ones, and units.
+
+    The names of the joints give the order of the columns; None = as the header has them.
+    """
+    keys: dict[str, Known] = {}
+    for quantity in (*QUANTITIES, *PARTS.values()):
+        candidates = _candidates(quantity, table, joints)
+        match = likeliest(candidates)
+        if match is None:
+            continue
+        for key, value in match.facts.items():
+            keys[key] = Known(value, f"by the name of the column {match.names[0]}")
+        if quantity in QUANTITIES and not match.native:
+            if table.orientation and quantity in ("position", "velocity"):
+                continue  # they are made of a pose and an IMU, whose columns the reader finds by [sensor_pose]
+            names = match.names[0] if quantity in ("time", "temperature") else list(match.names)
+            keys[f"log.columns.{quantity}"] = Known(names, _remark(match, candidates, joints))
+    return keys
+
+
+def left_to_choose(tables: Sequence[Table], rate: float | None = None) -> dict[str, Known]:
+    """Keys of [log.columns] without a value, for what no table shows by its names, with the columns to choose from.
+
+    With a rate, Hz, that somebody states, no stamps are missed.
+    """
+    tables_of_columns = [table for table in tables if table.header]
+    found = {
+        "time": rate is not None or all("time" in table.found for table in tables_of_columns),
+        "position": any(table.joints or table.orientation for table in tables),
+        "wrench": any("wrench" in table.has for table in tables),
+    }
+    others = [name for table in tables for name in table.others]
+    listed = ", ".join(others[:MOST_LISTED]) + (f" and {len(others) - MOST_LISTED} more" * (len(others) > MOST_LISTED))
+    missing = [quantity for quantity, there in found.items() if tables_of_columns and not there]
+    return {f"log.columns.{quantity}": Known(None, f"choose from {listed or 'nothing'}") for quantity in missing}
+
+
+def _candidates(quantity: str, table: Table, joints: Sequence[str] | None) -> list[Match]:
+    """Columns that may be a quantity; of joints with other names than the robot's, as many as it has."""
+    found = matches(quantity, table.header, joints)
+    if found or joints is None or quantity not in ("position", "velocity"):
+        return found
+    return [match for match in matches(quantity, table.header) if len(match.names) == len(joints)]
+
+
+def _remark(match: Match, candidates: Sequence[Match], joints: Sequence[str] | None) -> str:
+    remarks = []
+    if match.joints and joints is not None and tuple(joints) != match.joints:
+        remarks.append("in the order of the header: check it")
+    if others := ", ".join(f"{other.names[0]} ..." for other in candidates if other is not match):
+        remarks.append(f"also there: {others}")
+    return "; ".join(remarks)

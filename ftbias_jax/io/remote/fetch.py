@@ -17,7 +17,7 @@ from urllib.parse import unquote
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.files import keep_temporary_folder, remove_temporary_folder
-from ftbias_jax.io.limits.unpack import need
+from ftbias_jax.io.limits.budget import need
 from ftbias_jax.io.remote.outside import copy_name, is_below, is_url
 
 MOST_BYTES = 16 << 30

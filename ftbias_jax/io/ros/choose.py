@@ -7,7 +7,6 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.ros.collect import Field, Stream, Wanted
 from ftbias_jax.io.ros.messages import (
     BY_FIELD,
     IMU,
@@ -22,7 +21,7 @@ from ftbias_jax.io.ros.messages import (
     types_with,
 )
 from ftbias_jax.io.ros.pose import in_setup_order, pose_streams
-from ftbias_jax.io.ros.record import Recording
+from ftbias_jax.io.ros.record import Field, Recording, Stream, Wanted
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.sensor_pose import pose_columns
@@ -75,8 +74,7 @@ def choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:
     """The wrench, and the temperature if there is one."""
     found = _of_role(recording, WRENCH, setup)
     if not found:
-        message = f"no wrench data: no topic has the type {WRENCH_STAMPED}"
-        raise LogError(message, file=file, field=WRENCH, remedy=_recorded(recording))
+        raise _missing(recording, f"no wrench data: no topic has the type {WRENCH_STAMPED}", WRENCH, file)
     wrenches = _choose(WRENCH, found, setup, file)
     wrench = _in_one_frame(wrenches, "wrenches", WRENCH, "record one sensor on a topic", file)
     _check_width(wrench, WRENCH, 6, file)
@@ -150,8 +148,7 @@ def _choose_imu(recording: Recording, setup: Setup, pose: PoseSetup, file: str) 
     if not pose_columns(pose)[1] or not (found or needed or IMU in setup.log.topics):
         return None
     if not found:
-        message = f"there is no specific force: no topic has the type {types_with(IMU)}"
-        raise LogError(message, file=file, field=IMU, remedy=_recorded(recording))
+        raise _missing(recording, f"there is no specific force: no topic has the type {types_with(IMU)}", IMU, file)
     if not needed and IMU not in setup.log.topics:
         return None  # a gyroscope may be anybody's: the setup must name it
     one = interleave(_choose(IMU, found, setup, file))
@@ -166,8 +163,7 @@ def _joint_streams(recording: Recording, setup: Setup, file: str) -> list[Stream
     names = setup.robot.joint_names
     found = [stream for stream in recording.streams if stream.role == JOINTS]
     if not found:
-        message = f"no motion data: no topic has the type {JOINT_STATE}"
-        raise LogError(message, file=file, field=JOINTS, remedy=_recorded(recording))
+        raise _missing(recording, f"no motion data: no topic has the type {JOINT_STATE}", JOINTS, file)
     of_arm = [stream for stream in found if not stream.names or set(stream.names) & set(names)]
     if not of_arm:
         listed = "; ".join(f"{stream.topic} has {', '.join(stream.names)}" for stream in found[:8])
@@ -218,9 +214,9 @@ def interleave(streams: Sequence[Stream]) -> Stream:
     return streams[0]._replace(stamps=stamps[rows], logged=logged[rows], order=order[rows], values=values[rows])
 
 
-def _recorded(recording: Recording) -> str:
-    """What there is instead, as a remedy."""
+def _missing(recording: Recording, message: str, role: str, file: str) -> LogError:
+    """The error of a recording that has no topic for a role; the remedy says what there is instead."""
     topics = [f"{topic.name} ({topic.message_type})" for topic in recording.topics]
-    return (
-        f"record it; there is {', '.join(topics[:12])}{', ...' if len(topics) > 12 else ''}" if topics else "record it"
-    )
+    listed = f"; there is {', '.join(topics[:12])}" if topics else ""
+    remedy = f"record it{listed}{', ...' if len(topics) > 12 else ''}"
+    return LogError(message, file=file, field=role, remedy=remedy)

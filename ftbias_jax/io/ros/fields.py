@@ -8,8 +8,7 @@ import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from ftbias_jax.io.ros.definition import HEADER, PRIMITIVES, SEQUENCE, TEXTS, Field, Types, parse_msg, smallest
-from ftbias_jax.io.ros.idl import parse_idl
+from ftbias_jax.io.ros.definition import HEADER, PRIMITIVES, SEQUENCE, TEXTS, Field, Types, parse, smallest
 from ftbias_jax.io.ros.messages import Cursor, MessageError
 from ftbias_jax.io.ros.raw import Definition
 from ftbias_jax.setup.fields import nearest
@@ -195,12 +194,10 @@ def types_of(message_type: str, encoding: str, definition: Definition) -> Types 
     """The types that a message is made of; None if nobody says."""
     ros1 = encoding == "ros1"
     if definition.text.strip():
-        if definition.format == "ros2idl":
-            return parse_idl(definition.text, message_type)
-        return parse_msg(definition.text, message_type, ros1)
+        return parse(definition, message_type, ros1)
     if message_type in COMMON:
         others = [f"MSG: {name}\n{text}" for name, text in COMMON.items() if name != message_type]
-        return parse_msg(_RULE.join([COMMON[message_type], *others]), message_type, ros1)
+        return parse(Definition(text=_RULE.join([COMMON[message_type], *others])), message_type, ros1)
     return None if ros1 else _by_rosbags(message_type)
 
 
@@ -216,5 +213,5 @@ def _by_rosbags(message_type: str) -> Types | None:
         full = f"{package}/msg/{name}"
         if full in known.types:
             text, _ = known.generate_msgdef(full, ros_version=2)
-            return parse_msg(text, message_type, ros1=False)
+            return parse(Definition(text=text), message_type, ros1=False)
     return None

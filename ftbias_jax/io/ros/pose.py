@@ -9,9 +9,8 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.pose import product, rotate
-from ftbias_jax.io.ros.collect import Stream
 from ftbias_jax.io.ros.messages import POSE, POSE_STAMPED, TRANSFORM
-from ftbias_jax.io.ros.record import Recording
+from ftbias_jax.io.ros.record import Recording, Stream
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.types import Array

@@ -7,13 +7,12 @@ import os
 import numpy as np
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.check import Part, log_of_parts, on_one_clock
 from ftbias_jax.io.clock import choose_clock, continue_after_jumps, jumps, order_repairs, tidy
 from ftbias_jax.io.log import Log, Repair
-from ftbias_jax.io.merge import Part, log_of_parts, on_one_clock
 from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_rates, choose_readings, refuse_columns, wanted_of
-from ftbias_jax.io.ros.collect import Stream
 from ftbias_jax.io.ros.messages import JOINTS, WRENCH
-from ftbias_jax.io.ros.record import Recording, read_recording
+from ftbias_jax.io.ros.record import Recording, Stream, read_recording
 from ftbias_jax.setup.recorded import HEADER, RECEIPT
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array

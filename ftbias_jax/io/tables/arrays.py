@@ -8,13 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.check import check_log
-from ftbias_jax.io.clock import as_stamps, put_in_order
-from ftbias_jax.io.conventions.units import rows_at_rate, stamps
+from ftbias_jax.io.check import FURTHER, Part, check_log, further_columns, log_of_parts, on_one_clock
+from ftbias_jax.io.clock import as_stamps, later, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.log import Log, Repairs
-from ftbias_jax.io.merge import Part, log_of_parts, on_one_clock
 from ftbias_jax.io.npz_archive import load_arrays
-from ftbias_jax.io.tables.columns import Columns, check_names, choose_columns, choose_some
+from ftbias_jax.io.tables.columns import Columns, choose_columns, named_columns
 from ftbias_jax.io.tables.csv import csv_columns
 from ftbias_jax.io.tables.hdf5 import load_hdf5
 from ftbias_jax.io.tables.parquet import parquet_columns
@@ -51,7 +49,7 @@ OURS = ("about", "provenance")
 
 def wanted_arrays(setup: Setup) -> tuple[str, ...]:
     """Names of the arrays that a log may have: the native ones, and those of [log.columns]."""
-    stated = (setup.log.columns[key] for key in QUANTITIES if key in setup.log.columns)
+    stated = setup.log.columns.values()
     named = (name for names in stated for name in ((names,) if isinstance(names, str) else names))
     return tuple(dict.fromkeys((*ARRAYS, *POSE_ARRAYS, *named)))
 
@@ -82,14 +80,25 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
     """A log of t (T,), q (T, n), wrench (T, 6), and if there dq (T, n) and temperature (T,).
 
     Instead of t, t_joints (J,) may stamp q and dq, and t_wrench (W,) the wrench and the temperature; a setup that
-    states log.rate needs no stamps.
+    states log.rate needs no stamps. Further columns (T,) have the stamps t, or those of the wrench, or of the joints.
     """
+    log = _merged(arrays, setup, file)
+    further = {name: values for name, values in arrays.items() if name.startswith(FURTHER)}
+    if not further:
+        return log
+    counted = rows_at_rate(next(iter(further.values())), setup.log)
+    clock = next((name for name in ("t", "t_wrench", "t_joints") if name in arrays), "")
+    t = as_stamps(stamps_of(arrays[clock], setup.log) if counted is None else counted, file=file)
+    return further_columns([(later(t, setup.log.time_offsets.get("wrench", 0.0)), further)], log, setup, file)
+
+
+def _merged(arrays: Mapping[str, Array], setup: Setup, file: str) -> Log:
     if setup.pose is not None:
         arrays = with_pose(arrays, setup.pose, file)
     _get(arrays, "q", "no motion data: there is no array q (T, n) rad", file)
     wrench = _get(arrays, "wrench", "no wrench data: there is no array wrench (T, 6) N, Nm", file)
     counted = rows_at_rate(wrench, setup.log)
-    times = {name: stamps(arrays[name], setup.log) for name in STAMPS if name in arrays} if counted is None else {}
+    times = {name: stamps_of(arrays[name], setup.log) for name in STAMPS if name in arrays} if counted is None else {}
     if counted is not None or "t" in times:
         if len(times) > 1:
             message = "stands beside t_joints or t_wrench"
@@ -165,25 +174,6 @@ def native_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Ar
     if suffix in COLUMNS:
         return COLUMNS[suffix](file, lambda header: choose_columns(header, setup, file, static))
     arrays = ARRAY_FILES[suffix](file, (*wanted_arrays(setup), *(OURS if suffix == ".npz" else ())))
-    return arrays if arrays.keys() >= set(OURS) else by_native_names(arrays, setup, file)
-
-
-def further_columns(file: str, setup: Setup, names: Sequence[str]) -> tuple[Array, Mapping[str, Array]]:
-    """Stamps, or numbers of the rows if there are none, and columns or arrays (T,) by their names in the file."""
-    suffix = suffix_of(file)
-    if suffix in COLUMNS:
-
-        def choose(header: Sequence[str]) -> Columns:
-            check_names(names, header, file)
-            return choose_some(header, (), setup, file) | {f"={name}": (name,) for name in names}
-
-        found = COLUMNS[suffix](file, choose)
-        arrays = {name: found[f"={name}"] for name in names}
-        stamps = found.get("t")
-    else:
-        stated = setup.log.columns.get("time")
-        clocks = (*([stated] if isinstance(stated, str) else []), "t", "t_wrench", "t_joints")
-        arrays = ARRAY_FILES[suffix](file, (*names, *clocks))
-        check_names(names, list(arrays), file)
-        stamps = next((arrays[clock] for clock in clocks if clock in arrays), None)
-    return np.arange(np.size(arrays[names[0]])) if stamps is None else stamps, arrays
+    further = {} if static else named_columns(list(arrays), setup, file)
+    native = arrays if arrays.keys() >= set(OURS) else by_native_names(arrays, setup, file)
+    return native | {key: arrays[name] for key, (name,) in further.items()}

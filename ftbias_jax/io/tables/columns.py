@@ -8,8 +8,10 @@ from itertools import product
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.conventions.headers import FIXED, Match, Names, matches, some
+from ftbias_jax.io.check import FURTHER
+from ftbias_jax.io.tables.headers import FIXED, Match, Names, matches, some
 from ftbias_jax.setup.fields import nearest
+from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -48,10 +50,11 @@ def choose_columns(header: Sequence[str], setup: Setup, file: str = "", static: 
         name: () if quantity in unwanted else _choose(quantity, header, setup, optional, file)
         for quantity, name in NAMES.items()
     }
+    further = {} if static else named_columns(header, setup, file)
     for name in sum(chosen.values(), ()):
         if header.count(name) > 1:
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
-    return chosen
+    return chosen | further
 
 
 def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, file: str = "") -> Columns:
@@ -60,17 +63,22 @@ def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, 
     found = {quantity: _choose(quantity, header, setup, OPTIONAL, file) for quantity in needed}
     if quantities and not found[quantities[0]]:
         raise _not_found(quantities[0], header, setup, file)
-    return {NAMES[quantity]: names for quantity, names in found.items()}
+    further = named_columns(header, setup, file, optional=True)
+    return {NAMES[quantity]: names for quantity, names in found.items()} | further
 
 
-def check_names(names: Sequence[str], header: Sequence[str], file: str = "") -> None:
-    """Refuse further columns that are not there, or not unique."""
-    for name in names:
-        if name not in header:
-            message = "log.columns of the setup names this column, but it is not there"
-            raise LogError(message, file=file, field=name, remedy=nearest(name, header))
+def named_columns(header: Sequence[str], setup: Setup, file: str = "", optional: bool = False) -> Columns:
+    """Further columns, or arrays, that the setup names; those that are not there are refused, unless optional."""
+    found: Columns = {}
+    for key, name in further_columns(setup.log.columns).items():
         if header.count(name) > 1:
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
+        if name in header:
+            found[f"{FURTHER}{key}"] = (name,)
+        elif not optional:
+            message = "log.columns of the setup names this column, but it is not there"
+            raise LogError(message, file=file, field=name, remedy=nearest(name, header))
+    return found
 
 
 def _choose(quantity: str, header: Sequence[str], setup: Setup, optional: Collection[str], file: str) -> Names:

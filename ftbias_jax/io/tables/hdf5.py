@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget
-from ftbias_jax.io.limits.unpack import need
+from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget, need
 from ftbias_jax.types import Array
 
 GZIP, SHUFFLE, CHECKSUM, LZF = 1, 2, 3, 32000

@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.limits.budget import Budget
+from ftbias_jax.io.limits.budget import Budget, need
 from ftbias_jax.io.limits.parquet_pages import check_pages
-from ftbias_jax.io.limits.unpack import need
 from ftbias_jax.io.tables.columns import Columns, split
 from ftbias_jax.types import Array
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import LOWEST_RATE, check_samples
-from ftbias_jax.io.conventions.units import stamps
+from ftbias_jax.io.clock import stamps_of
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.pose import in_sensor_axes, pose_entries
 from ftbias_jax.io.tables.arrays import TABLES, native_arrays, suffix_of, with_pose
@@ -95,7 +95,7 @@ def poses_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "")
     count = len(wrench) if wrench.ndim else 0
     t = np.arange(count, dtype=float)
     if timed := "t" in arrays:
-        times = stamps(np.atleast_1d(arrays["t"]), setup.log)
+        times = stamps_of(np.atleast_1d(arrays["t"]), setup.log)
         t = (times - times[:1]) * (1e-9 if times.dtype.kind == "i" and count and np.ptp(times) > 1e6 else 1.0)
     if setup.pose is not None:
         q, _ = pose_entries(q, None, t, setup, file)

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clock import put_in_order
-from ftbias_jax.io.conventions.units import later, rows_at_rate, stamps
+from ftbias_jax.io.check import FURTHER, Part, further_columns, log_of_parts
+from ftbias_jax.io.clock import as_stamps, later, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.log import Log, Repair, Repairs
-from ftbias_jax.io.merge import Part, log_of_parts
 from ftbias_jax.io.remote.fetch import opened
 from ftbias_jax.io.remote.outside import check_links, check_patterns
 from ftbias_jax.io.ros.choose import (
@@ -37,8 +36,9 @@ from ftbias_jax.io.tables.arrays import (
     suffix_of,
     wanted_arrays,
 )
-from ftbias_jax.io.tables.columns import NAMES, choose_some
+from ftbias_jax.io.tables.columns import NAMES, choose_some, named_columns
 from ftbias_jax.io.tables.grouping import files_of
+from ftbias_jax.setup.keys import table as keys
 from ftbias_jax.setup.sensor_pose import pose_columns
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -62,23 +62,30 @@ def setup_of_file(setup: Setup, key: str) -> Setup:
 
 def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
     """Read the files of one log, and put their samples on one timeline, without interpolation."""
+    file, named = os.fspath(path), keys.further_columns(setup.log.columns)
     parts: list[Part] = []
     repairs: list[Repair] = []
     unused = {"velocity"} if setup.pose and not pose_columns(setup.pose)[1] else set()
     files = files_of(path, setup.log.files)
     if not setup.log.allow_outside:
         check_patterns(setup.log.files, setup.path)
-        check_links(files, os.fspath(path))
-    for key, file in files.items():
+        check_links(files, file)
+    for key, one in files.items():
         if key not in unused:
             quantities = [name for name in QUANTITIES[key] if name == key or name not in setup.log.files]
-            with opened(file) as there:
+            with opened(one) as there:
                 found, mended = read_stream(there, quantities, setup_of_file(setup, key), salvage=salvage)
             parts += [(later(t, setup.log.time_offsets.get(key, 0.0)), arrays) for t, arrays in found]
             repairs += mended
     if len({t.dtype.kind for t, _ in parts}) > 1:
         parts = [(t * 1e-9 if t.dtype.kind == "i" else t, arrays) for t, arrays in parts]
-    return log_of_parts(parts, setup, tuple(repairs), os.fspath(path))
+    streams = [(t, arrays) for t, arrays in parts if not any(name.startswith(FURTHER) for name in arrays)]
+    log = further_columns(parts, log_of_parts(streams, setup, tuple(repairs), file), setup, file)
+    for key, name in named.items():
+        if key not in log.columns:
+            message = "log.columns of the setup names this column, but no file of the log has it"
+            raise LogError(message, file=file, field=name, remedy="correct its name")
+    return log
 
 
 def read_stream(
@@ -97,13 +104,16 @@ def read_stream(
         raise LogError(f"unknown format {suffix!r}", file=file, remedy=remedy)
     counted = rows_at_rate(next(values for name, values in found.items() if name != "t"), setup.log)
     recorded = found.pop("t", None)
-    t = stamps(recorded, setup.log) if counted is None else counted
+    t = stamps_of(recorded, setup.log) if counted is None else counted
+    further = {name: found.pop(name) for name in [*found] if name.startswith(FURTHER)}
     ordered = put_in_order(t, found, f"samples of {Path(file).name}", file=file)
-    return [(ordered.t, {name: np.asarray(values) for name, values in ordered.columns.items()})], ordered.repairs
+    parts: list[Part] = [(ordered.t, {name: np.asarray(values) for name, values in ordered.columns.items()})]
+    return parts + ([(as_stamps(t, file=file), further)] if further else []), ordered.repairs
 
 
 def _of_arrays(arrays: Mapping[str, Array], quantities: Sequence[str], setup: Setup, file: str) -> dict[str, Array]:
     """The wanted arrays that share the stamps of the first, and these as "t"."""
+    further = {key: arrays[name] for key, (name,) in named_columns(list(arrays), setup, file, optional=True).items()}
     mine = {key: names for key, names in setup.log.columns.items() if key in ("time", *quantities)}
     arrays = by_native_names(arrays, replace(setup, log=replace(setup.log, columns=mine)), file)
     clock = "t" if "t" in arrays else STAMPS[quantities[0]]
@@ -123,7 +133,7 @@ def _of_arrays(arrays: Mapping[str, Array], quantities: Sequence[str], setup: Se
             missing = " or ".join(parts) or name
             remedy = f"name the arrays of a log {', '.join(ARRAYS if setup.pose is None else POSE_ARRAYS)}"
             raise LogError(f"there is no array {missing}", file=file, field=name, remedy=remedy)
-    return found
+    return found | further
 
 
 def _of_recording(

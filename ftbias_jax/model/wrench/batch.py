@@ -1,8 +1,7 @@
 """The wrench of the tool over many samples at once: ``pipeline.predict_wrench`` with time as the last axis.
 
 Time is cut into pieces that stay in the processor's fastest cache, and the loop over them is compiled as a whole
-(compiled_loops.py); the reverse pass works each piece out again instead of storing it. Slopes in the joints, which
-every likelihood asks for, are written by hand (joint_slopes.py); JAX works out those in the model.
+(compiled_loops.py); the reverse pass works each piece out again instead of storing it.
 """
 
 from __future__ import annotations
@@ -17,11 +16,10 @@ from jax import Array
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.model.kinematics.seen_from_sensor import Chain, chain_of
-from ftbias_jax.model.wrench.joint_slopes import slopes_of_joints
 from ftbias_jax.model.wrench.piece import Felt, wrench_of, wrench_piece
 from ftbias_jax.model.wrench.tool_wrench import Model, joint_sensitivity, motion_and_wrench
 from ftbias_jax.runtime.compiled_loops import compile_whole, on_cpu, one_at_a_time
-from ftbias_jax.runtime.lanes import times
+from ftbias_jax.runtime.lanes import Vector, times
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -116,12 +114,19 @@ def _all_wrenches(constants: Constants, columns: Columns) -> tuple[Array, Array]
 
 @compile_whole
 def _joint_slopes(constants: Constants, given: tuple[Columns, tuple[Array, ...]]) -> Columns:
-    (chain, gravity, theta), (columns, bars) = constants, given
+    """Slopes in what the joints do, in the columns of each piece."""
+    chain, gravity, theta = constants
 
-    def one(i: Array) -> Columns:
-        return slopes_of_joints(chain, gravity, theta, columns, bars, i)
+    def one(piece: tuple[Columns, tuple[Array, ...]]) -> Columns:
+        columns, bars = piece
 
-    found: Columns = jax.lax.map(one, jnp.arange(columns[0].shape[0]))
+        def of_joints(columns: Columns) -> tuple[Vector, ...]:
+            return wrench_piece(chain, gravity, theta, tuple(x[None] for x in columns), 0)[: len(bars)]
+
+        found: Columns = jax.vjp(of_joints, columns)[1](tuple(map(list, bars)))[0]
+        return found
+
+    found: Columns = jax.lax.map(one, given)
     return found
 
 

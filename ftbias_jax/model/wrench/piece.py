@@ -39,17 +39,8 @@ class Felt(NamedTuple):
     angular_acceleration: Vector
 
 
-class Turned(NamedTuple):
-    """What the motion of one joint by itself does to the sensor, sensor frame."""
-
-    linear: Vector
-    angular: Vector
-    falling: Vector
-    """Gravity's change as the sensor turns."""
-
-
 def wrench_piece(
-    chain: Chain, gravity: Float[Array, " 3"], theta: Float[Array, " 10"], columns: tuple[Array, ...], i: Array
+    chain: Chain, gravity: Float[Array, " 3"], theta: Float[Array, " 10"], columns: tuple[Array, ...], i: Array | int
 ) -> tuple[Vector, Vector]:
     """Wrench and variance of piece i, six entries (C,) each, with gravity in the base frame.
 
@@ -70,7 +61,7 @@ def wrench_piece(
         column = compile_whole(column_of)(chain, j, axes[2], p)
         moving = compile_whole(moved)(j, column, dq, ddq, moving)
         if covariance:
-            by_q, by_ddq = sensitivity(tool, falling(column, g))
+            by_q, by_ddq = sensitivity(tool, column, g)
             qq, qa, aa = (row_of(x, i, j) for x in covariance)
             added = [b * (b * qq + a * (2 * qa)) + a * (a * aa) for a, b in zip(by_ddq, by_q, strict=True)]
             variance = total(variance, added)
@@ -110,13 +101,11 @@ def turn(theta: Vector, angular: Vector) -> Vector:
     return times([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], angular)
 
 
-def falling(column: Columns, g: Vector) -> Turned:
-    """A column of the sensor's Jacobian, with what it does to gravity g; all in the sensor frame."""
-    return Turned(column.linear, column.angular, cross(column.angular, g))
+def sensitivity(theta: Vector, column: Columns, g: Vector) -> tuple[Vector, Vector]:
+    """Wrench per q and per ddq of one joint, six entries each, by its column of the Jacobian (``joint_sensitivity``).
 
-
-def sensitivity(theta: Vector, turned: Turned) -> tuple[Vector, Vector]:
-    """Wrench per q and per ddq of one joint, six entries each (tool_wrench.joint_sensitivity)."""
-    falling_torque = cross(theta[1:4], turned.falling)
-    force, torque = inertial(theta, turned.linear, turned.angular)
-    return [*scale(theta[0], turned.falling), *falling_torque], [*force, *torque]
+    By q because gravity changes as the sensor turns, by ddq because the tool has inertia; all in the sensor frame.
+    """
+    falling = cross(column.angular, g)
+    force, torque = inertial(theta, column.linear, column.angular)
+    return [*scale(theta[0], falling), *cross(theta[1:4], falling)], [*force, *torque]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Iterable
 
 import numpy as np
 
-from ftbias_jax.errors import SetupError
+from ftbias_jax.errors import SetupError, printable
 from ftbias_jax.setup.export.options import ExportOptions, heading, number, numbers
 from ftbias_jax.setup.require import require_tool
 from ftbias_jax.setup.types import REPORTS, SCREWS, Setup
@@ -31,15 +33,10 @@ def ros_text(setup: Setup, options: ExportOptions) -> str:
         SetupError: the tool is not stated, or the reading has been compensated already.
     """
     tool = _tool_of_the_reading(setup)
-    offset = [number(x) for x in _sign(setup) * setup.bias.initial]
-    field = numbers(-_sign(setup) * setup.robot.gravity)
+    field = numbers(-_sign(setup.sensor.reports) * setup.robot.gravity)
     lines = [
         *_comments(setup),
-        "force_torque_sensor_broadcaster:",
-        "  ros__parameters:",
-        "    offset:  # N, Nm: added to the reading",
-        f"      force: {{x: {offset[0]}, y: {offset[1]}, z: {offset[2]}}}",
-        f"      torque: {{x: {offset[3]}, y: {offset[4]}, z: {offset[5]}}}",
+        *_offset_lines(_sign(setup.sensor.reports) * setup.bias.initial),
         "    sensor_filter_chain:",
         "      filter1:",
         "        name: gravity_compensation",
@@ -73,13 +70,34 @@ def ft_calib_text(setup: Setup, options: ExportOptions) -> str:
     lines = [
         *_comments(setup),
         f"# the topic imu must have 9.81 m/s^2 {up}, because the sensor reports the {_words(setup)}",
-        f"bias: {numbers(-_sign(setup) * setup.bias.initial)}  # N, Nm: subtracted from the reading",
+        f"bias: {numbers(-_sign(setup.sensor.reports) * setup.bias.initial)}  # N, Nm: subtracted from the reading",
         f"gripper_com_frame_id: {json.dumps(options.sensor_frame)}",
         'gripper_com_child_frame_id: "gripper_com"',
         f"gripper_com_pose: {numbers([*center, 0.0, 0.0, 0.0])}  # m, rad, sensor frame",
         f"gripper_mass: {number(mass)}  # kg",
     ]
     return "\n".join(lines) + "\n"
+
+
+def dump_offsets(bias: Array, reports: str = REPORTS[0], remark: str = "") -> str:
+    """YAML text with the offsets that the broadcaster adds to each reading.
+
+    The broadcaster publishes reading + offset (and multiplies afterwards, by 1 unless told otherwise). The bias is what
+    is added to the wrench on the tool, so the offset *is* the bias; a sensor that reports the wrench on itself reads
+    the opposite sign, and so its offset is minus the bias.
+
+    Args:
+        bias: (6,) N and Nm, the report's sign: unbiased = measured + bias.
+        reports: one of REPORTS, as in the setup.
+        remark: a line on where the bias comes from.
+
+    Raises:
+        ValueError: a bias is not finite, or reports is none of REPORTS.
+    """
+    if not all(math.isfinite(value) for value in bias) or reports not in REPORTS:
+        raise ValueError(f"no offsets for the bias {bias} of a sensor that reports {reports!r}")
+    comment = [f"# {printable(remark)}"] if remark else []
+    return "\n".join([*comment, *_offset_lines(_sign(reports) * np.asarray(bias, float))]) + "\n"
 
 
 def world_frame(setup: Setup) -> str:
@@ -99,9 +117,21 @@ def _tool_of_the_reading(setup: Setup) -> tuple[float, Array]:
     return tool.mass, tool.center_of_mass
 
 
-def _sign(setup: Setup) -> float:
+def _sign(reports: str) -> float:
     """The sign of the reading against the wrench on the tool."""
-    return 1.0 if setup.sensor.reports == REPORTS[0] else -1.0
+    return 1.0 if reports == REPORTS[0] else -1.0
+
+
+def _offset_lines(offset: Iterable[float]) -> list[str]:
+    """The offset (6,) N, Nm as a parameter of the broadcaster."""
+    x = [number(value) for value in offset]
+    return [
+        "force_torque_sensor_broadcaster:",
+        "  ros__parameters:",
+        "    offset:  # N, Nm: added to the reading",
+        f"      force: {{x: {x[0]}, y: {x[1]}, z: {x[2]}}}",
+        f"      torque: {{x: {x[3]}, y: {x[4]}, z: {x[5]}}}",
+    ]
 
 
 def _words(setup: Setup) -> str:

@@ -2,7 +2,7 @@ import made_weights as made
 import numpy as np
 import pytest
 
-from ftbias_jax.io.draft.gravity import weigh
+from ftbias_jax.io.draft.evidence import weigh
 from ftbias_jax.io.pose import arm_rotations
 from ftbias_jax.setup import parse_setup
 

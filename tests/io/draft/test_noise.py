@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.io.draft.noise import quietest_noise, scatter_in_motion
+from ftbias_jax.io.draft.evidence import quietest_noise, scatter_in_motion
 from ftbias_jax.io.pose import arm_rotations
 from ftbias_jax.setup import parse_setup
 

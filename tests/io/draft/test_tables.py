@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io import read_log
-from ftbias_jax.io.conventions.units import STANDARD_GRAVITY
 from ftbias_jax.io.draft.draft import Request, draft
 from ftbias_jax.io.draft.table import look, patterns, time_unit
+from ftbias_jax.io.pose import STANDARD_GRAVITY
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.robots import built_in_robot
 

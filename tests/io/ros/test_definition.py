@@ -5,8 +5,7 @@ from contextlib import suppress
 
 import pytest
 
-from ftbias_jax.io.ros.definition import MAX_TEXT, SEQUENCE, Field, parse_msg, smallest
-from ftbias_jax.io.ros.idl import parse_idl
+from ftbias_jax.io.ros.definition import MAX_TEXT, SEQUENCE, Field, parse_idl, parse_msg, smallest
 from ftbias_jax.io.ros.messages import MessageError
 
 RULE = "\n" + "=" * 80 + "\n"

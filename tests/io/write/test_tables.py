@@ -7,8 +7,8 @@ from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.io.ros.record import read_recording
 from ftbias_jax.io.write import WRITERS, save_results
 from ftbias_jax.io.write.mcap import TOPICS, save_mcap
-from ftbias_jax.io.write.offsets import dump_offsets
 from ftbias_jax.io.write.selection import About, Selection
+from ftbias_jax.setup.export.ros import dump_offsets
 from ftbias_jax.types import AXES
 
 T, START = 30, 1_700_000_000.25

@@ -6,7 +6,7 @@ import pytest
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup import parse_setup
-from ftbias_jax.setup.compare import require_one_robot
+from ftbias_jax.setup.require import require_one_robot
 
 FIRST = {
     "robot": {"model": "panda"},

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.io import read_log
-from ftbias_jax.io.conventions.units import STANDARD_GRAVITY, stamps
+from ftbias_jax.io.clock import stamps_of
+from ftbias_jax.io.pose import STANDARD_GRAVITY
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.setup.recorded import LogSetup
 from ftbias_jax.setup.robots import built_in_robot
@@ -92,7 +93,7 @@ def test_two_clocks_have_the_unit_too(npz, native):
 
 def test_whole_microseconds_lose_nothing():
     t = START + STEP * np.arange(SAMPLES)
-    exact = stamps(t.astype(float), LogSetup(time_unit="us"))
+    exact = stamps_of(t.astype(float), LogSetup(time_unit="us"))
     np.testing.assert_array_equal(exact, t * 1000)
     assert exact.dtype == np.int64
 

@@ -11,9 +11,9 @@ import pytest
 from ftbias_jax.cli.main import main
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
-from ftbias_jax.io.conventions.headers import matches
 from ftbias_jax.io.draft.draft import Request, draft
 from ftbias_jax.io.info import describe
+from ftbias_jax.io.tables.headers import matches
 from ftbias_jax.setup import load_setup, parse_setup
 from ftbias_jax.setup.recorded import FORCE_UNITS, TORQUE_UNITS
 from ftbias_jax.setup.robots import built_in_robot

@@ -13,8 +13,7 @@ from ftbias_jax.cli.main import main
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.draft.table import look
-from ftbias_jax.io.draft.unstated import is_usual, look_at
-from ftbias_jax.io.info import describe
+from ftbias_jax.io.info import describe, is_usual, look_at
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.setup.robots import built_in_robot
 

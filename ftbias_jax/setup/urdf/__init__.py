@@ -1,1 +1,0 @@
-"""Robots from URDF files."""
