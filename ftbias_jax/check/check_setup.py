@@ -163,7 +163,7 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
         found += of_pose
     base = Evidence(state) if found else first
     absent = tuple(absence(base))
-    enough = score(base, base.state.fit(no_tool())) + FAR_BETTER if absent else -np.inf
+    enough = score(base, base.without_tool) + FAR_BETTER if absent else -np.inf
     for _ in range(MOST_MISTAKES):
         small = base.raw[0] < FAR_SMALLER * base.exact[0]
         tried = (a for a in all_alternatives(base.state) if not (small and a.mistake in OF_AXES))

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ftbias_jax.check.contact import ZERO, zeroed_on_the_way
-from ftbias_jax.check.judge import ABSENT, GOOD, Evidence, Tried, decisively, noise_of_bins, score
+from ftbias_jax.check.judge import ABSENT, GOOD, Evidence, Tried, decisively, score
 from ftbias_jax.check.mounts import LEAST_TURN
-from ftbias_jax.check.regression import no_tool, squares, without_bias
+from ftbias_jax.check.regression import squares, without_bias
 from ftbias_jax.check.result import Mistake
 from ftbias_jax.check.state import Alternative, Result, State, delayed
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.types import Array
 
-CLEAR = 3.0
-"""Times the noise of a bin that the tool's wrench must vary to be missed."""
 WORSE = 1.15
 """Factor of the raw variance from which a model is worse than nothing."""
 LEAST_OFFSET = 0.2
@@ -37,49 +35,22 @@ BY_CHANCE = 1e-6
 """Probability from which a first reading of zero on every axis is no accident of the bias."""
 
 
-class Share(NamedTuple):
-    """How much of the tool's wrench is in the reading."""
-
-    value: float
-    stderr: float
-    clear: bool
-    """Whether the tool's wrench varies by more than the noise."""
-
-
-def share_of_tool(base: Evidence, group: int) -> Share:
-    """Regression of force (group 0) or torque (1) on that of the stated tool, with bias and drift free."""
-    state, layout = base.state, base.state.case.layout
-    rows = state.fit(no_tool()).fit.kept
-    rows = rows if layout.touched else rows & base.result.fit.kept
-    axes = slice(3 * group, 3 * group + 3)
-    tool = without_bias(state.of_tool, layout)[rows, axes]
-    reading = without_bias(state.wrench, layout)[rows, axes]
-    blocks = np.unique(layout.block[rows], return_inverse=True)[1]
-    above, below = (np.bincount(blocks, (x * tool).sum(1)) for x in (reading, tool))
-    value = above.sum() / max(below.sum(), 1e-300)
-    without = (above.sum() - above) / np.maximum(below.sum() - below, 1e-300)
-    stderr = np.sqrt((len(without) - 1) * np.mean((without - without.mean()) ** 2))
-    clear = np.sqrt((tool**2).sum(1).mean()) > CLEAR * noise_of_bins(state)[group]
-    return Share(float(value), float(stderr), bool(clear))
-
-
 def worse_than_raw(base: Evidence) -> bool:
     """Whether the tool exactly as stated leaves more of force or torque than no tool would."""
-    shares = [share_of_tool(base, group) for group in (0, 1)]
-    absent = [share.clear and share.value + 3 * share.stderr < 0.5 for share in shares]
+    absent = [share.clear and share.value + 3 * share.stderr < 0.5 for share in base.shares]
     return bool((absent & (base.exact > WORSE * base.raw)).any())
 
 
 def absence(base: Evidence) -> Iterator[Mistake]:
     """The tool's weight is not in the reading; nothing if it is, or if nothing shows it."""
-    share = share_of_tool(base, 0)
+    share = base.shares[0]
     if not share.clear or abs(share.value) + 2 * share.stderr > ABSENT or base.left[0] < 1:
         return
     state = base.state
     weightless = state.but(gravity=np.zeros(3))
     if state.specific_force is not None:  # an accelerometer has gravity in it
         weightless = state.but(specific_force=None)
-    moving = score(base, weightless.fit()) > score(base, state.fit(no_tool())) + 0.1
+    moving = score(base, weightless.fit()) > score(base, base.without_tool) + 0.1
     what = "weight" if moving else "tool"
     words = "the tool's weight is" if moving else "the tool's weight and inertia are"
     remedy = f'{words} not in the reading (the controller subtracts the payload): set sensor.compensated = "{what}"'

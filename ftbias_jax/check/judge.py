@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.check.regression import BLOCKS, exactly, free_tool, no_tool
+from ftbias_jax.check.regression import BLOCKS, exactly, free_tool, no_tool, without_bias
 from ftbias_jax.check.state import PENALTY, Alternative, Result, State
 from ftbias_jax.types import Array
 
@@ -34,6 +35,8 @@ SHARED = 0.8
 """Of the bins that an alternative explains, the share that the fit it is compared with must have kept, too."""
 ABSENT = 0.2
 """Coefficient of the tool's wrench below which it is not in the reading."""
+CLEAR = 3.0
+"""Times the noise of a bin that the tool's wrench must vary to be missed."""
 CLEARLY = 2.0
 """Times the noise of a bin that a reading must vary to show anything."""
 BY_EFFECTS = 0.1
@@ -42,6 +45,15 @@ TOO_NEAR = 0.06
 """m by which a centre of mass is often stated too near to the sensor."""
 LEVER = 0.5
 """m: no tool's centre of mass is farther off."""
+
+
+class Share(NamedTuple):
+    """How much of the tool's wrench is in the reading."""
+
+    value: float
+    stderr: float
+    clear: bool
+    """Whether the tool's wrench varies by more than the noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +65,13 @@ class Evidence:
     @cached_property
     def raw(self) -> Array:
         """(2,) variance of the reading without bias and drift, force and torque: N^2, Nm^2."""
-        variance: Array = self.state.fit(no_tool()).square + 1e-30
+        variance: Array = self.without_tool.square + 1e-30
         return variance
+
+    @cached_property
+    def without_tool(self) -> Result:
+        """With none at all."""
+        return self.state.fit(no_tool())
 
     @cached_property
     def exact(self) -> Array:
@@ -77,6 +94,24 @@ class Evidence:
         """(2,) share of the raw variance that the setup leaves."""
         share: Array = self.result.square / self.raw
         return share
+
+    @cached_property
+    def shares(self) -> tuple[Share, Share]:
+        """Regression of force and torque on those of the stated tool, with bias and drift free."""
+        state, layout = self.state, self.state.case.layout
+        rows = self.without_tool.fit.kept
+        rows = rows if layout.touched else rows & self.result.fit.kept
+        reading, tool = (without_bias(x, layout)[rows].reshape(-1, 2, 3) for x in (state.wrench, state.of_tool))
+        blocks = np.unique(layout.block[rows], return_inverse=True)[1]
+        clear = np.sqrt((tool**2).sum(2).mean(0)) > CLEAR * noise_of_bins(state)
+
+        def share(group: int) -> Share:
+            above, below = (np.bincount(blocks, (x * tool)[:, group].sum(1)) for x in (reading, tool))
+            without = (above.sum() - above) / np.maximum(below.sum() - below, 1e-300)
+            stderr = np.sqrt((len(without) - 1) * np.mean((without - without.mean()) ** 2))
+            return Share(float(above.sum() / max(below.sum(), 1e-300)), float(stderr), bool(clear[group]))
+
+        return share(0), share(1)
 
     @cached_property
     def pulled(self) -> Result:

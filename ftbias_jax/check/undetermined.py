@@ -13,7 +13,7 @@ import numpy as np
 
 from ftbias_jax.check import findings, poses
 from ftbias_jax.check.alternatives import LEAST_DEGREES, G
-from ftbias_jax.check.judge import ABSENT, BAD, BETTER, GOOD, GOOD_TOUCHED, TIE, Evidence, noise_of_bins
+from ftbias_jax.check.judge import ABSENT, BAD, BETTER, CLEAR, GOOD, GOOD_TOUCHED, TIE, Evidence, noise_of_bins
 from ftbias_jax.check.motion import data_matrices, in_sensor
 from ftbias_jax.check.regression import BLOCKS, squares, within_reach, without_bias
 from ftbias_jax.check.result import Undetermined
@@ -158,7 +158,7 @@ def _unseen_weight(imagined: Imagined) -> Iterator[tuple[str, str]]:
     """Those of them that a tool brings about whose wrench does not vary, or is too small."""
     state = imagined.state
     size, noise = squares(without_bias(imagined.wrench, state.case.layout)).mean(0), noise_of_bins(state)
-    clear = np.sqrt(size) > findings.CLEAR * noise
+    clear = np.sqrt(size) > CLEAR * noise
     # Two standard errors over the blocks of a share that is zero.
     if not clear[0] or 2 * np.sqrt(imagined.floor[0] / size[0] / BLOCKS) > ABSENT:
         yield "compensated", TURN

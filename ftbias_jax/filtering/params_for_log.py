@@ -61,7 +61,7 @@ def guard_against_lag(params: Params) -> Params:
 
 def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
     """Parameters from a setup; a joint process noise the setup leaves open is the likeliest of the log."""
-    params = stated_params(setup, first_position(samples.q), samples.q.dtype)
+    params = zeroed_at(params_from_setup(setup, samples.q.dtype), setup, first_position(samples.q))
     if setup.joints.process_noise_density is not None:
         return params
     part = jax.tree.map(lambda x: x[:MOST_SAMPLES], samples)
@@ -70,15 +70,14 @@ def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_O
     return params._replace(joint=params.joint._replace(process_density=likeliest))
 
 
-def stated_params(setup: Setup, first_q: Float[Array, " n"], dtype: jnp.dtype | None = None) -> Params:
-    """Parameters as the setup states them; a joint process noise that it leaves open is 1.
+def zeroed_at(params: Params, setup: Setup, first_q: Float[Array, " n"]) -> Params:
+    """Parameters of a setup for a log that begins at ``first_q`` (n,) rad, where its sensor may have been set to zero.
 
     Args:
+        params: of ``params_from_setup``, for any log; a joint process noise that the setup leaves open is 1.
         setup: of the log.
-        first_q: (n,) rad, the first measured position of every joint, for a sensor that was set to zero there.
-        dtype: of all arrays; None = JAX's default.
+        first_q: the first measured position of every joint.
     """
-    params = params_from_setup(setup, dtype)
     if not setup.sensor.rezeroed:
         return params
     # Of a sensor that was set to zero in the first pose, at rest, is expected what the tool makes it read there.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import jax
@@ -16,13 +17,14 @@ from ftbias_jax.filtering.noise.blocks import layout_of
 from ftbias_jax.filtering.noise.contact import Contact, in_contact
 from ftbias_jax.filtering.noise.fit_noise import without_nothing
 from ftbias_jax.filtering.noise.log_noise import LogNoise, nothing, told
-from ftbias_jax.filtering.params_for_log import stated_params, without_useless
+from ftbias_jax.filtering.params_for_log import without_useless, zeroed_at
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.result import ARRAYS, Filtered
 from ftbias_jax.filtering.samples import first_position, samples_of
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.params import Params
+from ftbias_jax.model.params import Params, params_from_setup
+from ftbias_jax.runtime.jax_config import is_wide
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -54,7 +56,7 @@ def ready_to_filter(
         smooth: add the bias given past and future.
     """
     options, adapt = options_from_setup(setup), setup.bias.adapt
-    params = stated_params(setup, first_q)
+    params = zeroed_at(_params_of(setup, is_wide()), setup, first_q)
     slow = params.bias.correlated_std is not None
     first = ("fit_joint_noise",) if setup.joints.process_noise_density is None else ()
     method = (*first, *METHOD) if adapt else (*first, "guard_joints", *AS_STATED)
@@ -90,6 +92,12 @@ def ready_to_filter(
         states = states._replace(bias_smooth=smoothed.bias_smooth, bias_smooth_std=smoothed.bias_smooth_std)
     noise = noise._replace(contacts=in_log_time(noise.contacts, samples.dt, log.t))
     return Ready(as_stated(taken), noise, [result_of(log, states, infos, noise.contacts if adapt else None)])
+
+
+@lru_cache(maxsize=2)
+def _params_of(setup: Setup, wide: bool) -> Params:
+    """Of a setup, in float64 if ``wide``: once for all its logs."""
+    return params_from_setup(setup)
 
 
 def as_stated(params: Params) -> Params:
