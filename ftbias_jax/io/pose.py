@@ -10,7 +10,6 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.recorded import PoseSetup
-from ftbias_jax.setup.sensor_pose import ORIENTATION_COLUMNS, pose_columns
 from ftbias_jax.setup.types import RobotSetup, SensorSetup, Setup
 from ftbias_jax.types import Array
 
@@ -37,8 +36,8 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
     """
     stated = setup.pose
     assert stated is not None
-    pose = _columns(pose, pose_columns(stated)[0], "pose", file)
-    split = ORIENTATION_COLUMNS.get(stated.orientation, 4)
+    pose = _columns(pose, stated.columns[0], "pose", file)
+    split = stated.orientation_columns
     quaternion = continuous(_quaternions(pose[:, :split], setup, file))
     dq = np.full((len(t), len(setup.robot.joint_names)), np.nan)
     q = dq.copy()
@@ -105,7 +104,7 @@ def quaternions_of(matrices: Array) -> Array:
 
 def _rates(rates: Array, stated: PoseSetup, file: str) -> Array:
     """(T, 3 or 6) as the setup states them; an IMU without a gyroscope records three."""
-    width = pose_columns(stated)[1]
+    width = stated.columns[1]
     rates = np.asarray(rates)
     if stated.linear == "specific_force" and stated.gyroscope and rates.ndim == 2 and rates.shape[1] == 3:
         rates = np.concatenate([np.full(rates.shape, np.nan), rates], 1)

@@ -7,8 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.remote.fetch import exists
-from ftbias_jax.io.remote.outside import is_url
+from ftbias_jax.io.remote import exists, is_url
 
 MAIN = "wrench"
 """The stream whose file names the log; every setup with [log.files] states it."""

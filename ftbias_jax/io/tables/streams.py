@@ -13,8 +13,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import FURTHER, Part, further_columns, log_of_parts
 from ftbias_jax.io.clock import as_stamps, later, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.log import Log, Repair, Repairs
-from ftbias_jax.io.remote.fetch import opened
-from ftbias_jax.io.remote.outside import check_links, check_patterns
+from ftbias_jax.io.remote import check_links, check_patterns, opened
 from ftbias_jax.io.ros.choose import (
     Chosen,
     choose_motion,
@@ -39,7 +38,6 @@ from ftbias_jax.io.tables.arrays import (
 from ftbias_jax.io.tables.columns import NAMES, choose_some, named_columns
 from ftbias_jax.io.tables.grouping import files_of
 from ftbias_jax.setup.keys import table as keys
-from ftbias_jax.setup.sensor_pose import pose_columns
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -65,7 +63,7 @@ def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fa
     file, named = os.fspath(path), keys.further_columns(setup.log.columns)
     parts: list[Part] = []
     repairs: list[Repair] = []
-    unused = {"velocity"} if setup.pose and not pose_columns(setup.pose)[1] else set()
+    unused = {"velocity"} if setup.pose and not setup.pose.columns[1] else set()
     files = files_of(path, setup.log.files)
     if not setup.log.allow_outside:
         check_patterns(setup.log.files, setup.path)
