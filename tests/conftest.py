@@ -16,8 +16,7 @@ import small_archive
 
 from ftbias_jax.model.kinematics.screws import Arm, make_arm
 from ftbias_jax.model.params import BiasNoise, JointNoise, Params
-from ftbias_jax.setup.chains import prismatic_screw, revolute_screw
-from ftbias_jax.setup.robots import built_in_robot
+from ftbias_jax.setup.robots import built_in_robot, prismatic_screw, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.types import Array, Sample
 

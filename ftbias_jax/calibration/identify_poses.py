@@ -17,7 +17,7 @@ from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.model.kinematics.recorded_pose import motion_of
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup.rotations import skew, vector_from_rotation
-from ftbias_jax.setup.sensor_pose import orientation_alone
+from ftbias_jax.setup.require import orientation_alone
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 

@@ -26,8 +26,7 @@ from ftbias_jax.fleet.table import save_table
 from ftbias_jax.io.atomic import make_folder, make_folder_inside
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.outputs import check_outputs, check_replaceable
-from ftbias_jax.io.remote.fetch import forget, shown
-from ftbias_jax.io.remote.outside import check_patterns
+from ftbias_jax.io.remote import check_patterns, forget, shown
 from ftbias_jax.io.write.ours import CHECK, DIAGNOSIS, PAGE, RESULT, SETUP, kind_of
 from ftbias_jax.io.write.provenance import sha256_of
 from ftbias_jax.runtime.progress import Progress

@@ -40,6 +40,17 @@ ROUNDS = 2
 """Of diagnosis and identification; in recorded and simulated logs nothing changed after the second."""
 
 
+class _Road(NamedTuple):
+    """What all steps are tried on."""
+
+    whole: Sequence[Log]
+    begun: Sequence[Log]
+    """The logs without their ends: what is tried is found in these."""
+    names: Sequence[str]
+    hold_out: float
+    progress: Callable[[str], None]
+
+
 class _State(NamedTuple):
     """Where the road has come to."""
 
@@ -97,7 +108,8 @@ def calibrate(
     whole = [clean(log) for log in logs]
     require_right(setup, whole, "calibrate", unchecked)
     names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
-    begun = [_begin(log, 1 - hold_out) for log in logs]
+    begun = [log._replace(**rows_of(log, 0, max(1, round((1 - hold_out) * len(log.t))))) for log in logs]
+    road = _Road(whole, begun, names, hold_out, progress)
     start = with_loose_tool(setup)
     progress("filtering with the setup as given")
     given = start if setup.tool.unknown else setup
@@ -105,13 +117,13 @@ def calibrate(
     has_tool = setup.sensor.compensated == COMPENSATED[0]
     if has_tool and start.tool is not setup.tool:
         # Crosstalk or a term would otherwise stand for what a wrong tool does.
-        state = _with_tool(state, whole, begun, hold_out, (FIRST,), progress)
+        state = _with_tool(state, road, (FIRST,))
     for number in range(ROUNDS):
         before = state
-        state = _with_causes(state, whole, begun, names, hold_out, progress)
+        state = _with_causes(state, road)
         if has_tool:
-            state = _with_tool(state, whole, begun, hold_out, (TOOL,) if number else (TOOL, CHANNELS), progress)
-        state = _with_noise(state, whole, hold_out, progress)
+            state = _with_tool(state, road, (TOOL,) if number else (TOOL, CHANNELS))
+        state = _with_noise(state, road)
         if state.setup is before.setup:
             break
     if state.identified is not None and state.setup.tool.mass == state.identified.mass:  # nothing has moved it
@@ -140,47 +152,32 @@ def _loosened(found: Setup, stated: Setup) -> Setup:
     return replace(found, tool=tool)
 
 
-def _with_causes(
-    state: _State,
-    whole: Sequence[Log],
-    begun: Sequence[Log],
-    names: Sequence[str],
-    hold_out: float,
-    progress: Callable[[str], None],
-) -> _State:
+def _with_causes(state: _State, road: _Road) -> _State:
     """With the causes that a diagnosis names, and then with the terms that it adds, if either predicts better."""
-    progress("diagnosing")
+    road.progress("diagnosing")
     try:
-        found = diagnose(state.setup, begun, names, unchecked=True)
+        found = diagnose(state.setup, road.begun, road.names, unchecked=True)
     except FtbiasError as error:
         return _refused(state, CAUSES, "diagnose", str(error))
     state = state._replace(found=found)
     if not found.causes and not found.terms:
         return _refused(state, CAUSES, "diagnose", found.sentence)
-    if found.causes:
-        parts = tuple(cause.effect for cause in found.causes)
-        step = Step(CAUSES, f"cause: {', '.join(cause.title for cause in found.causes)}", True, "", parts)
-        state = _tried(state, step, with_causes(state.setup, found.causes), whole, hold_out)
-    if found.terms:
-        parts = tuple(term.drive for term in found.terms)
-        step = Step(TERMS, f"term: {', '.join(term.text for term in found.terms)}", True, "", parts)
-        state = _tried(state, step, with_causes(state.setup, found.causes, found.terms), whole, hold_out)
+    for kind, parts, named, terms in (
+        (CAUSES, [cause.effect for cause in found.causes], [cause.title for cause in found.causes], ()),
+        (TERMS, [term.drive for term in found.terms], [term.text for term in found.terms], found.terms),
+    ):
+        if parts:
+            step = Step(kind, f"{kind[:-1]}: {', '.join(named)}", True, "", tuple(parts))
+            state = _tried(state, road, step, with_causes(state.setup, found.causes, terms))
     return state
 
 
-def _with_tool(
-    state: _State,
-    whole: Sequence[Log],
-    begun: Sequence[Log],
-    hold_out: float,
-    kinds: Sequence[str],
-    progress: Callable[[str], None],
-) -> _State:
+def _with_tool(state: _State, road: _Road, kinds: Sequence[str]) -> _State:
     """With the tool that the longest log shows, or that and gains and crosstalk, if they predict better."""
-    log = _longest(begun)
+    log = _longest(road.begun)
     for kind in kinds:
         crosstalk = kind == CHANNELS
-        progress(f"identifying {kind}")
+        road.progress(f"identifying {kind}")
         try:
             found = identify_tool(state.setup, log, crosstalk=crosstalk, unchecked=True)
         except FtbiasError as error:
@@ -190,15 +187,17 @@ def _with_tool(
             continue
         # A drafted tool is nobody's belief: what is identified replaces it unless it predicts worse.
         first = not crosstalk and not state.has_tool
-        step = Step(kind, _in_words(found, kind), True, "", ("crosstalk" if crosstalk else "tool",))
+        mass, stderr = found.tool.values[0], found.tool.stderr[0]
+        words = f"{kind}: {value_words(mass, stderr)} kg" if np.isfinite(stderr) else kind
+        step = Step(kind, words, True, "", ("crosstalk" if crosstalk else "tool",))
         tried = _loosened(found.setup, state.setup) if kind == FIRST else found.setup
-        state = _tried(state, step, tried, whole, hold_out, first)
+        state = _tried(state, road, step, tried, first)
         if kind == FIRST and state.setup is tried:
             state = state._replace(identified=found.setup.tool)
     return state
 
 
-def _with_noise(state: _State, whole: Sequence[Log], hold_out: float, progress: Callable[[str], None]) -> _State:
+def _with_noise(state: _State, road: _Road) -> _State:
     """With other unseen accelerations of a log of orientations, if they predict better.
 
     A draft takes them from the scatter of the forces in motion, in which all is that the setup did not know then; the
@@ -206,14 +205,14 @@ def _with_noise(state: _State, whole: Sequence[Log], hold_out: float, progress: 
     """
     if state.setup.pose is None or state.setup.pose.linear != "none":
         return state
-    progress("trying the noise of unseen accelerations")
+    road.progress("trying the noise of unseen accelerations")
     for factor in (1 / QUIETER, QUIETER):
         best, pose = state, state.setup.pose
         while True:
             std = float(f"{factor * pose.acceleration_std:.2g}")
             step = Step(NOISE, f"unseen accelerations of {std:g} m/s^2", True, "", ("noise",))
             pose = replace(pose, acceleration_std=std)
-            tried = _tried(state, step, replace(state.setup, pose=pose), whole, hold_out)
+            tried = _tried(state, road, step, replace(state.setup, pose=pose))
             if tried.setup.pose is not pose or compare(tried.judged, best.judged).share >= 0:
                 break
             best = tried
@@ -231,22 +230,10 @@ def _nothing_found(found: IdentifyResult, crosstalk: bool) -> str:
     return "this motion determines nothing of the tool" if all(found.tool.remarks) else ""
 
 
-def _in_words(found: IdentifyResult, name: str) -> str:
-    mass, stderr = found.tool.values[0], found.tool.stderr[0]
-    return f"{name}: {value_words(mass, stderr)} kg" if np.isfinite(stderr) else name
-
-
-def _tried(
-    state: _State,
-    step: Step,
-    setup: Setup,
-    whole: Sequence[Log],
-    hold_out: float,
-    unless_worse: bool = False,
-) -> _State:
+def _tried(state: _State, road: _Road, step: Step, setup: Setup, unless_worse: bool = False) -> _State:
     """The state with a setup that was tried, if it is kept; and with what became of the step in any case."""
     try:
-        judged = judge(setup, whole, hold_out)
+        judged = judge(setup, road.whole, road.hold_out)
     except FtbiasError as error:
         return _refused(state, step.kind, step.name, str(error))
     difference = compare(judged, state.judged)
@@ -277,11 +264,6 @@ def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[
     if state.setup.tool is state.identified:
         setup = replace(setup, tool=found.tool)
     return setup if {*setup.effects} == {*state.setup.effects} else None
-
-
-def _begin(log: Log, share: float) -> Log:
-    """The first share of a log."""
-    return log._replace(**rows_of(log, 0, max(1, round(share * len(log.t)))))
 
 
 def _longest(logs: Sequence[Log]) -> Log:

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ftbias_jax import __version__
-from ftbias_jax.io.remote.fetch import size_and_time
-from ftbias_jax.io.remote.outside import is_url
+from ftbias_jax.io.remote import is_url, size_and_time
 from ftbias_jax.io.write.provenance import sha256_of, sha256_of_all
 from ftbias_jax.setup import Setup, dump_setup
 

@@ -10,11 +10,10 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.io.remote.fetch import listed, shown
-from ftbias_jax.io.remote.outside import check_planned, is_url
+from ftbias_jax.io.remote import check_planned, is_url, listed, shown
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
 from ftbias_jax.io.tables.arrays import TABLES
-from ftbias_jax.io.tables.grouping import inputs_of, main_file
+from ftbias_jax.io.tables.streams import inputs_of, main_file
 
 BAG_FOLDER = "metadata.yaml"
 """A folder with this file is one ROS 2 bag; any other is searched."""

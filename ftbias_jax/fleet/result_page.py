@@ -11,7 +11,7 @@ from ftbias_jax.diagnosis.report.page import html_table, section, typeset, whole
 from ftbias_jax.diagnosis.report.plots import MAX_BUCKETS, channel_title
 from ftbias_jax.diagnosis.report.svg import Axes, band, curve, data_range, drawing, escape, frame, thin
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.tables.array_files import load_arrays
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES, AXIS_UNITS, Array
 

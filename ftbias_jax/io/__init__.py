@@ -9,7 +9,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import FURTHER
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.remote.fetch import opened
+from ftbias_jax.io.remote import opened
 from ftbias_jax.io.ros.read import read_ros
 from ftbias_jax.io.ros.record import SUFFIXES, is_ros
 from ftbias_jax.io.tables.arrays import TABLES, log_from_arrays, read_table, suffix_of

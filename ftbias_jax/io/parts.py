@@ -15,8 +15,8 @@ from ftbias_jax.io.check import check_content, check_samples, relative_seconds
 from ftbias_jax.io.cleaning import Facts, Split, check_rest, findings, leave_out, slices, survey
 from ftbias_jax.io.clock import as_stamps
 from ftbias_jax.io.log import Log, Repairs
-from ftbias_jax.io.npz_archive import stored_arrays
-from ftbias_jax.io.remote.outside import is_url
+from ftbias_jax.io.remote import is_url
+from ftbias_jax.io.tables.array_files import stored_arrays
 from ftbias_jax.io.tables.arrays import ARRAYS
 from ftbias_jax.io.write.provenance import Source
 from ftbias_jax.setup.types import Setup

@@ -10,7 +10,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup.recorded import PoseSetup
-from ftbias_jax.setup.sensor_pose import ORIENTATION_COLUMNS, pose_columns
+from ftbias_jax.setup.rotations import quaternions_of, skew
 from ftbias_jax.setup.types import RobotSetup, SensorSetup, Setup
 from ftbias_jax.types import Array
 
@@ -37,9 +37,10 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
     """
     stated = setup.pose
     assert stated is not None
-    pose = _columns(pose, pose_columns(stated)[0], "pose", file)
-    split = ORIENTATION_COLUMNS.get(stated.orientation, 4)
-    quaternion = continuous(_quaternions(pose[:, :split], setup, file))
+    pose = _columns(pose, stated.columns[0], "pose", file)
+    split = stated.orientation_columns
+    quaternion = _as_recorded(pose[:, :split], stated.orientation, setup.log.angle_unit, file)
+    quaternion = continuous(quaternion * (np.array([1.0, -1, -1, -1]) if stated.conjugate else 1.0))
     dq = np.full((len(t), len(setup.robot.joint_names)), np.nan)
     q = dq.copy()
     q[:, :4] = quaternion
@@ -53,7 +54,7 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
             "there is no specific force", file=file, field="specific_force", remedy='record it, or set linear = "none"'
         )
     if recorded and np.isfinite(quaternion).all(1).any():
-        rates = _imu(_rates(rates, stated, file), setup)
+        rates = _imu(rates, setup, stated, file)
         at_imu = interpolated(quaternion, t)
         turn = rates[:, :3] @ setup.sensor.rotation.T
         dq[:, :4] = product(at_imu, np.column_stack([np.zeros(len(t)), turn])) / 2
@@ -86,36 +87,12 @@ def rotate(quaternion: Array, vectors: Array) -> Array:
     return vectors + w * twice + np.cross(v, twice)
 
 
-def quaternions_of(matrices: Array) -> Array:
-    """(T, 3, 3) rotation matrices -> (T, 4) w, x, y, z; by the largest entry, which loses no digits (Shepperd 1978)."""
-    R = matrices
-    trace = R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2]
-    diagonal = np.stack([R[:, 0, 0], R[:, 1, 1], R[:, 2, 2]], 1)
-    squares = np.concatenate([1 + trace[:, None], 1 + 2 * diagonal - trace[:, None]], 1)  # 4 w^2, 4 x^2, ...
-    pairs = np.empty((len(R), 4, 4))  # 4 times the products of the entries
-    pairs[:, range(4), range(4)] = squares
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        pairs[:, 0, 1 + i] = pairs[:, 1 + i, 0] = R[:, k, j] - R[:, j, k]
-        pairs[:, 1 + i, 1 + j] = pairs[:, 1 + j, 1 + i] = R[:, i, j] + R[:, j, i]
-    rows = np.arange(len(R))
-    best = np.nan_to_num(squares).argmax(1)
-    quaternion = pairs[rows, best]
-    return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
-
-
-def _rates(rates: Array, stated: PoseSetup, file: str) -> Array:
-    """(T, 3 or 6) as the setup states them; an IMU without a gyroscope records three."""
-    width = pose_columns(stated)[1]
-    rates = np.asarray(rates)
-    if stated.linear == "specific_force" and stated.gyroscope and rates.ndim == 2 and rates.shape[1] == 3:
-        rates = np.concatenate([np.full(rates.shape, np.nan), rates], 1)
-    return _columns(rates, width, "rates", file)
-
-
-def _imu(rates: Array, setup: Setup) -> Array:
+def _imu(rates: Array, setup: Setup, stated: PoseSetup, file: str) -> Array:
     """(T, 6) angular velocity rad/s and specific force m/s^2 in the sensor's axes; NaN for what is not recorded."""
-    stated = setup.pose
-    assert stated is not None
+    rates, width = np.asarray(rates), stated.columns[1]
+    if width == 6 and rates.ndim == 2 and rates.shape[1] == 3:  # an IMU without a gyroscope
+        rates = np.concatenate([np.full(rates.shape, np.nan), rates], 1)
+    rates = _columns(rates, width, "rates", file)
     gyroscope, accelerometer = np.full((2, len(rates), 3), np.nan)
     if stated.gyroscope:
         gyroscope = rates[:, :3] * (np.pi / 180 if setup.log.angle_unit == "deg" else 1.0)
@@ -124,15 +101,8 @@ def _imu(rates: Array, setup: Setup) -> Array:
     return np.concatenate([gyroscope @ stated.imu_rotation.T, accelerometer @ stated.imu_rotation.T], 1)
 
 
-def _quaternions(orientation: Array, setup: Setup, file: str) -> Array:
-    """(T, 4) w, x, y, z of length one; NaN for rows that were not measured."""
-    stated = setup.pose
-    assert stated is not None
-    quaternion = _as_recorded(orientation, stated.orientation, setup.log.angle_unit, file)
-    return quaternion * np.array([1.0, -1, -1, -1]) if stated.conjugate else quaternion
-
-
 def _as_recorded(orientation: Array, order: str, unit: str, file: str) -> Array:
+    """(T, 4) w, x, y, z of length one; NaN for rows that were not measured."""
     if order == "axis_angle":
         vector = orientation * (np.pi / 180 if unit == "deg" else 1.0)
         half = np.linalg.norm(vector, axis=1, keepdims=True) / 2
@@ -192,8 +162,7 @@ def arm_rotations(robot: RobotSetup, sensor: SensorSetup, q: Array) -> Array:
     """(T, 3, 3) sensor frame in the base frame, of joint positions (T, n)."""
     rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3))
     for screw, angle in zip(robot.screws, q.T, strict=True):
-        x, y, z = screw[3:]
-        K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        K = skew(screw[3:])
         turn = np.eye(3) + np.sin(angle)[:, None, None] * K + (1 - np.cos(angle))[:, None, None] * (K @ K)
         rotation = rotation @ turn
     return rotation @ robot.flange_rotation @ sensor.rotation

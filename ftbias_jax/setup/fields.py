@@ -94,7 +94,8 @@ def read_file(file: str, most: int, remedy: str, instead: str) -> bytes:
         message = f"cannot be read: {getattr(error, 'strerror', None) or error}"
         raise SetupError(message, file=file or "the setup with an empty name", remedy=remedy) from error
     if len(content) > most:
-        raise SetupError(f"is larger than {most >> 20} MiB", file=file, remedy=instead)
+        size = f"{most >> 20} MiB" if most >> 20 else f"{most >> 10} KiB"
+        raise SetupError(f"is larger than {size}", file=file, remedy=instead)
     return content
 
 

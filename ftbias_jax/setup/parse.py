@@ -16,13 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.setup.chains import CONVENTIONS, Pose, prismatic_screw, read_dh, revolute_screw
 from ftbias_jax.setup.fields import Section, check_keys, read_only, refuse, require, show, subsection, table, text
 from ftbias_jax.setup.keys.table import SECTIONS, check_section, open_section, read, read_all, top_sections
 from ftbias_jax.setup.recorded import POSE, LogSetup, PoseSetup
-from ftbias_jax.setup.robots import BUILT_IN, built_in_robot
+from ftbias_jax.setup.robots import (
+    BUILT_IN,
+    CONVENTIONS,
+    Pose,
+    built_in_robot,
+    prismatic_screw,
+    read_dh,
+    revolute_screw,
+)
 from ftbias_jax.setup.rotations import rotation_from_rpy
-from ftbias_jax.setup.sensor_pose import NAMES, parse_pose, pose_columns
 from ftbias_jax.setup.types import (
     COMPENSATED,
     DATA_NOISE_UNITS,
@@ -43,6 +49,15 @@ AXIS_TOLERANCE = 1e-4  # an axis rounded to four digits still means a unit axis;
 MAX_GRAVITY = 30.0  # m/s^2: above every planet a robot stands on, below cm/s^2 or mistyped units
 NO_INERTIA = 1e-12  # kg m^2, a milligram at a millimetre: the round-off of a point mass
 INERTIA_TOLERANCE = 1e-6  # relative to the largest principal moment: inertias printed with seven digits pass
+POSE_NAMES = (
+    "orientation w",
+    "orientation x",
+    "orientation y",
+    "orientation z",
+    "position x",
+    "position y",
+    "position z",
+)
 PER_JOINT = ("process_noise_density", "position_noise_std", "velocity_noise_std")
 """Keys of [joints] with an entry for every joint, or for every entry of a recorded pose."""
 
@@ -58,7 +73,7 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
         SetupError: a key is missing, unknown, of the wrong type or shape, or physically impossible.
     """
     top = check_keys(Section(mapping, "", file), top_sections())
-    pose = parse_pose(top)
+    pose = _pose(top)
     robot = _robot(top, pose)
     n = len(robot.joint_names)
     sensor, joints, log = _sensor(top), _joints(top, n, pose), _log(top, n, pose)
@@ -67,13 +82,42 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
     return Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, file, urdf)
 
 
+def _pose(top: Section) -> PoseSetup | None:
+    """The section, if it is there."""
+    if "sensor_pose" not in top.values:
+        return None
+    section = open_section(top, "sensor_pose")
+    linear = read(section, "linear")
+    if linear != "none":
+        refuse(section, ("acceleration_std",), f"excluded by linear = {linear!r}")
+    if section.values.get("orientation") in ("matrix", "axis_angle"):
+        refuse(section, ("frame",), "TF has quaternions", "leave orientation out")
+    if "base" in section.values:
+        require(section, "frame", "name the frame of TF that the sensor is mounted on")
+    names = ("orientation", "position", "angular_velocity", "linear_velocity")
+    orientation, position, turn, slide = (read(section, f"{name}_noise_std") for name in names)
+    values = read_all(section, ("imu_rotation_rpy", *(f"{name}_noise_std" for name in names)))
+    values |= {key: values[key] or "" for key in ("frame", "base")}
+    # An angle moves the quaternion by half of it.
+    return PoseSetup(
+        position_noise_std=_entries(orientation / 2, position, linear),
+        velocity_noise_std=_entries(turn / 2, slide, linear),
+        imu_rotation=rotation_from_rpy(read(section, "imu_rotation_rpy")),
+        **values,
+    )
+
+
+def _entries(turn: float, slide: float, linear: str) -> Array:
+    return read_only(np.array([turn] * 4 + [slide] * (0 if linear == "none" else 3)))
+
+
 def _robot(top: Section, pose: PoseSetup | None) -> RobotSetup:
     """[robot]; where a pose is recorded only its gravity, and the entries of the pose take the place of joints."""
     if pose is not None:
         section = subsection(top, "robot", ("gravity",))
         count = 4 if pose.linear == "none" else 7
         screws, translation, rotation = map(read_only, (np.zeros((count, 6)), np.zeros(3), np.eye(3)))
-        return RobotSetup(screws, NAMES[:count], translation, rotation, read(section, "gravity"), POSE)
+        return RobotSetup(screws, POSE_NAMES[:count], translation, rotation, read(section, "gravity"), POSE)
     section = open_section(top, "robot", required=True)
     return replace(_arm(section), name=read(section, "name"))
 
@@ -214,7 +258,7 @@ def _data_noise(top: Section) -> DataNoiseSetup | None:
 
 
 def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
-    position, velocity = pose_columns(pose) if pose else (n, n)
+    position, velocity = pose.columns if pose else (n, n)
     sizes = {"position": position, "velocity": velocity}
     log = open_section(top, "log")
     known = SECTIONS["log.columns"].keys

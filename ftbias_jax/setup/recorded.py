@@ -55,6 +55,17 @@ class PoseSetup:
     imu_rotation: Array = field(default_factory=lambda: np.eye(3))
     """(3, 3) axes of the IMU in the sensor's frame."""
 
+    @property
+    def orientation_columns(self) -> int:
+        """How many columns the orientation has."""
+        return {"matrix": 9, "axis_angle": 3}.get(self.orientation, 4)
+
+    @property
+    def columns(self) -> tuple[int, int]:
+        """How many columns the recorded pose has, and the recorded rates if there are any."""
+        rates = self.gyroscope + (self.linear == "specific_force")
+        return self.orientation_columns + 3 * (self.linear == "position"), 3 * rates
+
 
 @dataclass(frozen=True, eq=False)
 class LogSetup:

@@ -73,6 +73,19 @@ def guessed_parameters(given: ToolSetup, remarks: Sequence[str]) -> tuple[bool, 
     return (mass, *(center,) * 3, *(False,) * 6) if mass or center else ()
 
 
+def orientation_alone(setup: Setup) -> Setup:
+    """The setup for poses at rest, of which only the orientation is read; one with joints as it is."""
+    pose = setup.pose
+    if pose is None:
+        return setup
+    still = replace(pose, linear="none", position_noise_std=pose.position_noise_std[:4])
+    entries = still.columns[0]
+    columns = {name: x[:entries] if name == "position" else x for name, x in setup.log.columns.items()}
+    joints = replace(setup.joints, position_noise_std=setup.joints.position_noise_std[:4])
+    robot = replace(setup.robot, screws=setup.robot.screws[:4], joint_names=setup.robot.joint_names[:4])
+    return replace(setup, pose=still, robot=robot, joints=joints, log=replace(setup.log, columns=columns))
+
+
 def require_one_robot(first: Setup, other: Setup) -> None:
     """Refuse a setup that differs from the first one in more than tool and prior of the bias.
 

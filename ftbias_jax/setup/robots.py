@@ -1,21 +1,28 @@
-"""Built-in robots from arms.toml, in NumPy float64."""
+"""Serial arms in NumPy float64: screws from axes and points and from Denavit-Hartenberg tables; those of arms.toml."""
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.setup.chains import Pose, pose_at, read_dh, revolute_screw
-from ftbias_jax.setup.fields import Section, read_only
+from ftbias_jax.setup.fields import Section, names, read_only, rows, vector
+from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.types import RobotSetup
 from ftbias_jax.types import Array
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # m/s^2, base frame
+CONVENTIONS = ("standard", "modified")
+"""Of a Denavit-Hartenberg row: theta and d before a and alpha (the textbooks' first), or after them (Craig's)."""
+UNITS = ("m,rad", "m,deg", "mm,rad", "mm,deg")
+"""Of a Denavit-Hartenberg table: lengths, angles."""
+FIXED = "fixed"
+SHORTEST, LONGEST = 0.03, 20.0  # m: no arm that carries a wrist sensor reaches less, or more
+TURN = 2 * np.pi + 1e-2  # rad, one turn with room for rounding
 
 _ARMS: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("arms.toml").read_text(encoding="utf-8"))
 BUILT_IN = tuple(_ARMS)
@@ -52,19 +59,19 @@ def _arm(model: str) -> dict[str, Any]:
     limits = {}
     if "dh" in data:
         table = Section(data | {"joint_names": _names(data)}, model, "arms.toml")
-        screws, flange, names = read_dh(table, "dh", data["convention"], "m,deg")
+        screws, flange, labels = read_dh(table, "dh", data["convention"], "m,deg")
     else:
         joints, pose, axes = data["joints"], pose_at(), []
         for joint in joints:  # each stands on the one before it, as in a URDF
             pose = pose.then(_place(joint))
             axes.append(revolute_screw(pose.rotation @ _axis(joint.get("axis", "z")), pose.translation))
         screws, flange = np.stack(axes), pose.then(_place(data["flange"]))
-        names = tuple(joint["name"] for joint in joints)
+        labels = tuple(joint["name"] for joint in joints)
         travel = [joint.get("range", (-np.inf, np.inf)) for joint in joints]
         limits = {"position_limits": travel, "velocity_limits": [joint["speed"] for joint in joints]}
     return {
         "screws": read_only(screws),
-        "joint_names": names,
+        "joint_names": labels,
         "flange_translation": read_only(flange.translation),
         "flange_rotation": read_only(flange.rotation),
         **{name: read_only(np.radians(degrees)) for name, degrees in limits.items()},
@@ -77,12 +84,116 @@ def _place(place: Mapping[str, Any]) -> Pose:
 
 def _names(data: Mapping[str, Any]) -> list[str]:
     """Names of the joints, of which a pattern with a # means one for each number."""
-    names = data["names"]
+    given = data["names"]
     count = sum(len(row) == 4 for row in data["dh"])
-    return list(names) if isinstance(names, list) else [names.replace("#", str(i + 1)) for i in range(count)]
+    return list(given) if isinstance(given, list) else [given.replace("#", str(i + 1)) for i in range(count)]
 
 
 def _axis(name: str) -> Array:
     """The unit vector of "x", "y", "z", or "-x" and so on."""
     unit = np.eye(3)["xyz".index(name[-1])]
     return -unit if name.startswith("-") else unit
+
+
+def revolute_screw(axis: Array, point: Array) -> Array:
+    """(6,) screw (-s x r; s) of a turn about the unit axis s (3,) through the point r (3,) m, same frame."""
+    return np.concatenate([-np.cross(axis, point), axis])
+
+
+def prismatic_screw(axis: Array) -> Array:
+    """(6,) screw (d; 0) of a slide along the unit axis d (3,)."""
+    return np.concatenate([axis, np.zeros(3)])
+
+
+class Pose(NamedTuple):
+    """A frame in another."""
+
+    translation: Array
+    """(3,) m."""
+    rotation: Array
+    """(3, 3)."""
+
+    def then(self, inner: Pose) -> Pose:
+        """The frame that ``inner`` gives in this one."""
+        return Pose(self.translation + self.rotation @ inner.translation, self.rotation @ inner.rotation)
+
+
+def pose_at(xyz: Sequence[float] = (0.0, 0.0, 0.0), rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> Pose:
+    """A frame at xyz (3,) m, turned by rpy (3,) rad about the other frame's fixed x, y, z."""
+    rotation = rotation_from_rpy(np.asarray(rpy))
+    whole = np.rint(rotation)  # right angles turn axes into axes
+    return Pose(np.array(xyz, float), np.where(np.abs(rotation - whole) < 1e-15, whole, rotation))
+
+
+def _dh_chain(table: Array, turns: Array, convention: str) -> tuple[Array, Pose]:
+    """Screws (n, 6) at q = 0, and the flange, the frame of the last row, of a Denavit-Hartenberg table.
+
+    Its rows (r, 4) are a m, alpha rad, d m and theta rad, to which the joint's angle is added; ``turns`` (r,) says
+    which of them have a joint.
+    """
+    pose, screws = pose_at(), []
+    for (a, alpha, d, theta), has_joint in zip(table.tolist(), turns, strict=True):
+        link, joint = pose_at((a, 0, 0), (alpha, 0, 0)), pose_at((0, 0, d), (0, 0, theta))
+        if convention == "modified":
+            pose = pose.then(link)
+        if has_joint:
+            screws.append(revolute_screw(pose.rotation[:, 2], pose.translation))
+        pose = pose.then(joint)
+        if convention == "standard":
+            pose = pose.then(link)
+    return np.array(screws).reshape(-1, 6), pose
+
+
+def read_dh(section: Section, key: str, convention: str, units: str) -> tuple[Array, Pose, tuple[str, ...]]:
+    """Screws, flange and names of the joints of a Denavit-Hartenberg table, if it can be that of an arm.
+
+    The section has the table, rows of a, alpha, d, theta, and perhaps "fixed", and perhaps ``joint_names``; convention
+    and units are of CONVENTIONS and UNITS.
+
+    Raises:
+        SetupError: a row is no such row, a joint is prismatic, or the numbers cannot have these units.
+    """
+    given = rows(section, key, 4)
+    joints = [i for i, row in enumerate(given) if row[4:] != [FIXED]]
+    if not joints:
+        raise section.error(key, "has no joint", "give at least one row without 'fixed'")
+    named = "joint_names" in section.values
+    labels = names(section, "joint_names", len(joints)) if named else tuple(f"joint{i + 1}" for i in range(len(joints)))
+    for label, i in zip(labels, joints, strict=True):
+        if isinstance(given[i][2], str) or given[i][4:] == ["prismatic"]:
+            remedy = 'a table is for joints that turn: give [[robot.joints]] with type = "prismatic", or a URDF'
+            raise section.error(f"{key}[{i}]", f"{label} is prismatic", remedy)
+        if given[i][4:] not in ([], ["revolute"]):
+            raise section.error(f"{key}[{i}]", f"ends in {given[i][4]!r}", "end a row without joint in 'fixed'")
+    cells = {f"{key}[{i}]": row[:4] for i, row in enumerate(given)}
+    numbers = np.stack([vector(Section(cells, section.name, section.file), name, 4) for name in cells])
+    length, angle = units.split(",")
+    _check_angles(section, key, numbers[:, [1, 3]], angle)
+    if length == "mm":
+        numbers[:, [0, 2]] /= 1e3
+    if angle == "deg":
+        numbers[:, [1, 3]] = np.radians(numbers[:, [1, 3]])
+    turns = np.isin(np.arange(len(given)), joints)
+    _check_reach(section, key, numbers, turns, convention, length)
+    return *_dh_chain(numbers, turns, convention), labels
+
+
+def _check_angles(section: Section, key: str, angles: Array, unit: str) -> None:
+    """Degrees are not radians: no angle is beyond a turn, and whole degrees are not all below seven."""
+    largest = np.abs(angles).max()
+    if largest > (TURN if unit == "rad" else 361):
+        other = "" if unit == "deg" else '; degrees are dh_units = "m,deg" or "mm,deg"'
+        raise section.error(key, f"an angle of {largest:g} {unit} is beyond a turn", f"check its unit{other}")
+    if unit == "deg" and 0 < largest <= TURN:
+        remedy = 'radians are dh_units = "m,rad" or "mm,rad"'
+        raise section.error(key, f"no angle is larger than {largest:g} degrees", f"check their unit; {remedy}")
+
+
+def _check_reach(section: Section, key: str, table: Array, turns: Array, convention: str, unit: str) -> None:
+    """The flange in three poses, because single lengths of a calibrated table may be huge and cancel."""
+    poses = (table + q * np.outer(turns, (0, 0, 0, 1)) for q in (0.0, 1.0, -1.0))
+    reach = max(float(np.linalg.norm(_dh_chain(pose, turns, convention)[1].translation)) for pose in poses)
+    if not SHORTEST <= reach <= LONGEST:
+        other = "m" if unit == "mm" else "mm"
+        remedy = f'check the unit of a and d; {other} are dh_units = "{other},rad" or "{other},deg"'
+        raise section.error(key, f"the flange is {reach:.4g} m from the base if lengths are in {unit}", remedy)

@@ -55,17 +55,26 @@ def rotation_from_vector(vector: Array) -> Array:
 
 
 def vector_from_rotation(rotation: Array) -> Array:
-    """Rotation vector (3,) rad of a rotation (3, 3), at most pi long: axis times angle.
-
-    By the largest entry of the quaternion (Shepperd 1978), so it loses no digits at any angle.
-    """
-    R = rotation
-    squares = np.array([1 + np.trace(R), *(1 - np.trace(R) + 2 * np.diag(R))])  # 4 w^2, 4 x^2, 4 y^2, 4 z^2
-    odd = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])  # 4 w times the vector part
-    products = np.block([[squares[:1, None], odd[None]], [odd[:, None], R + R.T]])
-    products[np.diag_indices(4)] = squares
-    quaternion = products[squares.argmax()]
-    quaternion = quaternion / np.linalg.norm(quaternion) * (1.0 if quaternion[0] >= 0 else -1.0)
+    """Rotation vector (3,) rad of a rotation (3, 3), at most pi long: axis times angle, to round-off at any."""
+    (quaternion,) = quaternions_of(rotation[None])
+    quaternion = quaternion * (1.0 if quaternion[0] >= 0 else -1.0)
     sine = np.linalg.norm(quaternion[1:])
     angle = 2 * np.arctan2(sine, quaternion[0])
     return quaternion[1:] * (angle / sine if sine > 0 else 2.0)
+
+
+def quaternions_of(matrices: Array) -> Array:
+    """(T, 3, 3) rotation matrices -> (T, 4) w, x, y, z; by the largest entry, which loses no digits (Shepperd 1978)."""
+    R = matrices
+    trace = R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2]
+    diagonal = np.stack([R[:, 0, 0], R[:, 1, 1], R[:, 2, 2]], 1)
+    squares = np.concatenate([1 + trace[:, None], 1 + 2 * diagonal - trace[:, None]], 1)  # 4 w^2, 4 x^2, ...
+    pairs = np.empty((len(R), 4, 4))  # 4 times the products of the entries
+    pairs[:, range(4), range(4)] = squares
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        pairs[:, 0, 1 + i] = pairs[:, 1 + i, 0] = R[:, k, j] - R[:, j, k]
+        pairs[:, 1 + i, 1 + j] = pairs[:, 1 + j, 1 + i] = R[:, i, j] + R[:, j, i]
+    rows = np.arange(len(R))
+    best = np.nan_to_num(squares).argmax(1)
+    quaternion = pairs[rows, best]
+    return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)

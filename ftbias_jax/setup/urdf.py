@@ -15,8 +15,8 @@ from xml.parsers import expat
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.setup.chains import Pose, pose_at, prismatic_screw, revolute_screw
 from ftbias_jax.setup.fields import nearest, read_file, read_only
+from ftbias_jax.setup.robots import Pose, pose_at, prismatic_screw, revolute_screw
 from ftbias_jax.setup.types import RobotSetup, ToolSetup, inertia_matrix
 from ftbias_jax.types import Array
 

@@ -8,7 +8,7 @@ import pytest
 import recordings
 from recordings import FORMATS
 
-from ftbias_jax.cli.filter_file import filter_file
+from ftbias_jax.cli.commands.filter import filter_file
 from ftbias_jax.io import read_log
 from ftbias_jax.io.parts import open_log
 from ftbias_jax.io.write.npz import load_npz

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftbias_jax.setup.chains import prismatic_screw, revolute_screw
-from ftbias_jax.setup.robots import built_in_robot
+from ftbias_jax.setup.robots import built_in_robot, prismatic_screw, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy, rpy_from_rotation
 
 # The seven screws as the report prints them (linear; angular).

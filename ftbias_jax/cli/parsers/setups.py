@@ -24,7 +24,7 @@ from ftbias_jax.cli.options import (
     restarts,
     setup,
 )
-from ftbias_jax.setup.chains import CONVENTIONS, UNITS
+from ftbias_jax.setup.robots import CONVENTIONS, UNITS
 
 OF_SETUPS = {
     "setup": Command(

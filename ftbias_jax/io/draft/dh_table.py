@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import SetupError, UsageError
-from ftbias_jax.files import no_regular_file
 from ftbias_jax.io.draft.robot import Keys
-from ftbias_jax.setup.chains import CONVENTIONS, FIXED, UNITS, read_dh
-from ftbias_jax.setup.fields import Section
+from ftbias_jax.setup.fields import Section, read_file
 from ftbias_jax.setup.keys.toml_text import Known
+from ftbias_jax.setup.robots import CONVENTIONS, FIXED, UNITS, read_dh
 
 MAX_BYTES = 1 << 16  # a table of an arm is a dozen lines
 ORDER = ("a", "alpha", "d", "theta")
@@ -93,15 +92,7 @@ def _lines(path: str) -> list[list[str]]:
     """Cells of the lines that have any."""
     remedy = "give a text file with the rows of the table"
     try:
-        if kind := no_regular_file(path):
-            raise SetupError(kind, file=path, remedy=remedy)
-        with open(path, "rb") as stream:
-            content = stream.read(MAX_BYTES + 1)
-        if len(content) > MAX_BYTES:
-            raise SetupError(f"is larger than {MAX_BYTES >> 10} KiB", file=path, remedy=remedy)
-        text = content.decode("utf-8-sig").replace("\u2212", "-")
-    except OSError as error:
-        raise SetupError(f"cannot be read: {error.strerror}", file=path, remedy=remedy) from error
+        text = read_file(path, MAX_BYTES, remedy, remedy).decode("utf-8-sig").replace("\u2212", "-")
     except UnicodeDecodeError as error:
         raise SetupError("is no text in UTF-8", file=path, remedy=remedy) from error
     between = ";" if ";" in text else "\t" if "\t" in text else ","

@@ -13,6 +13,7 @@ import numpy as np
 
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.setup.keys.toml_text import MEASURE, Known
+from ftbias_jax.setup.rotations import skew
 from ftbias_jax.types import Array
 
 MOST_SAMPLES = 5000
@@ -136,9 +137,7 @@ def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, A
     ``support`` (T, 3), what carries one kilogram, and ``torque`` (T, 3) Nm are about their means; ``count`` samples are
     independent.
     """
-    zero = np.zeros(len(support))
-    x, y, z = support.T
-    columns = np.stack([np.stack(row, 1) for row in ((zero, z, -y), (-z, zero, x), (y, -x, zero))], 1).reshape(-1, 3)
+    columns = -skew(support).reshape(-1, 3)
     pull = 1e-6 * np.trace(columns.T @ columns) * np.eye(3)
     target = torque.ravel()
     moment = np.linalg.solve(columns.T @ columns + pull, columns.T @ target)

@@ -24,7 +24,6 @@ from ftbias_jax.io.ros.pose import in_setup_order, pose_streams
 from ftbias_jax.io.ros.record import Field, Recording, Stream, Wanted
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.recorded import PoseSetup
-from ftbias_jax.setup.sensor_pose import pose_columns
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -51,7 +50,7 @@ def wanted_of(setup: Setup) -> Wanted:
 def choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
     """Joints or pose."""
     if POSITION in setup.log.topics:
-        width = len(setup.robot.joint_names) if setup.pose is None else pose_columns(setup.pose)[0]
+        width = len(setup.robot.joint_names) if setup.pose is None else setup.pose.columns[0]
         return {"q": (POSITION, _by_fields(recording, POSITION, width, setup, file))}
     if setup.pose is None:
         streams = _choose(JOINTS, _joint_streams(recording, setup, file), setup, file)
@@ -64,7 +63,7 @@ def choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
 def choose_rates(recording: Recording, setup: Setup, file: str) -> Chosen:
     """Velocities of the joints, or what an IMU says, where they are of other messages than the positions; {} if not."""
     if VELOCITY in setup.log.topics:
-        width = len(setup.robot.joint_names) if setup.pose is None else pose_columns(setup.pose)[1]
+        width = len(setup.robot.joint_names) if setup.pose is None else setup.pose.columns[1]
         return {"dq": (VELOCITY, _by_fields(recording, VELOCITY, width, setup, file))}
     imu = None if setup.pose is None else _choose_imu(recording, setup, setup.pose, file)
     return {} if imu is None else {"dq": (IMU, imu)}
@@ -145,7 +144,7 @@ def _choose_imu(recording: Recording, setup: Setup, pose: PoseSetup, file: str) 
     """What an IMU says of that which the setup uses; None if nothing is, or if it is not needed and there is none."""
     needed = pose.linear == "specific_force"
     found = _of_role(recording, IMU, setup)
-    if not pose_columns(pose)[1] or not (found or needed or IMU in setup.log.topics):
+    if not pose.columns[1] or not (found or needed or IMU in setup.log.topics):
         return None
     if not found:
         raise _missing(recording, f"there is no specific force: no topic has the type {types_with(IMU)}", IMU, file)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ftbias_jax.io.ros.definition import HEADER, PRIMITIVES, SEQUENCE, TEXTS, Field, Types, parse, smallest
-from ftbias_jax.io.ros.messages import Cursor, MessageError
+from ftbias_jax.io.ros.messages import Cursor, MessageError, Reading
 from ftbias_jax.io.ros.raw import Definition
 from ftbias_jax.setup.fields import nearest
 
@@ -52,16 +52,6 @@ class Part(NamedTuple):
 
 Path = tuple[Part, ...]
 """From the message inwards; () = the message itself."""
-
-
-class Sampled(NamedTuple):
-    """What was taken of a message."""
-
-    stamp: int
-    """ns, of its header; 0 = none, or not set."""
-    frame: str
-    """Of its header; "" = none."""
-    values: tuple[float, ...]
 
 
 class Plan(NamedTuple):
@@ -124,7 +114,7 @@ def _stored(fields: Sequence[Field], least: dict[str, int]) -> tuple[Field, ...]
     )
 
 
-def take(plan: Plan, data: bytes, encoding: str) -> Sampled:
+def take(plan: Plan, data: bytes, encoding: str) -> Reading:
     """The numbers of one message, path by path.
 
     Raises:
@@ -145,7 +135,7 @@ def take(plan: Plan, data: bytes, encoding: str) -> Sampled:
     values = tuple(value for numbers in found for value in numbers)
     if len(values) > MAX_VALUES:
         raise MessageError(f"has {len(values)} numbers in the fields that are wanted")
-    return Sampled(stamp, frame, values)
+    return Reading(stamp, (frame,), values)
 
 
 _Wanted = Sequence[tuple[Path, list[float]]]

@@ -140,10 +140,10 @@ class Reading(NamedTuple):
     stamp: int
     """ns, of the header; 0 = not set."""
     names: tuple[str, ...]
-    """Of the joints; of a transform, its frame and child; else its frame. Of a string, the text."""
+    """Of the joints; of a transform, its frame and child; else its frame, "" = none. Of a string, the text."""
     values: tuple[float, ...]
     """Positions, then velocities of joints, NaN where the publisher left them out; 6 of a wrench, N, Nm; 7 of a pose,
-    position m, orientation x, y, z, w."""
+    position m, orientation x, y, z, w. Or those of fields."""
 
 
 def read_message(kind: str, data: bytes, encoding: str) -> list[Reading]:

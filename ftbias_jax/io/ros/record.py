@@ -18,7 +18,18 @@ from ftbias_jax.io.limits.budget import SMALL_RECORDING, Budget, need
 from ftbias_jax.io.ros import sqlite_bag
 from ftbias_jax.io.ros.containers import McapFile, Ros1Bag
 from ftbias_jax.io.ros.fields import PathError, Plan, make_plan, take, types_of
-from ftbias_jax.io.ros.messages import IMU, JOINTS, POSE, SOURCES, STRING, TRANSFORM, MessageError, Source, read_message
+from ftbias_jax.io.ros.messages import (
+    IMU,
+    JOINTS,
+    POSE,
+    SOURCES,
+    STRING,
+    TRANSFORM,
+    MessageError,
+    Reading,
+    Source,
+    read_message,
+)
 from ftbias_jax.io.ros.raw import Definition, OnDamage, RawMessage
 from ftbias_jax.types import Array
 
@@ -111,8 +122,7 @@ class Collector:
                     what = f"{topic} has the type {message.message_type}, which the recording does not define"
                     remedy = "convert it to MCAP where the type is known: ros2 bag convert; or pip install rosbags"
                     raise LogError(what, field=f"log.topics.{role}", remedy=remedy)
-                stamp, frame, values = take(plan, message.data, message.encoding)
-                self._append(message, place, f"{topic}:{fields}", role, stamp, (frame,), values)
+                self._append(message, place, f"{topic}:{fields}", role, take(plan, message.data, message.encoding))
 
     def finish(self) -> tuple[Stream, ...]:
         """All streams, in the order in which they start."""
@@ -126,11 +136,11 @@ class Collector:
     def _add_source(self, message: RawMessage, place: int, source: Source) -> None:
         if not source.fields:
             for reading in read_message(message.message_type, message.data, message.encoding):
-                self._append(message, place, message.topic, source.role, *reading)
+                self._append(message, place, message.topic, source.role, reading)
         elif plan := self._plan(message, source.fields):
-            stamp, frame, values = take(plan, message.data, message.encoding)
-            names = () if source.role == JOINTS else (frame,)
-            self._append(message, place, message.topic, source.role, stamp, names, values)
+            reading = take(plan, message.data, message.encoding)
+            reading = reading._replace(names=()) if source.role == JOINTS else reading
+            self._append(message, place, message.topic, source.role, reading)
 
     def _plan(self, message: RawMessage, fields: str, stated: str = "") -> Plan | None:
         """How to take fields of a message, kept for those that follow; None if nobody defines its type.
@@ -150,18 +160,10 @@ class Collector:
                 self._plans[key] = None
         return self._plans[key]
 
-    def _append(
-        self,
-        message: RawMessage,
-        place: int,
-        topic: str,
-        role: str,
-        stamp: int,
-        names: tuple[str, ...],
-        values: tuple[float, ...],
-    ) -> None:
+    def _append(self, message: RawMessage, place: int, topic: str, role: str, reading: Reading) -> None:
         if not abs(message.logged) < 2**63:
             raise MessageError(f"has the time {message.logged}")
+        stamp, names, values = reading
         key = (topic, message.message_type, role, names)
         stream = self._growing.get(key)
         if stream is None:

@@ -11,10 +11,9 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import FURTHER, Part, check_log, further_columns, log_of_parts, on_one_clock
 from ftbias_jax.io.clock import as_stamps, later, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.log import Log, Repairs
-from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.tables.array_files import load_arrays, load_hdf5
 from ftbias_jax.io.tables.columns import Columns, choose_columns, named_columns
 from ftbias_jax.io.tables.csv import csv_columns
-from ftbias_jax.io.tables.hdf5 import load_hdf5
 from ftbias_jax.io.tables.parquet import parquet_columns
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.types import Setup

@@ -14,7 +14,7 @@ from ftbias_jax.io.clock import stamps_of
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.pose import in_sensor_axes, pose_entries
 from ftbias_jax.io.tables.arrays import TABLES, native_arrays, suffix_of, with_pose
-from ftbias_jax.setup.sensor_pose import orientation_alone
+from ftbias_jax.setup.require import orientation_alone
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 

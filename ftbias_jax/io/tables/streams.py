@@ -1,9 +1,10 @@
-"""Logs of which every stream is a file of its own, with stamps of its own."""
+"""Logs of which every stream is a file of its own, with stamps of its own: [log.files] of the setup."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +14,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import FURTHER, Part, further_columns, log_of_parts
 from ftbias_jax.io.clock import as_stamps, later, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.log import Log, Repair, Repairs
-from ftbias_jax.io.remote.fetch import opened
-from ftbias_jax.io.remote.outside import check_links, check_patterns
+from ftbias_jax.io.remote import check_links, check_patterns, exists, is_url, opened
 from ftbias_jax.io.ros.choose import (
     Chosen,
     choose_motion,
@@ -37,9 +37,7 @@ from ftbias_jax.io.tables.arrays import (
     wanted_arrays,
 )
 from ftbias_jax.io.tables.columns import NAMES, choose_some, named_columns
-from ftbias_jax.io.tables.grouping import files_of
 from ftbias_jax.setup.keys import table as keys
-from ftbias_jax.setup.sensor_pose import pose_columns
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -52,6 +50,8 @@ QUANTITIES = {
 """Key of [log.files] -> what its file has, the first of it at least."""
 STAMPS = {"position": "t_joints", "velocity": "t_joints", "wrench": "t_wrench", "temperature": "t_wrench"}
 """Quantity -> name of its stamps, where a file of arrays has not one clock."""
+MAIN = "wrench"
+"""The stream whose file names the log; every setup with [log.files] states it."""
 
 
 def setup_of_file(setup: Setup, key: str) -> Setup:
@@ -65,7 +65,7 @@ def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fa
     file, named = os.fspath(path), keys.further_columns(setup.log.columns)
     parts: list[Part] = []
     repairs: list[Repair] = []
-    unused = {"velocity"} if setup.pose and not pose_columns(setup.pose)[1] else set()
+    unused = {"velocity"} if setup.pose and not setup.pose.columns[1] else set()
     files = files_of(path, setup.log.files)
     if not setup.log.allow_outside:
         check_patterns(setup.log.files, setup.path)
@@ -167,3 +167,50 @@ def _of_recording(
         for t, arrays in parts_of(chosen, setup, mended, file)
     ]
     return [part for part in parts if part[1]], tuple(mended)
+
+
+def files_of(path: str | os.PathLike[str], patterns: Mapping[str, str]) -> dict[str, str]:
+    """The files that make up one log, by quantity."""
+    found = list(_readings(os.fspath(path).rstrip("/" + os.sep), patterns))
+    if not found:
+        remedy = f"give a log whose name fits one of {', '.join(patterns.values())}"
+        raise LogError("is none of the files that log.files of the setup names", file=path, remedy=remedy)
+    # A name may fit several patterns, such as "*.csv" and "*_wrench.csv": one of them leads to files that are there.
+    return next((files for files in found if all(map(exists, files.values()))), found[0])
+
+
+def inputs_of(path: str | os.PathLike[str], patterns: Mapping[str, str]) -> tuple[str, ...]:
+    """All files of a log; of one that is a single file, or that fits no pattern, the path itself."""
+    try:
+        return tuple(dict.fromkeys(files_of(path, patterns).values())) if patterns else (os.fspath(path),)
+    except LogError:
+        return (os.fspath(path),)
+
+
+def main_file(path: str, patterns: Mapping[str, str]) -> str | None:
+    """The file that names the log which a file belongs to; None if it belongs to none.
+
+    That of the wrench, so that all files of a log give one name. If it is missing, the first of the others that is
+    there, so that whoever reads the log says what is missing.
+    """
+    try:
+        files = files_of(path, patterns)
+    except LogError:
+        return None
+    ordered = (files[MAIN], *files.values())
+    return next((file for file in ordered if exists(file)), path)
+
+
+def _readings(path: str, patterns: Mapping[str, str]) -> Iterator[dict[str, str]]:
+    """The files of the log that a path belongs to, as each pattern that it fits has it."""
+    folder, name = os.path.split(path)
+    for pattern in patterns.values():
+        before, star, after = pattern.partition("*")
+        shared = re.fullmatch(f"{re.escape(before)}(.*){re.escape(after)}", name) if star else None
+        if shared:
+            names = {key: other.replace("*", shared[1], 1) for key, other in patterns.items()}
+        elif name == pattern:
+            names = dict(patterns)
+        else:
+            continue
+        yield {key: other if is_url(other) else os.path.join(folder, other) for key, other in names.items()}

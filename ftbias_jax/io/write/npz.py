@@ -15,7 +15,7 @@ from typing import IO, BinaryIO
 import numpy as np
 
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.tables.array_files import load_arrays
 from ftbias_jax.io.write.fields import LOG_UNITS
 from ftbias_jax.io.write.provenance import Provenance, as_text
 from ftbias_jax.io.write.selection import About, description_text

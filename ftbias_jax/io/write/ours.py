@@ -8,7 +8,7 @@ import zipfile
 from typing import Any
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.tables.array_files import load_arrays
 from ftbias_jax.io.write.fields import SIGN
 from ftbias_jax.io.write.table import companion
 from ftbias_jax.setup.save import WRITTEN_BY

@@ -17,10 +17,9 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.files import no_regular_file
 from ftbias_jax.io.health import sample_rate
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.remote.fetch import exists, shown, sum_of
-from ftbias_jax.io.remote.outside import is_url
-from ftbias_jax.io.tables.grouping import inputs_of
+from ftbias_jax.io.remote import exists, is_url, shown, sum_of
 from ftbias_jax.io.tables.poses import Poses
+from ftbias_jax.io.tables.streams import inputs_of
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.types import SCREWS, Setup
 from ftbias_jax.types import Array

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ftbias_jax.setup import fields, recorded
-from ftbias_jax.setup.chains import CONVENTIONS, FIXED, UNITS
 from ftbias_jax.setup.fields import Range, Section
-from ftbias_jax.setup.robots import BUILT_IN
+from ftbias_jax.setup.robots import BUILT_IN, CONVENTIONS, FIXED, UNITS
 from ftbias_jax.setup.types import COMPENSATED, JOINT_MODELS, REPORTS
 
 

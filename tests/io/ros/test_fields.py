@@ -113,7 +113,7 @@ def test_fields_of_every_kind(encoding, label):
     for path, values in expected.items():
         sampled = made.take(path)
         assert sampled.values == tuple(map(float, values)), path
-        assert (sampled.stamp, sampled.frame) == (12 * 10**9 + 34, "base")
+        assert (sampled.stamp, sampled.names) == (12 * 10**9 + 34, ("base",))
 
 
 @pytest.mark.parametrize(

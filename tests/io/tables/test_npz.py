@@ -9,7 +9,7 @@ import pytest
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.limits import budget
-from ftbias_jax.io.npz_archive import load_arrays
+from ftbias_jax.io.tables.array_files import load_arrays
 from ftbias_jax.setup import load_setup
 
 T = 5

@@ -12,8 +12,8 @@ from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.fleet import entry
 from ftbias_jax.fleet.find import find_logs
 from ftbias_jax.io import read_log
-from ftbias_jax.io.remote import fetch
-from ftbias_jax.io.remote.outside import check_links, check_patterns, copy_name, is_below
+from ftbias_jax.io import remote as fetch
+from ftbias_jax.io.remote import check_links, check_patterns, copy_name, is_below
 from ftbias_jax.io.ros.record import SUFFIXES
 from ftbias_jax.io.tables.arrays import TABLES
 from ftbias_jax.setup import dump_setup, load_setup

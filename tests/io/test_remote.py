@@ -15,7 +15,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.fleet.entry import state_of
 from ftbias_jax.fleet.find import find_logs
 from ftbias_jax.io import read_log
-from ftbias_jax.io.remote import fetch
+from ftbias_jax.io import remote as fetch
 from ftbias_jax.io.write.npz import load_npz
 from ftbias_jax.setup import load_setup
 
