@@ -11,10 +11,10 @@ from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.remote import opened
 from ftbias_jax.io.ros.read import read_ros
-from ftbias_jax.io.ros.record import SUFFIXES, is_ros
+from ftbias_jax.io.ros.record import is_ros
 from ftbias_jax.io.tables.arrays import TABLES, log_from_arrays, read_table, suffix_of
 from ftbias_jax.io.tables.poses import Poses, read_poses
-from ftbias_jax.io.tables.streams import read_files
+from ftbias_jax.io.tables.streams import read_files, unknown_format
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -65,18 +65,11 @@ def read_recorded(path: str | os.PathLike[str], setup: Setup, *, salvage: bool =
     if setup.log.files:
         return read_files(path, setup, salvage=salvage)._replace(file=file)
     with opened(path) as there:
-        return _read_one(there, setup, salvage)._replace(file=file)
-
-
-def _read_one(path: str, setup: Setup, salvage: bool) -> Log:
-    """A log that is one file, or a bag's folder."""
-    if is_ros(path):
-        return read_ros(path, setup, salvage=salvage)
-    if suffix_of(path) not in TABLES:
-        *most, last = (*TABLES, *SUFFIXES)
-        remedy = f"give a log that ends in {', '.join(most)} or {last}, or a ROS 2 bag's folder"
-        raise LogError(f"unknown format {suffix_of(path)!r}", file=path, remedy=remedy)
-    return read_table(path, setup)
+        if is_ros(there):
+            return read_ros(there, setup, salvage=salvage)._replace(file=file)
+        if suffix_of(there) not in TABLES:
+            raise unknown_format(there)
+        return read_table(there, setup)._replace(file=file)
 
 
 def log_of_arrays(

@@ -25,27 +25,18 @@ EXACT = 2**53
 """Integers up to here are exact as floating-point numbers."""
 
 
-class Clock(NamedTuple):
-    """The stamps to use."""
-
-    stamps: tuple[Array, ...]
-    """(T,) int64 ns each."""
-    complaint: str
-    """Why not those of the headers; "" if they are."""
-
-
-def choose_clock(stamps: Sequence[Array], logged: Sequence[Array]) -> Clock:
-    """The headers' stamps if all streams have them on one clock, otherwise the times at which they were logged.
+def complaint_of_headers(stamps: Sequence[Array], logged: Sequence[Array]) -> str:
+    """Why the headers' stamps are not to be used, but the times at which messages were logged; "" if they are.
 
     Both are (T,) int64 ns for each stream, in the order in which the messages were stored; 0 = not set.
     """
     if any(np.mean(times == 0) > 0.5 for times in stamps):
-        return Clock(tuple(logged), "the headers have no stamps")
+        return "the headers have no stamps"
     if not _overlap(stamps) and _overlap(logged):
-        return Clock(tuple(logged), "the headers' stamps are of different clocks")
+        return "the headers' stamps are of different clocks"
     if any(len(jumps(times[times != 0])) for times in stamps) and not any(len(jumps(times)) for times in logged):
-        return Clock(tuple(logged), "the headers' clock jumps back")
-    return Clock(tuple(stamps), "")
+        return "the headers' clock jumps back"
+    return ""
 
 
 def jumps(t: Array) -> Array:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, MutableMapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
+from typing import Any, BinaryIO
 
 import tomlkit
 from tomlkit.items import Item, Table
@@ -53,20 +52,38 @@ def save_setup(setup: Setup, path: str | os.PathLike[str], by: str = "") -> None
     write_text(path, f"{WRITTEN_BY}{by}, which may replace it\n{text}" if by else text)
 
 
-def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file whole or not at all.
+def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], object]) -> None:
+    """Write a file through a temporary one beside it: written, flushed to disk, then renamed.
+
+    On any failure the temporary file is removed, and what stood at ``path`` before still stands there.
+
+    Args:
+        path: the file to make or replace.
+        write: called once with the open temporary file. What it raises, but for OSError, passes through.
 
     Raises:
-        OutputError: it cannot be written there, or the path is a symbolic link.
+        OutputError: the file cannot be written there, or it is a symbolic link.
     """
+    name = os.fspath(path)
+    refuse_link(name)
+    if os.path.exists(name) and not os.path.isfile(name):
+        raise OutputError("is not a regular file", file=name, remedy="give the path of a file to write")
     try:
-        if os.path.islink(path):
-            raise OSError(errno.ELOOP, "is a symbolic link")
-        replace_whole(os.path.abspath(path), lambda file: file.write(text.encode()))
+        replace_whole(os.path.abspath(name), write)
     except OSError as error:
         remedy = "check that the folder exists, may be written to and has room"
-        message = f"cannot be written: {error.strerror or error}"
-        raise OutputError(message, file=os.fspath(path), remedy=remedy) from error
+        raise OutputError(f"cannot be written: {error.strerror or error}", file=name, remedy=remedy) from error
+
+
+def refuse_link(path: str | os.PathLike[str]) -> None:
+    """Refuse an output that is a symbolic link: what it leads to was not named, and may be a recording."""
+    if os.path.islink(path):
+        raise OutputError("is a symbolic link", file=path, remedy="remove it, or name the file that it leads to")
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file whole or not at all; see ``write_atomic``."""
+    write_atomic(path, lambda file: file.write(text.encode()))
 
 
 def edited_text(setup: Setup, target: str = "") -> str:

@@ -15,6 +15,7 @@ from ftbias_jax.io.ros.record import Wanted, is_ros, read_recording
 from ftbias_jax.io.tables.arrays import ARRAY_FILES, ARRAYS, COLUMNS, POSE_ARRAYS, suffix_of
 from ftbias_jax.io.tables.columns import Columns
 from ftbias_jax.io.tables.headers import Match, matches, some
+from ftbias_jax.io.tables.streams import unknown_format
 from ftbias_jax.setup.keys.toml_text import Known
 from ftbias_jax.setup.recorded import TIME_UNITS
 from ftbias_jax.types import Array
@@ -79,8 +80,7 @@ def look(path: str) -> Table:
     if suffix in ARRAY_FILES:
         return _of_arrays(path, ARRAY_FILES[suffix](path, (*ARRAYS, *POSE_ARRAYS)))
     if suffix not in COLUMNS:
-        remedy = "give .npz .h5 .csv .parquet or a recording of ROS"
-        raise LogError(f"unknown format {suffix!r}", file=path, remedy=remedy)
+        raise unknown_format(path)
     header: list[str] = []
     found: dict[str, Match] = {}
 

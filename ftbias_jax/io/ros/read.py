@@ -8,7 +8,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import Part, log_of_parts, on_one_clock
-from ftbias_jax.io.clock import choose_clock, continue_after_jumps, jumps, order_repairs, tidy
+from ftbias_jax.io.clock import complaint_of_headers, continue_after_jumps, jumps, order_repairs, tidy
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_rates, choose_readings, refuse_columns, wanted_of
 from ftbias_jax.io.ros.messages import JOINTS, WRENCH
@@ -87,14 +87,13 @@ def _stamped(chosen: Chosen, setup: Setup, mended: list[Repair], file: str) -> d
     main = _main(chosen)
     streams = {name: stream for name, (_, stream) in chosen.items()}
     stated = {name: setup.log.clocks.get(role, "") for name, (role, _) in chosen.items()}
-    clock = choose_clock([streams[name].stamps for name in main], [streams[name].logged for name in main])
-    if clock.complaint and not all(stated[name] for name in main):
-        skews = ", ".join(skew(streams[name]) for name in main)
-        mended.append(Repair(f"{clock.complaint}: times of the recorder used; {skews}"))
-    timed = dict(zip(main, clock.stamps, strict=True))
+    used = [streams[name] for name in main]
+    complaint = complaint_of_headers([stream.stamps for stream in used], [stream.logged for stream in used])
+    if complaint and not all(stated[name] for name in main):
+        mended.append(Repair(f"{complaint}: times of the recorder used; {', '.join(map(skew, used))}"))
+    timed = {}
     for name, stream in streams.items():
-        if name not in timed:
-            timed[name] = stream.stamps if not clock.complaint and stream.stamps.any() else stream.logged
+        timed[name] = stream.stamps if not complaint and stream.stamps.any() else stream.logged
         if stated[name]:
             timed[name] = {HEADER: stream.stamps, RECEIPT: stream.logged}[stated[name]]
         if not timed[name].any():

@@ -31,6 +31,7 @@ from ftbias_jax.io.tables.arrays import (
     ARRAYS,
     COLUMNS,
     POSE_ARRAYS,
+    TABLES,
     by_native_names,
     joined_pose,
     suffix_of,
@@ -88,6 +89,13 @@ def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fa
     return log
 
 
+def unknown_format(file: str) -> LogError:
+    """The error of a file whose suffix is that of no log."""
+    *most, last = (*TABLES, *SUFFIXES)
+    remedy = f"give a log that ends in {', '.join(most)} or {last}, or a ROS 2 bag's folder"
+    return LogError(f"unknown format {suffix_of(file)!r}", file=file, remedy=remedy)
+
+
 def read_stream(
     file: str, quantities: Sequence[str], setup: Setup, *, salvage: bool = False
 ) -> tuple[list[Part], Repairs]:
@@ -100,8 +108,7 @@ def read_stream(
     elif suffix in ARRAY_FILES:
         found = _of_arrays(ARRAY_FILES[suffix](file, wanted_arrays(setup)), quantities, setup, file)
     else:
-        remedy = f"give .csv, .parquet, .npz, .h5, {', '.join(SUFFIXES)} or a ROS 2 bag's folder"
-        raise LogError(f"unknown format {suffix!r}", file=file, remedy=remedy)
+        raise unknown_format(file)
     counted = rows_at_rate(next(values for name, values in found.items() if name != "t"), setup.log)
     recorded = found.pop("t", None)
     t = stamps_of(recorded, setup.log) if counted is None else counted

@@ -12,8 +12,8 @@ import json
 import os
 import struct
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, BinaryIO, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -21,8 +21,7 @@ from ftbias_jax.errors import OutputError
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.limits.budget import need
 from ftbias_jax.io.write.fields import FIELDS, SIGN
-from ftbias_jax.io.write.provenance import as_text
-from ftbias_jax.io.write.selection import About, description_text
+from ftbias_jax.io.write.selection import About, texts_of
 from ftbias_jax.types import Array
 
 TOPICS = (
@@ -69,24 +68,21 @@ def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: 
         raise OutputError(message, file=path, remedy="write another format, or stamp the log with times since 1970")
     topics = {name: np.asarray(arrays[name], np.float64) for name in TOPICS if name in arrays}
     flags = {name: np.asarray(arrays[name], bool) for name in FLAGS if name in arrays}
-    words = {"about": description_text(arrays, about)}
-    if about.origin is not None:
-        words["provenance"] = as_text(about.origin)
 
     def write(file: BinaryIO) -> None:
         writer = writers.Writer(file)
         writer.start(profile="ros2", library="ftbias_jax")
         schema = writer.register_schema("geometry_msgs/msg/WrenchStamped", "ros2msg", SCHEMA.encode())
-        channels = [writer.register_channel(topic(name), "cdr", schema, _words(name)) for name in topics]
+        channels = {name: writer.register_channel(topic(name), "cdr", schema, _words(name)) for name in topics}
         if flags:
             schema = writer.register_schema("std_msgs/msg/Bool", "ros2msg", FLAG_SCHEMA.encode())
-        signals = [writer.register_channel(topic(name), "cdr", schema, _words(name)) for name in flags]
+        channels |= {name: writer.register_channel(topic(name), "cdr", schema, _words(name)) for name in flags}
         for i, stamp in enumerate(stamps.tolist()):
-            for channel, wrenches in zip(channels, topics.values(), strict=True):
-                writer.add_message(channel, stamp, wrench_message(stamp, frame, wrenches[i]), stamp)
-            for channel, truths in zip(signals, flags.values(), strict=True):
-                writer.add_message(channel, stamp, b"\x00\x01\x00\x00" + bytes([bool(truths[i])]), stamp)
-        writer.add_metadata("ftbias", words)
+            messages = {name: wrench_message(stamp, frame, wrenches[i]) for name, wrenches in topics.items()}
+            messages |= {name: b"\x00\x01\x00\x00" + bytes([bool(truths[i])]) for name, truths in flags.items()}
+            for name, message in messages.items():
+                writer.add_message(channels[name], stamp, message, stamp)
+        writer.add_metadata("ftbias", texts_of(arrays, about))
         writer.finish()
 
     write_atomic(path, write)
@@ -111,48 +107,34 @@ def wrench_message(stamp: int, frame: str, wrench: Array) -> bytes:
     return b"\x00\x01\x00\x00" + body
 
 
-class Plot(NamedTuple):
-    """Lines over time."""
-
-    title: str
-    part: str
-    """"force" (N) or "torque" (Nm)."""
-    arrays: tuple[str, ...]
-
-    def lines(self) -> Iterator[tuple[str, ...]]:
-        """Topic and path of the message's field."""
-        for name in self.arrays:
-            yield from ((topic(name), "wrench", self.part, axis) for axis in "xyz")
-
-
-def _both(title: str, *arrays: str) -> tuple[Plot, Plot]:
-    return Plot(f"{title}, force [N]", "force", arrays), Plot(f"{title}, torque [Nm]", "torque", arrays)
-
-
-TABS: dict[str, tuple[Plot, ...]] = {
-    "Bias": (*_both("bias", "bias"), *_both("standard deviation of the bias", "bias_std")),
-    "Wrench": (*_both("corrected wrench", "wrench_unbiased"), *_both("wrench of the tool", "wrench_tool")),
-    "Contact": (*_both("contact wrench", "contact_wrench"), *_both("its standard deviation", "contact_wrench_std")),
-    "Innovation": _both("innovation", "innovation"),
+TABS: dict[str, dict[str, str]] = {
+    "Bias": {"bias": "bias", "standard deviation of the bias": "bias_std"},
+    "Wrench": {"corrected wrench": "wrench_unbiased", "wrench of the tool": "wrench_tool"},
+    "Contact": {"contact wrench": "contact_wrench", "its standard deviation": "contact_wrench_std"},
+    "Innovation": {"innovation": "innovation"},
 }
-"""Tab -> its plots, the force left of the torque."""
+"""Tab -> title and array of its plots, each of which is two, the force left of the torque."""
 FLAG_PLOTS = {"Contact": ("in_contact", "used")}
 """Tab -> truth values in a plot of their own."""
 
 
-def _titled(tab: str, plots: Sequence[Plot], between: str) -> list[tuple[str, list[str]]]:
+def _plots(tab: str, between: str) -> list[tuple[str, list[str]]]:
     """Titles of the plots of a tab, and their lines: topic and field with something between the names."""
+    plots = [
+        (f"{title}, {part} [{unit}]", [between.join((topic(name), "wrench", part, axis)) for axis in "xyz"])
+        for title, name in TABS[tab].items()
+        for part, unit in (("force", "N"), ("torque", "Nm"))
+    ]
     flags = FLAG_PLOTS.get(tab, ())
-    of_flags = [(", ".join(flags), [between.join((topic(flag), "data")) for flag in flags])] if flags else []
-    return [(plot.title, [between.join(line) for line in plot.lines()]) for plot in plots] + of_flags
+    return plots + ([(", ".join(flags), [between.join((topic(flag), "data")) for flag in flags])] if flags else [])
 
 
 def foxglove_layout() -> str:
     """JSON for "Import from file"."""
     panels: dict[str, Any] = {}
     tabs = []
-    for name, plots in TABS.items():
-        titled = _titled(name, plots, ".")
+    for name in TABS:
+        titled = _plots(name, ".")
         ids = [f"Plot!{name.lower()}{i}" for i in range(len(titled))]
         panels |= {one: _foxglove_plot(*content) for one, content in zip(ids, titled, strict=True)}
         rows = [_split("row", ids[i : i + 2]) for i in range(0, len(ids), 2)]
@@ -191,9 +173,9 @@ def plotjuggler_layout() -> str:
     """XML for "Load layout"."""
     root = ET.Element("root")
     window = ET.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
-    for name, plots in TABS.items():
+    for name in TABS:
         tab = ET.SubElement(window, "Tab", tab_name=name, containers="1")
-        titled = _titled(name, plots, "/")
+        titled = _plots(name, "/")
         rows = [titled[i : i + 2] for i in range(0, len(titled), 2)]
         column = _splitter(ET.SubElement(tab, "Container"), "-", len(rows))
         for row in rows:

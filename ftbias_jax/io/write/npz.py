@@ -16,9 +16,10 @@ import numpy as np
 
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.tables.array_files import load_arrays
+from ftbias_jax.io.write import selection
 from ftbias_jax.io.write.fields import LOG_UNITS
 from ftbias_jax.io.write.provenance import Provenance, as_text
-from ftbias_jax.io.write.selection import About, description_text
+from ftbias_jax.io.write.selection import About
 from ftbias_jax.types import Array
 
 COPY = 1 << 20
@@ -79,9 +80,8 @@ def save_npz_parts(
 
 
 def texts_of(names: Iterable[str], about: About) -> dict[str, Array]:
-    """Arrays of one text each, JSON: ``about`` with units, sign and frame, and ``provenance`` if it is known."""
-    texts = {"about": np.array(description_text(names, about))}
-    return texts if about.origin is None else texts | {"provenance": np.array(as_text(about.origin))}
+    """What is said beside the arrays as arrays of one text each."""
+    return {name: np.array(text) for name, text in selection.texts_of(names, about).items()}
 
 
 def texts_of_log(names: Iterable[str], reports: str, origin: Provenance) -> dict[str, Array]:

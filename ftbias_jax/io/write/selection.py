@@ -11,7 +11,7 @@ import numpy as np
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.write.fields import FIELDS, SIGN, SMOOTH
-from ftbias_jax.io.write.provenance import Provenance
+from ftbias_jax.io.write.provenance import Provenance, as_text
 from ftbias_jax.types import Array
 
 PRECISIONS = {"single": np.float32, "double": np.float64}
@@ -137,6 +137,7 @@ def description(names: Iterable[str], about: About) -> dict[str, Any]:
     }
 
 
-def description_text(names: Iterable[str], about: About) -> str:
-    """JSON on one line."""
-    return json.dumps(description(names, about), allow_nan=False)
+def texts_of(names: Iterable[str], about: About) -> dict[str, str]:
+    """JSON on a line each: ``about`` with units, sign and frame, and ``provenance`` if it is known."""
+    texts = {"about": json.dumps(description(names, about), allow_nan=False)}
+    return texts if about.origin is None else texts | {"provenance": as_text(about.origin)}

@@ -15,8 +15,7 @@ import numpy as np
 from ftbias_jax.io.atomic import write_atomic, write_json
 from ftbias_jax.io.limits.budget import need
 from ftbias_jax.io.write.fields import FIELDS, unit_of
-from ftbias_jax.io.write.provenance import as_text
-from ftbias_jax.io.write.selection import About, description, description_text
+from ftbias_jax.io.write.selection import About, description, texts_of
 from ftbias_jax.types import AXES, Array
 
 JOINT_ARRAYS = ("q", "dq", "ddq", "ddq_std")
@@ -75,9 +74,8 @@ def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], abou
         arrow.field(name, values.type, metadata={"unit": columns[name].unit, "description": columns[name].meaning})
         for name, values in made.items()
     ]
-    words = {"ftbias_about": description_text(arrays, about)}
-    if about.origin is not None:
-        words["ftbias"] = as_text(about.origin)
+    names = {"about": "ftbias_about", "provenance": "ftbias"}
+    words = {names[name]: text for name, text in texts_of(arrays, about).items()}
     content = arrow.table(list(made.values()), schema=arrow.schema(fields, metadata=words))
     # Measured numbers hardly repeat, but their first bytes do: so a file has half the size, and is written faster.
     floats = [name for name, column in columns.items() if column.values.dtype.kind == "f"]
