@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from ftbias_jax.errors import OutputError
-from ftbias_jax.setup.save import refuse_link, write_text
+from ftbias_jax.setup.save import refuse_link as refuse_link
 from ftbias_jax.setup.save import write_atomic as write_atomic
+from ftbias_jax.setup.save import write_text
 
 
 def write_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import LONG_PAUSE
-from ftbias_jax.io.health import Axis, Saturation, Still, extend, limits, mask, stuck
+from ftbias_jax.io.health import Axis, Saturation, Still, extend, mask
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.rates import LISTED, Repeats, extend_repeats, held_readings, missing_readings
 from ftbias_jax.types import AXES, Array
@@ -46,16 +46,8 @@ class Facts(NamedTuple):
     """(n,) rad, first measured position of every joint; NaN = never."""
     wrench_t: Array
     """(W,) s, stamps at which any axis of the wrench was measured."""
-    measured: Array
-    """(6,) samples of each axis."""
-    clipped: tuple[Saturation, ...]
-    """Of every axis."""
-    clipped_count: Array
-    """(6,) samples on those limits."""
-    stuck: tuple[tuple[Still, ...], ...]
-    """Of every axis, when it stood still for too long."""
-    stuck_count: Array
-    """(6,) samples of those stretches."""
+    axes: tuple[Axis, ...]
+    """Of the wrench: how often each was measured, and where it is clipped or stuck."""
     held: Mapping[str, HeldStream] = MappingProxyType({})
     """Array of the log -> its readings that were published more than once; joints and rates may have own clocks."""
     missing: Repairs = ()
@@ -86,10 +78,10 @@ def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, 
         repeats = np.isin(log.t, stream.t, assume_unique=True)
         columns[name] = np.where(repeats[:, None], np.nan, getattr(log, name))
     log = log._replace(**columns)
-    if not ((clipped and facts.clipped_count.any()) or (stuck and facts.stuck_count.any())):
+    ends = [axis.limits if clipped and axis.clipped else Saturation(np.nan, np.nan) for axis in facts.axes]
+    stretches = [axis.stuck if stuck else () for axis in facts.axes]
+    if np.isnan(ends).all() and not any(stretches):
         return log
-    nowhere = (Saturation(np.nan, np.nan),) * 6
-    ends, stretches = facts.clipped if clipped else nowhere, facts.stuck if stuck else ((),) * 6
     return log._replace(wrench=mask(log.t, log.wrench, ends, stretches))
 
 
@@ -100,27 +92,28 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: bool 
         used = ": each reading is used once" if held else ""
         repeats = f"{len(stream.t)} of {stream.of} repeat{used}"
         found.append(Repair(f"{STREAMS[name]} held for up to {stream.samples} samples, {repeats}"))
-    if facts.clipped_count.any():
+    axes = dict(zip(AXES, facts.axes, strict=True))
+    if any(axis.clipped for axis in facts.axes):
         what = "samples at the end of the sensor's range" + (" left out" if clipped else "")
-        counts = ", ".join(f"{count} of {axis}" for axis, count in zip(AXES, facts.clipped_count, strict=True) if count)
+        counts = ", ".join(f"{axis.clipped} of {name}" for name, axis in axes.items() if axis.clipped)
         found.append(Repair(f"{what}: {counts}", lost=clipped))
-    for axis, stretches, count in zip(AXES, facts.stuck, facts.stuck_count, strict=True):
-        if stretches:
-            what = f"{axis} stands still {_spans(stretches)}: {count} samples" + (" left out" if stuck else "")
+    for name, axis in axes.items():
+        if axis.stuck:
+            count = sum(still.samples for still in axis.stuck)
+            what = f"{name} stands still {_spans(axis.stuck)}: {count} samples" + (" left out" if stuck else "")
             found.append(Repair(what, lost=stuck))
-    if not facts.measured.all():
-        never = [axis for axis, count in zip(AXES, facts.measured, strict=True) if not count]
+    if never := [name for name, axis in axes.items() if not axis.samples]:
         found.append(Repair(f"never measured: {' '.join(never)}", lost=True))
     return (*found, *facts.missing)
 
 
 def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None:
     """Refuse a log of whose wrench nothing is left."""
-    if not facts.measured.any():
+    if not any(axis.samples for axis in facts.axes):
         remedy = "record the sensor's wrench"
         raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
-    left = facts.measured - clipped * facts.clipped_count - stuck * facts.stuck_count
-    if not left.any():
+    out = [axis.clipped * clipped + sum(still.samples for still in axis.stuck) * stuck for axis in facts.axes]
+    if out == [axis.samples for axis in facts.axes]:
         message = "no wrench data: every axis stands still, or is at the end of the sensor's range"
         raise LogError(message, file=file, field="wrench", remedy="check the sensor and its driver, and record again")
 
@@ -150,15 +143,6 @@ def _survey(split: Split) -> Facts:
             stamps[name].append(part.t[~np.isnan(values).all(1)])
             repeats[name] = extend_repeats(repeats[name], values)
         axes = [extend(axis, part.t, values) for axis, values in zip(axes, part.wrench.T, strict=True)]
-    clipped = tuple(map(limits, axes))
-    ends = [
-        (low == axis.low) * axis.low_count + (high == axis.high) * axis.high_count
-        for (low, high), axis in zip(clipped, axes, strict=True)
-    ]
-    pairs = zip(map(stuck, axes), clipped, strict=True)
-    stills = tuple(tuple(still for still in stretches if still.value not in ends) for stretches, ends in pairs)
-    counts = [sum(still.samples for still in stretches) for stretches in stills]
-    measured = np.array([axis.samples for axis in axes])
     every_t = {name: np.concatenate(kept) for name, kept in stamps.items()}
     helds = {}
     for name, t in every_t.items():
@@ -168,7 +152,7 @@ def _survey(split: Split) -> Facts:
     wrench_t, joint_t = every_t["wrench"], every_t["q"]
     of_joints = missing_readings(STREAMS["q"], joint_t, wrench_t)  # that they are slower is usual
     missing = *missing_readings(STREAMS["wrench"], wrench_t, joint_t), *(one for one in of_joints if one.lost)
-    return Facts(first_q, wrench_t, measured, clipped, np.array(ends), stills, np.array(counts), helds, missing)
+    return Facts(first_q, wrench_t, tuple(axes), helds, missing)
 
 
 def slices(*logs: Log) -> Split:

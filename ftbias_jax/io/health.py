@@ -82,6 +82,35 @@ class Axis(NamedTuple):
     """Samples on the smallest value."""
     high_count: int = 0
 
+    @property
+    def limits(self) -> Saturation:
+        """Where it is clipped: values that it holds at the end of its range, far longer than any within.
+
+        Resting and coarsely quantised axes hold every value for long, and are not taken for clipped.
+        """
+        least = max(SATURATED_RUN, 3 * self.inner_run) if self.low < self.high else np.inf
+        return Saturation(
+            self.low if self.low_run >= least else np.nan, self.high if self.high_run >= least else np.nan
+        )
+
+    @property
+    def clipped(self) -> int:
+        """Samples on its limits."""
+        low, high = self.limits
+        return (low == self.low) * self.low_count + (high == self.high) * self.high_count
+
+    @property
+    def stuck(self) -> tuple[Still, ...]:
+        """When it stood still for too long, though it otherwise has noise; () if it often repeats a value.
+
+        Coarse ones do that; and where it is clipped, it is not stuck.
+        """
+        long = (*self.long, self.now) if self.now.long else self.long
+        rest = self.samples - sum(still.samples for still in long)
+        if self.stretches - len(long) < (1 - COARSE) * rest:
+            return ()
+        return tuple(still for still in long if still.value not in self.limits)
+
 
 def extend(seen: Axis, t: Array, values: Array) -> Axis:
     """Take in the next samples (T,) of an axis at t (T,) s, NaN = not measured; the log may be cut anywhere."""
@@ -117,24 +146,6 @@ def extend(seen: Axis, t: Array, values: Array) -> Axis:
         low_count=int(counts[low].sum()),
         high_count=int(counts[high].sum()),
     )
-
-
-def stuck(seen: Axis) -> tuple[Still, ...]:
-    """The long stretches of an axis that otherwise has noise; () if it often repeats a value, as coarse ones do."""
-    long = (*seen.long, seen.now) if seen.now.long else seen.long
-    rest = seen.samples - sum(still.samples for still in long)
-    return long if seen.stretches - len(long) >= (1 - COARSE) * rest else ()
-
-
-def limits(seen: Axis) -> Saturation:
-    """Where an axis is clipped: values it holds at the end of its range, far longer than any within.
-
-    Resting and coarsely quantised axes hold every value for long, and are not taken for clipped.
-    """
-    if not seen.low < seen.high:
-        return Saturation(np.nan, np.nan)
-    least = max(SATURATED_RUN, 3 * seen.inner_run)
-    return Saturation(seen.low if seen.low_run >= least else np.nan, seen.high if seen.high_run >= least else np.nan)
 
 
 def mask(t: Array, wrench: Array, clipped: Sequence[Saturation], stuck: Sequence[Sequence[Still]]) -> Array:
@@ -189,9 +200,9 @@ def stream_info(
         axis = extend(Axis(), t, column)
         if missing:
             trouble.append(f"{label}: {100 * missing:.3g} % not measured")
-        if sensor and (stretches := stuck(axis)):
-            trouble.append(f"{label}: stuck for {max(still.last - still.first for still in stretches):.3g} s")
-        if sensor and (ends := " and ".join(f"{end:.6g}" for end in limits(axis) if not np.isnan(end))):
+        if sensor and axis.stuck:
+            trouble.append(f"{label}: stuck for {max(still.last - still.first for still in axis.stuck):.3g} s")
+        if sensor and (ends := " and ".join(f"{end:.6g}" for end in axis.limits if not np.isnan(end))):
             trouble.append(f"{label}: saturated at {ends}")
     readings = values[:, : len(names)] if kind == JOINT_STATE else values
     if (repeated := find_held(readings)) is not None:

@@ -10,7 +10,7 @@ from recordings import SECOND, START, Joints, Wrench
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
-from ftbias_jax.io.health import Axis, extend, stuck
+from ftbias_jax.io.health import Axis, extend
 from ftbias_jax.io.log import Repair
 from ftbias_jax.io.parts import open_log
 
@@ -261,7 +261,7 @@ def test_a_stuck_axis_is_found(tmp_path, setup):
     wrench[100:400, 4] = 0.5
     np.savez(tmp_path / "log.npz", t=t, q=np.zeros((500, 2)), wrench=wrench)
     log = read_log(tmp_path / "log.npz", setup, raw=True)
-    assert [len(stuck(extend(Axis(), log.t, axis))) for axis in log.wrench.T] == [0, 0, 0, 0, 1, 0]
+    assert [len(extend(Axis(), log.t, axis).stuck) for axis in log.wrench.T] == [0, 0, 0, 0, 1, 0]
 
 
 def test_shuffled_joints_are_matched_by_name(tmp_path, setup):

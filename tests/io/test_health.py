@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftbias_jax.io.health import Axis, Still, extend, gaps, limits, mask, sample_rate, stuck
+from ftbias_jax.io.health import Axis, Still, extend, gaps, mask, sample_rate
 
 T = np.arange(1000) * 0.01
 NOISE = np.random.default_rng(0).normal(size=1000)
@@ -14,11 +14,11 @@ def seen_of(values):
 
 
 def saturation(values):
-    return limits(seen_of(values))
+    return seen_of(values).limits
 
 
 def stuck_seconds(values):
-    return max((still.last - still.first for still in stuck(seen_of(values))), default=0)
+    return max((still.last - still.first for still in seen_of(values).stuck), default=0)
 
 
 def test_rate_and_gaps():
@@ -71,7 +71,7 @@ def test_stretches_that_stand_still_do_not_depend_on_parts(values, runs, cuts):
     seen = Axis()
     for part, stamps in zip(np.split(values, sorted(cuts)), np.split(t, sorted(cuts)), strict=True):
         seen = extend(seen, stamps, part)
-    assert stuck(seen) == stuck(extend(Axis(), t, values))
+    assert seen.stuck == extend(Axis(), t, values).stuck
     assert seen == extend(Axis(), t, values)
     expected, start = [], None  # a loop over the measured samples
     measured = np.flatnonzero(~np.isnan(values))
@@ -118,7 +118,7 @@ def test_clipped_samples_are_masked():
 def test_stuck_axes_are_masked_while_they_are_stuck():
     wrench = np.random.default_rng(1).normal(size=(1000, 6))
     wrench[300:600, 1] = 0.25
-    held = [stuck(extend(Axis(), T, axis)) for axis in wrench.T]
+    held = [extend(Axis(), T, axis).stuck for axis in wrench.T]
     masked = mask(T, wrench, [saturation(axis) for axis in wrench.T], held)
     wrench[300:600, 1] = np.nan
     np.testing.assert_array_equal(masked, wrench)

@@ -5,7 +5,7 @@ import pytest
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import cleaning, parts, read_log
-from ftbias_jax.io.health import Axis, extend, limits
+from ftbias_jax.io.health import Axis, extend
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.parts import open_log
 
@@ -62,9 +62,10 @@ def test_facts_of_the_whole_log(tmp_path, setup):
     opened = open_log(tmp_path / "log.npz", setup)
     facts, clipped = opened.facts, log["wrench"][:, 2] == 5
     np.testing.assert_array_equal(facts.first_q, [log["q"][0, 0], log["q"][100, 1]])
-    np.testing.assert_array_equal(facts.measured, [T / 2] * 4 + [0, T / 2])
+    np.testing.assert_array_equal([axis.samples for axis in facts.axes], [T / 2] * 4 + [0, T / 2])
     np.testing.assert_allclose(facts.wrench_t, log["t"][1::2] - log["t"][0])
-    np.testing.assert_array_equal(facts.clipped, [limits(extend(Axis(), log["t"], axis)) for axis in log["wrench"].T])
+    expected = [extend(Axis(), log["t"], axis).limits for axis in log["wrench"].T]
+    np.testing.assert_array_equal([axis.limits for axis in facts.axes], expected)
     assert clipped.sum() > 50
     assert [repair.what for repair in opened.repairs] == [
         f"samples at the end of the sensor's range left out: {clipped.sum()} of fz",

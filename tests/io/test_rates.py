@@ -138,7 +138,7 @@ def test_an_axis_that_is_stuck_in_a_held_log_is_found(tmp_path):
     nothing = np.full((4000, 1), np.nan)
     log = Log(np.arange(4000) * 0.002, nothing, nothing, values, nothing[:, 0])
     facts = survey(slices(log))
-    assert [len(stretches) for stretches in facts.stuck] == [0, 0, 0, 0, 1, 0]
+    assert [len(axis.stuck) for axis in facts.axes] == [0, 0, 0, 0, 1, 0]
     assert np.isnan(leave_out(log, facts).wrench[1::2]).all()
 
 

@@ -47,7 +47,27 @@ def wanted_of(setup: Setup) -> Wanted:
     return Wanted(setup.pose is not None, fields)
 
 
-def choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
+def choose(recording: Recording, quantities: Sequence[str], setup: Setup, file: str) -> Chosen:
+    """The streams with the wanted quantities, of which the first must be there."""
+    first, chosen = quantities[0], Chosen()
+    if "velocity" in quantities:
+        chosen |= _choose_rates(recording, setup, file)
+        if first == "velocity" and not chosen and setup.pose is not None:
+            remedy = 'name its topic in the setup: [log.topics] imu = "..." or velocity = "/topic:field"'
+            raise LogError("there is no IMU", file=file, field="velocity", remedy=remedy)
+    if "position" in quantities or (first == "velocity" and not chosen):  # messages of joints have velocities too
+        chosen = _choose_motion(recording, setup, file) | chosen
+    if "wrench" in quantities:
+        chosen |= _choose_readings(recording, setup, file)
+    elif "temperature" in quantities:
+        chosen |= _choose_temperature(recording, setup, file)
+    if not chosen:
+        remedy = 'name it in the setup: [log.topics] temperature = "..."'
+        raise LogError("no topic, or several, have a temperature", file=file, field="temperature", remedy=remedy)
+    return chosen
+
+
+def _choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
     """Joints or pose."""
     if POSITION in setup.log.topics:
         width = len(setup.robot.joint_names) if setup.pose is None else setup.pose.columns[0]
@@ -60,7 +80,7 @@ def choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
     return {"q": ("pose", pose._replace(values=in_setup_order(pose.values, setup.pose)))}
 
 
-def choose_rates(recording: Recording, setup: Setup, file: str) -> Chosen:
+def _choose_rates(recording: Recording, setup: Setup, file: str) -> Chosen:
     """Velocities of the joints, or what an IMU says, where they are of other messages than the positions; {} if not."""
     if VELOCITY in setup.log.topics:
         width = len(setup.robot.joint_names) if setup.pose is None else setup.pose.columns[1]
@@ -69,7 +89,7 @@ def choose_rates(recording: Recording, setup: Setup, file: str) -> Chosen:
     return {} if imu is None else {"dq": (IMU, imu)}
 
 
-def choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:
+def _choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:
     """The wrench, and the temperature if there is one."""
     found = _of_role(recording, WRENCH, setup)
     if not found:
@@ -77,7 +97,7 @@ def choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:
     wrenches = _choose(WRENCH, found, setup, file)
     wrench = _in_one_frame(wrenches, "wrenches", WRENCH, "record one sensor on a topic", file)
     _check_width(wrench, WRENCH, 6, file)
-    return {"wrench": (WRENCH, wrench), **choose_temperature(recording, setup, file)}
+    return {"wrench": (WRENCH, wrench), **_choose_temperature(recording, setup, file)}
 
 
 def _in_one_frame(streams: Sequence[Stream], what: str, field: str, remedy: str, file: str) -> Stream:
@@ -89,7 +109,7 @@ def _in_one_frame(streams: Sequence[Stream], what: str, field: str, remedy: str,
     return streams[0]
 
 
-def choose_temperature(recording: Recording, setup: Setup, file: str) -> Chosen:
+def _choose_temperature(recording: Recording, setup: Setup, file: str) -> Chosen:
     """The temperature; {} if there is none, or if nobody says which of several it is."""
     found = _of_role(recording, TEMPERATURE, setup)
     named = TEMPERATURE in setup.log.topics

@@ -10,7 +10,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import Part, log_of_parts, on_one_clock
 from ftbias_jax.io.clock import complaint_of_headers, continue_after_jumps, jumps, order_repairs, tidy
 from ftbias_jax.io.log import Log, Repair
-from ftbias_jax.io.ros.choose import Chosen, choose_motion, choose_rates, choose_readings, refuse_columns, wanted_of
+from ftbias_jax.io.ros.choose import Chosen, choose, refuse_columns, wanted_of
 from ftbias_jax.io.ros.messages import JOINTS, WRENCH
 from ftbias_jax.io.ros.record import Recording, Stream, read_recording
 from ftbias_jax.setup.recorded import HEADER, RECEIPT
@@ -42,8 +42,7 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Log:
     """The log in a recording that is read already; see ``read_ros``."""
     mended: list[Repair] = []
     recording = credible(recording, mended)
-    chosen = choose_motion(recording, setup, file) | choose_rates(recording, setup, file)
-    chosen |= choose_readings(recording, setup, file)
+    chosen = choose(recording, ("position", "velocity", "wrench", "temperature"), setup, file)
     parts = on_one_clock(parts_of(chosen, setup, mended, file), setup.log.time_offsets, file)
     log = log_of_parts(parts, setup, tuple(mended), file)
     return log._replace(frame=chosen["wrench"][1].names[0])

@@ -15,15 +15,7 @@ from ftbias_jax.io.check import FURTHER, Part, further_columns, log_of_parts
 from ftbias_jax.io.clock import as_stamps, later, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.remote import check_links, check_patterns, exists, is_url, opened
-from ftbias_jax.io.ros.choose import (
-    Chosen,
-    choose_motion,
-    choose_rates,
-    choose_readings,
-    choose_temperature,
-    refuse_columns,
-    wanted_of,
-)
+from ftbias_jax.io.ros.choose import choose, refuse_columns, wanted_of
 from ftbias_jax.io.ros.read import credible, parts_of
 from ftbias_jax.io.ros.record import SUFFIXES, is_ros, read_recording
 from ftbias_jax.io.tables.arrays import (
@@ -151,24 +143,8 @@ def _of_recording(
     refuse_columns(setup, [key for key in quantities if key in (quantities[0], "velocity")], file)
     mended: list[Repair] = []
     recording = credible(read_recording(file, salvage=salvage, wanted=wanted_of(setup)), mended)
-    chosen: Chosen = {}
-    if "velocity" in quantities:
-        chosen |= choose_rates(recording, setup, file)
-        if quantities[0] == "velocity" and not chosen:
-            if setup.pose is not None:
-                remedy = 'name its topic in the setup: [log.topics] imu = "..." or velocity = "/topic:field"'
-                raise LogError("there is no IMU", file=file, field="velocity", remedy=remedy)
-            chosen |= choose_motion(recording, setup, file)  # the messages of joints have velocities too
-    if "position" in quantities:
-        chosen |= choose_motion(recording, setup, file)
-    if "wrench" in quantities:
-        chosen |= choose_readings(recording, setup, file)
-    elif "temperature" in quantities:
-        chosen |= choose_temperature(recording, setup, file)
+    chosen = choose(recording, quantities, setup, file)
     wanted = {NAMES[quantity] for quantity in quantities}
-    if quantities[0] == "temperature" and not chosen:
-        remedy = 'name it in the setup: [log.topics] temperature = "..."'
-        raise LogError("no topic, or several, have a temperature", file=file, field="temperature", remedy=remedy)
     parts = [
         (t, {name: values for name, values in arrays.items() if name in wanted})
         for t, arrays in parts_of(chosen, setup, mended, file)
