@@ -99,7 +99,7 @@ def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bo
     others = tuple(topic for topic in recording.topics if topic.name not in used)
     repairs = tuple(Repair(damage, lost=True) for damage in recording.damage)
     roles = {stream.role for stream in recording.streams}
-    by_field = has_pose or any(field.role == POSITION for field in wanted.fields)
+    by_field = has_pose or any(role == POSITION for role, *_ in wanted.fields)
     needed = {WRENCH: f"a wrench ({WRENCH_STAMPED})"} | ({} if by_field else {JOINTS: f"joints ({JOINT_STATE})"})
     missing = [words for role, words in sorted(needed.items()) if role not in roles]
     if setup is None and WRENCH in roles and JOINTS not in roles and roles & {POSE, TRANSFORM}:

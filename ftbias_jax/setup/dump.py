@@ -70,7 +70,8 @@ def lines_of(setup: Setup) -> list[Line]:
 def _robot(robot: RobotSetup) -> Iterable[Line]:
     if robot.name is not None:
         yield Line("[robot]", "name", robot.name)
-    is_built_in = _is_built_in(robot)
+    # The model's name says it all, unless a screw was corrected: such a copy must write its screws.
+    is_built_in = robot.model in BUILT_IN and same_screws(robot, built_in_robot(robot.model))
     if is_built_in:
         yield Line("[robot]", "model", robot.model)
         yield Line("[robot]", "joint_names", robot.joint_names)
@@ -87,11 +88,6 @@ def _robot(robot: RobotSetup) -> Iterable[Line]:
             yield Line("[[robot.joints]]", "point", np.cross(axis, screw[:3]), "m, nearest to the origin")
         yield Line("[[robot.joints]]", "type", "revolute" if revolute else "prismatic")
         yield Line("[[robot.joints]]", "name", name)
-
-
-def _is_built_in(robot: RobotSetup) -> bool:
-    """Whether the model's name says it all: a copy with a corrected screw must write its screws."""
-    return robot.model in BUILT_IN and same_screws(robot, built_in_robot(robot.model))
 
 
 def same_screws(one: RobotSetup, two: RobotSetup) -> bool:

@@ -183,14 +183,19 @@ def vector(
         expand: one number stands for all; of six, two stand for three forces and three torques.
     """
     sizes = sizes_of(size, expand)
-    remedy = f"give {_spell(sizes)}, each {within.words}"
+    words = {1: "one number", 2: "two (force, torque)"}
+    counts = " or ".join(words.get(count, f"{count} numbers") for count in sizes)
+    remedy = f"give {counts}, each {within.words}"
     value = require(section, key, remedy) if default is None else section.values.get(key, default)
     flat = value if isinstance(value, list | tuple | np.ndarray) else [value]
     if not all(isinstance(item, int | float) and not isinstance(item, bool) for item in flat):
         raise section.error(key, f"expected numbers, got {show(value)}", remedy)
     if len(flat) not in sizes:
         raise section.error(key, f"has {len(flat)} numbers", remedy)
-    numbers = _floats(flat)
+    try:
+        numbers = np.array([float(item) for item in flat])
+    except OverflowError:  # TOML integers are unbounded
+        numbers = np.array([np.inf])
     if not np.isfinite(numbers).all() or not within.holds(numbers):
         raise section.error(key, f"got {show(value)}", remedy)
     if np.abs(numbers).max() > LARGEST:
@@ -201,15 +206,3 @@ def vector(
 def sizes_of(size: int, expand: bool) -> list[int]:
     """How many numbers may be written for ``size`` of them."""
     return sorted({size} | ({1} if expand else set()) | ({2} if expand and size == 6 else set()))
-
-
-def _floats(items: Iterable[float]) -> Array:
-    try:
-        return np.array([float(item) for item in items])
-    except OverflowError:  # TOML integers are unbounded
-        return np.array([np.inf])
-
-
-def _spell(sizes: Iterable[int]) -> str:
-    words = {1: "one number", 2: "two (force, torque)"}
-    return " or ".join(words.get(size, f"{size} numbers") for size in sizes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
@@ -37,19 +36,12 @@ Read = Callable[[Keys], tuple[Setup, Log]]
 """Reads the log with further keys."""
 
 
-class Reading(NamedTuple):
-    """One way of reading the log, and what gravity leaves then."""
-
-    keys: Keys
-    weighed: Weighed
-
-
-def best_reading(ways: Iterator[Keys], read: Read) -> Reading | None:
-    """The way that leaves least of the forces; the first one, unless another leaves much less.
+def best_reading(ways: Iterator[Keys], read: Read) -> tuple[Keys, Weighed] | None:
+    """The way that leaves least of the forces, and what it shows; the first one, unless another leaves much less.
 
     None, if the motion shows nothing of gravity in any way.
     """
-    best: Reading | None = None
+    best: tuple[Keys, Weighed] | None = None
     for keys in ways:
         try:
             setup, log = read(keys)
@@ -58,8 +50,8 @@ def best_reading(ways: Iterator[Keys], read: Read) -> Reading | None:
                 raise
             continue
         found = weigh(log.t, sensor_rotations(log.t, log.q, setup), setup.robot.gravity, log.wrench)
-        if found and (best is None or found.residual < BETTER * best.weighed.residual):
-            best = Reading(keys, found)
+        if found and (best is None or found.residual < BETTER * best[1].residual):
+            best = keys, found
     return best
 
 

@@ -125,7 +125,8 @@ def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
     stated = from_table(request.dh) if request.dh else from_urdf(request.urdf, *links, folder) if request.urdf else {}
     if len(request.logs) != 1 or not is_ros(request.logs[0]):
         tables = [look(path) for path in request.logs]
-        if not stated and not _poses_alone(tables) and (request.robot or not any(x.orientation for x in tables)):
+        has_pose = any(table.orientation for table in tables)  # then no robot need be known
+        if not stated and not (has_pose and (not request.robot or not any(table.joints for table in tables))):
             names = next((table.names for table in tables if table.names), ())
             by_columns = any(table.header for table in tables)  # then [log.columns] gives their order
             stated = built_in(_named(request, names), () if by_columns else names)
@@ -141,11 +142,6 @@ def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
     if "robot.urdf" in stated and recorded.frame:
         mounted = mounting(load_urdf(request.urdf or path), str(stated["robot.tip_link"].value), recorded.frame)
     return {**stated, **(mounted or sensor_frame(recorded)), **recorded.keys}, urdf, []
-
-
-def _poses_alone(tables: Sequence[Table]) -> bool:
-    """Whether the log has the sensor's pose and no joints, so that no robot need be known."""
-    return any(table.orientation for table in tables) and not any(table.joints for table in tables)
 
 
 def _named(request: Request, recorded: Sequence[str]) -> str:
@@ -180,9 +176,9 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
         keys |= {"sensor_pose.linear": Known("none"), "sensor_pose.orientation": Known(body.orientation)}
         if not any("gyroscope" in table.has for table in tables):
             keys["sensor_pose.gyroscope"] = Known(False, "none is recorded")
-        best = best_reading(ways_of(body), read)
-        keys |= best.keys if best else {}
-        keys |= _of_motion(tables, body, best.weighed if best else None, read)
+        best, weighed = best_reading(ways_of(body), read) or ({}, None)
+        keys |= best
+        keys |= _of_motion(tables, body, weighed, read)
     elif tables and "log.angle_unit" not in keys and max(table.joints for table in tables):
         keys |= _degrees(read)
     setup, log = read({})

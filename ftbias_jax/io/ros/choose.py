@@ -21,7 +21,7 @@ from ftbias_jax.io.ros.messages import (
     types_with,
 )
 from ftbias_jax.io.ros.pose import in_setup_order, pose_streams
-from ftbias_jax.io.ros.record import Field, Recording, Stream, Wanted
+from ftbias_jax.io.ros.record import Recording, Stream, Wanted
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.types import Setup
@@ -43,7 +43,7 @@ def refuse_columns(setup: Setup, quantities: Collection[str], file: str = "") ->
 def wanted_of(setup: Setup) -> Wanted:
     """What a setup wants of a recording beside joints, wrenches and temperatures."""
     named = [(role, *topic.partition(":")) for role, topic in setup.log.topics.items() if role in BY_FIELD]
-    fields = tuple(Field(role, topic, path) for role, topic, colon, path in named if colon)
+    fields = tuple((role, topic, path) for role, topic, colon, path in named if colon)
     return Wanted(setup.pose is not None, fields)
 
 

@@ -42,16 +42,8 @@ STORES = ("ROS2_HUMBLE", "LATEST")
 """Of the package rosbags, which is asked for types of ROS 2 that are not common, if it is installed."""
 
 
-class Part(NamedTuple):
-    """One name of a path, and which entries of it."""
-
-    name: str
-    chosen: slice
-    """All of them, if nothing is said."""
-
-
-Path = tuple[Part, ...]
-"""From the message inwards; () = the message itself."""
+Path = tuple[tuple[str, slice], ...]
+"""Names from the message inwards, and which entries of each, all of them if nothing is said; () = the message."""
 
 
 class Plan(NamedTuple):
@@ -77,15 +69,15 @@ def parse_paths(text: str) -> tuple[Path, ...]:
     return tuple(tuple(_part(word.strip()) for word in path.split(".") if path.strip()) for path in text.split(","))
 
 
-def _part(word: str) -> Part:
+def _part(word: str) -> tuple[str, slice]:
     found = _PART.fullmatch(word)
     if found is None or "[]" in word:
         raise PathError(f"{word[:40]!r} is no field", "write names with dots between them: state.tau[0:6]")
     _, first, colon, last = found.groups()
     if first is None and last is None:
-        return Part(found[1], slice(None))
+        return found[1], slice(None)
     start = int(first or 0)
-    return Part(found[1], slice(start, int(last) if last else None) if colon else slice(start, start + 1))
+    return found[1], slice(start, int(last) if last else None) if colon else slice(start, start + 1)
 
 
 def make_plan(types: Types, root: str, text: str) -> Plan:
@@ -94,24 +86,21 @@ def make_plan(types: Types, root: str, text: str) -> Plan:
     paths = parse_paths(text)
     for path in paths:
         kind = root
-        for part in path:
+        for name, chosen in path:
             fields = {field.name: field for field in types.get(kind, ())}
-            if part.name not in fields:
-                raise PathError(f"{kind} has no field {part.name!r}", nearest(part.name, fields))
-            field = fields[part.name]
-            if field.length is None and part.chosen != slice(None):
-                raise PathError(f"{part.name!r} of {kind} is no list", "leave the brackets out")
-            kind = field.type
+            if name not in fields:
+                raise PathError(f"{kind} has no field {name!r}", nearest(name, fields))
+            if fields[name].length is None and chosen != slice(None):
+                raise PathError(f"{name!r} of {kind} is no list", "leave the brackets out")
+            kind = fields[name].type
         if kind in TEXTS:
-            raise PathError(f"{path[-1].name!r} is text", "name a field of numbers")
-    return Plan({name: _stored(types[name], least) for name in least}, root, least, paths)
-
-
-def _stored(fields: Sequence[Field], least: dict[str, int]) -> tuple[Field, ...]:
-    """The fields that take room: a type may have any number of others, which nobody shall walk through."""
-    return tuple(
-        field for field in fields if field.length == SEQUENCE or (field.length != 0 and least.get(field.type) != 0)
-    )
+            raise PathError(f"{path[-1][0]!r} is text", "name a field of numbers")
+    # A type may have any number of fields that take no room, which nobody shall walk through.
+    kept = {
+        name: tuple(x for x in types[name] if x.length == SEQUENCE or (x.length != 0 and least.get(x.type) != 0))
+        for name in least
+    }
+    return Plan(kept, root, least, paths)
 
 
 def take(plan: Plan, data: bytes, encoding: str) -> Reading:
@@ -144,10 +133,10 @@ _Wanted = Sequence[tuple[Path, list[float]]]
 def _walk(plan: Plan, cursor: Cursor, kind: str, wanted: _Wanted) -> None:
     """Read a value of a type, and what is wanted of it; nothing is read behind the last field that is."""
     fields = plan.types[kind]
-    of_field = [[(path, out) for path, out in wanted if not path or path[0].name == field.name] for field in fields]
+    of_field = [[(path, out) for path, out in wanted if not path or path[0][0] == field.name] for field in fields]
     last = max((i for i, some in enumerate(of_field) if some), default=-1) if kind == plan.root else len(fields)
     for field, some in zip(fields[: last + 1], of_field, strict=False):
-        inner = [(path[0].chosen if path else slice(None), path[1:], out) for path, out in some]
+        inner = [(path[0][1] if path else slice(None), path[1:], out) for path, out in some]
         if field.type in TEXTS:
             for _ in range(_count(cursor, field, 4)):
                 if field.type == "wstring":

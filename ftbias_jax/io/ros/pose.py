@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import reduce
 
 import numpy as np
@@ -33,7 +33,8 @@ def _follow_frames(recording: Recording, pose: PoseSetup, file: str) -> Stream:
     links = {stream.names[1]: stream for stream in recording.streams if stream.role == TRANSFORM}
     to_frame = _from_root(links, pose.frame, file)
     to_base = _from_root(links, pose.base, file) if pose.base else []
-    if pose.base and _root(to_frame, pose.frame) != _root(to_base, pose.base):
+    roots = [chain[0].names[0] if chain else frame for chain, frame in ((to_frame, pose.frame), (to_base, pose.base))]
+    if pose.base and roots[0] != roots[1]:
         message = f"the frames {pose.base!r} and {pose.frame!r} of TF are not connected"
         raise LogError(message, file=file, field="sensor_pose.base", remedy="name frames of one tree")
     shared = sum(one is other for one, other in zip(to_frame, to_base, strict=False))
@@ -68,10 +69,6 @@ def _from_root(links: Mapping[str, Stream], frame: str, file: str) -> list[Strea
         chain.insert(0, links[frame])
         frame = links[frame].names[0]
     return chain
-
-
-def _root(chain: Sequence[Stream], frame: str) -> str:
-    return chain[0].names[0] if chain else frame
 
 
 def _inverse(values: Array) -> Array:

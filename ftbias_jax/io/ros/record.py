@@ -69,21 +69,13 @@ class Stream(NamedTuple):
     quaternion; (T, 6) angular velocity and acceleration of an IMU, or the latter (T, 3); (T, 1) a temperature."""
 
 
-class Field(NamedTuple):
-    """Fields of a topic that the setup names."""
-
-    role: str
-    topic: str
-    fields: str
-    """Paths, separated by commas."""
-
-
 class Wanted(NamedTuple):
     """What is to be read of a recording beside joints, wrenches and temperatures."""
 
     poses: bool = False
     """Poses, transforms, IMUs and the robot's description."""
-    fields: tuple[Field, ...] = ()
+    fields: tuple[tuple[str, str, str], ...] = ()
+    """Role, topic, and paths of its fields, separated by commas, as the setup names them."""
 
 
 NOTHING_ELSE = Wanted()

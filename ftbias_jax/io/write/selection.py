@@ -96,15 +96,13 @@ def selected_parts(parts: Iterable[Mapping[str, Array]], selection: Selection) -
             rows = np.diff(ticks, prepend=tick) > 0
             tick = ticks[-1] if len(t) else tick
         count += len(t)
-        yield {
-            name: _as_precise(name, np.asarray(values), wanted)[rows if np.ndim(values) else ...]
-            for name, values in part.items()
-            if not selection.fields or name == "t" or name in selection.fields
+        kept = {name: np.asarray(part[name]) for name in part if name in ("t", *(selection.fields or part))}
+        kept |= {
+            name: values.astype(wanted)
+            for name, values in kept.items()
+            if values.dtype.kind == "f" and name not in ALWAYS_DOUBLE
         }
-
-
-def _as_precise(name: str, values: Array, wanted: type) -> Array:
-    return values if name in ALWAYS_DOUBLE or values.dtype.kind != "f" else values.astype(wanted)
+        yield {name: values[rows] if values.ndim else values for name, values in kept.items()}
 
 
 class About(NamedTuple):
