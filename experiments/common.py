@@ -14,6 +14,7 @@ from ftbias_jax.cli.commands import demo
 from ftbias_jax.model import simulate
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import Trajectory
+from ftbias_jax.model.trajectories import excitation_sines
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.types import Sample
 
@@ -26,7 +27,7 @@ TOP_SPEED = 1.5  # rad/s
 
 def sines(seed, t):
     """Every joint swings all the time; the fastest of its sines has 0.2 Hz."""
-    return simulate.excitation_sines(jax.random.key(seed), t, jnp.array(demo.CENTER), jnp.array(demo.EXCURSION))
+    return excitation_sines(jax.random.key(seed), t, jnp.array(demo.CENTER), jnp.array(demo.EXCURSION))
 
 
 def moves(seed, t):

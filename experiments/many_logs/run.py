@@ -16,8 +16,7 @@ import jax
 import numpy as np
 
 import ftbias_jax as ft
-from ftbias_jax.calibration.batching import equal_parts
-from ftbias_jax.calibration.tune import PIECES_AT_ONCE
+from ftbias_jax.calibration.tune import PIECES_AT_ONCE, equal_parts
 from ftbias_jax.filtering.samples import arrays_from_log
 from ftbias_jax.runtime.pieces import PIECE
 

@@ -10,7 +10,7 @@ import numpy as np
 
 import ftbias_jax as ft
 from ftbias_jax.model.params import params_from_setup
-from ftbias_jax.model.wrench.tool_wrench import tool_parameters, tool_wrench
+from ftbias_jax.model.wrench.tool_wrench import motion_and_wrench, tool_parameters
 
 KUKA_RUNS = ("base", "vib", "contact")
 ROUNDS = 5
@@ -49,12 +49,12 @@ def with_least_squares_tool(setup, result):
         result: of filtering the log, for its smoothed joints or pose.
     """
     params = params_from_setup(setup)
-    one = partial(tool_wrench, params.arm, params.gravity)
+    one = partial(motion_and_wrench, params.arm, params.gravity)
 
     @jax.jit
     @partial(jax.vmap, in_axes=(None, 0, 0, 0))
     def data(theta, q, dq, ddq):
-        return jax.jacobian(lambda x: one(x, q, dq, ddq))(theta)
+        return jax.jacobian(lambda x: one(x, q, dq, ddq)[1])(theta)
 
     D = np.asarray(data(params.theta, result.q, result.dq, result.ddq))
     reading = result.wrench_unbiased - result.bias

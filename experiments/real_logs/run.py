@@ -16,7 +16,7 @@ import by_hand
 from common import keep, rounded
 
 import ftbias_jax as ft
-from ftbias_jax.calibration.tool.crosstalk import find_channels, with_channels
+from ftbias_jax.calibration.tool.channels import find_channels, with_channels
 from ftbias_jax.calibration.tool.steady import steady_bias
 from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.method.passes import GATE

@@ -17,7 +17,7 @@ import numpy as np
 
 from ftbias_jax.filtering import likelihood, pipeline
 from ftbias_jax.filtering.fast import stages
-from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
+from ftbias_jax.model.wrench.tool_wrench import DataNoise, data_variance
 
 RATE, LENGTH, ROUNDS = 1e-3, 60_000, 7
 PARAMS = common.PARAMS._replace(joint=common.PARAMS.joint._replace(process_density=jnp.full(7, 30.0)))

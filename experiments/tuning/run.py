@@ -13,9 +13,9 @@ sys.path.append(str(Path(__file__).parents[1]))
 from common import PARAMS, keep, rounded
 
 from ftbias_jax.calibration import tune
-from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.noise.score import WrenchLogs
 from ftbias_jax.calibration.noise.values import JOINT_NAMES, WRENCH_NAMES
+from ftbias_jax.calibration.tune import stack
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.filtering import pipeline, process_models
 from ftbias_jax.filtering.fast import stages

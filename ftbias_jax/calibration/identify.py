@@ -11,7 +11,7 @@ import numpy as np
 
 from ftbias_jax.calibration.tool import physical, shown
 from ftbias_jax.calibration.tool.mounting import likely_rotation
-from ftbias_jax.calibration.tool.physical import FIXED, NAMES, PRIOR_STD, UNITS
+from ftbias_jax.calibration.tool.physical import FIXED, NAMES, PRIOR_STD
 from ftbias_jax.filtering import innovation_regression, likelihood, pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.innovation_regression import Linear, Prior
@@ -21,8 +21,6 @@ from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.rotations import vector_from_rotation
 from ftbias_jax.types import Array, Gaussian, Sample
-
-__all__ = ["NAMES", "UNITS", "Identified", "identify"]
 
 MAX_ITERATIONS = 10
 MOUNTING_STD, GRAVITY_STD = 0.3, 0.1
@@ -59,11 +57,11 @@ class Identified(NamedTuple):
     """(6,) N, Nm at the end of the log; the report's sign: unbiased = measured + bias."""
     bias_stderr: np.ndarray
     """(6,)."""
-    excess: float
+    excess: float = np.nan
     """Size of the innovations that remain, in units of what the setup's noise expects."""
-    gain: float
+    gain: float = np.nan
     """nats over the start, as the log's own scatter counts them."""
-    converged: bool
+    converged: bool = False
     left: np.ndarray = np.zeros((0, 6))
     """(T, 6) N, Nm: the reading less what the tool found explains of it, NaN = not measured; none of static poses."""
 
@@ -181,9 +179,6 @@ def _identified(
         bias_stderr=np.sqrt(
             found.dispersion * linear.bias_variance + np.einsum("ap,pq,aq->a", to_bias, covariance, to_bias)
         ),
-        excess=np.nan,
-        gain=np.nan,
-        converged=False,
     )
 
 

@@ -16,8 +16,8 @@ from ftbias_jax.calibration.tool.static import Estimate, Problem, estimate, weig
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.model.kinematics.recorded_pose import motion_of
 from ftbias_jax.model.params import params_from_setup
-from ftbias_jax.setup.rotations import skew, vector_from_rotation
 from ftbias_jax.setup.require import orientation_alone
+from ftbias_jax.setup.rotations import skew, vector_from_rotation
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -98,8 +98,6 @@ def _identified(setup: Setup, found: Estimate, kept: Array, mounting: bool, grav
         remarks=(*of_weight, *[KEPT] * 6),
         bias=found.bias,
         bias_stderr=found.bias_std,
-        excess=np.nan,
-        gain=np.nan,
         converged=found.converged,
     )
 

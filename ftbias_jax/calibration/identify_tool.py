@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ftbias_jax.calibration.identify import NAMES, UNITS, Identified, identify
+from ftbias_jax.calibration.identify import Identified, identify
 from ftbias_jax.calibration.identify_poses import PoseReport, identify_poses
-from ftbias_jax.calibration.tool import crosstalk as sensor_channels
-from ftbias_jax.calibration.tool.channels import Channels
+from ftbias_jax.calibration.tool.channels import Channels, channels_in_words, find_channels, with_channels
+from ftbias_jax.calibration.tool.physical import NAMES, UNITS
 from ftbias_jax.calibration.tool.steady import SteadyBias, steady_bias
 from ftbias_jax.calibration.tool.steps import Step, find_steps, is_gained, with_steps
-from ftbias_jax.calibration.tool.words import motion_lines, plain_errors, pose_lines, with_errors
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering import params_for_log
@@ -88,7 +87,7 @@ class IdentifyResult:
         if self.gravity:
             lines.append(f"gravity {with_errors(found.gravity, found.gravity_stderr)} m/s^2")
         if self.channels is not None:
-            lines += sensor_channels.in_words(self.channels)
+            lines += channels_in_words(self.channels)
         lines.append(f"bias at the end: {with_errors(found.bias[:3], found.bias_stderr[:3])} N")
         lines.append(f"                 {with_errors(found.bias[3:], found.bias_stderr[3:])} Nm")
         lines += motion_lines(found, self.steps) if self.poses is None else pose_lines(self.poses)
@@ -168,8 +167,8 @@ def identify_tool(
         of_tool = _with_tool(setup, found, mounting, gravity)
         if crosstalk:
             progress("fitting gains and crosstalk")
-            channels = sensor_channels.find_channels(of_tool, log)
-            setup, of_tool = (sensor_channels.with_channels(each, channels) for each in (setup, of_tool))
+            channels = find_channels(of_tool, log)
+            setup, of_tool = (with_channels(each, channels) for each in (setup, of_tool))
         if bias or (channels is not None and channels.shown):
             steady = steady_bias(of_tool, log)
             std = steady.std_with_tool(found.values, found.stderr)
@@ -226,3 +225,46 @@ def _comments(found: Identified, mounting: bool, gravity: bool, bias: bool) -> d
     if bias:
         comments["bias.initial"] = "of the log that the tool was identified from"
     return comments
+
+
+MUCH = 5.0
+"""Innovations this many times larger than the noise stated are no noise."""
+WHY_IT_JUMPS = "a tare (state sensor.rezeroed_at), a touch, or a load that changed; the bias is free to jump there"
+
+
+def motion_lines(found: Identified, steps: Sequence[Step]) -> list[str]:
+    """What a log of motion said, and where its reading jumps."""
+    lines = [f"likelihood gained: {found.gain:.1f} nats; condition number of the excitation: {found.condition:.0f}"]
+    if found.excess > MUCH:
+        lines.append(
+            f"what remains is {found.excess:.0f} times the noise stated: look for contact, a wrong unit or a delay "
+            "(ftbias diagnose)"
+        )
+    return lines + [f"the reading jumps on {step}: {WHY_IT_JUMPS}" for step in steps]
+
+
+def pose_lines(report: PoseReport) -> list[str]:
+    """How well static poses are predicted, and what least squares would have found."""
+    drift = "constant bias"
+    if report.drift.any():
+        drift = f"bias drifting by {report.drift[0]:.2g} N, {report.drift[1]:.2g} Nm from pose to pose"
+    mass, *center = report.plain
+    where = " ".join(f"{1e3 * x:.2f}" for x in center)
+    return [
+        f"{report.poses} static poses, {drift}; each predicted from the others: {_errors(report.left_out)}",
+        f"plain least squares: {mass:.4f} kg, centre of mass {where} mm, {_errors(report.plain_left_out)}",
+    ]
+
+
+def _errors(rms: np.ndarray) -> str:
+    return f"rms {rms[0]:.3g} N, {rms[1]:.2g} Nm"
+
+
+def plain_errors(values: np.ndarray) -> str:
+    """Numbers for a comment in a setup; "-" = none."""
+    return " ".join("-" if np.isnan(x) else f"{x:.2g}" for x in values)
+
+
+def with_errors(values: np.ndarray, stderr: np.ndarray) -> str:
+    """Numbers with their standard errors."""
+    return ", ".join(f"{x:.4g} ± {e:.2g}" for x, e in zip(values, stderr, strict=True))

@@ -30,6 +30,7 @@ Report = Callable[[int, float], None]
 """Told (iteration, nats)."""
 
 MAX_ITERATIONS = 60
+RESTART_SPREAD = np.log(10.0)
 LONGEST_STEP = 1.5
 """Of a logarithm in one iteration: a factor of 4.5."""
 SHORTEN = 0.3
@@ -103,6 +104,25 @@ def alone(value: float, slopes: np.ndarray) -> tuple[float, np.ndarray]:
 
 def quiet(iteration: int, value: float) -> None:
     """Reports to nobody."""
+
+
+class Search(NamedTuple):
+    """How the noise of maximum likelihood is searched, and with whom."""
+
+    restarts: int = 0
+    """Further starts, each value off by a random factor (10 or 1/10 is usual); ``Fit.optimum`` tells how many agree."""
+    report: Report = quiet
+    """Called with (iteration, nats)."""
+    total: Total = alone
+    """Adds up the processes that tune together, see ``maximise``."""
+
+    def starts(self, logs: np.ndarray) -> np.ndarray:
+        """(1 + restarts, P) logarithms to start from."""
+        spread = np.random.default_rng(0).normal(scale=RESTART_SPREAD, size=(self.restarts, len(logs)))
+        return np.concatenate([logs[None], logs + spread])
+
+
+FROM_ONE_START = Search()
 
 
 def maximise(

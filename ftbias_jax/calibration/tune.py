@@ -8,16 +8,18 @@ up to 58 % too large (experiments/tuning). Parameters are logarithms: they need 
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.calibration import newton
-from ftbias_jax.calibration.batching import cut, equal_parts, stack
-from ftbias_jax.calibration.newton import Report
+from ftbias_jax.calibration.newton import FROM_ONE_START, Search
 from ftbias_jax.calibration.noise.score import (
     WRENCH_BURN_IN,
     JointScore,
@@ -38,7 +40,6 @@ PIECES_AT_ONCE = 4
 """Or logs: few, because work on them takes the time of the longest."""
 SAMPLES_AT_ONCE = 1 << 18
 """Of whole logs side by side. Both bound the memory."""
-RESTART_SPREAD = np.log(10.0)
 
 
 class Fit(NamedTuple):
@@ -53,14 +54,59 @@ class Fit(NamedTuple):
     """Sums that the data do determine where they leave parts of them open, in words."""
 
 
+def stack(logs: Sequence[Sample], length: int = 0) -> Sample:
+    """Logs of unequal length as one bundle with a leading log axis, padded by samples that change nothing.
+
+    At least one; ``length``: samples to pad to, if it is more than the longest has.
+    """
+    length = max(length, *(log.dt.shape[0] for log in logs))
+
+    def fill(value: float, *leaves: Array) -> jax.Array:
+        # numpy, for every new shape would cost JAX a compilation
+        filled = np.full((len(logs), length, *leaves[0].shape[1:]), value, leaves[0].dtype)
+        for row, leaf in zip(filled, leaves, strict=True):
+            row[: len(leaf)] = leaf
+        return jnp.asarray(filled)
+
+    if any(log.rezeroed is not None for log in logs):
+        logs = [log._replace(rezeroed=np.zeros(len(log.dt)) if log.rezeroed is None else log.rezeroed) for log in logs]
+    everywhere = {name for name in Sample._fields if all(getattr(log, name) is not None for log in logs)}
+    rest = [log._replace(dt=None, **dict.fromkeys(set(Sample._fields[1:]) - everywhere)) for log in logs]
+    stacked: Sample = jax.tree.map(partial(fill, np.nan), *rest)
+    rezeroed = None if stacked.rezeroed is None else jnp.nan_to_num(stacked.rezeroed)
+    return stacked._replace(dt=fill(0.0, *(log.dt for log in logs)), rezeroed=rezeroed)
+
+
+def cut(log: Sample, length: int) -> list[Sample]:
+    """Pieces of at most so many samples of the joints, equally long, each starting as a log of its own."""
+    whole = Sample(*(np.asarray(x) for x in log[:4]))  # joints do not feel the temperature
+    count = -(-len(whole.dt) // length)
+    ends = [len(whole.dt) * i // count for i in range(count + 1)]
+    pieces = [Sample(*(x[start:end] for x in whole[:4])) for start, end in itertools.pairwise(ends)]
+    return [piece._replace(dt=np.concatenate([[0], piece.dt[1:]])) for piece in pieces]
+
+
+def equal_parts(logs: list[Sample], at_once: int) -> list[list[Sample]]:
+    """Parts of equally many logs, at most ``at_once``, some filled up by a log that measured nothing.
+
+    Those of a part are about as long as each other, because work on a part takes the time of its longest log. The first
+    parts are to speak for all, so parts of all lengths take turns.
+    """
+    count = -(-len(logs) // at_once)
+    size = -(-len(logs) // count)
+    nothing = jax.tree.map(lambda x: np.full_like(x[:1], np.nan), logs[0])._replace(dt=np.zeros(1))
+    filled = [nothing] * (count * size - len(logs)) + sorted(logs, key=lambda log: len(log.dt))
+    parts = [filled[i : i + size] for i in range(0, len(filled), size)]
+    stride = math.isqrt(count)
+    return [part for first in reversed(range(stride)) for part in parts[first::stride]]
+
+
 def tune_joints(
     params: Params,
     logs: Sequence[Sample],
     ties: dict[str, str],
     options: Options = DEFAULT_OPTIONS,
-    restarts: int = 0,
-    report: Report = newton.quiet,
-    total: newton.Total = newton.alone,
+    search: Search = FROM_ONE_START,
 ) -> tuple[Params, Fit]:
     """Fit the noise of the joint filter.
 
@@ -69,10 +115,7 @@ def tune_joints(
         logs: samples of one robot.
         ties: key of TIES for each of JOINT_NAMES that is to be fitted.
         options: of the pipeline.
-        restarts: further starts, each value off by a random factor (10 or 1/10 is usual); Fit.optimum tells how many
-            agree.
-        report: called with (iteration, nats).
-        total: adds up the processes that tune together, see ``newton.maximise``.
+        search: how the maximum is searched.
 
     Returns:
         params with the fitted noise, and the fit.
@@ -82,9 +125,7 @@ def tune_joints(
     parts = [(params, stack(part, longest)) for part in equal_parts(pieces, PIECES_AT_ONCE)]
     start = {name: getattr(params.joint, name) for name in ties}
     index, first = tied(start, ties)
-    score, lanes = JointScore(rows_of(index), options.joint_model), np.array(list(index.values()))
-    fit = as_fit(index, newton.maximise(score, parts, _with_restarts(first, restarts), lanes, report, total))
-    return with_values(params, fit), fit
+    return _fitted(params, JointScore(rows_of(index), options.joint_model), parts, index, first, search)
 
 
 def tune_wrench(
@@ -92,9 +133,7 @@ def tune_wrench(
     logs: Sequence[Sample],
     ties: dict[str, str],
     options: Options = DEFAULT_OPTIONS,
-    restarts: int = 0,
-    report: Report = newton.quiet,
-    total: newton.Total = newton.alone,
+    search: Search = FROM_ONE_START,
 ) -> tuple[Params, Fit]:
     """Fit the noise of bias and sensor, with the joints' noise as it stands, which should be the likeliest.
 
@@ -104,9 +143,7 @@ def tune_wrench(
         ties: key of TIES for each of WRENCH_NAMES that is to be fitted: density is sigma_Q, wrench_std the square root
             of the diagonal of Sigma_W.
         options: of the pipeline.
-        restarts: further starts, as for ``tune_joints``.
-        report: called with (iteration, nats).
-        total: adds up the processes that tune together, see ``newton.maximise``.
+        search: how the maximum is searched.
 
     Returns:
         params with the fitted noise, and the fit.
@@ -115,7 +152,7 @@ def tune_wrench(
     at_once = max(1, min(PIECES_AT_ONCE, SAMPLES_AT_ONCE // longest))
     samples = [stack(part, longest) for part in equal_parts(list(logs), at_once)]
     parts = newton.for_each(partial(smoothed_wrenches, params, options=options), samples)
-    return fit_wrench(params, [(params, part) for part in parts], ties, WRENCH_BURN_IN, restarts, report, total)
+    return fit_wrench(params, [(params, part) for part in parts], ties, WRENCH_BURN_IN, search)
 
 
 def fit_wrench(
@@ -123,14 +160,24 @@ def fit_wrench(
     parts: Sequence[tuple[Params, WrenchLogs]],
     ties: dict[str, str],
     burn_in: float = WRENCH_BURN_IN,
-    restarts: int = 0,
-    report: Report = newton.quiet,
-    total: newton.Total = newton.alone,
+    search: Search = FROM_ONE_START,
 ) -> tuple[Params, Fit]:
     """``tune_wrench`` for joints that are already smoothed, or known; parts have arrays of the same shapes."""
     index, logs = tied({name: stated_noise(params)[name] for name in ties}, ties)
-    score, lanes = WrenchScore(rows_of(index), burn_in), np.array(list(index.values()))
-    fit = as_fit(index, newton.maximise(score, parts, _with_restarts(logs, restarts), lanes, report, total))
+    return _fitted(params, WrenchScore(rows_of(index), burn_in), parts, index, logs, search)
+
+
+def _fitted(
+    params: Params,
+    score: newton.LaneScore,
+    parts: Sequence[Any],
+    index: dict[str, np.ndarray],
+    logs: np.ndarray,
+    search: Search,
+) -> tuple[Params, Fit]:
+    """Parameters with the likeliest noise, which has a value for each lane, or one for those tied together; its fit."""
+    lanes = np.array(list(index.values()))
+    fit = as_fit(index, newton.maximise(score, parts, search.starts(logs), lanes, search.report, search.total))
     return with_values(params, fit), fit
 
 
@@ -138,32 +185,24 @@ def fit_common(
     parts: Sequence[tuple[Params, WrenchLogs]],
     index: dict[str, np.ndarray],
     logs: np.ndarray,
-    restarts: int,
-    report: Report,
+    search: Search,
 ) -> newton.Optimum:
     """The likeliest noise of the wrench where its numbers reach all axes: one lane has them all.
 
     Args:
         parts: all of them lead, because those of one tool alone leave much open.
         index: of ``tied``.
-        logs: (P,) where to start.
-        restarts: as for ``tune_joints``.
-        report: called with (iteration, nats).
+        logs: (P,) where to start, logarithms of N, Nm and the like.
+        search: how the maximum is searched, by one process.
     """
     score = WrenchScore(tuple((name, tuple(map(int, lanes))) for name, lanes in index.items()))
-    every, starts = np.arange(len(logs))[:, None], _with_restarts(logs, restarts)
-    return newton.maximise(score, parts, starts, every, report, leading=len(parts), small=newton.HARDLY_A_GAIN)
+    every, starts = np.arange(len(logs))[:, None], search.starts(logs)
+    return newton.maximise(score, parts, starts, every, search.report, leading=len(parts), small=newton.HARDLY_A_GAIN)
 
 
 def stated_noise(params: Params) -> dict[str, Array]:
     """(6,) each, of WRENCH_NAMES: N/s^1.5 and Nm/s^1.5, N and Nm."""
     return {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
-
-
-def _with_restarts(logs: np.ndarray, restarts: int) -> np.ndarray:
-    """(1 + restarts, P) logarithms to start from."""
-    spread = np.random.default_rng(0).normal(scale=RESTART_SPREAD, size=(restarts, len(logs)))
-    return np.concatenate([logs[None], logs + spread])
 
 
 def as_fit(index: dict[str, np.ndarray], optimum: newton.Optimum, scale: np.ndarray | None = None) -> Fit:

@@ -15,12 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.calibration import newton
-from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.judgement import STRETCHES
-from ftbias_jax.calibration.newton import Report
+from ftbias_jax.calibration.newton import Report, Search
 from ftbias_jax.calibration.noise.score import WrenchLogs
 from ftbias_jax.calibration.noise.values import TIES
-from ftbias_jax.calibration.tune import Fit, fit_wrench
+from ftbias_jax.calibration.tune import Fit, fit_wrench, stack
 from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.method.look import look_at
@@ -97,7 +96,7 @@ def tune_in_blocks(
     # The variance of a block's mean stands where the joints' share does; the sensor's own is in it.
     silent = params._replace(bias=bias._replace(wrench_variance=jnp.zeros_like(bias.wrench_variance)))
     parts = [(silent, _as_log(each, params, longest)) for each in series]
-    tuned, fit = fit_wrench(silent, parts, {"density": tie}, burn_in=0.0, report=report)
+    tuned, fit = fit_wrench(silent, parts, {"density": tie}, burn_in=0.0, search=Search(report=report))
     never = np.full(6, np.inf)
     given = Drift(np.asarray(bias.density, float), never if bias.drift_time is None else np.asarray(bias.drift_time))
     drift = choose_drift(series, (std, time), given, np.asarray(tuned.bias.density, float), TIES[tie](6))

@@ -14,11 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.calibration import newton
-from ftbias_jax.calibration.batching import stack
-from ftbias_jax.calibration.newton import Report
+from ftbias_jax.calibration.newton import Report, Search
 from ftbias_jax.calibration.noise.score import WrenchLogs, own_variance, smoothed_wrenches
 from ftbias_jax.calibration.noise.values import VIBRATION, VIBRATION_SPEED, tied
-from ftbias_jax.calibration.tune import Fit, as_fit, fit_common, stated_noise, with_values
+from ftbias_jax.calibration.tune import Fit, as_fit, fit_common, stack, stated_noise, with_values
 from ftbias_jax.calibration.tune_blocks import LogInBlocks
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
@@ -26,8 +25,8 @@ from ftbias_jax.filtering.fast.scan import innovations
 from ftbias_jax.filtering.noise.vibration import Vibration
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import bias_model
+from ftbias_jax.model.own_effects import not_shown
 from ftbias_jax.model.params import Params
-from ftbias_jax.model.shown import not_shown
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Sample
 
@@ -87,7 +86,7 @@ def fit_motion(
     if shown.speed is not None:
         start[VIBRATION_SPEED] = np.array([shown.speed])
     index, logarithms = tied(start, {VIBRATION: "each", VIBRATION_SPEED: "one", **ties})
-    fit = as_fit(index, fit_common([(params, log) for log in logs], index, logarithms, 0, report))
+    fit = as_fit(index, fit_common([(params, log) for log in logs], index, logarithms, Search(report=report)))
     return with_values(params, fit), fit
 
 

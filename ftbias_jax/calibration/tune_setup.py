@@ -121,27 +121,21 @@ def tune(
     fits: dict[str, Fit] = {}
     # The wrench needs the likeliest process noise of the joints, even if nobody asked for it.
     names = JOINT_NAMES if "joints" in fit else JOINT_NAMES[:1]
-    params, joints = tune_joints(
-        first,
-        list(chain(*seen)),
-        dict.fromkeys(names, "each"),
-        options,
-        restarts=restarts,
-        report=partial(report, "joints" if setup.pose is None else "pose"),
-        total=total,
-    )
+    search = newton.Search(restarts, partial(report, "joints" if setup.pose is None else "pose"), total)
+    params, joints = tune_joints(first, list(chain(*seen)), dict.fromkeys(names, "each"), options, search)
     if "joints" in fit:
         fits["joints"] = joints
     tuned = [before._replace(joint=params.joint) for before in stated]
     ties = {"density": "bias", "wrench_std": "sensor"}
     wanted = {name: tie for name, part in ties.items() if part in fit}
     told = partial(report, "wrench")
+    search = search._replace(report=told)
     alone, looked = total is newton.alone, list[LogInBlocks]()
     if "data" in fit:
         parts = [Tool(*x) for x in zip(tuned, seen, strict=True)]
         start_values = values_from_setup(setup)
         everything = KINDS[data_noise] | wanted
-        tuned, fits["wrench"] = tune_data(parts, everything, start_values, options, restarts=restarts, report=told)
+        tuned, fits["wrench"] = tune_data(parts, everything, start_values, options, search)
     elif wanted:
         counts = [max(1, round((1 - hold_out) * len(log.t))) for log in logs]
         begun = [log._replace(**params_for_log.rows_of(log, 0, n)) for log, n in zip(logs, counts, strict=True)]
@@ -150,9 +144,7 @@ def tune(
             params, found = tune_in_blocks(tuned[0], looked, tie, list(wanted), told)
             fits |= found
         else:
-            params, fits["wrench"] = tune_wrench(
-                tuned[0], seen[0], wanted, options, restarts=restarts, report=told, total=total
-            )
+            params, fits["wrench"] = tune_wrench(tuned[0], seen[0], wanted, options, search)
         tuned = [params]
     unseen = [[_part(log, 1 - hold_out, 1) for log in logs_of_tool] for logs_of_tool in samples] if hold_out else []
     shown, correlated = what_the_logs_show([log.noise for log in looked], logs), is_correlated(looked)

@@ -14,8 +14,7 @@ from ftbias_jax.check.motion import SensorMotion, arm_motion, body_motion, data_
 from ftbias_jax.check.regression import Fit, Layout, Tool, fit, free_tool, make_layout, stated_tool
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
-from ftbias_jax.setup.require import with_guessed_tool
-from ftbias_jax.setup.require import orientation_alone
+from ftbias_jax.setup.require import orientation_alone, with_guessed_tool
 from ftbias_jax.setup.types import Setup, ToolSetup
 from ftbias_jax.types import Array
 

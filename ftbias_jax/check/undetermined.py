@@ -16,7 +16,7 @@ from ftbias_jax.check.alternatives import LEAST_DEGREES, G
 from ftbias_jax.check.judge import ABSENT, BAD, BETTER, CLEAR, GOOD, GOOD_TOUCHED, TIE, Evidence, noise_of_bins
 from ftbias_jax.check.motion import data_matrices, in_sensor
 from ftbias_jax.check.regression import BLOCKS, squares, within_reach, without_bias
-from ftbias_jax.check.result import Undetermined
+from ftbias_jax.check.result import MISTAKES, Undetermined
 from ftbias_jax.check.state import State, delayed
 from ftbias_jax.types import Array
 
@@ -39,22 +39,8 @@ TURNS = (
     np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]),
 )
 """Other mounts that are imagined: half turns about each axis, and a quarter."""
-OF_ARM = (
-    "sign",
-    "gravity",
-    "wrench_units",
-    "tool_units",
-    "angle_units",
-    "force_torque_swapped",
-    "sensor_axes",
-    "compensated",
-    "rezeroed",
-    "time_offset",
-    "base_frame_wrench",
-    "raw_offset",
-    "worse_than_raw",
-)
 OF_POSE = ("quaternion_convention", "position_frame", "gyroscope_units")
+OF_ARM = tuple(name for name in MISTAKES if name not in OF_POSE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,8 @@ from ftbias_jax.fleet.manifest import (
     is_unchanged,
     manifest_name,
     read_manifests,
+    save_table,
 )
-from ftbias_jax.fleet.table import save_table
 from ftbias_jax.io.atomic import make_folder, make_folder_inside
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.outputs import check_outputs, check_replaceable

@@ -16,8 +16,7 @@ from ftbias_jax.diagnosis.regression.coordinates import strengths, to_coordinate
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values, typical_values
 from ftbias_jax.model.effects.fitting import Entries, Grid, Linear, Starts
-from ftbias_jax.model.effects.kinematics import motion_of
-from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Record, Signals
+from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Record, Signals, motion_of
 from ftbias_jax.model.kinematics.screws import make_arm
 from ftbias_jax.model.own_effects import fault_of
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters

@@ -39,8 +39,7 @@ from ftbias_jax.model.effects.catalogue import check_names
 from ftbias_jax.model.effects.fitting import GROWTH, LEVEL
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect
-from ftbias_jax.model.own_effects import catalogue_of_setup
-from ftbias_jax.model.shown import not_shown
+from ftbias_jax.model.own_effects import catalogue_of_setup, not_shown
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.types import Setup

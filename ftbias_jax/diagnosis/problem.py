@@ -24,9 +24,8 @@ from ftbias_jax.filtering.noise.contact import Contact, in_contact
 from ftbias_jax.filtering.noise.log_noise import MARGIN, by_axis
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
 from ftbias_jax.model.effects.compose import fill_temperature
-from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Model, Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.own_effects import catalogue_of_setup

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.fleet.entry import FAILED, LOSS, OK, Entry, Settings
+from ftbias_jax.fleet.entry import FAILED, LOSS, OK, Entry, Settings, seconds_of
 from ftbias_jax.fleet.manifest import read_manifests
-from ftbias_jax.fleet.schema import seconds_of
 from ftbias_jax.types import Array
 
 UNKNOWN = "not named"

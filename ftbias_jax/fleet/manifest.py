@@ -2,25 +2,28 @@
 
 A line costs the same for the first log and for the ten thousandth, and a process that is killed in the middle of one
 loses that line alone. Of several lines about one result the last one holds. Other lines say what the logs were worked
-on with (``settings``, once for each) and that a run began (``run``).
+on with (``settings``, once for each) and that a run began (``run``). Beside it there is a table for pandas, Polars or
+DuckDB, with a row a log and a column a number.
 """
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ftbias_jax.errors import LogError, OutputError
 from ftbias_jax.files import no_regular_file, open_to_append
-from ftbias_jax.fleet.entry import DONE, Entry, LogState, Settings
-from ftbias_jax.fleet.schema import read_entry, read_settings
-from ftbias_jax.io.atomic import refuse_link
+from ftbias_jax.fleet.entry import DONE, VECTORS, Entry, LogState, Settings, read_entry, read_settings
+from ftbias_jax.io.atomic import refuse_link, write_atomic
 from ftbias_jax.io.write.provenance import sha256_of
+from ftbias_jax.types import AXES
 
 SYNC_SECONDS = 1.0
 """Lines are flushed to disk at least so often; logs done since are done again if the machine loses its power."""
@@ -217,3 +220,47 @@ def _ends_in_the_middle(path: str) -> bool:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - 1, 0))
         return size > 0 and file.read(1) != b"\n"
+
+
+def columns(entries: Sequence[Entry], settings: Mapping[str, Settings]) -> dict[str, list[Any]]:
+    """Columns by name, a row an entry; (6,) numbers have a column an axis, words of a list are separated by ``; ``."""
+    rows = [_row(entry, settings.get(entry.settings)) for entry in entries]
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: [row.get(name) for row in rows] for name in names}
+
+
+def save_table(path: str, entries: Sequence[Entry], settings: Mapping[str, Settings]) -> bool:
+    """Write the table as Parquet, whole or not at all; False if there is no pyarrow (extra ``parquet``).
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    if importlib.util.find_spec("pyarrow") is None:
+        return False
+    arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    table = arrow.table(columns(entries, settings))
+    write_atomic(path, lambda file: parquet.write_table(table, file))
+    return True
+
+
+def _row(entry: Entry, settings: Settings | None) -> dict[str, Any]:
+    row: dict[str, Any] = {**entry._asdict(), "repairs": "; ".join(entry.repairs), "files": "; ".join(entry.files)}
+    state, quality, sums = (row.pop(name) for name in ("state", "quality", "sums"))
+    row["output_sha256"] = sums.get(entry.output, "")
+    row |= {f"log_{name}": value for name, value in state._asdict().items()}
+    if settings is not None:
+        told = {name: getattr(settings, name) for name in ("robot", "sensor", "setup", "setup_sha256", "version")}
+        row |= told | {"choices": json.dumps(settings.choices, sort_keys=True)}
+    for name, value in quality.items():
+        if isinstance(value, list) and VECTORS.get(name) == len(AXES):
+            numbers = {f"{name}_{axis}": number for axis, number in zip(AXES, value, strict=True)}
+        else:
+            numbers = {name: "; ".join(map(str, value)) if isinstance(value, list) else value}
+        for column, number in numbers.items():  # a column has one type
+            row.setdefault(column, float(number) if isinstance(number, int) else number)
+    return {_utf8(name): _utf8(value) if isinstance(value, str) else value for name, value in row.items()}
+
+
+def _utf8(text: str) -> str:
+    r"""Text that a table can hold; bytes of a file's name that are no UTF-8 are written as ``\udcXX``."""
+    return text.encode("utf-8", "backslashreplace").decode()

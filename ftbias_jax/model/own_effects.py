@@ -1,6 +1,7 @@
 """Effects that the caller brings: from a Python file, from an installed package, or made in a program.
 
-Loading runs code, so it happens only where the caller asks for it; no setup and no log can name what is run.
+Loading runs code, so it happens only where the caller asks for it; no setup and no log can name what is run. Whether a
+log can show effects at all is told here, too: some are of the joints of an arm.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import importlib.util
 import keyword
 import os
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -18,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.errors import FtbiasError, UsageError
-from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.errors import FtbiasError, SetupError, UsageError
+from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, MakeError
 from ftbias_jax.model.effects.fitting import (
     SIGNS,
     ByJoint,
@@ -32,7 +33,6 @@ from ftbias_jax.model.effects.fitting import (
     Starts,
     Step,
 )
-from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Effect, Parameter
 from ftbias_jax.setup.types import Setup
@@ -230,3 +230,28 @@ def _faults_of_parameter(parameter: Parameter) -> Iterator[str]:
 
 def _is_key(name: Any) -> bool:
     return isinstance(name, str) and name.isidentifier() and name.isascii() and not keyword.iskeyword(name)
+
+
+OF_JOINTS = "it is of the joints of an arm, and the sensor's pose is recorded instead"
+OF_ACCELERATION = "the sensor's acceleration is not recorded"
+
+
+def not_shown(setup: Setup) -> dict[str, str]:
+    """Effects that no log of this setup can show, and why."""
+    if setup.pose is None:
+        return {}
+    why = {"joints": OF_JOINTS} | ({"acceleration": OF_ACCELERATION} if setup.pose.linear == "none" else {})
+    needed = {name: effect.needs_motion for name, effect in catalogue_of_setup(setup).items()}
+    return {name: why[motion] for name, motion in needed.items() if motion in why}
+
+
+def check_shown(effects: Mapping[str, Any], setup: Setup, error: MakeError = SetupError, prefix: str = "") -> None:
+    """Refuse effects, name -> values as written, that no log of this setup can show."""
+    reasons = not_shown(setup)
+    of_terms = [section for section in effects.get(TERM, ()) if isinstance(section, Mapping)]
+    if setup.pose is not None and any("joint" in f"{s.get('drive')} {s.get('frame')}" for s in of_terms):
+        reasons[TERM] = OF_JOINTS
+    for name in effects:
+        if name in reasons:
+            message = f"does not go with [sensor_pose]: {reasons[name]}"
+            raise error(message, field=f"{prefix}{name}", remedy="remove it, or record the joints")

@@ -10,16 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.model.effects.catalogue import values_from_setup, values_of
-from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.model.effects.catalogue import Catalogue, values_from_setup, values_of
 from ftbias_jax.model.effects.types import Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
-from ftbias_jax.model.kinematics.screws import Arm, make_arm
+from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.model.motion_noise import MotionNoise
-from ftbias_jax.model.own_effects import catalogue_of_setup
-from ftbias_jax.model.shown import check_shown
-from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
-from ftbias_jax.model.wrench.tool_wrench import tool_parameters
+from ftbias_jax.model.own_effects import catalogue_of_setup, check_shown
+from ftbias_jax.model.wrench.tool_wrench import DataNoise, data_variance, tool_parameters
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.require import require_tool, with_guessed_tool
 from ftbias_jax.setup.types import Setup
@@ -95,7 +92,7 @@ class Params(NamedTuple):
     """Known effects of the catalogue. They may need the whole log: ``pipeline.run`` takes them, ``step`` refuses."""
 
 
-_tool_parameters, _arm = keep_program()(tool_parameters), keep_program()(make_arm)
+_tool_parameters = keep_program()(tool_parameters)
 
 
 def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
@@ -177,8 +174,7 @@ def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:
         return FreeBody(as_array(translation, dtype), as_array(sensor.rotation, dtype))
     rotation = robot.flange_rotation @ sensor.rotation
     position = robot.flange_translation + robot.flange_rotation @ sensor.translation
-    arm: Arm = _arm(as_array(robot.screws, dtype), as_array(position, dtype), as_array(rotation, dtype))
-    return arm
+    return Arm(*(as_array(x, dtype) for x in (robot.screws[:, :3], robot.screws[:, 3:], position, rotation)))
 
 
 def _data_variance(setup: Setup, dtype: Any) -> Float[Array, " 36"] | None:

@@ -10,9 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ftbias_jax.io.pose import STANDARD_GRAVITY
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.pose import pose_entries, rotate
+from ftbias_jax.io.pose import STANDARD_GRAVITY, pose_entries, rotate
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motions
 from ftbias_jax.model.simulate import Simulation
 from ftbias_jax.model.trajectories import Trajectory

@@ -15,21 +15,9 @@ from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, values_of
 from ftbias_jax.model.effects.types import Model, Record, Signals, Values
 from ftbias_jax.model.params import Params
-from ftbias_jax.model.trajectories import Trajectory, excitation_sines, minimum_jerk_moves, replay
-from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, tool_wrench
+from ftbias_jax.model.trajectories import Trajectory
+from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
 from ftbias_jax.types import Array
-
-__all__ = [
-    "Simulation",
-    "Trajectory",
-    "bias_process",
-    "excitation_sines",
-    "minimum_jerk_moves",
-    "replay",
-    "simulate",
-    "temperature_course",
-    "tool_wrench",
-]
 
 
 class Simulation(NamedTuple):

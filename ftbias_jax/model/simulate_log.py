@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -16,16 +17,24 @@ from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.log import Column, Log
 from ftbias_jax.io.write.npz import save_npz, texts_of_log
 from ftbias_jax.io.write.provenance import Provenance, provenance, source_of
-from ftbias_jax.model import pose_log
-from ftbias_jax.model.effects.catalogue import complete, values_of
+from ftbias_jax.model import pose_log, trajectories
+from ftbias_jax.model.effects.catalogue import (
+    Catalogue,
+    check_values,
+    complete,
+    typical_values,
+    values_from_setup,
+    values_of,
+)
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import flat_numbers
 from ftbias_jax.model.effects.types import Effect, Model, Values
-from ftbias_jax.model.motions import check_motion, check_needs, columns_of, trajectory_of
-from ftbias_jax.model.own_effects import catalogue_of_setup
+from ftbias_jax.model.own_effects import catalogue_of_setup, check_shown
 from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.model.pose_log import tumbling, with_positions
 from ftbias_jax.model.simulate import simulate as simulate_with_params
 from ftbias_jax.model.simulate import temperature_course
-from ftbias_jax.model.simulated_effects import all_values, plain
+from ftbias_jax.model.trajectories import Trajectory
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.types import REPORTS, Setup
@@ -192,3 +201,74 @@ def _check_paths(path: str, truth: str | None) -> None:
         raise UsageError(f"cannot write {truth!r}", field="truth", remedy="end the name in .npz or .json")
     if truth is not None and os.path.realpath(path) == os.path.realpath(truth):
         raise UsageError("log and truth have the same name", field="truth", remedy="give them different ones")
+
+
+MOST_SAMPLES = 100_000_000
+"""Of one simulated log: a day at 1 kHz."""
+
+
+def trajectory_of(setup: Setup, motion: str | Log, duration: float, rate: float, key: Array) -> Trajectory:
+    """The motion that is asked for."""
+    if isinstance(motion, Log):
+        return trajectories.replay(motion if setup.pose is None else with_positions(motion))
+    t = jnp.arange(max(round(duration * rate), 2)) / rate
+    generate = trajectories.excitation_sines if motion == "sines" else trajectories.minimum_jerk_moves
+    if setup.pose is not None:
+        return tumbling(generate, key, t, len(setup.robot.joint_names))
+    center, excursion = trajectories.working_range(setup)
+    made: Trajectory = generate(key, t, jnp.asarray(center), jnp.asarray(excursion))
+    return made
+
+
+def check_motion(duration: float, rate: float, motion: str | Log) -> None:
+    """Refuse a motion that is not known, and lengths that are none."""
+    if not isinstance(motion, Log) and motion not in ("sines", "moves"):
+        raise UsageError(f"got {motion!r}", field="motion", remedy="give 'sines', 'moves', or a log that read_log read")
+    for name, value in {"duration": duration, "rate": rate}.items():
+        if not 0 < value < float("inf"):
+            raise UsageError(f"must be a positive number, not {value!r}", field=name)
+    if duration * rate > MOST_SAMPLES:
+        remedy = f"ask for at most {MOST_SAMPLES} samples: seconds times rate"
+        raise UsageError(f"{duration * rate:.3g} samples do not fit the memory", field="duration", remedy=remedy)
+
+
+def columns_of(columns: Mapping[str, Array] | None, motion: str | Log, t: Array) -> dict[str, Array]:
+    """(T,) further quantities at the stamps."""
+    if columns is None:
+        return {name: column.at(t) for name, column in motion.columns.items()} if isinstance(motion, Log) else {}
+    made = {name: np.asarray(values, float) for name, values in columns.items()}
+    for name, values in made.items():
+        if values.shape != t.shape or not np.isfinite(values).all():
+            message = f"has shape {values.shape}, or numbers that are not finite, for {len(t)} stamps"
+            raise UsageError(message, field=f"columns: {name}", remedy="give one finite number per sample")
+    return made
+
+
+def check_needs(catalogue: Catalogue, values: Values, columns: Mapping[str, Array]) -> None:
+    """Refuse effects that look at a quantity which nobody gave."""
+    for name in (name for name in values if name in catalogue):
+        for need in catalogue[name].needs:
+            if need != "temperature" and need not in columns:
+                remedy = "give it by columns={...}, or replay a log that has it (motion)"
+                raise UsageError(f"needs the column {need!r}", field=f"effects: {name}", remedy=remedy)
+
+
+def all_values(setup: Setup, effects: Mapping[str, Mapping[str, Any]], model: Model) -> Values:
+    """Effects of the setup with others on top, in the catalogue's order; {} stands for typical values."""
+    catalogue = catalogue_of_setup(setup)
+    checked = check_effects(effects, catalogue)
+    check_shown(effects, setup, partial(UsageError, file="effects"))
+    typical = {name: typical_values(catalogue[name], model) for name in effects if name not in checked}
+    values = values_from_setup(setup.effects, setup.path, catalogue) | typical | checked
+    return {name: values[name] for name in (*catalogue, TERM) if name in values}
+
+
+def plain(effects: Values) -> Values:
+    """Effect -> parameter -> numbers; the numbers of terms are named after the number of their section."""
+    return {name: flat_numbers(values) if name == TERM else values for name, values in effects.items()}
+
+
+def check_effects(effects: Mapping[str, Mapping[str, Any]], catalogue: Catalogue, file: str = "effects") -> Values:
+    """Values of the effects that state any; an unknown name, a wrong shape or a value out of bounds is refused."""
+    stated = {name: values for name, values in effects.items() if values or name not in catalogue}
+    return check_values(stated, partial(UsageError, file=file), catalogue=catalogue)

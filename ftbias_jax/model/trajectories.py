@@ -11,10 +11,14 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.log import Log
+from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 SPACING = 0.05
 """s between the knots of a recorded motion's splines."""
+FRANKA_CENTER = (0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8)  # rad, a pose with the tool in front of the arm
+FRANKA_EXCURSION = (0.8, 0.5, 0.8, 0.5, 1.2, 1.0, 1.5)  # rad, within the joint limits around it
+EXCURSION = (0.8, 0.1)  # rad, m: of the joints of any other arm, around zero
 
 
 class Trajectory(NamedTuple):
@@ -28,6 +32,19 @@ class Trajectory(NamedTuple):
     """(T, n) rad/s."""
     ddq: Array
     """(T, n) rad/s^2."""
+
+
+def working_range(setup: Setup) -> tuple[Array, Array]:
+    """Center and excursion (n,) rad of a sensible motion of the robot."""
+    if setup.robot.model.split("_")[0] in ("panda", "fr3"):
+        return np.array(FRANKA_CENTER), np.array(FRANKA_EXCURSION)
+    revolute = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0
+    excursion = np.where(revolute, *EXCURSION)
+    if setup.robot.position_limits is None:
+        return np.zeros(len(revolute)), excursion
+    lowest, highest = setup.robot.position_limits.T
+    excursion = np.minimum(excursion, (highest - lowest) / 2)
+    return np.clip(0.0, lowest + excursion, highest - excursion), excursion
 
 
 @partial(jax.jit, static_argnames="harmonics")  # or its loop would be compiled anew for every log

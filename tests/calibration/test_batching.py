@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.calibration.batching import cut, equal_parts, stack
+from ftbias_jax.calibration.tune import cut, equal_parts, stack
 from ftbias_jax.types import Sample
 
 

@@ -23,13 +23,13 @@ PROGRAM = """
 import json, pickle, sys
 import jax
 jax.config.update("jax_enable_x64", True)
-from ftbias_jax.calibration import distributed, tune
+from ftbias_jax.calibration import distributed, newton, tune
 coordinator, process, file, ties = sys.argv[1], int(sys.argv[2]), sys.argv[3], json.loads(sys.argv[4])
 distributed.start(coordinator, 2, process)
 with open(file, "rb") as opened:
     params, logs = pickle.load(opened)
 mine = [logs[int(i)] for i in distributed.share([str(i) for i in range(len(logs))])]
-_, fit = tune.tune_joints(params, mine, ties, total=distributed.total)
+_, fit = tune.tune_joints(params, mine, ties, search=newton.Search(total=distributed.total))
 print(json.dumps([len(mine), *(fit.values[name].tolist() for name in ties)]))
 """
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ftbias_jax.calibration import newton, tune
-from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.noise.score import WrenchLogs, WrenchScore
 from ftbias_jax.calibration.noise.values import JOINT_NAMES, TIES, WRENCH_NAMES
+from ftbias_jax.calibration.tune import stack
 from ftbias_jax.filtering.likelihood import joint_log_likelihood, wrench_given_joints
 from ftbias_jax.model import simulate
 from ftbias_jax.types import Sample

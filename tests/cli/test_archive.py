@@ -10,7 +10,6 @@ from small_archive import SETUP, assert_same_outputs, filter_archive, manifest, 
 
 from ftbias_jax.cli import archive
 from ftbias_jax.cli.main import main
-from ftbias_jax.fleet import table
 from ftbias_jax.fleet.entry import Settings
 from ftbias_jax.fleet.find import Task
 from ftbias_jax.fleet.manifest import Manifest, read_manifests
@@ -216,7 +215,7 @@ def test_the_manifest_is_also_a_table(logs):
 
 
 def test_nothing_is_said_of_a_table_where_it_cannot_be_written(logs, monkeypatch, capsys):
-    monkeypatch.setattr(table.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert filter_archive("logs") == 0
     assert capsys.readouterr().out.endswith("wrote out/manifest.filter.jsonl\n")
 

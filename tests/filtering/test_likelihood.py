@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from ftbias_jax.calibration.batching import stack
+from ftbias_jax.calibration.tune import stack
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import likelihood, pipeline
 from ftbias_jax.filtering.fast import stages

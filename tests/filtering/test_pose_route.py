@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.cli.filter_file import filter_file
+from ftbias_jax.cli.commands.filter import filter_file
 from ftbias_jax.filtering import params_for_log, pipeline
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io import read_log

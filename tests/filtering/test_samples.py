@@ -6,7 +6,7 @@ import pytest
 
 from ftbias_jax.filtering.samples import FORGOTTEN, LONGEST, MOST, arrays_from_log, settled_at, without_unsettled
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.effects.terms.memory import swing
+from ftbias_jax.model.effects.responses import swing
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 

@@ -13,9 +13,8 @@ from ftbias_jax.filtering.verbs.from_setup import filter_log
 from ftbias_jax.io import read_log
 from ftbias_jax.model import own_effects as loading
 from ftbias_jax.model.effects import compose
-from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, values_of
+from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, OwnValues, catalogue_of, values_of
 from ftbias_jax.model.effects.fitting import ByJoint, Entries, Fitting, Grid, Linear, Samples, Settling
-from ftbias_jax.model.effects.table import Catalogue, OwnValues
 from ftbias_jax.model.effects.types import Effect, Parameter
 from ftbias_jax.model.own_effects import catalogue_of_setup, catalogue_with, fault_of, load_effects
 from ftbias_jax.model.params import params_from_setup

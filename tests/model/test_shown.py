@@ -10,8 +10,8 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.terms.columns import state_of
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.kinematics.recorded_pose import body_motion, body_motions
+from ftbias_jax.model.own_effects import check_shown, not_shown
 from ftbias_jax.model.params import params_from_setup
-from ftbias_jax.model.shown import check_shown, not_shown
 from ftbias_jax.setup import parse_setup
 
 

@@ -11,11 +11,10 @@ from ftbias_jax.cli.main import main
 from ftbias_jax.io.write.npz import load_npz
 from ftbias_jax.model.effects.catalogue import CATALOGUE, typical_values
 from ftbias_jax.model.effects.types import Model
-from ftbias_jax.model.motions import working_range
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import simulate, temperature_course
-from ftbias_jax.model.trajectories import excitation_sines
-from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, tool_parameters, tool_wrench
+from ftbias_jax.model.trajectories import excitation_sines, working_range
+from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, motion_and_wrench, tool_parameters
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.setup.robots import BUILT_IN
 
@@ -160,7 +159,7 @@ def test_the_wrench_is_that_of_mujocos_sensors(which, panda, params):
     data = mujoco.MjData(model)
     n = arm.linear.shape[0]
     motion = excitation_sines(jax.random.key(5), jnp.linspace(0, 8, 60), jnp.zeros(n), jnp.full(n, 1.5))
-    ours = np.asarray(jax.vmap(partial(tool_wrench, arm, gravity, theta))(motion.q, motion.dq, motion.ddq))
+    ours = np.asarray(jax.vmap(partial(motion_and_wrench, arm, gravity, theta))(motion.q, motion.dq, motion.ddq)[1])
     theirs = []
     for q, dq, ddq in zip(motion.q, motion.dq, motion.ddq, strict=True):
         data.qpos, data.qvel = np.asarray(q), np.asarray(dq)

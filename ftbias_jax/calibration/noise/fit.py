@@ -17,8 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.calibration import newton
-from ftbias_jax.calibration.batching import stack
-from ftbias_jax.calibration.newton import Report
+from ftbias_jax.calibration.newton import FROM_ONE_START, Search
 from ftbias_jax.calibration.noise.score import WrenchLogs, smoothed_wrenches
 from ftbias_jax.calibration.noise.values import (
     KINDS,
@@ -30,10 +29,10 @@ from ftbias_jax.calibration.noise.values import (
     with_noise,
 )
 from ftbias_jax.calibration.noise.words import DeterminedSums, combination_errors, sentences
-from ftbias_jax.calibration.tune import Fit, as_fit, fit_common, with_values
+from ftbias_jax.calibration.tune import Fit, as_fit, fit_common, stack, with_values
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
 from ftbias_jax.model.params import Params
-from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
+from ftbias_jax.model.wrench.tool_wrench import DataNoise, data_variance
 from ftbias_jax.types import Array, Sample
 
 DISTINCT = 3.0
@@ -55,8 +54,7 @@ def tune_data(
     ties: dict[str, str],
     stated: dict[str, Array] | None = None,
     options: Options = DEFAULT_OPTIONS,
-    restarts: int = 0,
-    report: Report = newton.quiet,
+    search: Search = FROM_ONE_START,
 ) -> tuple[list[Params], Fit]:
     """Fit Sigma_D, and what else of the noise of bias and sensor is asked for, to the logs of all tools at once.
 
@@ -65,8 +63,7 @@ def tune_data(
         ties: one of KINDS, and keys of TIES for those of values.WRENCH_NAMES that are to be fitted with it.
         stated: where to start, by name; what is absent or zero starts at a share of the sensor's variance.
         options: of the pipeline.
-        restarts: further starts, each value off by a random factor.
-        report: called with (iteration, nats).
+        search: how the maximum is searched, by one process.
 
     Returns:
         the parameters of every tool with the fitted noise, and the fit.
@@ -79,7 +76,7 @@ def tune_data(
             partial(smoothed_wrenches, params, options=options), [stack([log], longest) for log in tool.logs]
         )
         parts += [(params, log) for log in logs]
-    return fit_data(clean, parts, ties, stated, restarts, report)
+    return fit_data(clean, parts, ties, stated, search)
 
 
 def fit_data(
@@ -87,8 +84,7 @@ def fit_data(
     parts: Sequence[tuple[Params, WrenchLogs]],
     ties: dict[str, str],
     stated: dict[str, Array] | None = None,
-    restarts: int = 0,
-    report: Report = newton.quiet,
+    search: Search = FROM_ONE_START,
 ) -> tuple[list[Params], Fit]:
     """``tune_data`` for joints that are already smoothed, or known; a part is one log with a leading axis of 1."""
     kinds, found = list(KINDS), dict(stated or {})
@@ -97,7 +93,7 @@ def fit_data(
     known = all(np.all(found.get(name, 0.0)) for name in KINDS[kinds[wanted]])
     # Many numbers have local optima: fewer numbers lead the way, unless it is said where to start.
     for kind in kinds[wanted if known else 0 : wanted + 1]:
-        fit = _fit(tools, parts, KINDS[kind] | others, found, restarts, report)
+        fit = _fit(tools, parts, KINDS[kind] | others, found, search)
         found = dict(fit.values)
         if kind != "entries":
             noise = DataNoise(*(jnp.asarray(found[name]) for name in DataNoise._fields))
@@ -110,12 +106,11 @@ def _fit(
     parts: Sequence[tuple[Params, WrenchLogs]],
     ties: dict[str, str],
     known: dict[str, Array],
-    restarts: int,
-    report: Report,
+    search: Search,
 ) -> Fit:
     """One of KINDS, from where its numbers are known to be about, or are noticed."""
     index, logs = tied(starting_values(tools, ties, known), ties)
-    optimum = fit_common(parts, index, logs, restarts, report)
+    optimum = fit_common(parts, index, logs, search)
     # So scaled, a variance of DISTINCT standard errors has an error of 1; the drift is judged as without Sigma_D.
     scale = np.ones(len(logs))
     for name, lanes in index.items():

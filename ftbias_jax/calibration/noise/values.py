@@ -12,8 +12,7 @@ import numpy as np
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.model.params import Params
-from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
-from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
+from ftbias_jax.model.wrench.tool_wrench import DataNoise, data_variance, measurement_covariance
 from ftbias_jax.setup.types import DataNoiseSetup, Setup
 from ftbias_jax.types import Array
 

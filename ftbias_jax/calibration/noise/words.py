@@ -12,8 +12,7 @@ import numpy as np
 from ftbias_jax.calibration.newton import UNDETERMINED
 from ftbias_jax.calibration.noise.values import JOINT_NAMES, VIBRATION, key_of, power
 from ftbias_jax.model.params import Params
-from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
-from ftbias_jax.model.wrench.tool_wrench import reduced_observation_matrix
+from ftbias_jax.model.wrench.tool_wrench import DataNoise, data_variance, reduced_observation_matrix
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 _GROUPS = {

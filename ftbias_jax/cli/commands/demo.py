@@ -111,10 +111,11 @@ def _simulate(setup: Setup, seed: int, count: int, rate: float) -> Simulation:
 
     from ftbias_jax.model import simulate
     from ftbias_jax.model.params import params_from_setup
+    from ftbias_jax.model.trajectories import excitation_sines
 
     motion_key, log_key = jax.random.split(jax.random.key(seed))
     t = jnp.arange(count) / rate
-    trajectory = simulate.excitation_sines(motion_key, t, jnp.array(CENTER), jnp.array(EXCURSION))
+    trajectory = excitation_sines(motion_key, t, jnp.array(CENTER), jnp.array(EXCURSION))
     hidden = {"tool_mass": {"mass": jnp.asarray(TRUE_MASS)}}
     simulated: Simulation = simulate.simulate(log_key, params_from_setup(setup), trajectory, hidden)
     return simulated

@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ftbias_jax.cli.archive import Done, for_each_log
 from ftbias_jax.cli.given import logs_of, only, setup_of
 from ftbias_jax.cli.terminal import tell_mistake, tell_repairs
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
+from ftbias_jax.filtering.result import Filtered, named_arrays
 from ftbias_jax.fleet.entry import LOSS
 from ftbias_jax.fleet.find import is_folder
 from ftbias_jax.fleet.quality import of_filter
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.parts import open_log
+from ftbias_jax.io.parts import OpenLog, open_log
 from ftbias_jax.io.write import writer, written
+from ftbias_jax.io.write.npz import save_npz_parts
 from ftbias_jax.io.write.ours import EXPORT, FIGURE, RESULT
 from ftbias_jax.io.write.provenance import in_words
-from ftbias_jax.io.write.selection import Selection, check_selection
+from ftbias_jax.io.write.selection import ALL, About, Selection, check_selection, selected_parts
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup
 from ftbias_jax.setup.export.ros import dump_offsets
+
+if TYPE_CHECKING:
+    from ftbias_jax.filtering.verbs.results import FilterResult
 
 SHORT = 1 << 15
 """Samples of a log, filtered alone, for which compiling a fast program takes longer than what it saves."""
@@ -56,7 +62,6 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.runtime.jax_config import prepare_jax
 
     prepare_jax()
-    from ftbias_jax.cli.filter_file import filter_file
     from ftbias_jax.filtering.quality import consistency, plot, spectrum
     from ftbias_jax.model.own_effects import load_all
     from ftbias_jax.runtime.kept_programs import compiled_for_few_calls
@@ -97,8 +102,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def filter_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
     """Filter one log of many."""
-    from ftbias_jax.cli.filter_file import filter_file
-
     log = open_log(path, setup, salvage=asked["salvage"])
     fields = tuple(filter(None, asked["fields"].split(",")))
     selection = Selection(fields, asked["precision"], asked["every"], asked["rate"])
@@ -106,3 +109,45 @@ def filter_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -
     done = Done.of(result.repairs, result.summary.samples, of_filter(result))
     status = LOSS if result.worse_than_raw else done.status
     return done._replace(status=status, remarks=(*result.checked.lines(), *done.remarks))
+
+
+def filter_file(
+    log: OpenLog,
+    setup: Setup,
+    output: str | os.PathLike[str],
+    selection: Selection = ALL,
+    *,
+    smooth: bool = False,
+    keep: bool = False,
+    **further: Any,
+) -> FilterResult:
+    """Filter a log into a file, which appears whole or not at all.
+
+    A long NPZ log into an NPZ file takes memory for its stamps and for a few chunks; everything else is held whole.
+
+    Args:
+        log: opened by ``open_log``.
+        setup: of robot, sensor and tool.
+        output: the file; its suffix names the format.
+        selection: what of the result is written.
+        smooth: add the bias given past and future.
+        keep: the result has all arrays; otherwise they may be those of the last part.
+        further: arguments of ``filter_with_setup``.
+
+    Raises:
+        LogError: the log is damaged. SetupError: the tool is not stated, and the log turns it. OutputError, UsageError:
+            the result cannot be written.
+    """
+    from ftbias_jax.filtering.verbs.from_setup import filter_with_setup
+
+    check_selection(selection, smooth=smooth, adapt=setup.bias.adapt)
+
+    def write(parts: Iterator[Filtered], about: Callable[[], About]) -> None:
+        chosen = selected_parts(map(named_arrays, parts), selection)
+        save_npz_parts(output, chosen, lambda: about()._replace(selection=selection))
+
+    whole = keep or smooth or not os.fspath(output).lower().endswith(".npz")
+    result = filter_with_setup(setup, log, smooth=smooth, write=None if whole else write, **further)
+    if whole:
+        result.save(output, **selection._asdict())
+    return result

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 from typing import Any
 
 from ftbias_jax.cli.terminal import tell_repairs
@@ -32,12 +31,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     prepare_jax()
     from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
-    from ftbias_jax.model.simulate_log import simulate
-    from ftbias_jax.model.simulated_effects import check_effects
+    from ftbias_jax.model.simulate_log import check_effects, simulate
 
     setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
     effects = dict(map(split_effect, arguments.effect))
-    check_effects(effects, partial(UsageError, file="--effect"), catalogue_of_setup(setup))
+    check_effects(effects, catalogue_of_setup(setup), "--effect")
     simulated = simulate(
         setup,
         effects,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import io
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -21,6 +21,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import check_outputs, output_of_setup
 from ftbias_jax.io.write.ours import SETUP
 from ftbias_jax.io.write.provenance import provenance, source_of
+from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup, load_setup
 
 NOT_CONVERGED = "a fit did not converge; its values are the best so far"
@@ -93,16 +94,18 @@ def run(arguments: argparse.Namespace) -> int:
     speaks = jax.process_index() == 0
     code = tell_repairs((path, log.repairs) for found in used for path, log in found.logs.items())
     logs = [list(found.logs.values()) for found in used]
-    tuned = tune(
-        setups[0],
-        logs[0],
-        **asked,
-        others=list(zip(setups[1:], logs[1:], strict=True)),
-        start=start,
-        report=Reporter() if speaks else lambda label, iteration, value: None,
-        total=distributed.total if apart else newton.alone,
-        effects=load_all(tuple(arguments.own_effects)),
-    )
+    with Stages("tuning", sys.stderr if speaks else io.StringIO()) as stages:
+        stages("getting ready")
+        tuned = tune(
+            setups[0],
+            logs[0],
+            **asked,
+            others=list(zip(setups[1:], logs[1:], strict=True)),
+            start=start,
+            report=lambda label, iteration, value: stages(f"{label}: iteration {iteration}, {value:.2f} nats"),
+            total=distributed.total if apart else newton.alone,
+            effects=load_all(tuple(arguments.own_effects)),
+        )
     if speaks:
         print(tuned)
         if tuned.refusals and not arguments.force:
@@ -209,20 +212,3 @@ def _tools(arguments: argparse.Namespace) -> list[tuple[str, list[str]]]:
         if not logs:
             raise UsageError(f"{setup!r} has no log", field="LOG", remedy="give at least one")
     return tools
-
-
-class Reporter:
-    """Tells of the iterations of each fit on standard error, sparsely where that is no terminal."""
-
-    def __init__(self) -> None:
-        self._label, self._start, self._last = "", time.monotonic(), time.monotonic()
-
-    def __call__(self, label: str, iteration: int, value: float) -> None:
-        """One iteration of a fit is done."""
-        if label != self._label:  # a fit starts where the one before it ended
-            self._label, self._start = label, self._last
-        self._last = time.monotonic()
-        elapsed, terminal = self._last - self._start, sys.stderr.isatty()
-        if terminal or elapsed > 2:
-            text = f"{label}: iteration {iteration}, {value:.2f} nats, {elapsed:.0f} s"
-            print(text, end="\r" if terminal else "\n", file=sys.stderr, flush=True)

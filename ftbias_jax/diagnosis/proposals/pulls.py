@@ -16,8 +16,8 @@ from ftbias_jax.diagnosis.regression.evaluate import readings, whitened, whitene
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gain_of_each, gains
 from ftbias_jax.diagnosis.thresholds import FARTHEST, LONGEST_CABLE, PULLS_FITTED, UNDETERMINED
+from ftbias_jax.model.effects.catalogue import Catalogue
 from ftbias_jax.model.effects.fitting import Pull
-from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Effect, Signals
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array

@@ -13,11 +13,9 @@ import numpy as np
 
 from ftbias_jax.diagnosis.regression.coordinates import fitted_effects, layout, values_at
 from ftbias_jax.model.effects import compose
-from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
 from ftbias_jax.model.effects.fitting import ByJoint
-from ftbias_jax.model.effects.kinematics import motion_of
-from ftbias_jax.model.effects.table import Catalogue
-from ftbias_jax.model.effects.types import Effect, EffectValues, Signals, Values
+from ftbias_jax.model.effects.types import Effect, EffectValues, Signals, Values, motion_of
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array

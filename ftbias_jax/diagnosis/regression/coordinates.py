@@ -15,7 +15,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values
+from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, neutral_values
 from ftbias_jax.model.effects.fitting import (
     BY_COORDINATES,
     INVERSE,
@@ -25,7 +25,6 @@ from ftbias_jax.model.effects.fitting import (
     Coordinate,
     Samples,
 )
-from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter
 from ftbias_jax.types import Array
 

@@ -14,9 +14,8 @@ import numpy as np
 from ftbias_jax.diagnosis.hypothesis import Change, Event, Hypothesis, Shaped, Slow, search_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.coordinates import strengths
-from ftbias_jax.model.effects.catalogue import complete
+from ftbias_jax.model.effects.catalogue import Catalogue, complete
 from ftbias_jax.model.effects.fitting import Settling, Step
-from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.effects.types import Effect, Signals
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array

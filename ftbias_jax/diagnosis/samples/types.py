@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
 from ftbias_jax.model.effects.fitting import LEVEL, Samples
-from ftbias_jax.model.effects.table import Catalogue
 from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.types import AXES
 

@@ -108,7 +108,9 @@ def filter_log(
     def one(source: Source) -> FilterResult:
         nonlocal done
         log, before = source if isinstance(source, Log) else read_log(source, setup), done
-        result = filter_one(setup, log, smooth=smooth, unchecked=unchecked, progress=lambda n: progress(before + n))
+        result = filter_with_setup(
+            setup, log, smooth=smooth, unchecked=unchecked, progress=lambda samples: progress(before + samples)
+        )
         done = before + len(result.t)
         return only(replace(result, repairs=(*map(Repair, result.checked.lines()), *result.repairs)), fields)
 
@@ -127,7 +129,7 @@ def filter_log(
     return FilterResults(tuple(results), errors)
 
 
-def filter_one(
+def filter_with_setup(
     setup: Setup,
     log: Log | OpenLog,
     *,

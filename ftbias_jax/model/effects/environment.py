@@ -10,11 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.model.effects.fitting import INVERSE, LOGARITHM, Coordinate, Fitting, Pull, Ringing, Touches
-from ftbias_jax.model.effects.kinematics import motion_of
-from ftbias_jax.model.effects.responses import rung
+from ftbias_jax.model.effects.responses import rung, swing_forgets
 from ftbias_jax.model.effects.statements import amount, events
-from ftbias_jax.model.effects.terms.memory import swing_forgets
-from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin, within
+from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin, motion_of, within
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.model.wrench.inertia import about_center_of_mass, center_of_mass, spatial_inertia

@@ -7,8 +7,6 @@ import jax.numpy as jnp
 from ftbias_jax.model.effects.fitting import ByJoint, Fitting, Linear
 from ftbias_jax.model.effects.statements import DEGREES, amount, angle, distance
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin, within
-from ftbias_jax.model.kinematics.arm_batch import ArmMotion
-from ftbias_jax.model.kinematics.recorded_pose import motions_of
 from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.wrench.inertia import turned
 from ftbias_jax.types import Array
@@ -36,13 +34,6 @@ def encoder_offset(values: EffectValues, signals: Signals) -> Signals:
 def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
     """True joint angles from the recorded ones, with an offset (n,) rad at every joint."""
     return signals._replace(q=signals.q - offsets[None], motion=None)
-
-
-def motion_of(signals: Signals) -> ArmMotion:
-    """How the arm moves, or the body whose pose was recorded, as it was worked out before or else now."""
-    if signals.motion is not None:
-        return signals.motion
-    return motions_of(signals.model.arm, signals.q.T, signals.dq.T, signals.ddq.T)
 
 
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:

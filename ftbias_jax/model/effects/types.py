@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from ftbias_jax.model.effects.fitting import Coordinate, Fitting
 from ftbias_jax.model.effects.statements import Statement
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
-from ftbias_jax.model.kinematics.sensor_path import SensorPath, sensor_path
+from ftbias_jax.model.kinematics.recorded_pose import SensorPath, motions_of, path_of
 from ftbias_jax.model.wrench.tool_wrench import Model as Model
 from ftbias_jax.types import Array
 
@@ -42,7 +42,7 @@ class Signals(NamedTuple):
     """(T,) deg C, without gaps (``compose.fill_temperature``); any constant where it was not recorded."""
     model: Model
     motion: ArmMotion | None = None
-    """Of the arm, if it was worked out before; effects get it by ``kinematics.motion_of``."""
+    """Of the arm, if it was worked out before; effects get it by ``motion_of``."""
     columns: dict[str, Array] = _NO_COLUMNS
     """(T,) further quantities of the log by the names that [log.columns] of the setup gives them, without gaps. An
     effect that looks at one states its name in ``Effect.needs``."""
@@ -50,7 +50,7 @@ class Signals(NamedTuple):
     @property
     def path(self) -> SensorPath:
         """How the sensor moves: pose, velocities and accelerations (T, 3), base frame."""
-        return sensor_path(self.model.arm, self.q, self.dq, self.ddq, self.motion)
+        return path_of(motion_of(self))
 
     def in_sensor(self, vectors: Array) -> Array:
         """Vectors (T, 3) in base axes -> the same in the sensor's axes."""
@@ -70,6 +70,13 @@ class Signals(NamedTuple):
         force = self.in_sensor(force)
         torque = jnp.cross(jnp.broadcast_to(jnp.asarray(point, force.dtype), force.shape), force)
         return -jnp.concatenate([force, torque], 1)
+
+
+def motion_of(signals: Signals) -> ArmMotion:
+    """How the arm moves, or the body whose pose was recorded, as it was worked out before or else now."""
+    if signals.motion is not None:
+        return signals.motion
+    return motions_of(signals.model.arm, signals.q.T, signals.dq.T, signals.ddq.T)
 
 
 class Record(NamedTuple):
@@ -185,11 +192,6 @@ class Effect(NamedTuple):
     def hook(self) -> str:
         """Where it acts: "model", "wrench" or "record"."""
         return "model" if self.transform else "wrench" if self.reading else "record"
-
-    @property
-    def smooth(self) -> bool:
-        """Whether ``jax.jvp`` of the prediction at zero strength gives all regressors of the effect."""
-        return self.hook != "record" and not any(parameter.search for parameter in self.parameters)
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name."""

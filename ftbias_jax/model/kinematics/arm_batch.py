@@ -14,7 +14,7 @@ from jax import Array
 
 from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.runtime.compiled_loops import compile_whole
-from ftbias_jax.runtime.lanes import Rows, Vector, cross, product, scale, times, total
+from ftbias_jax.runtime.lanes import Rows, Vector, cross, dot, product, scale, times, total
 from ftbias_jax.runtime.trigonometry import sine_and_versine
 
 if TYPE_CHECKING:
@@ -74,8 +74,7 @@ def arm_motion(arm: Arm, q: Float[Array, "n T"], dq: Float[Array, "n T"], ddq: F
 
     def joint(carry: tuple[Pose, Moving], constants: tuple[Array, ...]) -> tuple[Any, Pose]:
         ((R, p), ((v, w), (v_rate, w_rate))), (own_v, own_s, *turn, dq, ddq) = carry, constants
-        # Without the screw's s, which is not read: XLA may abort on an argument of a marked call that nothing reads.
-        rotation, translation = compile_whole(_turn)(own_v, *turn)
+        rotation, translation = compile_whole(_turn)(own_v, own_s, *turn)
         W = times(R, list(own_s))
         V = total(times(R, list(own_v)), cross(p, W))
         v_rate = total(v_rate, scale(ddq, V), scale(dq, total(cross(w, V), cross(v, W))))
@@ -83,7 +82,7 @@ def arm_motion(arm: Arm, q: Float[Array, "n T"], dq: Float[Array, "n T"], ddq: F
         moving = Moving(Twist(total(v, scale(dq, V)), total(w, scale(dq, W))), Twist(v_rate, w_rate))
         return ((product(R, rotation), total(p, times(R, translation))), moving), (R, p)
 
-    constants = (*arm[:6], q, *sine_and_versine(q), dq, ddq)
+    constants = (arm.linear, arm.angular, q, *sine_and_versine(q), dq, ddq)
     ((R, p), ((v, w), (v_rate, w_rate))), (link_R, link_p) = jax.lax.scan(
         joint, (at_rest, Moving(still, still)), constants
     )
@@ -102,8 +101,12 @@ def _rows(matrix: Rows) -> Array:
     return jnp.stack([jnp.stack(row) for row in matrix])
 
 
-def _turn(v: Array, skew: Array, skew_squared: Array, skew_v: Array, skew_squared_v: Array, *moved: Array) -> Pose:
-    """The exponential of a joint's screw (v, s), whose q, sin q and 1 - cos q are given."""
-    q, sin, versine = moved
-    rotation = [[(a == b) + sin * skew[a, b] + versine * skew_squared[a, b] for b in range(3)] for a in range(3)]
-    return rotation, [q * v[a] + versine * skew_v[a] + (q - sin) * skew_squared_v[a] for a in range(3)]
+def _turn(linear: Array, angular: Array, q: Array, sin: Array, versine: Array) -> Pose:
+    """The exponential of a joint's screw; versine is 1 - cos q."""
+    v, s = list(linear), list(angular)
+    s_v, square = cross(s, v), dot(s, s)
+    turn = [[0, -s[2], s[1]], [s[2], 0, -s[0]], [-s[1], s[0], 0]]
+    rotation = [
+        [(a == b) + sin * turn[a][b] + versine * (s[a] * s[b] - (a == b) * square) for b in range(3)] for a in range(3)
+    ]
+    return rotation, total(scale(q, v), scale(versine, s_v), scale(q - sin, cross(s, s_v)))

@@ -96,3 +96,27 @@ def motions_of(
 ) -> ArmMotion:
     """The motion at many samples, of an arm (``arm_batch.arm_motion``) or of a recorded body."""
     return body_motions(carrier, q, dq, ddq) if isinstance(carrier, FreeBody) else arm_motion(carrier, q, dq, ddq)
+
+
+class SensorPath(NamedTuple):
+    """The sensor's frame at every sample, in the base frame."""
+
+    rotation: Float[Array, "T 3 3"]
+    """(T, 3, 3) R_base_sensor."""
+    position: Float[Array, "T 3"]
+    """(T, 3) m."""
+    velocity: Float[Array, "T 3"]
+    """(T, 3) m/s, of the sensor's origin."""
+    angular_velocity: Float[Array, "T 3"]
+    """(T, 3) rad/s."""
+    acceleration: Float[Array, "T 3"]
+    """(T, 3) m/s^2, of the sensor's origin, without gravity."""
+    angular_acceleration: Float[Array, "T 3"]
+    """(T, 3) rad/s^2."""
+
+
+def path_of(motion: ArmMotion) -> SensorPath:
+    """Where the sensor is and how it moves, sample by sample."""
+    vectors = motion.sensor_position, motion.velocity, motion.angular_velocity
+    rates = motion.acceleration, motion.angular_acceleration
+    return SensorPath(jnp.moveaxis(motion.sensor_rotation, 2, 0), *(vector.T for vector in (*vectors, *rates)))

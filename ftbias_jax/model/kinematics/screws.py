@@ -18,20 +18,12 @@ if TYPE_CHECKING:
 
 
 class Arm(NamedTuple):
-    """A serial arm with the per-joint constants of the exponential map worked out once (report, eq. of exp([S] q))."""
+    """A serial arm."""
 
     linear: Float[Array, "n 3"]
     """(n, 3) linear part v of each screw."""
     angular: Float[Array, "n 3"]
-    """(n, 3) angular part s of each screw; zero for a prismatic joint."""
-    skew: Float[Array, "n 3 3"]
-    """(n, 3, 3) [s]."""
-    skew_squared: Float[Array, "n 3 3"]
-    """(n, 3, 3) [s]^2."""
-    skew_linear: Float[Array, "n 3"]
-    """(n, 3) [s] v."""
-    skew_squared_linear: Float[Array, "n 3"]
-    """(n, 3) [s]^2 v."""
+    """(n, 3) angular part s of each screw, of unit length; zero for a prismatic joint."""
     zero_position: Float[Array, " 3"]
     """(3,) m, sensor origin at q = 0."""
     zero_rotation: Float[Array, "3 3"]
@@ -84,27 +76,9 @@ def rotation_from_vector(vector: Float[Array | np.ndarray, " 3"]) -> Float[Array
 
 
 def make_arm(screws: Float[Array, "n 6"], zero_position: Float[Array, " 3"], zero_rotation: Float[Array, "3 3"]) -> Arm:
-    """Work out the constants of an arm.
-
-    Args:
-        screws: (n, 6) screw axes at q = 0, base frame, (linear; angular); angular parts of unit length or zero.
-        zero_position: (3,) m, sensor origin at q = 0, base frame.
-        zero_rotation: (3, 3) sensor axes at q = 0, base frame.
-    """
+    """An arm from screw axes (n, 6), (linear; angular), and the sensor's origin (3,) m and axes (3, 3) at q = 0."""
     screws = jnp.asarray(screws)
-    linear, angular = screws[:, :3], screws[:, 3:]
-    s = skew(angular)
-    s_squared = s @ s
-    return Arm(
-        linear,
-        angular,
-        s,
-        s_squared,
-        jnp.einsum("nij,nj->ni", s, linear),
-        jnp.einsum("nij,nj->ni", s_squared, linear),
-        jnp.asarray(zero_position),
-        jnp.asarray(zero_rotation),
-    )
+    return Arm(screws[:, :3], screws[:, 3:], jnp.asarray(zero_position), jnp.asarray(zero_rotation))
 
 
 def exponentials(arm: Arm, q: Float[Array, " n"]) -> tuple[Float[Array, "n 3 3"], Float[Array, "n 3"]]:
@@ -114,9 +88,10 @@ def exponentials(arm: Arm, q: Float[Array, " n"]) -> tuple[Float[Array, "n 3 3"]
     The columns do not depend on one another: these are not the cumulative transforms (errata 8).
     """
     sin, versine = jnp.sin(q)[:, None], 2 * jnp.sin(q / 2)[:, None] ** 2  # 1 - cos q without cancellation
-    remainder = q[:, None] - sin
-    rotation = jnp.eye(3, dtype=q.dtype)[None] + sin[..., None] * arm.skew + versine[..., None] * arm.skew_squared
-    position = q[:, None] * arm.linear + versine * arm.skew_linear + remainder * arm.skew_squared_linear
+    v, S = arm.linear, skew(arm.angular)
+    S_v = jnp.einsum("nij,nj->ni", S, v)
+    rotation = jnp.eye(3, dtype=q.dtype)[None] + sin[..., None] * S + versine[..., None] * (S @ S)
+    position = q[:, None] * v + versine * S_v + (q[:, None] - sin) * jnp.einsum("nij,nj->ni", S, S_v)
     return rotation, position
 
 

@@ -86,17 +86,12 @@ def data_matrix(
     return jnp.concatenate([force_rows, torque_rows])
 
 
-def observation_matrix(theta: Float[Array, " 10"]) -> Float[Array, "6 60"]:
-    """B = theta^T kron I_6 (6, 60), in the units of theta (10,): kg, kg m, kg m^2; W = B vec(D)."""
-    return jnp.kron(theta[None, :], jnp.eye(6, dtype=theta.dtype))
-
-
 def reduced_observation_matrix(theta: Float[Array, " 10"]) -> Float[Array, "6 36"]:
-    """The 36 columns of B (6, 36) that meet an entry of D which is not always zero, in the order LIVE_ENTRIES.
+    """The columns (6, 36) of B = theta^T kron I_6, W = B vec(D), that meet an entry of D which is not always zero.
 
-    In the units of theta (10,): kg, kg m, kg m^2.
+    In the order of LIVE_ENTRIES and the units of theta (10,): kg, kg m, kg m^2.
     """
-    return observation_matrix(theta)[:, LIVE_ENTRIES]
+    return jnp.kron(theta[None, :], jnp.eye(6, dtype=theta.dtype))[:, LIVE_ENTRIES]
 
 
 def measurement_covariance(
@@ -162,6 +157,38 @@ def _inertial_wrench(theta: Array, linear: Array, angular: Array) -> Array:
     return jnp.concatenate([force, skew(first_moment) @ linear + inertia @ angular])
 
 
+class DataNoise(NamedTuple):
+    """Standard deviations of the sensor's motion; each (3,), sensor axes."""
+
+    linear_acceleration: Array
+    """m/s^2."""
+    angular_acceleration: Array
+    """rad/s^2."""
+    angular_velocity: Array
+    """rad/s."""
+    gravity_direction: Array
+    """rad."""
+
+
+def data_variance(noise: DataNoise, gravity: Array) -> Array:
+    """Diagonal (36,) of Sigma_D over the live entries of vec(D) (``tool_wrench.LIVE_ENTRIES``); gravity in m/s^2."""
+    x, y, z = noise.linear_acceleration**2 + (gravity @ gravity) * noise.gravity_direction**2
+    ax, ay, az = noise.angular_acceleration**2
+    rate = noise.angular_velocity**2
+    xx, yy, zz = 2 * rate**2
+    xy, xz, yz = rate[0] * rate[1], rate[0] * rate[2], rate[1] * rate[2]
+    zero = jnp.zeros_like(x)
+    rows = [
+        [x, yy + zz, xy + az, xz + ay, *[zero] * 6],
+        [y, xy + az, xx + zz, yz + ax, *[zero] * 6],
+        [z, xz + ay, yz + ax, xx + yy, *[zero] * 6],
+        [zero, zero, z, y, ax, ay + xz, az + xy, yz, yy + zz, yz],
+        [zero, z, zero, x, xz, ax + yz, zz + xx, ay, az + xy, xz],
+        [zero, y, x, zero, xy, xx + yy, ax + yz, xy, ay + xz, az],
+    ]
+    return vec(jnp.stack([jnp.stack(row) for row in rows]))[LIVE_ENTRIES]
+
+
 def unbias(
     wrench: Float[Array, " 6"], bias_and_drift: Float[Array, " 12"], elapsed: Float[Array, ""]
 ) -> Float[Array, " 6"]:
@@ -204,15 +231,3 @@ def motion_and_wrench(
         R_sensor_base @ motion.angular_acceleration,
     )
     return motion, D @ theta
-
-
-def tool_wrench(
-    arm: Arm | FreeBody,
-    gravity: Float[Array, " 3"],
-    theta: Float[Array, " 10"],
-    q: Float[Array, " n"],
-    dq: Float[Array, " n"],
-    ddq: Float[Array, " n"],
-) -> Float[Array, " 6"]:
-    """The wrench (6,) N, Nm, sensor frame, of ``motion_and_wrench`` alone."""
-    return motion_and_wrench(arm, gravity, theta, q, dq, ddq)[1]

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from ftbias_jax.calibration import tune
-from ftbias_jax.calibration.batching import stack
 from ftbias_jax.calibration.noise import fit as data_noise
 from ftbias_jax.calibration.noise import values as data_noise_values
 from ftbias_jax.calibration.noise.score import WrenchLogs, WrenchScore
 from ftbias_jax.calibration.noise.values import KINDS
+from ftbias_jax.calibration.tune import stack
 from ftbias_jax.model import simulate
 from ftbias_jax.model.params import BiasNoise, Params
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, tool_parameters

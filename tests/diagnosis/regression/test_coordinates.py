@@ -14,8 +14,7 @@ from ftbias_jax.diagnosis.regression.coordinates import (
     to_coordinates,
     values_at,
 )
-from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values
-from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, neutral_values
 from ftbias_jax.model.effects.types import Effect, Model, Parameter, Signals
 from ftbias_jax.model.own_effects import catalogue_with
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters

@@ -3,8 +3,7 @@
 from types import SimpleNamespace
 
 from ftbias_jax.diagnosis.samples.types import Finding, together
-from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.model.effects.table import Catalogue
+from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
 
 
 def log(**nats):

@@ -16,7 +16,11 @@ from ftbias_jax.model.effects.types import Model
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 
-SMOOTH = [name for name, effect in CATALOGUE.items() if effect.smooth]
+SMOOTH = [
+    name
+    for name, effect in CATALOGUE.items()
+    if effect.hook != "record" and not any(parameter.search for parameter in effect.parameters)
+]
 
 
 @pytest.fixture(scope="module")

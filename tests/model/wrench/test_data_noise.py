@@ -10,8 +10,14 @@ import pytest
 
 from ftbias_jax.filtering.likelihood import log_likelihood
 from ftbias_jax.model.params import params_from_setup
-from ftbias_jax.model.wrench.data_noise import DataNoise, data_variance
-from ftbias_jax.model.wrench.tool_wrench import LIVE_ENTRIES, data_matrix, measurement_covariance, vec
+from ftbias_jax.model.wrench.tool_wrench import (
+    LIVE_ENTRIES,
+    DataNoise,
+    data_matrix,
+    data_variance,
+    measurement_covariance,
+    vec,
+)
 from ftbias_jax.setup import parse_setup
 
 SETUP = {

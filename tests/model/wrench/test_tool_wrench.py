@@ -66,8 +66,6 @@ def test_erratum_05_vec_stacks_columns():
     np.testing.assert_allclose(
         tool_wrench.vec(jnp.asarray(X @ Y @ Z)), np.kron(Z.T, X) @ tool_wrench.vec(jnp.asarray(Y))
     )
-    theta, D = jnp.asarray(rng.normal(size=10)), data_matrix(*rng.normal(size=(3, 3)))
-    np.testing.assert_allclose(tool_wrench.observation_matrix(theta) @ tool_wrench.vec(D), D @ theta, rtol=1e-12)
 
 
 def test_36_entries_of_the_data_matrix_are_live():

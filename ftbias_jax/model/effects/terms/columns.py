@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ftbias_jax.model.effects.kinematics import motion_of
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import State, Term
-from ftbias_jax.model.effects.types import Signals
+from ftbias_jax.model.effects.types import Signals, motion_of
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
@@ -131,11 +130,11 @@ def at_point(xp: Any, state: State, point: Array, fields: tuple[str, ...] = MOVE
     return state._replace(**moved)
 
 
-def change(xp: Any, terms: Mapping[str, Term], state: State, acts_as: tuple[str, ...] = ()) -> Array:
-    """(T, 6) N, Nm: what terms add to the reading, all of them or only those that act so."""
+def change(xp: Any, terms: Mapping[str, Term], state: State) -> Array:
+    """(T, 6) N, Nm: what terms add to the reading."""
     total = xp.zeros_like(state.load)
     for term in terms.values():
-        if term.acts_as != "noise" and (not acts_as or term.acts_as in acts_as):
+        if term.acts_as != "noise":
             total = total + added(xp, term, state)
     return total
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ftbias_jax.model.effects.terms.memory import low_passed, swing, swing_forgets
+from ftbias_jax.model.effects.responses import low_passed, swing, swing_forgets
 from ftbias_jax.model.effects.terms.types import Form, Make, Numbers, Parameter, State
 from ftbias_jax.types import Array
 

@@ -107,11 +107,6 @@ def test_every_form_has_the_columns_it_counts_and_is_the_same_in_jax(state):
         np.testing.assert_allclose(on_jax[name], found, rtol=2e-3, atol=2e-3 * np.abs(found).max(), err_msg=name)
 
 
-def test_only_what_acts_as_bias_counts_as_bias(state):
-    terms = {"1": a_term("velocity", "linear"), "2": a_term("time", "linear", "sensor", "bias", 0, np.ones(6))}
-    np.testing.assert_allclose(change(np, terms, state, ("bias",)), -np.repeat(state.t[:, None], 6, 1))
-
-
 @pytest.mark.parametrize("acts_as", ["force", "torque", "wrench"])
 def test_what_a_term_adds_is_its_columns_times_its_coefficients(state, acts_as):
     term = a_term("position", "linear", acts_as=acts_as, coefficients=[2.0, -1.0, 0.5])

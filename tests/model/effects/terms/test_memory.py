@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.model.effects.terms.memory import low_passed, recurrence, swing
+from ftbias_jax.model.effects.responses import low_passed, recurrence, swing
 
 
 def test_a_recurrence_is_the_loop_it_stands_for():

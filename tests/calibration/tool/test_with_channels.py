@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import ftbias_jax as ft
-from ftbias_jax.calibration.tool.channels import UNITS, Channels
-from ftbias_jax.calibration.tool.crosstalk import in_words, with_channels
+from ftbias_jax.calibration.tool.channels import UNITS, Channels, channels_in_words, with_channels
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.setup import parse_setup
 
@@ -45,12 +44,12 @@ def test_what_is_found_comes_after_what_the_setup_states():
 @pytest.mark.parametrize("held_out", [(40.0, 20.0), (-5.0, 1.0)])
 def test_what_blocks_left_out_do_not_show_is_not_written(held_out):
     assert with_channels(SETUP, found(held_out)) is SETUP
-    (line,) = in_words(found(held_out))
+    (line,) = channels_in_words(found(held_out))
     assert "not shown by this log" in line
 
 
 def test_the_table_has_what_each_channel_reads_of_a_tenth_of_a_newton_metre():
-    lines = in_words(found())
+    lines = channels_in_words(found())
     assert "40 ± 8 nats" in lines[0]
     assert lines[-6].split() == ["fx", *(f"{x:.3f}" for x in MATRIX[0] * np.repeat([1, 0.1], 3))]
 
