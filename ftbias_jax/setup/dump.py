@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,28 +37,18 @@ class Line(NamedTuple):
         return "; ".join(part for part in (self.unit or (known.unit if known else ""), remark) if part)
 
 
-def dump_setup(setup: Setup, comments: Mapping[str, str] | None = None) -> str:
-    """TOML text that ``parse_setup`` reads back.
+def dump_setup(setup: Setup) -> str:
+    """TOML text that ``parse_setup`` reads back, with ``setup.comments`` on the lines of their keys.
 
     Numbers come back to the last bit, except screws and rotations that go through axis, point and angles: those come
     back to round-off.
-
-    Args:
-        setup: what to write.
-        comments: for full keys such as ``tool.mass``, appended to that line, instead of ``setup.comments``.
-
-    Raises:
-        ValueError: a comment is for a key that is not written.
     """
-    left = dict(setup.comments if comments is None else comments)
     text, section = "", ""
     for line in lines_of(setup):
         if line.section != section or line.key == "axis" or (not line.key and line.section.startswith("[[")):
             text, section = f"{text}\n{line.section}\n" if text else f"{line.section}\n", line.section
         if line.key:
-            text += f"{toml_line(line.key, line.value, line.comment(left.pop(line.full_key, '')))}\n"
-    if left and comments is not None:  # a setup may have lost a value after it was commented
-        raise ValueError(f"comments for keys that are not written: {', '.join(left)}")
+            text += f"{toml_line(line.key, line.value, line.comment(setup.comments.get(line.full_key, '')))}\n"
     return text
 
 

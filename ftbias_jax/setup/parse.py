@@ -19,15 +19,7 @@ import numpy as np
 from ftbias_jax.setup.fields import Section, check_keys, read_only, refuse, require, show, subsection, table, text
 from ftbias_jax.setup.keys.table import SECTIONS, check_section, open_section, read, read_all, top_sections
 from ftbias_jax.setup.recorded import POSE, LogSetup, PoseSetup
-from ftbias_jax.setup.robots import (
-    BUILT_IN,
-    CONVENTIONS,
-    Pose,
-    built_in_robot,
-    prismatic_screw,
-    read_dh,
-    revolute_screw,
-)
+from ftbias_jax.setup.robots import BUILT_IN, CONVENTIONS, built_in_robot, prismatic_screw, read_dh, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.types import (
     COMPENSATED,
@@ -160,7 +152,7 @@ def _dh_robot(section: Section, gravity: Array) -> RobotSetup:
     refuse(section, ("model", "joints", "flange"), "excluded by robot.dh")
     require(section, "dh_convention", f"say which, as the table's source does: {' or '.join(CONVENTIONS)}")
     convention = read(section, "dh_convention")
-    screws, flange, joint_names = read_dh(section, "dh", convention, read(section, "dh_units"))
+    screws, flange, joint_names = read_dh(section, convention, read(section, "dh_units"))
     translation, rotation = map(read_only, flange)
     return RobotSetup(read_only(screws), joint_names, translation, rotation, gravity)
 
@@ -223,8 +215,7 @@ def _urdf_tool(section: Section, robot: Section, sensor: SensorSetup) -> ToolSet
     refuse(section, others, "excluded by tool.from_urdf_link")
     if "urdf" not in robot.values:
         raise section.error("from_urdf_link", "there is no robot.urdf", "give tool.mass and center_of_mass instead")
-    pose = Pose(sensor.translation, sensor.rotation)
-    tool = urdf_tool(load_urdf(_urdf_path(robot)), read(robot, "tip_link"), read(section, "from_urdf_link"), pose)
+    tool = urdf_tool(load_urdf(_urdf_path(robot)), read(robot, "tip_link"), read(section, "from_urdf_link"), sensor)
     _check_inertia(tool.inertia, section, "from_urdf_link")
     return tool
 

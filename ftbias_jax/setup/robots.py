@@ -58,13 +58,12 @@ def _arm(model: str) -> dict[str, Any]:
     data = _ARMS.get(data.get("like", ""), {}) | data
     limits = {}
     if "dh" in data:
-        table = Section(data | {"joint_names": _names(data)}, model, "arms.toml")
-        screws, flange, labels = read_dh(table, "dh", data["convention"], "m,deg")
+        screws, flange, labels = read_dh(Section(data, model, "arms.toml"), data["convention"], "m,deg")
     else:
         joints, pose, axes = data["joints"], pose_at(), []
         for joint in joints:  # each stands on the one before it, as in a URDF
             pose = pose.then(_place(joint))
-            axes.append(revolute_screw(pose.rotation @ _axis(joint.get("axis", "z")), pose.translation))
+            axes.append(revolute_screw(pose.rotation @ np.array(joint.get("axis", (0, 0, 1)), float), pose.translation))
         screws, flange = np.stack(axes), pose.then(_place(data["flange"]))
         labels = tuple(joint["name"] for joint in joints)
         travel = [joint.get("range", (-np.inf, np.inf)) for joint in joints]
@@ -80,19 +79,6 @@ def _arm(model: str) -> dict[str, Any]:
 
 def _place(place: Mapping[str, Any]) -> Pose:
     return pose_at(place["xyz"], np.radians(place.get("rpy", (0.0, 0.0, 0.0))))
-
-
-def _names(data: Mapping[str, Any]) -> list[str]:
-    """Names of the joints, of which a pattern with a # means one for each number."""
-    given = data["names"]
-    count = sum(len(row) == 4 for row in data["dh"])
-    return list(given) if isinstance(given, list) else [given.replace("#", str(i + 1)) for i in range(count)]
-
-
-def _axis(name: str) -> Array:
-    """The unit vector of "x", "y", "z", or "-x" and so on."""
-    unit = np.eye(3)["xyz".index(name[-1])]
-    return -unit if name.startswith("-") else unit
 
 
 def revolute_screw(axis: Array, point: Array) -> Array:
@@ -144,56 +130,56 @@ def _dh_chain(table: Array, turns: Array, convention: str) -> tuple[Array, Pose]
     return np.array(screws).reshape(-1, 6), pose
 
 
-def read_dh(section: Section, key: str, convention: str, units: str) -> tuple[Array, Pose, tuple[str, ...]]:
+def read_dh(section: Section, convention: str, units: str) -> tuple[Array, Pose, tuple[str, ...]]:
     """Screws, flange and names of the joints of a Denavit-Hartenberg table, if it can be that of an arm.
 
-    The section has the table, rows of a, alpha, d, theta, and perhaps "fixed", and perhaps ``joint_names``; convention
-    and units are of CONVENTIONS and UNITS.
+    The section has the table ``dh``, rows of a, alpha, d, theta, and perhaps "fixed", and perhaps ``joint_names``;
+    convention and units are of CONVENTIONS and UNITS.
 
     Raises:
         SetupError: a row is no such row, a joint is prismatic, or the numbers cannot have these units.
     """
-    given = rows(section, key, 4)
+    given = rows(section, "dh", 4)
     joints = [i for i, row in enumerate(given) if row[4:] != [FIXED]]
     if not joints:
-        raise section.error(key, "has no joint", "give at least one row without 'fixed'")
+        raise section.error("dh", "has no joint", "give at least one row without 'fixed'")
     named = "joint_names" in section.values
     labels = names(section, "joint_names", len(joints)) if named else tuple(f"joint{i + 1}" for i in range(len(joints)))
     for label, i in zip(labels, joints, strict=True):
         if isinstance(given[i][2], str) or given[i][4:] == ["prismatic"]:
             remedy = 'a table is for joints that turn: give [[robot.joints]] with type = "prismatic", or a URDF'
-            raise section.error(f"{key}[{i}]", f"{label} is prismatic", remedy)
+            raise section.error(f"dh[{i}]", f"{label} is prismatic", remedy)
         if given[i][4:] not in ([], ["revolute"]):
-            raise section.error(f"{key}[{i}]", f"ends in {given[i][4]!r}", "end a row without joint in 'fixed'")
-    cells = {f"{key}[{i}]": row[:4] for i, row in enumerate(given)}
+            raise section.error(f"dh[{i}]", f"ends in {given[i][4]!r}", "end a row without joint in 'fixed'")
+    cells = {f"dh[{i}]": row[:4] for i, row in enumerate(given)}
     numbers = np.stack([vector(Section(cells, section.name, section.file), name, 4) for name in cells])
     length, angle = units.split(",")
-    _check_angles(section, key, numbers[:, [1, 3]], angle)
+    _check_angles(section, numbers[:, [1, 3]], angle)
     if length == "mm":
         numbers[:, [0, 2]] /= 1e3
     if angle == "deg":
         numbers[:, [1, 3]] = np.radians(numbers[:, [1, 3]])
     turns = np.isin(np.arange(len(given)), joints)
-    _check_reach(section, key, numbers, turns, convention, length)
+    _check_reach(section, numbers, turns, convention, length)
     return *_dh_chain(numbers, turns, convention), labels
 
 
-def _check_angles(section: Section, key: str, angles: Array, unit: str) -> None:
+def _check_angles(section: Section, angles: Array, unit: str) -> None:
     """Degrees are not radians: no angle is beyond a turn, and whole degrees are not all below seven."""
     largest = np.abs(angles).max()
     if largest > (TURN if unit == "rad" else 361):
         other = "" if unit == "deg" else '; degrees are dh_units = "m,deg" or "mm,deg"'
-        raise section.error(key, f"an angle of {largest:g} {unit} is beyond a turn", f"check its unit{other}")
+        raise section.error("dh", f"an angle of {largest:g} {unit} is beyond a turn", f"check its unit{other}")
     if unit == "deg" and 0 < largest <= TURN:
         remedy = 'radians are dh_units = "m,rad" or "mm,rad"'
-        raise section.error(key, f"no angle is larger than {largest:g} degrees", f"check their unit; {remedy}")
+        raise section.error("dh", f"no angle is larger than {largest:g} degrees", f"check their unit; {remedy}")
 
 
-def _check_reach(section: Section, key: str, table: Array, turns: Array, convention: str, unit: str) -> None:
+def _check_reach(section: Section, table: Array, turns: Array, convention: str, unit: str) -> None:
     """The flange in three poses, because single lengths of a calibrated table may be huge and cancel."""
     poses = (table + q * np.outer(turns, (0, 0, 0, 1)) for q in (0.0, 1.0, -1.0))
     reach = max(float(np.linalg.norm(_dh_chain(pose, turns, convention)[1].translation)) for pose in poses)
     if not SHORTEST <= reach <= LONGEST:
         other = "m" if unit == "mm" else "mm"
         remedy = f'check the unit of a and d; {other} are dh_units = "{other},rad" or "{other},deg"'
-        raise section.error(key, f"the flange is {reach:.4g} m from the base if lengths are in {unit}", remedy)
+        raise section.error("dh", f"the flange is {reach:.4g} m from the base if lengths are in {unit}", remedy)

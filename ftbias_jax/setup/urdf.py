@@ -17,7 +17,7 @@ import numpy as np
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup.fields import nearest, read_file, read_only
 from ftbias_jax.setup.robots import Pose, pose_at, prismatic_screw, revolute_screw
-from ftbias_jax.setup.types import RobotSetup, ToolSetup, inertia_matrix
+from ftbias_jax.setup.types import RobotSetup, SensorSetup, ToolSetup, inertia_matrix
 from ftbias_jax.types import Array
 
 MAX_BYTES = 4 << 20
@@ -209,7 +209,7 @@ def urdf_robot(urdf: Urdf, base_link: str, tip_link: str, gravity: Array) -> Rob
     )
 
 
-def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: Pose) -> ToolSetup:
+def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: SensorSetup) -> ToolSetup:
     """The mass and inertia of one link that is fixed to the tip, the flange, in the frame of the sensor.
 
     Raises:

@@ -81,7 +81,7 @@ def from_table(table: DhTable) -> Keys:
     keys = {"dh": rows, "dh_convention": convention, "dh_units": units}
     if "name" in columns:
         keys["joint_names"] = [line[columns["name"]] for line, row in zip(lines, rows, strict=True) if FIXED not in row]
-    read_dh(Section(keys, "robot", path), "dh", convention, units)
+    read_dh(Section(keys, "robot", path), convention, units)
     remark = f"from {os.path.basename(path)}"
     return {
         f"robot.{key}": Known(value, "as stated" if key == "dh_convention" else remark) for key, value in keys.items()

@@ -175,7 +175,7 @@ def tool_keys(found: Weighed | None, is_stated: bool) -> tuple[Keys, list[str]]:
     return keys, [f"weighed by the log: {words}"]
 
 
-def quietest_noise(t: Array, wrench: Array, rotations: Array | None = None) -> tuple[list[float], str] | None:
+def quietest_noise(t: Array, wrench: Array, rotations: Array) -> tuple[list[float], str] | None:
     """(6,) N, Nm: standard deviation of one sample where the log is quietest, to two digits; and where that is.
 
     From every stretch a cubic in time is subtracted, so that bias, drift and slow motion do not count, but noise that
@@ -185,17 +185,17 @@ def quietest_noise(t: Array, wrench: Array, rotations: Array | None = None) -> t
     Args:
         t: (T,) s.
         wrench: (T, 6) N, Nm; NaN = not measured.
-        rotations: (T, 3, 3) of the sensor in the base frame; None = not known.
+        rotations: (T, 3, 3) of the sensor in the base frame; NaN = not known.
 
     Returns:
         None if there are too few samples, an axis never changes, or the log shows motion and not noise.
     """
     rows = np.isfinite(wrench).all(1)
-    t, wrench, turns = t[rows], wrench[rows], None if rotations is None else rotations[rows]
+    t, wrench, rotations = t[rows], wrench[rows], rotations[rows]
     if len(t) < FEWEST:
         return None
     parts = list(_stretches(t))
-    resting = [] if turns is None else [part for part in parts if _turned(turns[part]) < AT_REST]
+    resting = [part for part in parts if _turned(rotations[part]) < AT_REST]
     # Samples far apart, as of single poses, differ by motion and look like noise.
     usable = resting or [part for part in parts if np.ptp(t[part]) < 2 * QUIET]
     if not usable:
@@ -208,7 +208,7 @@ def quietest_noise(t: Array, wrench: Array, rotations: Array | None = None) -> t
     if moves or not (quiet > 0).all():
         return None
     where = "of a usual second at rest" if resting else "of the quietest second of the log, never at rest"
-    return [float(f"{std:.2g}") for std in quiet], where if rotations is not None else "of the quietest second"
+    return [float(f"{std:.2g}") for std in quiet], where
 
 
 def scatter_in_motion(t: Array, force: Array, rotations: Array, noise_std: Array) -> float | None:

@@ -49,7 +49,7 @@ COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf")
 """In the order of the lines of a plot."""
 
 
-def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About | None = None) -> None:
+def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About) -> None:
     """Write the corrected wrench, the bias and what else is there as topics.
 
     Args:
@@ -59,7 +59,6 @@ def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: 
         about: its frame is that of the headers. What it says is kept in the metadata record ``ftbias`` (``about``,
             ``provenance``); every channel has ``unit``, ``meaning`` and ``sign`` in its own metadata.
     """
-    about = about or About()
     frame = about.frame or FRAME
     writers = need("mcap.writer", "ros", path, writes=True)
     stamps = np.rint(np.asarray(arrays["t"]) * 1e9).astype(np.int64)

@@ -58,7 +58,7 @@ def table(arrays: Mapping[str, Array]) -> dict[str, Column]:
     return columns
 
 
-def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About | None = None) -> None:
+def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About) -> None:
     """Write a Parquet file that pandas, Polars and DuckDB read.
 
     Args:
@@ -68,7 +68,7 @@ def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], abou
             ``unit`` and ``description`` in its own.
     """
     arrow, parquet = (need(name, "parquet", path, writes=True) for name in ("pyarrow", "pyarrow.parquet"))
-    columns, about = table(arrays), about or About()
+    columns = table(arrays)
     made = {name: arrow.array(column.values) for name, column in columns.items()}
     fields = [
         arrow.field(name, values.type, metadata={"unit": columns[name].unit, "description": columns[name].meaning})
@@ -88,7 +88,7 @@ def companion(path: str | os.PathLike[str]) -> str:
     return f"{os.fspath(path)}-metadata.json"
 
 
-def save_csv(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About | None = None) -> None:
+def save_csv(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About) -> None:
     """Write a header line and a line a sample, with all digits that a number has; then the metadata beside it."""
     columns = table(arrays)
     rows = np.column_stack([column.values for column in columns.values()])
@@ -98,7 +98,7 @@ def save_csv(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: A
         np.savetxt(file, rows, digits, ",", header=",".join(columns), comments="")
 
     write_atomic(path, write)
-    write_json(companion(path), metadata(os.path.basename(path), columns, arrays, about or About()))
+    write_json(companion(path), metadata(os.path.basename(path), columns, arrays, about))
 
 
 def metadata(url: str, columns: Mapping[str, Column], arrays: Mapping[str, Array], about: About) -> dict[str, Any]:

@@ -23,11 +23,12 @@ def test_the_noise_is_that_of_the_quietest_second():
     wrench = rng.normal(size=(5000, 6)) * NOISE
     wrench[:4000] *= 5  # the robot moves until 8 s
     wrench += np.sin(t)[:, None] * [20, 20, 20, 0.8, 0.8, 0.8]
-    np.testing.assert_allclose(quietest_noise(t, wrench)[0], NOISE, rtol=0.2)
+    unknown = np.full((10000, 3, 3), np.nan)
+    np.testing.assert_allclose(quietest_noise(t, wrench, unknown[:5000])[0], NOISE, rtol=0.2)
     repeated = np.repeat(wrench, 2, axis=0)
-    np.testing.assert_allclose(quietest_noise(np.arange(10000) / 1000, repeated)[0], NOISE, rtol=0.2)
-    assert quietest_noise(t[:10], wrench[:10]) is None
-    assert quietest_noise(t, np.zeros((5000, 6))) is None
+    np.testing.assert_allclose(quietest_noise(np.arange(10000) / 1000, repeated, unknown)[0], NOISE, rtol=0.2)
+    assert quietest_noise(t[:10], wrench[:10], unknown[:10]) is None
+    assert quietest_noise(t, np.zeros((5000, 6)), unknown[:5000]) is None
 
 
 @pytest.mark.parametrize("rate", [5.0, 10.0, 100.0, 500.0])
