@@ -40,7 +40,8 @@ def blocks_of(work: Work) -> Blocks:
     """The log in blocks, with jumps where the sensor was set to zero."""
     velocity, y = work.joints.mean[1], work.joints.wrench_tool - work.samples.wrench
     shaking = stated_shaking(work.params.bias, velocity)
-    return in_blocks(work.layout, work.t, y, velocity, work.joints.variance, shaking, work.length)
+    variance, tool = work.joints.variance, work.joints.wrench_tool
+    return in_blocks(work.layout, work.t, y, velocity, variance, shaking, work.length, tool)
 
 
 def with_noise(work: Work, noise: BiasNoise, found: Noise) -> Work:
@@ -107,11 +108,14 @@ def summarise(work: Work) -> tuple[Params, States, Infos]:
     passed = jnp.isfinite(innovation)
     standard = jnp.where(passed, innovation, 0) / jnp.where(passed, innovation_std, 1)
     inflation = jnp.ones(6, innovation.dtype) if noise is None else noise.inflation
+    hidden = jnp.zeros(6, innovation.dtype) if noise is None else noise.hidden
     added = 0 if known.known_bias is None else known.known_bias
-    errors = {"bias_std": states.bias_std * inflation[None], "drift_std": states.drift_std * inflation[None]}
+    errors = {"bias_std": jnp.hypot(states.bias_std * inflation[None], hidden[None])}
+    errors["drift_std"] = states.drift_std * inflation[None]
     states = states._replace(bias=states.bias + added, **errors)
     if states.bias_smooth is not None and states.bias_smooth_std is not None:
         smooth_std = states.bias_smooth_std * inflation[None, None]
+        smooth_std = smooth_std.at[:, 0].set(jnp.hypot(smooth_std[:, 0], hidden[None]))
         states = states._replace(bias_smooth=states.bias_smooth.at[:, 0].add(added), bias_smooth_std=smooth_std)
     used, free = passed.any(1), jnp.isfinite(_without_contact(work).wrench).any(1)
     infos = Infos(

@@ -51,6 +51,8 @@ class Blocks(NamedTuple):
     """N^2, Nm^2: the part of ``stated`` that is vibration which the setup states; 0 where it states none."""
     number: Int[Array, ""]
     """How many of them are of the log; those after are padding."""
+    tool: Float[Array, "N 6"] | None = None
+    """N, Nm: mean of the wrench that the tool must cause; None = nobody asks whether anything touches it all along."""
 
 
 def layout_of(dt: np.ndarray) -> Layout:
@@ -69,10 +71,11 @@ def in_blocks(
     variance: Float[Array, "T 6"],
     shaking: Float[Array, "T 6"] | None = None,
     length: int | Array | None = None,
+    tool: Float[Array, "T 6"] | None = None,
 ) -> Blocks:
     """A log in blocks: of y = D theta - W, NaN = not measured, and of the diagonal of R, with the vibration in it.
 
-    The first ``length`` samples are of the log, None = all.
+    The first ``length`` samples are of the log, None = all; ``tool`` is N, Nm that the tool must cause.
     """
     size = layout.size
     room = len(t) // size
@@ -98,7 +101,8 @@ def in_blocks(
     scatter = jnp.where(count > 2, residual / jnp.maximum(count - 2, 1), jnp.nan)
     stated = cut(variance).mean(1)
     shaken = jnp.zeros_like(stated) if shaking is None else cut(shaking).mean(1)
-    return Blocks(times.mean(1), mean, count, scatter, (cut(velocity) ** 2).mean(1), stated, shaken, number)
+    motion, of_tool = (cut(velocity) ** 2).mean(1), None if tool is None else cut(tool).mean(1)
+    return Blocks(times.mean(1), mean, count, scatter, motion, stated, shaken, number, of_tool)
 
 
 def without_jumps(blocks: Blocks, jumps: Float[Array, " N"]) -> Blocks:

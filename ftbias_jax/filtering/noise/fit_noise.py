@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_blocks
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
 from ftbias_jax.filtering.noise.contact import Contacts, find_contacts, slow_std
+from ftbias_jax.filtering.noise.free_motion import hidden_bias
 from ftbias_jax.filtering.noise.scatter import HEAVY
 from ftbias_jax.filtering.noise.slow_noise import SlowNoise, coarser, fit_slow_noise
 from ftbias_jax.filtering.noise.vibration import Vibration, fit_vibration, taken_level
@@ -48,6 +49,8 @@ class Noise(NamedTuple):
     """N, Nm: the bias at the start on axes where the prior does not expect it, 0 elsewhere."""
     inflation: Float[Array, " 6"]
     """Factor, 1 or more, of the standard deviations of bias and drift: what the innovations still contradict."""
+    hidden: Float[Array, " 6"]
+    """N, Nm: how far the bias may be off because the tool is touched all along; 0 where the log has free motion."""
     block_times: Float[Array, " N"]
     """s, middles of the blocks."""
 
@@ -91,7 +94,8 @@ def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNo
     else:
         slow = SlowNoise(stated.correlated_std, stated.correlated_time, jnp.zeros(6, means.y.dtype))
         factor = inflation(means.t, innovations(slow))
-    noise = Noise(contacts, vibration, slow, offset, factor, blocks.t)
+    hidden = jnp.zeros(6, y.dtype) if blocks.tool is None else hidden_bias(blocks, blocks.tool, layout, stated)
+    noise = Noise(contacts, vibration, slow, offset, factor, hidden, blocks.t)
     return with_noise(given, noise), noise
 
 

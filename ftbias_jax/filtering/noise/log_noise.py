@@ -16,6 +16,8 @@ from ftbias_jax.types import AXES, Array
 
 MARGIN = 0.05
 """s beside a contact that are left out with it."""
+TOUCHED = "no free motion: something touches the tool from the first to the last second, and the bias may be off"
+TARE = "do not trust it; tare with nothing at the tool, or record some seconds of free motion"
 BEGUN_AGAIN = "from its first readings on, the gate kept out most of the log: the bias begins at its median instead"
 
 
@@ -33,6 +35,8 @@ class LogNoise(NamedTuple):
     """(6,) factor, 1 or more, of the standard deviations of bias and drift: what the innovations still contradict."""
     begun_again: bool = False
     """Whether the bias begins at the log's median, because from the first readings the gate kept out most of it."""
+    hidden: Array = np.zeros(6)
+    """(6,) N, Nm: how far the bias may be off because the tool is touched all along; 0 = the log has free motion."""
     kept_out: float = 0.0
     """Share of the free samples that the gate keeps out wherever the bias begins; 0 = it keeps at least half."""
 
@@ -47,7 +51,7 @@ def told(found: Noise, layout: Layout, *, slow_is_stated: bool) -> LogNoise:
     contacts, slow = listed(found.contacts, found.block_times, layout), None if slow_is_stated else found.slow
     speed = np.inf if found.vibration.speed is None else float(found.vibration.speed)
     vibration = found.vibration._replace(speed=speed if np.isfinite(speed) else None)
-    return LogNoise(contacts, vibration, slow, found.offset, found.inflation)
+    return LogNoise(contacts, vibration, slow, found.offset, found.inflation, hidden=np.asarray(found.hidden))
 
 
 def describe(noise: LogNoise) -> list[str]:
@@ -86,6 +90,8 @@ def by_axis(values: Array, shown: Array | None = None, digits: int = 2) -> str:
 def remark_of_gate(noise: LogNoise) -> Repairs:
     """What the owner should know about a gate that kept out most of the log; () as a rule."""
     told = (Repair(BEGUN_AGAIN),) if noise.begun_again else ()
+    if noise.hidden.any():
+        return (*told, Repair(f"{TOUCHED}, by {by_axis(noise.hidden)} N, Nm: {TARE}", lost=True))
     if not noise.kept_out:
         return told
     what = f"the gate keeps out {noise.kept_out:.0%} of the log, wherever the bias begins: do not trust the bias"

@@ -1,0 +1,94 @@
+"""Whether a log has any free motion: where it has none, its bias cannot be told from what touches the tool.
+
+A hand that guides the robot, or a tool that slides on a surface, never pushes alike for two seconds. What the model of
+the tool misses follows the motion instead, and is small beside the tool's weight: 2 % of it and less in the calmest two
+seconds of recorded logs, where pushed ones have 6 % and more. A push that stays alike from the first to the last sample
+looks like a bias, and nothing can tell it from one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+
+from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
+from ftbias_jax.filtering.noise.contact import white_std
+from ftbias_jax.model.params import BiasNoise
+from ftbias_jax.types import Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+WINDOW = 2.0
+"""s in which a push is never steady."""
+FEWEST_WINDOWS = 3
+OF_NOISE = 6.0
+"""Standard deviations of a block's mean that a steady reading does not exceed."""
+OF_TOOL = 0.05
+"""Share of the tool's force that neither its model's error exceeds."""
+CALM = 0.03
+"""Share of the windows that must be calm, and at least one."""
+RIDGE, TINY = 1e-6, 1e-30
+"""Of normal equations of columns of size 1, and a size of columns that are zero."""
+MOST_OFF = 4.0
+"""Standard deviations of its prior that a bias may be off it, and what touches may have put there: what is farther off
+is an offset of the sensor."""
+
+
+def hidden_bias(blocks: Blocks, tool: Float[Array, "N 6"], layout: Layout, stated: BiasNoise) -> Float[Array, " 6"]:
+    """N, Nm: how far the bias may be off because the tool is touched all along; zeros for a log with free motion.
+
+    The bias may be anything between what the setup expects and what the log reads in the middle, on each axis by as
+    much as on the worst of force or torque: a push may hide the bias of one axis by chance.
+
+    Args:
+        blocks: of the log.
+        tool: N, Nm, mean of the wrench in each block that the tool must cause.
+        layout: of the blocks.
+        stated: prior of the bias.
+    """
+    there = jnp.arange(len(blocks.t)) < blocks.number
+    middle = nan_median(jnp.where(there[:, None], blocks.mean, jnp.nan))
+    seen = there & jnp.isfinite(blocks.mean).any(1)
+    y = jnp.where(seen[:, None] & jnp.isfinite(blocks.mean), blocks.mean - middle[None], 0)
+    loud, valid = _loud_windows(blocks, tool, layout, _beside_the_model(blocks.t, tool, y, seen), seen)
+    calm = (valid & ~loud).sum()
+    nowhere = (valid.sum() >= FEWEST_WINDOWS) & (calm < jnp.maximum(1, CALM * valid.sum()))
+    scatter = jnp.sqrt((y**2).sum(0) / jnp.maximum(seen.sum(), 1))
+    off = jnp.minimum(jnp.abs(middle - stated.prior_mean[:6]), MOST_OFF * stated.prior_std[:6])
+    worst = jnp.repeat(jnp.nan_to_num(off).reshape(2, 3).max(1), 3)
+    return jnp.where(nowhere & jnp.isfinite(middle), jnp.hypot(scatter, worst), 0.0)
+
+
+def _beside_the_model(
+    t: Float[Array, " N"], tool: Float[Array, "N 6"], y: Float[Array, "N 6"], seen: Array
+) -> Float[Array, "N 6"]:
+    """What no linear function of the tool's wrench and of its rate explains: neither wrong tool, nor gain, nor lag."""
+    rate, passed = jnp.diff(tool, axis=0, append=tool[-1:]), (t - t[0])[:, None]
+    X = jnp.where(seen[:, None], jnp.concatenate([jnp.ones_like(passed), passed, tool, rate], 1), 0)
+    X = X / jnp.maximum(jnp.sqrt((X**2).mean(0)), TINY)[None]
+    gram = X.T @ X + RIDGE * len(X) * jnp.eye(X.shape[1], dtype=y.dtype)
+    return y - X @ jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(gram), X.T @ y)
+
+
+def _loud_windows(
+    blocks: Blocks, tool: Float[Array, "N 6"], layout: Layout, left: Float[Array, "N 6"], seen: Array
+) -> tuple[Array, Array]:
+    """(W,) windows in which the force is not steady, and those that have enough blocks to tell."""
+    size = max(4, round(WINDOW / layout.seconds))
+    number = max(1, len(left) // size)
+    missing = max(0, number * size - len(left))
+
+    def cut(x: Array) -> Array:
+        return jnp.pad(x, [(0, missing), *[(0, 0)] * (x.ndim - 1)])[: number * size].reshape(number, size, *x.shape[1:])
+
+    here = cut(seen.astype(left.dtype))[:, :, None]
+    count = jnp.maximum(here.sum(1), 1)
+    force = cut(left[:, :3])
+    varied = ((force - ((force * here).sum(1) / count)[:, None]) ** 2 * here).sum(1) / count
+    noise = (cut(jnp.where(seen[:, None], white_std(blocks)[:, :3] ** 2, 0)) * here).sum(1) / count
+    weight = jnp.where(seen, (tool[:, :3] ** 2).sum(1), 0).sum() / jnp.maximum(seen.sum(), 1)
+    loud = varied.sum(1) > jnp.maximum(OF_NOISE**2 * noise.sum(1), OF_TOOL**2 * weight)
+    return loud, count[:, 0] > size / 2
