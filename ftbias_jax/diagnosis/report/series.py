@@ -10,8 +10,7 @@ from ftbias_jax.diagnosis.evidence.locate import Conditions, locate
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import measured, readings
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.report.plotted import Series
-from ftbias_jax.diagnosis.result import Where
+from ftbias_jax.diagnosis.result import Series, Where
 from ftbias_jax.diagnosis.samples.bins import sum_of_bins
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
@@ -39,10 +38,9 @@ def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: Hel
     """Coarse means of the innovations of each log, and what the causes change in the reading."""
     without, with_causes = readings(problem, np.stack([base.z, accepted.z]))
     change = with_causes - without
-    for h, coefficients in zip(accepted.hypotheses, _by_hypothesis(accepted), strict=True):
-        change = change + sum(
-            (shape[:, None] * c for shape, c in zip(h.shapes, coefficients, strict=True)), np.zeros(6)
-        )
+    shapes = [shape for h in accepted.hypotheses for shape in h.shapes]
+    for shape, coefficients in zip(shapes, accepted.coefficients.reshape(-1, 6), strict=True):
+        change = change + shape[:, None] * coefficients
     # A constant change is no regressor: the channel that changes most.
     channel = int((change / problem.noise_std).var(0).argmax())
     first, noise = _residual(problem, before)
@@ -60,12 +58,6 @@ def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: Hel
         noise_std, name = np.sqrt(variance / counts[:, None]), f"predicted change of {AXES[channel]}"
         found.append(Series(t, at_first, at_last, noise_std, regressor, f"{name} [{AXIS_UNITS[channel]}]", whole))
     return tuple(found)
-
-
-def _by_hypothesis(found: Fit) -> list[np.ndarray]:
-    """(E, 6) coefficients of each hypothesis."""
-    pieces = np.split(found.coefficients, np.cumsum([6 * len(h.shapes) for h in found.hypotheses]))
-    return [piece.reshape(-1, 6) for piece in pieces[: len(found.hypotheses)]]
 
 
 def _residual(problem: Problem, held: HeldOut) -> tuple[np.ndarray, np.ndarray]:

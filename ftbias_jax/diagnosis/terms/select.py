@@ -10,13 +10,14 @@ import numpy as np
 
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.fit import Fit, block_scores
+from ftbias_jax.diagnosis.regression.evaluate import readings
+from ftbias_jax.diagnosis.regression.fit import Fit, compared
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, stand
+from ftbias_jax.diagnosis.samples.bins import fill_up
 from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, of_spectra
 from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank
-from ftbias_jax.diagnosis.terms.states import state_of_problem
 from ftbias_jax.diagnosis.thresholds import (
     ALIKE,
     CLOSE,
@@ -34,7 +35,7 @@ from ftbias_jax.diagnosis.thresholds import (
     TERM_WORTH_FAR,
     TERMS_FITTED,
 )
-from ftbias_jax.model.effects.terms.columns import columns, has_point
+from ftbias_jax.model.effects.terms.columns import columns, has_point, state_of
 from ftbias_jax.model.effects.terms.types import State, Term
 
 STARTS = {"attraction": 5, "barrier": 2}
@@ -45,6 +46,9 @@ ROUGH_STEPS, FURTHER_STEPS = 5, 10
 """Of a first fit, and more of the best of those."""
 ROUGHLY = 1e-3
 """Share of its whole gain that the last step of such a fit gains less than."""
+
+SHARED = ("gravity", "period")
+"""Of all logs, not of a bin."""
 
 
 class Step(NamedTuple):
@@ -138,9 +142,8 @@ class Search:
         problem, (_, one) = self.problem, found[place]
         described = fit_terms(problem, self.state, stand(start), (*chosen, *one.terms))
         gain = described.fit.log_likelihood - now.log_likelihood
-        difference = block_scores(problem, described.fit.error) - block_scores(problem, now.error)
-        by_chance = difference.sum() < STEADY * np.sqrt(len(difference)) * difference.std()
-        if by_chance or merit_of(gain, numbers_of(one.terms[0])) < LEAST_GAIN:
+        difference, stderr = compared(problem, described.fit.error, now.error)
+        if difference < STEADY * stderr or merit_of(gain, numbers_of(one.terms[0])) < LEAST_GAIN:
             return None
         if any(cancels(term, self.state) for term in described.terms):
             return None
@@ -154,18 +157,31 @@ class Search:
     def _rivals(self, now: Fit, found: list[Solved], place: int) -> tuple[Term, ...]:
         """Terms of other drives that could stand in the place of the one that was chosen."""
         best = found[place]
-        gain, blocks = best.log_likelihood - now.log_likelihood, block_scores(self.problem, best.error)
+        gain = best.log_likelihood - now.log_likelihood
         rivals: dict[str, Term] = {}
         drive = best.terms[0].drive
         for other in found:
             term = other.terms[0]
-            difference = blocks - block_scores(self.problem, other.error)
-            lost = best.log_likelihood - other.log_likelihood
-            error = ALIKE * float(np.sqrt(len(difference)) * difference.std())
-            close = lost < FORM_LOSS * gain or (lost < error and lost < (1 - CLOSE) * gain)
+            lost, stderr = compared(self.problem, best.error, other.error)
+            close = lost < FORM_LOSS * gain or (lost < ALIKE * stderr and lost < (1 - CLOSE) * gain)
             if term.drive != drive and close:
                 rivals.setdefault(term.drive, term)
         return tuple(rivals.values())
+
+
+def state_of_problem(problem: Problem, fit: Fit) -> State:
+    """All logs end to end, (U, ...); the load is the reading that the fit predicts."""
+    load = readings(problem, fit.z[None])[0]
+    pieces, first = [], 0
+    for part in problem.parts:
+        own, size = slice(first, first + part.used), len(part.signals.t)
+        first += part.used
+        counts = fill_up(np.maximum(problem.samples[own].max(1), 1.0), size, 1.0)
+        period = float(np.median(np.diff(np.asarray(part.signals.t)[: part.used])) / np.median(counts[: part.used]))
+        whole = state_of(np, part.signals, fill_up(load[own], size, 0.0), part.nominal, counts, period)
+        pieces.append(State(*(x if k in SHARED else x[: part.used] for k, x in whole._asdict().items())))
+    pairs = zip(State._fields, zip(*pieces, strict=True), strict=True)
+    return State(*(of_parts[0] if name in SHARED else np.concatenate(of_parts) for name, of_parts in pairs))
 
 
 def _order(found: tuple[float, Solved]) -> float:
