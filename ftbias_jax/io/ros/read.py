@@ -8,7 +8,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import Part, log_of_parts, on_one_clock
-from ftbias_jax.io.clock import complaint_of_headers, continue_after_jumps, jumps, order_repairs, tidy
+from ftbias_jax.io.clock import complaint_of_headers, continue_after_jumps, jumps, tidy
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.ros.choose import Chosen, choose, refuse_columns, wanted_of
 from ftbias_jax.io.ros.messages import JOINTS, WRENCH
@@ -66,11 +66,11 @@ def parts_of(chosen: Chosen, setup: Setup, mended: list[Repair], file: str = "")
     parts: list[Part] = []
     for name, t in in_time.items():
         role, stream = chosen[name]
-        ordered = tidy(t, stream.values[known[name]])
-        mended.extend(order_repairs(ordered, f"samples of {stream.topic}"))
+        ordered = tidy(t, {name: stream.values[known[name]]}, f"samples of {stream.topic}")
+        mended.extend(ordered.repairs)
         if lost := int((~known[name]).sum()):
             mended.append(Repair(f"{lost} of the samples of {stream.topic} left out: they have no stamp", lost=True))
-        values = ordered.values
+        values = ordered.columns[name]
         arrays = {name: values[:, 0] if name == "temperature" else values}
         if role == JOINTS:
             n = values.shape[1] // 2
