@@ -95,11 +95,6 @@ _CHOICES = {
 """What a text, or an entry behind the numbers of a row, may be: by the key, or by the section for all its keys."""
 
 
-def _section(name: str, stated: Mapping[str, Any]) -> SectionKeys:
-    keys = {key: _key(f"{name}.{key}", dict(entry)) for key, entry in stated["keys"].items()}
-    return SectionKeys(**{**stated, "keys": keys})
-
-
 def _key(name: str, entry: dict[str, Any]) -> Key:
     entry |= entry.pop("is", {})
     (kind,) = (kind for kind in Kind if kind.value in entry)
@@ -114,7 +109,7 @@ def _fixed(value: Any) -> Any:
 
 
 SECTIONS: Mapping[str, SectionKeys] = {
-    name: _section(name, stated)
+    name: SectionKeys(**{**stated, "keys": {key: _key(f"{name}.{key}", {**x}) for key, x in stated["keys"].items()}})
     for name, stated in tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8")).items()
 }
 """By the full name of the section."""
