@@ -5,8 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.report.plotted import Series
-from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Gap, Regime, Where
+from ftbias_jax.diagnosis.result import Candidate, Diagnosis, Gap, Regime, Series, Where
 
 MakeDiagnosis = Callable[..., Diagnosis]
 NOISE = np.repeat([0.03, 0.0012], 3)

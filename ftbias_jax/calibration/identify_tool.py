@@ -171,8 +171,9 @@ def identify_tool(
             setup, of_tool = (with_channels(each, channels) for each in (setup, of_tool))
         if bias or (channels is not None and channels.shown):
             steady = steady_bias(of_tool, log)
-            std = steady.std_with_tool(found.values, found.stderr)
-            found = found._replace(bias=steady.value, bias_stderr=std)
+            known = np.nan_to_num(found.stderr)
+            tool = replace(of_tool.tool, mass_std=known[0], center_of_mass_std=known[1:4])
+            found = found._replace(bias=steady.value, bias_stderr=steady.std_with_tool(tool))
     if guessed := guessed_parameters(given, found.remarks):
         remarks = tuple(NOT_STATED if guess else remark for guess, remark in zip(guessed, found.remarks, strict=True))
         found = found._replace(values=np.where(guessed, np.nan, found.values), remarks=remarks)

@@ -14,7 +14,7 @@ from ftbias_jax.calibration.tune import Fit
 from ftbias_jax.filtering.verbs.setup_with import setup_with
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import AXES, Array
+from ftbias_jax.types import AXES
 
 OPEN = 3.0
 """A relative standard error from which on a number is not known from the logs."""
@@ -146,20 +146,15 @@ def with_noise(setup: Setup, params: Params, fits: dict[str, Fit]) -> Setup:
         params = params._replace(joint=stated.joint)
     if wrench is None:
         return setup_with(setup, params, guarded=False)
-    density = _where_known(wrench.relative_stderr.get("density"), params.bias.density, setup.bias.noise_density)
+    density = np.asarray(params.bias.density)
+    if "density" in wrench.relative_stderr:  # where the logs leave it open, the given one stays
+        density = np.where(wrench.relative_stderr["density"] < OPEN, density, setup.bias.noise_density)
     params = params._replace(bias=params.bias._replace(density=density))
     parts = setup_from_values(wrench.values)  # in the words of the fit: of the parts, Params has the sum alone
     if parts is not None:
         params = params._replace(bias=params.bias._replace(data_variance=stated.bias.data_variance))
     written = setup_with(setup, params, guarded=False)
     return written if parts is None else replace(written, data_noise=parts)
-
-
-def _where_known(relative_stderr: Array | None, found: Array, given: Array) -> Array:
-    """What was found, but where the logs leave it open, what was given."""
-    if relative_stderr is None:
-        return np.asarray(found)
-    return np.where(np.asarray(relative_stderr) < OPEN, np.asarray(found), given)
 
 
 def comments_of(fits: dict[str, Fit]) -> dict[str, str]:

@@ -25,7 +25,7 @@ from ftbias_jax.check.judge import (
 from ftbias_jax.check.mounts import mount_in_degrees
 from ftbias_jax.check.regression import TRIMS, no_tool
 from ftbias_jax.check.result import Check, Mistake
-from ftbias_jax.check.state import FEWEST, Case, Result, State, case_of_bins, make_case, stated
+from ftbias_jax.check.state import FEWEST, Case, State, case_of_bins, make_case, stated
 from ftbias_jax.check.undetermined import all_undetermined, undetermined
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io.log import Log
@@ -202,7 +202,11 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
     state, found = first.state, []
     pose = state.case.setup.pose
     assert pose is not None
-    tried = [(convention, s, _of_either_sign(s)) for convention, s in poses.conventions(state)]
+    tried = [
+        # The better fit of the reading and of its opposite: the sign is looked at later.
+        (convention, s, min((s.fit(), s.but(wrench=-s.wrench).fit()), key=lambda result: result.square[0]))
+        for convention, s in poses.conventions(state)
+    ]
     as_stated = tried[0][2]
     good = [
         (convention, s, result)
@@ -225,8 +229,3 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
     if in_g is not None and state.specific_force is not None:
         state = state.but(specific_force=9.80665 * state.specific_force)
     return state, found
-
-
-def _of_either_sign(state: State) -> Result:
-    """The better fit of the reading and of its opposite: the sign is looked at later."""
-    return min((state.fit(), state.but(wrench=-state.wrench).fit()), key=lambda result: result.square[0])

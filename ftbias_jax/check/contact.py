@@ -168,7 +168,8 @@ def tares(base: Evidence) -> list[float]:
         if not (np.abs(zeroed) < scatter[k]).all(1).any() or (np.abs(reading[k:i]) < scatter[k]).all():
             continue
         if not _returns(state, i, former[k], level[k]) and (
-            _stands(state, i) or _is_free(state, i, former[k], level[k])
+            # A contact ends, or begins, by motion.
+            np.abs(case.bins.dq[i - 1 : i + 2]).max() < STILL or _is_free(state, i, former[k], level[k])
         ):
             change = np.linalg.norm(np.diff((reading - tool)[i - 1 : i + 2, :3], axis=0), axis=1)
             found.append(i + int(np.argmax(change)))
@@ -188,11 +189,6 @@ def _returns(state: State, i: int, former: Array, level: Array) -> bool:
     seen = near & (np.abs(along - 1) < NEAR) & (rows < i - BESIDE)
     again = near & (np.abs(along) < NEAR) & (rows > i + BESIDE)
     return any(bool((np.convolve(at, np.ones(RUN), "valid") == RUN).any()) for at in (seen, again) if len(at) >= RUN)
-
-
-def _stands(state: State, i: int) -> bool:
-    """Whether the arm stands still around bin i: a contact ends, or begins, by motion."""
-    return bool(np.abs(state.case.bins.dq[i - 1 : i + 2]).max() < STILL)
 
 
 def _is_free(state: State, i: int, former: Array, level: Array) -> bool:

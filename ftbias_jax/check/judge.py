@@ -129,7 +129,8 @@ Tried = tuple[Alternative, Result]
 
 def best_alternatives(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]:
     """The alternatives that are decisively better than the stated model and do equally well, the most common first."""
-    if not (base.left > DOUBTFUL).any() or not shows_anything(base):
+    varies = np.sqrt(base.raw) > CLEARLY * noise_of_bins(base.state)
+    if not (base.left > DOUBTFUL).any() or not varies.any():  # nothing but noise shows nothing
         return []
     tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
     good = [(a, r) for a, r in tried if _is_named(base, a, r)]
@@ -153,11 +154,6 @@ def noise_of_bins(state: State) -> Array:
     noise = state.case.setup.sensor.noise_std.reshape(2, 3)
     size: Array = np.sqrt((noise**2).sum(1) / np.median(state.case.bins.count))
     return size
-
-
-def shows_anything(base: Evidence) -> bool:
-    """Whether the reading varies by more than noise."""
-    return bool((np.sqrt(base.raw) > CLEARLY * noise_of_bins(base.state)).any())
 
 
 def is_pulled(base: Evidence) -> bool:

@@ -142,7 +142,8 @@ def fit(D: Array, wrench: Array, tool: Tool, layout: Layout) -> Fit:
         layout: bias, drift and blocks.
     """
     D = D * layout.axes[:, None]
-    scale = _scales(wrench, layout)
+    # Typical size of force and torque without their bias, N and Nm: the weights of the two.
+    scale = np.sqrt(np.median(squares(without_bias(wrench, layout)), 0)) + 1e-9
     fits = [_concentrated(D, wrench, tool, layout, scale, window) for window in layout.windows()]
     return min(fits, key=lambda fit: float((fit.square / scale**2).sum()))
 
@@ -176,11 +177,6 @@ def without_bias(values: Array, layout: Layout) -> Array:
     coefficients = np.linalg.lstsq(layout.basis, flat, rcond=None)[0]
     cleaned: Array = (flat - layout.basis @ coefficients).reshape(values.shape)
     return cleaned
-
-
-def _scales(wrench: Array, layout: Layout) -> Float[Array, " 2"]:
-    """Typical size of force and torque without their bias, N and Nm: the weights of the two."""
-    return np.sqrt(np.median(squares(without_bias(wrench, layout)), 0)) + 1e-9
 
 
 def _solve(

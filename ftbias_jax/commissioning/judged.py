@@ -205,11 +205,8 @@ def _begin(result: FilterResult, hold_out: float) -> float:
 
 
 def _joined(parts: Sequence[Judged]) -> Judged:
-    errors = np.concatenate([part.errors for part in parts], axis=1)
-    inside = np.concatenate([part.inside for part in parts], axis=1)
-    stretch = np.concatenate([part.stretch + STRETCHES * i for i, part in enumerate(parts)])
-    used = np.concatenate([part.used for part in parts])
-    return Judged(errors, inside, used, stretch)
+    parts = [part._replace(stretch=part.stretch + STRETCHES * i) for i, part in enumerate(parts)]
+    return Judged(*(np.concatenate(arrays, axis=arrays[0].ndim // 2) for arrays in zip(*parts, strict=True)))
 
 
 def _rms(errors: Array) -> Array:

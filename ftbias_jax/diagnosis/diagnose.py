@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from functools import wraps
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import ParamSpec, TypeVar
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from ftbias_jax.diagnosis.terms.describe import describe
 from ftbias_jax.diagnosis.terms.found import found_terms
 from ftbias_jax.diagnosis.terms.noise import louder, noise_term
 from ftbias_jax.diagnosis.terms.peaks import fast_lines
-from ftbias_jax.diagnosis.terms.states import state_of_problem
+from ftbias_jax.diagnosis.terms.select import state_of_problem
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.diagnosis.tool_first import search_causes
 from ftbias_jax.errors import LogError, UsageError
@@ -44,27 +43,20 @@ from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.types import Setup
 
-P = ParamSpec("P")
-R = TypeVar("R")
 
-
-def _with_typed_errors(verb: Callable[P, R]) -> Callable[P, R]:
-    """The same function, which raises a LogError where its equations have no solution."""
-
-    @wraps(verb)
-    def run(*arguments: P.args, **named: P.kwargs) -> R:
-        try:
-            return verb(*arguments, **named)
-        except np.linalg.LinAlgError as error:
-            message = f"the log is no basis for a diagnosis: {error}"
-            remedy = "check its values with ftbias info: a stream may be constant, or far beyond its range"
-            raise LogError(message, remedy=remedy) from error
-
-    return run
+@contextmanager
+def _typed_errors() -> Iterator[None]:
+    """A LogError where equations have no solution."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        message = f"the log is no basis for a diagnosis: {error}"
+        remedy = "check its values with ftbias info: a stream may be constant, or far beyond its range"
+        raise LogError(message, remedy=remedy) from error
 
 
 @in_float64
-@_with_typed_errors
+@_typed_errors()
 def diagnose(
     setup: Setup,
     logs: Sequence[Log],

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report.plotted import Curve, Series
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write.provenance import Provenance
 from ftbias_jax.setup.types import Setup
@@ -52,6 +51,21 @@ class Candidate(NamedTuple):
         """The effect, with the joint's number if it is of one joint."""
         joint = self.parameters.get("joint")
         return self.effect if joint is None else f"{self.effect} (joint {joint:.0f})"
+
+
+class Curve(NamedTuple):
+    """What was left of the reading against a term's drive, and what the term adds."""
+
+    drive: np.ndarray
+    """(B,) the quantity, at coarse means."""
+    drive_name: str
+    """With its unit."""
+    left: np.ndarray
+    """(B,) N or Nm, without the term."""
+    fitted: np.ndarray
+    """(B,) N or Nm, of the term."""
+    left_name: str
+    """With its unit."""
 
 
 class FoundTerm(NamedTuple):
@@ -141,6 +155,30 @@ class LogGap(NamedTuple):
     parameters: dict[str, dict[str, Numbers]]
     """effect -> the cause's parameters by this log alone."""
     stderr: dict[str, dict[str, Numbers]]
+
+
+class Series(NamedTuple):
+    """What the plots show, on a common coarse time axis."""
+
+    t: np.ndarray
+    """(B,) s."""
+    before: np.ndarray
+    """(B, 6) N, Nm, corrected wrench minus model without the causes."""
+    after: np.ndarray
+    """(B, 6) the same with the causes in the model."""
+    noise: np.ndarray
+    """(B, 6) N, Nm, standard deviation of these means by noise alone."""
+    regressor: np.ndarray
+    """(B,) the quantity the first cause acts through, such as its own predicted change of the wrench."""
+    regressor_name: str
+    refitted: np.ndarray | None = None
+    """(B, 6) N, Nm, corrected wrench minus model without the causes, with the bias that the model with them leaves; the
+    bias filter follows a part of a slow gap, which ``before`` then lacks. None = not known."""
+
+    @property
+    def whole(self) -> np.ndarray:
+        """(B, 6) N, Nm, what the causes must explain: with the bias refitted where that is known."""
+        return self.before if self.refitted is None else self.refitted
 
 
 class Diagnosis(NamedTuple):

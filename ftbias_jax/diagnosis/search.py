@@ -13,7 +13,7 @@ from ftbias_jax.diagnosis.evidence.cross_validation import Judge, excess_by_chan
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import is_plausible
 from ftbias_jax.diagnosis.proposals.series import Library, make_library
-from ftbias_jax.diagnosis.regression.fit import Fit, block_scores, fit, projection
+from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit, projection
 from ftbias_jax.diagnosis.thresholds import (
     BEAM,
     BEAM_SHARE,
@@ -117,7 +117,8 @@ class Search(NamedTuple):
         """Whether one more cause is possible, gains enough, steadily, and removes enough on blocks it has not seen."""
         effect = self.problem.catalogue[trial.hypothesis.effect]
         sudden = isinstance(effect.fit.search, SUDDEN)  # gains in few blocks
-        if trial.nats <= LEAST_GAIN or not (sudden or self._z_of_gain(trial.fit, accepted) > STEADY):
+        gain, stderr = compared(self.problem, trial.fit.error, accepted.error)
+        if trial.nats <= LEAST_GAIN or not (sudden or gain > STEADY * stderr):
             return False
         if not is_plausible(self.problem, accepted, trial.fit):
             return False
@@ -146,10 +147,6 @@ class Search(NamedTuple):
         inside = _touched(self.problem, trial)
         first, now, then = ((one.error[inside] ** 2).sum() for one in (self.start, accepted, trial))
         return bool(now - then > LEAST_BESIDE * (first - now))
-
-    def _z_of_gain(self, better: Fit, worse: Fit) -> float:
-        difference = block_scores(self.problem, better.error) - block_scores(self.problem, worse.error)
-        return float(difference.sum() / max(np.sqrt(len(difference)) * difference.std(), 1e-12))
 
     def without_redundant(self, accepted: Fit) -> Fit | None:
         """The fit without an earlier cause that the later ones made needless, if there is one."""

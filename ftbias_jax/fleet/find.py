@@ -74,7 +74,8 @@ def find_logs(arguments: Sequence[str], folder: str, suffix: str, patterns: Patt
     tasks: dict[str, Task] = {}
     for path, log in sorted(found.items()):
         place = os.path.abspath(shown(log)) if is_url(log) else path
-        output = _without_suffix(os.path.relpath(place, base)) + suffix
+        name = os.path.relpath(place, base).removesuffix(PACKED)
+        output = (os.path.splitext(name)[0] if _is_log(name) else name) + suffix
         check_planned(output, shown(log))
         if output in tasks:
             message = f"{shown(tasks[output].log)!r} and {shown(log)!r} would both be written to {output!r}"
@@ -141,8 +142,3 @@ def _is_bag(path: str) -> bool:
 
 def _is_log(path: str) -> bool:
     return path.lower().removesuffix(PACKED).endswith((*TABLES, *SUFFIXES))
-
-
-def _without_suffix(path: str) -> str:
-    name = path.removesuffix(PACKED)
-    return os.path.splitext(name)[0] if _is_log(name) else name

@@ -212,5 +212,5 @@ def _column(stamps: Array, values: Array, start: float, file: str, field: str) -
     known = np.isfinite(values)
     if not known.any():
         raise LogError("was never measured", file=file, field=field, remedy="leave it out of [log.columns]")
-    ordered = tidy(since(t, start)[known], values[known, None])
-    return Column(ordered.t, ordered.values[:, 0])
+    ordered = tidy(since(t, start)[known], {field: values[known]})
+    return Column(ordered.t, ordered.columns[field])

@@ -15,7 +15,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.io.health import Axis, Saturation, Still, extend, mask
 from ftbias_jax.io.log import Log, Repair, Repairs
-from ftbias_jax.io.rates import LISTED, Repeats, extend_repeats, held_readings, missing_readings
+from ftbias_jax.io.rates import LISTED, Held, Repeats, extend_repeats, held_readings, missing_readings
 from ftbias_jax.types import AXES, Array
 
 PART = 1 << 16
@@ -28,17 +28,6 @@ Split = Callable[[int], Iterator[Log]]
 """Samples at once -> the log from its first sample on."""
 
 
-class HeldStream(NamedTuple):
-    """The samples of a stream that repeat a reading taken before (``rates.held``)."""
-
-    samples: int
-    """For how many samples one reading is held, at most."""
-    of: int
-    """Samples of the whole stream."""
-    t: Array
-    """(R,) s, stamps of the repeats."""
-
-
 class Facts(NamedTuple):
     """What must be known of a whole log."""
 
@@ -48,8 +37,9 @@ class Facts(NamedTuple):
     """(W,) s, stamps at which any axis of the wrench was measured."""
     axes: tuple[Axis, ...]
     """Of the wrench: how often each was measured, and where it is clipped or stuck."""
-    held: Mapping[str, HeldStream] = MappingProxyType({})
-    """Array of the log -> its readings that were published more than once; joints and rates may have own clocks."""
+    held: Mapping[str, tuple[Held, Array]] = MappingProxyType({})
+    """Array of the log whose readings were published more than once -> how, and (R,) s, the stamps of the repeats;
+    joints and rates may have clocks of their own."""
     missing: Repairs = ()
     """Readings of the wrench or the joints that are missing while the others go on."""
 
@@ -74,8 +64,8 @@ def cleaned(
 def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, held: bool = True) -> Log:
     """A log, or a part of it, in which samples of clipped and stuck axes, and repeats, are not measured."""
     columns: dict[str, Any] = {}
-    for name, stream in facts.held.items() if held else ():
-        repeats = np.isin(log.t, stream.t, assume_unique=True)
+    for name, (_, t) in facts.held.items() if held else ():
+        repeats = np.isin(log.t, t, assume_unique=True)
         columns[name] = np.where(repeats[:, None], np.nan, getattr(log, name))
     log = log._replace(**columns)
     ends = [axis.limits if clipped and axis.clipped else Saturation(np.nan, np.nan) for axis in facts.axes]
@@ -88,9 +78,9 @@ def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, 
 def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: bool = True) -> Repairs:
     """What is wrong with the axes of the wrench and with the rates, one line a fault; see ``clean``."""
     found = []
-    for name, stream in facts.held.items():
+    for name, (stream, t) in facts.held.items():
         used = ": each reading is used once" if held else ""
-        repeats = f"{len(stream.t)} of {stream.of} repeat{used}"
+        repeats = f"{len(t)} of {len(stream.repeats)} repeat{used}"
         found.append(Repair(f"{STREAMS[name]} held for up to {stream.samples} samples, {repeats}"))
     axes = dict(zip(AXES, facts.axes, strict=True))
     if any(axis.clipped for axis in facts.axes):
@@ -148,7 +138,7 @@ def _survey(split: Split) -> Facts:
     for name, t in every_t.items():
         found = held_readings(repeats[name])
         if found is not None and found.repeats.any():
-            helds[name] = HeldStream(found.samples, len(t), t[found.repeats])
+            helds[name] = found, t[found.repeats]
     wrench_t, joint_t = every_t["wrench"], every_t["q"]
     of_joints = missing_readings(STREAMS["q"], joint_t, wrench_t)  # that they are slower is usual
     missing = *missing_readings(STREAMS["wrench"], wrench_t, joint_t), *(one for one in of_joints if one.lost)

@@ -153,12 +153,8 @@ def put_in_order(
         message = f"time does not increase: {field}[{late}] = {t[late]} after {field}[{latest}] = {t[latest]}"
         remedy = "sort the samples, or cut the log where its clock was set back"
         raise LogError(message, file=file, field=field, remedy=remedy)
-    given = {name: one_a_stamp(values, len(t), name, file) for name, values in columns.items()}
-    flat = [values.reshape(len(t), -1) for values in given.values()]
-    ordered = tidy(t, np.concatenate(flat, 1))
-    parts = np.split(ordered.values, np.cumsum([values.shape[1] for values in flat])[:-1], axis=1)
-    placed = {name: part.reshape(-1, *given[name].shape[1:]) for name, part in zip(given, parts, strict=True)}
-    return Ordered(ordered.t, placed, (*astray, *order_repairs(ordered, samples)))
+    ordered = tidy(t, {name: one_a_stamp(values, len(t), name, file) for name, values in columns.items()}, samples)
+    return ordered._replace(repairs=(*astray, *ordered.repairs))
 
 
 def _without_astray(
@@ -182,43 +178,27 @@ def _without_astray(
     return t[near], kept, (Repair(what, lost=True),)
 
 
-def order_repairs(ordered: Tidy, samples: str) -> Repairs:
-    """What it took to bring samples in order, in words."""
-    repairs = (
-        (ordered.late, "came late: put in order", False),
-        (ordered.repeated, "left out: their stamps are repeated", True),
-    )
-    return tuple(Repair(f"{count} of the {samples} {what}", lost) for count, what, lost in repairs if count)
-
-
-class Tidy(NamedTuple):
-    """A stream in order."""
-
-    t: Array
-    """(U,) s or ns, strictly increasing."""
-    values: Array
-    """(U, k)."""
-    late: int
-    """Samples that were moved to their place."""
-    repeated: int
-    """Samples that were left out, because their stamp had a value already."""
-
-
-def tidy(t: Array, values: Array) -> Tidy:
-    """Sort samples (T, k) by their stamps; those of one stamp become one, each column from the first that has it."""
+def tidy(t: Array, columns: Mapping[str, Array], samples: str = "samples") -> Ordered:
+    """Sort samples (T, ...) by their stamps; those of one stamp become one, each number from the first that has it."""
     late = int((t[1:] < np.maximum.accumulate(t)[:-1]).sum()) if len(t) else 0
     unique, place = np.unique(t, return_inverse=True)
     if len(unique) == len(t) and not late:
-        return Tidy(t, values, 0, 0)
-    merged = np.full((len(unique), values.shape[1]), np.nan)
-    given = ~np.isnan(values)
-    used = ~given
-    for column, rows in enumerate(given.T):
-        here = np.flatnonzero(rows)
-        places, first = np.unique(place[here], return_index=True)
-        merged[places, column] = values[here[first], column]
-        used[here[first], column] = True
-    return Tidy(unique, merged, late, int((~used).any(1).sum()))
+        return Ordered(t, columns, ())
+    merged, left_out = {}, np.zeros(len(t), bool)
+    for name, values in columns.items():
+        flat = values.reshape(len(t), -1)
+        kept = np.full((len(unique), flat.shape[1]), np.nan)
+        for k, column in enumerate(flat.T):
+            here = np.flatnonzero(~np.isnan(column))
+            places, first = np.unique(place[here], return_index=True)
+            kept[places, k] = column[here[first]]
+            left_out[np.delete(here, first)] = True
+        merged[name] = kept.reshape(-1, *values.shape[1:])
+    repeated = int(left_out.sum())
+    repairs = [Repair(f"{late} of the {samples} came late: put in order")] if late else []
+    if repeated:
+        repairs.append(Repair(f"{repeated} of the {samples} left out: their stamps are repeated", lost=True))
+    return Ordered(unique, merged, tuple(repairs))
 
 
 def one_a_stamp(values: Array, stamps: int, field: str, file: str) -> Array:

@@ -31,26 +31,9 @@ class Section(NamedTuple):
         return SetupError(message, file=self.file, field=self.path(key), remedy=remedy)
 
 
-class Range(NamedTuple):
-    """What a number may be."""
-
-    lowest: float = -np.inf
-    open: bool = False
-    """The bound itself is outside."""
-
-    @property
-    def words(self) -> str:
-        """For messages."""
-        bounded = f"greater than {self.lowest:g}" if self.open else f"{self.lowest:g} or more"
-        return bounded if np.isfinite(self.lowest) else "finite"
-
-    def holds(self, values: Array) -> bool:
-        """Whether all values lie inside."""
-        return bool(np.all(values > self.lowest if self.open else values >= self.lowest))
-
-
+Bounds = tuple[float, float]
+ANY: Bounds = (-np.inf, -np.inf)
 LARGEST = 1e30  # in size: far above every quantity of a setup, and squares of it are still finite
-ANY = Range()
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -170,7 +153,7 @@ def rows(section: Section, key: str, size: int) -> list[list[Any]]:
 
 
 def vector(
-    section: Section, key: str, size: int, default: Array | None = None, *, within: Range = ANY, expand: bool = False
+    section: Section, key: str, size: int, default: Array | None = None, *, within: Bounds = ANY, expand: bool = False
 ) -> Array:
     """Numbers as a read-only (size,) float64 array.
 
@@ -179,13 +162,15 @@ def vector(
         key: where the value is.
         size: of the result.
         default: the value if the key is absent; None = required.
-        within: the range of every number.
+        within: what no number may be below, and what every number must be greater than.
         expand: one number stands for all; of six, two stand for three forces and three torques.
     """
     sizes = sizes_of(size, expand)
     words = {1: "one number", 2: "two (force, torque)"}
     counts = " or ".join(words.get(count, f"{count} numbers") for count in sizes)
-    remedy = f"give {counts}, each {within.words}"
+    least, above = within
+    bounded = f"{least:g} or more" if np.isfinite(least) else "finite"
+    remedy = f"give {counts}, each {f'greater than {above:g}' if np.isfinite(above) else bounded}"
     value = require(section, key, remedy) if default is None else section.values.get(key, default)
     flat = value if isinstance(value, list | tuple | np.ndarray) else [value]
     if not all(isinstance(item, int | float) and not isinstance(item, bool) for item in flat):
@@ -196,7 +181,7 @@ def vector(
         numbers = np.array([float(item) for item in flat])
     except OverflowError:  # TOML integers are unbounded
         numbers = np.array([np.inf])
-    if not np.isfinite(numbers).all() or not within.holds(numbers):
+    if not (np.isfinite(numbers) & (numbers > above) & (numbers >= least)).all():
         raise section.error(key, f"got {show(value)}", remedy)
     if np.abs(numbers).max() > LARGEST:
         raise section.error(key, f"got {show(value)}", "check the number and its unit: nothing here is so large")

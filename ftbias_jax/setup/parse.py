@@ -16,24 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.setup import types
 from ftbias_jax.setup.fields import Section, check_keys, read_only, refuse, require, show, subsection, table, text
 from ftbias_jax.setup.keys.table import SECTIONS, check_section, open_section, read, read_all, top_sections
 from ftbias_jax.setup.recorded import POSE, LogSetup, PoseSetup
 from ftbias_jax.setup.robots import BUILT_IN, CONVENTIONS, built_in_robot, prismatic_screw, read_dh, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
-from ftbias_jax.setup.types import (
-    COMPENSATED,
-    DATA_NOISE_UNITS,
-    BiasSetup,
-    DataNoiseSetup,
-    JointSetup,
-    RobotSetup,
-    SensorSetup,
-    Setup,
-    ToolSetup,
-    inertia_matrix,
-    unknown_tool,
-)
 from ftbias_jax.setup.urdf import load_urdf, urdf_robot, urdf_tool
 from ftbias_jax.types import Array
 
@@ -54,7 +42,7 @@ PER_JOINT = ("process_noise_density", "position_noise_std", "velocity_noise_std"
 """Keys of [joints] with an entry for every joint, or for every entry of a recorded pose."""
 
 
-def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
+def parse_setup(mapping: Mapping[str, Any], file: str = "") -> types.Setup:
     """A setup from the tables of its TOML text.
 
     Args:
@@ -69,9 +57,13 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> Setup:
     robot = _robot(top, pose)
     n = len(robot.joint_names)
     sensor, joints, log = _sensor(top), _joints(top, n, pose), _log(top, n, pose)
-    tool, bias, data_noise = _tool(top, sensor), BiasSetup(**read_all(open_section(top, "bias"))), _data_noise(top)
+    tool, bias, data_noise = (
+        _tool(top, sensor),
+        types.BiasSetup(**read_all(open_section(top, "bias"))),
+        _data_noise(top),
+    )
     urdf = _urdf_path(table(top, "robot"))
-    return Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, file, urdf)
+    return types.Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, file, urdf)
 
 
 def _pose(top: Section) -> PoseSetup | None:
@@ -103,18 +95,18 @@ def _entries(turn: float, slide: float, linear: str) -> Array:
     return read_only(np.array([turn] * 4 + [slide] * (0 if linear == "none" else 3)))
 
 
-def _robot(top: Section, pose: PoseSetup | None) -> RobotSetup:
+def _robot(top: Section, pose: PoseSetup | None) -> types.RobotSetup:
     """[robot]; where a pose is recorded only its gravity, and the entries of the pose take the place of joints."""
     if pose is not None:
         section = subsection(top, "robot", ("gravity",))
         count = 4 if pose.linear == "none" else 7
         screws, translation, rotation = map(read_only, (np.zeros((count, 6)), np.zeros(3), np.eye(3)))
-        return RobotSetup(screws, POSE_NAMES[:count], translation, rotation, read(section, "gravity"), POSE)
+        return types.RobotSetup(screws, POSE_NAMES[:count], translation, rotation, read(section, "gravity"), POSE)
     section = open_section(top, "robot", required=True)
     return replace(_arm(section), name=read(section, "name"))
 
 
-def _arm(section: Section) -> RobotSetup:
+def _arm(section: Section) -> types.RobotSetup:
     gravity = read(section, "gravity")
     if np.linalg.norm(gravity) > MAX_GRAVITY:
         remedy = f"give m/s^2 in the base frame, at most {MAX_GRAVITY:g} long, such as [0, 0, -9.81]"
@@ -141,23 +133,23 @@ def _urdf_path(robot: Section) -> str:
     return os.path.join(os.path.dirname(robot.file), name) if name else ""
 
 
-def _urdf_robot(section: Section, gravity: Array) -> RobotSetup:
+def _urdf_robot(section: Section, gravity: Array) -> types.RobotSetup:
     refuse(section, ("model", "dh", "joints", "joint_names", "flange"), "excluded by robot.urdf")
     require(section, "tip_link", "name the link that is the flange")
     base_link, tip_link = read(section, "base_link") or "", read(section, "tip_link")
     return urdf_robot(load_urdf(_urdf_path(section)), base_link, tip_link, gravity)
 
 
-def _dh_robot(section: Section, gravity: Array) -> RobotSetup:
+def _dh_robot(section: Section, gravity: Array) -> types.RobotSetup:
     refuse(section, ("model", "joints", "flange"), "excluded by robot.dh")
     require(section, "dh_convention", f"say which, as the table's source does: {' or '.join(CONVENTIONS)}")
     convention = read(section, "dh_convention")
     screws, flange, joint_names = read_dh(section, convention, read(section, "dh_units"))
     translation, rotation = map(read_only, flange)
-    return RobotSetup(read_only(screws), joint_names, translation, rotation, gravity)
+    return types.RobotSetup(read_only(screws), joint_names, translation, rotation, gravity)
 
 
-def _screw_robot(section: Section, gravity: Array) -> RobotSetup:
+def _screw_robot(section: Section, gravity: Array) -> types.RobotSetup:
     entries = require(section, "joints", f"give [[robot.joints]], robot.dh, or robot.model: {', '.join(BUILT_IN)}")
     if not isinstance(entries, list) or not entries or not all(isinstance(entry, Mapping) for entry in entries):
         raise section.error("joints", f"expected tables, got {show(entries)}", "write one [[robot.joints]] per joint")
@@ -171,7 +163,7 @@ def _screw_robot(section: Section, gravity: Array) -> RobotSetup:
             raise joint.error("name", f"the name {show(name)} is there twice", "give every joint its own name")
     flange = open_section(section, "flange")
     rotation = read_only(rotation_from_rpy(read(flange, "rotation_rpy")))
-    return RobotSetup(screws, joint_names, read(flange, "translation"), rotation, gravity)
+    return types.RobotSetup(screws, joint_names, read(flange, "translation"), rotation, gravity)
 
 
 def _screw(joint: Section) -> Array:
@@ -186,31 +178,31 @@ def _screw(joint: Section) -> Array:
     return revolute_screw(axis / length, read(joint, "point"))
 
 
-def _sensor(top: Section) -> SensorSetup:
+def _sensor(top: Section) -> types.SensorSetup:
     section = open_section(top, "sensor")
     correlated = [key for key in ("correlated_std", "correlated_time") if key in section.values]
     if len(correlated) == 1:
         raise section.error(correlated[0], "stands alone", "state correlated_std and correlated_time, or none of them")
     if isinstance(whole := section.values.get("compensated"), bool):  # true is all of the tool's wrench
-        section = section._replace(values={**section.values, "compensated": COMPENSATED[2 if whole else 0]})
+        section = section._replace(values={**section.values, "compensated": types.COMPENSATED[2 if whole else 0]})
     times = read(section, "rezeroed_at")
     values = read_all(section, ("rezeroed_at",))
     rezeroed_at = () if times is None else tuple(map(float, np.sort(times)))
     rotation = read_only(rotation_from_rpy(read(section, "rotation_rpy")))
-    return SensorSetup(rotation=rotation, rezeroed_at=rezeroed_at, **values)
+    return types.SensorSetup(rotation=rotation, rezeroed_at=rezeroed_at, **values)
 
 
-def _tool(top: Section, sensor: SensorSetup) -> ToolSetup:
+def _tool(top: Section, sensor: types.SensorSetup) -> types.ToolSetup:
     section = open_section(top, "tool")
     if "from_urdf_link" in section.values:
         return _urdf_tool(section, table(top, "robot"), sensor)
     values = read_all(section, ("from_urdf_link",))
     _check_inertia(values["inertia"], section, "inertia")
-    unknown = unknown_tool()
-    return ToolSetup(**{key: getattr(unknown, key) if value is None else value for key, value in values.items()})
+    unknown = types.unknown_tool()
+    return types.ToolSetup(**{key: getattr(unknown, key) if value is None else value for key, value in values.items()})
 
 
-def _urdf_tool(section: Section, robot: Section, sensor: SensorSetup) -> ToolSetup:
+def _urdf_tool(section: Section, robot: Section, sensor: types.SensorSetup) -> types.ToolSetup:
     others = [key for key in SECTIONS["tool"].keys if key != "from_urdf_link"]
     refuse(section, others, "excluded by tool.from_urdf_link")
     if "urdf" not in robot.values:
@@ -221,7 +213,7 @@ def _urdf_tool(section: Section, robot: Section, sensor: SensorSetup) -> ToolSet
 
 
 def _check_inertia(inertia: Array, section: Section, key: str) -> None:
-    moments = np.linalg.eigvalsh(inertia_matrix(inertia))
+    moments = np.linalg.eigvalsh(types.inertia_matrix(inertia))
     # The largest moment may not exceed the sum of the others; that also makes all three non-negative.
     if moments[2] - moments[1] - moments[0] > max(INERTIA_TOLERANCE * np.abs(moments).max(), NO_INERTIA):
         shown = ", ".join(f"{moment:.4g}" for moment in moments)
@@ -230,22 +222,22 @@ def _check_inertia(inertia: Array, section: Section, key: str) -> None:
         raise section.error(key, message, remedy)
 
 
-def _joints(top: Section, n: int, pose: PoseSetup | None) -> JointSetup:
+def _joints(top: Section, n: int, pose: PoseSetup | None) -> types.JointSetup:
     """[joints]: of n of them, or of the entries of a recorded pose, which has defaults of its own."""
     section = open_section(top, "joints")
     noise = {key: read(section, key, n, getattr(pose, key, None)) for key in PER_JOINT}
-    return JointSetup(**noise, **read_all(section, PER_JOINT))
+    return types.JointSetup(**noise, **read_all(section, PER_JOINT))
 
 
-def _data_noise(top: Section) -> DataNoiseSetup | None:
+def _data_noise(top: Section) -> types.DataNoiseSetup | None:
     """[data_noise]; None if it is absent or everything in it is zero."""
     section = open_section(top, "data_noise")
     if "entries" in section.values:
-        refuse(section, tuple(DATA_NOISE_UNITS), "excluded by data_noise.entries")
+        refuse(section, tuple(types.DATA_NOISE_UNITS), "excluded by data_noise.entries")
         entries, none = read(section, "entries"), read_only(np.zeros(3))
-        return DataNoiseSetup(none, none, none, none, entries) if entries.any() else None
-    stds = [read(section, key) for key in DATA_NOISE_UNITS]
-    return DataNoiseSetup(*stds) if np.any(stds) else None
+        return types.DataNoiseSetup(none, none, none, none, entries) if entries.any() else None
+    stds = [read(section, key) for key in types.DATA_NOISE_UNITS]
+    return types.DataNoiseSetup(*stds) if np.any(stds) else None
 
 
 def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:

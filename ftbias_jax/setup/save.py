@@ -6,6 +6,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
+from itertools import takewhile
 from typing import Any, BinaryIO
 
 import tomlkit
@@ -163,7 +164,9 @@ def _put(table: MutableMapping[str, Any], line: Line, remark: str) -> None:
         for name in ("indent", "comment_ws", "comment", "trail"):
             setattr(item.trivia, name, getattr(old.trivia, name))
         if remark:
-            _comment(item, _without_ours(old.trivia.comment.lstrip("# ")), remark, line)
+            parts = old.trivia.comment.lstrip("# ").split("; ")  # without the remarks of earlier commands
+            theirs = takewhile(lambda part: not any(mark in part for mark in OURS), parts)
+            _comment(item, "; ".join(theirs), remark, line)
     if isinstance(old, Item) or not isinstance(table, Table):  # the latter: in braces, where no comment can stand
         table[line.key] = item
         return
@@ -179,13 +182,6 @@ def _put(table: MutableMapping[str, Any], line: Line, remark: str) -> None:
 def _comment(item: Item, old: str, remark: str, line: Line) -> None:
     if comment := toml_comment(f"{old}; {remark}" if old else line.comment(remark)):
         item.trivia.comment_ws, item.trivia.comment = "  ", comment.strip()
-
-
-def _without_ours(words: str) -> str:
-    """A comment without the remarks of earlier commands."""
-    parts = words.split("; ")
-    first = next((i for i, part in enumerate(parts) if any(mark in part for mark in OURS)), len(parts))
-    return "; ".join(parts[:first])
 
 
 def _move_urdf(document: MutableMapping[str, Any], setup: Setup, target: str) -> None:

@@ -42,8 +42,12 @@ def test_if_all_logs_fail_the_command_has_failed(logs):
 def test_a_result_is_that_of_the_single_command(logs):
     assert filter_archive("logs") == 0
     assert main(["filter", "logs/b.npz", "--setup", "setup.toml", "-o", "b.npz"]) == 0
-    single = npz.load_npz("b.npz")
-    assert_same_outputs({"b.npz": outputs()["b.npz"]}, {"b.npz": single})
+    of_archive = outputs()["b.npz"]
+    for name, values in npz.load_npz("b.npz").items():
+        if values.dtype.kind == "f":  # a single short log is compiled for few calls, which rounds otherwise
+            np.testing.assert_allclose(of_archive[name], values, rtol=1e-6, atol=1e-15)
+        else:
+            np.testing.assert_array_equal(of_archive[name], values)
 
 
 def test_results_have_the_fields_and_the_rate_asked_for_and_are_made_again_for_others(logs):

@@ -125,8 +125,8 @@ def test_filter_writes_what_the_formats_say(demo, tmp_path, capsys):
     np.testing.assert_allclose(result["wrench_unbiased"], log["wrench"] + result["bias"], rtol=0, atol=1e-5)
     assert (result["bias_smooth_std"] <= result["bias_std"] * (1 + 1e-9)).all()
     for name, values in npz.load_npz(folder / "before.npz").items():
-        if name not in TEXTS:
-            np.testing.assert_array_equal(result[name], values)
+        if name not in TEXTS:  # a short log is compiled for few calls by the command, which rounds otherwise
+            np.testing.assert_allclose(result[name], values, rtol=1e-6, atol=1e-12)
     printed = capsys.readouterr()
     assert not re.search("error|warning", printed.err)  # on a slow machine what it is at, nothing else
     assert f"{DURATION * RATE} wrench samples" in printed.out
@@ -154,7 +154,7 @@ def test_a_csv_log_gives_the_same_result(demo, tmp_path):
     result = npz.load_npz(tmp_path / "out.npz")
     for name, values in npz.load_npz(folder / "before.npz").items():
         if name not in TEXTS:
-            np.testing.assert_array_equal(result[name], values)
+            np.testing.assert_allclose(result[name], values, rtol=1e-6, atol=1e-12)
 
 
 @pytest.mark.parametrize(("reports", "sign"), [("wrench_on_tool", 1), ("wrench_on_sensor", -1)])

@@ -66,11 +66,13 @@ def test_tidy_against_the_plain_loop(samples):
     for stamp, row in zip(t.tolist(), values, strict=True):
         kept = expected.setdefault(stamp, np.full(2, np.nan))
         kept[:] = np.where(np.isnan(kept), row, kept)
-    result = tidy(t, values)
+    result = tidy(t, {"x": values})
     assert result.t.tolist() == sorted(expected)
-    np.testing.assert_array_equal(result.values, [expected[stamp] for stamp in result.t.tolist()])
-    assert result.repeated == len(t) - len(expected)  # the second column collides in every repeated row
-    assert result.late == sum(stamp < max(t[: i + 1]) for i, stamp in enumerate(t))
+    np.testing.assert_array_equal(result.columns["x"], [expected[stamp] for stamp in result.t.tolist()])
+    late = sum(stamp < max(t[: i + 1]) for i, stamp in enumerate(t))
+    repeated = len(t) - len(expected)  # the second column collides in every repeated row
+    told = [f"{late} of the samples came late"] * bool(late) + [f"{repeated} of the samples left out"] * bool(repeated)
+    assert [repair.what.partition(":")[0] for repair in result.repairs] == told
 
 
 @pytest.mark.parametrize("unit", [1, 1e-9])

@@ -11,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.errors import UsageError
+from ftbias_jax.filtering.verbs.setup_with import JOINTS
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.tool_wrench import DataNoise, data_variance, measurement_covariance
 from ftbias_jax.setup.types import DataNoiseSetup, Setup
 from ftbias_jax.types import Array
 
-JOINT_NAMES = ("process_density", "position_std", "velocity_std")
+JOINT_NAMES = tuple(JOINTS)
 WRENCH_NAMES = ("density", "wrench_std")
 KINDS: dict[str, dict[str, str]] = {
     "one": dict.fromkeys(DataNoise._fields, "one"),
@@ -32,10 +33,7 @@ TIES: dict[str, Callable[[int], np.ndarray]] = {
 """Which lanes share a value: all, the forces and the torques, or none."""
 VIBRATION, VIBRATION_SPEED = "vibration", "vibration_speed"
 """Noise that grows with the motion: weights (n, 6) of the joints' speeds, and the speed (1,) they bend at."""
-_KEYS = {
-    "process_density": "joints.process_noise_density",
-    "position_std": "joints.position_noise_std",
-    "velocity_std": "joints.velocity_noise_std",
+_KEYS = {name: f"joints.{key}" for name, key in JOINTS.items()} | {
     "density": "bias.noise_density",
     "wrench_std": "sensor.noise_std",
     VIBRATION: f"effects.{VIBRATION}.variance",

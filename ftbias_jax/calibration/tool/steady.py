@@ -13,10 +13,11 @@ import numpy as np
 
 from ftbias_jax.calibration.judgement import HORIZONS, SHORT, prediction_errors
 from ftbias_jax.filtering.method.ready import filtered_with
+from ftbias_jax.filtering.quality.observability import error_of_tool
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup.types import Setup, ToolSetup
 from ftbias_jax.types import Array
 
 STEADY, CLEARLY = 1e-3, 6.0
@@ -35,18 +36,13 @@ class SteadyBias(NamedTuple):
     load_std: Array
     """N, Nm: scatter of the tool's wrench over the poses and motions of the log."""
 
-    def std_with_tool(self, values: Array, stderr: Array) -> Array:
-        """(6,) N, Nm: standard deviation of the bias, with that of the tool's values (10,); NaN = kept as stated.
+    def std_with_tool(self, tool: ToolSetup) -> Array:
+        """(6,) N, Nm: standard deviation of the bias, with that of a tool that states its standard errors.
 
         The bias was found with the tool as it is written, so at the poses of this log their errors cancel. At others
         they do not: the next log's may be as far from these as these are from each other.
         """
-        known = np.nan_to_num(stderr)
-        of_mass = known[0] / values[0] * self.load_std
-        off, force = known[1:4] ** 2, self.load_std[:3] ** 2
-        of_center = [off[1] * force[2] + off[2] * force[1], off[2] * force[0] + off[0] * force[2]]
-        of_center += [off[0] * force[1] + off[1] * force[0]]
-        return np.sqrt(self.std**2 + of_mass**2 + np.concatenate([np.zeros(3), of_center]))
+        return np.hypot(self.std, error_of_tool(self.load_std[None], tool)[0])
 
 
 def steady_bias(setup: Setup, log: Log) -> SteadyBias:

@@ -19,27 +19,23 @@ from ftbias_jax.io.write.ours import PAGE
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the alarms and write the page."""
-    check_writable(arguments.output, ".html")
-    if len(arguments.folders) == 1 and os.path.isfile(arguments.folders[0]):
-        return _one_result(arguments.folders[0], arguments.output, arguments.force)
-    fleet = read_fleet(arguments.folders)
-    reports = [record.report for record in fleet.records if record.report]
-    check_outputs({"--output": arguments.output}, reports, {"--output": PAGE}, arguments.force)
-    text = to_page(fleet, f"Fleet in {', '.join(arguments.folders)}", os.path.dirname(arguments.output))
-    write_atomic(arguments.output, lambda file: file.write(text.encode()))
-    groups = fleet.by_robot()
-    alarms = [printable(f"{name(group)}: {alarm.text}") for group, some in groups.items() for alarm in alarms_of(some)]
-    print("\n".join([*alarms, f"{len(fleet.records)} logs of {len(groups)} robots, {len(alarms)} alarms"]))
-    if fleet.damaged:
-        warn(damaged_in_words(fleet.damaged))
-    print(f"wrote {arguments.output}")
-    return 0
-
-
-def _one_result(path: str, output: str, force: bool) -> int:
-    """The page of one filtered log."""
-    check_outputs({"--output": output}, [path], {"--output": PAGE}, force)
-    text = result_page(read_result(path), f"Bias of {os.path.basename(path)}")
+    folders, output = arguments.folders, arguments.output
+    check_writable(output, ".html")
+    fleet = None if len(folders) == 1 and os.path.isfile(folders[0]) else read_fleet(folders)
+    reads = folders if fleet is None else [record.report for record in fleet.records if record.report]
+    check_outputs({"--output": output}, reads, {"--output": PAGE}, arguments.force)
+    if fleet is None:
+        text = result_page(read_result(folders[0]), f"Bias of {os.path.basename(folders[0])}")
+    else:
+        text = to_page(fleet, f"Fleet in {', '.join(folders)}", os.path.dirname(output))
     write_atomic(output, lambda file: file.write(text.encode()))
+    if fleet is not None:
+        groups = fleet.by_robot()
+        alarms = [
+            printable(f"{name(group)}: {alarm.text}") for group, some in groups.items() for alarm in alarms_of(some)
+        ]
+        print("\n".join([*alarms, f"{len(fleet.records)} logs of {len(groups)} robots, {len(alarms)} alarms"]))
+        if fleet.damaged:
+            warn(damaged_in_words(fleet.damaged))
     print(f"wrote {output}")
     return 0

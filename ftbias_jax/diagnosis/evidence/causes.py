@@ -17,7 +17,7 @@ from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals import entries, jumps, pulls, touches
-from ftbias_jax.diagnosis.regression.fit import Fit, block_scores, fit
+from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap
 from ftbias_jax.diagnosis.samples.types import Finding
 from ftbias_jax.diagnosis.thresholds import (
@@ -165,16 +165,14 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     rest = accepted.beside(cause)
     named = {h.effect for h in accepted.hypotheses}
     without = fit(problem, rest, accepted) if rest else base
-    gain, blocks = accepted.log_likelihood - without.log_likelihood, block_scores(problem, accepted.error)
+    gain = accepted.log_likelihood - without.log_likelihood
     left = max(-accepted.log_likelihood - (problem.samples > 0).sum() / 2, 0.0)
     declared = {twin.effect for twin in problem.catalogue[cause.effect].twins}
     twins: dict[str, None] = {}
     hopeful = [s for s in scored if s.hypothesis.effect not in named and s.nats > HOPELESS * scored[0].nats]
     for other in hopeful[:MOST_TRIED]:
         trial = fit(problem, (*rest, other.hypothesis), accepted) if rest else other.fit
-        difference = blocks - block_scores(problem, trial.error)
-        error = np.sqrt(len(difference)) * difference.std()
-        lost = accepted.log_likelihood - trial.log_likelihood
+        lost, error = compared(problem, accepted.error, trial.error)
         by_form = FORM_LOSS * gain + left if other.hypothesis.effect in declared else 0.0
         if lost < max(ALIKE * error, LEAST_DIFFERENCE, by_form) and gain - lost > CLOSE * gain:
             twins[other.hypothesis.effect] = None

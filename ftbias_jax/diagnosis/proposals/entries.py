@@ -18,6 +18,13 @@ from ftbias_jax.filtering.innovation_regression import widened_inverse
 from ftbias_jax.model.effects.fitting import Entries
 from ftbias_jax.model.effects.types import Effect
 
+_TURNS = np.cross(np.eye(3)[:, None], np.eye(3))
+"""(3, 3, 3) change of a vector's coordinates by a small turn about each axis, per rad: R^T = 1 + r [axis]."""
+ROTATIONS = np.kron(np.eye(2)[None], _TURNS)
+"""(3, 6, 6) leaks of a small rotation of force and torque alike, per rad from nominal axes."""
+ARMS = np.kron([[[0, 0], [1, 0]]], -_TURNS)
+"""(3, 6, 6) leaks per m by which the point where the force acts is off, so that its torque is."""
+
 
 def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndarray, Hypothesis, np.ndarray]:
     """Posterior of all entries of a matrix of which a fit at its best has few, the other numbers of the fit with them.
@@ -49,14 +56,14 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     leaks = np.zeros((6, 6))
     leaks[of_entry > 0] = z[list(whole.free)]
     told = leaks * of_entry, of_entry, np.linalg.pinv(spread)
-    rotation, share = nearest_rotation(*told)
+    rotation, share = nearest(ROTATIONS, *told)
     if share > LIKE_A_ROTATION:
         degrees = ", ".join(f"{x:.2f}" for x in np.rad2deg(rotation))
         return (
             "; or the sensor is mounted turned, or an encoder is off: the leaks are those of a turn by "
             f"({degrees}) degrees"
         )
-    arm, share = nearest_arm(*told)
+    arm, share = nearest(ARMS, *told)
     if share > LIKE_A_ROTATION:
         metres = ", ".join(f"{x:.2g}" for x in arm)
         return f"; or the centre of mass is not where it is stated: the leaks are those of an arm of ({metres}) m"
@@ -82,34 +89,15 @@ def size_of_entries(effect: Effect) -> np.ndarray:
     return size
 
 
-def nearest_rotation(matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
-    """The small rotation of force and torque alike that leaks (6, 6) are nearest to, (3,) rad from nominal axes.
+def nearest(made: np.ndarray, matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
+    """The numbers (3,) of ROTATIONS or ARMS that leaks (6, 6) are nearest to, and the share that these make up.
 
     Sizes (6, 6) are typical departures of the E entries that count, 0 of the others; what the log does not determine,
-    by the inverse covariance (E, E) in typical departures, does not count. Returns the share that it makes up, too.
+    by the inverse covariance (E, E) in typical departures, does not count.
     """
-    return _nearest(np.stack([np.kron(np.eye(2), _skew(axis)) for axis in range(3)]), matrix, size, precision)
-
-
-def nearest_arm(matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
-    """The same of an arm: (3,) m by which the point where the force acts is off, so that its torque is."""
-    to_torque = np.array([[0.0, 0.0], [1.0, 0.0]])
-    return _nearest(np.stack([np.kron(to_torque, -_skew(axis)) for axis in range(3)]), matrix, size, precision)
-
-
-def _nearest(made: np.ndarray, matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
-    """(3,) numbers of matrices (3, 6, 6) that leaks are nearest to, and the share that they make up."""
     counts = size > 0
     leaks = matrix[counts] / size[counts]
     columns = np.stack([one[counts] / size[counts] for one in made], 1)
     numbers = np.linalg.lstsq(columns.T @ precision @ columns, columns.T @ precision @ leaks)[0]
     left = leaks - columns @ numbers
     return numbers, 1 - float(left @ precision @ left) / max(float(leaks @ precision @ leaks), 1e-300)
-
-
-def _skew(axis: int) -> np.ndarray:
-    """(3, 3) change of a vector's coordinates by a small turn about one axis, per rad: R^T = 1 + r [axis]."""
-    skew = np.zeros((3, 3))
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    skew[first, second], skew[second, first] = 1.0, -1.0
-    return skew

@@ -8,7 +8,7 @@ from ftbias_jax.diagnosis.evidence.estimates import rows_of
 from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import change
-from ftbias_jax.diagnosis.regression.evaluate import readings, whitened
+from ftbias_jax.diagnosis.regression.evaluate import readings, sensor_axes, whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import gains, stand
 from ftbias_jax.diagnosis.thresholds import CLOSE, LONGEST_JUMP
@@ -44,8 +44,7 @@ def without(found: Fit, h: Hypothesis) -> tuple[Fit, np.ndarray]:
 
 def with_the_pose(problem: Problem, found: Fit, series: np.ndarray) -> dict[str, np.ndarray]:
     """What sets in as a series (U,) does and, unlike a bias, follows the pose: words -> columns (K, U, 6) N, Nm."""
-    axes = np.concatenate([np.asarray(part.nominal.sensor_rotation)[:, :, : part.used] for part in problem.parts], 2)
-    axes = axes.transpose(0, 2, 1)  # (3, U, 3), each axis of the base in the sensor's coordinates
+    axes = sensor_axes(problem).transpose(1, 0, 2)  # (3, U, 3), each axis of the base in the sensor's coordinates
     down = np.tensordot(np.asarray(problem.parts[0].signals.model.gravity), axes, 1)
     arms = np.cross(np.eye(3)[:, None], down)
     steady, weight = (forces_at(np, np.zeros(3), vectors) for vectors in (axes, down[None]))

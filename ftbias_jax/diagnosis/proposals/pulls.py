@@ -12,7 +12,7 @@ import numpy as np
 from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, at_values, neutral_of, places_of, search_of, searched_by
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.evaluate import readings, whitened, whitened_single
+from ftbias_jax.diagnosis.regression.evaluate import readings, sensor_axes, whitened, whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, gain_of_each, gains
 from ftbias_jax.diagnosis.thresholds import FARTHEST, LONGEST_CABLE, PULLS_FITTED, UNDETERMINED
@@ -144,10 +144,5 @@ def equivalent_force(problem: Problem, found: Fit, h: Hypothesis) -> tuple[np.nd
     z = np.stack([found.z, found.z])
     z[1, problem.layout.slices[h.effect, stiffness]] = 0
     with_it, without = readings(problem, z)
-    ends = np.cumsum([part.used for part in problem.parts])[:-1]
-    forces = [
-        -np.einsum("ijt,tj->ti", np.asarray(part.nominal.sensor_rotation)[:, :, : part.used], change[:, :3])
-        for part, change in zip(problem.parts, np.split(with_it - without, ends), strict=True)
-    ]
-    force = np.concatenate(forces)
+    force = -np.einsum("tij,tj->ti", sensor_axes(problem), (with_it - without)[:, :3])
     return force.mean(0), float(np.sqrt(force.var(0).sum()))

@@ -101,14 +101,12 @@ def grid_hypotheses(problem: Problem, span: np.ndarray, taken: Collection[str]) 
 
 def from_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
     """Gain of each starting point, as it is or scaled to fit."""
-    accepted = prepared_fit.fit
-    now = readings(problem, accepted.z[None])[0]
+    now = readings(problem, prepared_fit.fit.z[None])[0]
     wanted = [*grid_hypotheses(problem, np.ptp(now, axis=0), taken), *usual(problem, taken)]
     if not wanted:
         return []
-    changes = whitened(problem, readings(problem, np.stack([h.begin(accepted.z) for h in wanted])) - now)
+    as_they_are, changes = _as_they_are(problem, prepared_fit.fit, wanted)
     scaled, _ = gain_of_each(prepared_fit, changes)
-    as_they_are = -(accepted.error * changes).sum((1, 2)) - (changes**2).sum((1, 2)) / 2
     found = list(zip(np.maximum(as_they_are, scaled / 2).tolist(), wanted, strict=True))
     for i, h in enumerate(wanted):
         search = problem.catalogue[h.effect].fit.search
@@ -140,7 +138,8 @@ def _best_starts(problem: Problem, prepared_fit: PreparedFit, effect: Effect) ->
         if linear:
             found = [_linearised(problem, prepared_fit, h, linear) for h, _ in starts]
         else:
-            found = _as_they_are(problem, prepared_fit.fit, [h for h, _ in starts])
+            gain, _ = _as_they_are(problem, prepared_fit.fit, [h for h, _ in starts])
+            found = [(one, h) for one, (h, _) in zip(gain.tolist(), starts, strict=True)]
         return list(zip(found, (time for _, time in starts), strict=True))
 
     def gain_first(tried: tuple[Found, float]) -> float:
@@ -172,12 +171,11 @@ def _linearised(problem: Problem, prepared_fit: PreparedFit, h: Hypothesis, line
     return gain, h._replace(start=(*best.tolist(), *h.start[len(linear) :]))
 
 
-def _as_they_are(problem: Problem, accepted: Fit, starts: Sequence[Hypothesis]) -> list[Found]:
-    """Gain of each start as it is, for an effect whose parameters all need a search."""
+def _as_they_are(problem: Problem, accepted: Fit, starts: Sequence[Hypothesis]) -> tuple[np.ndarray, np.ndarray]:
+    """(S,) gain of each of S starts as it is, and (S, U, 6) what it changes."""
     made = readings(problem, np.stack([accepted.z, *(h.begin(accepted.z) for h in starts)]))
     changes = whitened(problem, made[1:] - made[0])
-    gain = -(accepted.error * changes).sum((1, 2)) - (changes**2).sum((1, 2)) / 2
-    return list(zip(gain.tolist(), starts, strict=True))
+    return -(accepted.error * changes).sum((1, 2)) - (changes**2).sum((1, 2)) / 2, changes
 
 
 def _starts(

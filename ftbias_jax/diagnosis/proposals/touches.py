@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.hypothesis import Event, Found, Hypothesis, penalty, searched_by
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.series import Library
@@ -13,21 +14,6 @@ from ftbias_jax.diagnosis.regression.design_matrix import step_and_gain
 from ftbias_jax.diagnosis.regression.evaluate import whitened_series
 from ftbias_jax.diagnosis.regression.fit import Fit, projection
 from ftbias_jax.diagnosis.regression.series import shaped, shaped_events
-from ftbias_jax.diagnosis.thresholds import (
-    CLEAR_HATS,
-    LEAST_EVENT,
-    LEAST_HAT,
-    LEAST_SHARE_OF_HAT,
-    LONGEST_EVENT,
-    MARGIN,
-    MARGIN_SHARE,
-    MOST_EVENTS,
-    MOST_OF_LOG,
-    MOST_OF_LOG_IF_SEEN,
-    PRIOR_STD,
-    SEEN,
-    SURELY_EVENT,
-)
 from ftbias_jax.model.effects.fitting import Touches
 
 SHAPES = (4, 8, 16, 32)
@@ -70,11 +56,11 @@ def _pursue(library: Library, error: np.ndarray) -> list[Event]:
     """The pulses that gain most, one after the other, of innovations (U, 6)."""
     white, events = library.events_white, list[Event]()
     power = np.maximum(np.einsum("cuk,cuk->ck", white, white), 1e-6)
-    for _ in range(MOST_EVENTS):
+    for _ in range(thresholds.MOST_EVENTS):
         along = np.einsum("cuk,uk->ck", white, error)
         gain = (along**2 / power / 2).sum(1)
         best = int(gain.argmax())
-        if gain[best] < LEAST_EVENT:
+        if gain[best] < thresholds.LEAST_EVENT:
             break
         error = error - (along[best] / power[best]) * white[best]
         events.append(library.events[best])
@@ -84,7 +70,7 @@ def _pursue(library: Library, error: np.ndarray) -> list[Event]:
 def is_short(h: Hypothesis, duration: float) -> bool:
     """Whether events are short, each and together, in logs of so many seconds."""
     lengths = _lengths(h)
-    return bool(lengths.max() < LONGEST_EVENT and lengths.sum() < MOST_OF_LOG * duration)
+    return bool(lengths.max() < thresholds.LONGEST_EVENT and lengths.sum() < thresholds.MOST_OF_LOG * duration)
 
 
 def is_seen(h: Hypothesis, problem: Problem) -> bool:
@@ -96,20 +82,20 @@ def is_seen(h: Hypothesis, problem: Problem) -> bool:
         for contact in problem.parts[log].contacts:
             inside += max(0.0, min(end, contact.end) - max(start, contact.start))
     return bool(
-        lengths.max() < LONGEST_EVENT
-        and lengths.sum() < MOST_OF_LOG_IF_SEEN * problem.duration
-        and inside > SEEN * lengths.sum()
+        lengths.max() < thresholds.LONGEST_EVENT
+        and lengths.sum() < thresholds.MOST_OF_LOG_IF_SEEN * problem.duration
+        and inside > thresholds.SEEN * lengths.sum()
     )
 
 
 def takes_most(h: Hypothesis, problem: Problem) -> bool:
     """Whether events are contact as a filter finds it, too, and leave little free motion to compare them with."""
-    return is_seen(h, problem) and bool(_lengths(h).sum() >= MOST_OF_LOG * problem.duration)
+    return is_seen(h, problem) and bool(_lengths(h).sum() >= thresholds.MOST_OF_LOG * problem.duration)
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     """Why events may be something else: only they are short."""
-    short = bool(_lengths(h).max() < SURELY_EVENT)
+    short = bool(_lengths(h).max() < thresholds.SURELY_EVENT)
     return "" if short else "; or something that is not in the catalogue, for it lasted long"
 
 
@@ -126,7 +112,7 @@ def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
         size = (rest**2).sum(1)
         weight = np.repeat(1 / np.sqrt(1 + size / max(np.median(size), 6.0)), 6)
         weighted = flat * weight
-        normal = (weighted @ weighted.T).astype(float) + np.eye(len(flat)) / PRIOR_STD**2
+        normal = (weighted @ weighted.T).astype(float) + np.eye(len(flat)) / thresholds.PRIOR_STD**2
         step = np.linalg.solve(normal, (weighted @ (whole.ravel() * weight)).astype(float))
         rest = whole - (step.astype(np.float32) @ flat).reshape(error.shape)
     return rest
@@ -150,12 +136,12 @@ def _trimmed(problem: Problem, effect: str, alone: np.ndarray, events: list[Even
 def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
     """An event without the tents that hardly matter by their nats (H,), at its ends or between its parts."""
     log, start, end = event
-    matter = np.flatnonzero(nats > max(LEAST_HAT, LEAST_SHARE_OF_HAT * nats.max()))
+    matter = np.flatnonzero(nats > max(thresholds.LEAST_HAT, thresholds.LEAST_SHARE_OF_HAT * nats.max()))
     if not len(matter):
         return [event]
     width, last = (end - start) / (len(nats) - 1), len(nats) - 1
-    pieces = np.split(matter, np.flatnonzero(np.diff(matter) > CLEAR_HATS) + 1)
-    least = min(LEAST_EVENT, max(nats[p].sum() for p in pieces) / 2)
+    pieces = np.split(matter, np.flatnonzero(np.diff(matter) > thresholds.CLEAR_HATS) + 1)
+    least = min(thresholds.LEAST_EVENT, max(nats[p].sum() for p in pieces) / 2)
     pieces = [p for p in pieces if nats[p].sum() > least]
     return [Event(log, start + max(p[0] - 1, 0) * width, start + min(p[-1] + 1, last) * width) for p in pieces]
 
@@ -164,7 +150,7 @@ def merge(events: Sequence[Event]) -> list[Event]:
     """Overlapping events of a log as one, with room for what the pulses that found them do not cover."""
     merged: list[Event] = []
     for log, start, end in sorted(events):
-        margin = MARGIN + MARGIN_SHARE * (end - start)
+        margin = thresholds.MARGIN + thresholds.MARGIN_SHARE * (end - start)
         start, end = start - margin, end + margin
         if merged and merged[-1].log == log and start < merged[-1].end:
             merged[-1] = Event(log, merged[-1].start, max(end, merged[-1].end))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +11,7 @@ from ftbias_jax.diagnosis.problem import Part, Problem
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.whitening import Whitener
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.types import Array
 
 STEP = 1e-6
 """Typical departures over which differences are taken for derivatives: neither curvature nor rounding shows, and unlike
@@ -95,6 +96,16 @@ def whitened_series(problem: Problem, shapes: Sequence[np.ndarray]) -> np.ndarra
     return whitened(problem, np.stack(shapes)[:, :, None])
 
 
+def over_bins(problem: Problem, of: Callable[[Part], Array]) -> np.ndarray:
+    """(U, ...) an array (B, ...) of every log, without its padding, end to end."""
+    return np.concatenate([np.asarray(of(part))[: part.used] for part in problem.parts])
+
+
 def measured(problem: Problem) -> np.ndarray:
     """(U, 6) N, Nm: mean readings of the bins."""
-    return np.concatenate([np.asarray(part.wrench.wrench)[: part.used] for part in problem.parts])
+    return over_bins(problem, lambda part: part.wrench.wrench)
+
+
+def sensor_axes(problem: Problem) -> np.ndarray:
+    """(U, 3, 3) rotation from the sensor to the base, with the joints where the setup believes."""
+    return over_bins(problem, lambda part: np.moveaxis(np.asarray(part.nominal.sensor_rotation), 2, 0))

@@ -188,9 +188,10 @@ def _trials(columns: np.ndarray, error: np.ndarray, at: np.ndarray, least: np.nd
     return np.clip(trials, least, most, out=trials)
 
 
-def block_scores(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """nats of each block of BLOCK_SECONDS, up to a constant, of a fit that leaves these innovations (U, 6)."""
-    return -np.bincount(problem.block(BLOCK_SECONDS), (error**2).sum(1)) / 2
+def compared(problem: Problem, better: np.ndarray, worse: np.ndarray) -> tuple[float, float]:
+    """nats that innovations (U, 6) are likelier than others, and their standard error from blocks."""
+    by_block = np.bincount(problem.block(BLOCK_SECONDS), (worse**2 - better**2).sum(1)) / 2
+    return float(by_block.sum()), float(np.sqrt(len(by_block)) * by_block.std())
 
 
 def covariance(problem: Problem, fit: Fit, further: np.ndarray | None = None) -> np.ndarray:

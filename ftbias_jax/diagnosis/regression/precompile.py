@@ -17,9 +17,8 @@ from ftbias_jax.diagnosis.samples.bins import bins_of
 from ftbias_jax.diagnosis.samples.smoothed import padded_samples, prepare_smoother
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.effects.types import Model, Signals, Values
+from ftbias_jax.model.effects.types import Model, Signals, Values, motion_of
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
-from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.runtime.jax_config import same_precision
@@ -79,15 +78,7 @@ def outline(params: Params, bins: int, columns: Sequence[str] = ()) -> tuple[Sig
 
     model, seen = Model(params.arm, params.gravity, params.theta), {name: of() for name in columns}
     signals = Signals(of(), of(n), of(n), of(n), of(), model, columns=seen)
-    return signals, params.effects or {}, _outline_of_motion(params, n, bins)
-
-
-def _outline_of_motion(params: Params, n: int, bins: int) -> ArmMotion:
-    """Shapes of the motion of an arm with n joints, or of a body whose pose is recorded, which is a link by itself."""
-    links = 2 if isinstance(params.arm, FreeBody) else n + 1
-    shapes = (3, 3, links), (3, links), (3, 3), (3,), (3,), (3,), (3,), (3,)
-    outlines: Any = [jax.ShapeDtypeStruct((*shape, bins), params.theta.dtype) for shape in shapes]
-    return ArmMotion(*outlines)
+    return signals, params.effects or {}, jax.eval_shape(motion_of, signals)
 
 
 def padded_bins(log: Log) -> int:

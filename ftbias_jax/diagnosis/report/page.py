@@ -14,8 +14,8 @@ from importlib import resources
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report.plotted import Series
 from ftbias_jax.diagnosis.report.svg import escape
+from ftbias_jax.diagnosis.result import Series
 from ftbias_jax.diagnosis.samples.bins import mean_of_bins
 
 MAX_NUMBERS = 1500

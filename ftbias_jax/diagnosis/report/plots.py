@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report.plotted import Curve, Series
 from ftbias_jax.diagnosis.report.svg import (
     WIDTH,
     Axes,
@@ -26,7 +25,7 @@ from ftbias_jax.diagnosis.report.svg import (
     x_axis,
 )
 from ftbias_jax.diagnosis.report.tables import percent, sigmas_by_channel
-from ftbias_jax.diagnosis.result import Gap
+from ftbias_jax.diagnosis.result import Curve, Gap, Series
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 MAX_BUCKETS = 230

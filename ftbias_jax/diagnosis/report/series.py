@@ -8,10 +8,9 @@ import numpy as np
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, excess
 from ftbias_jax.diagnosis.evidence.locate import Conditions, locate
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.evaluate import measured, readings
+from ftbias_jax.diagnosis.regression.evaluate import measured, over_bins, readings, sensor_axes
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.report.plotted import Series
-from ftbias_jax.diagnosis.result import Where
+from ftbias_jax.diagnosis.result import Series, Where
 from ftbias_jax.diagnosis.samples.bins import sum_of_bins
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
@@ -39,10 +38,9 @@ def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: Hel
     """Coarse means of the innovations of each log, and what the causes change in the reading."""
     without, with_causes = readings(problem, np.stack([base.z, accepted.z]))
     change = with_causes - without
-    for h, coefficients in zip(accepted.hypotheses, _by_hypothesis(accepted), strict=True):
-        change = change + sum(
-            (shape[:, None] * c for shape, c in zip(h.shapes, coefficients, strict=True)), np.zeros(6)
-        )
+    shapes = [shape for h in accepted.hypotheses for shape in h.shapes]
+    for shape, coefficients in zip(shapes, accepted.coefficients.reshape(-1, 6), strict=True):
+        change = change + shape[:, None] * coefficients
     # A constant change is no regressor: the channel that changes most.
     channel = int((change / problem.noise_std).var(0).argmax())
     first, noise = _residual(problem, before)
@@ -62,12 +60,6 @@ def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: Hel
     return tuple(found)
 
 
-def _by_hypothesis(found: Fit) -> list[np.ndarray]:
-    """(E, 6) coefficients of each hypothesis."""
-    pieces = np.split(found.coefficients, np.cumsum([6 * len(h.shapes) for h in found.hypotheses]))
-    return [piece.reshape(-1, 6) for piece in pieces[: len(found.hypotheses)]]
-
-
 def _residual(problem: Problem, held: HeldOut) -> tuple[np.ndarray, np.ndarray]:
     """Innovations (U, 6) N, Nm, NaN where there was no measurement, and their noise (U, 6)."""
     noise = np.sqrt(problem.variance)
@@ -77,20 +69,18 @@ def _residual(problem: Problem, held: HeldOut) -> tuple[np.ndarray, np.ndarray]:
 def _motion(problem: Problem) -> Conditions:
     """What the robot was doing at the bins."""
     carrier: Arm | FreeBody = problem.parts[0].signals.model.arm
-    pieces = []
-    for part in problem.parts:
-        moving = (part.signals.dq, part.signals.ddq)
-        if isinstance(carrier, FreeBody):
-            moving = (part.nominal.angular_velocity.T, part.nominal.angular_acceleration.T)
-        gravity = np.asarray(part.signals.model.gravity)
-        down = np.einsum("i,ijt->tj", gravity / np.linalg.norm(gravity), np.asarray(part.nominal.sensor_rotation))
-        pieces.append([np.asarray(x)[: part.used] for x in (*moving, down)])
-    speed, acceleration, down = (np.concatenate(series) for series in zip(*pieces, strict=True))
+    gravity = np.asarray(problem.parts[0].signals.model.gravity)
+    if isinstance(carrier, FreeBody):
+        speed = over_bins(problem, lambda part: part.nominal.angular_velocity.T)
+        acceleration = over_bins(problem, lambda part: part.nominal.angular_acceleration.T)
+    else:
+        speed = over_bins(problem, lambda part: part.signals.dq)
+        acceleration = over_bins(problem, lambda part: part.signals.ddq)
     load = np.linalg.norm(np.nan_to_num(measured(problem)[:, :3]), axis=1)
     return Conditions(
         speed=np.linalg.norm(speed, axis=1),
         acceleration=np.linalg.norm(acceleration, axis=1),
-        gravity=down,
+        gravity=np.einsum("i,tij->tj", gravity / np.linalg.norm(gravity), sensor_axes(problem)),
         load_rate=np.gradient(load) if len(load) > 1 else np.zeros(len(load)),
         temperature=problem.temperature if np.ptp(problem.temperature) > 0 else None,
     )

@@ -7,8 +7,7 @@ import numpy as np
 from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
-from ftbias_jax.diagnosis.report.plotted import Curve
-from ftbias_jax.diagnosis.result import FoundTerm, Gap
+from ftbias_jax.diagnosis.result import Curve, FoundTerm, Gap
 from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.diagnosis.terms.grid import free_names
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, resembles

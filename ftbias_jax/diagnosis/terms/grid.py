@@ -139,17 +139,13 @@ def _of_joints(problem: Problem, state: State) -> Iterator[Term]:
     for j in range(1, count + 1):
         if np.ptp(state.q[:, j - 1]) < LEAST_TURN:
             continue
-        yield from _terms("joint_angle", "linear", EACH, joint=j)
-        yield from _terms("joint_angle", "cubic", EACH, joint=j)
-        yield from _terms("joint_angle", "linear", (JOINT,), joint=j)
-        yield from _terms("joint_angle", "cubic", (JOINT,), joint=j)
-        yield from _terms("joint_velocity", "viscous", (JOINT,), joint=j)
-        yield from _terms("joint_velocity", "quadratic", (JOINT,), joint=j)
+        yield from _terms("joint_angle", "linear", (*EACH, JOINT), joint=j)
+        yield from _terms("joint_angle", "cubic", (*EACH, JOINT), joint=j)
+        yield from _terms("joint_velocity", "viscous", (*EACH, JOINT), joint=j)
+        yield from _terms("joint_velocity", "quadratic", (*EACH, JOINT), joint=j)
         yield from _terms("joint_velocity", "friction", (JOINT,), [{"speed": 0.05}], j)
-        yield from _terms("joint_angle", "harmonic", (*EACH, JOINT), _each("multiple", (1.0, 2.0, 3.0, 4.0)), j)
-        yield from _terms("joint_velocity", "viscous", EACH, joint=j)
-        yield from _terms("joint_velocity", "quadratic", EACH, joint=j)
         yield from _terms("joint_velocity", "friction", EACH, _each("speed", TURNS), j)
+        yield from _terms("joint_angle", "harmonic", (*EACH, JOINT), _each("multiple", (1.0, 2.0, 3.0, 4.0)), j)
     for j in range(count + 1 if count else 0):
         taus = max(problem.durations) * np.array([0.05, 0.3, 3.0])
         yield from _terms("joint_velocity", "heat", (SENSOR,), _each("time_constant", taus), j)

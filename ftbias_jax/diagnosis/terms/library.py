@@ -111,11 +111,8 @@ def _trial(term: Term, state: State, place: Place) -> Trial:
 
 def _arms(forces: np.ndarray) -> np.ndarray:
     """(U, K, 3) forces -> (U, 3 K, 6) their torques about a metre along each axis of the sensor."""
-    found = np.zeros((*forces.shape[:2], 3, 6))
-    for axis in range(3):
-        first, second = (axis + 1) % 3, (axis + 2) % 3
-        found[:, :, axis, 3 + first], found[:, :, axis, 3 + second] = -forces[:, :, second], forces[:, :, first]
-    return found.reshape(len(forces), -1, 6)
+    torques = np.cross(np.eye(3), forces[:, :, None])
+    return np.concatenate([np.zeros_like(torques), torques], -1).reshape(len(forces), -1, 6)
 
 
 def _products(white: np.ndarray, trial: Trial) -> np.ndarray:

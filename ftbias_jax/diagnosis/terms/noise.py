@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.result import FoundTerm
 from ftbias_jax.diagnosis.samples.noise import WINDOW, fast_waves
@@ -16,15 +17,6 @@ from ftbias_jax.diagnosis.samples.variance_fit import average_runs, blocks_of, j
 from ftbias_jax.diagnosis.terms.found import found_term
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.diagnosis.terms.phrases import FORM_WORDS
-from ftbias_jax.diagnosis.thresholds import (
-    BEYOND_CHANCE,
-    FAR_SQUARES,
-    GROWTH_NATS,
-    GROWTH_VISIBLE,
-    NOISE_BETTER,
-    NOISE_FORMS_FITTED,
-    TERM_WINDOWS,
-)
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.fitting import GROWTH
 from ftbias_jax.model.effects.terms.columns import columns, noise_variance
@@ -60,11 +52,11 @@ def noise_term(
     longest = int(np.argmax(problem.durations))
     growing = _best(problem, logs[longest], samples[longest], state, longest)
     # Many forms and channels are tried, and the best one has two standard errors by chance: 1 in 50 logs.
-    if growing is None or growing.nats < max(GROWTH_NATS, BEYOND_CHANCE * growing.nats_stderr):
+    if growing is None or growing.nats < max(thresholds.GROWTH_NATS, thresholds.BEYOND_CHANCE * growing.nats_stderr):
         return None
     of_speed = next((finding.nats for finding in found if finding.sign == GROWTH), 0.0)
-    said = growing.nats < NOISE_BETTER * of_speed or (of_speed and growing.form in OF_MOTION)
-    if said or growing.visible < GROWTH_VISIBLE:
+    said = growing.nats < thresholds.NOISE_BETTER * of_speed or (of_speed and growing.form in OF_MOTION)
+    if said or growing.visible < thresholds.GROWTH_VISIBLE:
         return None
     return _told(growing, problem.durations[longest])
 
@@ -72,7 +64,7 @@ def noise_term(
 def _best(problem: Problem, log: Log, samples: SampleFindings, state: State, number: int) -> Growing | None:
     rows = np.isfinite(samples.clean_wrench).all(1)
     t = np.asarray(log.t, float)[rows]
-    if len(t) < TERM_WINDOWS * WINDOW or samples.jitter.detected or samples.heavy_tailed:
+    if len(t) < thresholds.TERM_WINDOWS * WINDOW or samples.jitter.detected or samples.heavy_tailed:
         return None
     waves = fast_waves(t, samples.clean_wrench[rows])
     when = t[waves.row.reshape(-1)]
@@ -84,16 +76,16 @@ def _best(problem: Problem, log: Log, samples: SampleFindings, state: State, num
         whole = columns(np, make_term("noise", form, "sensor", "noise"), state)
         drives[form] = np.stack([np.interp(when, problem.t[own], whole[own, k, k]) for k in range(6)], 1)
     scores = {form: run * _score(drive, squares) for form, drive in drives.items()}
-    hopeful = sorted((form for form in scores if scores[form] > GROWTH_NATS), key=lambda form: -scores[form])
+    hopeful = sorted((form for form in scores if scores[form] > thresholds.GROWTH_NATS), key=lambda form: -scores[form])
     block = blocks_of(when)
-    found = [_fitted(form, drives[form], squares, block, run) for form in hopeful[:NOISE_FORMS_FITTED]]
+    found = [_fitted(form, drives[form], squares, block, run) for form in hopeful[: thresholds.NOISE_FORMS_FITTED]]
     return max(found, key=lambda growing: growing.nats, default=None)
 
 
 def _score(drive: np.ndarray, squares: np.ndarray) -> float:
     """nats that a small share of a drive (N, 6) gains over a constant: the score test of normal noise."""
     apart = drive - drive.mean(0)
-    surplus = np.minimum(squares / squares.mean(0), FAR_SQUARES) - 1
+    surplus = np.minimum(squares / squares.mean(0), thresholds.FAR_SQUARES) - 1
     along = np.maximum((surplus * apart).sum(0), 0)
     return float((along**2 / np.maximum(4 * (apart**2).sum(0), 1e-300)).sum())
 

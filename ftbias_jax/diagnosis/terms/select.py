@@ -8,33 +8,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.fit import Fit, block_scores
+from ftbias_jax.diagnosis.regression.evaluate import readings
+from ftbias_jax.diagnosis.regression.fit import Fit, compared
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, stand
+from ftbias_jax.diagnosis.samples.bins import fill_up
 from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, of_spectra
 from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank
-from ftbias_jax.diagnosis.terms.states import state_of_problem
-from ftbias_jax.diagnosis.thresholds import (
-    ALIKE,
-    CLOSE,
-    FORM_LOSS,
-    FORMS_OF_A_DRIVE,
-    LEAST_DIFFERENCE,
-    LEAST_GAIN,
-    LEAST_SHARE_OF_GAP,
-    LEAST_SIGMAS,
-    MOST_CANCELLED,
-    MOST_TERMS,
-    STEADY,
-    TERM_GOES_ON,
-    TERM_WORTH,
-    TERM_WORTH_FAR,
-    TERMS_FITTED,
-)
-from ftbias_jax.model.effects.terms.columns import columns, has_point
+from ftbias_jax.model.effects.terms.columns import columns, has_point, state_of
 from ftbias_jax.model.effects.terms.types import State, Term
 
 STARTS = {"attraction": 5, "barrier": 2}
@@ -45,6 +30,9 @@ ROUGH_STEPS, FURTHER_STEPS = 5, 10
 """Of a first fit, and more of the best of those."""
 ROUGHLY = 1e-3
 """Share of its whole gain that the last step of such a fit gains less than."""
+
+SHARED = ("gravity", "period")
+"""Of all logs, not of a bin."""
 
 
 class Step(NamedTuple):
@@ -78,7 +66,7 @@ class Search:
         ranked = self._ranked(prepared_fit)
         top = ranked[0].merit if ranked else 0.0
         worth = [one for one in _of_each_drive(ranked) if one.merit > max(_worth(one.term) * top, 0.0)]
-        few = [one for place, one in enumerate(worth) if place < TERMS_FITTED or one.term.form in STARTS]
+        few = [one for place, one in enumerate(worth) if place < thresholds.TERMS_FITTED or one.term.form in STARTS]
 
         def improved(term: Term, steps: int) -> tuple[float, Solved]:
             one = improve(self.problem, self.state, prepared_fit, (term,), steps, ROUGHLY)
@@ -88,7 +76,7 @@ class Search:
         found = sorted((improved(term, ROUGH_STEPS) for term in timed), key=_order)
         for form in STARTS:  # the best of several starts goes on
             best = next((i for i, (_, one) in enumerate(found) if one.terms[0].form == form), None)
-            if best is not None and found[best][0] > TERM_GOES_ON * found[0][0]:
+            if best is not None and found[best][0] > thresholds.TERM_GOES_ON * found[0][0]:
                 found[best] = improved(found[best][1].terms[0], FURTHER_STEPS)
         return sorted(found, key=_order)
 
@@ -118,9 +106,9 @@ class Search:
             first: ``best(start)``.
         """
         steps: list[Step] = []
-        least = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap_of(self.problem, self.base))
+        least = max(thresholds.LEAST_SIGMAS**2, thresholds.LEAST_SHARE_OF_GAP * gap_of(self.problem, self.base))
         now = start
-        while len(steps) < MOST_TERMS and (not steps or gap_of(self.problem, now) > least):
+        while len(steps) < thresholds.MOST_TERMS and (not steps or gap_of(self.problem, now) > least):
             chosen = steps[-1].described.terms if steps else ()
             found = self.best(now) if steps else first
             tried = (self._step(start, now, chosen, found, place) for place in range(min(2, len(found))))
@@ -138,15 +126,14 @@ class Search:
         problem, (_, one) = self.problem, found[place]
         described = fit_terms(problem, self.state, stand(start), (*chosen, *one.terms))
         gain = described.fit.log_likelihood - now.log_likelihood
-        difference = block_scores(problem, described.fit.error) - block_scores(problem, now.error)
-        by_chance = difference.sum() < STEADY * np.sqrt(len(difference)) * difference.std()
-        if by_chance or merit_of(gain, numbers_of(one.terms[0])) < LEAST_GAIN:
+        difference, stderr = compared(problem, described.fit.error, now.error)
+        if difference < thresholds.STEADY * stderr or merit_of(gain, numbers_of(one.terms[0])) < thresholds.LEAST_GAIN:
             return None
         if any(cancels(term, self.state) for term in described.terms):
             return None
         reference = self.hold_out(now, now.error).error
         held = self.hold_out(described.fit, reference)
-        if held.nats < STEADY * held.nats_stderr:
+        if held.nats < thresholds.STEADY * held.nats_stderr:
             return None
         share = gap_removed(problem, reference, held.error)
         return Step(described, self._rivals(now, [d for _, d in found], place), held, share)
@@ -154,24 +141,39 @@ class Search:
     def _rivals(self, now: Fit, found: list[Solved], place: int) -> tuple[Term, ...]:
         """Terms of other drives that could stand in the place of the one that was chosen."""
         best = found[place]
-        gain, blocks = best.log_likelihood - now.log_likelihood, block_scores(self.problem, best.error)
+        gain = best.log_likelihood - now.log_likelihood
         rivals: dict[str, Term] = {}
         drive = best.terms[0].drive
         for other in found:
             term = other.terms[0]
-            difference = blocks - block_scores(self.problem, other.error)
-            lost = best.log_likelihood - other.log_likelihood
-            error = ALIKE * float(np.sqrt(len(difference)) * difference.std())
-            close = lost < FORM_LOSS * gain or (lost < error and lost < (1 - CLOSE) * gain)
+            lost, stderr = compared(self.problem, best.error, other.error)
+            close = lost < thresholds.FORM_LOSS * gain or (
+                lost < thresholds.ALIKE * stderr and lost < (1 - thresholds.CLOSE) * gain
+            )
             if term.drive != drive and close:
                 rivals.setdefault(term.drive, term)
         return tuple(rivals.values())
 
 
+def state_of_problem(problem: Problem, fit: Fit) -> State:
+    """All logs end to end, (U, ...); the load is the reading that the fit predicts."""
+    load = readings(problem, fit.z[None])[0]
+    pieces, first = [], 0
+    for part in problem.parts:
+        own, size = slice(first, first + part.used), len(part.signals.t)
+        first += part.used
+        counts = fill_up(np.maximum(problem.samples[own].max(1), 1.0), size, 1.0)
+        period = float(np.median(np.diff(np.asarray(part.signals.t)[: part.used])) / np.median(counts[: part.used]))
+        whole = state_of(np, part.signals, fill_up(load[own], size, 0.0), part.nominal, counts, period)
+        pieces.append(State(*(x if k in SHARED else x[: part.used] for k, x in whole._asdict().items())))
+    pairs = zip(State._fields, zip(*pieces, strict=True), strict=True)
+    return State(*(of_parts[0] if name in SHARED else np.concatenate(of_parts) for name, of_parts in pairs))
+
+
 def _order(found: tuple[float, Solved]) -> float:
     """By merit, best first; a line before a wave of time that is the same, because its period came back in the log."""
     merit, one = found
-    return -merit - LEAST_DIFFERENCE * (one.terms[0].drive == "frequency")
+    return -merit - thresholds.LEAST_DIFFERENCE * (one.terms[0].drive == "frequency")
 
 
 def numbers_of(term: Term) -> int:
@@ -183,11 +185,11 @@ def cancels(term: Term, state: State) -> bool:
     """Whether parts of a term are far larger than what they do together, as where the motion hardly separates them."""
     each = columns(np, term, state) * np.asarray(term.coefficients)[None, :, None]
     parts, whole = each.std(0).max(0), each.sum(1).std(0)
-    return bool((parts > MOST_CANCELLED * whole).any())
+    return bool((parts > thresholds.MOST_CANCELLED * whole).any())
 
 
 def _worth(term: Term) -> float:
-    return TERM_WORTH_FAR if term.form in STARTS else TERM_WORTH
+    return thresholds.TERM_WORTH_FAR if term.form in STARTS else thresholds.TERM_WORTH
 
 
 def _of_each_drive(ranked: list[Ranked]) -> list[Ranked]:
@@ -198,7 +200,7 @@ def _of_each_drive(ranked: list[Ranked]) -> list[Ranked]:
         term = one.term
         forms = seen.setdefault(term.drive, {})
         key = (term.form, term.frame, term.acts_as)
-        room = key in forms or len(forms) < FORMS_OF_A_DRIVE or term.form in STARTS
+        room = key in forms or len(forms) < thresholds.FORMS_OF_A_DRIVE or term.form in STARTS
         if forms.get(key, 0) < STARTS.get(term.form, 1) and room:
             forms[key] = forms.get(key, 0) + 1
             found.append(one)

@@ -52,7 +52,9 @@ def _follow_frames(recording: Recording, pose: PoseSetup, file: str) -> Stream:
     in_root, base_in_root = (reduce(_compose, [_at(link, stamps) for link in chain], nowhere) for chain in (down, back))
     rows = _rows_at(moving[-1], stamps)
     logged, order = moving[-1].logged[rows], moving[-1].order[rows]
-    values = _compose(_inverse(base_in_root), in_root)
+    back_turn = np.concatenate([-base_in_root[:, 3:6], base_in_root[:, 6:]], 1)
+    root_in_base = np.concatenate([-rotate(back_turn[:, [3, 0, 1, 2]], base_in_root[:, :3]), back_turn], 1)
+    values = _compose(root_in_base, in_root)
     return moving[-1]._replace(stamps=stamps, logged=logged, order=order, values=values)
 
 
@@ -69,12 +71,6 @@ def _from_root(links: Mapping[str, Stream], frame: str, file: str) -> list[Strea
         chain.insert(0, links[frame])
         frame = links[frame].names[0]
     return chain
-
-
-def _inverse(values: Array) -> Array:
-    """Poses (T, 7) of the base in the frame."""
-    back = np.concatenate([-values[:, 3:6], values[:, 6:]], 1)
-    return np.concatenate([-rotate(back[:, [3, 0, 1, 2]], values[:, :3]), back], 1)
 
 
 def _at(link: Stream, stamps: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import Part, log_of_parts, on_one_clock
-from ftbias_jax.io.clock import complaint_of_headers, continue_after_jumps, jumps, order_repairs, tidy
+from ftbias_jax.io.clock import complaint_of_headers, continue_after_jumps, jumps, tidy
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.ros.choose import Chosen, choose, refuse_columns, wanted_of
 from ftbias_jax.io.ros.messages import JOINTS, WRENCH
@@ -66,13 +66,17 @@ def parts_of(chosen: Chosen, setup: Setup, mended: list[Repair], file: str = "")
     parts: list[Part] = []
     for name, t in in_time.items():
         role, stream = chosen[name]
-        ordered, values = _in_order(t, stream, known[name], mended)
+        ordered = tidy(t, {name: stream.values[known[name]]}, f"samples of {stream.topic}")
+        mended.extend(ordered.repairs)
+        if lost := int((~known[name]).sum()):
+            mended.append(Repair(f"{lost} of the samples of {stream.topic} left out: they have no stamp", lost=True))
+        values = ordered.columns[name]
         arrays = {name: values[:, 0] if name == "temperature" else values}
         if role == JOINTS:
             n = values.shape[1] // 2
             # Their messages have velocities too; what the setup names comes first.
             arrays = {"q": values[:, :n]} | ({} if "dq" in chosen else {"dq": values[:, n:]})
-        parts.append((ordered, arrays))
+        parts.append((ordered.t, arrays))
     return parts
 
 
@@ -118,10 +122,8 @@ def credible(recording: Recording, mended: list[Repair]) -> Recording:
             columns = {name: getattr(stream, name)[credible] for name in ("stamps", "logged", "order", "values")}
             kept.append(stream._replace(**columns))
         if not credible.all():
-            what = (
-                f"{(~credible).sum()} of the samples of {stream.topic} left out: their stamp or frame is not credible"
-            )
-            mended.append(Repair(what, lost=True))
+            what = f"{(~credible).sum()} of the samples of {stream.topic} left out"
+            mended.append(Repair(f"{what}: their stamp or frame is not credible", lost=True))
     mended.append(Repair(f"{sum(topic.messages for topic in recording.topics)} messages were recovered"))
     return recording._replace(streams=tuple(kept))
 
@@ -133,13 +135,3 @@ def skew(stream: Stream) -> str:
         return f"{stream.topic} has no stamps"
     ahead = np.median((stream.logged - stream.stamps)[stamped]) * 1e-9
     return f"{stream.topic} was recorded {abs(ahead):.3g} s {'after' if ahead >= 0 else 'before'} its stamps"
-
-
-def _in_order(t: Array, stream: Stream, known: Array, mended: list[Repair]) -> tuple[Array, Array]:
-    """Stamps and values of the known rows in increasing order; what that took is added to ``mended``."""
-    ordered = tidy(t, stream.values[known])
-    mended.extend(order_repairs(ordered, f"samples of {stream.topic}"))
-    if not known.all():
-        what = f"{(~known).sum()} of the samples of {stream.topic} left out: they have no stamp"
-        mended.append(Repair(what, lost=True))
-    return ordered.t, ordered.values

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TextIO
 
 import numpy as np
@@ -34,19 +33,16 @@ def csv_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[s
     wrench only.
     """
     budget = Budget(file)
-    with _opened(file) as stream:
-        header = read_header(stream, file)
-        columns = choose(header)
-        used = [header.index(name) for names in columns.values() for name in names]
-        return split(columns, _read_numbers(stream, header, used, budget))
-
-
-@contextmanager
-def _opened(file: str) -> Iterator[TextIO | Commas]:
-    """The file, and what reading it raises as errors of ours."""
     try:
-        with open(file, encoding="utf-8-sig") as text:
-            yield with_commas(text)
+        with open(file, encoding="utf-8-sig") as stream:
+            line = stream.readline(MAX_LINE + 1)
+            _check_length(line, 1, file)
+            with_commas = _to_commas(line[:LONGEST])
+            # numpy.savetxt marks its header as a comment.
+            header = [name.strip() for name in next(csv.reader([with_commas(line).removeprefix("#")]), [])]
+            columns = choose(header)
+            used = [header.index(name) for names in columns.values() for name in names]
+            return split(columns, _read_numbers(map(with_commas, _whole_lines(stream, file)), header, used, budget))
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror}", file=file, remedy="check the path") from error
     except UnicodeDecodeError as error:
@@ -55,51 +51,26 @@ def _opened(file: str) -> Iterator[TextIO | Commas]:
         raise LogError(f"is not CSV text: {error}", file=file, remedy="give a CSV file") from error
 
 
-def with_commas(stream: TextIO) -> TextIO | Commas:
-    """A text with cells separated by commas, semicolons, tabs or spaces, by what stands in its first line.
+def _to_commas(header: str) -> Callable[[str], str]:
+    """What turns whole lines into cells separated by commas, by what stands between those of the first line.
 
     Between semicolons a comma is the decimal one.
     """
-    header = stream.readline(LONGEST)
-    stream.seek(0)
     if "," in header:
-        return stream
+        return str
     if ";" in header:
-        return Commas(stream, lambda text: text.translate(_SEMICOLONS))
+        return lambda text: text.translate(_SEMICOLONS)
     if "\t" in header:
-        return Commas(stream, lambda text: text.replace("\t", ","))
+        return lambda text: text.replace("\t", ",")
     if " " in header.strip().removeprefix("#").strip():
-        return Commas(stream, lambda text: re.sub(r"[ \t]+", ",", _ENDS.sub("", text)))
-    return stream
+        return lambda text: re.sub(r"[ \t]+", ",", _ENDS.sub("", text))
+    return str
 
 
-class Commas:
-    """A text stream that is converted line by line."""
-
-    def __init__(self, stream: TextIO, convert: Callable[[str], str]) -> None:
-        self._stream, self._convert = stream, convert
-
-    def readline(self, limit: int = -1) -> str:
-        """The next line."""
-        return self._convert(self._stream.readline(limit))
-
-    def read(self, size: int = -1) -> str:
-        """Whole lines of about so many characters, as one text."""
-        return self._convert("".join(self._stream.readlines(size)))
-
-
-def read_header(stream: TextIO | Commas, file: str) -> list[str]:
-    """The names in the first line."""
-    line = stream.readline(MAX_LINE + 1)
-    _check_length(line, 1, file)
-    # numpy.savetxt marks its header as a comment.
-    return [name.strip() for name in next(csv.reader([line.removeprefix("#")]), [])]
-
-
-def _read_numbers(stream: TextIO | Commas, header: Sequence[str], used: Sequence[int], budget: Budget) -> Array:
+def _read_numbers(texts: Iterable[str], header: Sequence[str], used: Sequence[int], budget: Budget) -> Array:
     """The used columns of all lines after the header, (lines, len(used)) float64."""
     blocks, line_number = [np.empty((0, len(used)))], 2
-    for text in _whole_lines(stream, budget.file):
+    for text in texts:
         block = _read_block(text, line_number, header, used, budget.file)
         budget.hold(block.nbytes)
         blocks.append(block)
@@ -107,7 +78,7 @@ def _read_numbers(stream: TextIO | Commas, header: Sequence[str], used: Sequence
     return np.concatenate(blocks)
 
 
-def _whole_lines(stream: TextIO | Commas, file: str) -> Iterator[str]:
+def _whole_lines(stream: TextIO, file: str) -> Iterator[str]:
     """The text in pieces of about BLOCK characters that end where lines do, without the last line's end."""
     rest, line_number = "", 2
     while text := stream.read(BLOCK):

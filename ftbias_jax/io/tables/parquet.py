@@ -7,10 +7,10 @@ or ``column/name`` where ``meta/info.json`` of the data set names it.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +30,8 @@ MOST_ENTRIES = 1000
 """Of one list: the state of a robot has some dozens."""
 MOST_BYTES = 1 << 20
 """Of meta/info.json."""
+Cell = tuple[str, int | None]
+"""Where the numbers of a name are: the column of the file, and the entry of its lists; None = it holds numbers."""
 LEVELS = 4
 """Folders above a file in which the data set's meta may be: data/chunk-000/episode_000000.parquet."""
 
@@ -47,23 +49,21 @@ def parquet_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> di
         time = columns.get("t", ())
         others = {name: names for name, names in columns.items() if name != "t"}
         used = [where[name] for names in others.values() for name in names]
-        stored = list(dict.fromkeys([*(where[name].column for name in time), *(cell.column for cell in used)]))
-        kinds = [_time_type(arrow, schema.field(name).type, name, file) for name in time]
-        _check_numbers(arrow, schema, dict.fromkeys(cell.column for cell in used), file)
+        stored = list(dict.fromkeys([*(where[name][0] for name in time), *(column for column, _ in used)]))
+        for name in stored:
+            _check_type(arrow, schema.field(name).type, name, name in time, file)
         rows = check_pages(file, stored, budget)
         budget.hold(8 * rows * (len(time) + len(used)))
-        t, numbers = [np.empty(rows, kind) for kind in kinds], np.empty((rows, len(used)))
-        first = 0
+        t, numbers, first = list[Array](), np.empty((rows, len(used))), 0
         for batch in table.iter_batches(BATCH, columns=stored, use_threads=False):
             here = slice(first, first + batch.num_rows)
-            for times, name in zip(t, time, strict=True):
-                times[here] = _times(arrow, batch.column(name), name, file)
+            t += [_times(arrow, batch.column(name), name, file) for name in time]
             for i, (column, entry) in enumerate(used):
                 values = batch.column(column) if entry is None else compute.list_element(batch.column(column), entry)
                 numbers[here, i] = values.cast("float64").to_numpy(zero_copy_only=False)
             first = here.stop
     found = split(others, numbers[:first])
-    return {"t": t[0][:first]} | found if t else found
+    return {"t": np.concatenate(t)} | found if t else found
 
 
 @contextmanager
@@ -97,12 +97,16 @@ def _check_footer(source: Any, file: str) -> None:
         source.seek(0)
 
 
-def _time_type(arrow: Any, kind: Any, name: str, file: str) -> type[np.generic]:
-    if arrow.types.is_timestamp(kind) or arrow.types.is_integer(kind):
-        return np.int64
-    if arrow.types.is_floating(kind) or arrow.types.is_null(kind):
-        return np.float64
-    raise LogError(f"has the type {kind}", file=file, field=name, remedy="store s, integer ns, or timestamps")
+def _check_type(arrow: Any, kind: Any, name: str, is_time: bool, file: str) -> None:
+    """Refuse a column that has no numbers before any is read: a text may be repeated a million times."""
+    types, remedy = arrow.types, "store real numbers, null where not measured"
+    if is_time:
+        remedy = "store s, integer ns, or timestamps"
+    elif types.is_list(kind) or types.is_fixed_size_list(kind):
+        kind = kind.value_type
+    numbers = types.is_floating(kind) or types.is_integer(kind) or types.is_null(kind)
+    if not numbers and not (is_time and types.is_timestamp(kind)):
+        raise LogError(f"has the type {kind}", file=file, field=name, remedy=remedy)
 
 
 def _times(arrow: Any, column: Any, name: str, file: str) -> Array:
@@ -114,47 +118,23 @@ def _times(arrow: Any, column: Any, name: str, file: str) -> Array:
     return column.cast("float64" if arrow.types.is_floating(column.type) else "int64").to_numpy()
 
 
-def _check_numbers(arrow: Any, schema: Any, names: Iterable[str], file: str) -> None:
-    """Refuse columns that are no numbers before any is read: a text may be repeated a million times."""
-    for name in names:
-        kind = _number_type(arrow, schema.field(name).type)
-        if not (arrow.types.is_floating(kind) or arrow.types.is_integer(kind) or arrow.types.is_null(kind)):
-            remedy = "store real numbers, null where not measured"
-            raise LogError(f"has the type {kind}", file=file, field=name, remedy=remedy)
-
-
-class Cell(NamedTuple):
-    """Where the numbers of a name are."""
-
-    column: str
-    """Of the file."""
-    entry: int | None = None
-    """Of its lists; None = it holds numbers."""
-
-
 def cells_of(arrow: Any, table: Any, file: str) -> list[tuple[str, Cell]]:
     """The names of all numbers in a row, and where each is; lists whose length is not known are one name."""
     schema, stated = table.schema_arrow, None
     cells: list[tuple[str, Cell]] = []
     for column, kind in zip(map(str, schema.names), schema.types, strict=True):
         if not (arrow.types.is_list(kind) or arrow.types.is_fixed_size_list(kind)):
-            cells.append((column, Cell(column)))
+            cells.append((column, (column, None)))
             continue
         stated = _features(file) if stated is None else stated
         names = _entry_names(stated.get(column))
         width = kind.list_size if arrow.types.is_fixed_size_list(kind) else len(names)
         if not 0 < width <= MOST_ENTRIES:
-            cells.append((column, Cell(column)))
+            cells.append((column, (column, None)))
             continue
         names = names if len(names) == width else [str(i) for i in range(width)]
-        cells += [(f"{column}/{name}", Cell(column, i)) for i, name in enumerate(names)]
+        cells += [(f"{column}/{name}", (column, i)) for i, name in enumerate(names)]
     return cells
-
-
-def _number_type(arrow: Any, kind: Any) -> Any:
-    """The type of the numbers in a column of this type."""
-    listed = arrow.types.is_list(kind) or arrow.types.is_fixed_size_list(kind)
-    return kind.value_type if listed else kind
 
 
 def _features(file: str) -> Mapping[str, Any]:

@@ -18,17 +18,7 @@ from ftbias_jax.io.remote import check_links, check_patterns, exists, is_url, op
 from ftbias_jax.io.ros.choose import choose, refuse_columns, wanted_of
 from ftbias_jax.io.ros.read import credible, parts_of
 from ftbias_jax.io.ros.record import SUFFIXES, is_ros, read_recording
-from ftbias_jax.io.tables.arrays import (
-    ARRAY_FILES,
-    ARRAYS,
-    COLUMNS,
-    POSE_ARRAYS,
-    TABLES,
-    by_native_names,
-    joined_pose,
-    suffix_of,
-    wanted_arrays,
-)
+from ftbias_jax.io.tables import arrays as native
 from ftbias_jax.io.tables.columns import NAMES, choose_some, named_columns
 from ftbias_jax.setup.keys import table as keys
 from ftbias_jax.setup.types import Setup
@@ -83,9 +73,9 @@ def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fa
 
 def unknown_format(file: str) -> LogError:
     """The error of a file whose suffix is that of no log."""
-    *most, last = (*TABLES, *SUFFIXES)
+    *most, last = (*native.TABLES, *SUFFIXES)
     remedy = f"give a log that ends in {', '.join(most)} or {last}, or a ROS 2 bag's folder"
-    return LogError(f"unknown format {suffix_of(file)!r}", file=file, remedy=remedy)
+    return LogError(f"unknown format {native.suffix_of(file)!r}", file=file, remedy=remedy)
 
 
 def read_stream(
@@ -94,11 +84,11 @@ def read_stream(
     """Stamps in order and arrays of one file by their native names; a recording may have several streams."""
     if is_ros(file):
         return _of_recording(file, quantities, setup, salvage)
-    suffix = suffix_of(file)
-    if suffix in COLUMNS:
-        found = COLUMNS[suffix](file, lambda header: choose_some(header, quantities, setup, file))
-    elif suffix in ARRAY_FILES:
-        found = _of_arrays(ARRAY_FILES[suffix](file, wanted_arrays(setup)), quantities, setup, file)
+    suffix = native.suffix_of(file)
+    if suffix in native.COLUMNS:
+        found = native.COLUMNS[suffix](file, lambda header: choose_some(header, quantities, setup, file))
+    elif suffix in native.ARRAY_FILES:
+        found = _of_arrays(native.ARRAY_FILES[suffix](file, native.wanted_arrays(setup)), quantities, setup, file)
     else:
         raise unknown_format(file)
     counted = rows_at_rate(next(values for name, values in found.items() if name != "t"), setup.log)
@@ -114,7 +104,7 @@ def _of_arrays(arrays: Mapping[str, Array], quantities: Sequence[str], setup: Se
     """The wanted arrays that share the stamps of the first, and these as "t"."""
     further = {key: arrays[name] for key, (name,) in named_columns(list(arrays), setup, file, optional=True).items()}
     mine = {key: names for key, names in setup.log.columns.items() if key in ("time", *quantities)}
-    arrays = by_native_names(arrays, replace(setup, log=replace(setup.log, columns=mine)), file)
+    arrays = native.by_native_names(arrays, replace(setup, log=replace(setup.log, columns=mine)), file)
     clock = "t" if "t" in arrays else STAMPS[quantities[0]]
     if clock not in arrays and setup.log.rate is None:
         raise LogError("there is no time", file=file, field=clock, remedy="store the stamps, or state log.rate")
@@ -123,14 +113,16 @@ def _of_arrays(arrays: Mapping[str, Array], quantities: Sequence[str], setup: Se
         if clock not in ("t", STAMPS[quantity]):
             continue  # it has another clock
         name = NAMES[quantity]
-        parts = {"q": ("orientation",), "dq": POSE_ARRAYS[2:]}.get(name, ()) if setup.pose is not None else ()
+        parts = {"q": ("orientation",), "dq": native.POSE_ARRAYS[2:]}.get(name, ()) if setup.pose is not None else ()
         if setup.pose is not None and any(part in arrays for part in parts):
-            found[name] = joined_pose(arrays, setup.pose, name, file)
+            found[name] = native.joined_pose(arrays, setup.pose, name, file)
         elif name in arrays:
             found[name] = arrays[name]
         elif quantity == quantities[0]:
             missing = " or ".join(parts) or name
-            remedy = f"name the arrays of a log {', '.join(ARRAYS if setup.pose is None else POSE_ARRAYS)}"
+            remedy = (
+                f"name the arrays of a log {', '.join(native.ARRAYS if setup.pose is None else native.POSE_ARRAYS)}"
+            )
             raise LogError(f"there is no array {missing}", file=file, field=name, remedy=remedy)
     return found | further
 

@@ -12,11 +12,6 @@ from ftbias_jax.model.wrench.inertia import turned
 from ftbias_jax.types import Array
 
 
-def turn_wrench(rotation: Array, wrench: Array) -> Array:
-    """R^T force and R^T torque: wrenches (T, 6) in coordinates that are turned by R (3, 3)."""
-    return (wrench.reshape(-1, 2, 3) @ rotation).reshape(-1, 6)
-
-
 def gravity_tilt(values: EffectValues, signals: Signals) -> Signals:
     """Gravity in another direction of the base frame; its size stays, whatever the length of the parameter."""
     model = signals.model
@@ -38,7 +33,7 @@ def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
 
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """The sensor's axes are the nominal ones turned by the rotation vector r: reading = exp([r])^T W."""
-    return turn_wrench(rotation_from_vector(values["rotation"]), wrench)
+    return (wrench.reshape(-1, 2, 3) @ rotation_from_vector(values["rotation"])).reshape(-1, 6)
 
 
 def tool_turns(values: EffectValues, signals: Signals) -> Signals:

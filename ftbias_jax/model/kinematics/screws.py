@@ -139,6 +139,7 @@ def sensor_motion(arm: Arm, q: Float[Array, " n"], dq: Float[Array, " n"], ddq: 
     linear_acceleration = (
         spatial_acceleration + jnp.cross(angular_acceleration, position) + jnp.cross(angular_velocity, linear_velocity)
     )
+    at_sensor = jacobian[:3] + jnp.cross(jacobian[3:].T, position).T  # columns of the space Jacobian: v + w x p
     return Motion(
         rotation,
         position,
@@ -146,7 +147,7 @@ def sensor_motion(arm: Arm, q: Float[Array, " n"], dq: Float[Array, " n"], ddq: 
         angular_velocity,
         linear_acceleration,
         angular_acceleration,
-        _move_to_sensor(jacobian, position),
+        jnp.concatenate([at_sensor, jacobian[3:]]),
     )
 
 
@@ -157,9 +158,3 @@ def _pose_and_space_jacobian(arm: Arm, q: Array) -> tuple[Array, Array, Array]:
     sensor_rotation = rotations[-1] @ arm.zero_rotation
     sensor_position = rotations[-1] @ arm.zero_position + positions[-1]
     return sensor_rotation, sensor_position, jnp.concatenate([linear, angular], -1).T
-
-
-def _move_to_sensor(jacobian: Array, position: Array) -> Array:
-    """Columns of the space Jacobian as seen at the sensor origin: v + w x p."""
-    linear = jacobian[:3] + jnp.cross(jacobian[3:].T, position).T
-    return jnp.concatenate([linear, jacobian[3:]])

@@ -73,9 +73,8 @@ def _type(name: str, key: Key) -> dict[str, Any]:
 
 
 def _number(key: Key) -> dict[str, Any]:
-    if np.isinf(key.within.lowest):
-        return {"type": "number"}
-    return {"type": "number", "exclusiveMinimum" if key.within.open else "minimum": key.within.lowest}
+    bounds = {"exclusiveMinimum": key.above, "minimum": key.least}
+    return {"type": "number", **{word: bound for word, bound in bounds.items() if np.isfinite(bound)}}
 
 
 def _list(items: dict[str, Any], size: int) -> dict[str, Any]:

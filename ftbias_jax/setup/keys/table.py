@@ -9,8 +9,10 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ftbias_jax.setup import fields, recorded
-from ftbias_jax.setup.fields import Range, Section
+from ftbias_jax.setup.fields import Section
 from ftbias_jax.setup.robots import BUILT_IN, CONVENTIONS, FIXED, UNITS
 from ftbias_jax.setup.types import COMPENSATED, JOINT_MODELS, REPORTS
 
@@ -43,8 +45,8 @@ class Key(NamedTuple):
     size: int = 1
     """How many numbers or names, or PER_JOINT, or SEVERAL."""
     expand: bool = False
-    within: Range = fields.ANY
-    """What every number may be."""
+    above: float = -np.inf
+    least: float = -np.inf
     default: Any = None
     """None = it has none."""
     required: bool = False
@@ -93,19 +95,10 @@ _CHOICES = {
 """What a text, or an entry behind the numbers of a row, may be: by the key, or by the section for all its keys."""
 
 
-def _section(name: str, stated: Mapping[str, Any]) -> SectionKeys:
-    keys = {key: _key(f"{name}.{key}", dict(entry)) for key, entry in stated["keys"].items()}
-    return SectionKeys(**{**stated, "keys": keys})
-
-
 def _key(name: str, entry: dict[str, Any]) -> Key:
     entry |= entry.pop("is", {})
     (kind,) = (kind for kind in Kind if kind.value in entry)
     meaning = entry.pop(kind.value)
-    if "above" in entry:
-        entry["within"] = Range(entry.pop("above"), open=True)
-    if "least" in entry:
-        entry["within"] = Range(entry.pop("least"))
     entry["size"] = {"joints": PER_JOINT, "events": SEVERAL}.get(entry.get("size", 1), entry.get("size", 1))
     choices = _CHOICES.get(name, _CHOICES.get(name.rpartition(".")[0], ())) if kind in (Kind.TEXT, Kind.ROWS) else ()
     return Key(kind, meaning, choices=tuple(choices), **{word: _fixed(value) for word, value in entry.items()})
@@ -116,7 +109,7 @@ def _fixed(value: Any) -> Any:
 
 
 SECTIONS: Mapping[str, SectionKeys] = {
-    name: _section(name, stated)
+    name: SectionKeys(**{**stated, "keys": {key: _key(f"{name}.{key}", {**x}) for key, x in stated["keys"].items()}})
     for name, stated in tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8")).items()
 }
 """By the full name of the section."""
@@ -184,9 +177,10 @@ def read(section: Section, key: str, size: int | None = None, default: Any = Non
         case Kind.NUMBER if isinstance(value, list):
             raise section.error(key, f"expected one number, got {fields.show(value)}", "write it without brackets")
         case Kind.NUMBER:
-            return float(fields.vector(section, key, 1, default, within=known.within)[0])
+            return float(fields.vector(section, key, 1, default, within=(known.least, known.above))[0])
         case Kind.NUMBERS:
-            return fields.vector(section, key, count, default, within=known.within, expand=known.expand)
+            bounds = (known.least, known.above)
+            return fields.vector(section, key, count, default, within=bounds, expand=known.expand)
         case Kind.TEXT:
             return fields.text(section, key, default, known.choices)
         case Kind.FLAG if not isinstance(value, bool):

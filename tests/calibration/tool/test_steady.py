@@ -10,6 +10,7 @@ from ftbias_jax.calibration.tool import steady
 from ftbias_jax.calibration.tool.steady import CLEARLY, STEADY, SteadyBias
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.setup import parse_setup
+from ftbias_jax.setup.types import ToolSetup
 
 SETUP = parse_setup(demo.SETUP)
 NOISE = SimpleNamespace(bias=SimpleNamespace(drift_time=None, correlated_time=None))
@@ -98,5 +99,5 @@ def test_an_unknown_tool_widens_the_bias_by_what_its_wrench_varies():
     expected = np.sqrt(np.mean([np.var(each, axis=0) for each in drawn], axis=0))
     load_std = wrench(mass, center).std(0)
     found = SteadyBias(np.zeros(6), np.full(6, 1e-6), np.zeros(6), load_std)
-    values, errors = np.array([mass, *center, *np.zeros(6)]), np.array([*stderr, *np.full(6, np.nan)])
-    np.testing.assert_allclose(found.std_with_tool(values, errors), expected, rtol=0.1)
+    tool = ToolSetup(mass, center, np.zeros(6), mass_std=stderr[0], center_of_mass_std=stderr[1:])
+    np.testing.assert_allclose(found.std_with_tool(tool), expected, rtol=0.1)

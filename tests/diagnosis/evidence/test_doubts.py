@@ -8,7 +8,7 @@ import pytest
 from ftbias_jax.diagnosis.evidence.causes import doubt_by, doubt_of
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
 from ftbias_jax.diagnosis.proposals import entries, pulls
-from ftbias_jax.diagnosis.proposals.entries import nearest_arm, nearest_rotation, size_of_entries
+from ftbias_jax.diagnosis.proposals.entries import ARMS, ROTATIONS, nearest, size_of_entries
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 
@@ -34,7 +34,7 @@ def in_typical_departures(drawn):
 
 
 def test_the_leaks_of_a_small_turn_are_known_as_one():
-    rotation, share = nearest_rotation(leaks_of_a_turn([0.01, -0.02, 0.005]), SIZE, np.eye(30))
+    rotation, share = nearest(ROTATIONS, leaks_of_a_turn([0.01, -0.02, 0.005]), SIZE, np.eye(30))
     np.testing.assert_allclose(rotation, [0.01, -0.02, 0.005], atol=5e-4)
     assert share > 0.99
 
@@ -44,17 +44,17 @@ def test_the_leaks_of_another_lever_arm_are_known_as_one():
     leaks = np.zeros((6, 6))
     leaks[3:, :3] = np.cross(arm, np.eye(3)).T
     np.testing.assert_allclose(leaks[3:, :3] @ force, np.cross(arm, force))
-    found, share = nearest_arm(leaks, SIZE, np.eye(30))
+    found, share = nearest(ARMS, leaks, SIZE, np.eye(30))
     np.testing.assert_allclose(found, arm, atol=1e-12)
     assert share > 0.99
-    assert nearest_rotation(leaks, SIZE, np.eye(30))[1] < 0.01
+    assert nearest(ROTATIONS, leaks, SIZE, np.eye(30))[1] < 0.01
 
 
 def test_leaks_that_the_log_does_not_determine_do_not_count():
     leaks = leaks_of_a_turn([0.01, -0.02, 0.005])
     known = np.arange(30) % 2 == 0
     leaks += in_typical_departures(np.where(known, 0.0, 5.0))
-    rotation, share = nearest_rotation(leaks, SIZE, np.diag(np.where(known, 1.0, 1e-9)))
+    rotation, share = nearest(ROTATIONS, leaks, SIZE, np.diag(np.where(known, 1.0, 1e-9)))
     np.testing.assert_allclose(rotation, [0.01, -0.02, 0.005], atol=5e-4)
     assert share > 0.99
 
@@ -62,8 +62,8 @@ def test_leaks_that_the_log_does_not_determine_do_not_count():
 def test_leaks_drawn_at_random_are_hardly_a_turn_or_an_arm():
     rng = np.random.default_rng(0)
     drawn = [in_typical_departures(rng.normal(size=30)) for _ in range(200)]
-    for nearest in (nearest_rotation, nearest_arm):
-        shares = [nearest(leaks, SIZE, np.eye(30))[1] for leaks in drawn]
+    for made in (ROTATIONS, ARMS):
+        shares = [nearest(made, leaks, SIZE, np.eye(30))[1] for leaks in drawn]
         assert np.mean(shares) == pytest.approx(0.1, abs=0.02)
         assert max(shares) < entries.LIKE_A_ROTATION
 

@@ -25,12 +25,13 @@ def twins_of(monkeypatch, losses, scatter, preliminary=1000.0, gain=1000.0):
     """Of a cause that gains so much, with others that lose so many nats, scattered over the blocks by so much each."""
     base, accepted = fit_of(None, -gain), fit_of(CAUSE, 0.0)
     others = [Scored(fit_of(Hypothesis(name), -lost), preliminary) for name, lost in losses.items()]
-    sign = np.where(np.arange(BLOCKS) % 2, 1.0, -1.0)
+    lost = {id(other.fit.error): -other.fit.log_likelihood for other in others}
 
-    def block_scores(problem, error):
-        return (0.0 if error is accepted.error else -scatter) * sign
+    def compared(problem, better, worse):
+        assert better is accepted.error
+        return lost[id(worse)], np.sqrt(BLOCKS) * scatter
 
-    monkeypatch.setattr(causes, "block_scores", block_scores)
+    monkeypatch.setattr(causes, "compared", compared)
     scored = [Scored(accepted, 1000.0), *others]
     return causes.twins_of(PROBLEM, base, accepted, CAUSE, scored)
 

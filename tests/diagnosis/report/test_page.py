@@ -10,7 +10,7 @@ import pytest
 
 from ftbias_jax.diagnosis.report.html import to_html
 from ftbias_jax.diagnosis.report.page import averaged, data_block, policy, script
-from ftbias_jax.diagnosis.report.plotted import Series
+from ftbias_jax.diagnosis.result import Series
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 

@@ -129,8 +129,9 @@ def test_every_key_refuses_another_type_by_its_name(section, key):
 def test_every_number_refuses_what_is_out_of_its_range(section, key):
     spec = key_of(f"{section}.{key}")
     size = spec.size or JOINTS
-    below = [] if np.isinf(spec.within.lowest) else [spec.within.lowest - 1]
-    below += [spec.within.lowest] if spec.within.open else []
+    lowest = max(spec.least, spec.above)
+    below = [] if np.isinf(lowest) else [lowest - 1]
+    below += [] if np.isinf(spec.above) else [spec.above]
     for number in (*below, float("nan"), float("inf"), 1e31):
         value = number if spec.kind is Kind.NUMBER else [number] * size
         with pytest.raises(SetupError) as caught:
@@ -173,8 +174,8 @@ def test_the_schema_agrees_with_the_parser_on_every_key(validator, section, key)
     if spec.kind is Kind.NUMBERS and spec.size != PER_JOINT:
         assert not validator.is_valid(with_value(section, key, [1.0] * (spec.size + 1)))
         assert validator.is_valid(with_value(section, key, 1.0)) == spec.expand
-    if spec.kind in (Kind.NUMBER, Kind.NUMBERS) and not np.isinf(spec.within.lowest):
-        number = spec.within.lowest - 1
+    if spec.kind in (Kind.NUMBER, Kind.NUMBERS) and not np.isinf(max(spec.least, spec.above)):
+        number = max(spec.least, spec.above) - 1
         value = number if spec.kind is Kind.NUMBER else [number] * (spec.size or JOINTS)
         assert not validator.is_valid(with_value(section, key, value))
 
