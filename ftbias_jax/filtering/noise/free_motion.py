@@ -1,6 +1,6 @@
 """Whether a log has any free motion: where it has none, its bias cannot be told from what touches the tool.
 
-A hand that guides the robot, or a tool that slides on a surface, never pushes alike for two seconds. What the model of
+A hand that guides the robot, or a tool that slides on a surface, never pushes alike for a second. What the model of
 the tool misses follows the motion instead, and is small beside the tool's weight: 2 % of it and less in the calmest two
 seconds of recorded logs, where pushed ones have 6 % and more. A push that stays alike from the first to the last sample
 looks like a bias, and nothing can tell it from one.
@@ -21,17 +21,17 @@ from ftbias_jax.types import Array
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-WINDOW = 2.0
-"""s in which a push is never steady."""
-FEWEST_WINDOWS = 3
-OF_NOISE = 6.0
+WINDOW = 1.0
+"""s in which a push is never steady; windows overlap by half."""
+FEWEST_WINDOWS = 6
+OF_NOISE = 4.0
 """Standard deviations of a block's mean that a steady reading does not exceed."""
-OF_TOOL = 0.05
+OF_TOOL = 0.03
 """Share of the tool's force that neither its model's error exceeds."""
 CALM = 0.03
 """Share of the windows that must be calm, and at least one."""
-RIDGE, TINY = 1e-6, 1e-30
-"""Of normal equations of columns of size 1, and a size of columns that are zero."""
+NOTHING, TINY = 1e-3, 1e-30
+"""Share of a column below which the others say all that it says, and a size of columns that are zero."""
 MOST_OFF = 4.0
 """Standard deviations of its prior that a bias may be off it, and what touches may have put there: what is farther off
 is an offset of the sensor."""
@@ -53,7 +53,9 @@ def hidden_bias(blocks: Blocks, tool: Float[Array, "N 6"], layout: Layout, state
     middle = nan_median(jnp.where(there[:, None], blocks.mean, jnp.nan))
     seen = there & jnp.isfinite(blocks.mean).any(1)
     y = jnp.where(seen[:, None] & jnp.isfinite(blocks.mean), blocks.mean - middle[None], 0)
-    loud, valid = _loud_windows(blocks, tool, layout, _beside_the_model(blocks.t, tool, y, seen), seen)
+    # In a calm stretch the reading itself may be steady, but not what is left of it once pushes are fitted elsewhere.
+    read, left = (_loud_windows(blocks, tool, layout, x, seen) for x in (y, _beside_the_model(blocks.t, tool, y, seen)))
+    loud, valid = read[0] & left[0], read[1]
     calm = (valid & ~loud).sum()
     nowhere = (valid.sum() >= FEWEST_WINDOWS) & (calm < jnp.maximum(1, CALM * valid.sum()))
     scatter = jnp.sqrt((y**2).sum(0) / jnp.maximum(seen.sum(), 1))
@@ -68,9 +70,17 @@ def _beside_the_model(
     """What no linear function of the tool's wrench and of its rate explains: neither wrong tool, nor gain, nor lag."""
     rate, passed = jnp.diff(tool, axis=0, append=tool[-1:]), (t - t[0])[:, None]
     X = jnp.where(seen[:, None], jnp.concatenate([jnp.ones_like(passed), passed, tool, rate], 1), 0)
-    X = X / jnp.maximum(jnp.sqrt((X**2).mean(0)), TINY)[None]
-    gram = X.T @ X + RIDGE * len(X) * jnp.eye(X.shape[1], dtype=y.dtype)
-    return y - X @ jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(gram), X.T @ y)
+    X = X / jnp.maximum(jnp.sqrt((X**2).sum(0)), TINY)[None]
+
+    def project(left: tuple[Array, Array], k: Array) -> tuple[tuple[Array, Array], None]:
+        X, y = left
+        size = jnp.sqrt((X[:, k] ** 2).sum())
+        unit = jnp.where(size > NOTHING, X[:, k] / jnp.maximum(size, NOTHING), 0)
+        return (X - unit[:, None] * (unit @ X)[None], y - unit[:, None] * (unit @ y)[None]), None
+
+    # By Gram and Schmidt: a program with calls of LAPACK ends the process that reads it from the cache.
+    (_, left), _ = jax.lax.scan(project, (X, y), jnp.arange(X.shape[1]))
+    return left
 
 
 def _loud_windows(
@@ -78,11 +88,13 @@ def _loud_windows(
 ) -> tuple[Array, Array]:
     """(W,) windows in which the force is not steady, and those that have enough blocks to tell."""
     size = max(4, round(WINDOW / layout.seconds))
-    number = max(1, len(left) // size)
-    missing = max(0, number * size - len(left))
+    number = len(left) // size + 1
+    room, half = (number + 1) * size, size // 2
 
     def cut(x: Array) -> Array:
-        return jnp.pad(x, [(0, missing), *[(0, 0)] * (x.ndim - 1)])[: number * size].reshape(number, size, *x.shape[1:])
+        padded = jnp.pad(x, [(0, room - len(x)), *[(0, 0)] * (x.ndim - 1)])
+        rows = (padded[begin : begin + number * size] for begin in (0, half))
+        return jnp.concatenate([x.reshape(number, size, *x.shape[1:]) for x in rows])
 
     here = cut(seen.astype(left.dtype))[:, :, None]
     count = jnp.maximum(here.sum(1), 1)
