@@ -157,6 +157,41 @@ def jump(made):
     return scored
 
 
+ARMS = ("panda", "ur5e", "ur10e", "iiwa14", "gen3")
+
+
+def pushed_all_along():
+    """How far the bias is off where a hand never lets go of the tool: arms, tools, motions and pushes are drawn."""
+    worst, width, said = [], [], 0
+    for seed in range(SEEDS):
+        rng = np.random.default_rng(1000 + seed)
+        tool = {"mass": rng.uniform(0.3, 3.0), "center_of_mass": [*rng.uniform(-0.02, 0.02, 2), rng.uniform(0.03, 0.1)]}
+        setup = ft.parse_setup(
+            {"robot": {"model": ARMS[seed % len(ARMS)]}, "sensor": {"noise_std": [0.1, 0.004]}, "tool": tool}
+        )
+        motion = ("sines", "moves")[seed % 2]
+        made = ft.simulate(setup, duration=30.0, rate=RATE, motion=motion, seed=seed)
+        t = made.log.t
+        kept = np.exp(-np.diff(t, prepend=t[0] - 1 / RATE) / rng.uniform(0.3, 2.0))
+        varied, kicks = np.zeros((len(t), 3)), rng.normal(size=(len(t), 3))
+        for k in range(1, len(t)):
+            varied[k] = kept[k] * varied[k - 1] + np.sqrt(1 - kept[k] ** 2) * kicks[k]
+        always = rng.normal(size=3)
+        force = rng.uniform(5, 25) * (always / np.linalg.norm(always) + rng.uniform(0.3, 0.8) * varied)
+        push = np.concatenate([force, np.cross(rng.normal(size=3) * LEVER, force)], 1)
+        result = ft.filter_log(setup, made.log._replace(wrench=made.log.wrench - push))
+        off = np.abs(result.bias - made.truth.bias)[t >= SETTLED]
+        worst.append(float((off / result.bias_std[t >= SETTLED]).max()))
+        width.append(float(np.median(result.bias_std[-1, :3])))
+        said += any("no free motion" in line for line in result.warnings)
+    return {
+        "largest error of the bias in its standard deviations, by log": rounded(worst),
+        "logs inside three": int((np.array(worst) < 3).sum()),
+        "logs that are told to have no free motion": said,
+        "standard deviation at the end [N], median": rounded(np.median(width)),
+    }
+
+
 def simulated(duration, motion="sines"):
     return [ft.simulate(SETUP, duration=duration, rate=RATE, motion=motion, seed=seed) for seed in range(SEEDS)]
 
@@ -168,6 +203,8 @@ def main():
     print(result["clean"], flush=True)
     result["contact"] = contact(made)
     print(result["contact"], flush=True)
+    result["pushed all along"] = pushed_all_along()
+    print(result["pushed all along"], flush=True)
     keep(__file__, result | {"jump": jump(simulated(JUMP_DURATION))})
 
 

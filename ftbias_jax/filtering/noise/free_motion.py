@@ -28,7 +28,7 @@ OF_NOISE = 4.0
 """Standard deviations of a block's mean that a steady reading does not exceed."""
 OF_TOOL = 0.03
 """Share of the tool's force that neither its model's error exceeds."""
-CALM = 0.03
+CALM = 0.06
 """Share of the windows that must be calm, and at least one."""
 NOTHING, TINY = 1e-3, 1e-30
 """Share of a column below which the others say all that it says, and a size of columns that are zero."""
