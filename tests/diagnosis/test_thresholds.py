@@ -25,7 +25,7 @@ ELSEWHERE = {
     "terms/words.py": "how numbers are told",
     "proposals/starts.py": "how starts are spread",
     "proposals/pulls.py": "how starts are spread",
-    "terms/grid.py": "which terms a robot with so many joints can have",
+    "terms/grid.py": "which terms a robot with so many joints can have; lengths of spectra",
     "samples/exact.py": "levels that a line needs; a fourth of a step",
     "samples/growth.py": "which tenth",
     "samples/jitter.py": "which windows are slow; when a solver has converged",
@@ -34,7 +34,6 @@ ELSEWHERE = {
     "samples/spikes.py": "lengths of windows",
     "samples/variance_fit.py": "when a solver has converged; folds",
     "terms/library.py": "three axes",
-    "terms/peaks.py": "lengths of spectra",
 }
 SMALL = (-1, 0, 1, 2)
 

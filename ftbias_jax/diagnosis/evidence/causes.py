@@ -12,8 +12,8 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored
-from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
+from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals import entries, jumps, pulls, touches

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 
-from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, excess
+from ftbias_jax.diagnosis.evidence.gap import HeldOut, excess
 from ftbias_jax.diagnosis.evidence.locate import Conditions, locate
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import measured, over_bins, readings, sensor_axes
