@@ -14,9 +14,9 @@ from ftbias_jax.diagnosis.evidence.estimates import with_nominal
 from ftbias_jax.diagnosis.evidence.gap import Judge, compare, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
+from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead
 from ftbias_jax.diagnosis.regression.coordinates import why_not_fitted
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.regression.precompile import compiled_ahead
 from ftbias_jax.diagnosis.report.sentence import headline, note
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm

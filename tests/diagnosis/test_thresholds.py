@@ -17,12 +17,11 @@ FILES = sorted(path for path in ROOM.rglob("*.py") if path.name != "thresholds.p
 # Numbers that decide nothing about a verdict: what is told of where and how, solvers, the clock of a grid.
 ELSEWHERE = {
     "check_effects.py": "whether code of the caller's is in order",
-    "evidence/locate.py": "where the gap is, beside the verdict",
     "report": "what is drawn and printed",
     "regression/evaluate.py": "the step of a derivative",
     "regression/fit.py": "when a solver has converged",
     "terms/fit_terms.py": "when a solver has converged",
-    "terms/words.py": "how numbers are told",
+    "terms/found.py": "how numbers are told",
     "proposals/starts.py": "how starts are spread",
     "proposals/pulls.py": "how starts are spread",
     "terms/grid.py": "which terms a robot with so many joints can have; lengths of spectra",
