@@ -19,7 +19,7 @@ from ftbias_jax.io.ros.choose import choose, refuse_columns, wanted_of
 from ftbias_jax.io.ros.read import credible, parts_of
 from ftbias_jax.io.ros.record import SUFFIXES, is_ros, read_recording
 from ftbias_jax.io.tables import arrays as native
-from ftbias_jax.io.tables.columns import NAMES, choose_some, named_columns
+from ftbias_jax.io.tables.columns import NAMES, Columns, choose_columns, named_columns
 from ftbias_jax.setup.keys import table as keys
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -85,8 +85,13 @@ def read_stream(
     if is_ros(file):
         return _of_recording(file, quantities, setup, salvage)
     suffix = native.suffix_of(file)
+
+    def choose(header: Sequence[str]) -> Columns:
+        further = named_columns(header, setup, file, optional=True)
+        return choose_columns(header, quantities, setup, file) | further
+
     if suffix in native.COLUMNS:
-        found = native.COLUMNS[suffix](file, lambda header: choose_some(header, quantities, setup, file))
+        found = native.COLUMNS[suffix](file, choose)
     elif suffix in native.ARRAY_FILES:
         found = _of_arrays(native.ARRAY_FILES[suffix](file, native.wanted_arrays(setup)), quantities, setup, file)
     else:
