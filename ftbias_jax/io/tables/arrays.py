@@ -172,12 +172,7 @@ def native_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Ar
     suffix = suffix_of(file)
     if suffix in COLUMNS:
         quantities = ("position", "wrench", "temperature", *(() if static else ("velocity",)))
-
-        def choose(header: Sequence[str]) -> Columns:
-            chosen = choose_columns(header, quantities, setup, file, static)
-            return chosen if static else chosen | named_columns(header, setup, file)
-
-        return COLUMNS[suffix](file, choose)
+        return COLUMNS[suffix](file, lambda header: choose_columns(header, quantities, setup, file, static))
     arrays = ARRAY_FILES[suffix](file, (*wanted_arrays(setup), *(OURS if suffix == ".npz" else ())))
     further = {} if static else named_columns(list(arrays), setup, file)
     native = arrays if arrays.keys() >= set(OURS) else by_native_names(arrays, setup, file)

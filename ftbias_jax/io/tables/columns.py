@@ -45,9 +45,9 @@ def split(columns: Columns, values: Array) -> dict[str, Array]:
 def choose_columns(
     header: Sequence[str], quantities: Sequence[str], setup: Setup, file: str = "", static: bool = False
 ) -> Columns:
-    """The columns of some quantities, of which the first must be there, and of the stamps.
+    """The columns of some quantities, of which the first must be there, of the stamps, and further ones that are named.
 
-    Those of static poses may have no stamps.
+    Those of static poses may have no stamps, and no others.
     """
     needed = ["time", *quantities] if static or setup.log.rate is None else quantities
     optional = OPTIONAL | {"time"} if static else OPTIONAL
@@ -57,18 +57,19 @@ def choose_columns(
     for name in sum(found.values(), ()):
         if header.count(name) > 1:
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
-    return {NAMES[quantity]: names for quantity, names in found.items()}
+    further = {} if static else named_columns(header, setup, file)
+    return {NAMES[quantity]: names for quantity, names in found.items()} | further
 
 
-def named_columns(header: Sequence[str], setup: Setup, file: str = "", optional: bool = False) -> Columns:
-    """Further columns, or arrays, that the setup names; those that are not there are refused, unless optional."""
+def named_columns(header: Sequence[str], setup: Setup, file: str = "") -> Columns:
+    """Further columns, or arrays, that the setup names; of a log of one file all must be there."""
     found: Columns = {}
     for key, name in further_columns(setup.log.columns).items():
         if header.count(name) > 1:
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
         if name in header:
             found[f"{FURTHER}{key}"] = (name,)
-        elif not optional:
+        elif not setup.log.files:
             message = "log.columns of the setup names this column, but it is not there"
             raise LogError(message, file=file, field=name, remedy=nearest(name, header))
     return found
