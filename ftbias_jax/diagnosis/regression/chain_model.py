@@ -128,7 +128,7 @@ def programs_of_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Callable[[
     compiled when they are called.
     """
     params, options = params_from_setup(setup), Options(joint_model=setup.joints.model)
-    outlines = (jax.tree.map(_outline, padded_samples(log)) for log in logs)
+    outlines = (jax.eval_shape(lambda samples: samples, padded_samples(log)) for log in logs)
     for samples in {str(outline): outline for outline in outlines}.values():
         yield partial(prepare_smoother, params, samples, options)
     catalogue = catalogue_of_setup(setup)
@@ -139,10 +139,6 @@ def programs_of_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Callable[[
         yield partial(reading.prepare, signals, known, moving, z, catalogue=catalogue)
         yield partial(motion.prepare, signals, known, z, catalogue=catalogue)
         yield partial(to_values.prepare, signals, z, catalogue=catalogue)
-
-
-def _outline(x: np.ndarray) -> jax.ShapeDtypeStruct:
-    return jax.ShapeDtypeStruct(x.shape, x.dtype)
 
 
 def outline(params: Params, bins: int, columns: Sequence[str] = ()) -> tuple[Signals, Values, ArmMotion]:

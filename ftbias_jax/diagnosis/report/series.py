@@ -70,11 +70,10 @@ def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: Hel
         change = change + shape[:, None] * coefficients
     # A constant change is no regressor: the channel that changes most.
     channel = int((change / problem.noise_std).var(0).argmax())
-    first, noise = _residual(problem, before)
-    last, _ = _residual(problem, after)
+    first, last = (held.error * np.sqrt(problem.variance) for held in (before, after))
     # Innovations are nearly white: what is left with the causes, plus what they add, is what was left without them.
-    refitted = last + change - change.mean(0)
-    arrays = (problem.t, first, last, noise**2, change[:, channel], refitted)
+    refitted = np.where(problem.samples > 0, last + change - change.mean(0), 0.0)
+    arrays = (problem.t, first, last, problem.variance, change[:, channel], refitted)
     found = []
     for log in range(len(problem.parts)):
         own = problem.log == log
@@ -85,12 +84,6 @@ def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: Hel
         noise_std, name = np.sqrt(variance / counts[:, None]), f"predicted change of {AXES[channel]}"
         found.append(Series(t, at_first, at_last, noise_std, regressor, f"{name} [{AXIS_UNITS[channel]}]", whole))
     return tuple(found)
-
-
-def _residual(problem: Problem, held: HeldOut) -> tuple[np.ndarray, np.ndarray]:
-    """Innovations (U, 6) N, Nm, NaN where there was no measurement, and their noise (U, 6)."""
-    noise = np.sqrt(problem.variance)
-    return np.where(problem.samples > 0, held.error * noise, np.nan), noise
 
 
 def _motion(problem: Problem) -> Conditions:
