@@ -148,7 +148,7 @@ def _minimal_text() -> str:
 
 
 def _default(key: Any) -> str:
-    from ftbias_jax.setup.keys.toml_text import toml_value
+    from ftbias_jax.setup.dump import toml_value
 
     if key.required:
         return "required"

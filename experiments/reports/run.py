@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from common import PARAMS, SETUP, keep
 
 import ftbias_jax as ft
-from ftbias_jax.model.kinematics.sensor_path import sensor_path
+from ftbias_jax.model.kinematics.recorded_pose import motions_of, path_of
 from ftbias_jax.setup import parse_setup
 
 DURATION, RATE = 25.0, 200.0
@@ -76,7 +76,8 @@ def stepping(log):
 
 def posed(log):
     """The same log as the pose of the flange, without the arm."""
-    path = sensor_path(PARAMS.arm, *(jnp.asarray(x) for x in (log.q, log.q, log.q)))  # of which only the place is used
+    q = jnp.asarray(log.q).T
+    path = path_of(motions_of(PARAMS.arm, q, q, q))  # of which only the place is used
     sensor = {"noise_std": np.asarray(SETUP.sensor.noise_std).tolist()}
     tool = {"mass": SETUP.tool.mass, "center_of_mass": SETUP.tool.center_of_mass.tolist()}
     pose = {"orientation": "matrix", "linear": "position"}

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.diagnose import diagnose
-from ftbias_jax.diagnosis.evidence.cross_validation import excess_by_channel
+from ftbias_jax.diagnosis.evidence.gap import excess_by_channel
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression.fit import base
 from ftbias_jax.diagnosis.report.as_json import to_json

@@ -47,11 +47,6 @@ def warn(text: str) -> None:
     print(printable(f"warning: {text}"), file=sys.stderr, flush=True)
 
 
-def tell_mistake(path: str, line: str) -> None:
-    """Print on standard error what is wrong with the setup of a log: a line of ``Check.lines``."""
-    warn(f"{path}: {line}")
-
-
 def tell_repairs(logs: Iterable[tuple[str, Repairs]]) -> int:
     """Print the repairs of every log on standard error; returns the exit code, 3 if samples were lost, else 0.
 

@@ -9,7 +9,7 @@ import numpy as np
 from ftbias_jax.check.check_setup import check_setup
 from ftbias_jax.io.draft.draft import Draft, Request, draft
 from ftbias_jax.io.log import Log
-from ftbias_jax.setup.keys.toml_text import Known
+from ftbias_jax.setup.dump import Known
 from ftbias_jax.setup.require import has_no_tool, with_guessed_tool
 from ftbias_jax.setup.types import Setup
 

@@ -10,22 +10,21 @@ import numpy as np
 
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, is_sure, ranking_of
-from ftbias_jax.diagnosis.evidence.cross_validation import Judge
 from ftbias_jax.diagnosis.evidence.estimates import with_nominal
-from ftbias_jax.diagnosis.gap import compare, is_quiet, measure_gap, verdict_of
+from ftbias_jax.diagnosis.evidence.gap import Judge, compare, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
+from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead
 from ftbias_jax.diagnosis.regression.coordinates import why_not_fitted
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.regression.precompile import compiled_ahead
 from ftbias_jax.diagnosis.report.sentence import headline, note
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
 from ftbias_jax.diagnosis.terms.describe import describe
 from ftbias_jax.diagnosis.terms.found import found_terms
+from ftbias_jax.diagnosis.terms.grid import fast_lines
 from ftbias_jax.diagnosis.terms.noise import louder, noise_term
-from ftbias_jax.diagnosis.terms.peaks import fast_lines
 from ftbias_jax.diagnosis.terms.select import state_of_problem
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.diagnosis.tool_first import search_causes

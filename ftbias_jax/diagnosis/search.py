@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored, candidates, score
-from ftbias_jax.diagnosis.evidence.cross_validation import Judge, excess_by_channel, excess_over_quiet, gap_removed
+from ftbias_jax.diagnosis.evidence.gap import Judge, excess_by_channel, excess_over_quiet, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import is_plausible
 from ftbias_jax.diagnosis.proposals.series import Library, make_library

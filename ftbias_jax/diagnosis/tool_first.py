@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 from ftbias_jax.diagnosis.candidates import Scored, score
-from ftbias_jax.diagnosis.evidence.cross_validation import Judge
+from ftbias_jax.diagnosis.evidence.gap import Judge
 from ftbias_jax.diagnosis.hypothesis import at_zero, movable
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, fit

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import numpy as np
 
 from ftbias_jax import __version__
-from ftbias_jax.diagnosis.report.page import html_table, section, whole_page
+from ftbias_jax.diagnosis.report.page import html_table, section, table_of, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.report.tables import verdict_words
 from ftbias_jax.fleet.alarms import Alarm, alarms_of, bias_trend, dates, day, scalars_of, size, values_of
@@ -146,16 +146,9 @@ def _gaps(records: Sequence[FleetLog], folder: str) -> str:
         rows.append(f'<tr><th scope="row">{log}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in cells)}</tr>')
     head = ("log", "robot", "date", "verdict", "found", "gap [noise sigmas]", "shrinks by")
     rest = len(rows) - FIRST_ROWS
-    folded = f"<details><summary>{rest} more</summary>{_table(head, rows[FIRST_ROWS:])}</details>" if rest > 0 else ""
+    folded = f"<details><summary>{rest} more</summary>{table_of(head, rows[FIRST_ROWS:])}</details>" if rest > 0 else ""
     more = _left_out(len(records) - MOST_ROWS, "logs with smaller gaps are in the manifest")
-    return _table(head, rows[:FIRST_ROWS]) + folded + more
-
-
-def _table(head: Sequence[str], rows: Sequence[str]) -> str:
-    """As ``html_table``, of rows that are HTML already."""
-    columns = "".join(f'<th scope="col">{column}</th>' for column in head)
-    table = f"<table><thead><tr>{columns}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-    return f'<div class="scroll" tabindex="0">{table}</div>' if rows else ""
+    return table_of(head, rows[:FIRST_ROWS]) + folded + more
 
 
 def _plots(number: int, records: Sequence[FleetLog]) -> str:

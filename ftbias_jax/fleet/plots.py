@@ -15,11 +15,10 @@ from ftbias_jax.diagnosis.report.svg import (
     dots,
     drawing,
     error_bars,
+    frame,
     label,
     line,
     thin,
-    tick_words,
-    ticks,
 )
 from ftbias_jax.fleet.alarms import MOST_BINS, Trend, day
 from ftbias_jax.types import Array
@@ -52,7 +51,7 @@ def plot_history(
     few = len(t) <= WITH_BARS
     bars = error[seen] if few and error is not None else np.zeros(len(t))
     axes = Axes(_span(t), data_range(y - bars, y + bars), top=24)
-    parts = [_frame(axes, title)]
+    parts = [frame(axes, title, _dates(axes))]
     if few:
         parts.append(error_bars(axes, t, y, bars, "mean-after"))
     else:
@@ -90,15 +89,6 @@ def date_ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
     stamps = dates.astype(f"M8[{unit}]").astype("M8[s]").astype(int).tolist()
     shown = (stamp for stamp in stamps if low <= stamp <= high)
     return [(float(stamp), datetime.fromtimestamp(stamp, UTC).strftime(form)) for stamp in shown]
-
-
-def _frame(axes: Axes, title: str) -> str:
-    """The grid with the values, the dates and the title."""
-    right, values = axes.left + axes.width, ticks(*axes.y, round(axes.height / 26))
-    parts = [label(2, axes.top - 10, title, "start", "name")]
-    for value, y in zip(values, axes.down(np.array(values)), strict=True):
-        parts += [line(axes.left, y, right, y, "grid"), label(axes.left - 5, y + 3.5, tick_words(value, values), "end")]
-    return "".join([*parts, _dates(axes)])
 
 
 def _dates(axes: Axes) -> str:

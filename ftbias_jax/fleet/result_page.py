@@ -9,7 +9,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.report.page import html_table, section, typeset, whole_page
 from ftbias_jax.diagnosis.report.plots import MAX_BUCKETS, channel_title
-from ftbias_jax.diagnosis.report.svg import Axes, band, curve, data_range, drawing, escape, frame, thin
+from ftbias_jax.diagnosis.report.svg import Axes, band, curve, data_range, drawing, escape, frame, thin, x_axis
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.tables.array_files import load_arrays
 from ftbias_jax.model.effects.statements import value_words
@@ -68,7 +68,7 @@ def _plot(t: Array, bias: Array, std: Array, channel: int) -> str:
     axes = Axes((float(t[0]), float(max(t[-1], t[0] + 1e-9))), data_range(bias - 2 * std, bias + 2 * std), top=24)
     some = np.unique(np.linspace(0, len(t) - 1, min(len(t), MAX_BUCKETS)).astype(int))
     parts = [
-        frame(axes, "time [s]", channel_title(channel)),
+        frame(axes, channel_title(channel), x_axis(axes, "time [s]")),
         band(axes, t[some], (bias - 2 * std)[some], (bias + 2 * std)[some], "noise"),
         curve(axes, *thin(t, bias, MAX_BUCKETS), "line-after"),
     ]

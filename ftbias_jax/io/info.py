@@ -26,7 +26,7 @@ from ftbias_jax.io.ros.read import log_of, skew
 from ftbias_jax.io.ros.record import Recording, Stream, Topic, Wanted, is_ros, read_recording
 from ftbias_jax.io.tables.headers import FIXED
 from ftbias_jax.io.tables.streams import read_stream
-from ftbias_jax.setup.keys.toml_text import Known, toml_line
+from ftbias_jax.setup.dump import Known, toml_line
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES
@@ -122,13 +122,12 @@ def _nothing(error: LogError) -> str:
 
 def _recorded_info(stream: Stream) -> StreamInfo:
     known = stream.stamps != 0
-    t = np.sort(stream.stamps[known] if known.any() else stream.logged)
-    seconds, start = (t - t[0]) * 1e-9, float(t[0]) * 1e-9
-    order = np.argsort(stream.stamps[known] if known.any() else stream.logged, kind="stable")
-    values = stream.values[known if known.any() else slice(None)][order]
+    shown = stream.at(known) if known.any() else stream._replace(stamps=stream.logged)
+    shown = shown.at(np.argsort(shown.stamps, kind="stable"))
+    seconds, start = (shown.stamps - shown.stamps[0]) * 1e-9, float(shown.stamps[0]) * 1e-9
     sensor = stream.role == WRENCH and stream.values.shape[1] == len(AXES)
     labels = _labels(stream, sensor)
-    info = stream_info(stream.topic, stream.message_type, stream.names, start, seconds, values, labels, sensor)
+    info = stream_info(stream.topic, stream.message_type, stream.names, start, seconds, shown.values, labels, sensor)
     return info._replace(trouble=(*info.trouble, skew(stream)))
 
 

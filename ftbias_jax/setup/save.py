@@ -14,8 +14,7 @@ from tomlkit.items import Item, Table
 
 from ftbias_jax.errors import OutputError, SetupError
 from ftbias_jax.files import replace_whole
-from ftbias_jax.setup.dump import Line, dump_setup, lines_of, same_screws
-from ftbias_jax.setup.keys.toml_text import MEASURE, toml_comment, toml_line, toml_value
+from ftbias_jax.setup.dump import MEASURE, Line, dump_setup, lines_of, same_screws, toml_comment, toml_line, toml_value
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import RobotSetup, Setup
 

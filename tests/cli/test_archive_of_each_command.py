@@ -90,7 +90,7 @@ def test_diagnose_writes_the_setup_with_the_causes_of_each_log(logs, monkeypatch
         "c.npz": make_diagnosis(verdict="none", causes=()),
     }
     monkeypatch.setattr(diagnosing, "diagnose", lambda setup, read, names, **more: answers[names[0]])
-    monkeypatch.setattr("ftbias_jax.commissioning.guard.objection", lambda setup, diagnosis, logs: "")
+    monkeypatch.setattr("ftbias_jax.commissioning.judged.objection", lambda setup, diagnosis, logs: "")
     assert run("diagnose", "logs", "--apply") == 3
     entries = manifest("manifest.diagnose.jsonl")
     assert [entry.status for entry in entries] == ["ok", "data loss", "ok"]

@@ -6,7 +6,7 @@ from small_fits import small_fit
 
 from ftbias_jax.diagnosis import search as searching
 from ftbias_jax.diagnosis.candidates import Scored
-from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut
+from ftbias_jax.diagnosis.evidence.gap import HeldOut
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.search import Search, Threshold

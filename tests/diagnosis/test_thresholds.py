@@ -17,15 +17,14 @@ FILES = sorted(path for path in ROOM.rglob("*.py") if path.name != "thresholds.p
 # Numbers that decide nothing about a verdict: what is told of where and how, solvers, the clock of a grid.
 ELSEWHERE = {
     "check_effects.py": "whether code of the caller's is in order",
-    "evidence/locate.py": "where the gap is, beside the verdict",
     "report": "what is drawn and printed",
     "regression/evaluate.py": "the step of a derivative",
     "regression/fit.py": "when a solver has converged",
     "terms/fit_terms.py": "when a solver has converged",
-    "terms/words.py": "how numbers are told",
+    "terms/found.py": "how numbers are told",
     "proposals/starts.py": "how starts are spread",
     "proposals/pulls.py": "how starts are spread",
-    "terms/grid.py": "which terms a robot with so many joints can have",
+    "terms/grid.py": "which terms a robot with so many joints can have; lengths of spectra",
     "samples/exact.py": "levels that a line needs; a fourth of a step",
     "samples/growth.py": "which tenth",
     "samples/jitter.py": "which windows are slow; when a solver has converged",
@@ -34,7 +33,6 @@ ELSEWHERE = {
     "samples/spikes.py": "lengths of windows",
     "samples/variance_fit.py": "when a solver has converged; folds",
     "terms/library.py": "three axes",
-    "terms/peaks.py": "lengths of spectra",
 }
 SMALL = (-1, 0, 1, 2)
 

@@ -12,7 +12,7 @@ from ftbias_jax.cli.main import main
 from ftbias_jax.errors import OutputError, SetupError, UsageError
 from ftbias_jax.setup import load_setup, parse_setup
 from ftbias_jax.setup.export import FORMATS, export_text
-from ftbias_jax.setup.export.options import ExportOptions
+from ftbias_jax.setup.export.payload import ExportOptions
 
 SETUP = {
     "robot": {"model": "ur5e"},

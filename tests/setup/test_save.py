@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ftbias_jax.setup import dump_setup, load_setup, parse_setup
-from ftbias_jax.setup.keys.toml_text import Known, write_template
+from ftbias_jax.setup.dump import Known, write_template
 
 TEXT = """# The robot of cell 3.
 # Measured in May.

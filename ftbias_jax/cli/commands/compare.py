@@ -12,8 +12,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError, UsageError, printable
 from ftbias_jax.setup import load_setup
-from ftbias_jax.setup.dump import lines_of
-from ftbias_jax.setup.keys.toml_text import toml_value
+from ftbias_jax.setup.dump import lines_of, toml_value
 
 MAX_BYTES = 64 << 20
 """Of a JSON file."""

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
             from ftbias_jax.runtime.jax_config import prepare_jax
 
             prepare_jax()
-            from ftbias_jax.commissioning.guard import objection
+            from ftbias_jax.commissioning.judged import objection
             from ftbias_jax.diagnosis.apply import refused, some_applied
             from ftbias_jax.diagnosis.diagnose import diagnose
 
@@ -117,7 +117,7 @@ def _each(arguments: argparse.Namespace) -> int:
 
 def diagnose_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
     """Diagnose one log of many: its answer, its report, and if asked the setup with the causes that can be stated."""
-    from ftbias_jax.commissioning.guard import objection
+    from ftbias_jax.commissioning.judged import objection
     from ftbias_jax.diagnosis.apply import refused, some_applied
     from ftbias_jax.diagnosis.diagnose import diagnose
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ftbias_jax.cli.archive import Done, for_each_log
 from ftbias_jax.cli.given import logs_of, only, setup_of
-from ftbias_jax.cli.terminal import tell_mistake, tell_repairs
+from ftbias_jax.cli.terminal import tell_repairs, warn
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
 from ftbias_jax.filtering.result import Filtered, named_arrays
 from ftbias_jax.fleet.entry import LOSS
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
             unchecked=arguments.unchecked,
             keep=bool(arguments.plot or arguments.check),
             progress=lambda samples: stages(f"{min(samples / log.length, 1):.0%} filtered"),
-            warn=lambda line: tell_mistake(path, line),
+            warn=lambda line: warn(f"{path}: {line}"),
         )
     if arguments.plot:
         plot.save_figure(arguments.plot, plot.plot_filtered(result, Path(path).name))
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(spectrum.format_lines(lines) if lines else "no hum or resonance in the innovations")
     code = tell_repairs([(path, result.repairs)])
     if result.worse_than_raw and result.checked.ok:
-        tell_mistake(path, "the corrected wrench is worse than the raw one: ftbias check says why, or ftbias diagnose")
+        warn(f"{path}: the corrected wrench is worse than the raw one: ftbias check says why, or ftbias diagnose")
     return 3 if result.worse_than_raw else code
 
 

@@ -17,8 +17,8 @@ from ftbias_jax.io.write.mcap import LAYOUTS
 from ftbias_jax.io.write.ours import EXPORT
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.export import export_text
-from ftbias_jax.setup.export.options import ExportOptions
-from ftbias_jax.setup.keys.schema import json_schema
+from ftbias_jax.setup.export.payload import ExportOptions
+from ftbias_jax.setup.keys.table import json_schema
 from ftbias_jax.setup.robots import BUILT_IN, describe_robot
 
 

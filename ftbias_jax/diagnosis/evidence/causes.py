@@ -12,11 +12,11 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored
-from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
+from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals import entries, jumps, pulls, touches
+from ftbias_jax.diagnosis.proposals import entries, pulls, series, touches
 from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap
 from ftbias_jax.diagnosis.samples.types import Finding
@@ -36,7 +36,7 @@ from ftbias_jax.model.effects.types import Effect
 
 CANDIDATES = 12
 
-DOUBTS = {Step: jumps.doubt, Touches: touches.doubt, Pull: pulls.doubt, Entries: entries.doubt}
+DOUBTS = {Step: series.doubt, Touches: touches.doubt, Pull: pulls.doubt, Entries: entries.doubt}
 """Search of an effect -> (problem, fit, its hypothesis) -> why it may be something else, in words; "" = it may not."""
 
 

@@ -17,12 +17,11 @@ from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, CLOSE, ENTRY_STD, LIK
 from ftbias_jax.filtering.innovation_regression import widened_inverse
 from ftbias_jax.model.effects.fitting import Entries
 from ftbias_jax.model.effects.types import Effect
+from ftbias_jax.setup.rotations import skew
 
-_TURNS = np.cross(np.eye(3)[:, None], np.eye(3))
-"""(3, 3, 3) change of a vector's coordinates by a small turn about each axis, per rad: R^T = 1 + r [axis]."""
-ROTATIONS = np.kron(np.eye(2)[None], _TURNS)
-"""(3, 6, 6) leaks of a small rotation of force and torque alike, per rad from nominal axes."""
-ARMS = np.kron([[[0, 0], [1, 0]]], -_TURNS)
+ROTATIONS = np.kron(np.eye(2)[None], -skew(np.eye(3)))
+"""(3, 6, 6) leaks of a small rotation of force and torque alike, per rad from nominal axes: R^T = 1 - [r]."""
+ARMS = np.kron([[[0, 0], [1, 0]]], skew(np.eye(3)))
 """(3, 6, 6) leaks per m by which the point where the force acts is off, so that its torque is."""
 
 

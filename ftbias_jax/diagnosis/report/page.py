@@ -75,9 +75,14 @@ def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         f'<tr><th scope="row">{typeset(first)}</th>{"".join(f"<td>{typeset(cell)}</td>" for cell in rest)}</tr>'
         for first, *rest in rows
     ]
+    return table_of(head, lines)
+
+
+def table_of(head: Sequence[str], rows: Sequence[str]) -> str:
+    """A table of rows that are HTML already; empty without rows."""
     columns = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
-    table = f"<table><thead><tr>{columns}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
-    return f'<div class="scroll" tabindex="0">{table}</div>' if lines else ""
+    table = f"<table><thead><tr>{columns}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+    return f'<div class="scroll" tabindex="0">{table}</div>' if rows else ""
 
 
 def paragraphs(texts: Iterable[str]) -> str:

@@ -78,7 +78,7 @@ def plot_time(series: Series, channel: int, name: str, with_after: bool) -> str:
     some = np.unique(np.linspace(0, len(noise) - 1, min(len(noise), MAX_NOISE)).astype(int))  # with both ends
     t, noise = series.t[some], noise[some]
     parts = [
-        frame(axes, "time [s]", channel_title(channel)),
+        frame(axes, channel_title(channel), x_axis(axes, "time [s]")),
         band(axes, t, -2 * noise, 2 * noise, "noise"),
         *(curve(axes, *thin(series.t, y, MAX_BUCKETS), f"line-{style}") for style, y in shown),
         *(curve(axes, t, edge * noise, "noise-edge") for edge in (-2, 2)),
@@ -113,7 +113,8 @@ def _against(name: str, x: np.ndarray, x_name: str, y_name: str, lines: dict[str
     """Means over bins of x of what is before and after, with the single values before as dots."""
     sparse = slice(None, None, max(1, len(x) // MAX_DOTS))
     axes = Axes(data_range(x), data_range(*(y[sparse] for y in lines.values())), top=24, height=190)
-    parts = [frame(axes, x_name, y_name), dots(axes, x[sparse], lines["before"][sparse], "dots-before")]
+    below = x_axis(axes, x_name)
+    parts = [frame(axes, y_name, below), dots(axes, x[sparse], lines["before"][sparse], "dots-before")]
     for style, y in lines.items():
         middles, means, errors = binned_means(x, y, MEAN_BINS)
         parts.append(curve(axes, middles, means, f"line-{style} thick"))

@@ -120,13 +120,13 @@ def error_bars(axes: Axes, x: np.ndarray, y: np.ndarray, error: np.ndarray, styl
     return bars + "".join(f'<circle cx="{a:.1f}" cy="{b:.1f}" r="3" class="{style}"/>' for a, b in middles)
 
 
-def frame(axes: Axes, x_name: str, y_name: str) -> str:
-    """Both axes: grid lines across, tick labels, and the names."""
+def frame(axes: Axes, y_name: str, below: str) -> str:
+    """Grid lines across with their labels, the name of the values, and the axis below, such as ``x_axis``."""
     right, values = axes.left + axes.width, ticks(*axes.y, round(axes.height / 26))
     parts = [label(2, axes.top - 10, y_name, "start", "name")]
     for value, y in zip(values, axes.down(np.array(values)), strict=True):
         parts += [line(axes.left, y, right, y, "grid"), label(axes.left - 5, y + 3.5, tick_words(value, values), "end")]
-    return "".join([*parts, x_axis(axes, x_name)])
+    return "".join([*parts, below])
 
 
 def x_axis(axes: Axes, name: str) -> str:

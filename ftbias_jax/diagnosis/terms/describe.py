@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored
-from ftbias_jax.diagnosis.evidence.cross_validation import Judge, gap_removed
+from ftbias_jax.diagnosis.evidence.gap import Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.touches import takes_most
 from ftbias_jax.diagnosis.regression.fit import Fit

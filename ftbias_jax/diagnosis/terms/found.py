@@ -1,24 +1,32 @@
-"""Terms of a description as the result tells them: numbers with standard errors, words, and what the plot shows."""
+"""Terms as the result tells them: numbers with standard errors, words, what to check, and what the plot shows."""
 
 from __future__ import annotations
+
+import re
+from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
-from ftbias_jax.diagnosis.result import Curve, FoundTerm, Gap
+from ftbias_jax.diagnosis.result import Curve, FoundTerm, Gap, Numbers
 from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.diagnosis.terms.grid import free_names
-from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, resembles
-from ftbias_jax.diagnosis.terms.words import grouped, sentence, statement
-from ftbias_jax.model.effects.terms.columns import added, at_point, has_point
+from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, resembles
+from ftbias_jax.model.effects.statements import value_words
+from ftbias_jax.model.effects.terms.columns import added, at_point, count_columns, has_point
+from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.parse import section_of
 from ftbias_jax.model.effects.terms.types import State, Term
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 MOST_POINTS = 1500
 """Of a plot."""
+LOADS = {"square": 2, "signed_square": 2, "cube": 3}
+"""Form -> the power of the load that it follows; 1 of all others that follow the load."""
+POWERS = {"t2": 2, "q2": 2, "q3": 3, "squared": 2} | dict.fromkeys(("xx", "yy", "zz", "xy", "xz", "yz"), 2)
+"""Series -> the power of the form's unit that it has; 1 of all others."""
 
 
 def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[FoundTerm, ...]:
@@ -139,3 +147,127 @@ def _drive(term: Term, state: State, channel: int) -> tuple[np.ndarray, str]:
             return phase, f"phase at {float(term.parameters['frequency']):.4g} Hz [turns]"
         case _:
             return state.t, "time [s]"
+
+
+class Coefficient(NamedTuple):
+    """What a number of a term belongs to."""
+
+    series: str
+    """Such as "sin"; "" where there is one only."""
+    axis: str
+    """Such as "fx"; "" where it acts along more than one."""
+    unit: str
+    """In words such as ``N per m/s``."""
+
+
+def coefficients_of(term: Term) -> list[Coefficient]:
+    """Of every coefficient in use."""
+    form = FORMS[term.drive, term.form]
+    single = form.kind == "vectors" and not (term.frame == "sensor" and form.series == 1)
+    found = []
+    for column in list(term.used) or range(count_columns(term)):
+        series, channel = _place(term, column)
+        label = form.labels[series]
+        unit = _unit_of_load(term, channel) if form.kind == "channels" else _unit(term, label, channel)
+        found.append(Coefficient(label, "" if single or term.frame == "joint" else AXES[channel], unit))
+    return found
+
+
+def _place(term: Term, column: int) -> tuple[int, int]:
+    """Which of the form's series a column belongs to, and the channel along which it acts; the first for vectors."""
+    form = FORMS[term.drive, term.form]
+    torque = 3 * (term.acts_as == "torque")
+    if form.kind == "channels":
+        return 0, column
+    if form.kind == "vectors" or term.frame == "joint":
+        single = form.kind == "vectors" and form.series == 1
+        return 0 if single else column, torque or column % 3
+    if term.acts_as not in ("wrench", "bias"):
+        return column // 3, torque + column % 3
+    if term.frame == "sensor":
+        return column // 6, column % 6
+    half = 3 * form.series
+    return (column % half) // 3 if term.acts_as == "wrench" else column // 6, column % 3 + 3 * (column >= half)
+
+
+def _unit_of_load(term: Term, channel: int) -> str:
+    """The unit of a coefficient that makes a channel's reading, or its variance, of the channel's own load."""
+    form, own = FORMS[term.drive, term.form], AXIS_UNITS[channel]
+    if term.drive == "noise":
+        return f"{own}^2 per {f'{own}^2' if form.name == 'load' else form.unit}"
+    power = LOADS.get(form.name, 1)
+    load = own if power == 1 else f"{own}^{power}"
+    beside = "" if term.drive == "load" or form.unit == "1" else f" {form.unit}"
+    return f"{own} per {load}{beside}"
+
+
+def _unit(term: Term, series: str, channel: int) -> str:
+    form, own = FORMS[term.drive, term.form], AXIS_UNITS[channel]
+    if form.name == "spring":
+        return "N per m" if series == "stiffness" else "N"
+    per = f"{form.unit}^{POWERS[series]}" if series in POWERS else form.unit
+    return own if form.unit == "1" else f"{own} per {per}"
+
+
+def grouped(term: Term, values: np.ndarray) -> dict[str, Numbers]:
+    """Coefficients by unit, as the JSON has them: a number, or a list along the axes."""
+    found: dict[str, list[Numbers]] = {}
+    for one, value in zip(coefficients_of(term), values, strict=True):
+        key = _key("_".join(part for part in (one.series, one.unit) if part))
+        found.setdefault(key, []).append(float(value))
+    return {key: numbers[0] if len(numbers) == 1 else numbers for key, numbers in found.items()}
+
+
+def _key(text: str) -> str:
+    """A unit as part of a name: ``N per m/s`` -> ``N_per_m_s``, ``N per (m/s)^2`` -> ``N_per_m2_s2``."""
+    text = text.replace("(m/s^2)^2", "m2 s4")
+    text = re.sub(r"\((\w+)/s\)\^(\d)", r"\1\2 s\2", text)
+    return text.replace("^", "").replace("/", "_").replace(" ", "_")
+
+
+def sentence(term: Term, values: np.ndarray, stderr: np.ndarray, share: float) -> str:
+    """Such as ``a force of 23.6 +- 0.4 N per m/s against the velocity of the tool, in base axes (92 % of the gap)``."""
+    where = {"base": ", in base axes", "sensor": ", in sensor axes", "joint": ", about the joint's axis"}
+    size = _size(term, values, stderr).replace("±", "+-")
+    return f"{_what(term)} of {size} {_does(term)}{where.get(term.frame, '')} ({100 * share:.0f} % of the gap)"
+
+
+def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> str:
+    """The same without frame and share, for a headline; of several numbers only what they add up to.
+
+    Args:
+        term: the term.
+        values: (k,) its coefficients.
+        stderr: (k,) their standard errors.
+        rms: how large its part of the reading is, with its unit.
+    """
+    size = _size(term, values, stderr) if len(values) == 1 else f"about {rms}"
+    return f"{_what(term)} of {size} {_does(term)}"
+
+
+def _what(term: Term) -> str:
+    if term.acts_as == "wrench" and term.frame == "sensor":
+        return "a change of the reading"
+    return {"force": "a force", "torque": "a torque", "wrench": "a force and torque", "bias": "a bias"}[term.acts_as]
+
+
+def _does(term: Term) -> str:
+    """What it follows, with the numbers of its form filled in."""
+    numbers = {name: float(value) for name, value in term.parameters.items()}
+    if "frequency" in numbers:
+        numbers["period"] = 1 / max(numbers["frequency"], 1e-9)
+    joints = f"joint {term.joint}" if term.joint else "all joints"
+    return FORM_WORDS[term.drive, term.form].format(**numbers, joint=term.joint, joints=joints)
+
+
+def _size(term: Term, values: np.ndarray, stderr: np.ndarray) -> str:
+    """The largest coefficient, or all of them if they are few."""
+    of = coefficients_of(term)
+    words = [value_words(float(value), float(error)) for value, error in zip(values, stderr, strict=True)]
+    if len(values) == 1:
+        return f"{words[0]} {of[0].unit}"
+    if len(values) <= 3 and len({one.unit for one in of}) == 1:
+        return f"({', '.join(words)}) {of[0].unit}"
+    surest = int(np.argmax(np.abs(values) / np.maximum(stderr, 1e-12)))
+    name = f"{of[surest].series} {of[surest].axis}".strip()
+    return f"{words[surest]} {of[surest].unit} ({name}, the surest of {len(values)} numbers)"

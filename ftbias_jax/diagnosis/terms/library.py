@@ -20,6 +20,7 @@ from ftbias_jax.model.effects.terms.columns import (
     columns,
     count_columns,
     has_point,
+    torques,
     vectors_of,
 )
 from ftbias_jax.model.effects.terms.types import State, Term
@@ -111,8 +112,8 @@ def _trial(term: Term, state: State, place: Place) -> Trial:
 
 def _arms(forces: np.ndarray) -> np.ndarray:
     """(U, K, 3) forces -> (U, 3 K, 6) their torques about a metre along each axis of the sensor."""
-    torques = np.cross(np.eye(3), forces[:, :, None])
-    return np.concatenate([np.zeros_like(torques), torques], -1).reshape(len(forces), -1, 6)
+    found: np.ndarray = torques(np, np.cross(np.eye(3), forces[:, :, None]))
+    return found.reshape(len(forces), -1, 6)
 
 
 def _products(white: np.ndarray, trial: Trial) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis import thresholds
-from ftbias_jax.diagnosis.evidence.cross_validation import HeldOut, Judge, gap_removed
+from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import readings
 from ftbias_jax.diagnosis.regression.fit import Fit, compared

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, overload
+from typing import Any, TypedDict, Unpack, overload
 
 from ftbias_jax.check.check_setup import check_parts, check_setup
 from ftbias_jax.check.result import Check
@@ -37,30 +37,21 @@ Source = Log | str | os.PathLike[str]
 """A log, or the path of one."""
 
 
+class Choices(TypedDict, total=False):
+    """What ``filter_log`` may be asked for."""
+
+    smooth: bool
+    as_stated: bool
+    unchecked: bool
+    fields: Sequence[str]
+    progress: Callable[[int], None]
+    effects: Sequence[Effect]
+
+
+@overload  # a path is a sequence of letters, too
+def filter_log(setup: Setup, log: Source, **choices: Unpack[Choices]) -> FilterResult: ...  # type: ignore[overload-overlap]
 @overload
-def filter_log(  # type: ignore[overload-overlap]  # a path is a sequence of letters, too
-    setup: Setup,
-    log: Source,
-    *,
-    smooth: bool = False,
-    as_stated: bool = False,
-    unchecked: bool = False,
-    fields: Sequence[str] = (),
-    progress: Callable[[int], None] = _nobody,
-    effects: Sequence[Effect] = (),
-) -> FilterResult: ...
-@overload
-def filter_log(
-    setup: Setup,
-    log: Iterable[Source],
-    *,
-    smooth: bool = False,
-    as_stated: bool = False,
-    unchecked: bool = False,
-    fields: Sequence[str] = (),
-    progress: Callable[[int], None] = _nobody,
-    effects: Sequence[Effect] = (),
-) -> FilterResults: ...
+def filter_log(setup: Setup, log: Iterable[Source], **choices: Unpack[Choices]) -> FilterResults: ...
 @in_float64
 def filter_log(
     setup: Setup,

@@ -14,7 +14,7 @@ from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.io.draft.table import Table
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import STANDARD_GRAVITY, between, interpolated, sensor_rotations
-from ftbias_jax.setup.keys.toml_text import Known
+from ftbias_jax.setup.dump import Known
 from ftbias_jax.setup.rotations import rpy_from_rotation
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array

@@ -11,8 +11,8 @@ import numpy as np
 
 from ftbias_jax.errors import SetupError, UsageError
 from ftbias_jax.io.draft.robot import Keys
+from ftbias_jax.setup.dump import Known
 from ftbias_jax.setup.fields import Section, read_file
-from ftbias_jax.setup.keys.toml_text import Known
 from ftbias_jax.setup.robots import CONVENTIONS, FIXED, UNITS, read_dh
 
 MAX_BYTES = 1 << 16  # a table of an arm is a dozen lines

@@ -23,7 +23,7 @@ from ftbias_jax.io.draft.table import Table, left_to_choose, look, patterns, sta
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import sensor_rotations
 from ftbias_jax.io.ros.record import is_ros
-from ftbias_jax.setup.keys.toml_text import MEASURE, Known, write_template
+from ftbias_jax.setup.dump import MEASURE, Known, write_template
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.setup.urdf import load_urdf

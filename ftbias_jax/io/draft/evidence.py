@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.io.draft.robot import Keys
-from ftbias_jax.setup.keys.toml_text import MEASURE, Known
+from ftbias_jax.setup.dump import MEASURE, Known
 from ftbias_jax.setup.rotations import skew
 from ftbias_jax.types import Array
 

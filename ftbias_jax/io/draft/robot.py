@@ -12,8 +12,8 @@ from ftbias_jax.errors import LogError, SetupError, UsageError
 from ftbias_jax.io.pose import rotate
 from ftbias_jax.io.ros.messages import JOINT_STATE, TF, WRENCH_STAMPED
 from ftbias_jax.io.ros.record import Stream, Wanted, read_recording
+from ftbias_jax.setup.dump import Known
 from ftbias_jax.setup.fields import nearest
-from ftbias_jax.setup.keys.toml_text import Known
 from ftbias_jax.setup.robots import BUILT_IN, Pose, built_in_robot, describe_robot, pose_at
 from ftbias_jax.setup.rotations import rpy_from_rotation
 from ftbias_jax.setup.urdf import Urdf, fixed_pose, load_urdf

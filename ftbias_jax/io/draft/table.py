@@ -16,7 +16,7 @@ from ftbias_jax.io.tables.arrays import ARRAY_FILES, ARRAYS, COLUMNS, POSE_ARRAY
 from ftbias_jax.io.tables.columns import Columns
 from ftbias_jax.io.tables.headers import Match, matches, some
 from ftbias_jax.io.tables.streams import unknown_format
-from ftbias_jax.setup.keys.toml_text import Known
+from ftbias_jax.setup.dump import Known
 from ftbias_jax.setup.recorded import TIME_UNITS
 from ftbias_jax.types import Array
 

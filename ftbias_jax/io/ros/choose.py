@@ -25,7 +25,6 @@ from ftbias_jax.io.ros.record import Recording, Stream, Wanted
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.types import Array
 
 Chosen = dict[str, tuple[str, Stream]]
 """Array of a log, "q", "dq", "wrench" or "temperature" -> the role that [log.clocks] knows it by, and its stream."""
@@ -96,8 +95,7 @@ def _choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:
         raise _missing(recording, f"no wrench data: no topic has the type {WRENCH_STAMPED}", WRENCH, file)
     wrenches = _choose(WRENCH, found, setup, file)
     wrench = _in_one_frame(wrenches, "wrenches", WRENCH, "record one sensor on a topic", file)
-    _check_width(wrench, WRENCH, 6, file)
-    return {"wrench": (WRENCH, wrench), **_choose_temperature(recording, setup, file)}
+    return {"wrench": (WRENCH, _check_width(wrench, WRENCH, 6, file)), **_choose_temperature(recording, setup, file)}
 
 
 def _in_one_frame(streams: Sequence[Stream], what: str, field: str, remedy: str, file: str) -> Stream:
@@ -115,8 +113,7 @@ def _choose_temperature(recording: Recording, setup: Setup, file: str) -> Chosen
     named = TEMPERATURE in setup.log.topics
     if not named and len({(stream.topic, stream.names) for stream in found}) != 1:
         return {}
-    one = interleave(_choose(TEMPERATURE, found, setup, file))
-    _check_width(one, TEMPERATURE, 1, file)
+    one = _check_width(_interleave(_choose(TEMPERATURE, found, setup, file)), TEMPERATURE, 1, file)
     return {"temperature": (TEMPERATURE, one)}
 
 
@@ -148,16 +145,16 @@ def _by_fields(recording: Recording, role: str, width: int, setup: Setup, file: 
         message = f"there is no topic {topic.partition(':')[0]!r}"
         remedy = nearest(topic.partition(":")[0], topics)
         raise LogError(message, file=file, field=f"log.topics.{role}", remedy=remedy)
-    one = interleave(found)
-    _check_width(one, role, width, file)
-    return one
+    return _check_width(_interleave(found), role, width, file)
 
 
-def _check_width(stream: Stream, role: str, width: int, file: str) -> None:
+def _check_width(stream: Stream, role: str, width: int, file: str) -> Stream:
+    """The stream itself, if it has so many numbers."""
     if stream.values.shape[1] != width:
         message = f"{stream.topic} has {stream.values.shape[1]} numbers for the {role}, not {width}"
         remedy = 'choose entries: "/topic:field[0:6]", or several fields by commas'
         raise LogError(message, file=file, field=f"log.topics.{role}", remedy=remedy)
+    return stream
 
 
 def _choose_imu(recording: Recording, setup: Setup, pose: PoseSetup, file: str) -> Stream | None:
@@ -170,7 +167,7 @@ def _choose_imu(recording: Recording, setup: Setup, pose: PoseSetup, file: str) 
         raise _missing(recording, f"there is no specific force: no topic has the type {types_with(IMU)}", IMU, file)
     if not needed and IMU not in setup.log.topics:
         return None  # a gyroscope may be anybody's: the setup must name it
-    one = interleave(_choose(IMU, found, setup, file))
+    one = _interleave(_choose(IMU, found, setup, file))
     if one.values.shape[1] == 3:
         return one if needed else None
     _check_width(one, IMU, 6, file)
@@ -220,17 +217,15 @@ def _joint_positions(streams: Sequence[Stream], names: Sequence[str], file: str)
                 at, k = names.index(name), len(stream.names)
                 values[:, [at, n + at]] = stream.values[:, [column, k + column]]
         placed.append(stream._replace(names=tuple(names), values=values))
-    return interleave(placed)
+    return _interleave(placed)
 
 
-def interleave(streams: Sequence[Stream]) -> Stream:
+def _interleave(streams: Sequence[Stream]) -> Stream:
     """Streams of the same columns as one, in the order in which the messages were stored."""
-    stamps, logged, order, values = (
-        np.concatenate([getattr(stream, name) for stream in streams])
-        for name in ("stamps", "logged", "order", "values")
-    )
-    rows: Array = np.argsort(order)
-    return streams[0]._replace(stamps=stamps[rows], logged=logged[rows], order=order[rows], values=values[rows])
+    parts = zip(*((stream.stamps, stream.logged, stream.order, stream.values) for stream in streams), strict=True)
+    stamps, logged, order, values = map(np.concatenate, parts)
+    whole = streams[0]._replace(stamps=stamps, logged=logged, order=order, values=values)
+    return whole.at(np.argsort(order))
 
 
 def _missing(recording: Recording, message: str, role: str, file: str) -> LogError:

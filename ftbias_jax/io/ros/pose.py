@@ -50,12 +50,10 @@ def _follow_frames(recording: Recording, pose: PoseSetup, file: str) -> Stream:
         raise LogError(message, file=file, field="sensor_pose.frame", remedy="record the pose as PoseStamped")
     nowhere = np.tile([0.0, 0, 0, 0, 0, 0, 1], (len(stamps), 1))
     in_root, base_in_root = (reduce(_compose, [_at(link, stamps) for link in chain], nowhere) for chain in (down, back))
-    rows = _rows_at(moving[-1], stamps)
-    logged, order = moving[-1].logged[rows], moving[-1].order[rows]
     back_turn = np.concatenate([-base_in_root[:, 3:6], base_in_root[:, 6:]], 1)
     root_in_base = np.concatenate([-rotate(back_turn[:, [3, 0, 1, 2]], base_in_root[:, :3]), back_turn], 1)
     values = _compose(root_in_base, in_root)
-    return moving[-1]._replace(stamps=stamps, logged=logged, order=order, values=values)
+    return moving[-1].at(_rows_at(moving[-1], stamps))._replace(values=values)
 
 
 def _from_root(links: Mapping[str, Stream], frame: str, file: str) -> list[Stream]:

@@ -119,8 +119,7 @@ def credible(recording: Recording, mended: list[Repair]) -> Recording:
         if stream.role == WRENCH and len(stream.stamps) < most / 2:
             credible = np.zeros_like(credible)
         if credible.any():
-            columns = {name: getattr(stream, name)[credible] for name in ("stamps", "logged", "order", "values")}
-            kept.append(stream._replace(**columns))
+            kept.append(stream.at(credible))
         if not credible.all():
             what = f"{(~credible).sum()} of the samples of {stream.topic} left out"
             mended.append(Repair(f"{what}: their stamp or frame is not credible", lost=True))

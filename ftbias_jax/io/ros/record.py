@@ -68,6 +68,12 @@ class Stream(NamedTuple):
     """(T, 2 n) positions, then velocities of joints, NaN where not published; (T, 6) a wrench; (T, 7) position and
     quaternion; (T, 6) angular velocity and acceleration of an IMU, or the latter (T, 3); (T, 1) a temperature."""
 
+    def at(self, rows: Array) -> Stream:
+        """The stream with these of its messages, (R,) places or (T,) truth values."""
+        return self._replace(
+            stamps=self.stamps[rows], logged=self.logged[rows], order=self.order[rows], values=self.values[rows]
+        )
+
 
 class Wanted(NamedTuple):
     """What is to be read of a recording beside joints, wrenches and temperatures."""

@@ -41,14 +41,10 @@ def load_arrays(path: str | os.PathLike[str], wanted: Collection[str] | None = N
     """
     file = os.fspath(path)
     with _opened(file) as archive:
-        members = _members(archive)
+        members = {name: x for name, x in _members(archive).items() if wanted is None or name in wanted}
         if wanted is not None:
-            budget.refuse_held(sum(member.file_size for name, member in members.items() if name in wanted), file)
-        return {
-            name: _read(archive, member, name, file)
-            for name, member in members.items()
-            if wanted is None or name in wanted
-        }
+            budget.refuse_held(sum(member.file_size for member in members.values()), file)
+        return {name: _read(archive, member, name, file) for name, member in members.items()}
 
 
 class StoredArray(NamedTuple):
@@ -138,13 +134,11 @@ def _check_header(
     stream: IO[bytes], member: zipfile.ZipInfo, name: str, file: str
 ) -> tuple[tuple[int, ...], bool, np.dtype]:
     """Shape, order and type by the array's header, which must promise exactly the bytes that the member has."""
-    version = np.lib.format.read_magic(stream)
-    if version == (1, 0):
-        shape, in_columns, dtype = np.lib.format.read_array_header_1_0(stream)
-    elif version == (2, 0):
-        shape, in_columns, dtype = np.lib.format.read_array_header_2_0(stream)
-    else:  # 3.0 exists for structured arrays with non-Latin field names, which no log has
+    npy = np.lib.format
+    version, readers = npy.read_magic(stream), {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+    if version not in readers:  # 3.0 exists for structured arrays with non-Latin field names, which no log has
         raise LogError(f"has NPY version {version}", file=file, field=name, remedy="save plain arrays of numbers")
+    shape, in_columns, dtype = readers[version](stream)
     if dtype.hasobject:
         raise LogError("holds Python objects", file=file, field=name, remedy="save plain arrays of numbers")
     promised = stream.tell() + math.prod(shape) * dtype.itemsize

@@ -171,7 +171,8 @@ def native_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Ar
     """The arrays of a log, or of static poses, by the names of the native format (``arrays.ARRAYS``)."""
     suffix = suffix_of(file)
     if suffix in COLUMNS:
-        return COLUMNS[suffix](file, lambda header: choose_columns(header, setup, file, static))
+        quantities = ("position", "wrench", "temperature", *(() if static else ("velocity",)))
+        return COLUMNS[suffix](file, lambda header: choose_columns(header, quantities, setup, file, static))
     arrays = ARRAY_FILES[suffix](file, (*wanted_arrays(setup), *(OURS if suffix == ".npz" else ())))
     further = {} if static else named_columns(list(arrays), setup, file)
     native = arrays if arrays.keys() >= set(OURS) else by_native_names(arrays, setup, file)

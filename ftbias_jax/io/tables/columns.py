@@ -42,40 +42,34 @@ def split(columns: Columns, values: Array) -> dict[str, Array]:
     return {name: x if name in WIDE else x[:, 0] for name, x in parts if x.shape[1]}
 
 
-def choose_columns(header: Sequence[str], setup: Setup, file: str = "", static: bool = False) -> Columns:
-    """The columns of a log; of static poses time is optional, and rates are not looked for."""
-    optional = {"velocity", "temperature", *(["time"] if static else [])}
-    unwanted = {"velocity"} if static else {"time"} if setup.log.rate is not None else set()
-    chosen = {
-        name: () if quantity in unwanted else _choose(quantity, header, setup, optional, file)
-        for quantity, name in NAMES.items()
-    }
-    further = {} if static else named_columns(header, setup, file)
-    for name in sum(chosen.values(), ()):
+def choose_columns(
+    header: Sequence[str], quantities: Sequence[str], setup: Setup, file: str = "", static: bool = False
+) -> Columns:
+    """The columns of some quantities, of which the first must be there, of the stamps, and further ones that are named.
+
+    Those of static poses may have no stamps, and no others.
+    """
+    needed = ["time", *quantities] if static or setup.log.rate is None else quantities
+    optional = OPTIONAL | {"time"} if static else OPTIONAL
+    found = {quantity: _choose(quantity, header, setup, optional, file) for quantity in needed}
+    if not found[quantities[0]]:
+        raise _not_found(quantities[0], header, setup, file)
+    for name in sum(found.values(), ()):
         if header.count(name) > 1:
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
-    return chosen | further
-
-
-def choose_some(header: Sequence[str], quantities: Sequence[str], setup: Setup, file: str = "") -> Columns:
-    """The columns of a file that has only some quantities, of which the first must be there, and of its stamps."""
-    needed = ["time", *quantities] if setup.log.rate is None else quantities
-    found = {quantity: _choose(quantity, header, setup, OPTIONAL, file) for quantity in needed}
-    if quantities and not found[quantities[0]]:
-        raise _not_found(quantities[0], header, setup, file)
-    further = named_columns(header, setup, file, optional=True)
+    further = {} if static else named_columns(header, setup, file)
     return {NAMES[quantity]: names for quantity, names in found.items()} | further
 
 
-def named_columns(header: Sequence[str], setup: Setup, file: str = "", optional: bool = False) -> Columns:
-    """Further columns, or arrays, that the setup names; those that are not there are refused, unless optional."""
+def named_columns(header: Sequence[str], setup: Setup, file: str = "") -> Columns:
+    """Further columns, or arrays, that the setup names; of a log of one file all must be there."""
     found: Columns = {}
     for key, name in further_columns(setup.log.columns).items():
         if header.count(name) > 1:
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
         if name in header:
             found[f"{FURTHER}{key}"] = (name,)
-        elif not optional:
+        elif not setup.log.files:
             message = "log.columns of the setup names this column, but it is not there"
             raise LogError(message, file=file, field=name, remedy=nearest(name, header))
     return found
@@ -114,7 +108,12 @@ def _usual(quantity: str, header: Sequence[str], setup: Setup) -> list[Match]:
     parts = [matches(name, header) for name in pose_parts(setup.pose)[quantity]]
     if quantity == "velocity" and not all(parts):
         parts = parts[1:]  # some IMUs have no gyroscope
-    return [_side_by_side(choice) for choice in product(*parts)] if parts else []
+    found = []
+    for choice in product(*parts) if parts else ():
+        facts = {key: value for part in choice for key, value in part.facts.items()}
+        native = all(part.native for part in choice)
+        found.append(Match(sum((part.names for part in choice), ()), facts, native=native))
+    return found
 
 
 def pose_parts(pose: PoseSetup) -> dict[str, Names]:
@@ -124,19 +123,12 @@ def pose_parts(pose: PoseSetup) -> dict[str, Names]:
     return {"position": (pose.orientation, *place), "velocity": (*(("gyroscope",) if pose.gyroscope else ()), *force)}
 
 
-def _side_by_side(parts: Sequence[Match]) -> Match:
-    facts = {key: value for part in parts for key, value in part.facts.items()}
-    return Match(sum((part.names for part in parts), ()), facts, native=all(part.native for part in parts))
-
-
 def _check_facts(match: Match, setup: Setup, file: str) -> None:
     """Refuse a setup that contradicts what the names of the columns say of units and axes."""
     for key, value in match.facts.items():
         stated = getattr(setup.log, key.removeprefix("log."))
         if stated != value and not (stated is None and value == "s"):
-            message = f"is {value} by its name, but {key} of the setup " + (
-                f"is {stated}" if stated else "is not stated"
-            )
+            message = f"is {value} by its name, but {key} of the setup is {stated or 'not stated'}"
             remedy = f'state [log] {key.removeprefix("log.")} = "{value}", or name the columns in [log.columns]'
             raise LogError(message, file=file, field=match.names[0], remedy=remedy)
 

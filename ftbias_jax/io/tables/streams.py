@@ -19,7 +19,7 @@ from ftbias_jax.io.ros.choose import choose, refuse_columns, wanted_of
 from ftbias_jax.io.ros.read import credible, parts_of
 from ftbias_jax.io.ros.record import SUFFIXES, is_ros, read_recording
 from ftbias_jax.io.tables import arrays as native
-from ftbias_jax.io.tables.columns import NAMES, choose_some, named_columns
+from ftbias_jax.io.tables.columns import NAMES, choose_columns, named_columns
 from ftbias_jax.setup.keys import table as keys
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -86,7 +86,7 @@ def read_stream(
         return _of_recording(file, quantities, setup, salvage)
     suffix = native.suffix_of(file)
     if suffix in native.COLUMNS:
-        found = native.COLUMNS[suffix](file, lambda header: choose_some(header, quantities, setup, file))
+        found = native.COLUMNS[suffix](file, lambda header: choose_columns(header, quantities, setup, file))
     elif suffix in native.ARRAY_FILES:
         found = _of_arrays(native.ARRAY_FILES[suffix](file, native.wanted_arrays(setup)), quantities, setup, file)
     else:
@@ -102,7 +102,7 @@ def read_stream(
 
 def _of_arrays(arrays: Mapping[str, Array], quantities: Sequence[str], setup: Setup, file: str) -> dict[str, Array]:
     """The wanted arrays that share the stamps of the first, and these as "t"."""
-    further = {key: arrays[name] for key, (name,) in named_columns(list(arrays), setup, file, optional=True).items()}
+    further = {key: arrays[name] for key, (name,) in named_columns(list(arrays), setup, file).items()}
     mine = {key: names for key, names in setup.log.columns.items() if key in ("time", *quantities)}
     arrays = native.by_native_names(arrays, replace(setup, log=replace(setup.log, columns=mine)), file)
     clock = "t" if "t" in arrays else STAMPS[quantities[0]]

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.setup.export.options import DEFAULT, ExportOptions
-from ftbias_jax.setup.export.payload import franka_text, ur_text
+from ftbias_jax.setup.export.payload import DEFAULT, ExportOptions, franka_text, ur_text
 from ftbias_jax.setup.export.ros import ft_calib_text, ros_text
 from ftbias_jax.setup.save import write_text
 from ftbias_jax.setup.types import Setup
@@ -48,7 +47,7 @@ def save_export(setup: Setup, path: str | os.PathLike[str], format: str, **optio
         setup: with the tool.
         path: the file to make or replace.
         format: "ur" (URScript), "franka" (JSON of setLoad), "ros" (YAML for ros2_control) or "ft_calib" (YAML).
-        **options: fields of ``setup.export.options.ExportOptions``: sensor_mass, frames_as_stated, sensor_frame,
+        **options: fields of ``setup.export.payload.ExportOptions``: sensor_mass, frames_as_stated, sensor_frame,
             world_frame.
 
     Raises:

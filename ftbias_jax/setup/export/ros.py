@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ftbias_jax.errors import SetupError, printable
-from ftbias_jax.setup.export.options import ExportOptions, heading, number, numbers
+from ftbias_jax.setup.export.payload import ExportOptions, heading, number, numbers
 from ftbias_jax.setup.require import require_tool
 from ftbias_jax.setup.types import REPORTS, SCREWS, Setup
 from ftbias_jax.types import Array

@@ -26,7 +26,7 @@ def folder(tmp_path, monkeypatch):
     still_logs.write_log(tmp_path / "lame.npz", wrench)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("ftbias_jax.runtime.jax_config.prepare_jax", lambda: None)
-    monkeypatch.setattr("ftbias_jax.commissioning.guard.objection", lambda setup, diagnosis, logs: "")
+    monkeypatch.setattr("ftbias_jax.commissioning.judged.objection", lambda setup, diagnosis, logs: "")
     return tmp_path
 
 
@@ -70,7 +70,7 @@ def test_the_fixed_setup_has_the_old_effects_and_the_causes(folder, calls):
 
 def test_a_setup_that_predicts_worse_is_written_by_force_alone(folder, calls, monkeypatch, capsys):
     why = "the setup with what was found predicts these logs worse"
-    monkeypatch.setattr("ftbias_jax.commissioning.guard.objection", lambda setup, diagnosis, logs: why)
+    monkeypatch.setattr("ftbias_jax.commissioning.judged.objection", lambda setup, diagnosis, logs: why)
     command = ["diagnose", "log.npz", "--setup", "setup.toml", "--json", "out.json", "--apply", "-o", "fixed.toml"]
     assert main(command) == 1
     assert f"ftbias: not applied: {why}; --force writes it all the same\n" in capsys.readouterr().err

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from small_fits import shift, small_fit
 
-from ftbias_jax.diagnosis.evidence.cross_validation import (
+from ftbias_jax.diagnosis.evidence.gap import (
     Judge,
     excess_by_chance,
     excess_by_channel,

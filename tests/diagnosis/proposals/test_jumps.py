@@ -7,7 +7,7 @@ import pytest
 
 from ftbias_jax.diagnosis.evidence.causes import doubt_of
 from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis
-from ftbias_jax.diagnosis.proposals import jumps
+from ftbias_jax.diagnosis.proposals import series
 from ftbias_jax.diagnosis.regression.design_matrix import Columns
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.model.effects.catalogue import CATALOGUE
@@ -27,15 +27,15 @@ def turns_about_x(angle):
 
 def fitted(monkeypatch, turning, ramp=0.0):
     """A problem with white noise alone, and a fit of a jump to it: what is left is noise."""
-    monkeypatch.setattr(jumps, "whitened", lambda problem, columns: columns)
+    monkeypatch.setattr(series, "whitened", lambda problem, columns: columns)
     load = np.random.default_rng(1).normal(size=(BINS, 6))
-    monkeypatch.setattr(jumps, "readings", lambda problem, z: load[None])
+    monkeypatch.setattr(series, "readings", lambda problem, z: load[None])
     signals = SimpleNamespace(model=SimpleNamespace(gravity=GRAVITY))
     part = SimpleNamespace(nominal=SimpleNamespace(sensor_rotation=turns_about_x(turning)), used=BINS, signals=signals)
     h = Hypothesis("bias_jump", shapes=(STEP,), detail=Change(20.0, 0, ramp))
-    series = np.repeat(STEP[None, :, None], 6, 2)
+    white = np.repeat(STEP[None, :, None], 6, 2)
     noise = 0.1 * np.random.default_rng(0).normal(size=(BINS, 6))
-    found = Fit((h,), np.zeros(3), LEVEL, noise, Columns(np.zeros((0, BINS, 6)), series), (), 0.0)
+    found = Fit((h,), np.zeros(3), LEVEL, noise, Columns(np.zeros((0, BINS, 6)), white), (), 0.0)
     return SimpleNamespace(parts=[part], catalogue=CATALOGUE), found, h
 
 
@@ -57,7 +57,7 @@ def test_what_takes_seconds_is_no_jump(monkeypatch, ramp, doubtful):
 
 def test_what_a_fit_leaves_without_its_jump_is_noise_and_jump(monkeypatch):
     _, found, h = fitted(monkeypatch, np.sin(TIMES))
-    rest, series = jumps.without(found, h)
+    rest, own = series.without(found, h)
     np.testing.assert_allclose(rest.error, found.error - STEP[:, None] * LEVEL)
     assert rest.columns.size == 0
-    np.testing.assert_array_equal(series[0, :, 0], STEP)
+    np.testing.assert_array_equal(own[0, :, 0], STEP)

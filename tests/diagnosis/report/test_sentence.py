@@ -10,9 +10,9 @@ from ftbias_jax.cli.commands import demo
 from ftbias_jax.diagnosis.evidence.estimates import statement_of
 from ftbias_jax.diagnosis.report.sentence import MOST_WORDS, headline, note
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, Regime, Where
+from ftbias_jax.diagnosis.terms.found import statement
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, resembles
-from ftbias_jax.diagnosis.terms.words import statement
 from ftbias_jax.model.effects.catalogue import CATALOGUE, typical_values
 from ftbias_jax.model.effects.terms.columns import count_columns
 from ftbias_jax.model.effects.terms.forms import FORMS

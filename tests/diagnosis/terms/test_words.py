@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from ftbias_jax.diagnosis.terms.found import coefficients_of, grouped, sentence
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
-from ftbias_jax.diagnosis.terms.words import coefficients_of, grouped, sentence
 from ftbias_jax.model.effects.terms.columns import count_columns
 from ftbias_jax.model.effects.terms.forms import DRIVES, FORMS
 

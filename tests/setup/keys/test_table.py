@@ -8,10 +8,9 @@ import pytest
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup import dump_setup, parse_setup
+from ftbias_jax.setup.dump import MEASURE, Known, write_template
 from ftbias_jax.setup.fields import Section
-from ftbias_jax.setup.keys.schema import json_schema
-from ftbias_jax.setup.keys.table import EFFECTS, PER_JOINT, SECTIONS, Kind, key_of, read, top_sections
-from ftbias_jax.setup.keys.toml_text import MEASURE, Known, write_template
+from ftbias_jax.setup.keys.table import EFFECTS, PER_JOINT, SECTIONS, Kind, json_schema, key_of, read, top_sections
 
 ARM = {"joints": [{"axis": [0, 0, 1], "point": [0, 0, 0.3]}], "flange": {"translation": [0, 0, 1.0]}}
 MINIMAL = {"robot": ARM, "sensor": {"noise_std": [0.1, 0.004]}, "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]}}

@@ -7,7 +7,7 @@ import pytest
 from made_judged import judged
 
 from ftbias_jax.cli.commands.demo import SETUP
-from ftbias_jax.commissioning import guard
+from ftbias_jax.commissioning import judged as module
 from ftbias_jax.errors import LogError
 from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.setup import parse_setup
@@ -29,9 +29,9 @@ def objection(monkeypatch, make_diagnosis):
         assert hold_out == 1.0
         return judged(2.0 if "time_delay" in setup.effects else 0.5 if setup.effects else 1.0, seed=len(setup.effects))
 
-    monkeypatch.setattr(guard, "judge", judge)
+    monkeypatch.setattr(module, "judge", judge)
     monkeypatch.setattr("ftbias_jax.diagnosis.apply.parameter_words", lambda cause: ())
-    return lambda *causes: guard.objection(STATED, make_diagnosis(causes=tuple(cause(*x) for x in causes)), [LOG])
+    return lambda *causes: module.objection(STATED, make_diagnosis(causes=tuple(cause(*x) for x in causes)), [LOG])
 
 
 def test_what_predicts_better_is_written(objection):
@@ -51,7 +51,7 @@ def test_with_a_setup_that_filters_nothing_there_is_nothing_to_compare(objection
             raise LogError("no tool")
         return judged(np.e)
 
-    monkeypatch.setattr(guard, "judge", judge)
+    monkeypatch.setattr(module, "judge", judge)
     assert objection(GOOD) == ""
 
 
@@ -61,5 +61,5 @@ def test_logs_that_cannot_be_filtered_with_it_are_a_reason(objection, monkeypatc
             raise LogError("is not finite")
         return judged()
 
-    monkeypatch.setattr(guard, "judge", judge)
+    monkeypatch.setattr(module, "judge", judge)
     assert "cannot be filtered with it: " in objection(GOOD)

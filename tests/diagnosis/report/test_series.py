@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.evidence.locate import Conditions, locate
+from ftbias_jax.diagnosis.report.series import Conditions, locate
 
 STEP = 0.02
 COUNT = 3000
@@ -21,7 +21,7 @@ def motion() -> Conditions:
 
 
 def test_noise_alone_is_nowhere(motion):
-    found = [locate(white(seed), NOISE, T, motion) for seed in range(100)]
+    found = [locate(white(seed) / NOISE, T, motion) for seed in range(100)]
     for name in ("intervals", "regimes", "bands"):
         assert sum(bool(getattr(where, name)) for where in found) <= 4
     assert all(np.isclose(sum(where.channels.values()), 1) for where in found)
@@ -31,7 +31,7 @@ def test_the_channel_of_the_gap_has_it_all(motion):
     residual = white(1)
     residual[:, 1] += 0.3 * np.sin(3 * T)
     residual[:, 5] += 0.012 * np.sin(3 * T)
-    where = locate(residual, NOISE, T, motion, ("tool",))
+    where = locate(residual / NOISE, T, motion, ("tool",))
     assert where.stages == ("tool",)
     assert where.channels["fy"] == pytest.approx(0.5, abs=0.05)
     assert where.channels["tz"] == pytest.approx(0.5, abs=0.05)
@@ -42,7 +42,7 @@ def test_events_are_the_intervals_in_the_order_of_time(motion):
     events = [(50.0, 50.8, 0.8), (12.0, 13.0, 0.5)]
     for start, end, size in events:
         residual[(start <= T) & (end > T), 2] += size
-    where = locate(residual, NOISE, T, motion)
+    where = locate(residual / NOISE, T, motion)
     assert len(where.intervals) == 2
     for (start, end, _), (low, high, sigmas) in zip(sorted(events), where.intervals, strict=True):
         assert low == pytest.approx(start, abs=0.25)
@@ -52,7 +52,7 @@ def test_events_are_the_intervals_in_the_order_of_time(motion):
 
 
 def test_a_gap_of_one_size_has_no_interval_and_no_regime(motion):
-    where = locate(white(3) + 3 * NOISE, NOISE, T, motion)
+    where = locate(white(3) / NOISE + 3, T, motion)
     assert where.intervals == ()
     assert where.regimes == ()
     assert where.bands[0][2] > 0.9
@@ -73,7 +73,7 @@ def test_the_regime_that_holds_the_gap_is_first(motion, name, inside):
     rng = np.random.default_rng(4)
     residual = white(4)
     residual[:, 0] += 0.2 * inside(motion) * rng.normal(size=COUNT)
-    first = locate(residual, NOISE, T, motion).regimes[0]
+    first = locate(residual / NOISE, T, motion).regimes[0]
     assert first.name.startswith(name) or (name.startswith("second half") and first.name.startswith("warm (over 25"))
     assert first.share > 0.8
     assert first.share > 1.3 * first.expected
@@ -83,7 +83,7 @@ def test_temperature_is_named_only_where_it_varies(motion):
     residual = white(5) * (1 + 2 * (T > 30))[:, None]
 
     def named(temperature):
-        regimes = locate(residual, NOISE, T, motion._replace(temperature=temperature)).regimes
+        regimes = locate(residual / NOISE, T, motion._replace(temperature=temperature)).regimes
         return any(regime.name.startswith("warm") for regime in regimes)
 
     assert named(motion.temperature)
@@ -98,7 +98,7 @@ def test_a_vibration_is_in_its_band(motion):
     kept = np.ones(COUNT, bool)
     kept[1000:1030] = False  # a gap in the stamps
     part = motion._replace(**{name: getattr(motion, name)[kept] for name in Conditions._fields})
-    ((low, high, share),) = locate(residual[kept], NOISE[kept], T[kept], part).bands
+    ((low, high, share),) = locate((residual / NOISE)[kept], T[kept], part).bands
     assert (low, high) == (10, pytest.approx(25))
     assert share == pytest.approx(1)
 
@@ -106,22 +106,22 @@ def test_a_vibration_is_in_its_band(motion):
 def test_what_was_not_measured_counts_for_nothing(motion):
     residual = white(7)
     residual[:, 4] += 0.02
-    full = locate(residual, NOISE, T, motion)
+    full = locate(residual / NOISE, T, motion)
     residual[::2, 4] = np.nan
     residual[:, 2] = np.nan
-    gappy = locate(residual, NOISE, T, motion)
+    gappy = locate(residual / NOISE, T, motion)
     assert full.channels["ty"] > 0.95
     assert gappy.channels["ty"] > 0.95
     assert gappy.channels["fz"] == 0
-    nothing = locate(np.full((COUNT, 6), np.nan), NOISE, T, motion)
+    nothing = locate(np.full((COUNT, 6), np.nan), T, motion)
     assert (nothing.intervals, nothing.regimes, nothing.bands) == ((), (), ())
     assert sum(nothing.channels.values()) == pytest.approx(1)
     still = Conditions(*(np.full(COUNT, np.nan),) * 2, np.full((COUNT, 3), np.nan), np.full(COUNT, np.nan))
-    assert locate(residual, NOISE, T, still).channels == gappy.channels
+    assert locate(residual / NOISE, T, still).channels == gappy.channels
 
 
 def test_a_log_of_a_few_bins_is_no_error(motion):
     for count in (1, 2, 20):
         part = Conditions(*(getattr(motion, name)[:count] for name in Conditions._fields))
-        where = locate(white(8)[:count], NOISE[:count], T[:count], part)
+        where = locate((white(8) / NOISE)[:count], T[:count], part)
         assert len(where.channels) == 6

@@ -5,7 +5,7 @@ import pytest
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.limits.budget import Budget
-from ftbias_jax.io.limits.parquet_pages import DAMAGE, Thrift, check_pages
+from ftbias_jax.io.tables.parquet import DAMAGE, Thrift, check_pages
 
 arrow = pytest.importorskip("pyarrow")
 parquet = pytest.importorskip("pyarrow.parquet")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from small_fits import residual, shift, small_fit
 
-from ftbias_jax.diagnosis.gap import alone_in, verdict_of
+from ftbias_jax.diagnosis.evidence.gap import alone_in, verdict_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.report.sentence import headline
 from ftbias_jax.diagnosis.result import Gap

@@ -8,8 +8,8 @@ import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.problem import make_problem
-from ftbias_jax.diagnosis.regression import precompile
-from ftbias_jax.diagnosis.regression.precompile import compiled_ahead, outline, padded_bins
+from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead, outline, padded_bins
 from ftbias_jax.diagnosis.samples import smoothed
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import params_from_setup
@@ -54,7 +54,7 @@ def test_the_smoother_is_compiled_for_what_it_will_smooth(setup, log, monkeypatc
             return smooth(*arguments, **static)
 
     monkeypatch.setattr(smoothed, "_smooth", Program())
-    first = next(precompile.programs_of_search(setup, [log, log]))
+    first = next(chain_model.programs_of_search(setup, [log, log]))
     first()
     make_problem(setup, [log])
     ahead, called = asked
@@ -70,7 +70,7 @@ def test_an_error_of_the_compiler_is_told(monkeypatch):
     def fail():
         raise RuntimeError("out of memory")
 
-    monkeypatch.setattr(precompile, "programs_of_search", lambda setup, logs: iter([fail]))
+    monkeypatch.setattr(chain_model, "programs_of_search", lambda setup, logs: iter([fail]))
     with pytest.raises(RuntimeError, match="out of memory"), compiled_ahead(None, []):
         pass
 
@@ -83,7 +83,7 @@ def test_after_an_error_in_the_block_nothing_more_is_compiled(monkeypatch):
         time.sleep(0.3)
         compiled.append(1)
 
-    monkeypatch.setattr(precompile, "programs_of_search", lambda setup, logs: iter([slowly] * 5))
+    monkeypatch.setattr(chain_model, "programs_of_search", lambda setup, logs: iter([slowly] * 5))
     with pytest.raises(ValueError, match="log"), compiled_ahead(None, []):
         raise ValueError("log")
     assert len(compiled) < 5
