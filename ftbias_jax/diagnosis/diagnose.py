@@ -17,7 +17,7 @@ from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead
 from ftbias_jax.diagnosis.regression.coordinates import why_not_fitted
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.report.sentence import headline, note
+from ftbias_jax.diagnosis.report.sentence import headline, no_free_motion, note
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
@@ -108,18 +108,21 @@ def diagnose(
     before, after = (hold_out(one, base.error) for one in (base, searched.accepted))
     gap = measure_gap(problem, before, after)
     answer = Answer(problem, hold_out, base, found, *searched, before, after, gap, gap.before_sigmas**2 - 1)
-    if TERM not in without and (answer.accepted.hypotheses or not is_quiet(problem, gap)):
+    pushed = all(part.touched.all_along for part in problem.parts)
+    if TERM not in without and not pushed and (answer.accepted.hypotheses or not is_quiet(problem, gap)):
         progress("trying terms")
         answer = _with_terms(answer, fast_lines(logs, samples))
     progress("writing the report")
-    answer, verdict, causes = _judged(answer, loud)
+    answer, verdict, causes = _judged(answer, loud) if not pushed else (_without_causes(answer), "unknown", ())
     causes, ranking = (
         tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking_of(answer))
     )
     place = where(problem, before, tuple(dict.fromkeys(cause.stage for cause in causes)))
     return Diagnosis(
         verdict=verdict,
-        sentence=headline(verdict, answer.gap, causes, answer.terms, ranking, place),
+        sentence=no_free_motion(answer.gap, max(problem.durations))
+        if pushed
+        else headline(verdict, answer.gap, causes, answer.terms, ranking, place),
         causes=causes,
         candidates=ranking,
         gap=answer.gap,
@@ -171,17 +174,22 @@ def _with_terms(answer: Answer, lines: Sequence[float]) -> Answer:
 
 def _judged(answer: Answer, loud: tuple[FoundTerm, ...]) -> tuple[Answer, str, tuple[Candidate, ...]]:
     """The answer without what does not hold on unseen blocks, the verdict, and the causes that it names."""
-    problem, before, found = answer.problem, answer.before, answer.found
+    problem, found = answer.problem, answer.found
     causes = causes_of(answer)
     of_samples = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
     if answer.gap.shrink < USEFUL_SHARE:
-        causes, answer = of_samples, answer._replace(accepted=answer.base)
-        if not answer.terms:
-            answer = answer._replace(after=before, gap=measure_gap(problem, before, before))
+        causes = of_samples
+        answer = answer._replace(accepted=answer.base) if answer.terms else _without_causes(answer)
     answer = answer._replace(terms=(*answer.terms, *loud))
     sure = is_sure(problem, answer.accepted) and not answer.doubt
     verdict = verdict_of(problem, answer.gap, len(causes), len(found), sure, len(answer.terms))
     return answer, verdict, of_samples if verdict in ("unknown", "none") else causes
+
+
+def _without_causes(answer: Answer) -> Answer:
+    """The answer with the gap as it is: nothing of it is explained."""
+    gap = measure_gap(answer.problem, answer.before, answer.before)
+    return answer._replace(accepted=answer.base, after=answer.before, gap=gap)
 
 
 def _not_tested(setup: Setup, problem: Problem, without: Collection[str]) -> tuple[tuple[str, str], ...]:

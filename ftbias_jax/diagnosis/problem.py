@@ -19,8 +19,8 @@ from ftbias_jax.diagnosis.thresholds import LEAST_BINS
 from ftbias_jax.errors import LogError
 from ftbias_jax.filtering import bias_filter, params_for_log
 from ftbias_jax.filtering.likelihood import WrenchProblem
-from ftbias_jax.filtering.method.look import contacts_in, scatter_at_rest
-from ftbias_jax.filtering.noise.contact import Contact, in_contact
+from ftbias_jax.filtering.method.look import Touched, contacts_in, scatter_at_rest
+from ftbias_jax.filtering.noise.contact import in_contact
 from ftbias_jax.filtering.noise.log_noise import MARGIN, by_axis
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
@@ -49,8 +49,8 @@ class Part(NamedTuple):
     """How the arm moves if the joints are where the setup believes, with the padding."""
     whiten: Whitener
     """The innovations of that filter."""
-    contacts: tuple[Contact, ...] = ()
-    """As a filter finds them."""
+    touched: Touched = Touched()
+    """As a filter finds it."""
 
     def with_variance(self, variance: np.ndarray) -> Part:
         """The same log with another noise of its mean readings, (B, 6) N^2, Nm^2."""
@@ -151,8 +151,8 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     known = params.bias.in_motion
     joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # noise of samples comes below
     rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None
-    contacts = contacts_in(log, reading - log.wrench, speed, variance)
-    touched = in_contact(log.t, list(contacts), MARGIN)
+    contacts = contacts_in(log, reading, speed, variance)
+    touched = in_contact(log.t, list(contacts.contacts), MARGIN)
     error, of_arm = reading - log.wrench, speed if arm else None
     found = inspect_samples(log, setup.sensor.noise_std, error, rate, of_arm, known, touched)
     if found.level.detected and found.level.doubt:
@@ -166,7 +166,7 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     late = float(np.max(found.jitter.parameters["std"])) if found.jitter.detected else 0.0
     of_samples, catalogue = (late * rate) ** 2 + found.in_motion.variance(speed), catalogue_of_setup(setup)
     part, count = _bin(params, log, joints, joint_variance + coherent, of_samples, found, catalogue)
-    return part._replace(contacts=contacts), count, params.effects or {}, found
+    return part._replace(touched=contacts), count, params.effects or {}, found
 
 
 def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

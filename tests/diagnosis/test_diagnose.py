@@ -104,6 +104,17 @@ def test_without_its_name_in_the_catalogue_the_gap_is_not_explained_away(setup, 
     assert {name for name, _ in diagnosis.not_tested} >= set(withheld)
 
 
+def test_a_log_that_is_touched_all_along_shows_nothing_else(setup, record):
+    log = record(None)
+    walk = np.random.default_rng(0).normal(size=(len(log.t), 3)).cumsum(0) * np.sqrt(log.t[1])
+    force = 10.0 + 8.0 * walk
+    push = np.concatenate([force, np.cross([0.0, 0.05, 0.1], force)], 1)
+    found = diagnose(setup, [log._replace(wrench=log.wrench - push)])
+    assert (found.verdict, found.causes, found.terms) == ("unknown", (), ())
+    assert found.sentence.startswith("Something touches the tool from 0 to 20.0 s: no free motion")
+    assert len(found.sentence.split()) <= 40
+
+
 def test_coordinates_are_a_partition():
     """Every coordinate belongs to exactly one effect."""
     whole = layout(7)

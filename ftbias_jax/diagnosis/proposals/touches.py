@@ -79,7 +79,7 @@ def is_seen(h: Hypothesis, problem: Problem) -> bool:
     if not len(lengths):
         return False
     for (log, start, end), *_ in shaped(h):
-        for contact in problem.parts[log].contacts:
+        for contact in problem.parts[log].touched.contacts:
             inside += max(0.0, min(end, contact.end) - max(start, contact.start))
     return bool(
         lengths.max() < thresholds.LONGEST_EVENT

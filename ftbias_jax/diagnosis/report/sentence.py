@@ -54,6 +54,14 @@ def headline(
     return text
 
 
+def no_free_motion(gap: Gap, seconds: float) -> str:
+    """The headline of logs in which something touches the tool from the first second to the last."""
+    return (
+        f"Something touches the tool from 0 to {seconds:.1f} s: no free motion, so nothing else can be told. "
+        f"{_capital(_error(gap))}. Record some seconds of free motion, or tare."
+    )
+
+
 def _from_long_to_short(
     causes: Sequence[Candidate], terms: Sequence[FoundTerm], twins: dict[str, str]
 ) -> Iterator[str]:

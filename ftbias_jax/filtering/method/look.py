@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +23,7 @@ from ftbias_jax.filtering.noise.blocks import (
 )
 from ftbias_jax.filtering.noise.contact import Contact, Contacts, find_contacts, listed, slow_std
 from ftbias_jax.filtering.noise.fit_noise import Noise, fit_noise
+from ftbias_jax.filtering.noise.free_motion import is_touched_all_along
 from ftbias_jax.filtering.noise.log_noise import LogNoise, nothing, told
 from ftbias_jax.filtering.noise.vibration import fit_vibration
 from ftbias_jax.filtering.params_for_log import without_useless
@@ -80,30 +81,45 @@ def noise_in(
     return blocks, fit_noise(stated, blocks, layout) if enough else None
 
 
+class Touched(NamedTuple):
+    """What touches the tool in a log, by the rules of the filter."""
+
+    contacts: tuple[Contact, ...] = ()
+    """Stretches in which the reading leaves the model suddenly and comes back."""
+    all_along: bool = False
+    """Whether the log has no free motion."""
+
+
 def contacts_in(
-    log: Log, error: Float[np.ndarray, "T 6"], speed: Float[np.ndarray, "T n"], variance: Float[np.ndarray, "T 6"]
-) -> tuple[Contact, ...]:
-    """Stretches in which the reading leaves the model suddenly and comes back, by the rules of the filter.
+    log: Log,
+    tool: Float[np.ndarray, "T 6"],
+    speed: Float[np.ndarray, "T n"],
+    variance: Float[np.ndarray, "T 6"],
+) -> Touched:
+    """What touches the tool in a log.
 
     Args:
         log: as read.
-        error: N, Nm, the model's prediction less the wrench.
+        tool: N, Nm, the wrench that the tool must cause.
         speed: rad/s, of the joints.
         variance: N^2, Nm^2, of a sample.
     """
     layout = layout_of(np.diff(log.t))
     if len(log.t) // layout.size < LEAST_BLOCKS:
-        return ()
-    contacts, middles = jax.tree.map(np.asarray, _contacts(*_padded(log, error, speed, variance), layout=layout))
-    return listed(contacts, middles, layout)
+        return Touched()
+    given = _padded(log, tool - log.wrench, speed, variance, tool)
+    contacts, middles, all_along = jax.tree.map(np.asarray, _contacts(*given, layout=layout))
+    return Touched(listed(contacts, middles, layout), bool(all_along))
 
 
 @keep_program("layout")
 def _contacts(
     columns: tuple[Array, ...], jumps: Array | None, length: Array, *, layout: Layout
-) -> tuple[Contacts, Array]:
+) -> tuple[Contacts, Array, Array]:
     blocks = _blocks(columns, jumps, length, layout)
-    return find_contacts(blocks, layout, slow_std(blocks, layout)), blocks.t
+    assert blocks.tool is not None
+    contacts = find_contacts(blocks, layout, slow_std(blocks, layout))
+    return contacts, blocks.t, is_touched_all_along(blocks, blocks.tool, layout)
 
 
 def scatter_at_rest(
@@ -152,6 +168,6 @@ def _level(
 
 
 def _blocks(columns: tuple[Array, ...], jumps: Array | None, length: Array, layout: Layout) -> Blocks:
-    t, error, speed, variance = columns
-    blocks = in_blocks(layout, t, error, speed, variance, length=length)
+    t, error, speed, variance, *tool = columns
+    blocks = in_blocks(layout, t, error, speed, variance, length=length, tool=tool[0] if tool else None)
     return blocks if jumps is None else without_jumps(blocks, jumps_in(layout, jumps))

@@ -19,7 +19,7 @@ from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.types import Array
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
+    from jaxtyping import Bool, Float
 
 WINDOW = 1.0
 """s in which a push is never steady; windows overlap by half."""
@@ -49,19 +49,29 @@ def hidden_bias(blocks: Blocks, tool: Float[Array, "N 6"], layout: Layout, state
         layout: of the blocks.
         stated: prior of the bias.
     """
-    there = jnp.arange(len(blocks.t)) < blocks.number
-    middle = nan_median(jnp.where(there[:, None], blocks.mean, jnp.nan))
-    seen = there & jnp.isfinite(blocks.mean).any(1)
-    y = jnp.where(seen[:, None] & jnp.isfinite(blocks.mean), blocks.mean - middle[None], 0)
+    seen, y, middle = _about_the_middle(blocks)
+    scatter = jnp.sqrt((y**2).sum(0) / jnp.maximum(seen.sum(), 1))
+    off = jnp.minimum(jnp.abs(middle - stated.prior_mean[:6]), MOST_OFF * stated.prior_std[:6])
+    worst = jnp.repeat(jnp.nan_to_num(off).reshape(2, 3).max(1), 3)
+    return jnp.where(is_touched_all_along(blocks, tool, layout) & jnp.isfinite(middle), jnp.hypot(scatter, worst), 0.0)
+
+
+def is_touched_all_along(blocks: Blocks, tool: Float[Array, "N 6"], layout: Layout) -> Bool[Array, ""]:
+    """Whether hardly a second of a log is calm; arguments as for ``hidden_bias``."""
+    seen, y, _ = _about_the_middle(blocks)
     # In a calm stretch the reading itself may be steady, but not what is left of it once pushes are fitted elsewhere.
     read, left = (_loud_windows(blocks, tool, layout, x, seen) for x in (y, _beside_the_model(blocks.t, tool, y, seen)))
     loud, valid = read[0] & left[0], read[1]
     calm = (valid & ~loud).sum()
-    nowhere = (valid.sum() >= FEWEST_WINDOWS) & (calm < jnp.maximum(1, CALM * valid.sum()))
-    scatter = jnp.sqrt((y**2).sum(0) / jnp.maximum(seen.sum(), 1))
-    off = jnp.minimum(jnp.abs(middle - stated.prior_mean[:6]), MOST_OFF * stated.prior_std[:6])
-    worst = jnp.repeat(jnp.nan_to_num(off).reshape(2, 3).max(1), 3)
-    return jnp.where(nowhere & jnp.isfinite(middle), jnp.hypot(scatter, worst), 0.0)
+    return (valid.sum() >= FEWEST_WINDOWS) & (calm < jnp.maximum(1, CALM * valid.sum()))
+
+
+def _about_the_middle(blocks: Blocks) -> tuple[Array, Array, Array]:
+    """Which blocks (N,) are measured, the measured bias (N, 6) less its median, 0 where it is not, and the median."""
+    there = jnp.arange(len(blocks.t)) < blocks.number
+    middle = nan_median(jnp.where(there[:, None], blocks.mean, jnp.nan))
+    seen = there & jnp.isfinite(blocks.mean).any(1)
+    return seen, jnp.where(seen[:, None] & jnp.isfinite(blocks.mean), blocks.mean - middle[None], 0), middle
 
 
 def _beside_the_model(

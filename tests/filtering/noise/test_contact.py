@@ -26,8 +26,8 @@ FORCE = np.array([-5.0, 0, 0, 0, 0.2, 0])
 def contacts_of(t, y):
     """Contacts of a series, as diagnosis finds them."""
     nothing = np.full((len(t), 6), np.nan)
-    log = Log(t, nothing, nothing, nothing, nothing[:, 0])
-    return list(contacts_in(log, y, np.zeros((len(t), 2)), np.broadcast_to(STD**2, y.shape)))
+    log = Log(t, nothing, nothing, -y, nothing[:, 0])
+    return list(contacts_in(log, 0 * y, np.zeros((len(t), 2)), np.broadcast_to(STD**2, y.shape)).contacts)
 
 
 def pushed(t, y, *times, force=FORCE):
