@@ -30,7 +30,7 @@ from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.diagnosis.tool_first import search_causes
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
-from ftbias_jax.io.cleaning import cleaned, slices, survey, without_long_pauses
+from ftbias_jax.io.cleaning import clean, slices, survey, without_long_pauses
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.catalogue import check_names
@@ -93,9 +93,9 @@ def diagnose(
     check_names([name for name in without if name != TERM], "without", catalogue_of_setup(setup))
     progress("checking the setup")
     facts = [survey(slices(log)) for log in logs]
-    as_filtered = map(cleaned, logs, facts)  # one at a time, each no longer than it is looked at
+    as_filtered = map(clean, logs, facts)  # one at a time, each no longer than it is looked at
     pairs = zip(logs, facts, strict=True)
-    logs = [without_long_pauses(cleaned(log, known, clipped=False, held=False)) for log, known in pairs]
+    logs = [without_long_pauses(clean(log, known, clipped=False, held=False)) for log, known in pairs]
     with_tool, of_tool = weight_in_bias(setup, slices(*logs))
     logs = [log._replace(repairs=(*log.repairs, *of_tool)) for log in logs]
     with compiled_ahead(with_tool, logs):

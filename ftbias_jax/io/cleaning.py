@@ -44,15 +44,14 @@ class Facts(NamedTuple):
     """Readings of the wrench or the joints that are missing while the others go on."""
 
 
-def clean(log: Log, *, clipped: bool = True, stuck: bool = True, held: bool = True, file: str = "") -> Log:
-    """The log without samples of clipped and stuck axes and repeats; ``repairs`` names them, left out or not."""
-    return cleaned(log, survey(slices(log)), clipped=clipped, stuck=stuck, held=held, file=file)
-
-
-def cleaned(
-    log: Log, facts: Facts, *, clipped: bool = True, stuck: bool = True, held: bool = True, file: str = ""
+def clean(
+    log: Log, facts: Facts | None = None, *, clipped: bool = True, stuck: bool = True, held: bool = True, file: str = ""
 ) -> Log:
-    """The same of a log of which is known what must be; ``facts``: by ``survey``."""
+    """The log without samples of clipped and stuck axes and repeats; ``repairs`` names them, left out or not.
+
+    ``facts`` are what must be known of it, by ``survey``; None = they are not known yet.
+    """
+    facts = facts or survey(slices(log))
     if any(repair.what.endswith(CLEANED) for repair in log.repairs):
         facts = facts._replace(missing=())  # what is, was taken out here
     known = findings(facts, clipped=False, stuck=False, held=False)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ftbias_jax.setup import types
 from ftbias_jax.setup.fields import Section, check_keys, read_only, refuse, require, show, subsection, table, text
-from ftbias_jax.setup.keys.table import SECTIONS, check_section, open_section, read, read_all, top_sections
+from ftbias_jax.setup.keys.table import SECTIONS, TOP, open_section, read, read_all
 from ftbias_jax.setup.recorded import POSE, LogSetup, PoseSetup
 from ftbias_jax.setup.robots import BUILT_IN, CONVENTIONS, built_in_robot, prismatic_screw, read_dh, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
@@ -52,7 +52,7 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> types.Setup:
     Raises:
         SetupError: a key is missing, unknown, of the wrong type or shape, or physically impossible.
     """
-    top = check_keys(Section(mapping, "", file), top_sections())
+    top = check_keys(Section(mapping, "", file), TOP)
     pose = _pose(top)
     robot = _robot(top, pose)
     n = len(robot.joint_names)
@@ -167,7 +167,7 @@ def _screw_robot(section: Section, gravity: Array) -> types.RobotSetup:
 
 
 def _screw(joint: Section) -> Array:
-    axis = read(check_section(joint), "axis")
+    axis = read(check_keys(joint, SECTIONS["robot.joints"].keys), "axis")
     length = float(np.linalg.norm(axis))
     if abs(length - 1) > AXIS_TOLERANCE:
         raise joint.error("axis", f"has length {length:.6g}", "scale it to length 1")

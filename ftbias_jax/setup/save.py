@@ -67,7 +67,7 @@ def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], objec
     name = os.fspath(path)
     refuse_link(name)
     if os.path.exists(name) and not os.path.isfile(name):
-        raise OutputError("is not a regular file", file=name, remedy="give the path of a file to write")
+        raise OutputError("cannot be written: it is not a regular file", file=name, remedy="give the path of a file")
     try:
         replace_whole(os.path.abspath(name), write)
     except OSError as error:

@@ -18,7 +18,6 @@ from ftbias_jax.io.ros.messages import (
     VELOCITY,
     WRENCH,
     WRENCH_STAMPED,
-    types_with,
 )
 from ftbias_jax.io.ros.pose import in_setup_order, pose_streams
 from ftbias_jax.io.ros.record import Recording, Stream, Wanted
@@ -164,7 +163,8 @@ def _choose_imu(recording: Recording, setup: Setup, pose: PoseSetup, file: str) 
     if not pose.columns[1] or not (found or needed or IMU in setup.log.topics):
         return None
     if not found:
-        raise _missing(recording, f"there is no specific force: no topic has the type {types_with(IMU)}", IMU, file)
+        types = " or ".join(kind for kind, sources in SOURCES.items() if IMU in {source.role for source in sources})
+        raise _missing(recording, f"there is no specific force: no topic has the type {types}", IMU, file)
     if not needed and IMU not in setup.log.topics:
         return None  # a gyroscope may be anybody's: the setup must name it
     one = _interleave(_choose(IMU, found, setup, file))

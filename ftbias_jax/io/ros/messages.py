@@ -62,11 +62,6 @@ SOURCES: dict[str, tuple[Source, ...]] = {
 """Plain type -> its roles."""
 
 
-def types_with(role: str) -> str:
-    """The types that have a role, in words."""
-    return " or ".join(kind for kind, sources in SOURCES.items() if any(source.role == role for source in sources))
-
-
 class MessageError(Exception):
     """The bytes are not the message they should be; the message is a clause for ours."""
 

@@ -118,11 +118,8 @@ SECTIONS: Mapping[str, SectionKeys] = {
 """By the full name of the section."""
 EFFECTS = "effects"
 """The section whose keys are those of the catalogue of effects."""
-
-
-def top_sections() -> tuple[str, ...]:
-    """The names that may stand at the top of a setup."""
-    return (*(name for name in SECTIONS if "." not in name), EFFECTS)
+TOP = (*(name for name in SECTIONS if "." not in name), EFFECTS)
+"""The names that may stand at the top of a setup."""
 
 
 def further_columns(columns: Mapping[str, str | tuple[str, ...]]) -> dict[str, str]:
@@ -146,11 +143,6 @@ def open_section(parent: Section, key: str, *, required: bool = False) -> Sectio
     """The table at a key, all of whose keys are known; an absent one that is not required is empty."""
     known = section_keys(parent.path(key))
     return fields.subsection(parent, key, known.keys, required=required or known.required)
-
-
-def check_section(section: Section) -> Section:
-    """The section itself, if all its keys are known."""
-    return fields.check_keys(section, section_keys(section.name).keys)
 
 
 def read(section: Section, key: str, size: int | None = None, default: Any = None) -> Any:

@@ -10,7 +10,7 @@ from ftbias_jax.errors import SetupError
 from ftbias_jax.setup import dump_setup, parse_setup
 from ftbias_jax.setup.dump import MEASURE, Known, write_template
 from ftbias_jax.setup.fields import Section
-from ftbias_jax.setup.keys.table import EFFECTS, PER_JOINT, SECTIONS, Kind, json_schema, key_of, read, top_sections
+from ftbias_jax.setup.keys.table import EFFECTS, PER_JOINT, SECTIONS, TOP, Kind, json_schema, key_of, read
 
 ARM = {"joints": [{"axis": [0, 0, 1], "point": [0, 0, 0.3]}], "flange": {"translation": [0, 0, 1.0]}}
 MINIMAL = {"robot": ARM, "sensor": {"noise_std": [0.1, 0.004]}, "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]}}
@@ -147,7 +147,7 @@ def test_a_misspelt_key_is_told_with_the_nearest_one_of_its_section(section):
 
 
 def test_a_section_that_is_not_in_the_table_is_refused():
-    assert {*top_sections()} == {*(name.split(".")[0] for name in SECTIONS), EFFECTS}
+    assert {*TOP} == {*(name.split(".")[0] for name in SECTIONS), EFFECTS}
     with pytest.raises(SetupError, match="did you mean 'joints'"):
         parse({**MINIMAL, "joint": {}})
 
