@@ -99,9 +99,8 @@ def test_exponentials_equal_the_matrix_exponential(arm, seed):
     q, dq, ddq = random_state(seed, arm)
     rotations, positions = kinematics(arm, q, dq, ddq).exponentials
     for j, angle in enumerate(q):
-        twist = np.block(
-            [[np.asarray(screws.skew(arm.angular[j])), np.asarray(arm.linear[j])[:, None]], [np.zeros((1, 4))]]
-        )
+        turn = np.asarray(screws.skew(arm.angular[j]))
+        twist = np.block([[turn, np.asarray(arm.linear[j])[:, None]], [np.zeros((1, 4))]])
         expected = series_exponential(twist * angle)
         np.testing.assert_allclose(homogeneous(rotations[j], positions[j]), expected, atol=1e-11)
 
