@@ -37,6 +37,8 @@ FEW_CALLS, MANY_CALLS = 0, 1
 long; those of level 1 run as long as those of higher levels."""
 OLDER_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 """They make equally fast programs of some hundred small kernels in two thirds of the time."""
+LAPACK = b"lapack_"
+"""In a program that calls LAPACK, which a process that only reads it has not loaded: the call would end the process."""
 _level: ContextVar[int] = ContextVar("_level", default=MANY_CALLS)
 ADDRESS = " at 0x"
 """In the words for an object that nothing but its place in memory tells from others: such a program is not kept."""
@@ -161,6 +163,8 @@ def _keep(path: Path, compiled: Any) -> None:
     """Write a program."""
     with suppress(Exception):  # a full disk, or a program that cannot be kept
         content = path.stem.encode() + pickle.dumps(serialize(compiled))
+        if LAPACK in content:
+            return
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         replace_whole(str(path), lambda file: file.write(content))
 

@@ -132,6 +132,12 @@ def test_what_only_its_place_in_memory_tells_from_others_is_not_kept(folder):
     assert not list(folder.rglob("*.program"))
 
 
+def test_what_calls_lapack_is_not_kept(folder):
+    one = KeptProgram(jnp.linalg.cholesky, ())
+    np.testing.assert_allclose(one(4 * np.eye(2, dtype=np.float32)), 2 * np.eye(2))
+    assert not list(folder.rglob("*.program"))
+
+
 def test_what_does_not_compile_says_so_every_time(folder, program):
     one = program()
     for _ in range(2):

@@ -88,7 +88,7 @@ def _beside_the_model(
         unit = jnp.where(size > NOTHING, X[:, k] / jnp.maximum(size, NOTHING), 0)
         return (X - unit[:, None] * (unit @ X)[None], y - unit[:, None] * (unit @ y)[None]), None
 
-    # By Gram and Schmidt: a program with calls of LAPACK ends the process that reads it from the cache.
+    # By Gram and Schmidt: a program that calls LAPACK cannot be kept between processes.
     (_, left), _ = jax.lax.scan(project, (X, y), jnp.arange(X.shape[1]))
     return left
 

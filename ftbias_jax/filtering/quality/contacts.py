@@ -76,11 +76,6 @@ def finish(tallies: Sequence[Sequence[Sums]]) -> tuple[ContactInterval, ...]:
     return tuple(found)
 
 
-def contact_intervals(filtered: Filtered, contacts: Sequence[Contact], log_start: float) -> tuple[ContactInterval, ...]:
-    """The intervals of a result that is whole; arguments as for ``add``."""
-    return finish(add(start(contacts), contacts, filtered, log_start))
-
-
 def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return [float(x) if np.isfinite(x) else None for x in value]

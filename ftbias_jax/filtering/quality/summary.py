@@ -121,11 +121,6 @@ def finish(tally: Tally) -> Summary:
     return Summary(int(samples), int(gated), int(far), seconds, *at_end, mean_nis)
 
 
-def summarise(filtered: Filtered, noise: BiasNoise) -> Summary:
-    """The summary of a result that is whole, filtered with this noise."""
-    return finish(add(start(), filtered, noise))
-
-
 def worse_than_raw(summary: Summary) -> bool:
     """Whether force or torque, once corrected, lie farther off the tool model than they vary as read."""
     raw, residual = (np.nansum(x.reshape(2, 3) ** 2, axis=1) for x in (summary.raw_std, summary.residual_std))

@@ -10,7 +10,6 @@ import pytest
 
 from ftbias_jax.filtering.noise.contact import Contact, in_contact
 from ftbias_jax.filtering.quality import contacts
-from ftbias_jax.filtering.quality.contacts import contact_intervals
 from ftbias_jax.filtering.result import ARRAYS, Filtered
 
 START = 100.0
@@ -32,8 +31,12 @@ def filtered():
     return Filtered(**{**empty, **values})
 
 
+def intervals(filtered, found, start):
+    return contacts.finish(contacts.add(contacts.start(found), found, filtered, start))
+
+
 def test_the_wrench_of_a_contact_is_that_of_its_samples(filtered):
-    found = contact_intervals(filtered, CONTACTS, START)
+    found = intervals(filtered, CONTACTS, START)
     assert [contact.samples for contact in found] == [100, 49]
     for contact, (first, last) in zip(found, [(100, 199), (301, 349)], strict=True):
         rows = slice(first, last + 1)
@@ -55,18 +58,18 @@ def test_parts_make_no_difference(filtered):
     for first, last in itertools.pairwise([0, 0, 150, 151, 301, 400]):
         part = by_params.part_of(filtered, slice(first, last))
         sums = contacts.add(sums, CONTACTS, part, START)
-    for one, other in zip(contacts.finish(sums), contact_intervals(filtered, CONTACTS, START), strict=True):
+    for one, other in zip(contacts.finish(sums), intervals(filtered, CONTACTS, START), strict=True):
         for name in one._fields:
             np.testing.assert_allclose(getattr(one, name), getattr(other, name), err_msg=name)
 
 
 def test_what_a_file_says_of_it_is_json_without_nan(filtered):
-    (first, _) = (contact.plain() for contact in contact_intervals(filtered, CONTACTS, START))
+    (first, _) = (contact.plain() for contact in intervals(filtered, CONTACTS, START))
     assert json.loads(json.dumps(first, allow_nan=False)) == first
     assert first["wrench"][4] is None
 
 
 def test_a_result_without_contact_wrench_has_no_intervals(filtered):
     stated = replace(filtered, contact_wrench=None, contact_wrench_std=None)
-    assert contact_intervals(stated, CONTACTS, START) == ()
-    assert contact_intervals(filtered, [], START) == ()
+    assert intervals(stated, CONTACTS, START) == ()
+    assert intervals(filtered, [], START) == ()

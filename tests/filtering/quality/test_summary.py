@@ -36,8 +36,12 @@ def noise(params):
     return params.bias._replace(**slow, drift_time=np.array([2.0, 3, 4, 5, 6, 1e6]))
 
 
+def summarised(filtered, noise):
+    return summary.finish(summary.add(summary.start(), filtered, noise))
+
+
 def test_summary_is_the_formulas_in_a_loop(filtered, noise):
-    got = summary.summarise(filtered, noise)
+    got = summarised(filtered, noise)
     t, bias, drift, slow, tool, corrected = (
         filtered.t,
         *(getattr(filtered, name) for name in ("bias", "drift", "slow_error", "wrench_tool", "wrench_unbiased")),
@@ -71,7 +75,7 @@ def test_cutting_a_result_into_parts_changes_nothing(filtered, noise, cuts):
     edges = [0, *sorted(cuts), COUNT]
     for first, last in pairwise(edges):
         tally = summary.add(tally, by_params.part_of(filtered, slice(first, last)), noise)
-    whole = summary.summarise(filtered, noise)
+    whole = summarised(filtered, noise)
     for name in Summary._fields:
         np.testing.assert_allclose(getattr(summary.finish(tally), name), getattr(whole, name), rtol=1e-12)
 
@@ -79,7 +83,7 @@ def test_cutting_a_result_into_parts_changes_nothing(filtered, noise, cuts):
 def test_what_the_prior_says_before_any_reading_counts_is_no_prediction(filtered, noise):
     innovation = filtered.innovation.copy()
     innovation[:10] = np.nan
-    late = summary.summarise(by_params.part_of(filtered, slice(10, None)), noise)
-    got = summary.summarise(replace(filtered, innovation=innovation), noise)
+    late = summarised(by_params.part_of(filtered, slice(10, None)), noise)
+    got = summarised(replace(filtered, innovation=innovation), noise)
     np.testing.assert_allclose(got.one_second_rms, late.one_second_rms)
     assert got.samples == COUNT
