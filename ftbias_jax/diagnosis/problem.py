@@ -151,7 +151,7 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     known = params.bias.in_motion
     joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # noise of samples comes below
     rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None
-    contacts = contacts_in(log, reading, speed, variance)
+    contacts = contacts_in(log, reading, speed, variance, setup.sensor.compensated == "none")
     touched = in_contact(log.t, list(contacts.contacts), MARGIN)
     error, of_arm = reading - log.wrench, speed if arm else None
     found = inspect_samples(log, setup.sensor.noise_std, error, rate, of_arm, known, touched)

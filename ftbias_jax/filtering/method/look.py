@@ -95,6 +95,7 @@ def contacts_in(
     tool: Float[np.ndarray, "T 6"],
     speed: Float[np.ndarray, "T n"],
     variance: Float[np.ndarray, "T 6"],
+    weighs: bool = True,
 ) -> Touched:
     """What touches the tool in a log.
 
@@ -103,11 +104,12 @@ def contacts_in(
         tool: N, Nm, the wrench that the tool must cause.
         speed: rad/s, of the joints.
         variance: N^2, Nm^2, of a sample.
+        weighs: the tool's weight is in the reading.
     """
     layout = layout_of(np.diff(log.t))
     if len(log.t) // layout.size < LEAST_BLOCKS:
         return Touched()
-    given = _padded(log, tool - log.wrench, speed, variance, tool)
+    given = _padded(log, tool - log.wrench, speed, variance, tool if weighs else 0 * tool)
     contacts, middles, all_along = jax.tree.map(np.asarray, _contacts(*given, layout=layout))
     return Touched(listed(contacts, middles, layout), bool(all_along))
 

@@ -40,7 +40,8 @@ def blocks_of(work: Work) -> Blocks:
     """The log in blocks, with jumps where the sensor was set to zero."""
     velocity, y = work.joints.mean[1], work.joints.wrench_tool - work.samples.wrench
     shaking = stated_shaking(work.params.bias, velocity)
-    variance, tool = work.joints.variance, work.joints.wrench_tool
+    weighs = (work.params.gravity != 0).any()
+    variance, tool = work.joints.variance, jnp.where(weighs, work.joints.wrench_tool, 0)
     return in_blocks(work.layout, work.t, y, velocity, variance, shaking, work.length, tool)
 
 

@@ -52,7 +52,8 @@ class Blocks(NamedTuple):
     number: Int[Array, ""]
     """How many of them are of the log; those after are padding."""
     tool: Float[Array, "N 6"] | None = None
-    """N, Nm: mean of the wrench that the tool must cause; None = nobody asks whether anything touches it all along."""
+    """N, Nm: mean of the wrench that the tool must cause, 0 where its weight is not in the reading; None = nobody asks
+    whether anything touches the tool all along."""
 
 
 def layout_of(dt: np.ndarray) -> Layout:

@@ -28,6 +28,8 @@ OF_NOISE = 4.0
 """Standard deviations of a block's mean that a steady reading does not exceed."""
 OF_TOOL = 0.03
 """Share of the tool's force that neither its model's error exceeds."""
+OF_MOTION = 2.0
+"""N: the same where the controller subtracts the weight: a kilogram whose inertia it does not know, at 2 m/s^2."""
 CALM = 0.06
 """Share of the windows that must be calm, and at least one."""
 NOTHING, TINY = 1e-3, 1e-30
@@ -45,7 +47,8 @@ def hidden_bias(blocks: Blocks, tool: Float[Array, "N 6"], layout: Layout, state
 
     Args:
         blocks: of the log.
-        tool: N, Nm, mean of the wrench in each block that the tool must cause.
+        tool: N, Nm, mean of the wrench in each block that the tool must cause; zeros where the controller subtracts its
+            weight, so that nothing says how large errors of the model may be.
         layout: of the blocks.
         stated: prior of the bias.
     """
@@ -112,5 +115,6 @@ def _loud_windows(
     varied = ((force - ((force * here).sum(1) / count)[:, None]) ** 2 * here).sum(1) / count
     noise = (cut(jnp.where(seen[:, None], white_std(blocks)[:, :3] ** 2, 0)) * here).sum(1) / count
     weight = jnp.where(seen, (tool[:, :3] ** 2).sum(1), 0).sum() / jnp.maximum(seen.sum(), 1)
-    loud = varied.sum(1) > jnp.maximum(OF_NOISE**2 * noise.sum(1), OF_TOOL**2 * weight)
+    of_model = jnp.where(weight > 0, OF_TOOL**2 * weight, OF_MOTION**2)
+    loud = varied.sum(1) > jnp.maximum(OF_NOISE**2 * noise.sum(1), of_model)
     return loud, count[:, 0] > size / 2
