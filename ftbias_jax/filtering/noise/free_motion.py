@@ -28,8 +28,8 @@ OF_NOISE = 4.0
 """Standard deviations of a block's mean that a steady reading does not exceed."""
 OF_TOOL = 0.03
 """Share of the tool's force that neither its model's error exceeds."""
-OF_MOTION = 2.0
-"""N: the same where the controller subtracts the weight: a kilogram whose inertia it does not know, at 2 m/s^2."""
+OF_MOTION = 0.7
+"""N: the same where the controller subtracts the weight, and the reading has no tool to compare with."""
 CALM = 0.06
 """Share of the windows that must be calm, and at least one."""
 NOTHING, TINY = 1e-3, 1e-30

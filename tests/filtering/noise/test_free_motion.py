@@ -99,9 +99,9 @@ def test_an_offset_of_kilonewtons_is_the_sensors(tool):
     assert hidden(force, tool)[0] < 50
 
 
-def test_a_sensor_that_subtracts_the_weight_may_miss_the_inertia_and_not_a_hand(tool):
-    assert hidden(push(20.0), 0 * tool).all()
-    np.testing.assert_array_equal(hidden(push(0.8), 0 * tool), 0)
+def test_a_sensor_that_subtracts_the_weight_may_be_off_by_half_a_newton(tool):
+    assert hidden(push(10.0), 0 * tool).all()
+    np.testing.assert_array_equal(hidden(push(0.5), 0 * tool), 0)
 
 
 def test_a_few_seconds_say_nothing(tool):
