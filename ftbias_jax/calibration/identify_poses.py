@@ -30,6 +30,8 @@ class PoseReport(NamedTuple):
     poses: int
     drift: np.ndarray
     """(2,) N, Nm: typical step of the bias of forces and torques from one pose to the next; 0 = it is constant."""
+    enlarged: float
+    """Factor of all standard errors, because the axes of force disagree on the mass; 1 = they agree."""
     left_out: np.ndarray
     """(2,) N, Nm: rms error of a pose predicted from all others, an axis of forces and of torques."""
     plain: np.ndarray
@@ -59,7 +61,8 @@ def identify_poses(
     found, plain = fit(prior_std), fit(prior_std, drifts=False)
     report = PoseReport(
         poses=len(poses.t),
-        drift=found.drift,
+        drift=_rms(found.drift[None]),
+        enlarged=found.enlarged,
         left_out=_rms(found.left_out),
         plain=np.array([plain.mass, *plain.first_moment / plain.mass]),
         plain_left_out=_rms(plain.left_out),

@@ -251,7 +251,10 @@ def pose_lines(report: PoseReport) -> list[str]:
         drift = f"bias drifting by {report.drift[0]:.2g} N, {report.drift[1]:.2g} Nm from pose to pose"
     mass, *center = report.plain
     where = " ".join(f"{1e3 * x:.2f}" for x in center)
+    gains = "the axes of force disagree on the mass, by gains that differ or by a drift"
+    more = [f"{gains}: errors are enlarged {report.enlarged:.2g} times"] if report.enlarged > 1 else []
     return [
+        *more,
         f"{report.poses} static poses, {drift}; each predicted from the others: {_errors(report.left_out)}",
         f"plain least squares: {mass:.4f} kg, centre of mass {where} mm, {_errors(report.plain_left_out)}",
     ]

@@ -3,8 +3,10 @@
 At rest the sensor reads W = D theta - b with D theta = (m s, h x s), where s = -g in the axes of the sensor, m the mass
 and h the first moment; there is nothing of the inertia in it. Between poses the bias may move as a random walk. Its
 strength and the size of the noise are the likeliest ones given what the fit leaves over (restricted likelihood), for
-forces and torques apart. The noise of a sample is averaged out in a reading at rest; what is left is hysteresis,
-crosstalk and errors of the pose, so the axes of forces weigh alike, and those of torques.
+every axis, or for forces and torques where the poses are few. The noise of a sample is averaged out in a reading at
+rest; what is left is hysteresis, crosstalk, errors of the pose, and gains that differ between axes: what three axes say
+of the mass then differs by more than their errors, and all errors are enlarged by what that does to the mean of them
+(DerSimonian and Laird 1986).
 """
 
 from __future__ import annotations
@@ -24,6 +26,12 @@ STRENGTHS = np.array([0.0, *np.logspace(-3, 1, 17)])
 NATS = 3.0
 """By which a drift must be more likely than none."""
 MAX_ITERATIONS = 30
+ENOUGH = 30
+"""Poses from which on the noise and drift of every axis are found by themselves."""
+FEW = 1.43
+"""Three axes tell how much they differ by two degrees of freedom: as much wider three standard deviations hold 95 %."""
+BY_CHANCE = 9.2
+"""Chi-square of what three axes say of the mass about their mean, which chance exceeds once in a hundred."""
 UNKNOWNS = 16
 """Mass, first moment (3), turn of the sensor (3), turn of gravity (3), bias at the first pose (6)."""
 
@@ -57,10 +65,12 @@ class Estimate(NamedTuple):
     bias_std: Float[Array, " 6"]
     left_out: Float[Array, "N 6"]
     """(N, 6) N, Nm: reading of each pose less what all others predict of it, bias and drift included."""
-    noise: Float[Array, " 2"]
-    """(2,) N, Nm: size of the noise of forces and of torques."""
-    drift: Float[Array, " 2"]
-    """(2,) N, Nm: size of the bias' steps from one pose to the next; 0 = it is constant."""
+    noise: Float[Array, " 6"]
+    """(6,) N, Nm: size of the noise."""
+    drift: Float[Array, " 6"]
+    """(6,) N, Nm: size of the bias' steps from one pose to the next; 0 = it is constant."""
+    enlarged: float
+    """Factor, 1 or more, of all standard deviations, because the axes of force disagree on the mass."""
     converged: bool
 
 
@@ -84,7 +94,7 @@ def estimate(
     and the sensor's axes (3, 3) in those stated. Without drifts the bias is constant: plain least squares.
     """
     start = _Point(mass, np.asarray(first_moment), rotation, np.eye(3), np.zeros(6))
-    point, noise, drift = start, np.ones(2), np.zeros(2)
+    point, noise, drift = start, np.ones(6), np.zeros(6)
     walk = _walk(problem.t)
     for iteration in range(MAX_ITERATIONS):
         design, residual = _linear(problem, point, gravity)
@@ -100,33 +110,31 @@ def estimate(
     design, residual = _linear(problem, point, gravity)
     solver = _Solver(problem, design, walk, noise, drift)
     bias, bias_std = solver.last_bias(point.bias, residual)
+    enlarged = solver.disagreement(residual)
     return Estimate(
         mass=point.mass,
         first_moment=point.first_moment,
         rotation=point.rotation,
         gravity=point.turn @ gravity,
-        covariance=solver.covariance,
-        information=solver.information,
+        covariance=enlarged**2 * solver.covariance,
+        information=solver.information / enlarged**2,
         bias=bias,
-        bias_std=bias_std,
+        bias_std=enlarged * bias_std,
         left_out=solver.left_out(residual),
         noise=noise,
         drift=noise * np.sqrt(drift),
+        enlarged=enlarged,
         converged=converged,
     )
-
-
-_GROUPS = (slice(0, 3), slice(3, 6))
 
 
 class _Solver:
     """Generalised least squares with the covariance noise^2 (I + strength walk) of each axis."""
 
     def __init__(self, problem: Problem, design: Array, walk: Array, noise: Array, strength: Array) -> None:
-        self.design, self.walk, self.strength = design, walk, np.repeat(strength, 3)
-        self.variance = np.square(np.repeat(noise, 3))
-        both = [np.linalg.inv(np.eye(len(walk)) + s * walk) for s in strength]
-        self.inverse = np.stack([both[0]] * 3 + [both[1]] * 3) / self.variance[:, None, None]  # (6, N, N)
+        self.design, self.walk, self.strength, self.variance = design, walk, strength, np.square(noise)
+        of_strength = {s: np.linalg.inv(np.eye(len(walk)) + s * walk) for s in set(strength.tolist())}
+        self.inverse = np.stack([of_strength[s] for s in strength.tolist()]) / self.variance[:, None, None]  # (6, N, N)
         weighted = np.einsum("aij,jap->iap", self.inverse, design)
         self.weighted = weighted
         self.information = np.einsum("iap,iaq->pq", weighted, design)
@@ -135,6 +143,23 @@ class _Solver:
     def project(self, residual: Array) -> Array:
         """Gradient (16,) of the likelihood by the unknowns."""
         return np.einsum("iap,ia->p", self.weighted, residual)
+
+    def disagreement(self, residual: Array) -> float:
+        """Factor of the standard deviation of the mass, because what each axis of force says of it, its bias free,
+        differs from what all say by more than chance; 1 = by chance."""
+        weights, pulls = np.zeros(3), np.zeros(3)
+        for axis in range(3):
+            columns = [0, 10 + axis]
+            weighted = self.weighted[:, axis, columns]
+            (own, cross), (_, bias) = weighted.T @ self.design[:, axis, columns]
+            by_mass, by_bias = weighted.T @ residual[:, axis]
+            weights[axis], pulls[axis] = own - cross**2 / bias, by_mass - cross / bias * by_bias
+        told = weights > 1e-9 * weights.max()
+        w, chi_square = weights[told], (pulls[told] ** 2 / weights[told]).sum()
+        if chi_square < BY_CHANCE or len(w) < 2:
+            return 1.0
+        between = (chi_square - (len(w) - 1)) / (w.sum() - (w**2).sum() / w.sum())
+        return float(np.sqrt(1 + FEW**2 * between * (w**2).sum() / w.sum()))
 
     def left_out(self, residual: Array) -> Array:
         """(N, 6) errors of the prediction of every pose from all the others: (P_ii)^-1 (P y)_i, no fit is repeated."""
@@ -177,9 +202,10 @@ def _linear(problem: Problem, point: _Point, gravity: Array) -> tuple[Array, Arr
 
 
 def _noise(problem: Problem, design: Array, residual: Array, walk: Array, tried: Array) -> tuple[Array, Array]:
-    """Size of the noise and strength of the drift, of forces and of torques: the likeliest, restricted to residuals."""
-    found = []
-    for axes in _GROUPS:
+    """Size of the noise and strength of the drift (6,) of every axis: the likeliest, restricted to residuals."""
+    plain = len(tried) == 1
+    found, together = [], 1 if len(walk) >= ENOUGH and not plain else 3
+    for axes in (slice(first, first + together) for first in range(0, 6, together)):
         free = (np.abs(design[:, axes]).max((0, 1)) > 0) & (problem.prior_std > 1e-6)
         X, y = design[:, axes][:, :, free], residual[:, axes]
         nats, sizes = zip(*(_restricted(X, y, np.eye(len(walk)) + s * walk) for s in tried), strict=True)
@@ -187,20 +213,20 @@ def _noise(problem: Problem, design: Array, residual: Array, walk: Array, tried:
         best = best if nats[best] > nats[0] + NATS else 0
         found.append((sizes[best], tried[best]))
     sizes, strengths = zip(*found, strict=True)
-    return np.array(sizes), np.array(strengths)
+    return np.repeat(sizes, together), np.repeat(strengths, together)
 
 
 def _restricted(X: Array, y: Array, K: Array) -> tuple[float, float]:
-    """Restricted log-likelihood of residuals y (N, 3) with unknowns X (N, 3, p), and the size of their noise."""
+    """Restricted log-likelihood of residuals y (N, a) with unknowns X (N, a, p), and the size of their noise."""
     lower = np.linalg.cholesky(K)
-    white = np.linalg.solve(lower, np.concatenate([X, y[:, :, None]], 2).reshape(len(y), -1)).reshape(len(y), 3, -1)
+    white = np.linalg.solve(lower, np.concatenate([X, y[:, :, None]], 2).reshape(len(y), -1)).reshape(*y.shape, -1)
     flat, target = white[..., :-1].reshape(y.size, -1), white[..., -1].ravel()
     scale = np.linalg.norm(flat, axis=0)
     solution, _, rank, singular = np.linalg.lstsq(flat / scale, target, rcond=1e-9)
     left = max(1, y.size - rank)
     square = max(float(((target - flat / scale @ solution) ** 2).sum()) / left, 1e-300)
     spread = 2 * np.log(singular[:rank]).sum() + 2 * np.log(scale).sum()
-    determinant = 6 * np.log(np.diag(lower)).sum()
+    determinant = 2 * y.shape[1] * np.log(np.diag(lower)).sum()
     return -(left * np.log(square) + determinant + spread) / 2, float(np.sqrt(square))
 
 

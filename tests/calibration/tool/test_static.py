@@ -44,7 +44,7 @@ def test_a_constant_bias_is_plain_least_squares():
     np.testing.assert_allclose([found.mass, *found.bias[:3]], by_hand, rtol=1e-5)
     assert found.converged
     np.testing.assert_array_equal(found.drift, 0)
-    np.testing.assert_allclose(found.noise, [0.05, 0.002], rtol=0.25)
+    np.testing.assert_allclose(found.noise, np.repeat([0.05, 0.002], 3), rtol=0.25)
     miss, std = errors(found)
     assert (np.abs(miss) < 4 * std).all()
     assert (np.abs(found.bias - BIAS) < 4 * found.bias_std).all()
@@ -63,9 +63,7 @@ def test_the_error_of_a_pose_left_out_is_that_of_a_fit_without_it(step):
     walk = np.minimum(*np.meshgrid(np.arange(24.0), np.arange(24.0)))
     wide = np.diag(np.r_[[1e2] * 4, [1e-18] * 6, [1e4] * 6])
     rows = np.concatenate(design)
-    K = np.kron(walk, np.diag(np.repeat(found.drift, 3) ** 2)) + np.kron(
-        np.eye(24), np.diag(np.repeat(found.noise, 3) ** 2)
-    )
+    K = np.kron(walk, np.diag(found.drift**2)) + np.kron(np.eye(24), np.diag(found.noise**2))
     K = K + rows @ wide @ rows.T
     here, rest = np.arange(6) + 6 * left, np.delete(np.arange(144), np.arange(6) + 6 * left)
     predicted = K[np.ix_(here, rest)] @ np.linalg.solve(K[np.ix_(rest, rest)], wrench.ravel()[rest])
@@ -92,6 +90,32 @@ def test_a_bias_that_walks_is_seen_and_helps():
 def test_a_constant_bias_is_rarely_taken_for_a_walk():
     found = [estimate(*poses(seed=seed)[:2]).drift.any() for seed in range(40)]
     assert np.mean(found) < 0.1
+
+
+def test_one_axis_that_drifts_does_not_cost_the_others():
+    z = []
+    for seed in range(8):
+        axes, wrench, _ = poses(100, seed=seed)
+        walk = 0.2 * np.random.default_rng(seed).normal(size=100).cumsum()
+        wrench[:, 2] += walk
+        found = estimate(axes, wrench)
+        assert found.drift[2] > 4 * found.drift[:2].max()
+        miss, std = errors(found)
+        assert std[0] < 0.6 * errors(estimate(axes, wrench, drifts=False))[1][0]
+        z.append(miss / std)
+    assert np.square(z).mean() < 2
+
+
+def test_gains_that_differ_between_axes_are_in_the_error_of_the_mass():
+    z, enlarged = [], []
+    for seed in range(15):
+        axes, wrench, _ = poses(100, seed=seed)
+        enlarged.append(estimate(axes, wrench).enlarged)
+        wrench[:, :3] *= 1 + 0.02 * np.random.default_rng(seed).normal(size=3)
+        found = estimate(axes, wrench)
+        z.append((errors(found)[0] / errors(found)[1])[0])
+    assert np.mean(np.array(enlarged) > 1) < 0.15
+    assert np.mean(np.abs(z) < 3) > 0.85  # by two degrees of freedom
 
 
 def test_turns_of_the_sensor_and_of_gravity_are_found_with_the_tool():
