@@ -6,6 +6,7 @@ import pytest
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
 from ftbias_jax.diagnosis.problem import Part, Problem
 from ftbias_jax.diagnosis.proposals.touches import is_seen, is_short, merge, parts_of, robust_rest
+from ftbias_jax.filtering.method.look import Touched
 from ftbias_jax.filtering.noise.contact import Contact
 
 BINS = 400
@@ -98,7 +99,7 @@ def test_what_lasts_is_no_event(lengths, short):
 )
 def test_contact_may_take_much_of_a_log_if_a_filter_finds_it_too(event, contacts, seen):
     found = tuple(Contact(start, end, np.zeros(6)) for start, end in contacts)
-    parts = tuple(Part(*[None] * 5)._replace(contacts=of_log) for of_log in (found, ()))
+    parts = tuple(Part(*[None] * 5)._replace(touched=Touched(of_log)) for of_log in (found, ()))
     problem = Problem(parts, *[None] * 5, (6.0,), None, {})
     h = Hypothesis("contact", detail=(Shaped(Event(*event), 4),))
     assert is_seen(h, problem) is seen
