@@ -199,7 +199,7 @@ def tuned(setup, log):
         found = ft.tune(setup, [log])
     except ft.FtbiasError as error:
         return setup, {"refused": str(error)}
-    scores = {name: rounded([before, after]) for name, before, after in found.held_out}
+    scores = {name: rounded([before, after]) for name, before, after, _ in found.held_out}
     return found.setup, {"refused": list(getattr(found, "reasons", ())), "held-out nats/s before and after": scores}
 
 
