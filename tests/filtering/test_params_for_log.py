@@ -17,7 +17,7 @@ from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import filter_scan
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import drift_noise, integrated_jerk_noise
-from ftbias_jax.filtering.quality.summary import summarise
+from ftbias_jax.filtering.quality import summary as summaries
 from ftbias_jax.filtering.result import Filtered, named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io import read_log
@@ -200,7 +200,7 @@ def test_logs_of_foreign_physics_without_a_gap(shared_data):
 def test_a_recorded_arm(shared_data):
     """ABB FRIDA: what is left of the wrench, and how well it is predicted one second ahead."""
     _, params, result = filtered(shared_data / "real" / "abb_frida.npz")
-    summary = summarise(result, params.bias)
+    summary = summaries.finish(summaries.add(summaries.start(), result, params.bias))
     assert (summary.residual_std[:3] <= 0.09).all()
     assert (summary.residual_std[3:] <= 3.2e-3).all()
     assert (summary.raw_std[:3] / summary.one_second_rms[:3] >= 8).all()
