@@ -99,7 +99,7 @@ def estimate(
     for iteration in range(MAX_ITERATIONS):
         design, residual = _linear(problem, point, gravity)
         if iteration % 3 == 0:
-            noise, drift = _noise(problem, design, residual, walk, STRENGTHS if drifts else STRENGTHS[:1])
+            noise, drift = _noise(problem, design, residual, walk, drifts)
         solver = _Solver(problem, design, walk, noise, drift)
         step = solver.covariance @ (
             solver.project(residual) - (_difference(point, start) / np.square(problem.prior_std))
@@ -201,33 +201,40 @@ def _linear(problem: Problem, point: _Point, gravity: Array) -> tuple[Array, Arr
     return design, problem.wrench - predicted
 
 
-def _noise(problem: Problem, design: Array, residual: Array, walk: Array, tried: Array) -> tuple[Array, Array]:
+def _noise(problem: Problem, design: Array, residual: Array, walk: Array, drifts: bool) -> tuple[Array, Array]:
     """Size of the noise and strength of the drift (6,) of every axis: the likeliest, restricted to residuals."""
-    plain = len(tried) == 1
-    found, together = [], 1 if len(walk) >= ENOUGH and not plain else 3
-    for axes in (slice(first, first + together) for first in range(0, 6, together)):
-        free = (np.abs(design[:, axes]).max((0, 1)) > 0) & (problem.prior_std > 1e-6)
-        X, y = design[:, axes][:, :, free], residual[:, axes]
-        nats, sizes = zip(*(_restricted(X, y, np.eye(len(walk)) + s * walk) for s in tried), strict=True)
-        best = int(np.argmax(nats))
-        best = best if nats[best] > nats[0] + NATS else 0
-        found.append((sizes[best], tried[best]))
-    sizes, strengths = zip(*found, strict=True)
-    return np.repeat(sizes, together), np.repeat(strengths, together)
+    tried, together = (STRENGTHS, 1 if len(walk) >= ENOUGH else 3) if drifts else (STRENGTHS[:1], 3)
+    groups = [slice(first, first + together) for first in range(0, 6, together)]
+    free = [(np.abs(design[:, axes]).max((0, 1)) > 0) & (problem.prior_std > 1e-6) for axes in groups]
+    columns = np.concatenate([design, residual[:, :, None]], 2)
+    scored = []
+    for strength in tried:
+        lower = np.linalg.cholesky(np.eye(len(walk)) + strength * walk)
+        white = np.linalg.solve(lower, columns.reshape(len(walk), -1)).reshape(columns.shape)
+        spread = 2 * np.log(np.diag(lower)).sum()
+        scored.append(
+            [_restricted(white[:, k][..., np.append(f, True)], spread) for k, f in zip(groups, free, strict=True)]
+        )
+    nats, sizes = np.moveaxis(np.array(scored), 2, 0)  # each (strengths, groups)
+    best = nats.argmax(0)
+    group = np.arange(len(groups))
+    best = np.where(nats[best, group] > nats[0] + NATS, best, 0)
+    return np.repeat(sizes[best, group], together), np.repeat(tried[best], together)
 
 
-def _restricted(X: Array, y: Array, K: Array) -> tuple[float, float]:
-    """Restricted log-likelihood of residuals y (N, a) with unknowns X (N, a, p), and the size of their noise."""
-    lower = np.linalg.cholesky(K)
-    white = np.linalg.solve(lower, np.concatenate([X, y[:, :, None]], 2).reshape(len(y), -1)).reshape(*y.shape, -1)
-    flat, target = white[..., :-1].reshape(y.size, -1), white[..., -1].ravel()
+def _restricted(white: Array, spread_of_axis: float) -> tuple[float, float]:
+    """Restricted log-likelihood of whitened columns (N, a, p + 1), and the size of their noise.
+
+    The last column is the residual, those before it are of the unknowns; ``spread_of_axis`` is the log-determinant of
+    what one of the a axes was whitened by.
+    """
+    flat, target = white[..., :-1].reshape(white[..., -1].size, -1), white[..., -1].ravel()
     scale = np.linalg.norm(flat, axis=0)
     solution, _, rank, singular = np.linalg.lstsq(flat / scale, target, rcond=1e-9)
-    left = max(1, y.size - rank)
+    left = max(1, target.size - rank)
     square = max(float(((target - flat / scale @ solution) ** 2).sum()) / left, 1e-300)
     spread = 2 * np.log(singular[:rank]).sum() + 2 * np.log(scale).sum()
-    determinant = 2 * y.shape[1] * np.log(np.diag(lower)).sum()
-    return -(left * np.log(square) + determinant + spread) / 2, float(np.sqrt(square))
+    return -(left * np.log(square) + white.shape[1] * spread_of_axis + spread) / 2, float(np.sqrt(square))
 
 
 def _walk(t: Array) -> Array:
