@@ -111,9 +111,9 @@ def summarise(work: Work) -> tuple[Params, States, Infos]:
     inflation = jnp.ones(6, innovation.dtype) if noise is None else noise.inflation
     hidden = jnp.zeros(6, innovation.dtype) if noise is None else noise.hidden
     added = 0 if known.known_bias is None else known.known_bias
-    errors = {"bias_std": jnp.hypot(states.bias_std * inflation[None], hidden[None])}
-    errors["drift_std"] = states.drift_std * inflation[None]
-    states = states._replace(bias=states.bias + added, **errors)
+    bias_std = jnp.hypot(states.bias_std * inflation[None], hidden[None])
+    drift_std = states.drift_std * inflation[None]
+    states = states._replace(bias=states.bias + added, bias_std=bias_std, drift_std=drift_std)
     if states.bias_smooth is not None and states.bias_smooth_std is not None:
         smooth_std = states.bias_smooth_std * inflation[None, None]
         smooth_std = smooth_std.at[:, 0].set(jnp.hypot(smooth_std[:, 0], hidden[None]))

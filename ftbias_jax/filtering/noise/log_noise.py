@@ -87,8 +87,8 @@ def by_axis(values: Array, shown: Array | None = None, digits: int = 2) -> str:
     return " ".join(f"{name} {x:.{digits}g}" for name, x, is_shown in zip(AXES, values, told, strict=True) if is_shown)
 
 
-def remark_of_gate(noise: LogNoise) -> Repairs:
-    """What the owner should know about a gate that kept out most of the log; () as a rule."""
+def remarks_of_noise(noise: LogNoise) -> Repairs:
+    """What the owner should know: no free motion, or a gate that kept out most of the log; () as a rule."""
     told = (Repair(BEGUN_AGAIN),) if noise.begun_again else ()
     if noise.hidden.any():
         return (*told, Repair(f"{TOUCHED}, by {by_axis(noise.hidden)} N, Nm: {TARE}", lost=True))

@@ -11,7 +11,7 @@ from ftbias_jax.check.check_setup import check_parts, check_setup
 from ftbias_jax.check.result import Check
 from ftbias_jax.errors import FtbiasError, UsageError
 from ftbias_jax.filtering.method.ready import ready_to_filter
-from ftbias_jax.filtering.noise.log_noise import remark_of_gate
+from ftbias_jax.filtering.noise.log_noise import remarks_of_noise
 from ftbias_jax.filtering.quality import contacts, observability, summary
 from ftbias_jax.filtering.quality.at_rest import weight_in_bias
 from ftbias_jax.filtering.quality.observability import remark_of_tool, with_error_of_tool
@@ -176,13 +176,13 @@ def filter_with_setup(
         write(results(), lambda: About(log.frame, origin, [x.plain() for x in contacts.finish(touches)]))
         assert tally.last is not None  # no log is empty
         filtered = tally.last
-    of_gate = remark_of_gate(ready.noise)
+    of_noise = remarks_of_noise(ready.noise)
     return FilterResult(
         **named_arrays(filtered),
         params=ready.params,
         noise=ready.noise,
         joint_model=setup.joints.model,
-        repairs=(*log.repairs, *of_tool, *remark_of_tool(setup.tool), *of_gate, *observability.remarks(turning)),
+        repairs=(*log.repairs, *of_tool, *remark_of_tool(setup.tool), *of_noise, *observability.remarks(turning)),
         checked=checked,
         start=log.start,
         summary=summary.finish(tally),

@@ -9,7 +9,7 @@ from typing import Any, overload
 
 from ftbias_jax.check.result import Check
 from ftbias_jax.errors import FtbiasError, UsageError
-from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, remark_of_gate
+from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, remarks_of_noise
 from ftbias_jax.filtering.quality.ahead import Forecast, forecast
 from ftbias_jax.filtering.quality.consistency import Consistency, check
 from ftbias_jax.filtering.quality.contacts import ContactInterval
@@ -51,8 +51,8 @@ class FilterResult(Filtered):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Mistakes of the setup that the log shows, or that the gate keeps out most of the log; a line each."""
-        return (*self.checked.lines(), *(repair.what for repair in remark_of_gate(self.noise) if repair.lost))
+        """Mistakes of the setup that the log shows, a log without free motion, a gate that keeps out most of it."""
+        return (*self.checked.lines(), *(repair.what for repair in remarks_of_noise(self.noise) if repair.lost))
 
     @property
     def worse_than_raw(self) -> bool:

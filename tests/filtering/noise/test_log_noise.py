@@ -17,7 +17,7 @@ from ftbias_jax.filtering.noise.fit_noise import (
     without_nothing,
 )
 from ftbias_jax.filtering.noise.fit_noise import inflation as jax_inflation
-from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, nothing, remark_of_gate, told
+from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, nothing, remarks_of_noise, told
 from ftbias_jax.filtering.noise.slow_noise import SlowNoise
 from ftbias_jax.filtering.noise.vibration import Shares, Vibration
 
@@ -249,9 +249,9 @@ def test_a_bias_that_begins_again_begins_at_the_median_of_what_is_free(stated):
 
 def test_the_owner_is_told_of_a_gate_that_keeps_out_most_of_a_log():
     assert describe(nothing()) == []
-    assert remark_of_gate(nothing()) == ()
-    (begun,) = remark_of_gate(nothing()._replace(begun_again=True))
+    assert remarks_of_noise(nothing()) == ()
+    (begun,) = remarks_of_noise(nothing()._replace(begun_again=True))
     assert not begun.lost
-    _, kept_out = remark_of_gate(nothing()._replace(begun_again=True, kept_out=0.76))
+    _, kept_out = remarks_of_noise(nothing()._replace(begun_again=True, kept_out=0.76))
     assert kept_out.lost
     assert "76%" in kept_out.what
