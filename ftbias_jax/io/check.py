@@ -61,12 +61,14 @@ def check_log(
     t, columns, ordering = put_in_order(t, recorded, file=file)
     q, dq = columns["q"], columns.get("dq")
     t, start = relative_seconds(t, file=file)
+    uncertain: Array = np.zeros(3)
     if setup.pose is not None:
-        q, dq = pose_entries(q, dq, t, setup, file)
+        q, dq, uncertain, mended = pose_entries(q, dq, t, setup, file)
+        ordering = (*ordering, *mended)
     nothing = np.full(np.shape(q), np.nan) if dq is None else dq
     unknown = columns.get("temperature", np.full(len(t), np.nan))
-    log = check_samples(Log(t, q, nothing, columns["wrench"], unknown, start, (*repairs, *ordering)), setup, file=file)
-    log = in_sensor_axes(log, setup, file)
+    log = Log(t, q, nothing, columns["wrench"], unknown, start, (*repairs, *ordering), acceleration_std=uncertain)
+    log = in_sensor_axes(check_samples(log, setup, file=file), setup, file)
     check_content(~np.isnan(log.q).all(0), t[~np.isnan(log.wrench).all(1)], setup, file=file)
     return log
 

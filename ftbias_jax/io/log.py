@@ -70,6 +70,10 @@ class Log(NamedTuple):
     """s, relative to the first sample: when the sensor was set to zero, as the setup states; some may be of other logs,
     outside of this one's time."""
 
+    acceleration_std: Float[Array, " 3"] = np.zeros(3)
+    """(3,) m/s^2, sensor axes, standard deviation: what is not known of the accelerometer whose readings make the
+    motion; it is all but constant."""
+
     def is_rezeroed(self, t: Float[Array, " T"], before: float | None = None) -> Float[Array, " T"]:
         """(T,) whether the sensor was set to zero between each stamp, s, and the one before it.
 

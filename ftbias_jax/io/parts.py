@@ -20,6 +20,7 @@ from ftbias_jax.io.tables.array_files import stored_arrays
 from ftbias_jax.io.tables.arrays import ARRAYS
 from ftbias_jax.io.write.provenance import Source
 from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
 
 LONG = 1 << 20
 """Samples from which on an NPZ file is read in parts; the other formats are held in memory."""
@@ -40,11 +41,14 @@ class OpenLog(NamedTuple):
     """The sensor's frame, as a recording of ROS names it."""
     salvaged: bool = False
     """Whether what is damaged was to be skipped."""
+    acceleration_std: Array = np.zeros(3)
+    """As of ``Log``."""
 
     def whole(self) -> Log:
         """All of it in memory."""
         log = next(self.parts(self.length))
-        return log._replace(repairs=self.repairs, file=self.source.file, frame=self.frame)
+        log = log._replace(repairs=self.repairs, file=self.source.file, frame=self.frame)
+        return log._replace(acceleration_std=self.acceleration_std)
 
 
 def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> OpenLog:
@@ -57,8 +61,9 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     if opened is None:
         log = read_recorded(path, setup, salvage=salvage)
         length, start, split, repairs, frame = len(log.t), log.start, slices(log), log.repairs, log.frame
+        uncertain = log.acceleration_std
     else:
-        (length, start, split), repairs, frame = opened, (), ""
+        (length, start, split), repairs, frame, uncertain = opened, (), "", np.zeros(3)
     facts = survey(split)
     check_content(~np.isnan(facts.first_q), facts.wrench_t, setup, file=file)
     check_rest(facts, clipped=True, stuck=True, file=file)
@@ -67,7 +72,7 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
         return (leave_out(part, facts) for part in split(size))
 
     source = Source(file, facts.wrench_t, start)
-    return OpenLog(length, start, cleaned, facts, (*repairs, *findings(facts)), source, frame, salvage)
+    return OpenLog(length, start, cleaned, facts, (*repairs, *findings(facts)), source, frame, salvage, uncertain)
 
 
 def _open_npz(file: str, setup: Setup) -> tuple[int, float, Split] | None:

@@ -5,10 +5,13 @@ Quaternions without jumps of sign, positions, rates by an IMU; wrenches that are
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.log import Log
+from ftbias_jax.io.accelerometer import Calibration, calibrate_accelerometer
+from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.rotations import quaternions_of, skew
 from ftbias_jax.setup.types import RobotSetup, SensorSetup, Setup
@@ -20,7 +23,20 @@ TOLERANCE = 0.05
 """Of the length of a quaternion and the entries of a matrix: rounded numbers pass, other quantities do not."""
 
 
-def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file: str = "") -> tuple[Array, Array]:
+class PoseEntries(NamedTuple):
+    """A recorded pose as if it were joints."""
+
+    q: Array
+    """(T, 4 or 7) quaternion w, x, y, z and position m, base frame."""
+    dq: Array
+    """(T, 4 or 7) their rates."""
+    acceleration_std: Array = np.zeros(3)
+    """(3,) m/s^2, sensor axes: what is not known of the accelerometer."""
+    repairs: Repairs = ()
+    """What was taken off its readings."""
+
+
+def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file: str = "") -> PoseEntries:
     """Entries of the pose and their rates, as if they were joints (``free_body``).
 
     Args:
@@ -32,8 +48,9 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
         file: the name in messages.
 
     Returns:
-        q and dq (T, 4 or 7). A specific force becomes the velocity that it adds up to, and the position is left open:
-        the wrench feels neither, only the acceleration that the filter finds from them.
+        entries and their rates. A specific force, without what the accelerometer is off by where the sensor rests
+        (``calibrate_accelerometer``), becomes the velocity that it adds up to, and the position is left open: the
+        wrench feels neither, only the acceleration that the filter finds from them.
     """
     stated = setup.pose
     assert stated is not None
@@ -41,7 +58,7 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
     split = stated.orientation_columns
     quaternion = _as_recorded(pose[:, :split], stated.orientation, setup.log.angle_unit, file)
     quaternion = continuous(quaternion * (np.array([1.0, -1, -1, -1]) if stated.conjugate else 1.0))
-    dq = np.full((len(t), len(setup.robot.joint_names)), np.nan)
+    dq, calibration = np.full((len(t), len(setup.robot.joint_names)), np.nan), None
     q = dq.copy()
     q[:, :4] = quaternion
     if stated.linear == "position":
@@ -60,8 +77,8 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
         dq[:, :4] = product(at_imu, np.column_stack([np.zeros(len(t)), turn])) / 2
         if stated.linear == "specific_force":
             q[0, 4:] = 0
-            dq[:, 4:] = _velocity(at_imu, rates[:, 3:], t, setup)
-    return q, dq
+            dq[:, 4:], calibration = _velocity(at_imu, rates[:, 3:], t, setup)
+    return PoseEntries(q, dq) if calibration is None else PoseEntries(q, dq, calibration.std, _remark(calibration))
 
 
 def continuous(quaternion: Array) -> Array:
@@ -139,15 +156,32 @@ def interpolated(quaternion: Array, t: Array) -> Array:
     return values / np.linalg.norm(values, axis=1, keepdims=True)
 
 
-def _velocity(quaternion: Array, specific_force: Array, t: Array, setup: Setup) -> Array:
-    """(T, 3) m/s of the sensor, base frame, from rest: what the measured specific force and gravity add up to."""
+def _remark(calibration: Calibration) -> Repairs:
+    sizes = np.abs(calibration.correction).max(0), calibration.std
+    off, left = (" ".join(f"{x:.2g}" for x in each) for each in sizes)
+    known = f"which is known to within {left} m/s^2: the error bars contain that"
+    if calibration.correction.any():
+        what = f"the accelerometer is up to {off} m/s^2 off gravity at rest and in slow motion: corrected, {known}"
+    else:
+        what = f"the log does not show what the accelerometer is off by, {known}"
+    return (Repair(what),)
+
+
+def _velocity(quaternion: Array, specific_force: Array, t: Array, setup: Setup) -> tuple[Array, Calibration | None]:
+    """(T, 3) m/s of the sensor, base frame, from rest: what the measured specific force and gravity add up to.
+
+    With it the calibration by which the specific force was corrected, if any.
+    """
     rows = np.flatnonzero(np.isfinite(specific_force).all(1))
-    force = rotate(quaternion[rows], specific_force[rows] @ setup.sensor.rotation.T)
-    acceleration = force + setup.robot.gravity
+    at, force, gravity = quaternion[rows], specific_force[rows], np.broadcast_to(setup.robot.gravity, (len(rows), 3))
+    against = -rotate(at * np.array([1.0, -1, -1, -1]), gravity) @ setup.sensor.rotation
+    found = calibrate_accelerometer(t[rows], force, against)
+    off = 0.0 if found is None else found.correction
+    acceleration = rotate(at, (force - off) @ setup.sensor.rotation.T) + gravity
     steps = (acceleration[1:] + acceleration[:-1]) / 2 * np.diff(t[rows])[:, None]
     velocity = np.full((len(t), 3), np.nan)
     velocity[rows] = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, 0)])[: len(rows)]
-    return velocity
+    return velocity, found
 
 
 def _columns(values: Array, count: int, field: str, file: str) -> Array:

@@ -91,7 +91,7 @@ def entries_of(setup: Setup, t: np.ndarray, arrays: dict[str, np.ndarray]) -> tu
     flat = {name: values.reshape(len(values), -1) for name, values in arrays.items()}
     pose = np.concatenate([flat[name] for name in ("orientation", "position") if name in flat], 1)
     rates = [flat[name] for name in ("angular_velocity", "specific_force") if name in flat]
-    return pose_entries(pose, np.concatenate(rates, 1) if rates else None, t, setup)
+    return pose_entries(pose, np.concatenate(rates, 1) if rates else None, t, setup)[:2]
 
 
 def with_positions(log: Log) -> Log:

@@ -67,7 +67,7 @@ def test_angular_velocity_is_the_rate_of_the_quaternion():
     pose = quaternion.copy()
     pose[1::2] = np.nan
     rates[::2] = np.nan
-    q, dq = pose_entries(pose, rates, t, setup)
+    q, dq, *_ = pose_entries(pose, rates, t, setup)
     np.testing.assert_array_equal(np.isnan(q[:, 0]), np.arange(len(t)) % 2 == 1)
     expected = 1.5 * np.hstack([-np.sin(angle / 2), np.cos(angle / 2) * [0.6, 0.0, 0.8]])
     np.testing.assert_allclose(dq[1:-1:2], expected[1:-1:2], atol=1e-3)
@@ -83,7 +83,7 @@ def test_specific_force_adds_up_to_the_velocity():
     acceleration = np.outer(2 * np.cos(3 * t), [1, 0, 0])
     inverse = quaternion * [1, -1, -1, -1]
     felt = rotate(inverse, acceleration - setup.robot.gravity) @ setup.sensor.rotation
-    q, dq = pose_entries(quaternion, np.hstack([np.zeros_like(felt), felt]), t, setup)
+    q, dq, *_ = pose_entries(quaternion, np.hstack([np.zeros_like(felt), felt]), t, setup)
     np.testing.assert_allclose(dq[:, 4:], np.outer(2 / 3 * np.sin(3 * t), [1, 0, 0]), atol=1e-4)
     assert (q[0, 4:] == 0).all()
     assert np.isnan(q[1:, 4:]).all()

@@ -29,6 +29,8 @@ POSES = 64
 """Poses that are looked at in each part of a log."""
 NAMES = ("bias_std", "contact_wrench_std", "bias_smooth_std")
 """Arrays of a result that contain the error of the tool."""
+EXACT = np.zeros(3)
+"""m/s^2: what is not known of accelerations where no accelerometer is used."""
 
 
 def start() -> Array:
@@ -77,13 +79,16 @@ def _down(params: Params, joints: Array) -> Array:
     return down / jax.numpy.linalg.norm(params.gravity)
 
 
-def error_of_tool(wrench_tool: Array, tool: ToolSetup) -> Array:
+def error_of_tool(wrench_tool: Array, tool: ToolSetup, acceleration_std: Array = EXACT) -> Array:
     """(T, 6) N, Nm, standard deviation of the tool's wrench (T, 6) by the standard errors that the setup states.
 
     An error of the mass scales the wrench, with centre and inertia for each kg as stated; an error c of the centre adds
-    c x f to the torque.
+    c x f to the torque. An accelerometer's error ``acceleration_std`` (3,) m/s^2 acts on the mass at its centre.
     """
     variance = np.zeros(np.shape(wrench_tool))
+    fx, fy, fz = np.square(tool.mass * np.asarray(acceleration_std))
+    x, y, z = np.square(tool.center_of_mass)
+    variance += np.array([fx, fy, fz, y * fz + z * fy, z * fx + x * fz, x * fy + y * fx])
     if tool.mass_std is not None:
         variance += (wrench_tool * (tool.mass_std / tool.mass)) ** 2
     if tool.center_of_mass_std is not None:
@@ -93,11 +98,11 @@ def error_of_tool(wrench_tool: Array, tool: ToolSetup) -> Array:
     return np.sqrt(variance)
 
 
-def with_error_of_tool(filtered: Filtered, tool: ToolSetup) -> Filtered:
-    """A result whose error bars contain the standard errors of the tool, which the filter takes as known."""
-    if tool.mass_std is None and tool.center_of_mass_std is None:
+def with_error_of_tool(filtered: Filtered, tool: ToolSetup, acceleration_std: Array = EXACT) -> Filtered:
+    """A result whose error bars contain those of tool and accelerometer, which the filter takes as known."""
+    if tool.mass_std is None and tool.center_of_mass_std is None and not np.any(acceleration_std):
         return filtered
-    error = error_of_tool(filtered.wrench_tool, tool)
+    error = error_of_tool(filtered.wrench_tool, tool, acceleration_std)
     known: dict[str, Any] = {name: x for name in NAMES if (x := getattr(filtered, name)) is not None}
     return replace(filtered, **{name: np.hypot(std, error) for name, std in known.items()})
 

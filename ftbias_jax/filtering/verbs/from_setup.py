@@ -163,7 +163,7 @@ def filter_with_setup(
         nonlocal tally, turning, touches
         done = 0
         for found in ready.results:
-            part = with_error_of_tool(found, setup.tool)
+            part = with_error_of_tool(found, setup.tool, log.acceleration_std)
             tally, turning = summary.add(tally, part, ready.params.bias), observability.add(turning, ready.params, part)
             touches = contacts.add(touches, ready.noise.contacts, part, log.start)
             done += len(part.t)

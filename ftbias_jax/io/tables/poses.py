@@ -98,7 +98,7 @@ def poses_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "")
         times = stamps_of(np.atleast_1d(arrays["t"]), setup.log)
         t = (times - times[:1]) * (1e-9 if times.dtype.kind == "i" and count and np.ptp(times) > 1e6 else 1.0)
     if setup.pose is not None:
-        q, _ = pose_entries(q, None, t, setup, file)
+        q = pose_entries(q, None, t, setup, file).q
     log = check_samples(Log(t, q, np.full(np.shape(q), np.nan), wrench, np.full(count, np.nan)), setup, file=file)
     log = in_sensor_axes(log, setup, file)
     whole = np.isfinite(np.column_stack([t, log.q, log.wrench])).all(1)
