@@ -12,6 +12,9 @@ from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.pipeline import Options
 
+GATE = 40.0
+"""Standard deviations; the log's errors are not those of its parameters."""
+
 
 def outputs_of(params, samples, options, run=pipeline.run):
     """Last state, and state and info of every sample, 0 where nothing was measured."""
@@ -33,13 +36,14 @@ def touched(samples):
     [
         ("as stated", Options("acceleration", "none")),
         *((part, Options()) for part in PARTS if part != "as stated"),
-        (ALL, Options(gate=4.0)),
+        (ALL, Options(gate=GATE)),
     ],
 )
 def test_the_fast_route_is_the_scan_of_steps(params, samples, part, options):
     moved, log = with_part(params, part), touched(samples)
     expected, got = (run(moved, log, options) for run in (by_definition, outputs_of))
     assert_all_close(got, expected, 1e-9)
+    assert got[2].wrench.count[:20].any()
     assert got[2].wrench.count[20:26].any() == (options.gate is None)
 
 
@@ -69,7 +73,7 @@ def test_and_in_the_derivative_of_every_output_in_every_parameter(params, sample
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gate", [None, 4.0])
+@pytest.mark.parametrize("gate", [None, GATE])
 @parts
 def test_and_in_the_gradient_of_the_likelihood_in_the_noise_of_the_bias(params, samples, part, gate):
     """What does not pass the gate is taken as given."""
